@@ -13,20 +13,13 @@ fn main() -> Result<()> {
     let sensor = SensorOptions::around(1.0, 0.5);
     let readings = ranges(&Kind::Slot, &truth, [0.0; 2], 300, &sensor, 7).noisy;
 
-    // All kinds are tried, chains of lines and arcs among them; the best explains the readings with the fewest numbers.
+    // All kinds are tried, chains of lines and arcs among them; the best explains the readings with the
+    // fewest numbers.
     let choice = choose(&auto_kinds(), true, &readings, &FitOptions::default())?;
     let fit = &choice.fit;
-    println!(
-        "{}; the next best kind has a BIC {:.1} larger",
-        fit.kind,
-        choice.bic_margin.unwrap_or(0.0)
-    );
+    println!("{}; the next best kind has a BIC {:.1} larger", fit.kind, choice.bic_margin.unwrap_or(0.0));
     for (k, truth) in truth.iter().enumerate() {
-        println!(
-            "{:.4} ± {:.4}, truly {truth}",
-            fit.state[k],
-            fit.covariance[(k, k)].sqrt()
-        );
+        println!("{:.4} ± {:.4}, truly {truth}", fit.state[k], fit.covariance[(k, k)].sqrt());
     }
     Ok(())
 }

@@ -22,10 +22,7 @@ fn main() -> Result<()> {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
     // Each sensor says how good it is; the second one is wrong about that.
     let sensors = [("laser", 0.05, 0.05), ("camera", 0.10, 0.30)];
-    let mut set = ScanSet {
-        unit: Some(Unit::Millimetre),
-        ..ScanSet::default()
-    };
+    let mut set = ScanSet { unit: Some(Unit::Millimetre), ..ScanSet::default() };
     for (k, (name, stated, true_sigma)) in sensors.into_iter().enumerate() {
         set.sensors.push(Sensor {
             name: name.to_owned(),
@@ -41,11 +38,7 @@ fn main() -> Result<()> {
             })
             .collect();
         set.scans.push(PosedScan {
-            scan: Scan {
-                name: name.to_owned(),
-                points,
-                ..Scan::default()
-            },
+            scan: Scan { name: name.to_owned(), points, ..Scan::default() },
             sensor: k,
             sigma_translation: None,
             sigma_rotation_deg: None,

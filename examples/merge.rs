@@ -38,15 +38,8 @@ fn main() -> Result<()> {
         });
     }
 
-    let set = PatchSet {
-        patches,
-        unit: Some(Unit::Millimetre),
-        ..PatchSet::default()
-    };
-    let options = MergeOptions {
-        align: true,
-        ..MergeOptions::default()
-    };
+    let set = PatchSet { patches, unit: Some(Unit::Millimetre), ..PatchSet::default() };
+    let options = MergeOptions { align: true, ..MergeOptions::default() };
     let whole = merge(set, &options, &Silent)?;
     let report = &whole.report;
     println!(

@@ -20,10 +20,7 @@ fn main() -> Result<()> {
         ..FitJob::default()
     };
     let fitted = fit_files(&job, &Silent)?.fit;
-    println!(
-        "σ {:.4} mm in the median, {:.4} at most",
-        fitted.sigma.median, fitted.sigma.max
-    );
+    println!("σ {:.4} mm in the median, {:.4} at most", fitted.sigma.median, fitted.sigma.max);
 
     // Against the truth, which a simulated pebble has.
     let truth = Path::new("examples/data/pebble/truth.ply");
@@ -33,11 +30,7 @@ fn main() -> Result<()> {
     }
 
     // Each point is the best one given those before it.
-    let options = NextOptions {
-        count: 3,
-        sigma: Some(0.004),
-        ..NextOptions::default()
-    };
+    let options = NextOptions { count: 3, sigma: Some(0.004), ..NextOptions::default() };
     for point in next_points(&saved::load(&model)?, &options, &Silent)?.points {
         println!(
             "touch {:.1?}: σ from {:.4} to {:.4}",

@@ -12,11 +12,7 @@ use std::path::{Path, PathBuf};
 
 fn main() -> Result<()> {
     let folder = Path::new("pairs");
-    let scene = PictureSceneOptions {
-        views: 1,
-        size: [320, 240],
-        ..PictureSceneOptions::default()
-    };
+    let scene = PictureSceneOptions { views: 1, size: [320, 240], ..PictureSceneOptions::default() };
     write_picture_scene(PictureScene::Stereo, &scene, folder, &Silent)?;
     let job = SenseJob {
         kind: SenseKind::Stereo {
@@ -32,10 +28,7 @@ fn main() -> Result<()> {
     let report = sense(&job, &Silent)?;
     println!("{} points of {} pixels", report.observations, report.pixels);
     if let Some(sigma) = report.sigma {
-        println!(
-            "σ along rays {:.3} in the median, {:.3} at 95 %",
-            sigma.median, sigma.p95
-        );
+        println!("σ along rays {:.3} in the median, {:.3} at 95 %", sigma.median, sigma.p95);
     }
     for (why, count) in &report.rejected {
         println!("left out as {why}: {count}");

@@ -52,10 +52,7 @@ fn main() -> Result<()> {
         report.iterations, report.outliers, report.sigma.median
     );
     for (view, share) in &report.iou {
-        println!(
-            "{view}: intersection over union {:.4}, {:.4} before",
-            share, report.iou_before[view]
-        );
+        println!("{view}: intersection over union {:.4}, {:.4} before", share, report.iou_before[view]);
     }
     Ok(())
 }

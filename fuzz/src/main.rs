@@ -1,8 +1,8 @@
 //! Damaged files by the million, for every reader: none may panic, stand still, or take the memory.
 //!
-//! Comes in: a number of cases and a seed; the same seed gives the same files. Goes out: a line for each reader (how many files it took
-//! and refused, the slowest, the most memory), and for every failure the smallest file that still fails. The exit code is 1 when there
-//! was any.
+//! Comes in: a number of cases and a seed; the same seed gives the same files. Goes out: a line for each
+//! reader (how many files it took and refused, the slowest, the most memory), and for every failure the
+//! smallest file that still fails. The exit code is 1 when there was any.
 //!
 //! Not guaranteed: that every line of the readers was reached. The damage knows formats, not code.
 

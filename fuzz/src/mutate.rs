@@ -1,7 +1,7 @@
 //! Damage: valid files changed as disks, editors, other programs and ill will change them.
 //!
-//! Comes in: valid files of one format, the words of its header, and a random generator. Goes out: bytes that are mostly such a file.
-//! Not guaranteed: that anything was changed that matters.
+//! Comes in: valid files of one format, the words of its header, and a random generator. Goes out: bytes that
+//! are mostly such a file. Not guaranteed: that anything was changed that matters.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -64,18 +64,8 @@ const INTEGERS: [u64; 20] = [
 ];
 
 /// Floating point as sensors do not give it.
-const FLOATS: [f64; 10] = [
-    f64::NAN,
-    f64::INFINITY,
-    f64::NEG_INFINITY,
-    0.0,
-    -0.0,
-    1e308,
-    -1e308,
-    1e-320,
-    -1.0,
-    0.5,
-];
+const FLOATS: [f64; 10] =
+    [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0, 1e308, -1e308, 1e-320, -1.0, 0.5];
 
 /// A damaged file: one of the `valid` ones, changed one to eight times.
 pub fn damaged(valid: &[Vec<u8>], words: &[&str], random: &mut ChaCha8Rng) -> Vec<u8> {

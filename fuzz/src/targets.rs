@@ -1,13 +1,16 @@
 //! The table of what is fed with damaged files: one line a reader.
 //!
-//! Comes in: a damaged file. Goes out: whether the reader took it or refused it; what is written of it must read as the same again.
-//! A new reader: a line of [`TARGETS`], a function in [`crate::valid`], and the words of its header.
+//! Comes in: a damaged file. Goes out: whether the reader took it or refused it; what is written of it must
+//! read as the same again. A new reader: a line of [`TARGETS`], a function in [`crate::valid`], and the words
+//! of its header.
 
 use crate::valid;
 use planish::info::info;
 use planish::saved::{load_with_provenance, save};
 use planish_estimate::Result;
-use planish_exchange::calibration::{read_grid_calibration, read_lights, read_stereo_calibration, read_view_sensor};
+use planish_exchange::calibration::{
+    read_grid_calibration, read_lights, read_stereo_calibration, read_view_sensor,
+};
 use planish_exchange::contours::{
     CarmenOptions, SigmaDefaults, read_contour_json, read_contour_readings, read_ray_readings,
 };
@@ -198,19 +201,8 @@ const PCD: &[&str] = &[
     "_",
     "\n",
 ];
-const LIST: &[&str] = &[
-    "bmesh",
-    "camera",
-    "#",
-    "good.xyz",
-    "a.conf",
-    "a scan.xyz",
-    "..",
-    "/",
-    "/dev/zero",
-    "\r\n",
-    "\0",
-];
+const LIST: &[&str] =
+    &["bmesh", "camera", "#", "good.xyz", "a.conf", "a scan.xyz", "..", "/", "/dev/zero", "\r\n", "\0"];
 const JOB: &[&str] = &[
     "unit",
     "\"mm\"",
@@ -347,13 +339,12 @@ const XML: &[&str] = &[
     "&amp;",
     "&#0;",
 ];
-const CAMERA: &[&str] = &[
-    "unit", "\"m\"", "fx", "fy", "cx", "cy", "scale", "sigma_a", "sigma_b", "=", "[a]", "\n",
-];
+const CAMERA: &[&str] =
+    &["unit", "\"m\"", "fx", "fy", "cx", "cy", "scale", "sigma_a", "sigma_b", "=", "[a]", "\n"];
 
 const VIEWS: &[&str] = &[
-    "unit", "[[view]]", "K", "R", "t", "P", "name", "mask", "contours", "held_out", "true", "sigma_px", "tracks", "=",
-    "[", "]", "\n",
+    "unit", "[[view]]", "K", "R", "t", "P", "name", "mask", "contours", "held_out", "true", "sigma_px",
+    "tracks", "=", "[", "]", "\n",
 ];
 
 const POSES: &[&str] = &[
@@ -637,12 +628,7 @@ fn svg(path: &Path) -> Result<()> {
 
 /// What is stated where a file is silent.
 fn stated() -> SigmaDefaults {
-    SigmaDefaults {
-        position: Some(0.1),
-        heading_deg: Some(0.5),
-        range: Some(0.1),
-        point: Some(0.1),
-    }
+    SigmaDefaults { position: Some(0.1), heading_deg: Some(0.5), range: Some(0.1), point: Some(0.1) }
 }
 
 fn readings(path: &Path) -> Result<()> {
@@ -817,10 +803,7 @@ fn scan_and_back(path: &Path) -> Result<()> {
     let (first, second) = (beside(path, "first.ply"), beside(path, "second.ply"));
     write_scan(&first, &read_scan(path)?, contents.unit)?;
     write_scan(&second, &read_scan(&first)?, read_contents(&first)?.unit)?;
-    assert!(
-        bytes_of(&first) == bytes_of(&second),
-        "a scan that was written reads as another"
-    );
+    assert!(bytes_of(&first) == bytes_of(&second), "a scan that was written reads as another");
     Ok(())
 }
 
@@ -828,13 +811,7 @@ fn scan_and_back(path: &Path) -> Result<()> {
 fn textured(path: &Path) -> Result<()> {
     read_textured(path).map(|mesh| {
         let split = mesh.split();
-        assert!(
-            split
-                .triangles
-                .iter()
-                .flatten()
-                .all(|&v| (v as usize) < split.vertex_of.len())
-        );
+        assert!(split.triangles.iter().flatten().all(|&v| (v as usize) < split.vertex_of.len()));
     })
 }
 
@@ -854,10 +831,7 @@ fn mesh_and_back(path: &Path) -> Result<()> {
         // The first time some formats round.
         write(&read_mesh(&first)?, &second)?;
         write(&read_mesh(&second)?, &third)?;
-        assert!(
-            bytes_of(&second) == bytes_of(&third),
-            "a mesh that was written reads as another"
-        );
+        assert!(bytes_of(&second) == bytes_of(&third), "a mesh that was written reads as another");
     }
     as_points.and(described.map(drop))
 }
@@ -867,11 +841,7 @@ fn write(mesh: &PolygonMesh, path: &Path) -> Result<()> {
         path,
         &MeshColumns {
             points: &mesh.points,
-            columns: mesh
-                .columns
-                .iter()
-                .map(|(name, column)| (name.as_str(), Column::F64(column)))
-                .collect(),
+            columns: mesh.columns.iter().map(|(name, column)| (name.as_str(), Column::F64(column))).collect(),
             triangles: &mesh.triangles,
             unit: mesh.unit,
             ..MeshColumns::default()
@@ -885,9 +855,6 @@ fn model_and_back(path: &Path) -> Result<()> {
     save(&saved.model, &saved.provenance, &first)?;
     let again = load_with_provenance(&first)?;
     save(&again.model, &again.provenance, &second)?;
-    assert!(
-        bytes_of(&first) == bytes_of(&second),
-        "a model that was written reads as another"
-    );
+    assert!(bytes_of(&first) == bytes_of(&second), "a model that was written reads as another");
     Ok(())
 }

@@ -52,11 +52,7 @@ pub fn ply_scans() -> Result<Vec<Vec<u8>>> {
         points: points.clone(),
         ..Scan::default()
     };
-    let plain = Scan {
-        sigma: Some(vec![0.1; count]),
-        points,
-        ..Scan::default()
-    };
+    let plain = Scan { sigma: Some(vec![0.1; count]), points, ..Scan::default() };
     let text = "ply\nformat ascii 1.0\ncomment unit mm\nobj_info num_cols 2\nobj_info num_rows 2\nobj_info is_cyberware_data 1\n\
                 element vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float sigma\nelement other 1\n\
                 property list uchar short list\nelement range_grid 4\nproperty list uchar int vertex_indices\nend_header\n\
@@ -95,10 +91,7 @@ pub fn ply_meshes() -> Result<Vec<Vec<u8>>> {
     let text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nproperty float quality\n\
                 element face 2\nproperty list uchar int vertex_index\nproperty uchar flags\nend_header\n\
                 0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 nan\n0 0 1 5\n4 0 1 2 3 0\n3 0 4 1 7\n";
-    Ok(vec![
-        written(|path| write_mesh(path, &mesh), "a.ply")?,
-        text.as_bytes().to_vec(),
-    ])
+    Ok(vec![written(|path| write_mesh(path, &mesh), "a.ply")?, text.as_bytes().to_vec()])
 }
 
 /// Plain points: columns with and without names.
@@ -139,9 +132,8 @@ pub fn pcds() -> Result<Vec<Vec<u8>>> {
         })
         .collect();
     let binary: Vec<u8> = records.iter().flatten().flatten().copied().collect();
-    let columns: Vec<u8> = (0..8)
-        .flat_map(|field| records.iter().flat_map(move |r| r[field].clone()))
-        .collect();
+    let columns: Vec<u8> =
+        (0..8).flat_map(|field| records.iter().flat_map(move |r| r[field].clone())).collect();
     let mut compressed = Vec::new();
     for (k, run) in columns.chunks(32).enumerate() {
         // Copies among the runs: the whole of the run before, which is as long.
@@ -152,13 +144,8 @@ pub fn pcds() -> Result<Vec<Vec<u8>>> {
             compressed.extend_from_slice(run);
         }
     }
-    let sizes = [compressed.len() as u32, columns.len() as u32]
-        .map(u32::to_le_bytes)
-        .concat();
-    let text: String = points(3)
-        .iter()
-        .map(|[x, y, z]| format!("{x} {y} {z} 0 0 1 0.1 1 2 3\n"))
-        .collect();
+    let sizes = [compressed.len() as u32, columns.len() as u32].map(u32::to_le_bytes).concat();
+    let text: String = points(3).iter().map(|[x, y, z]| format!("{x} {y} {z} 0 0 1 0.1 1 2 3\n")).collect();
     let plain = b"VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n1 2 3 4.2e+06\nnan nan nan 0\n";
     Ok(vec![
         [head("binary"), binary].concat(),
@@ -170,18 +157,12 @@ pub fn pcds() -> Result<Vec<Vec<u8>>> {
 
 /// LAS of old and new point formats.
 pub fn las() -> Result<Vec<Vec<u8>>> {
-    [(2, 1), (2, 3), (4, 6), (4, 8)]
-        .into_iter()
-        .map(|(minor, format)| lidar(minor, format, false))
-        .collect()
+    [(2, 1), (2, 3), (4, 6), (4, 8)].into_iter().map(|(minor, format)| lidar(minor, format, false)).collect()
 }
 
 /// The same, compressed point by point and in layers.
 pub fn laz() -> Result<Vec<Vec<u8>>> {
-    [(2, 1), (2, 3), (4, 6), (4, 7)]
-        .into_iter()
-        .map(|(minor, format)| lidar(minor, format, true))
-        .collect()
+    [(2, 1), (2, 3), (4, 6), (4, 7)].into_iter().map(|(minor, format)| lidar(minor, format, true)).collect()
 }
 
 fn lidar(minor: u8, format: u8, compressed: bool) -> Result<Vec<u8>> {
@@ -198,11 +179,7 @@ fn lidar(minor: u8, format: u8, compressed: bool) -> Result<Vec<u8>> {
             x,
             y,
             z,
-            classification: if k % 3 == 0 {
-                Classification::Ground
-            } else {
-                Classification::Unclassified
-            },
+            classification: if k % 3 == 0 { Classification::Ground } else { Classification::Unclassified },
             is_withheld: k == 7,
             gps_time: point_format.has_gps_time.then_some(k as f64),
             color: point_format.has_color.then(|| las::Color::new(1, 2, k as u16)),
@@ -229,10 +206,7 @@ pub fn jobs() -> Result<Vec<Vec<u8>>> {
                sigma = 0.004\n[[scan]]\nsensor = \"laser\"\nfile = \"good.xyz\"\npose = { translation = [1, 2, 3], quaternion_xyzw = [0, 0, \
                0.70710678, 0.70710678], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }\nviewpoint = [0, 0, 300]\n[[scan]]\nsensor = \
                \"probe\"\nfile = \"a scan.xyz\"\ndirection = [0, 0, -1]\n";
-    Ok(vec![
-        job.as_bytes().to_vec(),
-        b"[[scan]]\nfile = \"good.xyz\"\n".to_vec(),
-    ])
+    Ok(vec![job.as_bytes().to_vec(), b"[[scan]]\nfile = \"good.xyz\"\n".to_vec()])
 }
 
 /// Models of a sheet and a ball.
@@ -253,25 +227,10 @@ fn model(shape: planish::Shape) -> Result<Vec<u8>> {
         planish::Shape::Sheet => points(6),
         _ => points(9).into_iter().map(round).collect(),
     };
-    write_scan(
-        &scan,
-        &Scan {
-            points,
-            ..Scan::default()
-        },
-        Some(Unit::Millimetre),
-    )?;
-    let options = FitOptions {
-        shape: Some(shape),
-        max_coefficients: 64,
-        ..FitOptions::default()
-    };
+    write_scan(&scan, &Scan { points, ..Scan::default() }, Some(Unit::Millimetre))?;
+    let options = FitOptions { shape: Some(shape), max_coefficients: 64, ..FitOptions::default() };
     // Without the sessions, which name the folder.
-    save(
-        &fit(&read_inputs(&[scan], None)?, &options, &Silent)?.model,
-        &[],
-        &model,
-    )?;
+    save(&fit(&read_inputs(&[scan], None)?, &options, &Silent)?.model, &[], &model)?;
     std::fs::read(&model).map_err(|e| Error::io("no model").with_source(e))
 }
 
@@ -302,16 +261,7 @@ fn square(name: &str) -> Result<Vec<u8>> {
         points: &points,
         normals: Some(&normals),
         columns: vec![("sigma", Column::F64(&[0.1; 9]))],
-        triangles: &[
-            [0, 1, 3],
-            [1, 4, 3],
-            [1, 2, 4],
-            [4, 2, 5],
-            [3, 4, 6],
-            [4, 7, 6],
-            [4, 5, 7],
-            [5, 8, 7],
-        ],
+        triangles: &[[0, 1, 3], [1, 4, 3], [1, 2, 4], [4, 2, 5], [3, 4, 6], [4, 7, 6], [4, 5, 7], [5, 8, 7]],
         unit: Some(Unit::Metre),
     };
     written(|path| planish_exchange::mesh::write_mesh(path, &mesh), name)
@@ -324,8 +274,8 @@ pub fn objs() -> Result<Vec<Vec<u8>>> {
     Ok(vec![square("a.obj")?, other.as_bytes().to_vec()])
 }
 
-/// OFF as we write it and with polygons and colours.
-/// Faces on planes, cylinders, cones, spheres and splines, in inches and millimetres, and parts in an assembly.
+/// OFF as we write it and with polygons and colours. Faces on planes, cylinders, cones, spheres and splines,
+/// in inches and millimetres, and parts in an assembly.
 pub fn steps() -> Result<Vec<Vec<u8>>> {
     let files: [&[u8]; 5] = [
         include_bytes!("../../crates/exchange/tests/data/assembly.step.gz"),
@@ -337,23 +287,19 @@ pub fn steps() -> Result<Vec<Vec<u8>>> {
     let unpacked = |packed: &[u8]| {
         let mut bytes = Vec::new();
         let read = GzDecoder::new(packed).read_to_end(&mut bytes);
-        read.map(|_| bytes)
-            .map_err(|e| Error::io("not unpacked").with_source(e))
+        read.map(|_| bytes).map_err(|e| Error::io("not unpacked").with_source(e))
     };
     files.into_iter().map(unpacked).collect()
 }
 
 pub fn offs() -> Result<Vec<Vec<u8>>> {
-    let other =
-        "COFF\n# four\n4 1 0\n0 0 0 1 0 0 1\n1 0 0 1 0 0 1\n1 1 0 1 0 0 1\n0 1 0 1 0 0 1\n4 0 1 2 3 0.5 0.5 0.5\n";
+    let other = "COFF\n# four\n4 1 0\n0 0 0 1 0 0 1\n1 0 0 1 0 0 1\n1 1 0 1 0 0 1\n0 1 0 1 0 0 1\n4 0 1 2 3 0.5 0.5 0.5\n";
     Ok(vec![square("a.off")?, other.as_bytes().to_vec()])
 }
 
 /// Material files.
 pub fn mtls() -> Result<Vec<Vec<u8>>> {
-    Ok(vec![
-        b"newmtl a\nKd 1 1 1\nmap_Kd a.png\nnewmtl b\nmap_Kd -s 1 1 1 b.png\n".to_vec(),
-    ])
+    Ok(vec![b"newmtl a\nKd 1 1 1\nmap_Kd a.png\nnewmtl b\nmap_Kd -s 1 1 1 b.png\n".to_vec()])
 }
 
 /// STL in binary and text.
@@ -400,11 +346,7 @@ fn array(number: &str, columns_first: &str, shape: &str, body: &[u8]) -> Vec<u8>
 /// Arrays of points, plain and organised.
 pub fn npys() -> Result<Vec<Vec<u8>>> {
     let rows: Vec<u8> = points(4).iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
-    let single: Vec<u8> = points(2)
-        .iter()
-        .flatten()
-        .flat_map(|c| (*c as f32).to_be_bytes())
-        .collect();
+    let single: Vec<u8> = points(2).iter().flatten().flat_map(|c| (*c as f32).to_be_bytes()).collect();
     Ok(vec![
         array("<f8", "False", "(16, 3)", &rows),
         array("<f8", "False", "(4, 4, 3)", &rows),
@@ -416,11 +358,7 @@ pub fn npys() -> Result<Vec<Vec<u8>>> {
 pub fn archive(array: &[u8], packed: bool) -> Vec<u8> {
     use zip::write::SimpleFileOptions;
     use zip::{CompressionMethod, ZipWriter};
-    let method = if packed {
-        CompressionMethod::Deflated
-    } else {
-        CompressionMethod::Stored
-    };
+    let method = if packed { CompressionMethod::Deflated } else { CompressionMethod::Stored };
     let options = SimpleFileOptions::default().compression_method(method);
     let mut writer = ZipWriter::new(Cursor::new(Vec::new()));
     for name in ["points.npy", "normals.npy"] {
@@ -433,16 +371,12 @@ pub fn archive(array: &[u8], packed: bool) -> Vec<u8> {
 
 /// A file of two clouds, Cartesian with a pose and spherical with a grid.
 pub fn e57s() -> Result<Vec<Vec<u8>>> {
-    use e57::{E57Writer, Quaternion, Record, RecordDataType, RecordName, RecordValue, Transform, Translation};
+    use e57::{
+        E57Writer, Quaternion, Record, RecordDataType, RecordName, RecordValue, Transform, Translation,
+    };
     let failed = |e: e57::Error| Error::io("no E57").with_source(e);
-    let double = |name| Record {
-        name,
-        data_type: RecordDataType::F64,
-    };
-    let whole = |name, max| Record {
-        name,
-        data_type: RecordDataType::Integer { min: 0, max },
-    };
+    let double = |name| Record { name, data_type: RecordDataType::F64 };
+    let whole = |name, max| Record { name, data_type: RecordDataType::Integer { min: 0, max } };
     let write = |path: &Path| -> e57::Result<()> {
         let mut writer = E57Writer::from_file(path, "file")?;
         let cartesian = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
@@ -450,17 +384,8 @@ pub fn e57s() -> Result<Vec<Vec<u8>>> {
         records.push(whole(RecordName::CartesianInvalidState, 2));
         let mut cloud = writer.add_pointcloud("first", records)?;
         cloud.set_transform(Some(Transform {
-            rotation: Quaternion {
-                w: 0.6,
-                x: 0.0,
-                y: 0.0,
-                z: 0.8,
-            },
-            translation: Translation {
-                x: 10.0,
-                y: 20.0,
-                z: 30.0,
-            },
+            rotation: Quaternion { w: 0.6, x: 0.0, y: 0.0, z: 0.8 },
+            translation: Translation { x: 10.0, y: 20.0, z: 30.0 },
         }));
         for point in points(3) {
             let mut values: Vec<RecordValue> = point.map(RecordValue::Double).into();
@@ -468,11 +393,8 @@ pub fn e57s() -> Result<Vec<Vec<u8>>> {
             cloud.add_point(values)?;
         }
         cloud.finalize()?;
-        let spherical = [
-            RecordName::SphericalRange,
-            RecordName::SphericalAzimuth,
-            RecordName::SphericalElevation,
-        ];
+        let spherical =
+            [RecordName::SphericalRange, RecordName::SphericalAzimuth, RecordName::SphericalElevation];
         let mut records: Vec<Record> = spherical.map(double).into();
         records.extend([whole(RecordName::RowIndex, 1), whole(RecordName::ColumnIndex, 2)]);
         let mut cloud = writer.add_pointcloud("second", records)?;
@@ -515,37 +437,29 @@ pub fn tiffs() -> Result<Vec<Vec<u8>>> {
     let (mut wide, mut floating) = (Cursor::new(Vec::new()), Cursor::new(Vec::new()));
     let depths: Vec<u16> = (0..12).map(|k| 900 * k).collect();
     let mut encoder = TiffEncoder::new(&mut wide).map_err(failed)?;
-    encoder
-        .write_image::<colortype::Gray16>(4, 3, &depths)
-        .map_err(failed)?;
+    encoder.write_image::<colortype::Gray16>(4, 3, &depths).map_err(failed)?;
     let depths: Vec<f32> = depths.iter().map(|&d| f32::from(d) + 0.5).collect();
     let mut encoder = TiffEncoder::new(&mut floating).map_err(failed)?;
-    encoder
-        .write_image::<colortype::Gray32Float>(4, 3, &depths)
-        .map_err(failed)?;
+    encoder.write_image::<colortype::Gray32Float>(4, 3, &depths).map_err(failed)?;
     Ok(vec![wide.into_inner(), floating.into_inner()])
 }
 
 /// Calibrations of a depth camera.
 pub fn cameras() -> Result<Vec<Vec<u8>>> {
-    let full = "unit = \"m\"\nfx = 2\nfy = 2.5\ncx = 1\ncy = 0.5\nscale = 0.001\nsigma_a = 0.001\nsigma_b = 0.002\n";
-    Ok(vec![
-        full.as_bytes().to_vec(),
-        b"fx = 500\nfy = 500\ncx = 2\ncy = 1\n".to_vec(),
-    ])
+    let full =
+        "unit = \"m\"\nfx = 2\nfy = 2.5\ncx = 1\ncy = 0.5\nscale = 0.001\nsigma_a = 0.001\nsigma_b = 0.002\n";
+    Ok(vec![full.as_bytes().to_vec(), b"fx = 500\nfy = 500\ncx = 2\ncy = 1\n".to_vec()])
 }
 
 /// Grey and coloured JPEG images, one of them progressive.
 pub fn jpegs() -> Result<Vec<Vec<u8>>> {
-    Ok(vec![
-        include_bytes!("../data/grey.jpg").to_vec(),
-        include_bytes!("../data/colour.jpg").to_vec(),
-    ])
+    Ok(vec![include_bytes!("../data/grey.jpg").to_vec(), include_bytes!("../data/colour.jpg").to_vec()])
 }
 
 /// Grey and coloured TGA images, plain and run by run.
 pub fn tgas() -> Result<Vec<Vec<u8>>> {
-    let header = |kind: u8, bits: u8| [0, 0, kind, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0, 3, 0, bits, 0x20].to_vec();
+    let header =
+        |kind: u8, bits: u8| [0, 0, kind, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0, 3, 0, bits, 0x20].to_vec();
     let mut grey = header(3, 8);
     grey.extend(0..12);
     let mut colour = header(2, 24);
@@ -568,7 +482,8 @@ pub fn pgms() -> Result<Vec<Vec<u8>>> {
 
 /// Calibrations of two cameras.
 pub fn stereos() -> Result<Vec<Vec<u8>>> {
-    let full = "unit = \"mm\"\nf = 500\ncx = 2\ncy = 1\nbaseline = 60\ndoffs = 1.5\nsigma_disparity_px = 0.1\n";
+    let full =
+        "unit = \"mm\"\nf = 500\ncx = 2\ncy = 1\nbaseline = 60\ndoffs = 1.5\nsigma_disparity_px = 0.1\n";
     Ok(vec![
         full.as_bytes().to_vec(),
         b"f = 500.0\ncx = 2\ncy = 1\nbaseline = 0.06\n".to_vec(),
@@ -612,8 +527,7 @@ pub fn poses() -> Result<Vec<Vec<u8>>> {
 /// A camera and a projector of crossed stripes.
 pub fn grids() -> Result<Vec<Vec<u8>>> {
     let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]\n";
-    let stripes =
-        "[stripes]\ndirections_deg = [30, 120]\nspacing = 20\norigin = [320, 240]\nrange = [[-20, 20], [-20, 20]]\n";
+    let stripes = "[stripes]\ndirections_deg = [30, 120]\nspacing = 20\norigin = [320, 240]\nrange = [[-20, 20], [-20, 20]]\n";
     let posed = "R = [[0.96, 0.0, 0.28], [0.0, 1.0, 0.0], [-0.28, 0.0, 0.96]]\nt = [-150.0, 0.0, 20.0]\n";
     Ok(vec![
         format!("unit = \"mm\"\nsigma_px = 0.02\n[camera]\n{k}[projector]\n{k}{posed}{stripes}").into_bytes(),
@@ -623,14 +537,16 @@ pub fn grids() -> Result<Vec<Vec<u8>>> {
 /// Lights of photometric stereo.
 pub fn lights() -> Result<Vec<Vec<u8>>> {
     let stated = "unit = \"mm\"\nframe = \"viewer\"\nlights = [[0.4, 0.5, 0.8], [-0.3, 0.5, 0.8], [0.0, 0.3, 0.9]]\npixel_size = 0.2\nsigma_brightness = 1.5\n";
-    let ball = "sigma_light_deg = 1.0\n[ball]\nimages = [\"a.tga\", \"b.tga\", \"c.tga\"]\nmask = \"m.tga\"\n";
+    let ball =
+        "sigma_light_deg = 1.0\n[ball]\nimages = [\"a.tga\", \"b.tga\", \"c.tga\"]\nmask = \"m.tga\"\n";
     Ok(vec![stated.as_bytes().to_vec(), ball.as_bytes().to_vec()])
 }
 
 /// A drawing with layers, a block that is inserted, an old polyline, a dimension; one of every curve.
 pub fn dxfs() -> Result<Vec<Vec<u8>>> {
     let lines = |text: &str| text.split(' ').collect::<Vec<_>>().join("\n") + "\n";
-    let head = "0 SECTION 2 HEADER 9 $INSUNITS 70 4 0 ENDSEC 0 SECTION 2 TABLES 0 LAYER 2 INNER 6 HIDDEN 0 ENDSEC";
+    let head =
+        "0 SECTION 2 HEADER 9 $INSUNITS 70 4 0 ENDSEC 0 SECTION 2 TABLES 0 LAYER 2 INNER 6 HIDDEN 0 ENDSEC";
     let blocks = "0 SECTION 2 BLOCKS 0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 0 0 ARC 8 0 10 1 20 0 40 2 50 0 51 90 0 ENDBLK 0 ENDSEC";
     let placed = "0 INSERT 2 part 10 5 20 5 41 2 42 2 50 30 70 2 71 2 44 10 45 10";
     let curves = "0 LINE 5 2A 8 INNER 10 0 20 0 11 40 21 0 0 CIRCLE 8 0 10 20 20 10 40 6 0 ELLIPSE 10 0 20 0 11 4 21 0 40 0.5 41 0 42 6.28 \
@@ -641,10 +557,8 @@ pub fn dxfs() -> Result<Vec<Vec<u8>>> {
     let end = "0 ENDSEC 0 EOF";
     let entities = "0 SECTION 2 ENTITIES";
     Ok(vec![
-        lines(&format!(
-            "{head} {blocks} {entities} {placed} {curves} {others} {dimension} {end}"
-        ))
-        .into_bytes(),
+        lines(&format!("{head} {blocks} {entities} {placed} {curves} {others} {dimension} {end}"))
+            .into_bytes(),
         lines(&format!("{entities} {curves} {end}")).into_bytes(),
     ])
 }
@@ -667,20 +581,14 @@ pub fn readings() -> Result<Vec<Vec<u8>>> {
     let rows: String = (0..12)
         .map(|k| format!("{k},0,{},5.5,0.1,0.1,0.5,0.05,{},{}.5,{}\n", 30 * k, k / 2, k, k / 6))
         .collect();
-    Ok(vec![
-        format!("{poses}{rows}").into_bytes(),
-        b"x,y,sigma\n0,0,0.1\n1,0,0.1\n1,1,0.2\n".to_vec(),
-    ])
+    Ok(vec![format!("{poses}{rows}").into_bytes(), b"x,y,sigma\n0,0,0.1\n1,0,0.1\n1,1,0.2\n".to_vec()])
 }
 
 /// Lines of a planar laser's log.
 pub fn carmen_logs() -> Result<Vec<Vec<u8>>> {
-    let ranges = |n: usize| {
-        (0..n)
-            .map(|k| format!("{:.2} ", 2.0 + 0.01 * k as f64))
-            .collect::<String>()
-    };
-    let line = |n: usize, t: usize| format!("FLASER {n} {}1.0 2.0 0.5 1.1 2.1 0.4 {t}.5 host {t}.5\n", ranges(n));
+    let ranges = |n: usize| (0..n).map(|k| format!("{:.2} ", 2.0 + 0.01 * k as f64)).collect::<String>();
+    let line =
+        |n: usize, t: usize| format!("FLASER {n} {}1.0 2.0 0.5 1.1 2.1 0.4 {t}.5 host {t}.5\n", ranges(n));
     Ok(vec![
         format!("# a log\nPARAM robot 1\n{}{}", line(5, 1), line(5, 2)).into_bytes(),
         line(180, 1).into_bytes(),
@@ -689,12 +597,8 @@ pub fn carmen_logs() -> Result<Vec<Vec<u8>>> {
 
 /// Ranges and points in space.
 pub fn rays() -> Result<Vec<Vec<u8>>> {
-    let ranges =
-        "x,y,z,azimuth_deg,elevation_deg,range,sigma_x,sigma_range\n0,0,1,10,20,5,0.1,0.1\n1,0,1,-10,2e1,4.5,0.1,0.1\n";
-    Ok(vec![
-        ranges.as_bytes().to_vec(),
-        b"x,y,z,sigma\n0,0,0,0.1\n1,2,3,0.1\n".to_vec(),
-    ])
+    let ranges = "x,y,z,azimuth_deg,elevation_deg,range,sigma_x,sigma_range\n0,0,1,10,20,5,0.1,0.1\n1,0,1,-10,2e1,4.5,0.1,0.1\n";
+    Ok(vec![ranges.as_bytes().to_vec(), b"x,y,z,sigma\n0,0,0,0.1\n1,2,3,0.1\n".to_vec()])
 }
 
 /// Contours with their covariance.

@@ -1,6 +1,7 @@
 //! Watching a worker: what it found, and the case at which it died or stood still.
 //!
-//! Comes in: a target and a number of cases. Goes out: a [`Report`], and for every failure the smallest input found that still fails.
+//! Comes in: a target and a number of cases. Goes out: a [`Report`], and for every failure the smallest input
+//! found that still fails.
 
 use crate::targets::Target;
 use crate::valid;
@@ -82,14 +83,7 @@ pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -
     let mut from = 0;
     while from < cases && deaths.len() < MOST_DEATHS {
         let mut child = Command::new(std::env::current_exe()?)
-            .args([
-                "--seed",
-                &seed.to_string(),
-                "--cases",
-                &cases.to_string(),
-                "--from",
-                &from.to_string(),
-            ])
+            .args(["--seed", &seed.to_string(), "--cases", &cases.to_string(), "--from", &from.to_string()])
             .arg("--worker")
             .arg(folder)
             .arg(target.name)

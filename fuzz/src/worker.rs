@@ -1,7 +1,9 @@
-//! The cases of one target, in a process of their own: what runs out of memory or stack takes nobody else along.
+//! The cases of one target, in a process of their own: what runs out of memory or stack takes nobody else
+//! along.
 //!
-//! Comes in: a target, a seed and a range of cases. Goes out: a [`Tally`] in a file, renewed before every case, so that whoever watches
-//! knows the case that was the last one; and a file for every input that made a reader panic.
+//! Comes in: a target, a seed and a range of cases. Goes out: a [`Tally`] in a file, renewed before every
+//! case, so that whoever watches knows the case that was the last one; and a file for every input that made a
+//! reader panic.
 
 use crate::ALLOCATOR;
 use crate::mutate::damaged;
@@ -44,15 +46,7 @@ pub struct Tally {
 impl Tally {
     fn words(&self) -> [u64; 7] {
         let (time, at) = self.slowest;
-        [
-            self.case,
-            self.accepted,
-            self.refused,
-            time,
-            at,
-            self.memory,
-            self.failed,
-        ]
+        [self.case, self.accepted, self.refused, time, at, self.memory, self.failed]
     }
 
     /// Where a worker stood last.
@@ -63,14 +57,7 @@ impl Tally {
             *word = u64::from_le_bytes(*bytes);
         }
         let [case, accepted, refused, time, at, memory, failed] = words;
-        Self {
-            case,
-            accepted,
-            refused,
-            slowest: (time, at),
-            memory,
-            failed,
-        }
+        Self { case, accepted, refused, slowest: (time, at), memory, failed }
     }
 
     /// Both together; the case is the later one.
@@ -88,10 +75,7 @@ impl Tally {
 
 /// The bytes of a case: the same in every run.
 pub fn case_bytes(target: &Target, valid: &[Vec<u8>], seed: u64, case: u64) -> Vec<u8> {
-    let name = target
-        .name
-        .bytes()
-        .fold(seed, |h, b| h.wrapping_mul(0x100_0000_01b3) ^ u64::from(b));
+    let name = target.name.bytes().fold(seed, |h, b| h.wrapping_mul(0x100_0000_01b3) ^ u64::from(b));
     let mut random = ChaCha8Rng::seed_from_u64(name ^ case.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let mut bytes = damaged(valid, target.words, &mut random);
     (target.mend)(&mut bytes, &mut random);
@@ -126,7 +110,8 @@ pub fn outcome(target: &Target, path: &Path) -> Outcome {
     }
 }
 
-/// Reads the cases `from..to`; `folder` holds the tally, the valid files (`valid-N`) and a folder `files` to work in.
+/// Reads the cases `from..to`; `folder` holds the tally, the valid files (`valid-N`) and a folder `files` to
+/// work in.
 ///
 /// # Errors
 /// When a file of its own cannot be read or written, which is no case's fault.
@@ -140,7 +125,8 @@ pub fn work(target: &Target, seed: u64, (from, to): (u64, u64), folder: &Path) -
     let mut tally = Tally::default();
     let mut places = BTreeSet::new();
     let idle = ALLOCATOR.allocated();
-    // Whoever asks for more is killed by the allocator: a limit that cannot be set is one that was set before.
+    // Whoever asks for more is killed by the allocator: a limit that cannot be set is one that was set
+    // before.
     let _ = ALLOCATOR.set_limit(idle + MOST_MEMORY);
     for case in from..to {
         tally.case = case;

@@ -1,4 +1,5 @@
-//! A few thousand damaged files for every reader, in every check: more of them are a matter of patience, not of another program.
+//! A few thousand damaged files for every reader, in every check: more of them are a matter of patience, not
+//! of another program.
 
 use std::process::Command;
 
@@ -11,18 +12,10 @@ fn no_reader_breaks_on_damaged_files() {
         .output()
         .expect("it runs");
     let said = String::from_utf8_lossy(&output.stdout);
-    assert!(
-        output.status.success(),
-        "{said}{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
     for line in said.lines().skip(1) {
-        let numbers: Vec<u64> = line
-            .split_whitespace()
-            .skip(1)
-            .take(3)
-            .map(|w| w.parse().expect("a count"))
-            .collect();
+        let numbers: Vec<u64> =
+            line.split_whitespace().skip(1).take(3).map(|w| w.parse().expect("a count")).collect();
         // Damage that every file survives, or none, tests nothing.
         assert!(numbers[0] == 2000 && numbers[1] > 0 && numbers[2] > 200, "{line}");
     }

@@ -87,7 +87,8 @@ pub struct CommonArgs {
     /// Print no summary, no progress and no warnings
     #[arg(long, short)]
     pub quiet: bool,
-    /// How far the work is, on stderr: a bar where that is a terminal, one JSON object a line for programs, or nothing
+    /// How far the work is, on stderr: a bar where that is a terminal, one JSON object a line for programs,
+    /// or nothing
     #[arg(long, value_name = "HOW", value_enum, default_value_t = ProgressName::Auto)]
     pub progress: ProgressName,
     /// Threads to work with [default: one for each core]; they change the time, never the result
@@ -113,10 +114,7 @@ impl CommonArgs {
 }
 
 /// How progress is told.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; `--progress` explains them"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; `--progress` explains them")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ProgressName {
     Auto,
@@ -158,20 +156,12 @@ pub fn command_line() -> String {
             format!("'{}'", word.replace('\'', r"'\''"))
         }
     };
-    let words = std::env::args_os()
-        .skip(1)
-        .map(|word| quoted(word.to_string_lossy().into_owned()));
-    std::iter::once("planish".to_owned())
-        .chain(words)
-        .collect::<Vec<_>>()
-        .join(" ")
+    let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
+    std::iter::once("planish".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }
 
 /// A unit of length on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are the units"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; the names are the units")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum UnitName {
     Mm,
@@ -192,10 +182,7 @@ impl From<UnitName> for Unit {
 }
 
 /// A topology on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; `--shape` explains them"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; `--shape` explains them")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ShapeName {
     Sheet,
@@ -347,7 +334,8 @@ pub struct FitArgs {
     /// Scans (.ply, .pcd, .e57, .xyz, .npy, …) and lists of scans (.conf, .toml)
     #[arg(required = true, value_name = "SCAN", value_hint = ValueHint::FilePath)]
     pub scans: Vec<PathBuf>,
-    /// Write the model; the extension says how (.step, .ply, .glb, .obj, .stl, .tif, .planish); may be given several times
+    /// Write the model; the extension says how (.step, .ply, .glb, .obj, .stl, .tif, .planish); may be given
+    /// several times
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
 
@@ -355,29 +343,32 @@ pub struct FitArgs {
     #[arg(long, value_name = "MODEL.planish", help_heading = "Surface", value_hint = ValueHint::FilePath,
           conflicts_with_all = ["shape", "tolerance", "max_coefficients", "max_depth"])]
     pub update: Option<PathBuf>,
-    /// Topology: a sheet has one border, a tube is open at both ends, a ball is closed, a torus has a hole through it
-    /// [default: sheet, tube or ball, as the points say]
+    /// Topology: a sheet has one border, a tube is open at both ends, a ball is closed, a torus has a hole
+    /// through it [default: sheet, tube or ball, as the points say]
     #[arg(long, value_name = "SHAPE", value_enum, help_heading = "Surface")]
     pub shape: Option<ShapeName>,
-    /// The columns u and v of the files, in [0, 1], are the readings' parameters: fit a grid of so many cells to them, in one step
-    /// (61x61 cells of a sheet have 64x64 control vertices; a sheet unless --shape says otherwise: balls and tori take 4x4 cells at least; of σ only
-    /// the column sigma, or one of a sensor; no more than 3000 readings are held out)
+    /// The columns u and v of the files, in [0, 1], are the readings' parameters: fit a grid of so many cells
+    /// to them, in one step (61x61 cells of a sheet have 64x64 control vertices; a sheet unless --shape says
+    /// otherwise: balls and tori take 4x4 cells at least; of σ only the column sigma, or one of a sensor; no
+    /// more than 3000 readings are held out)
     #[arg(long, value_name = "NxM", value_parser = grid, help_heading = "Surface",
           conflicts_with_all = ["update", "tolerance", "max_coefficients", "max_depth", "refine_by", "filter", "ground"])]
     pub known_uv: Option<[usize; 2]>,
-    /// Stop refining where the surface is this close to the points, as a length [default: where only their noise is left]
+    /// Stop refining where the surface is this close to the points, as a length [default: where only their
+    /// noise is left]
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true, help_heading = "Surface")]
     pub tolerance: Option<Length>,
-    /// How readings are fused: `global` all at once, the most accurate; `patch` one at a time into small patches, in memory that does not grow with
-    /// the readings, as the filter of a live sensor would
+    /// How readings are fused: `global` all at once, the most accurate; `patch` one at a time into small
+    /// patches, in memory that does not grow with the readings, as the filter of a live sensor would
     #[arg(long, value_name = "FILTER", value_enum, help_heading = "Surface")]
     pub filter: Option<FilterName>,
-    /// No more levels of subdivision beyond the base grid than this [default: as many as the readings fill; of the patch filter 3]
+    /// No more levels of subdivision beyond the base grid than this [default: as many as the readings fill;
+    /// of the patch filter 3]
     #[arg(long, value_name = "N", value_parser = depth, allow_negative_numbers = true, help_heading = "Surface")]
     pub max_depth: Option<u8>,
-    /// What asks for subdivision: readings that err together where the surface cannot follow them, Gaussian curvature that varies,
-    /// sd(K)/max(|K|, σ_K) > 0.5 beyond what σ_K explains, either, or also cells too wide for the roughness found (true σ for surfaces
-    /// that are rough at every scale; slower)
+    /// What asks for subdivision: readings that err together where the surface cannot follow them, Gaussian
+    /// curvature that varies, sd(K)/max(|K|, σ_K) > 0.5 beyond what σ_K explains, either, or also cells too
+    /// wide for the roughness found (true σ for surfaces that are rough at every scale; slower)
     #[arg(long, value_name = "CAUSE", value_enum, default_value_t = RefineByName::Residuals, help_heading = "Surface")]
     pub refine_by: RefineByName,
     /// No more control vertices than this
@@ -397,39 +388,44 @@ pub struct FitArgs {
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true, help_heading = "Surface")]
     pub cell_size: Option<f64>,
 
-    /// Fit the bare earth under points from above (z up): leave out what stands on it and is no wider than WIDTH, as a length
-    /// [default width: 36 m]; classes of the file that tell the ground are believed
+    /// Fit the bare earth under points from above (z up): leave out what stands on it and is no wider than
+    /// WIDTH, as a length [default width: 36 m]; classes of the file that tell the ground are believed
     #[arg(long, value_name = "WIDTH", value_parser = positive, num_args = 0..=1, require_equals = true,
           help_heading = "Readings")]
     #[allow(clippy::option_option, reason = "clap's way of an option whose value is optional")]
     pub ground: Option<Option<f64>>,
-    /// Complete what nobody saw by a symmetry whose axis or plane is fitted to the readings: rotation:full (a surface of revolution), rotation:N,
-    /// mirror, or auto (the one that the readings bear out, if any). A coarse direction may follow, as rotation:full:z or mirror:0,1,0.2. Parts known
-    /// through it alone have `observed` = 2; measurements overrule
+    /// Complete what nobody saw by a symmetry whose axis or plane is fitted to the readings: rotation:full (a
+    /// surface of revolution), rotation:N, mirror, or auto (the one that the readings bear out, if any). A
+    /// coarse direction may follow, as rotation:full:z or mirror:0,1,0.2. Parts known through it alone have
+    /// `observed` = 2; measurements overrule
     #[arg(long, value_name = "SYMMETRY", value_parser = symmetry, help_heading = "Completion",
           conflicts_with_all = ["update", "known_uv"])]
     pub symmetry: Option<SymmetryChoice>,
 
-    /// The thing moved while its scans were taken, at the times that the job states (`time`, in seconds). rigid finds its poses and its velocity;
-    /// the model is the thing as the first scan met it. bend follows a sheet that bends without stretch from state to state (scans of one time are one
-    /// state; without times, files in order): lengths along it stay, what a scan missed is carried there from other times (`observed` = 2), and the model is
-    /// the sheet at the last time; a sheet that stretched is told
+    /// The thing moved while its scans were taken, at the times that the job states (`time`, in seconds).
+    /// rigid finds its poses and its velocity; the model is the thing as the first scan met it. bend follows
+    /// a sheet that bends without stretch from state to state (scans of one time are one state; without
+    /// times, files in order): lengths along it stay, what a scan missed is carried there from other times
+    /// (`observed` = 2), and the model is the sheet at the last time; a sheet that stretched is told
     #[arg(long, value_name = "HOW", value_enum, help_heading = "Completion",
           conflicts_with_all = ["update", "known_uv", "ground"])]
     pub motion: Option<MotionName>,
-    /// With --motion bend: write the sheet at every time to this folder, as state-1.planish and state-1.ply, and so on
+    /// With --motion bend: write the sheet at every time to this folder, as state-1.planish and state-1.ply,
+    /// and so on
     #[arg(long, value_name = "DIR", requires = "motion", help_heading = "Completion", value_hint = ValueHint::DirPath)]
     pub states: Option<PathBuf>,
-    /// Show the model forming, reading by reading: a .glb file with an animation, or a new folder of pictures frame_0001.png and so on. Colours are σ,
-    /// from dark violet (small) to yellow (large); in the pictures orange dots are the readings so far
+    /// Show the model forming, reading by reading: a .glb file with an animation, or a new folder of pictures
+    /// frame_0001.png and so on. Colours are σ, from dark violet (small) to yellow (large); in the pictures
+    /// orange dots are the readings so far
     #[arg(long, value_name = "OUT.glb|DIR", conflicts_with_all = ["update", "known_uv", "ground"], value_hint = ValueHint::AnyPath)]
     pub animate: Option<PathBuf>,
-    /// Complete gaps by the plane, sphere or cylinder that the readings around them are of, if they are; with its uncertainty, and that of which it is
+    /// Complete gaps by the plane, sphere or cylinder that the readings around them are of, if they are; with
+    /// its uncertainty, and that of which it is
     #[arg(long, value_name = "HOW", value_enum, help_heading = "Completion", conflicts_with_all = ["update", "known_uv"])]
     pub complete: Option<Completion>,
 
-    /// Find where the scans stand: every scan but the first may be off by a few percent of the thing's size and a few degrees. Poses whose σ a job
-    /// states are part of the answer without this
+    /// Find where the scans stand: every scan but the first may be off by a few percent of the thing's size
+    /// and a few degrees. Poses whose σ a job states are part of the answer without this
     #[arg(long, help_heading = "Readings", conflicts_with = "known_uv")]
     pub align: bool,
     /// Set readings aside that lie farther from the surface than this many σ
@@ -462,17 +458,19 @@ that lie within 1.96 √(σ_model² + σ_reference²): 0.95 where the stated σ 
 #[derive(Debug, Args)]
 #[command(after_help = COMPARE_EXAMPLES)]
 pub struct CompareArgs {
-    /// A saved model (.planish), a mesh (.ply, .obj, .stl, .off, .glb), with or without σ, or CAD faces (.step)
+    /// A saved model (.planish), a mesh (.ply, .obj, .stl, .off, .glb), with or without σ, or CAD faces
+    /// (.step)
     #[arg(value_name = "MODEL", value_hint = ValueHint::FilePath)]
     pub model: PathBuf,
     /// A mesh, points, or scans as `planish fit` reads them
     #[arg(value_name = "REFERENCE", value_hint = ValueHint::FilePath)]
     pub reference: PathBuf,
-    /// Which part of the model is compared: what was measured, what `fit` completed by symmetry or smoothness, both, or all of
-    /// it
+    /// Which part of the model is compared: what was measured, what `fit` completed by symmetry or
+    /// smoothness, both, or all of it
     #[arg(long, value_name = "PART", value_enum, default_value_t = PartName::Measured)]
     pub part: PartName,
-    /// Most that chords leave the model's surface while measuring from it, as a length [default: half the median σ]
+    /// Most that chords leave the model's surface while measuring from it, as a length [default: half the
+    /// median σ]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,
     /// The report.
@@ -502,10 +500,7 @@ Contours that planish contour wrote (.json) are views, too: relations in each ar
 holds vertices and sizes in space with σ.";
 
 /// How views are placed on a sheet.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are those of drafting"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; the names are those of drafting")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ProjectionName {
     First,
@@ -516,7 +511,8 @@ pub enum ProjectionName {
 #[derive(Debug, Args)]
 #[command(after_help = SOLID_EXAMPLES)]
 pub struct SolidArgs {
-    /// The front, top and side view as drawings (.dxf, .svg) or as contours (.json), in this order; the side view may be left out. Or one drawing with all views
+    /// The front, top and side view as drawings (.dxf, .svg) or as contours (.json), in this order; the side
+    /// view may be left out. Or one drawing with all views
     #[arg(value_name = "VIEW", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
     pub views: Vec<PathBuf>,
     /// Which views these are, where not front, top and side: such as `front,side`
@@ -525,22 +521,26 @@ pub struct SolidArgs {
     /// Of contours: the probability with which relations and matches that are true are lost
     #[arg(long, value_name = "PROBABILITY", default_value_t = planish::contour::DEFAULT_LEVEL, value_parser = probability, allow_negative_numbers = true)]
     pub level: f64,
-    /// Of contours: write the graphs of each view's constraints and the composite graph, .json or .dot (repeatable)
+    /// Of contours: write the graphs of each view's constraints and the composite graph, .json or .dot
+    /// (repeatable)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub graphs: Vec<PathBuf>,
-    /// Write the best solid: .step or .stp, or its mesh as .ply, .stl, .glb or .obj (repeatable); of contours also .json, its vertices and sizes with σ
+    /// Write the best solid: .step or .stp, or its mesh as .ply, .stl, .glb or .obj (repeatable); of contours
+    /// also .json, its vertices and sizes with σ
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
     /// How far triangles of a mesh miss the solid at most [default: 1/2000 of the drawing's size]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<f64>,
-    /// Coordinates of drawings that are no farther apart than this are one: joins ends that miss each other by little, and views of nearly one scale
+    /// Coordinates of drawings that are no farther apart than this are one: joins ends that miss each other
+    /// by little, and views of nearly one scale
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
     /// Write every solid that has these views, best first: NAME.1.step, NAME.2.step, ...
     #[arg(long)]
     pub all: bool,
-    /// How the views of one file are placed: first angle (Europe, the view from above stands below) or third angle (America)
+    /// How the views of one file are placed: first angle (Europe, the view from above stands below) or third
+    /// angle (America)
     #[arg(long, value_enum, default_value_t = ProjectionName::First)]
     pub projection: ProjectionName,
     /// The report.
@@ -552,10 +552,7 @@ pub struct SolidArgs {
 }
 
 /// A view on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are the views"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; the names are the views")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ViewName {
     Front,
@@ -603,7 +600,8 @@ pub struct NextArgs {
     /// A saved model
     #[arg(value_name = "MODEL.planish", value_hint = ValueHint::FilePath)]
     pub model: PathBuf,
-    /// Write the points, with normals and σ before and after: .csv or .ply; or the poses: .toml (scans of a job), .csv or .ply (repeatable)
+    /// Write the points, with normals and σ before and after: .csv or .ply; or the poses: .toml (scans of a
+    /// job), .csv or .ply (repeatable)
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
     /// No more points than this
@@ -660,7 +658,8 @@ pub enum Sensed {
     Photometric(PhotometricArgs),
     /// A depth image: points with covariance
     Depth(DepthArgs),
-    /// Views of a thing from a camera that moves around it: points on its occluding contours, and patches of its surface
+    /// Views of a thing from a camera that moves around it: points on its occluding contours, and patches of
+    /// its surface
     Contours(crate::occluding::OccludingArgs),
 }
 
@@ -740,7 +739,8 @@ pub struct GridArgs {
     /// The picture of the stripes
     #[arg(value_name = "IMAGE", value_hint = ValueHint::FilePath)]
     pub image: PathBuf,
-    /// The same view under plain light: brightness is divided by its, so that the object's texture moves no stripe
+    /// The same view under plain light: brightness is divided by its, so that the object's texture moves no
+    /// stripe
     #[arg(long, value_name = "IMAGE", value_hint = ValueHint::FilePath)]
     pub plain: Option<PathBuf>,
     /// Calibration of camera, projector and stripes
@@ -923,7 +923,8 @@ pub struct SphereArgs {
     #[arg(long, value_name = "DEGREES", default_value_t = 2.0, value_parser = not_negative, allow_negative_numbers = true,
           help_heading = "Sphere")]
     pub orientation_deg: f64,
-    /// Show the sphere forming from a cylinder, reading by reading, by the patch filter: a .glb file with an animation, or a new folder of pictures
+    /// Show the sphere forming from a cylinder, reading by reading, by the patch filter: a .glb file with an
+    /// animation, or a new folder of pictures
     #[arg(long, value_name = "OUT.glb|DIR", help_heading = "Sphere", value_hint = ValueHint::AnyPath)]
     pub animate: Option<PathBuf>,
 
@@ -952,19 +953,23 @@ pub enum Scene {
     Stereo(PictureArgs),
     /// Pictures of a thing under crossed stripes from the same views, for `sense grid`
     Grid(PictureArgs),
-    /// A vessel of revolution, 100 mm high, seen from one side only: what nobody saw follows from its symmetry
+    /// A vessel of revolution, 100 mm high, seen from one side only: what nobody saw follows from its
+    /// symmetry
     Vessel(VesselArgs),
     /// A contour of 100 mm, ranged from uncertain poses, for `contour`
     Readings(ReadingsArgs),
-    /// The outlines of a triangular prism in three views, ranged from uncertain poses, for `contour` and `solid`
+    /// The outlines of a triangular prism in three views, ranged from uncertain poses, for `contour` and
+    /// `solid`
     Views(ViewsArgs),
     /// A mesh deformed by known controls, as points and masks, for `shell`
     Shell(ShellSceneArgs),
-    /// A hyperboloid or a carafe, 100 mm high, as its occluding contours from two motions of a camera, for `sense contours`
+    /// A hyperboloid or a carafe, 100 mm high, as its occluding contours from two motions of a camera, for
+    /// `sense contours`
     Contours(crate::occluding::ContoursSceneArgs),
     /// A thing of 100 mm on a turntable, scanned by a laser at known times while it turns
     Turning(TurningArgs),
-    /// A sheet of 100 mm x 70 mm that is bent without stretch, scanned in every state, the last scan with a hole
+    /// A sheet of 100 mm x 70 mm that is bent without stretch, scanned in every state, the last scan with a
+    /// hole
     Bending(BendingArgs),
 }
 
@@ -985,7 +990,8 @@ pub struct PictureArgs {
     #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
     pub out: PathBuf,
 
-    /// The thing: a mesh (.ply, .obj, .stl, .off or .glb) or CAD faces (.step) [default: a freeform of 100 mm]
+    /// The thing: a mesh (.ply, .obj, .stl, .off or .glb) or CAD faces (.step) [default: a freeform of 100
+    /// mm]
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, help_heading = "Scene")]
     pub mesh: Option<PathBuf>,
     /// Smooth subdivisions (Loop) of the mesh, from 0 to 5; what is seen, and truth.ply, is the finer one
@@ -1188,7 +1194,8 @@ pub struct ScansArgs {
     #[arg(long, value_name = "SHARE", default_value_t = 0.01, value_parser = share, allow_negative_numbers = true,
           help_heading = "Sensors")]
     pub outliers: f64,
-    /// Growth of σ from the middle of a scanner's field of view to its corners, as a share; each reading then states its own
+    /// Growth of σ from the middle of a scanner's field of view to its corners, as a share; each reading then
+    /// states its own
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = not_negative, allow_negative_numbers = true,
           help_heading = "Sensors")]
     pub unevenness: f64,
@@ -1289,9 +1296,8 @@ fn direction(text: &str) -> Result<[f64; 3], String> {
 
 /// Two opposite corners of a box.
 fn corners(text: &str) -> Result<[[f64; 3]; 2], String> {
-    let numbers: Option<Vec<f64>> = (text.split(','))
-        .map(|part| part.trim().parse().ok().filter(|x: &f64| x.is_finite()))
-        .collect();
+    let numbers: Option<Vec<f64>> =
+        (text.split(',')).map(|part| part.trim().parse().ok().filter(|x: &f64| x.is_finite())).collect();
     match numbers.as_deref() {
         Some(&[a, b, c, d, e, f]) => Ok([[a.min(d), b.min(e), c.min(f)], [a.max(d), b.max(e), c.max(f)]]),
         _ => Err("needed six numbers: two opposite corners, as in 0,0,0,10,10,5".to_owned()),
@@ -1308,8 +1314,7 @@ fn gate(text: &str) -> Result<f64, String> {
 
 /// A whole number.
 pub fn whole(text: &str) -> Result<usize, String> {
-    text.parse()
-        .map_err(|_| "needed a whole number that is not below 0".to_owned())
+    text.parse().map_err(|_| "needed a whole number that is not below 0".to_owned())
 }
 
 fn some(text: &str) -> Result<usize, String> {
@@ -1327,8 +1332,7 @@ fn step(text: &str) -> Result<usize, String> {
 }
 
 fn seed(text: &str) -> Result<u64, String> {
-    text.parse()
-        .map_err(|_| format!("needed a whole number from 0 to {}", u64::MAX))
+    text.parse().map_err(|_| format!("needed a whole number from 0 to {}", u64::MAX))
 }
 
 fn grid(text: &str) -> Result<[usize; 2], String> {
@@ -1342,7 +1346,9 @@ fn grid(text: &str) -> Result<[usize; 2], String> {
 
 /// Columns and rows of a picture.
 pub fn pixels(text: &str) -> Result<[usize; 2], String> {
-    grid(text).map_err(|_| "needed a size in pixels, columns and rows, each from 1 to 16384, as in 640x480".to_owned())
+    grid(text).map_err(|_| {
+        "needed a size in pixels, columns and rows, each from 1 to 16384, as in 640x480".to_owned()
+    })
 }
 
 fn disparities(text: &str) -> Result<[i32; 2], String> {

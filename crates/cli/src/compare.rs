@@ -40,10 +40,7 @@ fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         inputs: vec![args.model.clone(), args.reference.clone()],
         outputs: args.page.report.iter().cloned().collect(),
         warnings: report.warnings.clone(),
-        body: Body {
-            report,
-            termination: "converged",
-        },
+        body: Body { report, termination: "converged" },
     })
 }
 
@@ -79,17 +76,13 @@ fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
             ("largest |d|", Align::Right),
             ("points", Align::Right),
         ],
-        &[
-            row("model to reference", &report.forward),
-            row("reference to model", &report.backward),
-        ],
+        &[row("model to reference", &report.forward), row("reference to model", &report.backward)],
     );
     lines.gap();
     lines.line(match report.coverage95 {
-        Some(share) => format!(
-            "Within 1.96 σ: {} of the reference's points (95 % where σ is true).",
-            percent(share)
-        ),
+        Some(share) => {
+            format!("Within 1.96 σ: {} of the reference's points (95 % where σ is true).", percent(share))
+        }
         None => "The model states no σ: its coverage cannot be told.".to_owned(),
     });
     let skipped = report.skipped;
@@ -105,15 +98,9 @@ fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
     };
     let causes = [
         (skipped.model_not_observed, of_model),
-        (
-            skipped.model_beyond_border,
-            "points of the model lie beyond a border of the reference",
-        ),
+        (skipped.model_beyond_border, "points of the model lie beyond a border of the reference"),
         (skipped.reference_not_observed, of_reference),
-        (
-            skipped.reference_beyond_border,
-            "points of the reference lie beyond a border of the model",
-        ),
+        (skipped.reference_beyond_border, "points of the reference lie beyond a border of the model"),
     ];
     for (n, cause) in causes.into_iter().filter(|(n, _)| *n > 0) {
         lines.line(format!("Left out: {} {cause}.", count(n)));

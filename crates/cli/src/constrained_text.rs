@@ -30,10 +30,7 @@ pub fn constrained_text(lines: &mut Lines, report: &ConstrainedReport) {
             .iter()
             .map(|r| vec![r.text.clone(), significant(r.chi_square, 3), significant(r.p_value, 2)])
             .collect();
-        lines.table(
-            &[("relation", Align::Left), ("χ²", Align::Right), ("p", Align::Right)],
-            &rows,
-        );
+        lines.table(&[("relation", Align::Left), ("χ²", Align::Right), ("p", Align::Right)], &rows);
     }
     for relation in of("refused").into_iter().take(NAMED) {
         lines.line(format!("Refused: {}, for {}.", relation.text, list(&relation.with)));

@@ -5,11 +5,13 @@ use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice,
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::contour::{
-    CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Method, Motion, PartReport, Relation,
-    SigmaDefaults, contour_files_reported,
+    CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Method, Motion, PartReport,
+    Relation, SigmaDefaults, contour_files_reported,
 };
 use planish::progress::Progress;
-use planish::simulate::{ReadingsOptions, ReadingsSummary, ViewsOptions, write_readings_scene, write_views_scene};
+use planish::simulate::{
+    ReadingsOptions, ReadingsSummary, ViewsOptions, write_readings_scene, write_views_scene,
+};
 use planish::{Error, Result, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -92,24 +94,14 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         unit: Some(args.common.unit.map_or(Unit::Millimetre, Unit::from)),
     };
     let report = contour_files_reported(&job, args.page.output(&args.common).as_ref(), progress)?;
-    let outputs: Vec<_> = args
-        .output
-        .iter()
-        .chain(&args.graphs)
-        .chain(&args.page.report)
-        .cloned()
-        .collect();
+    let outputs: Vec<_> = args.output.iter().chain(&args.graphs).chain(&args.page.report).cloned().collect();
     Ok(Summary {
         text: text(&report, &outputs),
         unit: report.unit,
         inputs: vec![args.readings.clone()],
         outputs,
         warnings: report.warnings.clone(),
-        body: Body {
-            warnings: report.warnings.clone(),
-            termination: "converged",
-            report,
-        },
+        body: Body { warnings: report.warnings.clone(), termination: "converged", report },
     })
 }
 
@@ -150,17 +142,9 @@ fn text(report: &ContourReport, outputs: &[PathBuf]) -> String {
 }
 
 fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &ContourReport) {
-    let level = part
-        .level
-        .map_or_else(String::new, |level| format!(" at level {level}"));
-    let hole = part
-        .hole_of
-        .map_or_else(String::new, |of| format!(", a hole of contour {}", of + 1));
-    let name = if report.contours.len() > 1 {
-        format!("Contour {}: ", index + 1)
-    } else {
-        String::new()
-    };
+    let level = part.level.map_or_else(String::new, |level| format!(" at level {level}"));
+    let hole = part.hole_of.map_or_else(String::new, |of| format!(", a hole of contour {}", of + 1));
+    let name = if report.contours.len() > 1 { format!("Contour {}: ", index + 1) } else { String::new() };
     lines.line(format!(
         "{name}{}{level}{hole}, from {} readings ({} left out beyond the gate).",
         part.kind,
@@ -168,20 +152,13 @@ fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &Contou
         count(part.rejected)
     ));
     if let (Some(margin), Some(other)) = (part.bic_margin, part.alternatives.first()) {
-        lines.line(format!(
-            "Next best: {} (BIC {} more).",
-            other.kind,
-            significant(margin, 3)
-        ));
+        lines.line(format!("Next best: {} (BIC {} more).", other.kind, significant(margin, 3)));
     }
     lines.gap();
     let rows: Vec<Vec<String>> = (part.parameters.iter().chain(&part.sides))
         .map(|(name, value)| vec![name.clone(), significant(value.value, 6), significant(value.sigma, 2)])
         .collect();
-    lines.table(
-        &[("parameter", Align::Left), ("value", Align::Right), ("σ", Align::Right)],
-        &rows,
-    );
+    lines.table(&[("parameter", Align::Left), ("value", Align::Right), ("σ", Align::Right)], &rows);
 }
 
 /// The keys of `simulate scene readings` beside the common ones.
@@ -200,12 +177,7 @@ fn scene_summary(made: ReadingsSummary, unit: Unit, lines: Lines) -> Summary<Sce
         inputs: Vec::new(),
         outputs: made.files,
         warnings: Vec::new(),
-        body: SceneBody {
-            rows: made.rows,
-            columns: made.columns,
-            warnings: [],
-            termination: "converged",
-        },
+        body: SceneBody { rows: made.rows, columns: made.columns, warnings: [], termination: "converged" },
     }
 }
 
@@ -231,17 +203,9 @@ fn scene(args: &ReadingsArgs) -> Result<Summary<SceneBody>> {
     };
     let made = write_readings_scene(&options, &args.out)?;
     let mut lines = Lines::default();
-    lines.line(format!(
-        "Simulated {} readings of a {}.",
-        count(made.rows),
-        options.kind
-    ));
+    lines.line(format!("Simulated {} readings of a {}.", count(made.rows), options.kind));
     lines.gap();
-    lines.line(format!(
-        "Wrote {} files to {}. Next:",
-        made.files.len(),
-        args.out.display()
-    ));
+    lines.line(format!("Wrote {} files to {}. Next:", made.files.len(), args.out.display()));
     let motion = match args.velocity {
         None => "",
         Some([_, _, 0.0]) => " --motion linear",
@@ -270,10 +234,7 @@ fn views(args: &ViewsArgs) -> Result<Summary<SceneBody>> {
     };
     let made = write_views_scene(&options, &args.out)?;
     let mut lines = Lines::default();
-    lines.line(format!(
-        "Simulated {} readings of a prism in three views.",
-        count(made.rows)
-    ));
+    lines.line(format!("Simulated {} readings of a prism in three views.", count(made.rows)));
     lines.gap();
     lines.line(format!(
         "Wrote {} files to {}. Next, for front, top and side:",

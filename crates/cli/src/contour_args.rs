@@ -28,44 +28,50 @@ The .json holds kind, parameters with σ and covariance, the margin by which the
 #[derive(Debug, Args)]
 #[command(after_help = CONTOUR_EXAMPLES)]
 pub struct ContourArgs {
-    /// CSV of readings, or a CARMEN log, either of which may be compressed by gzip; or a picture (.png, .jpg) of the thing
+    /// CSV of readings, or a CARMEN log, either of which may be compressed by gzip; or a picture (.png, .jpg)
+    /// of the thing
     #[arg(value_name = "READINGS", value_hint = ValueHint::FilePath)]
     pub readings: PathBuf,
     /// File to write; may be repeated: .json, .dxf, .svg
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain (lines and arcs, closed or open), regular-polygon-N or
-    /// polygon-N with N corners; in space plane3, sphere, cylinder, box; may be repeated: then the best of these
+    /// auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain (lines and arcs, closed or
+    /// open), regular-polygon-N or polygon-N with N corners; in space plane3, sphere, cylinder, box; may be
+    /// repeated: then the best of these
     #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind)]
     pub kind: Vec<KindChoice>,
-    /// How: all readings at once, then the most likely contour where it is not known from which place on it each is (auto); only all at once (batch); or one after the other, linearised once (ekf), anew in the state (iekf), anew in state and noise (nuiekf)
+    /// How: all readings at once, then the most likely contour where it is not known from which place on it
+    /// each is (auto); only all at once (batch); or one after the other, linearised once (ekf), anew in the
+    /// state (iekf), anew in state and noise (nuiekf)
     #[arg(long, value_enum, default_value_t = ContourFilter::Auto)]
     pub filter: ContourFilter,
     /// Readings farther than this many σ from the contour are left out; 0 keeps all
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = not_negative, allow_negative_numbers = true)]
     pub gate: f64,
-    /// With batch and the filters, readings nearer to a corner of a rectangle or polygon than this many σ do not count: which side they are of is not sure; 0 keeps all
+    /// With batch and the filters, readings nearer to a corner of a rectangle or polygon than this many σ do
+    /// not count: which side they are of is not sure; 0 keeps all
     #[arg(long, value_name = "SIGMAS", default_value_t = 2.0, value_parser = not_negative, allow_negative_numbers = true)]
     pub corner_margin: f64,
     /// Readings farther apart than this belong to different parts [default: from their number and extent]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub gap: Option<f64>,
-    /// The thing moves while it is measured: its velocity is found from column time, with its turning or without
+    /// The thing moves while it is measured: its velocity is found from column time, with its turning or
+    /// without
     #[arg(long, value_enum, default_value_t = ContourMotion::None)]
     pub motion: ContourMotion,
     /// One equation for all sides (their product) instead of one for the side that was hit
     #[arg(long)]
     pub product: bool,
-    /// Find what holds between the parts (parallel, perpendicular, horizontal, equal, tangent, concentric, ...) by χ² tests on the
-    /// estimated covariance, and impose it
+    /// Find what holds between the parts (parallel, perpendicular, horizontal, equal, tangent, concentric,
+    /// ...) by χ² tests on the estimated covariance, and impose it
     #[arg(long, help_heading = "Constraints")]
     pub constrain: bool,
-    /// Put lengths and diameters on multiples of this where the statistics allow it and no other multiple agrees, as `0.5mm`;
-    /// implies --constrain
+    /// Put lengths and diameters on multiples of this where the statistics allow it and no other multiple
+    /// agrees, as `0.5mm`; implies --constrain
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true, help_heading = "Constraints")]
     pub snap: Option<Length>,
-    /// What is known beforehand, such as `P1P2 is 40 long` or `P1P2 parallel to P3P4`, in the words and names of the
-    /// report; may be repeated
+    /// What is known beforehand, such as `P1P2 is 40 long` or `P1P2 parallel to P3P4`, in the words and names
+    /// of the report; may be repeated
     #[arg(long, value_name = "CONSTRAINT", help_heading = "Constraints")]
     pub given: Vec<String>,
     /// The probability with which relations that are true are lost
@@ -124,10 +130,7 @@ pub enum KindChoice {
 }
 
 /// How readings are taken in.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; `--filter` explains them"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; `--filter` explains them")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ContourFilter {
     Auto,
@@ -234,10 +237,8 @@ fn kind(text: &str) -> Result<KindChoice, String> {
 }
 
 fn numbers<const N: usize>(text: &str, example: &str) -> Result<[f64; N], String> {
-    let found: Option<Vec<f64>> = text
-        .split(',')
-        .map(|w| w.trim().parse().ok().filter(|v: &f64| v.is_finite()))
-        .collect();
+    let found: Option<Vec<f64>> =
+        text.split(',').map(|w| w.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     found
         .and_then(|v| <[f64; N]>::try_from(v).ok())
         .ok_or_else(|| format!("needed {N} numbers, as in {example}"))

@@ -43,9 +43,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             shape: args.shape.map(Into::into),
             known_parameters: args.known_uv,
             align: args.align,
-            ground: args
-                .ground
-                .map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
+            ground: args.ground.map(|width| width.map_or(GroundWidth::Usual, GroundWidth::Widest)),
             filter: args.filter.map(Filter::from),
             max_depth: args.max_depth,
             refine_by: args.refine_by.into(),
@@ -115,11 +113,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--motion", args.motion.and_then(|m| value_name(m.to_possible_value())));
     option("--complete", args.complete.map(|_| "smooth".to_owned()));
     option("--symmetry", args.symmetry.as_ref().map(named));
-    option(
-        "--tolerance",
-        args.tolerance
-            .map(|t| format!("{}{}", t.value, t.unit.map_or("", Unit::name))),
-    );
+    option("--tolerance", args.tolerance.map(|t| format!("{}{}", t.value, t.unit.map_or("", Unit::name))));
     option(
         "--max-coefficients",
         (args.max_coefficients != defaults.max_coefficients).then(|| args.max_coefficients.to_string()),
@@ -128,15 +122,13 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
     option("--max-depth", args.max_depth.map(|d| d.to_string()));
     option(
         "--refine-by",
-        value_name(args.refine_by.to_possible_value()).filter(|_| RefineBy::from(args.refine_by) != defaults.refine_by),
+        value_name(args.refine_by.to_possible_value())
+            .filter(|_| RefineBy::from(args.refine_by) != defaults.refine_by),
     );
     option("--gate", differs(args.gate, defaults.gate));
     option("--held-out", differs(args.held_out, defaults.held_out_share));
     option("--unit", args.common.unit.map(|u| Unit::from(u).name().to_owned()));
-    option(
-        "--seed",
-        (args.common.seed != defaults.seed).then(|| args.common.seed.to_string()),
-    );
+    option("--seed", (args.common.seed != defaults.seed).then(|| args.common.seed.to_string()));
     all
 }
 
@@ -160,9 +152,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
     lines.facts([
         (
             "readings of all sessions",
-            args.update
-                .as_ref()
-                .map_or(String::new(), |_| count(done.observations_of_all_sessions)),
+            args.update.as_ref().map_or(String::new(), |_| count(done.observations_of_all_sessions)),
         ),
         (
             "residuals",
@@ -193,10 +183,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
                 length(fit.sigma.max)
             ),
         ),
-        (
-            "measured",
-            format!("{} of the area", percent(fit.observed_area_fraction)),
-        ),
+        ("measured", format!("{} of the area", percent(fit.observed_area_fraction))),
         ("divided", divided(fit)),
         ("ended", ending(fit).to_owned()),
     ]);
@@ -213,7 +200,9 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
     lines.poses(&fit.poses, *unit);
     lines.gap();
     if done.written.is_empty() && done.animation.is_none() && args.page.report.is_none() {
-        lines.line("Nothing was written: add -o part.step, -o part.ply or -o part.planish to keep the result.");
+        lines.line(
+            "Nothing was written: add -o part.step, -o part.ply or -o part.planish to keep the result.",
+        );
     }
     for file in &done.written {
         lines.line(format!("Wrote {}: {}", file.file.display(), contents(file, *unit)));
@@ -245,16 +234,14 @@ fn divided(fit: &FitReport) -> String {
             format!("{number} of level {} ({})", level.level, causes.join(", "))
         })
         .collect();
-    if levels.is_empty() {
-        "nothing".to_owned()
-    } else {
-        levels.join("; ")
-    }
+    if levels.is_empty() { "nothing".to_owned() } else { levels.join("; ") }
 }
 
 fn ending(fit: &FitReport) -> &'static str {
     match fit.termination {
-        FitTermination::Converged if fit.set_aside() * 20 > fit.observations => "converged, but see what was set aside",
+        FitTermination::Converged if fit.set_aside() * 20 > fit.observations => {
+            "converged, but see what was set aside"
+        }
         FitTermination::Converged => "converged: only noise is left",
         FitTermination::ReachedTolerance => "reached the tolerance",
         FitTermination::Limit => "at the limit of coefficients or iterations",
@@ -282,7 +269,8 @@ fn propagation(lines: &mut Lines, fit: &FitReport, unit: Unit) {
         lines.line(symmetry_line(symmetry, unit));
     }
     if let Some(motion) = &found.motion {
-        let pair = |[value, sigma]: [f64; 2]| format!("{} ± {}", significant(value, 5), significant(sigma, 2));
+        let pair =
+            |[value, sigma]: [f64; 2]| format!("{} ± {}", significant(value, 5), significant(sigma, 2));
         lines.line(format!(
             "Motion: turned by {}° a second, its middle moved by {} {unit} a second, over {}.",
             pair(motion.rate_deg_per_s),
@@ -319,11 +307,7 @@ fn bent(lines: &mut Lines, bending: &BendingReport, unit: Unit) {
                 count(state.observations),
                 significant(state.rms, 3),
                 significant(state.sigma, 3),
-                if k == 0 {
-                    "reference".to_owned()
-                } else {
-                    format!("{e}, {f}, {g}")
-                },
+                if k == 0 { "reference".to_owned() } else { format!("{e}, {f}, {g}") },
                 percent(state.carried_area_fraction),
                 if state.isometric { "yes" } else { "no" }.to_owned(),
             ]
@@ -349,13 +333,11 @@ const GAPS_SHOWN: usize = 6;
 fn gap_line(gap: &GapReport, unit: Unit) -> String {
     let area = format!("Gap of {} {unit}²", significant(gap.area, 3));
     let shape = match (gap.kind.as_str(), gap.radius) {
-        ("none", _) => return format!("{area}: what surrounds it is no plane, sphere or cylinder; left to the prior."),
+        ("none", _) => {
+            return format!("{area}: what surrounds it is no plane, sphere or cylinder; left to the prior.");
+        }
         (kind, Some([r, sigma])) => {
-            format!(
-                "a {kind} of radius {} ± {} {unit}",
-                significant(r, 4),
-                significant(sigma, 2)
-            )
+            format!("a {kind} of radius {} ± {} {unit}", significant(r, 4), significant(sigma, 2))
         }
         (kind, None) => format!("a {kind}"),
     };
@@ -401,14 +383,7 @@ fn set_aside(lines: &mut Lines, fit: &FitReport) {
         .into_iter()
         .map(|(cause, n)| vec![cause.replace('_', " "), count(n), percent(n as f64 / all)])
         .collect();
-    lines.table(
-        &[
-            ("set aside", Align::Left),
-            ("readings", Align::Right),
-            ("share", Align::Right),
-        ],
-        &rows,
-    );
+    lines.table(&[("set aside", Align::Left), ("readings", Align::Right), ("share", Align::Right)], &rows);
 }
 
 fn sensors(lines: &mut Lines, fit: &FitReport, unit: Unit) {
@@ -439,10 +414,9 @@ fn sensors(lines: &mut Lines, fit: &FitReport, unit: Unit) {
 /// Poses are of interest where they are not all exact.
 fn contents(file: &WrittenFile, unit: Unit) -> String {
     match file.format {
-        OutputFormat::Step => format!(
-            "the exact surface in {}",
-            counted(file.faces.unwrap_or(0), "B-spline face")
-        ),
+        OutputFormat::Step => {
+            format!("the exact surface in {}", counted(file.faces.unwrap_or(0), "B-spline face"))
+        }
         OutputFormat::Ply | OutputFormat::Obj | OutputFormat::Stl | OutputFormat::Glb => {
             let with = match file.format {
                 OutputFormat::Ply | OutputFormat::Glb => ", with σ",

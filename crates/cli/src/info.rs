@@ -30,10 +30,7 @@ fn work(args: &InfoArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         inputs: found.files.clone(),
         outputs: Vec::new(),
         warnings: found.warnings.clone(),
-        body: Body {
-            info: found,
-            termination: "converged",
-        },
+        body: Body { info: found, termination: "converged" },
     })
 }
 
@@ -46,9 +43,7 @@ impl Lengths {
     }
 
     fn of(&self, value: f64) -> String {
-        format!("{} {}", significant(value, 4), self.name())
-            .trim_end()
-            .to_owned()
+        format!("{} {}", significant(value, 4), self.name()).trim_end().to_owned()
     }
 
     fn bounds(&self, found: &Option<BoxInfo>) -> String {
@@ -103,9 +98,7 @@ fn text(args: &InfoArgs, found: &FileInfo) -> String {
 }
 
 fn unit_or_unknown(lengths: &Lengths) -> String {
-    lengths
-        .0
-        .map_or("not named in the file".to_owned(), |u| u.name().to_owned())
+    lengths.0.map_or("not named in the file".to_owned(), |u| u.name().to_owned())
 }
 
 fn of_scan(lines: &mut Lines, scan: &ScanInfo, lengths: &Lengths) {
@@ -128,20 +121,12 @@ fn of_scan(lines: &mut Lines, scan: &ScanInfo, lengths: &Lengths) {
 fn grid(scan: &ScanInfo) -> String {
     scan.grid.map_or("none".to_owned(), |grid| {
         let cells = (grid.columns * grid.rows).max(1) as f64;
-        format!(
-            "{} × {}, {} filled",
-            grid.columns,
-            grid.rows,
-            percent(grid.filled as f64 / cells)
-        )
+        format!("{} × {}, {} filled", grid.columns, grid.rows, percent(grid.filled as f64 / cells))
     })
 }
 
 fn of_list(lines: &mut Lines, list: &ScanListInfo, lengths: &Lengths) {
-    lines.facts([
-        ("unit", unit_or_unknown(lengths)),
-        ("box", lengths.bounds(&list.bounds)),
-    ]);
+    lines.facts([("unit", unit_or_unknown(lengths)), ("box", lengths.bounds(&list.bounds))]);
     lines.gap();
     let sigma = |value: Option<f64>, of_points: bool| match value {
         _ if of_points => "of each point".to_owned(),
@@ -218,10 +203,7 @@ fn of_mesh(lines: &mut Lines, mesh: &MeshInfo, lengths: &Lengths) {
             ),
         ),
         ("area", format!("{}²", lengths.of(mesh.area))),
-        (
-            "volume",
-            mesh.volume.map_or(String::new(), |v| format!("{}³", lengths.of(v))),
-        ),
+        ("volume", mesh.volume.map_or(String::new(), |v| format!("{}³", lengths.of(v)))),
         (
             "σ",
             mesh.sigma.map_or(String::new(), |s| {
@@ -256,10 +238,7 @@ fn of_model(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
         ),
         ("box", lengths.bounds(&model.bounds)),
         ("area", format!("{}²", lengths.of(model.area))),
-        (
-            "measured",
-            format!("{} of the area", percent(model.observed_area_fraction)),
-        ),
+        ("measured", format!("{} of the area", percent(model.observed_area_fraction))),
         (
             "completed",
             match model.invented_area_fraction {
@@ -279,11 +258,7 @@ fn of_model(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
         ("readings", count(model.observations)),
     ]);
     lines.gap();
-    let rows: Vec<Vec<String>> = model
-        .sensors
-        .iter()
-        .map(|sensor| sensor_cells(sensor).to_vec())
-        .collect();
+    let rows: Vec<Vec<String>> = model.sensors.iter().map(|sensor| sensor_cells(sensor).to_vec()).collect();
     lines.table(
         &[
             ("sensor", Align::Left),

@@ -1,7 +1,8 @@
 //! The `planish` command: parse, call the façade, print.
 //!
-//! Comes in: a command line. Goes out: files, a summary on stdout, warnings and errors on stderr, and an exit code: 0 done, 1 ran but
-//! the data do not determine the answer, 2 wrong use or input, 3 file trouble, 130 interrupted, 101 a bug of ours.
+//! Comes in: a command line. Goes out: files, a summary on stdout, warnings and errors on stderr, and an exit
+//! code: 0 done, 1 ran but the data do not determine the answer, 2 wrong use or input, 3 file trouble, 130
+//! interrupted, 101 a bug of ours.
 
 mod args;
 mod compare;

@@ -1,4 +1,5 @@
-//! `planish completions` and `planish man`: what shells and manuals know of the command line, made from the command line itself.
+//! `planish completions` and `planish man`: what shells and manuals know of the command line, made from the
+//! command line itself.
 
 use crate::args::{Cli, CompletionsArgs, ManArgs};
 use crate::failure;

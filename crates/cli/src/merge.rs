@@ -5,8 +5,8 @@ use crate::numbers::{count, counted, significant};
 use crate::report::{self, Align, Lines, Summary};
 use clap::ValueEnum;
 use planish::merge::{
-    FillReport, MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged, write_merged,
-    write_spline,
+    FillReport, MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged,
+    write_merged, write_spline,
 };
 use planish::next::Length;
 use planish::progress::Progress;
@@ -76,11 +76,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         inputs: report.inputs.clone(),
         outputs: args.output.iter().chain(&args.page.report).cloned().collect(),
         warnings,
-        body: Body {
-            report,
-            spline,
-            termination: "converged",
-        },
+        body: Body { report, spline, termination: "converged" },
     })
 }
 
@@ -93,10 +89,7 @@ fn session(args: &MergeArgs, report: &MergeReport) -> Session {
         inputs: report
             .inputs
             .iter()
-            .map(|input| SessionInput {
-                name: input.display().to_string(),
-                points: 0,
-            })
+            .map(|input| SessionInput { name: input.display().to_string(), points: 0 })
             .collect(),
     }
 }
@@ -139,16 +132,11 @@ fn filled_in_words(filled: &FillReport) -> String {
         count(filled.vertices)
     );
     if filled.left_open > 0 {
-        words += &format!(
-            "; {} left open, with more edges than --fill allows",
-            counted(filled.left_open, "hole")
-        );
+        words +=
+            &format!("; {} left open, with more edges than --fill allows", counted(filled.left_open, "hole"));
     }
     if filled.outer_rims > 0 {
-        words += &format!(
-            "; {} left open, as that of a sheet is",
-            counted(filled.outer_rims, "outer rim")
-        );
+        words += &format!("; {} left open, as that of a sheet is", counted(filled.outer_rims, "outer rim"));
     }
     words + "."
 }
@@ -267,26 +255,15 @@ fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport>) -
         .iter()
         .take(SHOWN)
         .map(|r| {
-            vec![
-                format!("{} and {}", r.patches[0], r.patches[1]),
-                count(r.points),
-                significant(r.rms, 3),
-            ]
+            vec![format!("{} and {}", r.patches[0], r.patches[1]), count(r.points), significant(r.rms, 3)]
         })
         .collect();
     lines.table(
-        &[
-            ("common regions of", Align::Left),
-            ("points", Align::Right),
-            ("rms between them", Align::Right),
-        ],
+        &[("common regions of", Align::Left), ("points", Align::Right), ("rms between them", Align::Right)],
         &rows,
     );
     if report.regions.len() > SHOWN {
-        lines.line(format!(
-            "and {} smaller ones (--json names all)",
-            count(report.regions.len() - SHOWN)
-        ));
+        lines.line(format!("and {} smaller ones (--json names all)", count(report.regions.len() - SHOWN)));
     }
     lines.gap();
     if let Some(spline) = spline {

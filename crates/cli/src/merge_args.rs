@@ -24,10 +24,7 @@ or a ball through the mesh, with the mesh's σ. With \
 `--align` patches are moved first to where they lie on one another, the first as it stands; the covariance of every motion is in the JSON.";
 
 /// How shared places are fused.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; `--method` explains them"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; `--method` explains them")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MethodName {
     Information,
@@ -49,13 +46,17 @@ impl From<MethodName> for MergeMethod {
 #[derive(Debug, Args)]
 #[command(after_help = MERGE_EXAMPLES)]
 pub struct MergeArgs {
-    /// Patches: saved models (.planish), meshes (.ply, .obj, .stl, .off, .glb), CAD faces (.step), scans in rows and columns, lists of scans (.conf, .toml)
+    /// Patches: saved models (.planish), meshes (.ply, .obj, .stl, .off, .glb), CAD faces (.step), scans in
+    /// rows and columns, lists of scans (.conf, .toml)
     #[arg(value_name = "PATCH", required = true, value_hint = ValueHint::FilePath)]
     pub patches: Vec<PathBuf>,
-    /// A file to write; its extension says the format (.ply with σ and `observed`, .glb, .obj, .stl; .step or .planish as one spline); may be repeated
+    /// A file to write; its extension says the format (.ply with σ and `observed`, .glb, .obj, .stl; .step or
+    /// .planish as one spline); may be repeated
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// How shared places are fused: one spline by the information of all patches, one through their points all alike (the paper's), or the mean by information without a spline [default: information where all patches state σ, else refit]
+    /// How shared places are fused: one spline by the information of all patches, one through their points
+    /// all alike (the paper's), or the mean by information without a spline [default: information where all
+    /// patches state σ, else refit]
     #[arg(long, value_name = "METHOD", value_enum)]
     pub method: Option<MethodName>,
     /// ε: places nearer than this may be one, as a length [default: 2.58 σ of their difference, 99 %]
@@ -64,19 +65,24 @@ pub struct MergeArgs {
     /// θ: normals of one place differ by less, in degrees [default: by σ and the length of edges, at most 69]
     #[arg(long, value_name = "DEGREES", value_parser = right_angle, allow_negative_numbers = true)]
     pub theta: Option<f64>,
-    /// Bring patches that stand a little off (a percent of their size, a degree) onto the first before they are merged
+    /// Bring patches that stand a little off (a percent of their size, a degree) onto the first before they
+    /// are merged
     #[arg(long)]
     pub align: bool,
-    /// Fill holes of up to so many edges, smoothly: new vertices are flagged as completed, their σ is a guess. The outer rim of a sheet is no hole
+    /// Fill holes of up to so many edges, smoothly: new vertices are flagged as completed, their σ is a
+    /// guess. The outer rim of a sheet is no hole
     #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = whole, allow_negative_numbers = true)]
     pub fill: usize,
-    /// Tell of every vertex how the surface bends there, and whether it is on the border: columns `mean_curvature`, `gaussian_curvature`, `sigma_mean_curvature`, `border` in .ply and .glb
+    /// Tell of every vertex how the surface bends there, and whether it is on the border: columns
+    /// `mean_curvature`, `gaussian_curvature`, `sigma_mean_curvature`, `border` in .ply and .glb
     #[arg(long)]
     pub curvature: bool,
-    /// A closed surface that the thing lies within, such as the visual hull that `sense contours --hull` writes: it stands where no patch is, flagged as completed
+    /// A closed surface that the thing lies within, such as the visual hull that `sense contours --hull`
+    /// writes: it stands where no patch is, flagged as completed
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub complete: Option<PathBuf>,
-    /// Most that chords leave the surface of a saved model or of CAD faces, as a length [default: half the median σ of a model, a ten thousandth of the size of CAD faces]
+    /// Most that chords leave the surface of a saved model or of CAD faces, as a length [default: half the
+    /// median σ of a model, a ten thousandth of the size of CAD faces]
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
     pub mesh_tolerance: Option<Length>,
     /// The report.

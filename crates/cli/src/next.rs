@@ -5,8 +5,8 @@ use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::Result;
 use planish::next::{
-    Change, NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective, UnmeasurableSigma,
-    next_files_reported, next_view_files,
+    Change, NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective,
+    UnmeasurableSigma, next_files_reported, next_view_files,
 };
 use planish::progress::Progress;
 use serde::Serialize;
@@ -24,9 +24,9 @@ struct Body<R: Serialize> {
 /// Runs the command; returns the exit code.
 pub fn run(args: &NextArgs) -> u8 {
     match (args.views, &args.sensor) {
-        (Some(views), Some(sensor)) => report::run("next", &args.common, |progress| {
-            choose_views(args, views, sensor, progress)
-        }),
+        (Some(views), Some(sensor)) => {
+            report::run("next", &args.common, |progress| choose_views(args, views, sensor, progress))
+        }
         _ => report::run("next", &args.common, |progress| choose_points(args, progress)),
     }
 }
@@ -85,11 +85,7 @@ fn choose_points(args: &NextArgs, progress: &dyn Progress) -> Result<Summary<Bod
         ));
     }
     warnings.extend(told_of_shape(report.next.shape_left, report.unit));
-    let body = Body {
-        termination: termination(report.next.reached_goal),
-        warnings,
-        report,
-    };
+    let body = Body { termination: termination(report.next.reached_goal), warnings, report };
     let (text, unit) = (text(&body.report), body.report.unit);
     Ok(summary(args, vec![args.model.clone()], text, unit, body))
 }
@@ -118,25 +114,12 @@ fn choose_views(
         ));
     }
     if found < views && report.next.reached_goal != Some(true) {
-        warnings.push(format!(
-            "{} of {views}: no further view would lower σ",
-            counted(found, "view")
-        ));
+        warnings.push(format!("{} of {views}: no further view would lower σ", counted(found, "view")));
     }
     warnings.extend(told_of_shape(report.next.shape_left, report.unit));
-    let body = Body {
-        termination: termination(report.next.reached_goal),
-        warnings,
-        report,
-    };
+    let body = Body { termination: termination(report.next.reached_goal), warnings, report };
     let (text, unit) = (text_of_views(&body.report), body.report.unit);
-    Ok(summary(
-        args,
-        vec![args.model.clone(), sensor.to_owned()],
-        text,
-        unit,
-        body,
-    ))
+    Ok(summary(args, vec![args.model.clone(), sensor.to_owned()], text, unit, body))
 }
 
 fn changes(lines: &mut Lines, worst: Change, mean: Change) {

@@ -32,7 +32,8 @@ pub struct OccludingArgs {
     /// Write points with covariance and normals (.ply); may be repeated
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// Write a patch of each strip, numbered before the extension (.ply with σ and `observed`, .planish, .step, .glb, .obj, .stl); may be repeated
+    /// Write a patch of each strip, numbered before the extension (.ply with σ and `observed`, .planish,
+    /// .step, .glb, .obj, .stl); may be repeated
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub patch: Vec<PathBuf>,
     /// Write the visual hull of the masks (.ply, .glb, .obj, .stl)
@@ -92,10 +93,7 @@ fn work(args: &OccludingArgs, progress: &dyn Progress) -> Result<Summary<Body>> 
         inputs: done.inputs.clone(),
         outputs: done.written.iter().cloned().chain(patches).collect(),
         warnings: done.warnings.clone(),
-        body: Body {
-            report: done,
-            termination: "converged",
-        },
+        body: Body { report: done, termination: "converged" },
     })
 }
 
@@ -119,10 +117,7 @@ fn text(done: &OccludingReport) -> String {
         ("views", pairs.unwrap_or_default()),
         ("contours", format!("reduced χ² {:.3} about their parabolas", done.chi2)),
         ("σ of depths", report::sigma_quantiles(done.sigma_depth, unit)),
-        (
-            "of which circles leave out",
-            report::sigma_quantiles(done.sigma_circle, unit),
-        ),
+        ("of which circles leave out", report::sigma_quantiles(done.sigma_circle, unit)),
         ("σ along normals", report::sigma_quantiles(done.sigma, unit)),
         ("σ of normals", report::sigma_quantiles(done.sigma_n_deg, "°")),
         (
@@ -182,11 +177,7 @@ fn text(done: &OccludingReport) -> String {
         );
     }
     lines.gap();
-    for file in done
-        .written
-        .iter()
-        .chain(done.patches.iter().flat_map(|p| p.files.iter().map(|w| &w.file)))
-    {
+    for file in done.written.iter().chain(done.patches.iter().flat_map(|p| p.files.iter().map(|w| &w.file))) {
         lines.line(format!("Wrote {}.", file.display()));
     }
     lines.into_text()
@@ -201,10 +192,7 @@ The folder then holds motion-1.toml and motion-2.toml with a mask and measured c
 Each motion sees the thing's left and right side: four patches, which overlap all around.";
 
 /// What is seen.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are the shapes"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; the names are the shapes")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ContoursShapeName {
     Hyperboloid,
@@ -265,11 +253,7 @@ fn scene(args: &ContoursSceneArgs) -> Result<Summary<SceneBody>> {
         count(made.places)
     ));
     lines.gap();
-    lines.line(format!(
-        "Wrote {} files to {}. Next:",
-        count(made.files.len()),
-        args.out.display()
-    ));
+    lines.line(format!("Wrote {} files to {}. Next:", count(made.files.len()), args.out.display()));
     let at = |name: &str| args.out.join(name).display().to_string();
     for motion in 1..=made.views.len() {
         lines.line(format!(
@@ -279,9 +263,7 @@ fn scene(args: &ContoursSceneArgs) -> Result<Summary<SceneBody>> {
             at(&format!("patch-{motion}.ply"))
         ));
     }
-    let patches: Vec<String> = ["1.1", "1.2", "2.1", "2.2"]
-        .map(|k| at(&format!("patch-{k}.ply")))
-        .to_vec();
+    let patches: Vec<String> = ["1.1", "1.2", "2.1", "2.2"].map(|k| at(&format!("patch-{k}.ply"))).to_vec();
     lines.line(format!("  planish merge {} -o {}", patches.join(" "), at("whole.ply")));
     lines.line(format!("  planish compare {} {}", at("whole.ply"), at("truth.ply")));
     Ok(Summary {

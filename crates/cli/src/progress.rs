@@ -1,7 +1,8 @@
 //! How far the work is, for people who wait and for programs; and Ctrl-C for those who do not.
 //!
-//! Comes in: stages, shares, counts and residuals of a job. Goes out, on stderr: one bar that all jobs share, where that is a terminal; or, with `--progress json`,
-//! an object a line. Into pipes and files nothing is written unless it was asked for.
+//! Comes in: stages, shares, counts and residuals of a job. Goes out, on stderr: one bar that all jobs share,
+//! where that is a terminal; or, with `--progress json`, an object a line. Into pipes and files nothing is
+//! written unless it was asked for.
 
 use crate::numbers::significant;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -29,10 +30,11 @@ static WRITING: AtomicBool = AtomicBool::new(false);
 /// Set while a result is shown: there is no step to wait for.
 static SHOWING: AtomicBool = AtomicBool::new(false);
 
-/// Turns Ctrl-C into a request that the work looks at between its steps, so that no file is left half-written. Who presses it again
-/// does not wait for the step.
+/// Turns Ctrl-C into a request that the work looks at between its steps, so that no file is left
+/// half-written. Who presses it again does not wait for the step.
 fn listen_for_ctrl_c() {
-    // A second handler in one process, or a system without signals, leaves the default: the process ends at once.
+    // A second handler in one process, or a system without signals, leaves the default: the process ends at
+    // once.
     let _ = ctrlc::set_handler(|| {
         if !INTERRUPTED.swap(true, Ordering::Relaxed) {
             if !SHOWING.load(Ordering::Relaxed) {
@@ -132,7 +134,8 @@ impl Event<'_> {
     fn print(&self) {
         if let Ok(mut line) = serde_json::to_string(self) {
             line.push('\n');
-            // Where stderr is closed nobody wants to know. One write a line: lines of several processes do not mix.
+            // Where stderr is closed nobody wants to know. One write a line: lines of several processes do
+            // not mix.
             let _ = std::io::stderr().lock().write_all(line.as_bytes());
         }
     }
@@ -276,15 +279,8 @@ mod tests {
         assert_eq!(state.text(at), "streaming · 200 readings/s · 1:30 min left · rms 0.157");
         assert_eq!(state.seconds_left(at), Some(90.0));
         // What is not known is not said.
-        let first = State {
-            stage: "reading".to_owned(),
-            share: 0.01,
-            ..State::default()
-        };
+        let first = State { stage: "reading".to_owned(), share: 0.01, ..State::default() };
         assert_eq!(first.text(at), "reading");
-        assert_eq!(
-            [clock(59.4), clock(60.0), clock(7260.0)],
-            ["59 s", "1:00 min", "2:01 h"]
-        );
+        assert_eq!([clock(59.4), clock(60.0), clock(7260.0)], ["59 s", "1:00 min", "2:01 h"]);
     }
 }

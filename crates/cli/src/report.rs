@@ -110,10 +110,7 @@ fn said<B: Serialize>(
             let body = FailedBody {
                 warnings: [],
                 termination: (e.kind() == ErrorKind::Undetermined).then_some("undetermined"),
-                error: FailedError {
-                    kind: kind_name(e.kind()),
-                    message: e.to_string(),
-                },
+                error: FailedError { kind: kind_name(e.kind()), message: e.to_string() },
             };
             let printed = match common.json {
                 true => {
@@ -137,19 +134,18 @@ fn said<B: Serialize>(
     }
 }
 
-/// Prints the help or version that was asked for, or what is wrong with a command line; returns the exit code.
+/// Prints the help or version that was asked for, or what is wrong with a command line; returns the exit
+/// code.
 ///
-/// Programs that ask for `--json` are told in JSON, as of every other failure, and those that ask for `--progress json` hear of the end.
+/// Programs that ask for `--json` are told in JSON, as of every other failure, and those that ask for
+/// `--progress json` hear of the end.
 pub fn not_understood(error: &clap::Error) -> u8 {
     // Nothing can be done where stderr itself is closed.
     let _ = error.print();
     let wrong = error.use_stderr();
     if wrong && std::env::args_os().any(|word| word == "--json") {
         let rendered = error.render().to_string();
-        let paragraph = rendered
-            .lines()
-            .take_while(|line| !line.trim().is_empty())
-            .map(str::trim);
+        let paragraph = rendered.lines().take_while(|line| !line.trim().is_empty()).map(str::trim);
         let message = paragraph.collect::<Vec<_>>().join(" ");
         let object = Json {
             command: &command_named(),
@@ -229,13 +225,10 @@ pub fn sigma_quantiles(sigma: Option<SigmaSummary>, unit: &str) -> String {
     })
 }
 
-/// A sensor's name, readings, σ stated and estimated, and which of the two was used: the cells that tables of sensors share.
+/// A sensor's name, readings, σ stated and estimated, and which of the two was used: the cells that tables of
+/// sensors share.
 pub fn sensor_cells(sensor: &SensorReport) -> [String; 5] {
-    let used = if sensor.sigma_used_is_estimated {
-        "estimated"
-    } else {
-        "stated"
-    };
+    let used = if sensor.sigma_used_is_estimated { "estimated" } else { "stated" };
     let name = match sensor.quantity.as_str() {
         "normal" => format!("{} (normals, °)", sensor.name),
         "curvature" => format!("{} (curvatures)", sensor.name),
@@ -261,16 +254,14 @@ fn kind_name(kind: ErrorKind) -> &'static str {
 }
 
 fn set_threads(common: &CommonArgs) -> Result<()> {
-    // The work runs on a thread of the pool: handing every small task over to others would cost more than some tasks.
+    // The work runs on a thread of the pool: handing every small task over to others would cost more than
+    // some tasks.
     let pool = rayon::ThreadPoolBuilder::new().use_current_thread();
     match common.threads {
-        None => pool
-            .build_global()
-            .map_err(|e| Error::input("threads could not be started").with_source(e)),
-        Some(threads) => pool
-            .num_threads(threads)
-            .build_global()
-            .map_err(|e| Error::input(format!("{threads} threads could not be started: ask for fewer")).with_source(e)),
+        None => pool.build_global().map_err(|e| Error::input("threads could not be started").with_source(e)),
+        Some(threads) => pool.num_threads(threads).build_global().map_err(|e| {
+            Error::input(format!("{threads} threads could not be started: ask for fewer")).with_source(e)
+        }),
     }
 }
 

@@ -29,12 +29,13 @@ pub fn run(args: &SenseArgs) -> u8 {
     report::run(name, common, |progress| work(kind?, output, common, progress))
 }
 
-fn work(kind: SenseKind, output: &[PathBuf], common: &CommonArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
-    let job = SenseJob {
-        kind,
-        outputs: output.to_vec(),
-        unit: common.unit.map(Unit::from),
-    };
+fn work(
+    kind: SenseKind,
+    output: &[PathBuf],
+    common: &CommonArgs,
+    progress: &dyn Progress,
+) -> Result<Summary<Body>> {
+    let job = SenseJob { kind, outputs: output.to_vec(), unit: common.unit.map(Unit::from) };
     let done = sense(&job, progress)?;
     Ok(Summary {
         text: text(&done),
@@ -42,18 +43,15 @@ fn work(kind: SenseKind, output: &[PathBuf], common: &CommonArgs, progress: &dyn
         inputs: done.inputs.clone(),
         outputs: done.written.iter().map(|w| w.file.clone()).collect(),
         warnings: done.warnings.clone(),
-        body: Body {
-            report: done,
-            termination: "converged",
-        },
+        body: Body { report: done, termination: "converged" },
     })
 }
 
 fn stereo(args: &StereoArgs) -> Result<SenseKind> {
     let [first, last] = args.disparities;
     let disparities = usize::try_from(i64::from(last) - i64::from(first) + 1);
-    let disparities =
-        disparities.map_err(|_| Error::input(format!("needed disparities from low to high, found {first}..{last}")))?;
+    let disparities = disparities
+        .map_err(|_| Error::input(format!("needed disparities from low to high, found {first}..{last}")))?;
     Ok(SenseKind::Stereo {
         left: args.left.clone(),
         right: args.right.clone(),
@@ -67,10 +65,7 @@ fn stereo(args: &StereoArgs) -> Result<SenseKind> {
             left_right: args.left_right,
             speckle: args.speckle,
         },
-        points: StereoPoints {
-            step: args.step,
-            max_sigma_px: args.max_sigma.unwrap_or(f64::INFINITY),
-        },
+        points: StereoPoints { step: args.step, max_sigma_px: args.max_sigma.unwrap_or(f64::INFINITY) },
     })
 }
 
@@ -90,10 +85,7 @@ fn photometric(args: &PhotometricArgs) -> Result<SenseKind> {
             mask: args.mask.clone(),
             calibration: calibration.clone(),
         }),
-        (None, Some(sigma_deg), [image]) => Ok(SenseKind::NormalMap {
-            image: image.clone(),
-            sigma_deg,
-        }),
+        (None, Some(sigma_deg), [image]) => Ok(SenseKind::NormalMap { image: image.clone(), sigma_deg }),
         (None, Some(_), images) => Err(Error::input(format!(
             "needed one picture of normals with --normal-map, found {}",
             images.len()
@@ -105,10 +97,7 @@ fn photometric(args: &PhotometricArgs) -> Result<SenseKind> {
 }
 
 fn depth(args: &DepthArgs) -> SenseKind {
-    SenseKind::Depth {
-        image: args.image.clone(),
-        calibration: args.calib.clone(),
-    }
+    SenseKind::Depth { image: args.image.clone(), calibration: args.calib.clone() }
 }
 
 fn text(done: &SenseReport) -> String {
@@ -124,29 +113,19 @@ fn text(done: &SenseReport) -> String {
     lines.gap();
     let unit = done.unit.map_or("", Unit::name);
     let per_unit = done.unit.map_or(String::new(), |unit| format!("1/{unit}"));
-    let rejected: Vec<String> = done
-        .rejected
-        .iter()
-        .map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-")))
-        .collect();
+    let rejected: Vec<String> =
+        done.rejected.iter().map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-"))).collect();
     lines.facts([
         ("left out", rejected.join(", ")),
         (
-            if done.kind == "grid" {
-                "σ of crossings"
-            } else {
-                "σ of disparity"
-            },
+            if done.kind == "grid" { "σ of crossings" } else { "σ of disparity" },
             report::sigma_quantiles(done.sigma_px, "px"),
         ),
         ("σ along rays", report::sigma_quantiles(done.sigma, unit)),
         ("σ of normals", report::sigma_quantiles(done.sigma_n_deg, "°")),
         ("σ of curvatures", report::sigma_quantiles(done.sigma_k, &per_unit)),
         ("light from everywhere", done.ambient.map_or(String::new(), percent)),
-        (
-            "σ of brightness",
-            done.sigma_brightness.map_or(String::new(), |s| significant(s, 3)),
-        ),
+        ("σ of brightness", done.sigma_brightness.map_or(String::new(), |s| significant(s, 3))),
     ]);
     for file in &done.written {
         let held = match file.points {

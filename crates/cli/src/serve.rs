@@ -1,7 +1,8 @@
 //! A page for the browsers of this computer, until somebody presses Ctrl-C.
 //!
-//! Comes in: a page of HTML. Goes out: answers to `GET /` (HTTP/1.1, RFC 9112) on a port of the loopback address, which no other computer reaches. Requests
-//! that name another host are refused, so that no page from elsewhere reads this one under a name of its own.
+//! Comes in: a page of HTML. Goes out: answers to `GET /` (HTTP/1.1, RFC 9112) on a port of the loopback
+//! address, which no other computer reaches. Requests that name another host are refused, so that no page
+//! from elsewhere reads this one under a name of its own.
 
 use planish::{Error, Result};
 use std::io::{ErrorKind, Read, Write};
@@ -58,7 +59,9 @@ impl Server {
         while !stop() {
             match self.listener.accept() {
                 // A browser that goes away in the middle harms only itself.
-                Ok((stream, _)) => asked += usize::from(answer(stream, page, self.address.port()).unwrap_or(false)),
+                Ok((stream, _)) => {
+                    asked += usize::from(answer(stream, page, self.address.port()).unwrap_or(false))
+                }
                 Err(e) if e.kind() == ErrorKind::WouldBlock => std::thread::sleep(PAUSE),
                 Err(e) if e.kind() == ErrorKind::Interrupted || e.kind() == ErrorKind::ConnectionAborted => {}
                 Err(e) => return Err(Error::io("the page can no longer be served").with_source(e)),

@@ -30,10 +30,7 @@ pub enum ShellCommand {
 }
 
 /// A kind of metaballs on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are the kinds"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; the names are the kinds")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum MetaballName {
     Triangular,

@@ -40,16 +40,19 @@ pub struct ShellFitArgs {
     /// Cameras with the masks that it is to fill: views.toml, see below
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub silhouettes: Option<PathBuf>,
-    /// A folder with one for each frame of something that moves, in the order of their names, each with views.toml, points.* or both; meshes are written as NAME.FRAME.ply
+    /// A folder with one for each frame of something that moves, in the order of their names, each with
+    /// views.toml, points.* or both; meshes are written as NAME.FRAME.ply
     #[arg(long, value_name = "DIR", value_hint = ValueHint::DirPath, conflicts_with_all = ["points", "silhouettes"])]
     pub sequence: Option<PathBuf>,
     /// Mesh to write; may be repeated: .ply, .glb, .obj, .stl
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
-    /// What moves the mesh: natural neighbours of controls, a lattice around it, every vertex (of 600 at most), or the modes of a family
+    /// What moves the mesh: natural neighbours of controls, a lattice around it, every vertex (of 600 at
+    /// most), or the modes of a family
     #[arg(long, value_enum, default_value_t = DeformationName::Dirichlet)]
     pub deformation: DeformationName,
-    /// How many controls, chosen on the mesh, denser where it bends; of a lattice its points in all, as the nearest cube of a whole number (8 at least), of modes the most
+    /// How many controls, chosen on the mesh, denser where it bends; of a lattice its points in all, as the
+    /// nearest cube of a whole number (8 at least), of modes the most
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=MOST_CONTROLS))]
     pub controls: u64,
     /// Control points instead, on the mesh or off it, as a file of points
@@ -58,7 +61,8 @@ pub struct ShellFitArgs {
     /// A member of the family whose modes move the mesh, with the same vertices (repeatable; two at least)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, required_if_eq("deformation", "modes"))]
     pub family: Vec<PathBuf>,
-    /// A part that stays rigid: a group, object or material of the OBJ, or a file of vertex indices (repeatable)
+    /// A part that stays rigid: a group, object or material of the OBJ, or a file of vertex indices
+    /// (repeatable)
     #[arg(long, value_name = "PART")]
     pub rigid: Vec<String>,
     /// Over which length rigid parts fade into the rest [default: a tenth of the mesh's size]
@@ -73,7 +77,8 @@ pub struct ShellFitArgs {
     /// Take every stated σ for true, instead of finding one factor for points and one for outlines
     #[arg(long)]
     pub believe_sigma: bool,
-    /// Take the mesh for a rough start, such as an ellipsoid: before the fit it flows out where masks are not covered, is cut where they show nothing, and is meshed anew. It has to be closed; its texture is lost
+    /// Take the mesh for a rough start, such as an ellipsoid: before the fit it flows out where masks are not
+    /// covered, is cut where they show nothing, and is meshed anew. It has to be closed; its texture is lost
     #[arg(long, requires = "silhouettes", conflicts_with_all = ["rigid", "controls_file", "family"])]
     pub rough_start: bool,
     /// The report.
@@ -85,10 +90,7 @@ pub struct ShellFitArgs {
 }
 
 /// A deformation on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are the deformations"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; the names are the deformations")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DeformationName {
     Dirichlet,
@@ -193,11 +195,7 @@ fn fit_text(report: &ShellFitReport) -> String {
                     view.clone(),
                     significant(report.iou_before[view], 3),
                     significant(*iou, 3),
-                    if report.held_out.contains(view) {
-                        "held out".to_owned()
-                    } else {
-                        String::new()
-                    },
+                    if report.held_out.contains(view) { "held out".to_owned() } else { String::new() },
                 ]
             })
             .collect();
@@ -276,10 +274,7 @@ fn fit_text(report: &ShellFitReport) -> String {
                 significant(report.sigma.max, 3)
             ),
         ),
-        (
-            "measured",
-            format!("{:.1} % of the vertices", 100.0 * report.observed_fraction),
-        ),
+        ("measured", format!("{:.1} % of the vertices", 100.0 * report.observed_fraction)),
     ]);
     lines.into_text()
 }

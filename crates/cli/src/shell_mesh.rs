@@ -42,7 +42,8 @@ pub struct ShellMeshArgs {
     /// Thickness d0 of triangular metaballs, in the mesh's unit [default: 1/100 of the mesh's size]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub thickness: Option<f64>,
-    /// Length 1/k over which the field dies away: what is nearer to each other blends [default: 1/500 of the mesh's size]
+    /// Length 1/k over which the field dies away: what is nearer to each other blends [default: 1/500 of the
+    /// mesh's size]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     pub softness: Option<f64>,
     /// The field's value T at the shell
@@ -57,10 +58,7 @@ pub struct ShellMeshArgs {
 }
 
 /// A surface on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are the surfaces"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; the names are the surfaces")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SurfaceName {
     Shell,

@@ -44,7 +44,8 @@ pub struct ShellPoseArgs {
     /// Poses and keyframes: poses.toml, see below
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub poses: PathBuf,
-    /// A part that stays rigid: a group, object or material of the OBJ, or a file of vertex indices (repeatable)
+    /// A part that stays rigid: a group, object or material of the OBJ, or a file of vertex indices
+    /// (repeatable)
     #[arg(long, value_name = "PART")]
     pub rigid: Vec<String>,
     /// File to write; may be repeated: .glb with all poses, .obj, .ply, .stl or .off with the first
@@ -90,18 +91,9 @@ fn text(report: &ShellPoseReport) -> String {
     let rows: Vec<Vec<String>> = (report.poses.iter())
         .map(|pose| vec![pose.name.clone(), count(pose.moved), significant(pose.farthest, 3)])
         .collect();
-    let farthest = report.unit.map_or_else(
-        || "farthest vertex".to_owned(),
-        |unit| format!("farthest vertex / {unit}"),
-    );
-    lines.table(
-        &[
-            ("pose", Align::Left),
-            ("controls moved", Align::Right),
-            (&farthest, Align::Right),
-        ],
-        &rows,
-    );
+    let farthest =
+        report.unit.map_or_else(|| "farthest vertex".to_owned(), |unit| format!("farthest vertex / {unit}"));
+    lines.table(&[("pose", Align::Left), ("controls moved", Align::Right), (&farthest, Align::Right)], &rows);
     for part in &report.rigid {
         lines.line(format!(
             "{} stays rigid: {} vertices{}.",

@@ -6,7 +6,9 @@ use crate::report::{self, Align, Lines, Summary};
 use clap::{Args, ValueEnum, ValueHint};
 use planish::Result;
 use planish::progress::Progress;
-use planish::shell::texture::{ColourPlace, LARGEST_TEXTURE, ShellTextureJob, ShellTextureReport, shell_texture_files};
+use planish::shell::texture::{
+    ColourPlace, LARGEST_TEXTURE, ShellTextureJob, ShellTextureReport, shell_texture_files,
+};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -30,7 +32,8 @@ pub struct ShellTextureArgs {
     /// Cameras and their pictures: views.toml, see below
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub views: PathBuf,
-    /// Where colours go; auto is a texture for .obj and for meshes with texture coordinates, else the vertices
+    /// Where colours go; auto is a texture for .obj and for meshes with texture coordinates, else the
+    /// vertices
     #[arg(long, value_enum, default_value_t = ColourName::Auto)]
     pub colours: ColourName,
     /// Pixels along a side of the texture [default: as fine as the pictures, at most 4096]
@@ -45,10 +48,7 @@ pub struct ShellTextureArgs {
 }
 
 /// Where colours go, on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; the names are the places"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; the names are the places")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ColourName {
     Auto,
@@ -97,11 +97,7 @@ fn text(report: &ShellTextureReport) -> String {
         lines.line(format!(
             "Painted a texture of {0} × {0} pixels{1}: {2} lie on the mesh, {3} of them are filled.",
             texture.size,
-            if texture.atlas {
-                " on an atlas of the triangles"
-            } else {
-                ""
-            },
+            if texture.atlas { " on an atlas of the triangles" } else { "" },
             count(texture.texels),
             count(texture.texels - texture.seen)
         ));

@@ -8,8 +8,9 @@ use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::simulate::{
     BendingOptions, PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, SPHERE_COLUMNS,
-    ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, TurningOptions, VesselOptions,
-    write_bending_scene, write_picture_scene, write_scans_scene, write_sphere, write_turning_scene, write_vessel_scene,
+    ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, TurningOptions,
+    VesselOptions, write_bending_scene, write_picture_scene, write_scans_scene, write_sphere,
+    write_turning_scene, write_vessel_scene,
 };
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -29,19 +30,21 @@ struct Body {
 pub fn run(args: &SimulateArgs) -> u8 {
     match &args.what {
         Simulated::Scene(scene) => match &scene.scene {
-            Scene::Scans(args) => report::run("simulate scene scans", &args.common, |progress| scans(args, progress)),
+            Scene::Scans(args) => {
+                report::run("simulate scene scans", &args.common, |progress| scans(args, progress))
+            }
             Scene::Stereo(args) => report::run("simulate scene stereo", &args.common, |progress| {
                 pictures(PictureScene::Stereo, args, progress)
             }),
             Scene::Grid(args) => report::run("simulate scene grid", &args.common, |progress| {
                 pictures(PictureScene::Grid, args, progress)
             }),
-            Scene::Turning(args) => report::run("simulate scene turning", &args.common, |progress| {
-                turning(args, progress)
-            }),
-            Scene::Bending(args) => report::run("simulate scene bending", &args.common, |progress| {
-                bending(args, progress)
-            }),
+            Scene::Turning(args) => {
+                report::run("simulate scene turning", &args.common, |progress| turning(args, progress))
+            }
+            Scene::Bending(args) => {
+                report::run("simulate scene bending", &args.common, |progress| bending(args, progress))
+            }
             Scene::Readings(args) => crate::contour::run_scene(args),
             Scene::Views(args) => crate::contour::run_views(args),
             Scene::Contours(args) => crate::occluding::run_scene(args),
@@ -50,7 +53,9 @@ pub fn run(args: &SimulateArgs) -> u8 {
                 report::run("simulate scene vessel", &args.common, |progress| vessel(args, progress))
             }
         },
-        Simulated::Sphere(args) => report::run("simulate sphere", &args.common, |progress| sphere(args, progress)),
+        Simulated::Sphere(args) => {
+            report::run("simulate sphere", &args.common, |progress| sphere(args, progress))
+        }
     }
 }
 
@@ -62,7 +67,11 @@ struct PictureBody {
     termination: &'static str,
 }
 
-fn pictures(scene: PictureScene, args: &PictureArgs, progress: &dyn Progress) -> Result<Summary<PictureBody>> {
+fn pictures(
+    scene: PictureScene,
+    args: &PictureArgs,
+    progress: &dyn Progress,
+) -> Result<Summary<PictureBody>> {
     let options = PictureSceneOptions {
         mesh: args.mesh.clone(),
         subdivide: args.subdivide,
@@ -83,11 +92,7 @@ fn pictures(scene: PictureScene, args: &PictureArgs, progress: &dyn Progress) ->
         inputs: args.mesh.iter().cloned().collect(),
         outputs: made.files.clone(),
         warnings: Vec::new(),
-        body: PictureBody {
-            truth: made.truth,
-            warnings: [],
-            termination: "converged",
-        },
+        body: PictureBody { truth: made.truth, warnings: [], termination: "converged" },
     })
 }
 
@@ -103,11 +108,7 @@ fn picture_text(scene: PictureScene, args: &PictureArgs, made: &PictureSceneSumm
         count(truth.poses.len())
     ));
     lines.gap();
-    lines.line(format!(
-        "Wrote {} files to {}. Next, for each view:",
-        made.files.len(),
-        args.out.display()
-    ));
+    lines.line(format!("Wrote {} files to {}. Next, for each view:", made.files.len(), args.out.display()));
     let at = |name: &str| args.out.join(name).display().to_string();
     let [first, second] = scene.pictures(1).map(|name| at(&name));
     let between = if scene == PictureScene::Grid { " --plain " } else { " " };
@@ -147,11 +148,7 @@ fn sphere(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<SphereBo
     let options = SphereOptions {
         seed: args.common.seed,
         sets: args.sets,
-        readings: if args.readings.is_empty() {
-            usual.readings.clone()
-        } else {
-            args.readings.clone()
-        },
+        readings: if args.readings.is_empty() { usual.readings.clone() } else { args.readings.clone() },
         depth: args.depth,
         orientation_deg: args.orientation_deg,
         noise_divides: args.noise_divides,
@@ -168,18 +165,9 @@ fn sphere(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<SphereBo
         text: sphere_text(args, &options, &rows),
         unit: None,
         inputs: Vec::new(),
-        outputs: (args.out.iter())
-            .chain(&args.animate)
-            .chain(&args.page.report)
-            .cloned()
-            .collect(),
+        outputs: (args.out.iter()).chain(&args.animate).chain(&args.page.report).cloned().collect(),
         warnings: Vec::new(),
-        body: SphereBody {
-            rows,
-            columns: SPHERE_COLUMNS,
-            warnings: [],
-            termination: "converged",
-        },
+        body: SphereBody { rows, columns: SPHERE_COLUMNS, warnings: [], termination: "converged" },
     })
 }
 
@@ -197,8 +185,7 @@ fn sphere_text(args: &SphereArgs, options: &SphereOptions, rows: &[SphereRow]) -
             vec![
                 count(row.readings),
                 significant(row.noise_percent, 2),
-                row.orientation_deg
-                    .map_or_else(|| "–".to_owned(), |x| significant(x, 2)),
+                row.orientation_deg.map_or_else(|| "–".to_owned(), |x| significant(x, 2)),
                 significant(row.leaf_patches, 3),
                 significant(row.patch_percent, 3),
                 significant(row.global_percent, 3),
@@ -219,12 +206,8 @@ fn sphere_text(args: &SphereArgs, options: &SphereOptions, rows: &[SphereRow]) -
         &table,
     );
     lines.gap();
-    let names: Vec<String> = args
-        .out
-        .iter()
-        .chain(&args.animate)
-        .map(|path| path.display().to_string())
-        .collect();
+    let names: Vec<String> =
+        args.out.iter().chain(&args.animate).map(|path| path.display().to_string()).collect();
     lines.line(format!("Wrote {}.", names.join(", ")));
     lines.into_text()
 }
@@ -307,24 +290,13 @@ fn summary(out: &Path, made: ScanSceneSummary, unit: Unit, how: [&str; 2]) -> Su
 
 fn text(out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 2]) -> String {
     let mut lines = Lines::default();
-    lines.line(format!(
-        "Simulated {} readings of a {}.",
-        count(made.rows),
-        made.truth.shape
-    ));
+    lines.line(format!("Simulated {} readings of a {}.", count(made.rows), made.truth.shape));
     lines.gap();
     let rows: Vec<Vec<String>> = made
         .truth
         .scans
         .iter()
-        .map(|scan| {
-            vec![
-                scan.file.clone(),
-                scan.sensor.clone(),
-                count(scan.readings),
-                count(scan.outliers),
-            ]
-        })
+        .map(|scan| vec![scan.file.clone(), scan.sensor.clone(), count(scan.readings), count(scan.outliers)])
         .collect();
     lines.table(
         &[
@@ -362,9 +334,6 @@ fn text(out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 
     let job = out.join("job.toml");
     lines.line(format!("Wrote {} files to {}. Next:", made.files.len(), out.display()));
     lines.line(format!("  planish fit {}{fit} -o part.planish", job.display()));
-    lines.line(format!(
-        "  planish compare part.planish {}{compare}",
-        out.join("truth.ply").display()
-    ));
+    lines.line(format!("  planish compare part.planish {}{compare}", out.join("truth.ply").display()));
     lines.into_text()
 }

@@ -5,7 +5,8 @@ use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use planish::progress::Progress;
 use planish::solid::{
-    DimensionKind, FaceCounts, NoisyGeometry, Projection, SolidJob, SolidReport, UnexplainedLine, solid_files_reported,
+    DimensionKind, FaceCounts, NoisyGeometry, Projection, SolidJob, SolidReport, UnexplainedLine,
+    solid_files_reported,
 };
 use planish::{ErrorKind, Result};
 use serde::Serialize;
@@ -84,10 +85,7 @@ fn text(report: &SolidReport) -> String {
         let columns = [("view", Align::Left), ("entity", Align::Left), ("why", Align::Left)];
         lines.table(&columns, &rows);
         if report.unexplained.len() > NAMED {
-            lines.line(format!(
-                "and {} more (--json names all)",
-                report.unexplained.len() - NAMED
-            ));
+            lines.line(format!("and {} more (--json names all)", report.unexplained.len() - NAMED));
         }
         return lines.into_text();
     }
@@ -107,11 +105,7 @@ fn text(report: &SolidReport) -> String {
     for dropped in &report.dropped {
         lines.line(match dropped.count {
             1 => format!("1 more candidate is no solid: {}.", dropped.first),
-            n => format!(
-                "{} more candidates are no solids; of the first, {}.",
-                count(n),
-                dropped.first
-            ),
+            n => format!("{} more candidates are no solids; of the first, {}.", count(n), dropped.first),
         });
     }
     lines.gap();
@@ -128,8 +122,8 @@ fn text(report: &SolidReport) -> String {
             ]
         })
         .collect();
-    let [volume, area] =
-        [("volume", '³'), ("area", '²')].map(|(what, power)| format!("{what} / {}{power}", report.unit.name()));
+    let [volume, area] = [("volume", '³'), ("area", '²')]
+        .map(|(what, power)| format!("{what} / {}{power}", report.unit.name()));
     lines.table(
         &[
             ("", Align::Right),
@@ -223,13 +217,9 @@ fn geometry_text(lines: &mut Lines, geometry: &NoisyGeometry) {
             vec![
                 format!("{kind} {}", size.name),
                 significant(size.value, 6),
-                size.sigma
-                    .map_or_else(|| "unknown".to_owned(), |sigma| significant(sigma, 2)),
+                size.sigma.map_or_else(|| "unknown".to_owned(), |sigma| significant(sigma, 2)),
             ]
         })
         .collect();
-    lines.table(
-        &[("size", Align::Left), ("value", Align::Right), ("σ", Align::Right)],
-        &rows,
-    );
+    lines.table(&[("size", Align::Left), ("value", Align::Right), ("σ", Align::Right)], &rows);
 }

@@ -73,11 +73,8 @@ fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             progress.advance(SHOWING_STAGE, 1.0);
             if !args.common.quiet {
                 // Where stderr is closed nobody wants to know.
-                let _ = writeln!(
-                    std::io::stderr(),
-                    "planish: {url} shows {}; Ctrl-C ends",
-                    args.file.display()
-                );
+                let _ =
+                    writeln!(std::io::stderr(), "planish: {url} shows {}; Ctrl-C ends", args.file.display());
             }
             if !args.no_open && open::that_detached(&url).is_err() && !args.common.quiet {
                 let _ = writeln!(
@@ -109,8 +106,7 @@ fn refuse_picture_options(args: &ViewArgs, path: &Path) -> Result<()> {
 }
 
 fn is_page(path: &Path) -> bool {
-    path.extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("html") || e.eq_ignore_ascii_case("htm"))
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("html") || e.eq_ignore_ascii_case("htm"))
 }
 
 fn of_page(
@@ -177,10 +173,7 @@ fn picture(
         inputs: report.inputs.clone(),
         outputs: vec![path.to_path_buf()],
         warnings: report.warnings.clone(),
-        body: Body::Picture {
-            report,
-            termination: "converged",
-        },
+        body: Body::Picture { report, termination: "converged" },
     })
 }
 

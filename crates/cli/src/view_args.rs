@@ -6,10 +6,7 @@ use planish::view::{CameraAngles, ColourBy, Up};
 use std::path::PathBuf;
 
 /// What a picture is coloured by, on the command line.
-#[allow(
-    missing_docs,
-    reason = "a doc comment becomes a paragraph of help; `--color` explains them"
-)]
+#[allow(missing_docs, reason = "a doc comment becomes a paragraph of help; `--color` explains them")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ColourName {
     Sigma,
@@ -55,15 +52,16 @@ nor a graphics card. Colours of values are those of reports; a legend names the 
 #[derive(Debug, Args)]
 #[command(after_help = VIEW_EXAMPLES)]
 pub struct ViewArgs {
-    /// A saved model (.planish), a mesh (.ply, .obj, .off, .stl, .glb), CAD faces (.step), points, or scans as `planish fit` reads them
+    /// A saved model (.planish), a mesh (.ply, .obj, .off, .stl, .glb), CAD faces (.step), points, or scans
+    /// as `planish fit` reads them
     #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub file: PathBuf,
     /// Write a picture (.png), or the page as a file (.html), in place of showing it
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Option<PathBuf>,
 
-    /// Colour by this (level and curvatures of models, scan and height of points) [default: the deviation where there is a
-    /// reference, else σ, else what the file has]
+    /// Colour by this (level and curvatures of models, scan and height of points) [default: the deviation
+    /// where there is a reference, else σ, else what the file has]
     #[arg(
         long,
         visible_alias = "colour",
@@ -73,8 +71,8 @@ pub struct ViewArgs {
         requires = "output"
     )]
     pub color: Option<ColourName>,
-    /// From where: AZIMUTH,ELEVATION in degrees (0,0 is the front, 90,0 the right side), or front, back, left, right, top, bottom or iso; each
-    /// maybe with a zoom behind (30,20,1.5)
+    /// From where: AZIMUTH,ELEVATION in degrees (0,0 is the front, 90,0 the right side), or front, back,
+    /// left, right, top, bottom or iso; each maybe with a zoom behind (30,20,1.5)
     #[arg(long, value_name = "CAMERA", value_parser = clap::value_parser!(CameraAngles), allow_hyphen_values = true,
           help_heading = "Picture", requires = "output")]
     pub camera: Option<CameraAngles>,

@@ -1,6 +1,7 @@
 //! Times of sparse information on bicubic grids: `cargo bench -p planish-estimate --bench sparse`.
 //!
-//! One row a problem, best of several runs in milliseconds, in memory that was used before. `ratio` is selected inverse over factorisation.
+//! One row a problem, best of several runs in milliseconds, in memory that was used before. `ratio` is
+//! selected inverse over factorisation.
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
@@ -9,7 +10,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use planish_estimate::sparse::{
-    BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SelectedInverse, SymbolicFactor,
+    BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SelectedInverse,
+    SymbolicFactor,
 };
 
 fn best<T>(runs: usize, mut work: impl FnMut() -> T) -> (f64, T) {
@@ -33,9 +35,8 @@ fn row(name: &str, across: usize, along: usize, periodic: bool, b: usize, dissec
             elements.push((0..16).map(at).collect());
         }
     }
-    let coordinates: Vec<[f64; 2]> = (0..nodes)
-        .map(|node| [(node % across) as f64, (node / across) as f64])
-        .collect();
+    let coordinates: Vec<[f64; 2]> =
+        (0..nodes).map(|node| [(node % across) as f64, (node / across) as f64]).collect();
 
     let (pattern_ms, pattern) = best(3, || Arc::new(BlockPattern::from_elements(nodes, &elements).unwrap()));
     let (order_ms, ordering) = best(3, || {
@@ -45,12 +46,10 @@ fn row(name: &str, across: usize, along: usize, periodic: bool, b: usize, dissec
             NodeOrdering::amd(&pattern).unwrap()
         }
     });
-    let (symbolic_ms, symbolic) = best(3, || Arc::new(SymbolicFactor::analyse(&pattern, &ordering, b).unwrap()));
+    let (symbolic_ms, symbolic) =
+        best(3, || Arc::new(SymbolicFactor::analyse(&pattern, &ordering, b).unwrap()));
 
-    let maps: Vec<_> = elements
-        .iter()
-        .map(|nodes| ElementScatter::new(&pattern, nodes).unwrap())
-        .collect();
+    let maps: Vec<_> = elements.iter().map(|nodes| ElementScatter::new(&pattern, nodes).unwrap()).collect();
     let size = 16 * b;
     let weights: Vec<f64> = (0..size).map(|k| ((k * 7 + 3) % 11) as f64 / 11.0 - 0.4).collect();
     let matrix: Vec<f64> = (0..size * size)

@@ -1,9 +1,14 @@
 //! What values of neighbours have in common.
 //!
-//! Comes in: places, and a value at each. Goes out: means of products of two values by how near their places are. Places are halved across their longest side, again and again, so that batches of one level are alike in number and each is compact; a level costs
-//! `n` additions, as the products of all pairs in a batch are `(Σ z)² − Σ z²`. The variance of a mean of `m` values that are alike by `ρ` is `σ² (1/m + (1 − 1/m) ρ)` (batch means: C. Geyer, *Practical Markov chain Monte Carlo*, 1992).
+//! Comes in: places, and a value at each. Goes out: means of products of two values by how near their places
+//! are. Places are halved across their longest side, again and again, so that batches of one level are alike
+//! in number and each is compact; a level costs `n` additions, as the products of all pairs in a batch are
+//! `(Σ z)² − Σ z²`. The variance of a mean of `m` values that are alike by `ρ` is `σ² (1/m + (1 − 1/m) ρ)`
+//! (batch means: C. Geyer, *Practical Markov chain Monte Carlo*, 1992).
 //!
-//! Where places are measured with the noise that the values are made of, neighbours are alike in their noise: of readings about a surface the nearest have the same distance from it. Feet on the surface are places that know nothing of it.
+//! Where places are measured with the noise that the values are made of, neighbours are alike in their noise:
+//! of readings about a surface the nearest have the same distance from it. Feet on the surface are places
+//! that know nothing of it.
 
 use crate::vector3::dot;
 use rayon::prelude::*;
@@ -36,7 +41,8 @@ impl PairProducts {
         self.sum / self.pairs
     }
 
-    /// The standard deviation of [`Self::mean`] where values are independent with unit variance: `√(2/pairs)`, as each product is there twice.
+    /// The standard deviation of [`Self::mean`] where values are independent with unit variance:
+    /// `√(2/pairs)`, as each product is there twice.
     #[must_use]
     pub fn mean_sigma(&self) -> f64 {
         (2.0 / self.pairs).sqrt()
@@ -66,7 +72,8 @@ impl NestedBatches {
         (0..1_usize << depth).map(move |k| &self.order[bound(count, k, depth)..bound(count, k + 1, depth)])
     }
 
-    /// Products of the values of neighbours, smallest batches first. Only levels with at least `least` batches are told.
+    /// Products of the values of neighbours, smallest batches first. Only levels with at least `least`
+    /// batches are told.
     #[must_use]
     pub fn products(&self, values: &[f64], least: usize) -> Vec<PairProducts> {
         let first = least.max(1).next_power_of_two().ilog2();
@@ -92,7 +99,8 @@ impl NestedBatches {
     }
 }
 
-/// Axes along which no grid is laid: about z, x and z by a radian each. Where a row of a grid is halved lengthwise, noise decides who is on which side, and those of one side are alike.
+/// Axes along which no grid is laid: about z, x and z by a radian each. Where a row of a grid is halved
+/// lengthwise, noise decides who is on which side, and those of one side are alike.
 fn oblique() -> [[f64; 3]; 3] {
     let (s, c) = 1.0_f64.sin_cos();
     [
@@ -152,7 +160,8 @@ mod tests {
         (0..count).map(|_| [random.random(), random.random(), 0.0]).collect()
     }
 
-    /// Every place is in one batch of every level, batches are those of the level above cut in two, and small ones are compact.
+    /// Every place is in one batch of every level, batches are those of the level above cut in two, and small
+    /// ones are compact.
     #[test]
     fn batches_are_nested_and_compact() {
         for count in [0, 1, 2, 3, 5, 64, 1000, 50_001] {
@@ -164,10 +173,7 @@ mod tests {
             for depth in 0..batches.depth() {
                 let sizes: Vec<usize> = batches.batches(depth).map(<[u32]>::len).collect();
                 assert_eq!(sizes.iter().sum::<usize>(), count);
-                assert!(
-                    sizes.iter().max().unwrap() - sizes.iter().min().unwrap() <= 1,
-                    "{count}"
-                );
+                assert!(sizes.iter().max().unwrap() - sizes.iter().min().unwrap() <= 1, "{count}");
             }
         }
         let places = places(50_001);
@@ -217,10 +223,7 @@ mod tests {
             .collect();
         let levels = batches.products(&wavy, 16);
         let small = levels.iter().find(|level| level.size > 30.0).unwrap();
-        assert!(
-            (small.mean() - 0.04).abs() < 4.0 * small.mean_sigma() + 0.004,
-            "{small:?}"
-        );
+        assert!((small.mean() - 0.04).abs() < 4.0 * small.mean_sigma() + 0.004, "{small:?}");
         assert!(levels[0].mean_sigma() < 0.01);
     }
 }

@@ -1,12 +1,13 @@
 //! Gaussian beliefs in information form, with prior and data kept apart.
 //!
-//! Comes in: means and covariances, rows of linear readings, linearised equations. Goes out: fused beliefs, their means and
-//! covariances, marginals and conditionals. Information adds for readings with independent errors that were linearised
-//! at the same state. Not guaranteed: that independence; where it is unknown use [`Belief::covariance_intersection`].
+//! Comes in: means and covariances, rows of linear readings, linearised equations. Goes out: fused beliefs,
+//! their means and covariances, marginals and conditionals. Information adds for readings with independent
+//! errors that were linearised at the same state. Not guaranteed: that independence; where it is unknown use
+//! [`Belief::covariance_intersection`].
 
 use crate::dense::{
-    ScaledCholesky, diagonal_scale, eigen, is_finite, rank_tolerance, require_covariance, require_vector, scaled_by,
-    smallest_scaled_eigenvalue, symmetric_part,
+    ScaledCholesky, diagonal_scale, eigen, is_finite, rank_tolerance, require_covariance, require_vector,
+    scaled_by, smallest_scaled_eigenvalue, symmetric_part,
 };
 use crate::line_search::maximize_between;
 use crate::{Error, Linearization, Result};
@@ -14,7 +15,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// Gaussian information about a state: `Λ` and `η = Λ x̂`, possibly singular.
 ///
-/// The log-density is `−½ xᵀΛx + ηᵀx` up to a constant. `Λ` is symmetric positive semidefinite, state × state.
+/// The log-density is `−½ xᵀΛx + ηᵀx` up to a constant. `Λ` is symmetric positive semidefinite, state ×
+/// state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Information {
     /// `Λ`.
@@ -27,10 +29,7 @@ impl Information {
     /// No information about `n` unknowns.
     #[must_use]
     pub fn zero(n: usize) -> Self {
-        Self {
-            matrix: DMatrix::zeros(n, n),
-            vector: DVector::zeros(n),
-        }
+        Self { matrix: DMatrix::zeros(n, n), vector: DVector::zeros(n) }
     }
 
     /// Information of linear readings `z = H x + v` with weight `W = R⁻¹`: `Λ = HᵀWH`, `η = HᵀWz`.
@@ -38,7 +37,8 @@ impl Information {
     /// `H` is readings × state, `W` readings × readings.
     ///
     /// # Errors
-    /// `Input` when shapes differ, a value is not finite, or `W` is no weight (not symmetric positive semidefinite).
+    /// `Input` when shapes differ, a value is not finite, or `W` is no weight (not symmetric positive
+    /// semidefinite).
     pub fn from_rows(design: &DMatrix<f64>, weight: &DMatrix<f64>, reading: &DVector<f64>) -> Result<Self> {
         require_vector("the reading", reading, design.nrows())?;
         require_covariance("the weight", weight, design.nrows())?;
@@ -66,10 +66,7 @@ impl Information {
                 null.component()
             ))
         })?;
-        Ok(Self {
-            matrix: factor.inverse(),
-            vector: factor.solve(mean),
-        })
+        Ok(Self { matrix: factor.inverse(), vector: factor.solve(mean) })
     }
 
     /// How many unknowns the information is about.
@@ -100,10 +97,7 @@ impl Information {
     /// `s Λ` and `s η`: the same mean, with a covariance divided by `s`.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
-        Self {
-            matrix: &self.matrix * factor,
-            vector: &self.vector * factor,
-        }
+        Self { matrix: &self.matrix * factor, vector: &self.vector * factor }
     }
 
     /// `x̂ = Λ⁻¹ η`. Cost: `n³/3`.
@@ -132,17 +126,15 @@ impl Information {
         require_covariance(&format!("the matrix of {what}"), &self.matrix, n)
     }
 
-    /// Information about the unknowns `kept` when nothing is known of the others but this: the Schur complement.
+    /// Information about the unknowns `kept` when nothing is known of the others but this: the Schur
+    /// complement.
     fn marginal(&self, kept: &[usize], dropped: &[usize]) -> Result<Self> {
         let matrix = |rows: &[usize], columns: &[usize]| {
             DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.matrix[(rows[i], columns[j])])
         };
         let vector = |rows: &[usize]| DVector::from_fn(rows.len(), |i, _| self.vector[rows[i]]);
         if dropped.is_empty() {
-            return Ok(Self {
-                matrix: matrix(kept, kept),
-                vector: vector(kept),
-            });
+            return Ok(Self { matrix: matrix(kept, kept), vector: vector(kept) });
         }
         let (coupling, inner) = (matrix(dropped, kept), matrix(dropped, dropped));
         let (solved_coupling, solved_vector) = match ScaledCholesky::new(&inner) {
@@ -162,11 +154,8 @@ impl Information {
     fn conditional(&self, free: &[usize], known: &[usize], values: &DVector<f64>) -> Self {
         let matrix = DMatrix::from_fn(free.len(), free.len(), |i, j| self.matrix[(free[i], free[j])]);
         let vector = DVector::from_fn(free.len(), |i, _| {
-            let explained: f64 = known
-                .iter()
-                .zip(values.iter())
-                .map(|(&k, x)| self.matrix[(free[i], k)] * x)
-                .sum();
+            let explained: f64 =
+                known.iter().zip(values.iter()).map(|(&k, x)| self.matrix[(free[i], k)] * x).sum();
             self.vector[free[i]] - explained
         });
         Self { matrix, vector }
@@ -175,7 +164,8 @@ impl Information {
 
 /// A Gaussian belief that keeps what was assumed apart from what was measured: `Λ = Λ_prior + Λ_data`.
 ///
-/// Laws: [`Self::merge`] is commutative and associative, equals filtering all data in one go, and counts the prior once.
+/// Laws: [`Self::merge`] is commutative and associative, equals filtering all data in one go, and counts the
+/// prior once.
 ///
 /// # Examples
 /// Two sessions that started from the same prior:
@@ -208,10 +198,7 @@ impl Belief {
     /// `Input` when shapes differ or the covariance is not symmetric positive definite.
     pub fn from_covariance(mean: DVector<f64>, covariance: DMatrix<f64>) -> Result<Self> {
         let prior = Information::from_covariance(&mean, &covariance)?;
-        Ok(Self {
-            data: Information::zero(prior.dimension()),
-            prior,
-        })
+        Ok(Self { data: Information::zero(prior.dimension()), prior })
     }
 
     /// A belief from prior and data information, of which either may be singular or zero.
@@ -255,7 +242,8 @@ impl Belief {
     /// The mean. Cost: `n³/3`.
     ///
     /// # Errors
-    /// `Undetermined` when prior and data leave a direction without information; the message names its largest component.
+    /// `Undetermined` when prior and data leave a direction without information; the message names its
+    /// largest component.
     pub fn mean(&self) -> Result<DVector<f64>> {
         self.information().mean()
     }
@@ -263,7 +251,8 @@ impl Belief {
     /// The covariance. Cost: `n³`.
     ///
     /// # Errors
-    /// `Undetermined` when prior and data leave a direction without information; the message names its largest component.
+    /// `Undetermined` when prior and data leave a direction without information; the message names its
+    /// largest component.
     pub fn covariance(&self) -> Result<DMatrix<f64>> {
         self.information().covariance()
     }
@@ -277,7 +266,8 @@ impl Belief {
         self.data.add(&measurement.information(noise_covariance)?)
     }
 
-    /// Fuses two beliefs that started from the same prior and then saw independent data: `Λ_prior + Λ_a + Λ_b`.
+    /// Fuses two beliefs that started from the same prior and then saw independent data:
+    /// `Λ_prior + Λ_a + Λ_b`.
     ///
     /// # Errors
     /// `Input` when the dimensions or the priors differ.
@@ -307,12 +297,12 @@ impl Belief {
 
     /// The belief without data information that it shares with another: what a channel filter passes on.
     ///
-    /// Children of one parent both hold the parent's data; `a.merge(&b.subtract_common(parent.data())?)` counts it once:
-    /// `Λ = Λ_prior + Λ_a + Λ_b − Λ_common`.
+    /// Children of one parent both hold the parent's data; `a.merge(&b.subtract_common(parent.data())?)`
+    /// counts it once: `Λ = Λ_prior + Λ_a + Λ_b − Λ_common`.
     ///
     /// # Errors
-    /// `Input` when the dimensions differ, or when the belief does not hold that information (the rest would not be positive
-    /// semidefinite, to 1e-9 of the information held).
+    /// `Input` when the dimensions differ, or when the belief does not hold that information (the rest would
+    /// not be positive semidefinite, to 1e-9 of the information held).
     ///
     /// # References
     /// Grime, Durrant-Whyte, *Data fusion in decentralized sensor networks*, 1994.
@@ -321,29 +311,26 @@ impl Belief {
         rest.data.add_scaled(-1.0, common)?;
         match smallest_scaled_eigenvalue(&rest.data.matrix, &self.data.matrix) {
             Some(smallest) if smallest >= -1e-9 => Ok(rest),
-            _ => Err(Error::input(
-                "information cannot be taken from a belief whose data do not hold it",
-            )),
+            _ => Err(Error::input("information cannot be taken from a belief whose data do not hold it")),
         }
     }
 
-    /// Fuses two beliefs that share an unknown part of their data: `ω Λ_a + (1 − ω) Λ_b`, never overconfident.
+    /// Fuses two beliefs that share an unknown part of their data: `ω Λ_a + (1 − ω) Λ_b`, never
+    /// overconfident.
     ///
-    /// Returns the belief and `ω`, chosen for the least determinant of the covariance. Priors and data are mixed each by
-    /// itself, so that a common prior stays whole. Cost: about forty factorisations.
+    /// Returns the belief and `ω`, chosen for the least determinant of the covariance. Priors and data are
+    /// mixed each by itself, so that a common prior stays whole. Cost: about forty factorisations.
     ///
     /// # Errors
-    /// `Input` when the dimensions differ; `Undetermined` when both beliefs together leave a direction without information.
+    /// `Input` when the dimensions differ; `Undetermined` when both beliefs together leave a direction
+    /// without information.
     ///
     /// # References
     /// Julier, Uhlmann, *A non-divergent estimation algorithm in the presence of unknown correlations*, 1997.
     pub fn covariance_intersection(&self, other: &Self) -> Result<(Self, f64)> {
         require_same_dimension(self.dimension(), other.dimension())?;
         let mixed = |weight: f64| -> Result<Self> {
-            let mut belief = Self {
-                prior: self.prior.scaled(weight),
-                data: self.data.scaled(weight),
-            };
+            let mut belief = Self { prior: self.prior.scaled(weight), data: self.data.scaled(weight) };
             belief.prior.add_scaled(1.0 - weight, &other.prior)?;
             belief.data.add_scaled(1.0 - weight, &other.data)?;
             Ok(belief)
@@ -371,9 +358,9 @@ impl Belief {
 
     /// The belief about some of the unknowns, in the order given.
     ///
-    /// The prior of the marginal is the marginal of the prior; its data are all that is known beyond that. Marginals of
-    /// beliefs that share dropped unknowns are no longer independent given the rest: merge first, then take the marginal.
-    /// Cost: `n³/3`.
+    /// The prior of the marginal is the marginal of the prior; its data are all that is known beyond that.
+    /// Marginals of beliefs that share dropped unknowns are no longer independent given the rest: merge
+    /// first, then take the marginal. Cost: `n³/3`.
     ///
     /// # Errors
     /// `Input` when an index is out of range or given twice.
@@ -385,7 +372,8 @@ impl Belief {
         Ok(Self { prior, data })
     }
 
-    /// The belief about the other unknowns, in ascending order, when those at `indices` are known to be `values`.
+    /// The belief about the other unknowns, in ascending order, when those at `indices` are known to be
+    /// `values`.
     ///
     /// # Errors
     /// `Input` when an index is out of range or given twice, or when there are not as many values as indices.
@@ -403,9 +391,7 @@ fn require_same_dimension(expected: usize, found: usize) -> Result<()> {
     if expected == found {
         Ok(())
     } else {
-        Err(Error::input(format!(
-            "information about {found} unknowns does not fit a state of {expected}"
-        )))
+        Err(Error::input(format!("information about {found} unknowns does not fit a state of {expected}")))
     }
 }
 
@@ -416,7 +402,9 @@ fn complement(n: usize, indices: &[usize]) -> Result<Vec<usize>> {
         match taken.get_mut(index) {
             Some(seen) if !*seen => *seen = true,
             Some(_) => return Err(Error::input(format!("component {index} is given twice"))),
-            None => return Err(Error::input(format!("component {index} is beyond a state of {n}"))),
+            None => {
+                return Err(Error::input(format!("component {index} is beyond a state of {n}")));
+            }
         }
     }
     Ok((0..n).filter(|&i| !taken[i]).collect())
@@ -430,14 +418,9 @@ fn pseudo_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>> {
     let eigen = eigen(scaled_by(matrix, &scale))
         .ok_or_else(|| Error::input("the information holds a value that is not finite"))?;
     let tolerance = rank_tolerance(matrix.nrows());
-    let inverted = eigen
-        .eigenvalues
-        .map(|value| if value > tolerance { 1.0 / value } else { 0.0 });
+    let inverted = eigen.eigenvalues.map(|value| if value > tolerance { 1.0 / value } else { 0.0 });
     let vectors = &eigen.eigenvectors;
-    Ok(scaled_by(
-        &(vectors * DMatrix::from_diagonal(&inverted) * vectors.transpose()),
-        &scale,
-    ))
+    Ok(scaled_by(&(vectors * DMatrix::from_diagonal(&inverted) * vectors.transpose()), &scale))
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Consistency: do the deviations have the size that the stated covariances say?
 //!
-//! Comes in: deviations from a truth, or residuals, with their covariances. Goes out: χ² statistics with two-sided bands, the
-//! share within an interval, and whether residuals are white. Not guaranteed: that a consistent estimate is a good one.
+//! Comes in: deviations from a truth, or residuals, with their covariances. Goes out: χ² statistics with
+//! two-sided bands, the share within an interval, and whether residuals are white. Not guaranteed: that a
+//! consistent estimate is a good one.
 
 use crate::dense::{ScaledCholesky, require_covariance, require_finite_number, require_vector};
 use crate::{Error, Result};
@@ -10,18 +11,20 @@ use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF, Nor
 
 /// `eᵀ Σ⁻¹ e`: χ² with as many degrees of freedom as `e` has components, when `e ~ N(0, Σ)`.
 ///
-/// With `e` an estimate minus the truth and `Σ` its covariance this is the NEES; with an innovation and its covariance, the NIS.
-/// Cost: `n³/3`.
+/// With `e` an estimate minus the truth and `Σ` its covariance this is the NEES; with an innovation and its
+/// covariance, the NIS. Cost: `n³/3`.
 ///
 /// # Errors
-/// `Input` when shapes differ or the covariance is not positive semidefinite; `Undetermined` when it is singular.
+/// `Input` when shapes differ or the covariance is not positive semidefinite; `Undetermined` when it is
+/// singular.
 ///
 /// # References
 /// Bar-Shalom, Li, Kirubarajan, *Estimation with applications to tracking and navigation*, 2001, section 5.4.
 pub fn normalized_squared(deviation: &DVector<f64>, covariance: &DMatrix<f64>) -> Result<f64> {
     require_vector("the deviation", deviation, deviation.len())?;
     require_covariance("the covariance", covariance, deviation.len())?;
-    let factor = ScaledCholesky::new(covariance).map_err(|null| null.into_error("the covariance of the deviation"))?;
+    let factor =
+        ScaledCholesky::new(covariance).map_err(|null| null.into_error("the covariance of the deviation"))?;
     Ok(factor.inverse_form(deviation))
 }
 
@@ -51,10 +54,8 @@ impl ChiSquareBand {
     /// ```
     pub fn of_mean(samples: usize, degrees: f64, confidence: f64) -> Result<Self> {
         let n = samples as f64;
-        Self::of_sum(n * degrees, confidence).map(|band| Self {
-            lower: band.lower / n,
-            upper: band.upper / n,
-        })
+        Self::of_sum(n * degrees, confidence)
+            .map(|band| Self { lower: band.lower / n, upper: band.upper / n })
     }
 
     /// The band of a reduced χ², the sum of squares over its redundancy.
@@ -62,10 +63,8 @@ impl ChiSquareBand {
     /// # Errors
     /// `Input` when the redundancy is not positive, or when the confidence is not between 0 and 1.
     pub fn reduced(redundancy: f64, confidence: f64) -> Result<Self> {
-        Self::of_sum(redundancy, confidence).map(|band| Self {
-            lower: band.lower / redundancy,
-            upper: band.upper / redundancy,
-        })
+        Self::of_sum(redundancy, confidence)
+            .map(|band| Self { lower: band.lower / redundancy, upper: band.upper / redundancy })
     }
 
     /// The band of a sum of squares with the given degrees of freedom, which need not be whole.
@@ -78,10 +77,7 @@ impl ChiSquareBand {
             .ok()
             .filter(|_| degrees.is_finite())
             .ok_or_else(|| Error::input(format!("χ² needs positive degrees of freedom, not {degrees}")))?;
-        Ok(Self {
-            lower: distribution.inverse_cdf(tail),
-            upper: distribution.inverse_cdf(1.0 - tail),
-        })
+        Ok(Self { lower: distribution.inverse_cdf(tail), upper: distribution.inverse_cdf(1.0 - tail) })
     }
 
     /// Whether a value lies in the band.
@@ -95,9 +91,7 @@ fn tail_of(confidence: f64) -> Result<f64> {
     if confidence > 0.0 && confidence < 1.0 {
         Ok(0.5 * (1.0 - confidence))
     } else {
-        Err(Error::input(format!(
-            "a confidence lies between 0 and 1, not at {confidence}"
-        )))
+        Err(Error::input(format!("a confidence lies between 0 and 1, not at {confidence}")))
     }
 }
 
@@ -128,11 +122,7 @@ impl ChiSquareMean {
     /// `Input` when the degrees are not positive.
     pub fn new(degrees: f64) -> Result<Self> {
         ChiSquareBand::of_sum(degrees, 0.5)?;
-        Ok(Self {
-            degrees,
-            sum: 0.0,
-            samples: 0,
-        })
+        Ok(Self { degrees, sum: 0.0, samples: 0 })
     }
 
     /// Adds a value.
@@ -238,9 +228,7 @@ impl Coverage {
         require_finite_number("a standard deviation", sigma)?;
         require_finite_number("a weight", weight)?;
         if sigma < 0.0 || weight < 0.0 {
-            return Err(Error::input(
-                "neither a standard deviation nor a weight can be negative",
-            ));
+            return Err(Error::input("neither a standard deviation nor a weight can be negative"));
         }
         self.count += 1;
         self.weight += weight;
@@ -278,9 +266,11 @@ impl Coverage {
         self.inside / self.weight
     }
 
-    /// The band of the share when the stated σ are right and the cases independent: lower and upper binomial quantiles.
+    /// The band of the share when the stated σ are right and the cases independent: lower and upper binomial
+    /// quantiles.
     ///
-    /// Weights count as `(Σ w)² / Σ w²` cases. Neighbours on a surface are not independent: then the band is too narrow.
+    /// Weights count as `(Σ w)² / Σ w²` cases. Neighbours on a surface are not independent: then the band is
+    /// too narrow.
     ///
     /// # Errors
     /// `Input` when the confidence is not between 0 and 1; `Undetermined` when nothing was counted.
@@ -292,10 +282,7 @@ impl Coverage {
         }
         let binomial = Binomial::new(self.interval, cases as u64)
             .map_err(|cause| Error::input("a coverage band cannot be computed").with_source(cause))?;
-        Ok((
-            binomial.inverse_cdf(tail) as f64 / cases,
-            binomial.inverse_cdf(1.0 - tail) as f64 / cases,
-        ))
+        Ok((binomial.inverse_cdf(tail) as f64 / cases, binomial.inverse_cdf(1.0 - tail) as f64 / cases))
     }
 }
 
@@ -311,16 +298,14 @@ pub struct Whiteness {
 /// The portmanteau test on the autocorrelations of a sequence at lags 1 to `lags`. Cost: `n · lags`.
 ///
 /// # Errors
-/// `Input` when a value is not finite, there are no lags, or no more values than lags; `Undetermined` when all are equal.
+/// `Input` when a value is not finite, there are no lags, or no more values than lags; `Undetermined` when
+/// all are equal.
 ///
 /// # References
 /// Ljung, Box, *On a measure of lack of fit in time series models*, 1978.
 pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     if lags == 0 || residuals.len() <= lags {
-        return Err(Error::input(format!(
-            "{} residuals cannot be tested at {lags} lags",
-            residuals.len()
-        )));
+        return Err(Error::input(format!("{} residuals cannot be tested at {lags} lags", residuals.len())));
     }
     for &residual in residuals {
         require_finite_number("a residual", residual)?;
@@ -330,9 +315,7 @@ pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     let centred: Vec<f64> = residuals.iter().map(|r| r - mean).collect();
     let power: f64 = centred.iter().map(|r| r * r).sum();
     if power <= 0.0 {
-        return Err(Error::undetermined(
-            "residuals that are all equal have no autocorrelation",
-        ));
+        return Err(Error::undetermined("residuals that are all equal have no autocorrelation"));
     }
     let sum: f64 = (1..=lags)
         .map(|lag| {
@@ -343,10 +326,7 @@ pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     let statistic = n * (n + 2.0) * sum;
     let distribution = ChiSquared::new(lags as f64)
         .map_err(|cause| Error::input("the test of whiteness cannot be computed").with_source(cause))?;
-    Ok(Whiteness {
-        statistic,
-        p_value: distribution.sf(statistic),
-    })
+    Ok(Whiteness { statistic, p_value: distribution.sf(statistic) })
 }
 
 #[cfg(test)]

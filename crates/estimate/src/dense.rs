@@ -1,7 +1,8 @@
 //! Factors of dense symmetric matrices that say which direction is undetermined.
 //!
-//! Comes in: an information or covariance matrix whose unknowns may have different units. Goes out: a factor, or the
-//! null direction in the way. Every judgement of rank is made after scaling to unit diagonal, hence free of units.
+//! Comes in: an information or covariance matrix whose unknowns may have different units. Goes out: a factor,
+//! or the null direction in the way. Every judgement of rank is made after scaling to unit diagonal, hence
+//! free of units.
 
 use crate::{Error, Result};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
@@ -16,23 +17,13 @@ impl ScaledCholesky {
     /// Factors a symmetric matrix of which only the lower triangle is read.
     pub(crate) fn new(matrix: &DMatrix<f64>) -> std::result::Result<Self, NullDirection> {
         if !is_finite(matrix) {
-            return Err(NullDirection {
-                finite: false,
-                direction: DVector::zeros(matrix.nrows()),
-                count: 0,
-            });
+            return Err(NullDirection { finite: false, direction: DVector::zeros(matrix.nrows()), count: 0 });
         }
         let scale = diagonal_scale(matrix);
         let scaled = scaled_by(matrix, &scale);
         let threshold = rank_tolerance(matrix.nrows());
         match Cholesky::new(scaled.clone()) {
-            Some(factor)
-                if factor
-                    .l_dirty()
-                    .diagonal()
-                    .iter()
-                    .all(|pivot| pivot * pivot > threshold) =>
-            {
+            Some(factor) if factor.l_dirty().diagonal().iter().all(|pivot| pivot * pivot > threshold) => {
                 Ok(Self { scale, factor })
             }
             _ => Err(NullDirection::of(scaled, &scale)),
@@ -93,34 +84,17 @@ impl NullDirection {
             Some(eigen) => {
                 let tolerance = rank_tolerance(n);
                 let smallest = eigen.eigenvalues.imin();
-                let count = eigen
-                    .eigenvalues
-                    .iter()
-                    .filter(|&&value| value <= tolerance)
-                    .count()
-                    .max(1);
+                let count = eigen.eigenvalues.iter().filter(|&&value| value <= tolerance).count().max(1);
                 let direction = eigen.eigenvectors.column(smallest).component_mul(scale);
-                Self {
-                    finite: true,
-                    direction,
-                    count,
-                }
+                Self { finite: true, direction, count }
             }
-            None => Self {
-                finite: false,
-                direction: DVector::zeros(n),
-                count: 0,
-            },
+            None => Self { finite: false, direction: DVector::zeros(n), count: 0 },
         }
     }
 
     /// The component that moves most along the direction.
     pub(crate) fn component(&self) -> usize {
-        if self.direction.is_empty() {
-            0
-        } else {
-            self.direction.iamax()
-        }
+        if self.direction.is_empty() { 0 } else { self.direction.iamax() }
     }
 
     /// `what` is the noun that is undetermined, such as "the state".
@@ -152,13 +126,10 @@ pub(crate) fn rank_tolerance(n: usize) -> f64 {
 }
 
 pub(crate) fn eigen(matrix: DMatrix<f64>) -> Option<SymmetricEigen<f64, Dyn>> {
-    // The limit keeps a matrix that never settles from hanging the caller; QR needs two or three sweeps a value.
+    // The limit keeps a matrix that never settles from hanging the caller; QR needs two or three sweeps a
+    // value.
     let limit = 100 * (matrix.nrows() + 1);
-    if is_finite(&matrix) {
-        SymmetricEigen::try_new(matrix, f64::EPSILON, limit)
-    } else {
-        None
-    }
+    if is_finite(&matrix) { SymmetricEigen::try_new(matrix, f64::EPSILON, limit) } else { None }
 }
 
 /// `1/√Mᵢᵢ`, and 1 where the diagonal is not positive.
@@ -167,12 +138,11 @@ pub(crate) fn diagonal_scale(matrix: &DMatrix<f64>) -> DVector<f64> {
 }
 
 pub(crate) fn scaled_by(matrix: &DMatrix<f64>, scale: &DVector<f64>) -> DMatrix<f64> {
-    DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| {
-        scale[i] * matrix[(i, j)] * scale[j]
-    })
+    DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| scale[i] * matrix[(i, j)] * scale[j])
 }
 
-/// The smallest eigenvalue of a symmetric matrix after scaling by `reference`'s diagonal; `None` when not finite.
+/// The smallest eigenvalue of a symmetric matrix after scaling by `reference`'s diagonal; `None` when not
+/// finite.
 pub(crate) fn smallest_scaled_eigenvalue(matrix: &DMatrix<f64>, reference: &DMatrix<f64>) -> Option<f64> {
     if matrix.nrows() == 0 {
         return Some(0.0);
@@ -185,9 +155,7 @@ pub(crate) fn smallest_scaled_eigenvalue(matrix: &DMatrix<f64>, reference: &DMat
 pub(crate) fn require_covariance(what: &str, covariance: &DMatrix<f64>, n: usize) -> Result<()> {
     if covariance.shape() != (n, n) {
         let (rows, columns) = covariance.shape();
-        return Err(Error::input(format!(
-            "{what} must be {n} × {n}, not {rows} × {columns}"
-        )));
+        return Err(Error::input(format!("{what} must be {n} × {n}, not {rows} × {columns}")));
     }
     if !is_finite(covariance) {
         return Err(Error::input(format!("{what} holds a value that is not finite")));
@@ -218,10 +186,7 @@ fn is_nonnegative_diagonal(matrix: &DMatrix<f64>) -> bool {
 /// Checks a vector's length and that it is finite.
 pub(crate) fn require_vector(what: &str, vector: &DVector<f64>, n: usize) -> Result<()> {
     if vector.len() != n {
-        return Err(Error::input(format!(
-            "{what} must have {n} components, not {}",
-            vector.len()
-        )));
+        return Err(Error::input(format!("{what} must have {n} components, not {}", vector.len())));
     }
     match vector.iter().position(|value| !value.is_finite()) {
         Some(i) => Err(Error::input(format!("component {i} of {what} is not finite"))),
@@ -231,9 +196,5 @@ pub(crate) fn require_vector(what: &str, vector: &DVector<f64>, n: usize) -> Res
 
 /// Checks that a number is finite.
 pub(crate) fn require_finite_number(what: &str, value: f64) -> Result<()> {
-    if value.is_finite() {
-        Ok(())
-    } else {
-        Err(Error::input(format!("{what} must be finite, not {value}")))
-    }
+    if value.is_finite() { Ok(()) } else { Err(Error::input(format!("{what} must be finite, not {value}"))) }
 }

@@ -1,10 +1,12 @@
 //! The measurement equation `g(z − v, x) = 0`: the one interface between models and estimation.
 //!
-//! Comes in: a model's misclosure and Jacobians at a state `x` and a noise `v`. Goes out: the information that a reading adds,
-//! and the noise that explains it. Not guaranteed: that a Jacobian is right; [`check_jacobians`] tells.
+//! Comes in: a model's misclosure and Jacobians at a state `x` and a noise `v`. Goes out: the information
+//! that a reading adds, and the noise that explains it. Not guaranteed: that a Jacobian is right;
+//! [`check_jacobians`] tells.
 //!
-//! Sign convention, everywhere: the true value of a reading `z` is `z − v`, so that `v` is measured minus true, and
-//! `D = ∂g/∂v = −∂g/∂z`. For an explicit reading `z = h(x) + v` this gives `g = z − v − h(x)`, `H = −∂h/∂x`, `D = −I`.
+//! Sign convention, everywhere: the true value of a reading `z` is `z − v`, so that `v` is measured minus
+//! true, and `D = ∂g/∂v = −∂g/∂z`. For an explicit reading `z = h(x) + v` this gives `g = z − v − h(x)`,
+//! `H = −∂h/∂x`, `D = −I`.
 
 use crate::dense::{ScaledCholesky, require_vector, symmetric_part};
 use crate::{Error, Information, Result};
@@ -23,15 +25,17 @@ pub struct Dimensions {
 
 /// A measurement: `g(z − v, x) = 0` with noise `v ~ N(0, R)`.
 ///
-/// The reading `z` belongs to the implementation, `R` to the caller. Laws, checked by [`check_jacobians`]: `state_jacobian`
-/// is `∂g/∂x` and `noise_jacobian` is `∂g/∂v` at the arguments. Neither call may keep anything from an earlier one.
+/// The reading `z` belongs to the implementation, `R` to the caller. Laws, checked by [`check_jacobians`]:
+/// `state_jacobian` is `∂g/∂x` and `noise_jacobian` is `∂g/∂v` at the arguments. Neither call may keep
+/// anything from an earlier one.
 pub trait MeasurementEquation {
     /// The dimensions, the same at every call.
     fn dimensions(&self) -> Dimensions;
 
     /// Fills misclosure `g(z − v, x)`, state Jacobian `∂g/∂x` and noise Jacobian `∂g/∂v` of `out`.
     ///
-    /// `out` arrives with the right shapes and *unspecified* contents. A point where `g` is not defined is told by NaN.
+    /// `out` arrives with the right shapes and *unspecified* contents. A point where `g` is not defined is
+    /// told by NaN.
     fn linearize(&self, x: &DVector<f64>, v: &DVector<f64>, out: &mut Linearization);
 
     /// The linearisation at `(x, v)`, newly allocated.
@@ -63,9 +67,7 @@ pub(crate) fn linearize_into<E: MeasurementEquation + ?Sized>(
     equation.linearize(x, v, out);
     let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
     if out.dimensions() != dimensions {
-        return Err(Error::input(
-            "a measurement equation changed the shape of its linearisation",
-        ));
+        return Err(Error::input("a measurement equation changed the shape of its linearisation"));
     }
     if !finite(out.misclosure.as_slice())
         || !finite(out.state_jacobian.as_slice())
@@ -109,20 +111,18 @@ impl Linearization {
     /// The dimensions of the equation.
     #[must_use]
     pub fn dimensions(&self) -> Dimensions {
-        Dimensions {
-            state: self.state.len(),
-            noise: self.noise.len(),
-            equations: self.misclosure.len(),
-        }
+        Dimensions { state: self.state.len(), noise: self.noise.len(), equations: self.misclosure.len() }
     }
 
-    /// The linear reading that stands for the equation: `y = H x0 + D v0 − g0`, of which `y = H x + D v` holds.
+    /// The linear reading that stands for the equation: `y = H x0 + D v0 − g0`, of which `y = H x + D v`
+    /// holds.
     #[must_use]
     pub fn pseudo_reading(&self) -> DVector<f64> {
         &self.state_jacobian * &self.state + self.unexplained()
     }
 
-    /// `D v0 − g0`: what is left of the pseudo-reading at `x = x0`, and the linearised misclosure at `v = 0` but for its sign.
+    /// `D v0 − g0`: what is left of the pseudo-reading at `x = x0`, and the linearised misclosure at `v = 0`
+    /// but for its sign.
     #[must_use]
     pub fn unexplained(&self) -> DVector<f64> {
         &self.noise_jacobian * &self.noise - &self.misclosure
@@ -151,12 +151,12 @@ impl Linearization {
 
     /// The information that the measurement adds.
     ///
-    /// `W = (D R Dᵀ)⁻¹`, `Λ = Hᵀ W H`, `η = Hᵀ W (H x0 + D v0 − g0)`: exact for equations linear in `x` and `v`.
-    /// Cost: `m³ + m² n + m n²` for `m` equations and `n` unknowns.
+    /// `W = (D R Dᵀ)⁻¹`, `Λ = Hᵀ W H`, `η = Hᵀ W (H x0 + D v0 − g0)`: exact for equations linear in `x` and
+    /// `v`. Cost: `m³ + m² n + m n²` for `m` equations and `n` unknowns.
     ///
     /// # Errors
-    /// `Input` when `R` has a wrong dimension; `Undetermined` when `D R Dᵀ` is singular: an equation without noise is a
-    /// constraint, not a measurement.
+    /// `Input` when `R` has a wrong dimension; `Undetermined` when `D R Dᵀ` is singular: an equation without
+    /// noise is a constraint, not a measurement.
     ///
     /// # References
     /// Koch, *Parameter estimation and hypothesis testing in linear models*, 1999, mixed model.
@@ -185,10 +185,10 @@ impl Linearization {
 
 /// The largest relative deviation of an equation's Jacobians from differences of its misclosure.
 ///
-/// Fourth-order central differences with spacing `step · max(1, |x_j|)`, and the same in `v`; each entry's deviation is divided
-/// by the largest entry of its column, after what rounding of `g` can do is taken off. A right Jacobian gives about `step⁴`
-/// times the curvature, below 1e-6 for `step = 1e-3` in natural units; a wrong one gives its relative mistake.
-/// Cost: `4 (n + p)` linearisations.
+/// Fourth-order central differences with spacing `step · max(1, |x_j|)`, and the same in `v`; each entry's
+/// deviation is divided by the largest entry of its column, after what rounding of `g` can do is taken off. A
+/// right Jacobian gives about `step⁴` times the curvature, below 1e-6 for `step = 1e-3` in natural units; a
+/// wrong one gives its relative mistake. Cost: `4 (n + p)` linearisations.
 ///
 /// # Errors
 /// `Input` when a dimension is wrong, `step` is not positive, or the equation is not defined near `(x, v)`.
@@ -213,17 +213,13 @@ pub fn check_jacobians<E: MeasurementEquation + ?Sized>(
     step: f64,
 ) -> Result<f64> {
     if !(step > 0.0 && step.is_finite()) {
-        return Err(Error::input(format!(
-            "the step of a difference must be positive, not {step}"
-        )));
+        return Err(Error::input(format!("the step of a difference must be positive, not {step}")));
     }
     let at = equation.linearized(x, v)?;
-    let in_state = deviation_of_columns(&at.state_jacobian, x, step, |x| {
-        Ok(equation.linearized(x, v)?.misclosure)
-    })?;
-    let in_noise = deviation_of_columns(&at.noise_jacobian, v, step, |v| {
-        Ok(equation.linearized(x, v)?.misclosure)
-    })?;
+    let in_state =
+        deviation_of_columns(&at.state_jacobian, x, step, |x| Ok(equation.linearized(x, v)?.misclosure))?;
+    let in_noise =
+        deviation_of_columns(&at.noise_jacobian, v, step, |v| Ok(equation.linearized(x, v)?.misclosure))?;
     Ok(in_state.max(in_noise))
 }
 
@@ -293,11 +289,7 @@ impl Linear {
 impl MeasurementEquation for Linear {
     fn dimensions(&self) -> Dimensions {
         let rows = self.design.nrows();
-        Dimensions {
-            state: self.design.ncols(),
-            noise: rows,
-            equations: rows,
-        }
+        Dimensions { state: self.design.ncols(), noise: rows, equations: rows }
     }
 
     fn linearize(&self, x: &DVector<f64>, v: &DVector<f64>, out: &mut Linearization) {
@@ -309,7 +301,8 @@ impl MeasurementEquation for Linear {
 
 /// An explicit reading `z = h(x) + v`, as `g = z − v − h(x)`, with `h` and `∂h/∂x` from a closure.
 ///
-/// The closure receives the state, the prediction to fill (as long as `z`) and the Jacobian to fill (`z` × state).
+/// The closure receives the state, the prediction to fill (as long as `z`) and the Jacobian to fill (`z` ×
+/// state).
 #[derive(Debug, Clone)]
 pub struct Explicit<F> {
     reading: DVector<f64>,
@@ -320,21 +313,13 @@ pub struct Explicit<F> {
 impl<F: Fn(&DVector<f64>, &mut DVector<f64>, &mut DMatrix<f64>)> Explicit<F> {
     /// The reading `z` of `h(x)` for a state of the given dimension.
     pub fn new(reading: DVector<f64>, state: usize, predict: F) -> Self {
-        Self {
-            reading,
-            state,
-            predict,
-        }
+        Self { reading, state, predict }
     }
 }
 
 impl<F: Fn(&DVector<f64>, &mut DVector<f64>, &mut DMatrix<f64>)> MeasurementEquation for Explicit<F> {
     fn dimensions(&self) -> Dimensions {
-        Dimensions {
-            state: self.state,
-            noise: self.reading.len(),
-            equations: self.reading.len(),
-        }
+        Dimensions { state: self.state, noise: self.reading.len(), equations: self.reading.len() }
     }
 
     fn linearize(&self, x: &DVector<f64>, v: &DVector<f64>, out: &mut Linearization) {
@@ -349,7 +334,8 @@ impl<F: Fn(&DVector<f64>, &mut DVector<f64>, &mut DMatrix<f64>)> MeasurementEqua
     }
 }
 
-/// An implicit equation whose linearisation is a closure of `(x, v, out)`, as [`MeasurementEquation::linearize`].
+/// An implicit equation whose linearisation is a closure of `(x, v, out)`, as
+/// [`MeasurementEquation::linearize`].
 ///
 /// Unlike a trait's own implementation, the closure finds `out` filled with zeros.
 #[derive(Debug, Clone)]

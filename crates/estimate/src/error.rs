@@ -1,7 +1,7 @@
 //! The one error type of Planish.
 //!
-//! Comes in: what was needed, what was found, where. Goes out: an [`Error`] whose [`ErrorKind`] decides the exit
-//! code of the command and the exception of other languages. Not converging is data, not an error.
+//! Comes in: what was needed, what was found, where. Goes out: an [`Error`] whose [`ErrorKind`] decides the
+//! exit code of the command and the exception of other languages. Not converging is data, not an error.
 
 use std::fmt;
 
@@ -22,7 +22,8 @@ pub enum ErrorKind {
 }
 
 impl ErrorKind {
-    /// The exit code of the `planish` command: 1 undetermined, 2 bad input or use, 3 file trouble, 130 interrupted.
+    /// The exit code of the `planish` command: 1 undetermined, 2 bad input or use, 3 file trouble, 130
+    /// interrupted.
     #[must_use]
     pub fn exit_code(self) -> u8 {
         match self {
@@ -48,11 +49,7 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 impl Error {
     /// An error of the given kind.
     pub fn new(kind: ErrorKind, message: impl Into<String>) -> Self {
-        Self {
-            kind,
-            message: message.into(),
-            source: None,
-        }
+        Self { kind, message: message.into(), source: None }
     }
 
     /// Wrong input or wrong use.
@@ -83,7 +80,10 @@ impl Error {
 
     /// The same error with its cause attached.
     #[must_use]
-    pub fn with_source(mut self, source: impl Into<Box<dyn std::error::Error + Send + Sync + 'static>>) -> Self {
+    pub fn with_source(
+        mut self,
+        source: impl Into<Box<dyn std::error::Error + Send + Sync + 'static>>,
+    ) -> Self {
         self.source = Some(source.into());
         self
     }
@@ -114,8 +114,6 @@ impl fmt::Display for Error {
 
 impl std::error::Error for Error {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        self.source
-            .as_deref()
-            .map(|source| source as &(dyn std::error::Error + 'static))
+        self.source.as_deref().map(|source| source as &(dyn std::error::Error + 'static))
     }
 }

@@ -1,8 +1,9 @@
 //! The Kalman filter in covariance form, for linear readings and for measurement equations.
 //!
-//! Comes in: a mean, a covariance, one measurement at a time. Goes out: the updated mean and covariance and the normalised
-//! innovation. The Joseph form keeps the covariance symmetric, and positive semidefinite to the rounding of its largest entry. Not
-//! guaranteed: that an iterated update converges (it says whether it did), nor that it finds the nearest of several optima.
+//! Comes in: a mean, a covariance, one measurement at a time. Goes out: the updated mean and covariance and
+//! the normalised innovation. The Joseph form keeps the covariance symmetric, and positive semidefinite to
+//! the rounding of its largest entry. Not guaranteed: that an iterated update converges (it says whether it
+//! did), nor that it finds the nearest of several optima.
 
 use crate::dense::{ScaledCholesky, is_finite, require_covariance, require_vector, symmetric_part};
 use crate::equation::linearize_into;
@@ -12,13 +13,15 @@ use nalgebra::{DMatrix, DVector};
 /// What a measurement had to say beyond what the filter expected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Innovation {
-    /// `e = y − H x̂⁻`, reading minus prediction; for implicit equations of the pseudo-reading at the last linearisation.
+    /// `e = y − H x̂⁻`, reading minus prediction; for implicit equations of the pseudo-reading at the last
+    /// linearisation.
     pub residual: DVector<f64>,
     /// `S = H P Hᵀ + R`, the covariance of `e`.
     pub covariance: DMatrix<f64>,
     /// `K = P Hᵀ S⁻¹`, state × reading.
     pub gain: DMatrix<f64>,
-    /// `eᵀ S⁻¹ e`, distributed as χ² with as many degrees of freedom as `e` has components when the filter is consistent.
+    /// `eᵀ S⁻¹ e`, distributed as χ² with as many degrees of freedom as `e` has components when the filter is
+    /// consistent.
     pub normalized_squared: f64,
     /// How often the equation was linearised; 1 for linear readings.
     pub iterations: usize,
@@ -42,11 +45,11 @@ pub struct ScalarInnovation {
 pub enum Relinearization {
     /// Once, at the predicted state and zero noise: the extended Kalman filter.
     Never,
-    /// Repeatedly at the updated state, with zero noise: the iterated extended Kalman filter. Right only where `g` is
-    /// linear in the reading.
+    /// Repeatedly at the updated state, with zero noise: the iterated extended Kalman filter. Right only
+    /// where `g` is linear in the reading.
     State,
-    /// Repeatedly at the updated state and the updated noise: the noise-updated iterated filter, whose fixed point is the
-    /// most likely `(x, v)` that obeys the equation: Gauss–Helmert.
+    /// Repeatedly at the updated state and the updated noise: the noise-updated iterated filter, whose fixed
+    /// point is the most likely `(x, v)` that obeys the equation: Gauss–Helmert.
     StateAndNoise,
 }
 
@@ -65,30 +68,19 @@ impl EquationUpdate {
     /// One linearisation at the predicted state (EKF).
     #[must_use]
     pub fn extended() -> Self {
-        Self {
-            relinearization: Relinearization::Never,
-            max_iterations: 1,
-            tolerance: 1e-10,
-        }
+        Self { relinearization: Relinearization::Never, max_iterations: 1, tolerance: 1e-10 }
     }
 
     /// Linearised anew in the state, up to 50 times (IEKF).
     #[must_use]
     pub fn iterated() -> Self {
-        Self {
-            relinearization: Relinearization::State,
-            max_iterations: 50,
-            ..Self::extended()
-        }
+        Self { relinearization: Relinearization::State, max_iterations: 50, ..Self::extended() }
     }
 
     /// Linearised anew in the state and the noise, up to 50 times (NUIEKF).
     #[must_use]
     pub fn noise_updated() -> Self {
-        Self {
-            relinearization: Relinearization::StateAndNoise,
-            ..Self::iterated()
-        }
+        Self { relinearization: Relinearization::StateAndNoise, ..Self::iterated() }
     }
 }
 
@@ -130,14 +122,12 @@ impl KalmanFilter {
     /// A filter with the given mean and covariance, which may be singular.
     ///
     /// # Errors
-    /// `Input` when shapes differ, a value is not finite, or the covariance is not symmetric positive semidefinite.
+    /// `Input` when shapes differ, a value is not finite, or the covariance is not symmetric positive
+    /// semidefinite.
     pub fn new(mean: DVector<f64>, covariance: DMatrix<f64>) -> Result<Self> {
         require_vector("the mean", &mean, mean.len())?;
         require_covariance("the covariance", &covariance, mean.len())?;
-        Ok(Self {
-            mean,
-            covariance: symmetric_part(&covariance),
-        })
+        Ok(Self { mean, covariance: symmetric_part(&covariance) })
     }
 
     /// A filter that starts from a belief.
@@ -146,10 +136,7 @@ impl KalmanFilter {
     /// `Undetermined` when the belief's information is singular.
     pub fn from_belief(belief: &Belief) -> Result<Self> {
         let information = belief.information();
-        Ok(Self {
-            mean: information.mean()?,
-            covariance: information.covariance()?,
-        })
+        Ok(Self { mean: information.mean()?, covariance: information.covariance()? })
     }
 
     /// The mean `x̂`.
@@ -180,7 +167,8 @@ impl KalmanFilter {
         self.predict_to(transition * &self.mean, transition, process_covariance)
     }
 
-    /// Carries the state through a nonlinear `x ← f(x) + w`: `predicted` is `f(x̂)`, `transition` is `∂f/∂x` there.
+    /// Carries the state through a nonlinear `x ← f(x) + w`: `predicted` is `f(x̂)`, `transition` is `∂f/∂x`
+    /// there.
     ///
     /// # Errors
     /// As [`Self::predict`].
@@ -234,8 +222,14 @@ impl KalmanFilter {
     /// Takes in one reading `z = hᵀ x + v`, `v ~ N(0, variance)`. Cost: `4 n²`.
     ///
     /// # Errors
-    /// `Input` when shapes differ or a value is not finite or the variance negative; `Undetermined` when `hᵀ P h + R` is zero.
-    pub fn update_scalar(&mut self, row: &DVector<f64>, reading: f64, variance: f64) -> Result<ScalarInnovation> {
+    /// `Input` when shapes differ or a value is not finite or the variance negative; `Undetermined` when
+    /// `hᵀ P h + R` is zero.
+    pub fn update_scalar(
+        &mut self,
+        row: &DVector<f64>,
+        reading: f64,
+        variance: f64,
+    ) -> Result<ScalarInnovation> {
         require_vector("the row", row, self.mean.len())?;
         if !(reading.is_finite() && variance >= 0.0 && variance.is_finite()) {
             return Err(Error::input(format!(
@@ -258,25 +252,23 @@ impl KalmanFilter {
         self.covariance.ger(-1.0, &left_spread, &gain, 1.0); // … (I − k hᵀ)ᵀ
         self.covariance.ger(variance, &gain, &gain, 1.0);
         self.covariance = symmetric_part(&self.covariance);
-        Ok(ScalarInnovation {
-            residual,
-            variance: total,
-            normalized_squared: residual * residual / total,
-        })
+        Ok(ScalarInnovation { residual, variance: total, normalized_squared: residual * residual / total })
     }
 
     /// Takes in a measurement `g(z − v, x) = 0`, `v ~ N(0, R)`.
     ///
-    /// At each linearisation: `y = H x0 + D v0 − g0`, `x ← x̂ + P Hᵀ S⁻¹ (y − H x̂)`, `v ← R Dᵀ S⁻¹ (y − H x̂)` with
-    /// `S = H P Hᵀ + D R Dᵀ`, where `x̂` and `P` stay those before the update. Not converging is told in the innovation.
+    /// At each linearisation: `y = H x0 + D v0 − g0`, `x ← x̂ + P Hᵀ S⁻¹ (y − H x̂)`,
+    /// `v ← R Dᵀ S⁻¹ (y − H x̂)` with `S = H P Hᵀ + D R Dᵀ`, where `x̂` and `P` stay those before the update.
+    /// Not converging is told in the innovation.
     ///
     /// # Errors
-    /// `Input` when shapes differ or the equation is not defined at a state; `Undetermined` when `S` is singular.
+    /// `Input` when shapes differ or the equation is not defined at a state; `Undetermined` when `S` is
+    /// singular.
     ///
     /// # References
-    /// Jazwinski, *Stochastic processes and filtering theory*, 1970, section 8.3 (iterated in the
-    /// state); Bondarenko, Halevi, Shpitalni, *Object identification and tracking via noise updated iterative extended Kalman
-    /// filter*, 2004 (in state and noise).
+    /// Jazwinski, *Stochastic processes and filtering theory*, 1970, section 8.3 (iterated in the state);
+    /// Bondarenko, Halevi, Shpitalni, *Object identification and tracking via noise updated iterative
+    /// extended Kalman filter*, 2004 (in state and noise).
     pub fn update_equation<E: MeasurementEquation + ?Sized>(
         &mut self,
         equation: &E,
@@ -294,7 +286,8 @@ impl KalmanFilter {
             linearize_into(equation, &x, &v, &mut at)?;
             iterations += 1;
             let reading_covariance = at.reading_covariance(noise_covariance)?;
-            let mut innovation = self.innovation_of(&at.state_jacobian, &at.pseudo_reading(), &reading_covariance)?;
+            let mut innovation =
+                self.innovation_of(&at.state_jacobian, &at.pseudo_reading(), &reading_covariance)?;
             let next = &self.mean + &innovation.gain * &innovation.residual;
             let next_noise = match options.relinearization {
                 Relinearization::StateAndNoise => {
@@ -303,7 +296,11 @@ impl KalmanFilter {
                 }
                 _ => v.clone(),
             };
-            let moved = largest_move(&next, &x, &self.covariance).max(largest_move(&next_noise, &v, noise_covariance));
+            let moved = largest_move(&next, &x, &self.covariance).max(largest_move(
+                &next_noise,
+                &v,
+                noise_covariance,
+            ));
             (x, v) = (next, next_noise);
             let settled = options.relinearization == Relinearization::Never || moved <= options.tolerance;
             // Readings far from the origin cannot settle beyond their rounding.
@@ -365,8 +362,9 @@ impl KalmanFilter {
 
 /// The covariance after an update with *any* gain: `(I − K H) P (I − K H)ᵀ + K R Kᵀ`.
 ///
-/// `P` is state × state, `H` reading × state, `R` reading × reading, `K` state × reading. The short form `(I − K H) P` holds
-/// only for the optimal gain and loses symmetry to rounding. Cost: `2 n³`, or `n² m` products where `m < n`.
+/// `P` is state × state, `H` reading × state, `R` reading × reading, `K` state × reading. The short form
+/// `(I − K H) P` holds only for the optimal gain and loses symmetry to rounding. Cost: `2 n³`, or `n² m`
+/// products where `m < n`.
 ///
 /// # Panics
 /// When the shapes do not fit.

@@ -1,7 +1,8 @@
-//! Batch least squares on measurement equations: Gauss–Newton and Levenberg–Marquardt on the Gauss–Helmert model.
+//! Batch least squares on measurement equations: Gauss–Newton and Levenberg–Marquardt on the Gauss–Helmert
+//! model.
 //!
-//! Comes in: equations `g(z − v, x) = 0` with noise covariances and losses, a prior, a start. Goes out: the most likely state, its
-//! covariance, the residuals, and how it ended. Not guaranteed: the global optimum.
+//! Comes in: equations `g(z − v, x) = 0` with noise covariances and losses, a prior, a start. Goes out: the
+//! most likely state, its covariance, the residuals, and how it ended. Not guaranteed: the global optimum.
 
 use crate::dense::{ScaledCholesky, require_covariance, require_vector, symmetric_part};
 use crate::equation::linearize_into;
@@ -34,11 +35,7 @@ impl<'a> Measurement<'a> {
     /// A measurement with Gaussian loss; `R` is noise × noise and must be positive definite.
     #[must_use]
     pub fn new(equation: &'a dyn MeasurementEquation, noise_covariance: DMatrix<f64>) -> Self {
-        Self {
-            equation,
-            noise_covariance,
-            loss: Loss::Gaussian,
-        }
+        Self { equation, noise_covariance, loss: Loss::Gaussian }
     }
 
     /// The same measurement with another loss, of the normalised residual `√(vᵀR⁻¹v)`.
@@ -52,7 +49,8 @@ impl<'a> Measurement<'a> {
 /// How to search for the optimum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeastSquaresOptions {
-    /// The first damping, relative to the diagonal of the information. Zero is Gauss–Newton until a step fails.
+    /// The first damping, relative to the diagonal of the information. Zero is Gauss–Newton until a step
+    /// fails.
     pub initial_damping: f64,
     /// The most steps tried.
     pub max_iterations: usize,
@@ -64,12 +62,7 @@ pub struct LeastSquaresOptions {
 
 impl Default for LeastSquaresOptions {
     fn default() -> Self {
-        Self {
-            initial_damping: 0.0,
-            max_iterations: 100,
-            step_tolerance: 1e-8,
-            objective_tolerance: 1e-15,
-        }
+        Self { initial_damping: 0.0, max_iterations: 100, step_tolerance: 1e-8, objective_tolerance: 1e-15 }
     }
 }
 
@@ -88,7 +81,8 @@ pub struct LeastSquaresFit {
     pub normalized_residuals: Vec<f64>,
     /// The weight that each measurement's loss gave it.
     pub weights: Vec<f64>,
-    /// Each measurement's part of the effective unknowns, `w tr(W H Λ⁻¹ Hᵀ)`; `NaN` where the state is undetermined.
+    /// Each measurement's part of the effective unknowns, `w tr(W H Λ⁻¹ Hᵀ)`; `NaN` where the state is
+    /// undetermined.
     pub leverages: Vec<f64>,
     /// `Σ ρ(r)` over the measurements, prior excluded.
     pub loss: f64,
@@ -100,20 +94,23 @@ pub struct LeastSquaresFit {
     pub undetermined_direction: Option<DVector<f64>>,
 }
 
-/// The state that minimises `½ xᵀΛx − ηᵀx + Σ ρ(√(vᵀR⁻¹v))` subject to `g(z − v, x) = 0` of every measurement.
+/// The state that minimises `½ xᵀΛx − ηᵀx + Σ ρ(√(vᵀR⁻¹v))` subject to `g(z − v, x) = 0` of every
+/// measurement.
 ///
-/// The noise is linearised anew at every state, and each misclosure taken at the corrected reading `z − v`, so that the optimum is that
-/// of the constrained problem (Gauss–Helmert), not that of its first linearisation. Damped steps on the reweighted normal
-/// equations; a step is taken only when the objective falls. The covariance is `A⁻¹ B A⁻¹`, with the prior and each
-/// measurement's weighted information scaled by the loss's [moments](Loss::moments) for Gaussian data; with Gaussian losses
-/// it is the inverse information. Cost: `N (m³ + m n²) + n³` a step for `N` measurements of `m` equations.
+/// The noise is linearised anew at every state, and each misclosure taken at the corrected reading `z − v`,
+/// so that the optimum is that of the constrained problem (Gauss–Helmert), not that of its first
+/// linearisation. Damped steps on the reweighted normal equations; a step is taken only when the objective
+/// falls. The covariance is `A⁻¹ B A⁻¹`, with the prior and each measurement's weighted information scaled by
+/// the loss's [moments](Loss::moments) for Gaussian data; with Gaussian losses it is the inverse information.
+/// Cost: `N (m³ + m n²) + n³` a step for `N` measurements of `m` equations.
 ///
 /// # Errors
-/// `Input` when shapes differ, a covariance or loss is not valid, or an equation is not defined at the start; `Undetermined`
-/// when an equation has no noise there. A state that stays undetermined is told in the fit.
+/// `Input` when shapes differ, a covariance or loss is not valid, or an equation is not defined at the start;
+/// `Undetermined` when an equation has no noise there. A state that stays undetermined is told in the fit.
 ///
 /// # Examples
-/// A circle about the origin through noisy points; both coordinates of a point are noisy, so the equation is implicit.
+/// A circle about the origin through noisy points; both coordinates of a point are noisy, so the equation is
+/// implicit.
 /// ```
 /// use nalgebra::{DMatrix, DVector};
 /// use planish_estimate::{Dimensions, Implicit, Information, LeastSquaresOptions, Measurement, least_squares};
@@ -135,9 +132,9 @@ pub struct LeastSquaresFit {
 /// ```
 ///
 /// # References
-/// Helmert, *Die Ausgleichungsrechnung nach der Methode der kleinsten Quadrate*, 1907; Pope, *Some pitfalls to be avoided in the
-/// iterative adjustment of nonlinear problems*, 1972; Marquardt, *An algorithm for least-squares estimation of nonlinear
-/// parameters*, 1963.
+/// Helmert, *Die Ausgleichungsrechnung nach der Methode der kleinsten Quadrate*, 1907; Pope, *Some pitfalls
+/// to be avoided in the iterative adjustment of nonlinear problems*, 1972; Marquardt, *An algorithm for
+/// least-squares estimation of nonlinear parameters*, 1963.
 pub fn least_squares(
     measurements: &[Measurement<'_>],
     prior: &Information,
@@ -155,11 +152,7 @@ pub fn least_squares(
         let step = match damped_factor(&normal, damping) {
             Some(factor) => {
                 let step = factor.solve(&point.descent);
-                let undamped = if damping > 0.0 {
-                    damped_factor(&normal, 0.0)
-                } else {
-                    None
-                };
+                let undamped = if damping > 0.0 { damped_factor(&normal, 0.0) } else { None };
                 let decrement = undamped.as_ref().unwrap_or(&factor).inverse_form(&point.descent).sqrt();
                 if decrement <= options.step_tolerance {
                     termination = Termination::Converged;
@@ -222,7 +215,11 @@ struct Point {
 }
 
 impl<'a, 'b> Batch<'a, 'b> {
-    fn new(measurements: &'b [Measurement<'a>], prior: &'b Information, start: &'b DVector<f64>) -> Result<Self> {
+    fn new(
+        measurements: &'b [Measurement<'a>],
+        prior: &'b Information,
+        start: &'b DVector<f64>,
+    ) -> Result<Self> {
         let n = start.len();
         require_vector("the start", start, n)?;
         require_vector("the prior's vector", &prior.vector, n)?;
@@ -240,9 +237,8 @@ impl<'a, 'b> Batch<'a, 'b> {
             let covariance = &measurement.noise_covariance;
             require_covariance("the noise covariance", covariance, dimensions.noise)
                 .map_err(|error| error.in_context(format!("measurement {i}")))?;
-            let found = known
-                .iter()
-                .find(|(loss, d, _)| (*loss, *d) == (measurement.loss, dimensions.equations));
+            let found =
+                known.iter().find(|(loss, d, _)| (*loss, *d) == (measurement.loss, dimensions.equations));
             moments.push(match found {
                 Some((_, _, moments)) => *moments,
                 None => {
@@ -253,23 +249,19 @@ impl<'a, 'b> Batch<'a, 'b> {
             });
         }
         let prior_gradient = &prior.matrix * start - &prior.vector;
-        Ok(Self {
-            measurements,
-            prior,
-            start,
-            prior_gradient,
-            moments,
-        })
+        Ok(Self { measurements, prior, start, prior_gradient, moments })
     }
 
     fn no_noise(&self) -> Vec<DVector<f64>> {
-        self.measurements
-            .iter()
-            .map(|m| DVector::zeros(m.equation.dimensions().noise))
-            .collect()
+        self.measurements.iter().map(|m| DVector::zeros(m.equation.dimensions().noise)).collect()
     }
 
-    fn evaluate(&self, x: &DVector<f64>, noises: &[DVector<f64>], options: &LeastSquaresOptions) -> Result<Point> {
+    fn evaluate(
+        &self,
+        x: &DVector<f64>,
+        noises: &[DVector<f64>],
+        options: &LeastSquaresOptions,
+    ) -> Result<Point> {
         let n = x.len();
         let moved = x - self.start;
         let bent = &self.prior.matrix * &moved;
@@ -305,9 +297,7 @@ impl<'a, 'b> Batch<'a, 'b> {
         if point.objective.is_finite() {
             Ok(point)
         } else {
-            Err(Error::input(
-                "the objective is not finite: give a start nearer to the answer",
-            ))
+            Err(Error::input("the objective is not finite: give a start nearer to the answer"))
         }
     }
 
@@ -318,10 +308,7 @@ impl<'a, 'b> Batch<'a, 'b> {
             + (&self.prior.matrix * &point.state - &self.prior.vector);
         let mut fit = LeastSquaresFit {
             covariance: None,
-            information: Information {
-                matrix: point.information,
-                vector,
-            },
+            information: Information { matrix: point.information, vector },
             residuals: point.noises,
             leverages: vec![f64::NAN; point.weights.len()],
             normalized_residuals: point.normalized_residuals,
@@ -367,14 +354,21 @@ struct Corrected {
     normalized_residual: f64,
 }
 
-/// The most likely noise that makes the equation hold at `x`: `v ← R Dᵀ W (D v − g(z − v, x))` until it settles.
-fn correct(measurement: &Measurement<'_>, x: &DVector<f64>, noise: &DVector<f64>, tolerance: f64) -> Result<Corrected> {
+/// The most likely noise that makes the equation hold at `x`: `v ← R Dᵀ W (D v − g(z − v, x))` until it
+/// settles.
+fn correct(
+    measurement: &Measurement<'_>,
+    x: &DVector<f64>,
+    noise: &DVector<f64>,
+    tolerance: f64,
+) -> Result<Corrected> {
     let covariance = &measurement.noise_covariance;
     let mut at = Linearization::zero(measurement.equation.dimensions());
     let mut v = noise.clone();
     let mut previous = f64::INFINITY;
     let mut relaxation = 1.0_f64;
-    // Fast for small noise. For noise beyond the curvature radius full steps overshoot ever more, and shorter ones do not.
+    // Fast for small noise. For noise beyond the curvature radius full steps overshoot ever more, and shorter
+    // ones do not.
     for _ in 0..200 {
         linearize_into(measurement.equation, x, &v, &mut at)?;
         let weight = at.weight(covariance)?;
@@ -388,12 +382,7 @@ fn correct(measurement: &Measurement<'_>, x: &DVector<f64>, noise: &DVector<f64>
         let stalled = largest >= previous && largest <= 1e-4;
         if largest <= 0.01 * tolerance * (1.0 + normalized_residual) || stalled {
             v += step;
-            return Ok(Corrected {
-                noise: v,
-                at,
-                weight,
-                normalized_residual,
-            });
+            return Ok(Corrected { noise: v, at, weight, normalized_residual });
         }
         if largest > 0.9 * previous {
             relaxation = (0.5 * relaxation).max(0.02);
@@ -410,11 +399,7 @@ fn damped_factor(normal: &DMatrix<f64>, damping: f64) -> Option<ScaledCholesky> 
     let mut damped = normal.clone();
     for i in 0..damped.nrows() {
         let d = damped[(i, i)];
-        damped[(i, i)] = if damping > 0.0 && d <= 0.0 {
-            1.0
-        } else {
-            d * (1.0 + damping)
-        };
+        damped[(i, i)] = if damping > 0.0 && d <= 0.0 { 1.0 } else { d * (1.0 + damping) };
     }
     ScaledCholesky::new(&damped).ok()
 }

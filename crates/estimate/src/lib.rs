@@ -1,7 +1,7 @@
 //! Estimation for Planish: every measurement is an equation, and information adds.
 //!
-//! This crate knows no geometry. Models plug in through one interface, the measurement equation `g(z − v, x) = 0` with noise
-//! `v ~ N(0, R)`; everything else is done to its linearisation:
+//! This crate knows no geometry. Models plug in through one interface, the measurement equation
+//! `g(z − v, x) = 0` with noise `v ~ N(0, R)`; everything else is done to its linearisation:
 //!
 //! ```text
 //! MeasurementEquation ─► Linearization ─┬─► Information ─► Belief            merge, update, marginals
@@ -13,8 +13,9 @@
 //!
 //! Small states are dense; [`sparse`] holds the information of large ones.
 //!
-//! Residuals are measured minus predicted. Everything is `f64`; units are the caller's, and no judgement of rank depends on them. The same
-//! input gives the same bytes. What is not converged or not determined is told in the result; an [`Error`] is for what has no result.
+//! Residuals are measured minus predicted. Everything is `f64`; units are the caller's, and no judgement of
+//! rank depends on them. The same input gives the same bytes. What is not converged or not determined is told
+//! in the result; an [`Error`] is for what has no result.
 
 pub mod error;
 pub mod implicit;
@@ -36,9 +37,13 @@ mod variance_components;
 pub use batches::{NestedBatches, PairProducts};
 pub use belief::{Belief, Information};
 pub use consistency::{ChiSquareBand, ChiSquareMean, Coverage, Whiteness, normalized_squared, whiteness};
-pub use equation::{Dimensions, Explicit, Implicit, Linear, Linearization, MeasurementEquation, check_jacobians};
+pub use equation::{
+    Dimensions, Explicit, Implicit, Linear, Linearization, MeasurementEquation, check_jacobians,
+};
 pub use error::{Error, ErrorKind, Result};
-pub use kalman::{EquationUpdate, Innovation, KalmanFilter, Relinearization, ScalarInnovation, joseph_covariance};
+pub use kalman::{
+    EquationUpdate, Innovation, KalmanFilter, Relinearization, ScalarInnovation, joseph_covariance,
+};
 pub use least_squares::{LeastSquaresFit, LeastSquaresOptions, Measurement, Termination, least_squares};
 pub use reml::{
     Dispersion, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, SmoothnessWeight, fellner_schall,

@@ -1,7 +1,7 @@
 //! The maximum of a function of one variable by golden section with parabolic steps.
 //!
-//! Comes in: an interval and a function that costs much. Goes out: the best point that was evaluated. Not guaranteed: the
-//! global maximum of a function with several.
+//! Comes in: an interval and a function that costs much. Goes out: the best point that was evaluated. Not
+//! guaranteed: the global maximum of a function with several.
 
 use crate::Result;
 
@@ -15,10 +15,7 @@ pub(crate) struct Evaluated {
 impl Evaluated {
     /// A point that was not evaluated: nothing is less.
     fn unknown(at: f64) -> Self {
-        Self {
-            at,
-            value: f64::NEG_INFINITY,
-        }
+        Self { at, value: f64::NEG_INFINITY }
     }
 }
 
@@ -41,19 +38,14 @@ pub(crate) fn maximize_between(
     mut value_at: impl FnMut(f64) -> Result<f64>,
 ) -> Result<Maximum> {
     let at = low + GOLDEN * (high - low);
-    let inner = Evaluated {
-        at,
-        value: value_at(at)?,
-    };
+    let inner = Evaluated { at, value: value_at(at)? };
     let [low, high] = [low, high].map(Evaluated::unknown);
     let found = maximize_bracketed([low, inner, high], tolerance, limit.saturating_sub(1), value_at)?;
-    Ok(Maximum {
-        evaluations: found.evaluations + 1,
-        ..found
-    })
+    Ok(Maximum { evaluations: found.evaluations + 1, ..found })
 }
 
-/// Brent's search between two points from one that is higher than both. Settled, too, when two parabolas in a row agree on their tops.
+/// Brent's search between two points from one that is higher than both. Settled, too, when two parabolas in a
+/// row agree on their tops.
 ///
 /// Brent, *Algorithms for minimization without derivatives*, 1973, chapter 5.
 pub(crate) fn maximize_bracketed(
@@ -64,30 +56,19 @@ pub(crate) fn maximize_bracketed(
 ) -> Result<Maximum> {
     let (mut low, mut high) = (below.at, above.at);
     let mut best = inner;
-    let (mut second, mut third) = if below.value > above.value {
-        (below, above)
-    } else {
-        (above, below)
-    };
+    let (mut second, mut third) = if below.value > above.value { (below, above) } else { (above, below) };
     let (mut step, mut step_before_last) = (0.0_f64, high - low);
     let mut follows_parabola = false;
     for evaluations in 0..limit {
         let middle = 0.5 * (low + high);
         if (best.at - middle).abs() <= 2.0 * tolerance - 0.5 * (high - low) {
-            return Ok(Maximum {
-                best,
-                evaluations,
-                converged: true,
-            });
+            return Ok(Maximum { best, evaluations, converged: true });
         }
         let candidate = parabolic_step(best, second, third);
-        // The top of the parabola before was gone to, and the one through it is no further: the maximum is as near.
+        // The top of the parabola before was gone to, and the one through it is no further: the maximum is as
+        // near.
         if follows_parabola && candidate.is_some_and(|candidate| candidate.abs() < tolerance) {
-            return Ok(Maximum {
-                best,
-                evaluations,
-                converged: true,
-            });
+            return Ok(Maximum { best, evaluations, converged: true });
         }
         let parabola = candidate.filter(|&candidate| {
             let target = best.at + candidate;
@@ -105,24 +86,12 @@ pub(crate) fn maximize_bracketed(
                 }
             }
             None => {
-                step_before_last = if best.at < middle {
-                    high - best.at
-                } else {
-                    low - best.at
-                };
+                step_before_last = if best.at < middle { high - best.at } else { low - best.at };
                 GOLDEN * step_before_last
             }
         };
-        let at = best.at
-            + if step.abs() >= tolerance {
-                step
-            } else {
-                tolerance.copysign(step)
-            };
-        let trial = Evaluated {
-            at,
-            value: value_at(at)?,
-        };
+        let at = best.at + if step.abs() >= tolerance { step } else { tolerance.copysign(step) };
+        let trial = Evaluated { at, value: value_at(at)? };
         if trial.value >= best.value {
             if trial.at < best.at {
                 high = best.at;
@@ -143,11 +112,7 @@ pub(crate) fn maximize_bracketed(
             }
         }
     }
-    Ok(Maximum {
-        best,
-        evaluations: limit,
-        converged: false,
-    })
+    Ok(Maximum { best, evaluations: limit, converged: false })
 }
 
 /// From `best` to the top of the parabola through three points; `None` where there is none.

@@ -1,8 +1,9 @@
 //! The weight of a smoothness prior by restricted marginal likelihood.
 //!
-//! Comes in: how the log-determinant and the quadratic forms of a penalised solution depend on the weight `w` of the prior `w K`. Goes
-//! out: the weight that makes the data most likely, by search or by fixed point. Dense and sparse problems alike: solutions
-//! are the caller's. Not guaranteed: a finite weight; data that look exactly as smooth as the null space send it to its limit.
+//! Comes in: how the log-determinant and the quadratic forms of a penalised solution depend on the weight `w`
+//! of the prior `w K`. Goes out: the weight that makes the data most likely, by search or by fixed point.
+//! Dense and sparse problems alike: solutions are the caller's. Not guaranteed: a finite weight; data that
+//! look exactly as smooth as the null space send it to its limit.
 
 use crate::dense::{diagonal_scale, eigen, require_covariance, require_finite_number, scaled_by};
 use crate::line_search::{Evaluated, maximize_bracketed};
@@ -20,8 +21,9 @@ pub enum Dispersion {
 
 /// What does not change with the weight of a smoothness prior.
 ///
-/// The model: readings `z = H x + v` with `v ~ N(0, φ W⁻¹)`, and `x` with prior information `w K / φ`, flat along the null space of `K`.
-/// Coordinates that share `K` count each: three times the rank, unknowns and equations, and sums in the evaluation.
+/// The model: readings `z = H x + v` with `v ~ N(0, φ W⁻¹)`, and `x` with prior information `w K / φ`, flat
+/// along the null space of `K`. Coordinates that share `K` count each: three times the rank, unknowns and
+/// equations, and sums in the evaluation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothnessModel {
     /// The rank of `K`.
@@ -30,7 +32,8 @@ pub struct SmoothnessModel {
     pub unknowns: usize,
     /// How many scalar equations the data are.
     pub equations: usize,
-    /// `log |K|₊`, the [pseudo-determinant](log_pseudo_determinant); shifts the likelihood only, so that 0 serves as well.
+    /// `log |K|₊`, the [pseudo-determinant](log_pseudo_determinant); shifts the likelihood only, so that 0
+    /// serves as well.
     pub log_pseudo_determinant: f64,
     /// The scale of all covariances.
     pub dispersion: Dispersion,
@@ -60,9 +63,9 @@ impl SmoothnessModel {
             )));
         }
         match self.dispersion {
-            Dispersion::Known(scale) if !(scale > 0.0 && scale.is_finite()) => Err(Error::input(format!(
-                "the scale of covariances must be positive, not {scale}"
-            ))),
+            Dispersion::Known(scale) if !(scale > 0.0 && scale.is_finite()) => {
+                Err(Error::input(format!("the scale of covariances must be positive, not {scale}")))
+            }
             _ => Ok(()),
         }
     }
@@ -81,13 +84,15 @@ impl SmoothnessModel {
         }
     }
 
-    /// The restricted log-likelihood of the weight, exact for Gaussian data up to a constant without `w` and `φ`:
+    /// The restricted log-likelihood of the weight, exact for Gaussian data up to a constant without `w` and
+    /// `φ`:
     ///
     /// `½ [r log w + log|K|₊ − log|Λ + wK| − (RSS + w x̂ᵀKx̂)/φ − (n − M) log(2πφ)]`.
     ///
     /// # References
-    /// Patterson, Thompson, *Recovery of inter-block information when block sizes are unequal*, 1971; Wood, *Fast stable restricted
-    /// maximum likelihood and marginal likelihood estimation of semiparametric generalized linear models*, 2011, section 2.1.
+    /// Patterson, Thompson, *Recovery of inter-block information when block sizes are unequal*, 1971; Wood,
+    /// *Fast stable restricted maximum likelihood and marginal likelihood estimation of semiparametric
+    /// generalized linear models*, 2011, section 2.1.
     #[must_use]
     pub fn log_likelihood(&self, weight: f64, evaluation: &SmoothnessEvaluation) -> f64 {
         let scale = self.dispersion_at(weight, evaluation);
@@ -98,28 +103,25 @@ impl SmoothnessModel {
             - self.contrasts() * (std::f64::consts::TAU * scale).ln())
     }
 
-    /// The Fellner–Schall update `w ← φ (r − w tr(A⁻¹K))₊ / x̂ᵀKx̂`: positive, and at rest where the likelihood is.
+    /// The Fellner–Schall update `w ← φ (r − w tr(A⁻¹K))₊ / x̂ᵀKx̂`: positive, and at rest where the
+    /// likelihood is.
     ///
-    /// `r − w tr(A⁻¹K)` is what the data determine of the penalised unknowns. It is never negative but for rounding; the weight then falls
-    /// to zero, as it grows to infinity without roughness: bound it.
+    /// `r − w tr(A⁻¹K)` is what the data determine of the penalised unknowns. It is never negative but for
+    /// rounding; the weight then falls to zero, as it grows to infinity without roughness: bound it.
     ///
     /// # Errors
     /// `Input` when the evaluation has no trace.
     ///
     /// # References
-    /// Wood, Fasiolo, *A generalized Fellner–Schall method for smoothing parameter optimization with application to Tweedie location, scale
-    /// and shape models*, 2017, eq. 4.
+    /// Wood, Fasiolo, *A generalized Fellner–Schall method for smoothing parameter optimization with
+    /// application to Tweedie location, scale and shape models*, 2017, eq. 4.
     pub fn fellner_schall_update(&self, weight: f64, evaluation: &SmoothnessEvaluation) -> Result<f64> {
-        let trace = evaluation
-            .trace
-            .ok_or_else(|| Error::input("the Fellner–Schall update needs the trace of covariance times penalty"))?;
+        let trace = evaluation.trace.ok_or_else(|| {
+            Error::input("the Fellner–Schall update needs the trace of covariance times penalty")
+        })?;
         let determined = (self.rank as f64 - weight * trace).max(0.0);
         let scale = self.dispersion_at(weight, evaluation);
-        Ok(if evaluation.roughness > 0.0 {
-            scale * determined / evaluation.roughness
-        } else {
-            f64::INFINITY
-        })
+        Ok(if evaluation.roughness > 0.0 { scale * determined / evaluation.roughness } else { f64::INFINITY })
     }
 }
 
@@ -142,13 +144,7 @@ impl SmoothnessSearch {
     /// From a given weight, within sixteen powers of ten of it, to one per cent, in at most 60 solutions.
     #[must_use]
     pub fn from_start(start: f64) -> Self {
-        Self {
-            start,
-            step: 2.0,
-            bounds: (1e-16 * start, 1e16 * start),
-            tolerance: 0.01,
-            max_evaluations: 60,
-        }
+        Self { start, step: 2.0, bounds: (1e-16 * start, 1e16 * start), tolerance: 0.01, max_evaluations: 60 }
     }
 
     fn validate(&self) -> Result<()> {
@@ -191,14 +187,15 @@ pub struct SmoothnessWeight {
     pub termination: Termination,
 }
 
-/// The weight of greatest restricted likelihood, by a bracket around the start and golden section with parabolic steps.
+/// The weight of greatest restricted likelihood, by a bracket around the start and golden section with
+/// parabolic steps.
 ///
-/// `evaluate` solves at a weight. Some ten solutions from a start within a factor of a hundred. Finds *a* maximum; the likelihood of
-/// one weight rarely has two.
+/// `evaluate` solves at a weight. Some ten solutions from a start within a factor of a hundred. Finds *a*
+/// maximum; the likelihood of one weight rarely has two.
 ///
 /// # Errors
-/// Those of `evaluate`, but for `Undetermined` after the first solution, which rules out a weight; `Input` when the model or the search
-/// is not valid, or a likelihood is not finite.
+/// Those of `evaluate`, but for `Undetermined` after the first solution, which rules out a weight; `Input`
+/// when the model or the search is not valid, or a likelihood is not finite.
 ///
 /// # Examples
 /// One unknown with prior `N(0, 1/w)`, read once as 3 with σ = 1: the most likely prior variance is `3² − 1`.
@@ -221,8 +218,8 @@ pub struct SmoothnessWeight {
 /// ```
 ///
 /// # References
-/// Wood, *Fast stable restricted maximum likelihood and marginal likelihood estimation of semiparametric generalized linear models*,
-/// 2011; Brent, *Algorithms for minimization without derivatives*, 1973.
+/// Wood, *Fast stable restricted maximum likelihood and marginal likelihood estimation of semiparametric
+/// generalized linear models*, 2011; Brent, *Algorithms for minimization without derivatives*, 1973.
 pub fn maximize_restricted_likelihood(
     model: &SmoothnessModel,
     search: &SmoothnessSearch,
@@ -238,7 +235,9 @@ pub fn maximize_restricted_likelihood(
         let found = match solve_at(model, search, weight, &mut evaluate) {
             Ok(found) => found,
             // A weight too small or too great to be solved with is not the most likely one.
-            Err(error) if error.kind() == ErrorKind::Undetermined && best.is_some() => return Ok(f64::NEG_INFINITY),
+            Err(error) if error.kind() == ErrorKind::Undetermined && best.is_some() => {
+                return Ok(f64::NEG_INFINITY);
+            }
             Err(error) => return Err(error),
         };
         if best.is_none_or(|best| found.log_likelihood > best.log_likelihood) {
@@ -262,11 +261,7 @@ pub fn maximize_restricted_likelihood(
         let trial = if ahead == inner.at { inner } else { evaluated(ahead)? };
         left -= usize::from(ahead != inner.at);
         if trial.value < inner.value || ahead == inner.at {
-            let bracket = if behind.at < trial.at {
-                [behind, inner, trial]
-            } else {
-                [trial, inner, behind]
-            };
+            let bracket = if behind.at < trial.at { [behind, inner, trial] } else { [trial, inner, behind] };
             let value_at = |at| evaluated(at).map(|found| found.value);
             settled = maximize_bracketed(bracket, search.tolerance, left, value_at)?.converged;
             break;
@@ -275,29 +270,23 @@ pub fn maximize_restricted_likelihood(
         step *= 2.0;
     }
     let best = best.ok_or_else(|| Error::input("a search for a weight needs at least one solution"))?;
-    let termination = if settled {
-        Termination::Converged
-    } else {
-        Termination::Limit
-    };
-    Ok(SmoothnessWeight {
-        evaluations,
-        termination,
-        ..best
-    })
+    let termination = if settled { Termination::Converged } else { Termination::Limit };
+    Ok(SmoothnessWeight { evaluations, termination, ..best })
 }
 
-/// The weight at rest under the [Fellner–Schall update](SmoothnessModel::fellner_schall_update), halving steps that lower the likelihood.
+/// The weight at rest under the [Fellner–Schall update](SmoothnessModel::fellner_schall_update), halving
+/// steps that lower the likelihood.
 ///
-/// `evaluate` solves at a weight and gives the trace. Linear convergence: fast where the data determine the penalised unknowns well, and
-/// slow where they do not; there prefer [`maximize_restricted_likelihood`].
+/// `evaluate` solves at a weight and gives the trace. Linear convergence: fast where the data determine the
+/// penalised unknowns well, and slow where they do not; there prefer [`maximize_restricted_likelihood`].
 ///
 /// # Errors
-/// Those of `evaluate`; `Input` when the model or the search is not valid, a likelihood is not finite, or a trace is missing.
+/// Those of `evaluate`; `Input` when the model or the search is not valid, a likelihood is not finite, or a
+/// trace is missing.
 ///
 /// # References
-/// Wood, Fasiolo, *A generalized Fellner–Schall method for smoothing parameter optimization with application to Tweedie location, scale
-/// and shape models*, 2017.
+/// Wood, Fasiolo, *A generalized Fellner–Schall method for smoothing parameter optimization with application
+/// to Tweedie location, scale and shape models*, 2017.
 pub fn fellner_schall(
     model: &SmoothnessModel,
     search: &SmoothnessSearch,
@@ -329,11 +318,7 @@ pub fn fellner_schall(
             next = best.weight * (0.5 * step).exp();
         }
     }
-    Ok(SmoothnessWeight {
-        evaluations,
-        termination,
-        ..best
-    })
+    Ok(SmoothnessWeight { evaluations, termination, ..best })
 }
 
 fn solve_at(
@@ -355,10 +340,11 @@ fn solve_at(
     })
 }
 
-/// The rank of a symmetric positive semidefinite matrix and the logarithm of the product of its positive eigenvalues, `log |K|₊`.
+/// The rank of a symmetric positive semidefinite matrix and the logarithm of the product of its positive
+/// eigenvalues, `log |K|₊`.
 ///
-/// Rank is judged after scaling to unit diagonal: eigenvalues below `tolerance` of the largest are zero; 1e-10 serves for penalties
-/// that were integrated exactly. Cost: `10 n³`.
+/// Rank is judged after scaling to unit diagonal: eigenvalues below `tolerance` of the largest are zero;
+/// 1e-10 serves for penalties that were integrated exactly. Cost: `10 n³`.
 ///
 /// # Errors
 /// `Input` when the matrix is not symmetric positive semidefinite.
@@ -366,27 +352,16 @@ pub fn log_pseudo_determinant(matrix: &DMatrix<f64>, tolerance: f64) -> Result<(
     require_covariance("the penalty", matrix, matrix.nrows())?;
     let not_finite = || Error::input("the eigenvalues of the penalty do not settle");
     let rank = {
-        let scaled = eigen(scaled_by(matrix, &diagonal_scale(matrix)))
-            .ok_or_else(not_finite)?
-            .eigenvalues;
+        let scaled = eigen(scaled_by(matrix, &diagonal_scale(matrix))).ok_or_else(not_finite)?.eigenvalues;
         let largest = scaled.iter().copied().fold(0.0, f64::max);
         scaled.iter().filter(|&&value| value > tolerance * largest).count()
     };
-    // The scaling does not change the rank but does change the product: take the eigenvalues of the matrix itself.
-    let mut values: Vec<f64> = eigen(matrix.clone())
-        .ok_or_else(not_finite)?
-        .eigenvalues
-        .iter()
-        .copied()
-        .collect();
+    // The scaling does not change the rank but does change the product: take the eigenvalues of the matrix
+    // itself.
+    let mut values: Vec<f64> =
+        eigen(matrix.clone()).ok_or_else(not_finite)?.eigenvalues.iter().copied().collect();
     values.sort_by(|a, b| b.total_cmp(a));
-    Ok((
-        rank,
-        values[..rank]
-            .iter()
-            .map(|value| value.max(f64::MIN_POSITIVE).ln())
-            .sum(),
-    ))
+    Ok((rank, values[..rank].iter().map(|value| value.max(f64::MIN_POSITIVE).ln()).sum()))
 }
 
 #[cfg(test)]

@@ -1,8 +1,9 @@
 //! Robust losses, and scales that outliers and gates do not bend.
 //!
-//! Comes in: *normalised residuals* `r = (measured − predicted) / σ`, a distance in standard deviations, never its square;
-//! or plain residuals of one group. Goes out: losses, weights and scales that are right for Gaussian data. Not guaranteed: a
-//! breakdown point beyond one half, and for a gate or a redescending loss a good answer from a bad start.
+//! Comes in: *normalised residuals* `r = (measured − predicted) / σ`, a distance in standard deviations,
+//! never its square; or plain residuals of one group. Goes out: losses, weights and scales that are right for
+//! Gaussian data. Not guaranteed: a breakdown point beyond one half, and for a gate or a redescending loss a
+//! good answer from a bad start.
 
 use crate::{Error, Result, Termination};
 use statrs::distribution::{Continuous, ContinuousCDF, Normal};
@@ -10,8 +11,9 @@ use statrs::function::gamma::{digamma, ln_gamma};
 
 /// How a *normalised residual* `r` is charged: `ρ(r)`, with the Gaussian's `r²/2` for the near ones.
 ///
-/// All functions take the residual itself in standard deviations, of either sign, and not its square. For a measurement of
-/// several equations `r` is the length `√(vᵀR⁻¹v)`. Laws: `ρ(0) = 0`, `ρ' = ψ`, `w = ψ/r`, `ψ` odd. Cost: constant.
+/// All functions take the residual itself in standard deviations, of either sign, and not its square. For a
+/// measurement of several equations `r` is the length `√(vᵀR⁻¹v)`. Laws: `ρ(0) = 0`, `ρ' = ψ`, `w = ψ/r`, `ψ`
+/// odd. Cost: constant.
 ///
 /// # Examples
 /// ```
@@ -25,8 +27,8 @@ use statrs::function::gamma::{digamma, ln_gamma};
 /// ```
 ///
 /// # References
-/// Huber, Ronchetti, *Robust statistics*, 2009, chapter 4; Holland, Welsch, *Robust regression using iteratively reweighted
-/// least-squares*, 1977.
+/// Huber, Ronchetti, *Robust statistics*, 2009, chapter 4; Holland, Welsch, *Robust regression using
+/// iteratively reweighted least-squares*, 1977.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Loss {
     /// `ρ = r²/2`.
@@ -41,12 +43,14 @@ pub enum Loss {
         /// `c`, where the weight is one half, in standard deviations.
         scale: f64,
     },
-    /// `ρ = (c²/6) (1 − (1 − (r/c)²)³)` within the threshold, constant beyond: no influence at all from far away.
+    /// `ρ = (c²/6) (1 − (1 − (r/c)²)³)` within the threshold, constant beyond: no influence at all from far
+    /// away.
     Tukey {
         /// `c`, beyond which a reading is ignored, in standard deviations.
         threshold: f64,
     },
-    /// `ρ = ((ν+1)/2) ln(1 + r²/ν)`: the negative log-density of Student's t. Its weight at zero is `(ν+1)/ν`, not one.
+    /// `ρ = ((ν+1)/2) ln(1 + r²/ν)`: the negative log-density of Student's t. Its weight at zero is
+    /// `(ν+1)/ν`, not one.
     StudentT {
         /// `ν`, the degrees of freedom.
         degrees: f64,
@@ -97,9 +101,7 @@ impl Loss {
         if constant > 0.0 && constant.is_finite() {
             Ok(())
         } else {
-            Err(Error::input(format!(
-                "the constant of a robust loss must be positive and finite: {self:?}"
-            )))
+            Err(Error::input(format!("the constant of a robust loss must be positive and finite: {self:?}")))
         }
     }
 
@@ -159,12 +161,14 @@ impl Loss {
         }
     }
 
-    /// Expectations over Gaussian data for measurements of `equations` equations each, `r² ~ χ²` with as many degrees.
+    /// Expectations over Gaussian data for measurements of `equations` equations each, `r² ~ χ²` with as many
+    /// degrees.
     ///
     /// The covariance of an M-estimate is `(influence_squared / slope²) (Σ HᵀWH)⁻¹`. Cost: 4000 evaluations.
     ///
     /// # Errors
-    /// `Input` when the constant is not positive, there are no equations, or the loss is so narrow that the slope is not positive.
+    /// `Input` when the constant is not positive, there are no equations, or the loss is so narrow that the
+    /// slope is not positive.
     ///
     /// # References
     /// Huber, Ronchetti, *Robust statistics*, 2009, chapter 7 (asymptotic covariance of M-estimates).
@@ -184,11 +188,7 @@ impl Loss {
             1 => (log_norm - 0.5 * r * r).exp(),
             _ => (log_norm + (d - 1.0) * r.ln() - 0.5 * r * r).exp(),
         };
-        let mut moments = LossMoments {
-            influence_squared: 0.0,
-            slope: 0.0,
-            weight: 0.0,
-        };
+        let mut moments = LossMoments { influence_squared: 0.0, slope: 0.0, weight: 0.0 };
         let slope_at = |r: f64, inside: bool| match *self {
             // At the kink each side has its own slope.
             Self::Huber { .. } => f64::from(inside),
@@ -199,11 +199,7 @@ impl Loss {
             let spacing = (high - low) / f64::from(intervals);
             for i in 0..=intervals {
                 let r = low + spacing * f64::from(i);
-                let simpson = if i == 0 || i == intervals {
-                    1.0
-                } else {
-                    f64::from(2 + 2 * (i % 2))
-                };
+                let simpson = if i == 0 || i == intervals { 1.0 } else { f64::from(2 + 2 * (i % 2)) };
                 let share = simpson * spacing / 3.0 * density(r);
                 let weight = self.weight(r);
                 moments.influence_squared += share * (r * weight).powi(2) / d;
@@ -230,13 +226,15 @@ impl Loss {
     }
 }
 
-/// The factor on `(Σ HᵀWH)⁻¹` that makes it the covariance of an M-estimate: `mean ψ² / (mean ψ')²` over the residuals.
+/// The factor on `(Σ HᵀWH)⁻¹` that makes it the covariance of an M-estimate: `mean ψ² / (mean ψ')²` over the
+/// residuals.
 ///
-/// Assumes independent residuals of one equation each, many more than unknowns, outliers included. For data known to be Gaussian
-/// prefer [`Loss::moments`]. Cost: `n`.
+/// Assumes independent residuals of one equation each, many more than unknowns, outliers included. For data
+/// known to be Gaussian prefer [`Loss::moments`]. Cost: `n`.
 ///
 /// # Errors
-/// `Input` when the loss is invalid; `Undetermined` when there are no residuals or the mean slope is not positive.
+/// `Input` when the loss is invalid; `Undetermined` when there are no residuals or the mean slope is not
+/// positive.
 ///
 /// # References
 /// Huber, Ronchetti, *Robust statistics*, 2009, section 7.6.
@@ -248,16 +246,14 @@ pub fn sandwich_factor(loss: &Loss, normalized_residuals: &[f64]) -> Result<f64>
     if slope > 0.0 {
         Ok(influence * n / (slope * slope))
     } else {
-        Err(Error::undetermined(
-            "a robust loss ignores most of the residuals, so that they say nothing",
-        ))
+        Err(Error::undetermined("a robust loss ignores most of the residuals, so that they say nothing"))
     }
 }
 
 /// What a gate at ±k standard deviations leaves of a Gaussian.
 ///
-/// `c(k) = 1 − 2 k φ(k) / (2 Φ(k) − 1)` is the variance of what passes over that of all. A scale taken from gated
-/// residuals is too small by `√c(k)`: 0.989 at k = 3, 0.880 at k = 2.
+/// `c(k) = 1 − 2 k φ(k) / (2 Φ(k) − 1)` is the variance of what passes over that of all. A scale taken from
+/// gated residuals is too small by `√c(k)`: 0.989 at k = 3, 0.880 at k = 2.
 ///
 /// # Examples
 /// ```
@@ -285,9 +281,7 @@ impl TruncatedNormal {
     /// `Input` when `k` is not positive; infinity is no gate.
     pub fn new(gate: f64) -> Result<Self> {
         if gate.is_nan() || gate <= 0.0 {
-            return Err(Error::input(format!(
-                "a gate must be positive, in standard deviations, not {gate}"
-            )));
+            return Err(Error::input(format!("a gate must be positive, in standard deviations, not {gate}")));
         }
         let normal = Normal::standard();
         let share_kept = 1.0 - 2.0 * normal.sf(gate);
@@ -298,11 +292,7 @@ impl TruncatedNormal {
         } else {
             1.0
         };
-        Ok(Self {
-            gate,
-            variance_ratio,
-            share_kept,
-        })
+        Ok(Self { gate, variance_ratio, share_kept })
     }
 
     /// `k`.
@@ -365,11 +355,7 @@ fn median(mut values: Vec<f64>) -> Result<f64> {
     let half = values.len() / 2;
     let even = values.len().is_multiple_of(2);
     let (below, upper, _) = values.select_nth_unstable_by(half, f64::total_cmp);
-    let lower = if even {
-        below.iter().copied().fold(f64::NEG_INFINITY, f64::max)
-    } else {
-        *upper
-    };
+    let lower = if even { below.iter().copied().fold(f64::NEG_INFINITY, f64::max) } else { *upper };
     Ok(0.5 * (lower + *upper))
 }
 
@@ -395,8 +381,9 @@ pub struct GatedScale {
 
 /// σ about zero from the residuals within ±k σ, iterated until gate and scale agree.
 ///
-/// `σ² = mean(r² : |r| ≤ k σ) / c(k)` with `c` of [`TruncatedNormal`]: for Gaussian data the true σ is the fixed point. Starts from
-/// the median of magnitudes; the rounds are monotone, hence end. Cost: `n` per round, some ten rounds.
+/// `σ² = mean(r² : |r| ≤ k σ) / c(k)` with `c` of [`TruncatedNormal`]: for Gaussian data the true σ is the
+/// fixed point. Starts from the median of magnitudes; the rounds are monotone, hence end. Cost: `n` per
+/// round, some ten rounds.
 ///
 /// # Errors
 /// `Undetermined` when there are no residuals; `Input` when one is not finite or the gate is below 1.
@@ -420,17 +407,8 @@ pub fn gated_scale(residuals: &[f64], gate: f64) -> Result<GatedScale> {
         let settled = (next - sigma).abs() <= 1e-12 * sigma;
         sigma = next;
         if settled || iterations == limit {
-            let termination = if settled {
-                Termination::Converged
-            } else {
-                Termination::Limit
-            };
-            return Ok(GatedScale {
-                sigma,
-                kept,
-                iterations,
-                termination,
-            });
+            let termination = if settled { Termination::Converged } else { Termination::Limit };
+            return Ok(GatedScale { sigma, kept, iterations, termination });
         }
     }
     unreachable!("the last round returns")
@@ -439,7 +417,8 @@ pub fn gated_scale(residuals: &[f64], gate: f64) -> Result<GatedScale> {
 /// Student's t distribution fitted to residuals about zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StudentTScale {
-    /// The scale, not the standard deviation (which is `σ √(ν/(ν−2))` for `ν > 2`); same unit as the residuals.
+    /// The scale, not the standard deviation (which is `σ √(ν/(ν−2))` for `ν > 2`); same unit as the
+    /// residuals.
     pub sigma: f64,
     /// `ν`, between 0.1 and 1000; large is Gaussian.
     pub degrees: f64,
@@ -455,15 +434,16 @@ impl StudentTScale {
     /// Fits the scale, and the degrees of freedom unless they are given, by expectation and maximisation.
     ///
     /// `u = (ν+1)/(ν + r²/σ²)`, `σ² = mean(u r²)`, and `ν` from
-    /// `ln(ν/2) − ψ(ν/2) + 1 + mean(ln u − u) + ψ((ν₀+1)/2) − ln((ν₀+1)/2) = 0`. Cost: `n` per round, up to 1000 rounds.
+    /// `ln(ν/2) − ψ(ν/2) + 1 + mean(ln u − u) + ψ((ν₀+1)/2) − ln((ν₀+1)/2) = 0`. Cost: `n` per round, up to
+    /// 1000 rounds.
     ///
     /// # Errors
-    /// `Undetermined` when more than half of the residuals are zero or there are none; `Input` when one is not finite or the degrees are
-    /// not positive.
+    /// `Undetermined` when more than half of the residuals are zero or there are none; `Input` when one is
+    /// not finite or the degrees are not positive.
     ///
     /// # References
-    /// Lange, Little, Taylor, *Robust statistical modeling using the t distribution*, 1989; Liu, Rubin, *ML estimation of the t
-    /// distribution using EM and its extensions*, 1995.
+    /// Lange, Little, Taylor, *Robust statistical modeling using the t distribution*, 1989; Liu, Rubin, *ML
+    /// estimation of the t distribution using EM and its extensions*, 1995.
     pub fn fit(residuals: &[f64], degrees: Option<f64>) -> Result<Self> {
         if let Some(given) = degrees {
             Loss::StudentT { degrees: given }.validate()?;
@@ -495,17 +475,8 @@ impl StudentTScale {
             let change = (next_sigma / sigma).ln().abs().max((next_nu / nu).ln().abs());
             (sigma, nu) = (next_sigma, next_nu);
             if change <= 1e-8 || iterations == limit {
-                let termination = if change <= 1e-8 {
-                    Termination::Converged
-                } else {
-                    Termination::Limit
-                };
-                return Ok(Self {
-                    sigma,
-                    degrees: nu,
-                    iterations,
-                    termination,
-                });
+                let termination = if change <= 1e-8 { Termination::Converged } else { Termination::Limit };
+                return Ok(Self { sigma, degrees: nu, iterations, termination });
             }
         }
         unreachable!("the last round returns")

@@ -1,16 +1,18 @@
 //! Variance components: what the residuals of each group say about its stated σ.
 //!
-//! Comes in: squared normalised residuals and leverages, sorted into groups (a sensor, a scan). Goes out: the factor between the σ
-//! that the residuals show and the one that was stated, its standard error, and whether they contradict each other. Not
-//! guaranteed: an answer for a group whose readings the unknowns absorb; its redundancy is near zero and its error large.
+//! Comes in: squared normalised residuals and leverages, sorted into groups (a sensor, a scan). Goes out: the
+//! factor between the σ that the residuals show and the one that was stated, its standard error, and whether
+//! they contradict each other. Not guaranteed: an answer for a group whose readings the unknowns absorb; its
+//! redundancy is near zero and its error large.
 
 use crate::dense::require_finite_number;
 use crate::{ChiSquareBand, Error, Result, Termination, TruncatedNormal};
 
 /// Sums over groups of readings, from which their variance factors follow.
 ///
-/// With `r` the residual over its stated σ and `h` its leverage (the reading's part of `tr(H Σ HᵀW)`), a group's variance factor is
-/// `s² = Σ r² / Σ (1 − h)`. Assumes independent readings, Gaussian but for what a gate took out. Cost: constant per reading.
+/// With `r` the residual over its stated σ and `h` its leverage (the reading's part of `tr(H Σ HᵀW)`), a
+/// group's variance factor is `s² = Σ r² / Σ (1 − h)`. Assumes independent readings, Gaussian but for what a
+/// gate took out. Cost: constant per reading.
 ///
 /// # Examples
 /// ```
@@ -28,8 +30,8 @@ use crate::{ChiSquareBand, Error, Result, Termination, TruncatedNormal};
 /// ```
 ///
 /// # References
-/// Förstner, *Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten*, 1979; Koch, *Parameter estimation and hypothesis
-/// testing in linear models*, 1999, section 3.6.
+/// Förstner, *Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten*, 1979; Koch, *Parameter
+/// estimation and hypothesis testing in linear models*, 1999, section 3.6.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VarianceComponents {
     groups: Vec<Sums>,
@@ -70,9 +72,7 @@ impl VarianceComponents {
     /// No readings yet, in so many groups.
     #[must_use]
     pub fn new(groups: usize) -> Self {
-        Self {
-            groups: vec![Sums::default(); groups],
-        }
+        Self { groups: vec![Sums::default(); groups] }
     }
 
     /// How many groups there are.
@@ -91,7 +91,8 @@ impl VarianceComponents {
 
     /// Adds a reading that passed a gate, whose squares are short of `c(k)` on the average.
     ///
-    /// The gate must be in units of the σ that this sum is to find: iterate when it was set by the stated one.
+    /// The gate must be in units of the σ that this sum is to find: iterate when it was set by the stated
+    /// one.
     ///
     /// # Errors
     /// As [`Self::add`].
@@ -105,7 +106,8 @@ impl VarianceComponents {
         self.add_sums(group, 1, squared_normalized_residual / gate.variance_ratio(), leverage)
     }
 
-    /// Adds many readings at once: their number, `Σ r²` and `Σ h`. A measurement of `d` equations counts as `d` readings.
+    /// Adds many readings at once: their number, `Σ r²` and `Σ h`. A measurement of `d` equations counts as
+    /// `d` readings.
     ///
     /// # Errors
     /// As [`Self::add`].
@@ -145,7 +147,8 @@ impl VarianceComponents {
     /// What a group's residuals say.
     ///
     /// # Errors
-    /// `Input` when there is no such group; `Undetermined` when its redundancy is below 1e-6: the unknowns absorb its readings.
+    /// `Input` when there is no such group; `Undetermined` when its redundancy is below 1e-6: the unknowns
+    /// absorb its readings.
     pub fn component(&self, group: usize) -> Result<VarianceComponent> {
         let sums = self
             .groups
@@ -171,7 +174,8 @@ impl VarianceComponents {
 /// Variance factors of all groups, from a solution that was repeated until they agreed with its residuals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IteratedVarianceComponents {
-    /// Per group, relative to the σ that was stated at first. `None` where the readings do not tell; its σ stays as stated.
+    /// Per group, relative to the σ that was stated at first. `None` where the readings do not tell; its σ
+    /// stays as stated.
     pub components: Vec<Option<VarianceComponent>>,
     /// How many solutions were made.
     pub iterations: usize,
@@ -181,9 +185,10 @@ pub struct IteratedVarianceComponents {
 
 /// Repeats a solution with corrected σ until each group's residuals agree with it: `σ_g² ← σ_g² s_g²`.
 ///
-/// `solve` is given each group's factor on its stated σ; it solves with those and adds every reading, normalised by the
-/// *corrected* σ, with the leverage of that solution. Settled when no factor changes by more than `tolerance`, relatively.
-/// The fixed point is that of Helmert's estimator, which is REML for Gaussian readings. Cost: `limit` solutions at most.
+/// `solve` is given each group's factor on its stated σ; it solves with those and adds every reading,
+/// normalised by the *corrected* σ, with the leverage of that solution. Settled when no factor changes by
+/// more than `tolerance`, relatively. The fixed point is that of Helmert's estimator, which is REML for
+/// Gaussian readings. Cost: `limit` solutions at most.
 ///
 /// # Errors
 /// Those of `solve`; `Input` when it returns another number of groups.
@@ -228,11 +233,7 @@ pub fn iterate_variance_components(
             });
         }
     }
-    Ok(IteratedVarianceComponents {
-        components,
-        iterations: limit,
-        termination: Termination::Limit,
-    })
+    Ok(IteratedVarianceComponents { components, iterations: limit, termination: Termination::Limit })
 }
 
 #[cfg(test)]

@@ -1,12 +1,9 @@
 //! What is read of STEP files: faces, faces left out, area, volume and open edges of their triangles.
 //!
-//! `cargo run --release -p planish-exchange --example step_faces -- CHORD FILE...`, the chord error as a share of the size.
+//! `cargo run --release -p planish-exchange --example step_faces -- CHORD FILE...`, the chord error as a
+//! share of the size.
 
-#![allow(
-    clippy::print_stdout,
-    clippy::print_stderr,
-    reason = "a program whose output is a table"
-)]
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program whose output is a table")]
 
 use planish_exchange::step::read_step;
 use planish_mesh::TriangleMesh;
@@ -21,10 +18,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for file in arguments {
         let begun = Instant::now();
         let made = read_step(Path::new(&file)).and_then(|faces| {
-            let fineness = Fineness {
-                chord: share * faces.size(),
-                longest: f64::INFINITY,
-            };
+            let fineness = Fineness { chord: share * faces.size(), longest: f64::INFINITY };
             Ok((faces.unit(), faces.triangles(&fineness)?))
         });
         let (unit, mesh) = match made {

@@ -10,10 +10,7 @@ pub(crate) struct Affine {
 }
 
 impl Affine {
-    pub(crate) const IDENTITY: Self = Self {
-        columns: [[1.0, 0.0], [0.0, 1.0]],
-        origin: [0.0; 2],
-    };
+    pub(crate) const IDENTITY: Self = Self { columns: [[1.0, 0.0], [0.0, 1.0]], origin: [0.0; 2] };
 
     /// A vector's image, without the origin.
     pub(crate) fn turned(&self, [x, y]: [f64; 2]) -> [f64; 2] {
@@ -28,34 +25,22 @@ impl Affine {
 
     /// This map after another one.
     pub(crate) fn after(&self, first: &Self) -> Self {
-        Self {
-            columns: first.columns.map(|c| self.turned(c)),
-            origin: self.point(first.origin),
-        }
+        Self { columns: first.columns.map(|c| self.turned(c)), origin: self.point(first.origin) }
     }
 
     pub(crate) fn is_finite(&self) -> bool {
-        self.columns
-            .iter()
-            .flatten()
-            .chain(&self.origin)
-            .all(|x| x.is_finite() && x.abs() < 1e15)
+        self.columns.iter().flatten().chain(&self.origin).all(|x| x.is_finite() && x.abs() < 1e15)
     }
 
     /// A curve's image: arcs stay arcs where circles stay circles.
     pub(crate) fn curve(&self, curve: &Curve2) -> Curve2 {
         let [a, b] = self.columns;
         let (length, other) = (a[0].hypot(a[1]), b[0].hypot(b[1]));
-        let keeps_circles =
-            (length - other).abs() <= 1e-9 * length && (a[0] * b[0] + a[1] * b[1]).abs() <= 1e-9 * length * length;
+        let keeps_circles = (length - other).abs() <= 1e-9 * length
+            && (a[0] * b[0] + a[1] * b[1]).abs() <= 1e-9 * length * length;
         match curve {
             Curve2::Segment(p, q) => Curve2::Segment(self.point(*p), self.point(*q)),
-            Curve2::Arc {
-                center,
-                radius,
-                start,
-                sweep,
-            } if keeps_circles => {
+            Curve2::Arc { center, radius, start, sweep } if keeps_circles => {
                 // A mirror runs arcs the other way: they begin where they ended.
                 let mirrors = a[0] * b[1] - a[1] * b[0] < 0.0;
                 let first = if mirrors { start + sweep } else { *start };

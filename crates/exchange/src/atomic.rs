@@ -1,7 +1,8 @@
 //! Whole files or none.
 //!
 //! Comes in: a path and what writes to it. Goes out: the finished file under that path, or nothing at all.
-//! Not guaranteed: what is written to a device or pipe (`/dev/stdout`) goes there directly and cannot be taken back.
+//! Not guaranteed: what is written to a device or pipe (`/dev/stdout`) goes there directly and cannot be
+//! taken back.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -15,13 +16,16 @@ use tempfile::NamedTempFile;
 /// What files are written through.
 pub type Writer<'a> = BufWriter<&'a File>;
 
-/// Writes a file under a temporary name in the same folder, then renames it: readers see the old file or the new one.
+/// Writes a file under a temporary name in the same folder, then renames it: readers see the old file or the
+/// new one.
 ///
-/// On an error or a panic the temporary file is removed and an older file of that name stays as it was. A symbolic link
-/// is followed, so that the file that it names is replaced. Lasts as long as the disk takes to store the bytes (`fsync`).
+/// On an error or a panic the temporary file is removed and an older file of that name stays as it was. A
+/// symbolic link is followed, so that the file that it names is replaced. Lasts as long as the disk takes to
+/// store the bytes (`fsync`).
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing, the path names a folder, or writing fails.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing, the path names a folder, or writing
+/// fails.
 ///
 /// # Examples
 /// ```
@@ -49,7 +53,8 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
     Ok(())
 }
 
-/// [`write_atomically`], through gzip where the path's name ends with `.gz`. The same bytes in give the same bytes out.
+/// [`write_atomically`], through gzip where the path's name ends with `.gz`. The same bytes in give the same
+/// bytes out.
 pub(crate) fn write_packed(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
     let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
     write_atomically(path, |writer| match packed {
@@ -63,27 +68,27 @@ pub(crate) fn write_packed(path: &Path, write: impl FnOnce(&mut dyn Write) -> io
     })
 }
 
-/// Finds out whether [`write_atomically`] could write a file, before the work that fills it: an empty temporary file is made
-/// beside it and removed.
+/// Finds out whether [`write_atomically`] could write a file, before the work that fills it: an empty
+/// temporary file is made beside it and removed.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing or may not be written to, or the path names a folder or
-/// a file that is protected.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing or may not be written to, or the path
+/// names a folder or a file that is protected.
 pub fn check_writable(path: &Path) -> Result<()> {
     if path.as_os_str().as_encoded_bytes().ends_with(b"/") {
-        return Err(Error::io(format!(
-            "{}: names a folder, needed the name of a file",
-            path.display()
-        )));
+        return Err(Error::io(format!("{}: names a folder, needed the name of a file", path.display())));
     }
     let failed = |e: io::Error| could_not_write(path, e);
     match target_of(path)? {
-        Target::File { folder, .. } => temporary_in(&folder).map(drop).map_err(|e| not_made(path, &folder, &e)),
+        Target::File { folder, .. } => {
+            temporary_in(&folder).map(drop).map_err(|e| not_made(path, &folder, &e))
+        }
         Target::Device => OpenOptions::new().write(true).open(path).map(drop).map_err(failed),
     }
 }
 
-/// The path that a file has, or will have, once links and `..` are followed: the same for two names of one file.
+/// The path that a file has, or will have, once links and `..` are followed: the same for two names of one
+/// file.
 #[must_use]
 pub fn real_path(path: &Path) -> PathBuf {
     fs::canonicalize(path).unwrap_or_else(|_| match (fs::canonicalize(folder_of(path)), path.file_name()) {
@@ -111,20 +116,13 @@ fn could_not_write(path: &Path, e: io::Error) -> Error {
 
 /// The name of the file that could not be made means nothing to anybody: the folder is named.
 fn not_made(path: &Path, folder: &Path, e: &io::Error) -> Error {
-    Error::io(format!(
-        "{}: no file can be made in the folder {}",
-        path.display(),
-        folder.display()
-    ))
-    .with_source(io::Error::from(e.kind()))
+    Error::io(format!("{}: no file can be made in the folder {}", path.display(), folder.display()))
+        .with_source(io::Error::from(e.kind()))
 }
 
 fn target_of(path: &Path) -> Result<Target> {
     if path.is_dir() {
-        return Err(Error::io(format!(
-            "{}: is a folder, needed a file name",
-            path.display()
-        )));
+        return Err(Error::io(format!("{}: is a folder, needed a file name", path.display())));
     }
     if path.file_name().is_none() {
         return Err(Error::io(format!("{}: is no file name", path.display())));
@@ -169,15 +167,14 @@ fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
 /// [`Io`](planish_estimate::ErrorKind::Io) when that is not allowed, or a file of that name is in the way.
 pub fn make_folder(path: &Path) -> Result<()> {
     if path.exists() && !path.is_dir() {
-        return Err(Error::io(format!(
-            "{}: is a file, needed the name of a folder",
-            path.display()
-        )));
+        return Err(Error::io(format!("{}: is a file, needed the name of a folder", path.display())));
     }
-    fs::create_dir_all(path).map_err(|e| Error::io(format!("{}: could not be made", path.display())).with_source(e))
+    fs::create_dir_all(path)
+        .map_err(|e| Error::io(format!("{}: could not be made", path.display())).with_source(e))
 }
 
-/// A folder of files that is whole or not there: it is filled under a temporary name beside its place, and renamed when it is finished.
+/// A folder of files that is whole or not there: it is filled under a temporary name beside its place, and
+/// renamed when it is finished.
 ///
 /// Dropped before that, it is removed with all that is in it.
 #[derive(Debug)]
@@ -190,7 +187,8 @@ impl FolderInWork {
     /// Checks that a folder can be made under this path: nothing is there yet, or an empty folder.
     ///
     /// # Errors
-    /// [`Io`](planish_estimate::ErrorKind::Io) where a file or a folder with files is in the way, or no folder can be made there.
+    /// [`Io`](planish_estimate::ErrorKind::Io) where a file or a folder with files is in the way, or no
+    /// folder can be made there.
     pub fn check(path: &Path) -> Result<()> {
         Self::beside(path).map(drop)
     }
@@ -233,7 +231,8 @@ impl FolderInWork {
     /// Gives the folder its name.
     ///
     /// # Errors
-    /// [`Io`](planish_estimate::ErrorKind::Io) where something has come in the way since; the files are removed then.
+    /// [`Io`](planish_estimate::ErrorKind::Io) where something has come in the way since; the files are
+    /// removed then.
     pub fn finish(self) -> Result<()> {
         let failed = |e: io::Error| could_not_write(&self.target, e);
         #[cfg(unix)]
@@ -279,10 +278,8 @@ mod tests {
     use planish_estimate::ErrorKind;
 
     fn names(folder: &Path) -> Vec<String> {
-        let mut names: Vec<_> = fs::read_dir(folder)
-            .unwrap()
-            .map(|e| e.unwrap().file_name().into_string().unwrap())
-            .collect();
+        let mut names: Vec<_> =
+            fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
         names
     }
@@ -404,10 +401,7 @@ mod tests {
         let folder = FolderInWork::beside(&path).unwrap();
         fs::write(folder.path().join("a"), "a").unwrap();
         folder.finish().unwrap();
-        assert_eq!(
-            (names(place.path()), names(&path)),
-            (vec!["frames".to_owned()], vec!["a".to_owned()])
-        );
+        assert_eq!((names(place.path()), names(&path)), (vec!["frames".to_owned()], vec!["a".to_owned()]));
         let e = FolderInWork::check(&path).unwrap_err();
         assert!(e.to_string().contains("files in it"), "{e}");
     }

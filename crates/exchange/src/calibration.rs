@@ -1,6 +1,7 @@
 //! Calibration TOML: what is known of a camera.
 //!
-//! Comes in: a TOML file. Goes out: a [`Calibration`]. Keys that are not known are errors, so that no misspelt σ goes unnoticed.
+//! Comes in: a TOML file. Goes out: a [`Calibration`]. Keys that are not known are errors, so that no
+//! misspelt σ goes unnoticed.
 //!
 //! ```toml
 //! unit = "m"                # of every length here, and of the points: mm, m or in; may be left out
@@ -13,7 +14,8 @@
 //! sigma_b = 0.0019
 //! ```
 //!
-//! The tables of other sensors: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`], [`read_view_sensor`].
+//! The tables of other sensors: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`],
+//! [`read_view_sensor`].
 //!
 //! Not guaranteed: lenses are taken for undistorted, but for two views of stereo that state their distortion.
 
@@ -66,37 +68,36 @@ fn one() -> f64 {
 /// Reads the calibration of a depth camera.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing; [`Input`](planish_estimate::ErrorKind::Input) for TOML that is malformed,
-/// keys that are missing or not known, and numbers out of range: with file, line and key.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing;
+/// [`Input`](planish_estimate::ErrorKind::Input) for TOML that is malformed, keys that are missing or not
+/// known, and numbers out of range: with file, line and key.
 pub fn read_calibration(path: &Path) -> Result<Calibration> {
-    read_text(path)
-        .and_then(|text| parse(&text))
-        .map_err(|e| e.in_context(path.display()))
+    read_text(path).and_then(|text| parse(&text)).map_err(|e| e.in_context(path.display()))
 }
 
 /// A table, or an error with its line and what is `needed`.
 pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, needed: &str) -> Result<T> {
     toml::from_str(text).map_err(|e| {
-        let line = e.span().map_or(1, |span| {
-            1 + text.bytes().take(span.start).filter(|&b| b == b'\n').count()
-        });
+        let line =
+            e.span().map_or(1, |span| 1 + text.bytes().take(span.start).filter(|&b| b == b'\n').count());
         Error::input(format!("line {line}: {}; {needed}", e.message().trim_end()))
     })
 }
 
-/// Refuses the first number that is not finite or not what its key needs: key, value, whether it is good, what is needed.
+/// Refuses the first number that is not finite or not what its key needs: key, value, whether it is good,
+/// what is needed.
 fn check_numbers(numbers: &[(&str, f64, bool, &str)]) -> Result<()> {
     match numbers.iter().find(|(_, value, good, _)| !(*good && value.is_finite())) {
-        Some((key, value, _, needed)) => Err(Error::input(format!("needed {needed} for {key}, found {value}"))),
+        Some((key, value, _, needed)) => {
+            Err(Error::input(format!("needed {needed} for {key}, found {value}")))
+        }
         None => Ok(()),
     }
 }
 
 fn parse(text: &str) -> Result<Calibration> {
-    let table: Table = table(
-        text,
-        "a depth camera needs fx fy cx cy, and may have scale, sigma_a, sigma_b and unit",
-    )?;
+    let table: Table =
+        table(text, "a depth camera needs fx fy cx cy, and may have scale, sigma_a, sigma_b and unit")?;
     let numbers = [
         ("fx", Some(table.fx), table.fx > 0.0),
         ("fy", Some(table.fy), table.fy > 0.0),
@@ -142,24 +143,16 @@ mod tests {
     fn a_camera_is_read_and_what_is_left_out_has_its_default() {
         let text = "fx = 525\nfy = 520.5\ncx = 319.5\ncy = 239.5\n";
         let found = parse(text).unwrap();
-        assert_eq!(
-            (found.camera.focal, found.camera.scale, found.unit),
-            ([525.0, 520.5], 1.0, None)
-        );
+        assert_eq!((found.camera.focal, found.camera.scale, found.unit), ([525.0, 520.5], 1.0, None));
         assert_eq!(found.camera.sigma, None);
         let found = parse(&format!("unit = \"m\"\nscale = 0.001\nsigma_b = 0.002\n{text}")).unwrap();
-        assert_eq!(
-            (found.camera.sigma, found.unit),
-            (Some([0.0, 0.002]), Some(Unit::Metre))
-        );
+        assert_eq!((found.camera.sigma, found.unit), (Some([0.0, 0.002]), Some(Unit::Metre)));
     }
 
     #[test]
     fn mistakes_are_named() {
         let with = |line: &str| {
-            parse(&format!("fx = 525\nfy = 525\ncx = 319.5\ncy = 239.5\n{line}\n"))
-                .unwrap_err()
-                .to_string()
+            parse(&format!("fx = 525\nfy = 525\ncx = 319.5\ncy = 239.5\n{line}\n")).unwrap_err().to_string()
         };
         assert!(with("sigm_a = 1").contains("line 5"));
         assert!(with("scale = 0").contains("above 0 for scale, found 0"));
@@ -167,10 +160,7 @@ mod tests {
         assert!(with("sigma_a = 0").contains("above 0"));
         assert!(with("unit = \"cm\"").contains("`cm`"));
         let e = parse("fx = 525\n").unwrap_err().to_string();
-        assert!(
-            e.contains("missing field `fy`") && e.contains("needs fx fy cx cy"),
-            "{e}"
-        );
+        assert!(e.contains("missing field `fy`") && e.contains("needs fx fy cx cy"), "{e}");
         let e = parse("fx = inf\nfy = 1\ncx = 0\ncy = nan\n").unwrap_err().to_string();
         assert!(e.contains("fx, found inf"), "{e}");
     }

@@ -1,13 +1,13 @@
 //! Depth images: PNG of 8 or 16 bits, TIFF and NPY of one channel, with the calibration of their camera.
 //!
-//! Comes in: an image and a [`Calibration`](crate::calibration::Calibration), of which σ = a + b z² gives every point its
-//! covariance: along the ray, and over the width of the pixel across it. Goes out: an organised [`Scan`] in the camera's frame (x right, y down,
-//! z forward) that looks from the camera's centre.
+//! Comes in: an image and a [`Calibration`](crate::calibration::Calibration), of which σ = a + b z² gives
+//! every point its covariance: along the ray, and over the width of the pixel across it. Goes out: an
+//! organised [`Scan`] in the camera's frame (x right, y down, z forward) that looks from the camera's centre.
 //!
 //! The calibration is that which a job names, or else the file `NAME.toml` beside `NAME.png`.
 //!
-//! Not guaranteed: depth is along the camera's axis, not along the ray. A reading of 0, below it, or not finite is none: the cell is empty, and counts as a point
-//! that is not finite.
+//! Not guaranteed: depth is along the camera's axis, not along the ray. A reading of 0, below it, or not
+//! finite is none: the cell is empty, and counts as a point that is not finite.
 
 pub(crate) mod tags;
 
@@ -78,8 +78,9 @@ pub fn calibration_of(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
 /// Reads a depth image as an organised scan.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when a file is missing or unreadable; [`Input`](planish_estimate::ErrorKind::Input) when one is malformed
-/// or cut off; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for images of several channels.
+/// [`Io`](planish_estimate::ErrorKind::Io) when a file is missing or unreadable;
+/// [`Input`](planish_estimate::ErrorKind::Input) when one is malformed or cut off;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for images of several channels.
 pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>)> {
     let calibration = read_calibration(calibration)?;
     let camera = &calibration.camera;
@@ -111,11 +112,7 @@ fn read_image(path: &Path) -> Result<Image> {
     let image = match extension(path).as_str() {
         "npy" => {
             let (columns, rows, readings) = npy::read_image(path)?;
-            Image {
-                columns,
-                rows,
-                readings,
-            }
+            Image { columns, rows, readings }
         }
         "png" => {
             let (file, length) = open_file(path)?;
@@ -179,19 +176,12 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
     let mut readings = Vec::new();
     while let Some(row) = reader.next_row().map_err(damaged)? {
         match wide {
-            true => readings.extend(
-                row.data()
-                    .chunks_exact(2)
-                    .map(|b| f64::from(u16::from_be_bytes([b[0], b[1]]))),
-            ),
+            true => readings
+                .extend(row.data().chunks_exact(2).map(|b| f64::from(u16::from_be_bytes([b[0], b[1]])))),
             false => readings.extend(row.data().iter().map(|&b| f64::from(b))),
         }
     }
-    Ok(Image {
-        columns: columns as usize,
-        rows: rows as usize,
-        readings,
-    })
+    Ok(Image { columns: columns as usize, rows: rows as usize, readings })
 }
 
 /// Memory in proportion to the file: the decoder takes what the header asks for before it reads.
@@ -215,13 +205,13 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         TiffError::LimitsExceeded => Error::unsupported(
             "a TIFF image of more than 256 MiB, or of more than its file can hold: write it in parts, or anew",
         ),
-        TiffError::UnsupportedError(_) => Error::unsupported("a TIFF image of a kind that is not read").with_source(e),
+        TiffError::UnsupportedError(_) => {
+            Error::unsupported("a TIFF image of a kind that is not read").with_source(e)
+        }
         e => Error::input("is no TIFF image, or is damaged or cut off").with_source(e),
     };
     tags::check(&mut file)?;
-    let mut decoder = TiffDecoder::new(file)
-        .map_err(damaged)?
-        .with_limits(tiff_limits(length));
+    let mut decoder = TiffDecoder::new(file).map_err(damaged)?.with_limits(tiff_limits(length));
     let (columns, rows) = decoder.dimensions().map_err(damaged)?;
     check_promise(columns, rows, length)?;
     match decoder.colortype().map_err(damaged)? {
@@ -241,16 +231,10 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         DecodingResult::F32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::F64(v) => v,
         _ => {
-            return Err(Error::unsupported(
-                "needed numbers of 8, 16 or 32 bits, or floating point",
-            ));
+            return Err(Error::unsupported("needed numbers of 8, 16 or 32 bits, or floating point"));
         }
     };
-    Ok(Image {
-        columns: columns as usize,
-        rows: rows as usize,
-        readings,
-    })
+    Ok(Image { columns: columns as usize, rows: rows as usize, readings })
 }
 
 #[cfg(test)]

@@ -1,11 +1,14 @@
 //! DXF (Drawing Interchange Format, ASCII): curves of drawings in.
 //!
-//! Comes in: `LINE`, `ARC`, `CIRCLE`, `ELLIPSE`, `LWPOLYLINE`, `POLYLINE`, `SPLINE` of the section `ENTITIES`, and of the blocks that `INSERT`s
-//! place there, on layers whose names hold `HIDDEN` or with dashed line types for hidden lines; centre lines (`CENTER`, `DASHDOT`) are left out.
-//! Goes out: curves with their style, the unit of `$INSUNITS`, how many entities of which kind were passed over (texts, hatches), and in words
-//! what was left out and which dimensions contradict what is drawn. Coordinates are those of the file: x to the right, y up.
+//! Comes in: `LINE`, `ARC`, `CIRCLE`, `ELLIPSE`, `LWPOLYLINE`, `POLYLINE`, `SPLINE` of the section
+//! `ENTITIES`, and of the blocks that `INSERT`s place there, on layers whose names hold `HIDDEN` or with
+//! dashed line types for hidden lines; centre lines (`CENTER`, `DASHDOT`) are left out. Goes out: curves with
+//! their style, the unit of `$INSUNITS`, how many entities of which kind were passed over (texts, hatches),
+//! and in words what was left out and which dimensions contradict what is drawn. Coordinates are those of the
+//! file: x to the right, y up.
 //!
-//! Not guaranteed: entities out of the xy plane (an extrusion direction other than ±z is an error); binary DXF; meshes (`POLYLINE` of faces).
+//! Not guaranteed: entities out of the xy plane (an extrusion direction other than ±z is an error); binary
+//! DXF; meshes (`POLYLINE` of faces).
 //!
 //! # References
 //! Autodesk, *AutoCAD 2012 DXF Reference* (group codes).
@@ -45,8 +48,9 @@ pub struct DxfDrawing {
 /// Reads a DXF file.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) where it cannot be read; [`Input`](planish_estimate::ErrorKind::Input), naming entity and line,
-/// where it is no ASCII DXF or an entity lacks what it needs.
+/// [`Io`](planish_estimate::ErrorKind::Io) where it cannot be read;
+/// [`Input`](planish_estimate::ErrorKind::Input), naming entity and line, where it is no ASCII DXF or an
+/// entity lacks what it needs.
 pub fn read_dxf(path: &Path) -> Result<DxfDrawing> {
     read_file(path, |mut source, _| {
         let mut groups = Groups::new(&mut source);
@@ -99,22 +103,15 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
             _ => {}
         }
     }
-    let empty = DxfDrawing {
-        unit,
-        ..DxfDrawing::default()
-    };
+    let empty = DxfDrawing { unit, ..DxfDrawing::default() };
     let mut drawer = Drawer::new(&sheet, empty);
     drawer.draw(&items, &Place::default())?;
     let (mut drawing, dimensions, passed_over) = drawer.finish();
     for (kind, (count, first)) in &passed_over {
         drawing.passed_over.insert(kind.clone(), *count);
-        drawing.warnings.push(format!(
-            "passed over {count} of {kind}, the first {first}: it draws no edges"
-        ));
+        drawing.warnings.push(format!("passed over {count} of {kind}, the first {first}: it draws no edges"));
     }
-    drawing
-        .warnings
-        .extend(dimension::contradictions(&dimensions, &drawing.curves)?);
+    drawing.warnings.extend(dimension::contradictions(&dimensions, &drawing.curves)?);
     if !ended && drawing.curves.is_empty() {
         return Err(Error::input(
             "needed an ASCII DXF file that ends in EOF, found none of it: is it a DXF?",
@@ -129,10 +126,7 @@ fn too_many() -> Error {
 
 /// `$INSUNITS`: 1 inches, 2 feet, 4 millimetres, 6 metres.
 fn unit_of(header: &Record) -> Option<Unit> {
-    let at = header
-        .groups
-        .iter()
-        .position(|g| g.code == 9 && g.value == "$INSUNITS")?;
+    let at = header.groups.iter().position(|g| g.code == 9 && g.value == "$INSUNITS")?;
     match header.groups.get(at + 1)?.value.parse::<i64>().ok()? {
         1 => Some(Unit::Inch),
         2 => Some(Unit::Foot),

@@ -1,9 +1,10 @@
 //! E57, the exchange format of terrestrial scanners: several scans in one file, each with its pose.
 //!
-//! Comes in: an ASTM E2807 file, Cartesian or spherical. Goes out: a [`Scan`] for every point cloud, in its scanner's own frame with its
-//! pose, in metres, the unit of the format. Points that are marked as invalid are dropped and counted. Indices of rows and columns
-//! give the sampling grid, where no two points share a cell. Rays leave the origin of the frame of spherical and organised clouds, and of those
-//! with a pose; others may be of any origin.
+//! Comes in: an ASTM E2807 file, Cartesian or spherical. Goes out: a [`Scan`] for every point cloud, in its
+//! scanner's own frame with its pose, in metres, the unit of the format. Points that are marked as invalid
+//! are dropped and counted. Indices of rows and columns give the sampling grid, where no two points share a
+//! cell. Rays leave the origin of the frame of spherical and organised clouds, and of those with a pose;
+//! others may be of any origin.
 //!
 //! Not guaranteed: colours, intensities, images and times are passed over.
 
@@ -24,8 +25,8 @@ const MOST_CELLS_A_POINT: u64 = 64;
 /// Reads all point clouds that have points; one without any where none has.
 ///
 /// # Errors
-/// [`Io`](ErrorKind::Io) when the file is missing or unreadable, [`Input`](ErrorKind::Input) when it is malformed, cut off, or holds no point cloud:
-/// with the file, the cloud and the point.
+/// [`Io`](ErrorKind::Io) when the file is missing or unreadable, [`Input`](ErrorKind::Input) when it is
+/// malformed, cut off, or holds no point cloud: with the file, the cloud and the point.
 pub fn read_e57(path: &Path) -> Result<Vec<Scan>> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     scans_from(path, &name).map_err(|e| e.in_context(path.display()))
@@ -37,7 +38,8 @@ fn damaged(e: e57::Error, what: &str) -> Error {
 
 fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
     let (file, length) = open_file(path)?;
-    let mut reader = E57Reader::new(BufReader::new(file)).map_err(|e| damaged(e, "the header cannot be read"))?;
+    let mut reader =
+        E57Reader::new(BufReader::new(file)).map_err(|e| damaged(e, "the header cannot be read"))?;
     let clouds = reader.pointclouds();
     let mut scans = Vec::with_capacity(clouds.len());
     for (number, cloud) in clouds.iter().enumerate() {
@@ -79,10 +81,7 @@ fn scan_from(
 ) -> Result<Scan> {
     let (cartesian, spherical) = (cloud.has_cartesian(), cloud.has_spherical());
     if !cartesian && !spherical {
-        return Err(Error::new(
-            ErrorKind::Input,
-            "needed Cartesian or spherical coordinates, found neither",
-        ));
+        return Err(Error::new(ErrorKind::Input, "needed Cartesian or spherical coordinates, found neither"));
     }
     let record: u64 = cloud.prototype.iter().map(bits).sum();
     // Points that take no bits at all could be of any number.
@@ -103,9 +102,7 @@ fn scan_from(
     let mut cells = Vec::new();
     let layout = Layout::of(cloud);
     // The crate's reader of points, other than that of values, stops at packets in which no point is whole.
-    let points = reader
-        .pointcloud_raw(cloud)
-        .map_err(|e| damaged(e, "its points cannot be found"))?;
+    let points = reader.pointcloud_raw(cloud).map_err(|e| damaged(e, "its points cannot be found"))?;
     for (number, values) in points.enumerate() {
         let cannot = |e| damaged(e, &format!("point {number} cannot be read"));
         let values = values.map_err(cannot)?;
@@ -148,9 +145,7 @@ impl Layout {
                 RecordName::SphericalElevation,
             ]),
             spherical_state: find(RecordName::SphericalInvalidState),
-            cell: find(RecordName::ColumnIndex)
-                .zip(find(RecordName::RowIndex))
-                .map(|(c, r)| [c, r]),
+            cell: find(RecordName::ColumnIndex).zip(find(RecordName::RowIndex)).map(|(c, r)| [c, r]),
         }
     }
 
@@ -185,11 +180,14 @@ fn pose(cloud: &PointCloud) -> Result<Pose> {
     Pose::from_quaternion_xyzw([q.x, q.y, q.z, q.w], translation)
         .filter(|_| translation.iter().all(|c| c.is_finite()))
         .ok_or_else(|| {
-            Error::input("needed a finite pose, found a quaternion of length 0 or numbers that are not finite")
+            Error::input(
+                "needed a finite pose, found a quaternion of length 0 or numbers that are not finite",
+            )
         })
 }
 
-/// The grid of the points' columns and rows; none where two share a cell, where there is one row or column only, or too many are empty.
+/// The grid of the points' columns and rows; none where two share a cell, where there is one row or column
+/// only, or too many are empty.
 fn grid(cells: &[[i64; 2]]) -> Option<RangeGrid> {
     let mut low = *cells.first()?;
     let mut high = low;

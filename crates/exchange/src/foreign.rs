@@ -1,7 +1,8 @@
 //! Decoders of other people, which may panic on damaged files.
 //!
-//! Comes in: a call of such a decoder. Goes out: what it gives, or an error that blames the file.
-//! Not guaranteed: anything about memory. A decoder that asks for too much ends the program, so sizes are checked before it is called.
+//! Comes in: a call of such a decoder. Goes out: what it gives, or an error that blames the file. Not
+//! guaranteed: anything about memory. A decoder that asks for too much ends the program, so sizes are checked
+//! before it is called.
 
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
@@ -17,7 +18,8 @@ thread_local! {
 /// Calls a decoder; nothing is printed where it panics.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) where it panicked. What it worked on is then in no known state: drop it.
+/// [`Input`](planish_estimate::ErrorKind::Input) where it panicked. What it worked on is then in no known
+/// state: drop it.
 pub(crate) fn guarded<T>(decode: impl FnOnce() -> T) -> Result<T> {
     static SILENT: Once = Once::new();
     SILENT.call_once(|| {

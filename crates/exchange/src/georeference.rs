@@ -1,7 +1,8 @@
 //! Which map coordinates belong to, carried from a point cloud to a raster.
 //!
-//! Comes in: the keys of the GeoTIFF standard, which LAS files hold too, or text. Goes out: the same keys for a raster, and the unit of
-//! length that they name. The keys are carried as they are: a projection that somebody defined for one project stays what it is.
+//! Comes in: the keys of the GeoTIFF standard, which LAS files hold too, or text. Goes out: the same keys for
+//! a raster, and the unit of length that they name. The keys are carried as they are: a projection that
+//! somebody defined for one project stays what it is.
 
 use crate::Unit;
 
@@ -32,14 +33,13 @@ const METRE: u16 = 9001;
 const FEET: [u16; 2] = [9002, 9003];
 
 impl GeoReference {
-    /// From the three records of a LAS file: little-endian keys, doubles and text. None where the keys make no sense.
+    /// From the three records of a LAS file: little-endian keys, doubles and text. None where the keys make
+    /// no sense.
     pub(crate) fn from_keys(keys: &[u8], doubles: &[u8], text: &[u8]) -> Option<Self> {
         let words: Vec<u16> = keys.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
         let count = usize::from(*words.get(3)?);
-        let doubles: Vec<f64> = doubles
-            .chunks_exact(8)
-            .filter_map(|b| b.try_into().ok().map(f64::from_le_bytes))
-            .collect();
+        let doubles: Vec<f64> =
+            doubles.chunks_exact(8).filter_map(|b| b.try_into().ok().map(f64::from_le_bytes)).collect();
         let keys: Vec<[u16; 4]> = (words.get(4..)?.chunks_exact(4).take(count))
             .map(|k| [k[0], k[1], k[2], k[3]])
             .filter(|&[key, tag, count, from]| {
@@ -53,27 +53,20 @@ impl GeoReference {
                     }
             })
             .collect();
-        keys.iter().any(|k| k[0] == PROJECTED_CRS).then(|| Self {
-            keys,
-            doubles,
-            text: text.to_vec(),
-        })
+        keys.iter().any(|k| k[0] == PROJECTED_CRS).then(|| Self { keys, doubles, text: text.to_vec() })
     }
 
-    /// From well-known text: what the EPSG calls the map, where the text says so. None for text without such a code.
+    /// From well-known text: what the EPSG calls the map, where the text says so. None for text without such
+    /// a code.
     pub(crate) fn from_wkt(wkt: &str) -> Option<Self> {
         // A compound system names the map first and heights after it.
         let map = &wkt[wkt.find("PROJCS[").or_else(|| wkt.find("PROJCRS["))?..];
-        let map = &map[..[map.find("VERT_CS["), map.find("VERTCRS[")]
-            .into_iter()
-            .flatten()
-            .min()
-            .unwrap_or(map.len())];
+        let map = &map
+            [..[map.find("VERT_CS["), map.find("VERTCRS[")].into_iter().flatten().min().unwrap_or(map.len())];
         let code = ["AUTHORITY[\"EPSG\",", "ID[\"EPSG\","].into_iter().find_map(|before| {
             let code = &map[map.rfind(before)? + before.len()..];
-            let digits: String = (code.chars().skip_while(|c| *c == '"'))
-                .take_while(char::is_ascii_digit)
-                .collect();
+            let digits: String =
+                (code.chars().skip_while(|c| *c == '"')).take_while(char::is_ascii_digit).collect();
             digits.parse().ok()
         })?;
         let mut keys = vec![[MODEL_TYPE, 0, 1, 1], [PROJECTED_CRS, 0, 1, code]];
@@ -88,11 +81,7 @@ impl GeoReference {
                 .find(|(_, metres)| (length - metres).abs() < 1e-8);
             keys.extend(unit.map(|(code, _)| [PROJECTED_LINEAR_UNITS, 0, 1, code]));
         }
-        Some(Self {
-            keys,
-            doubles: Vec::new(),
-            text: Vec::new(),
-        })
+        Some(Self { keys, doubles: Vec::new(), text: Vec::new() })
     }
 
     /// The code of the EPSG, where the map has one.
@@ -133,10 +122,7 @@ mod tests {
         assert_eq!(made.keys.len(), 3);
         let own = bytes(&[1, 1, 0, 2, 3072, 0, 1, 32767, 3078, 34736, 1, 0]);
         let made = GeoReference::from_keys(&own, &43.0_f64.to_le_bytes(), &[]).unwrap();
-        assert_eq!(
-            (made.epsg(), made.unit(), made.doubles.as_slice()),
-            (None, None, &[43.0][..])
-        );
+        assert_eq!((made.epsg(), made.unit(), made.doubles.as_slice()), (None, None, &[43.0][..]));
     }
 
     #[test]
@@ -157,7 +143,8 @@ mod tests {
         let made = GeoReference::from_wkt(wkt).unwrap();
         assert_eq!((made.epsg(), made.unit()), (Some(32632), Some(Unit::Metre)));
         assert!(
-            GeoReference::from_wkt("").is_none() && GeoReference::from_wkt("PROJCS[\"x\",UNIT[\"m\",1]]").is_none()
+            GeoReference::from_wkt("").is_none()
+                && GeoReference::from_wkt("PROJCS[\"x\",UNIT[\"m\",1]]").is_none()
         );
     }
 }

@@ -1,8 +1,9 @@
 //! GeoTIFF, out: heights and their σ on a grid of a map.
 //!
-//! Comes in: a [`HeightGrid`]. Goes out: one file with two bands of single precision, pixel by pixel, compressed by deflate. Band 1 is
-//! the height, band 2 its σ; both are [`NODATA`] where the grid knows nothing. Coordinates are of double precision, and a pixel is an area
-//! whose upper left corner is tied to the map.
+//! Comes in: a [`HeightGrid`]. Goes out: one file with two bands of single precision, pixel by pixel,
+//! compressed by deflate. Band 1 is the height, band 2 its σ; both are [`NODATA`] where the grid knows
+//! nothing. Coordinates are of double precision, and a pixel is an area whose upper left corner is tied to
+//! the map.
 //!
 //! Not guaranteed: files of more than 4 GB.
 
@@ -62,8 +63,8 @@ const GDAL_METADATA: Tag = Tag::Unknown(42112);
 /// Writes a grid.
 ///
 /// # Errors
-/// `Input` for a grid without cells or whose values are not as many as its cells; `Unsupported` for more than 4 GB; `Io` when the file
-/// cannot be written; nothing is left half-written.
+/// `Input` for a grid without cells or whose values are not as many as its cells; `Unsupported` for more than
+/// 4 GB; `Io` when the file cannot be written; nothing is left half-written.
 ///
 /// # References
 /// - OGC 19-008r4, *GeoTIFF standard*, 2019.
@@ -92,7 +93,8 @@ pub fn write_geotiff(path: &Path, grid: &HeightGrid) -> Result<()> {
 
 fn encoded(grid: &HeightGrid) -> std::result::Result<Vec<u8>, TiffError> {
     let mut file = Cursor::new(Vec::new());
-    let mut encoder = TiffEncoder::new(&mut file)?.with_compression(Compression::Deflate(DeflateLevel::Balanced));
+    let mut encoder =
+        TiffEncoder::new(&mut file)?.with_compression(Compression::Deflate(DeflateLevel::Balanced));
     let size = |n: usize| u32::try_from(n).map_err(|e| TiffError::IoError(io::Error::other(e)));
     let mut image = encoder.new_image::<HeightAndSigma>(size(grid.columns)?, size(grid.rows)?)?;
     let tags = image.encoder();
@@ -128,11 +130,7 @@ fn encoded(grid: &HeightGrid) -> std::result::Result<Vec<u8>, TiffError> {
 
 fn metadata(unit: Unit) -> String {
     let item = |name: &str, sample: u8, role: &str, value: &str| {
-        let role = if role.is_empty() {
-            String::new()
-        } else {
-            format!(" role=\"{role}\"")
-        };
+        let role = if role.is_empty() { String::new() } else { format!(" role=\"{role}\"") };
         format!("<Item name=\"{name}\" sample=\"{sample}\"{role}>{value}</Item>")
     };
     let unit = unit.name();
@@ -159,7 +157,9 @@ mod tests {
             rows: 2,
             values: vec![[1.0, 0.1], [2.0, 0.2], [NODATA; 2], [4.0, 0.4], [5.5, 0.5], [6.0, 0.6]],
             unit: Unit::Metre,
-            georeference: GeoReference::from_wkt("PROJCS[\"x\",UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"32632\"]]"),
+            georeference: GeoReference::from_wkt(
+                "PROJCS[\"x\",UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"32632\"]]",
+            ),
         }
     }
 
@@ -176,18 +176,10 @@ mod tests {
         // Seven digits before the point and every one behind it.
         assert_eq!(tie, [0.0, 0.0, 0.0, 600_000.25, 4_000_000.75, 0.0]);
         let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).unwrap();
-        assert_eq!(
-            keys,
-            [
-                1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32632, 3076, 0, 1, 9001
-            ]
-        );
+        assert_eq!(keys, [1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32632, 3076, 0, 1, 9001]);
         assert_eq!(decoder.get_tag_ascii_string(Tag::GdalNodata).unwrap(), "-9999");
         let names = decoder.get_tag_ascii_string(GDAL_METADATA).unwrap();
-        assert!(
-            names.contains(">height<") && names.contains(">sigma of the height<"),
-            "{names}"
-        );
+        assert!(names.contains(">height<") && names.contains(">sigma of the height<"), "{names}");
         let DecodingResult::F32(samples) = decoder.read_image().unwrap() else {
             panic!("not of single precision");
         };
@@ -205,11 +197,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.tif");
         for (columns, rows) in [(0, 0), (2, 2)] {
-            let bad = HeightGrid {
-                columns,
-                rows,
-                ..grid()
-            };
+            let bad = HeightGrid { columns, rows, ..grid() };
             assert_eq!(write_geotiff(&path, &bad).unwrap_err().kind(), ErrorKind::Input);
             assert!(!path.exists());
         }

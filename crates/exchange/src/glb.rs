@@ -1,17 +1,21 @@
 //! GLB, binary glTF 2.0: what browsers and viewers show; meshes in and out.
 //!
-//! Comes in: a file whose geometry stands in its own binary chunk. Goes out: a [`PolygonMesh`](crate::mesh::PolygonMesh) of all meshes of the scene, in
-//! metres, the unit of glTF; normals are the columns `nx ny nz`, the attributes `_SIGMA` and `_OBSERVED` the columns `sigma` and `observed`.
+//! Comes in: a file whose geometry stands in its own binary chunk. Goes out: a
+//! [`PolygonMesh`](crate::mesh::PolygonMesh) of all meshes of the scene, in metres, the unit of glTF; normals
+//! are the columns `nx ny nz`, the attributes `_SIGMA` and `_OBSERVED` the columns `sigma` and `observed`.
 //!
-//! **Written files** hold one mesh: `float32` positions about the middle of the mesh, which is the translation of its node, so that far
-//! coordinates lose no digits; the node's scale turns the model's unit into metres. `_SIGMA` is a length in the frame of the positions, as
-//! they are before the node's scale. `COLOR_0` shows σ from dark violet (small) to yellow (large, on a logarithmic scale), and grey where nothing was
-//! measured. The same input gives the same bytes.
+//! **Written files** hold one mesh: `float32` positions about the middle of the mesh, which is the
+//! translation of its node, so that far coordinates lose no digits; the node's scale turns the model's unit
+//! into metres. `_SIGMA` is a length in the frame of the positions, as they are before the node's scale.
+//! `COLOR_0` shows σ from dark violet (small) to yellow (large, on a logarithmic scale), and grey where
+//! nothing was measured. The same input gives the same bytes.
 //!
-//! Meshes that change in time are written with morph targets and an animation ([`write_animation`]); those that can be posed, with a texture ([`write_posed`]).
+//! Meshes that change in time are written with morph targets and an animation ([`write_animation`]); those
+//! that can be posed, with a texture ([`write_posed`]).
 //!
-//! Not guaranteed: axes are those of the model, whose z may point up where viewers of glTF take y. Skins, morph targets, animations, points
-//! and lines are passed over when read, and textures but by [`read_textured`](crate::textured::read_textured), which takes the base colour alone.
+//! Not guaranteed: axes are those of the model, whose z may point up where viewers of glTF take y. Skins,
+//! morph targets, animations, points and lines are passed over when read, and textures but by
+//! [`read_textured`](crate::textured::read_textured), which takes the base colour alone.
 //!
 //! # References
 //! The Khronos Group, *glTF 2.0 Specification*, 2021 (ISO/IEC 12113:2022).

@@ -1,6 +1,7 @@
 //! `job.toml`: sensors named once, and the scans that they took.
 //!
-//! Comes in: a TOML file. Goes out: a [`Job`]. Lengths are in the job's unit; relative paths start at the job's folder.
+//! Comes in: a TOML file. Goes out: a [`Job`]. Lengths are in the job's unit; relative paths start at the
+//! job's folder.
 //!
 //! ```toml
 //! unit = "mm"                      # mm, m or in
@@ -22,9 +23,9 @@
 //! calibration = "camera.toml"      # of a depth image, whose `file` is PNG, TIFF or NPY
 //! ```
 //!
-//! A pose is `p_world = R(q) p_scanner + t` (the plain convention, other than in VRIP lists);
-//! scans of a file that states poses itself (E57) are carried by theirs first.
-//! Not guaranteed: that the files hold scans. Keys that are not known are errors, so that no misspelt σ goes unnoticed.
+//! A pose is `p_world = R(q) p_scanner + t` (the plain convention, other than in VRIP lists); scans of a file
+//! that states poses itself (E57) are carried by theirs first. Not guaranteed: that the files hold scans.
+//! Keys that are not known are errors, so that no misspelt σ goes unnoticed.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -119,15 +120,17 @@ struct PoseTable {
 /// Reads a job.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the job or a file that it names is missing; [`Input`](planish_estimate::ErrorKind::Input) for TOML that is
-/// malformed, unknown keys or kinds, σ ≤ 0, quaternions that have not unit length: with file, line and key.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the job or a file that it names is missing;
+/// [`Input`](planish_estimate::ErrorKind::Input) for TOML that is malformed, unknown keys or kinds, σ ≤ 0,
+/// quaternions that have not unit length: with file, line and key.
 pub fn read_job(path: &Path) -> Result<Job> {
     let read = read_text(path).and_then(|text| {
         let job = parse(&text, path.parent().unwrap_or(Path::new("")))?;
         for scan in &job.scans {
             let named = [("scan", Some(&scan.path)), ("calibration", scan.calibration.as_ref())];
             let missing = |path: &Path| !path.is_file();
-            if let Some((what, Some(path))) = named.iter().find(|(_, path)| path.is_some_and(|p| missing(p))) {
+            if let Some((what, Some(path))) = named.iter().find(|(_, path)| path.is_some_and(|p| missing(p)))
+            {
                 return Err(Error::io(format!(
                     "line {}: names the {what} {}, which {}",
                     scan.line,
@@ -150,9 +153,7 @@ struct Text {
 impl Text {
     fn new(text: &str) -> Self {
         let ends = text.bytes().enumerate().filter(|(_, b)| *b == b'\n');
-        Self {
-            ends: ends.map(|(at, _)| at).collect(),
-        }
+        Self { ends: ends.map(|(at, _)| at).collect() }
     }
 
     fn line(&self, at: usize) -> usize {
@@ -180,10 +181,7 @@ impl Text {
             // Squares of what lies outside are zero or infinite.
             Some(v) if !(1e-100..1e100).contains(v.get_ref()) => {
                 let found = v.get_ref();
-                Err(self.wrong(
-                    v,
-                    format_args!("needed {key} between 1e-100 and 1e100, found {found:e}"),
-                ))
+                Err(self.wrong(v, format_args!("needed {key} between 1e-100 and 1e100, found {found:e}")))
             }
             value => Ok(value.map(|v| *v.get_ref())),
         }
@@ -217,11 +215,7 @@ impl Text {
             ));
         }
         let sigma_normal_deg = self.sigma(&key("sigma_deg"), table.sigma_deg.as_ref())?;
-        if let Some(deg) = table
-            .sigma_deg
-            .as_ref()
-            .filter(|deg| *deg.get_ref() >= MOST_SIGMA_NORMAL_DEG)
-        {
+        if let Some(deg) = table.sigma_deg.as_ref().filter(|deg| *deg.get_ref() >= MOST_SIGMA_NORMAL_DEG) {
             let key = key("sigma_deg");
             let found = deg.get_ref();
             return Err(self.wrong(
@@ -245,10 +239,7 @@ impl Text {
         let noise = match (sigma, along, across) {
             (None, None, None) => None,
             (Some(sigma), None, None) => Some(Noise::Isotropic { sigma }),
-            (None, Some(sigma_along), Some(sigma_across)) => Some(Noise::Ray {
-                sigma_along,
-                sigma_across,
-            }),
+            (None, Some(sigma_along), Some(sigma_across)) => Some(Noise::Ray { sigma_along, sigma_across }),
             _ => {
                 let line = ray_key.map_or(1, |found| self.line(found.span().start));
                 return Err(Error::input(format!(
@@ -256,14 +247,7 @@ impl Text {
                 )));
             }
         };
-        Ok(Sensor {
-            name: name.to_owned(),
-            kind,
-            noise,
-            sigma_normal_deg,
-            sigma_curvature,
-            sigma_bias,
-        })
+        Ok(Sensor { name: name.to_owned(), kind, noise, sigma_normal_deg, sigma_curvature, sigma_bias })
     }
 
     fn scan(&self, entry: &Spanned<ScanTable>, sensors: &[Sensor], folder: &Path) -> Result<ScanEntry> {
@@ -290,17 +274,15 @@ impl Text {
             None => [0.0; 3],
         };
         let world_from_scanner = match pose.and_then(|p| p.quaternion_xyzw.as_ref()) {
-            None => Pose {
-                translation,
-                ..Pose::identity()
-            },
+            None => Pose { translation, ..Pose::identity() },
             Some(stated) => {
                 let q = self.finite("pose.quaternion_xyzw", stated)?;
                 let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
                 Pose::from_quaternion_xyzw(q, translation)
                     .filter(|_| (length - 1.0).abs() <= QUATERNION_WITHIN)
                     .ok_or_else(|| {
-                        let message = format!("needed pose.quaternion_xyzw of length 1, found length {length}");
+                        let message =
+                            format!("needed pose.quaternion_xyzw of length 1, found length {length}");
                         self.wrong(stated, message)
                     })?
             }
@@ -324,18 +306,16 @@ impl Text {
             path: folder.join(table.file.get_ref()),
             sensor,
             world_from_scanner,
-            sigma_translation: self.sigma(
-                "pose.sigma_translation",
-                pose.and_then(|p| p.sigma_translation.as_ref()),
-            )?,
-            sigma_rotation_deg: self.sigma(
-                "pose.sigma_rotation_deg",
-                pose.and_then(|p| p.sigma_rotation_deg.as_ref()),
-            )?,
+            sigma_translation: self
+                .sigma("pose.sigma_translation", pose.and_then(|p| p.sigma_translation.as_ref()))?,
+            sigma_rotation_deg: self
+                .sigma("pose.sigma_rotation_deg", pose.and_then(|p| p.sigma_rotation_deg.as_ref()))?,
             viewing,
             time_s: match &table.time {
                 Some(time) if !time.get_ref().is_finite() => {
-                    return Err(self.wrong(time, format_args!("needed a time in seconds, found {}", time.get_ref())));
+                    return Err(
+                        self.wrong(time, format_args!("needed a time in seconds, found {}", time.get_ref()))
+                    );
                 }
                 time => time.as_ref().map(|t| *t.get_ref()),
             },
@@ -363,11 +343,7 @@ fn parse(source: &str, folder: &Path) -> Result<Job> {
         sensors.push(crate::scans::unnamed_sensor());
     }
     let scans = table.scan.iter().map(|entry| text.scan(entry, &sensors, folder));
-    Ok(Job {
-        unit,
-        scans: scans.collect::<Result<_>>()?,
-        sensors,
-    })
+    Ok(Job { unit, scans: scans.collect::<Result<_>>()?, sensors })
 }
 
 #[cfg(test)]
@@ -409,22 +385,11 @@ viewpoint = [0, 0, 300]
     fn a_job_names_sensors_and_scans() {
         let job = parse(GOOD, Path::new("d")).unwrap();
         assert_eq!(job.unit, Some(Unit::Millimetre));
-        assert_eq!(
-            job.sensors.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
-            ["laser", "probe"]
-        );
-        assert_eq!(
-            job.sensors[0].noise,
-            Some(Noise::Ray {
-                sigma_along: 0.05,
-                sigma_across: 0.02
-            })
-        );
+        assert_eq!(job.sensors.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["laser", "probe"]);
+        assert_eq!(job.sensors[0].noise, Some(Noise::Ray { sigma_along: 0.05, sigma_across: 0.02 }));
         assert_eq!(job.sensors[1].noise, Some(Noise::Isotropic { sigma: 0.004 }));
         assert_eq!(job.sensors[1].kind, SensorKind::Touch);
-        let [top, probe] = &job.scans[..] else {
-            panic!("two scans")
-        };
+        let [top, probe] = &job.scans[..] else { panic!("two scans") };
         assert_eq!((top.sensor, probe.sensor), (0, 1));
         assert_eq!(top.path, Path::new("d/top.ply"));
         assert_eq!((top.sigma_translation, top.sigma_rotation_deg), (Some(0.1), Some(0.05)));
@@ -433,22 +398,14 @@ viewpoint = [0, 0, 300]
         assert_eq!(probe.world_from_scanner, Pose::identity());
         // The plain convention: a quarter turn about +z carries x to +y.
         let p = top.world_from_scanner.apply([1.0, 0.0, 0.0]);
-        assert!(
-            p.iter().zip([1.0, 3.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-7),
-            "{p:?}"
-        );
+        assert!(p.iter().zip([1.0, 3.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-7), "{p:?}");
     }
 
     #[test]
     fn mistakes_are_named_by_line_and_key() {
         for (from, to, line, words) in [
             ("sigma = 0.004", "sigma = 0", 6, "sensor.probe.sigma > 0, found 0"),
-            (
-                "sigma_along = 0.05",
-                "sigma_along = nan",
-                10,
-                "sensor.laser.sigma_along",
-            ),
+            ("sigma_along = 0.05", "sigma_along = nan", 10, "sensor.laser.sigma_along"),
             ("sigma_along = 0.05", "sigma_alnog = 0.05", 10, "sigma_alnog"),
             (
                 "sigma_across = 0.02",
@@ -465,30 +422,10 @@ viewpoint = [0, 0, 300]
             ("sigma_across = 0.02\n", "", 10, "both `sigma_along` and `sigma_across`"),
             ("sigma = 0.004", "sigma_along = 0.004", 6, "touch probe"),
             ("kind = \"touch\"", "kind = \"probe\"", 5, "found \"probe\""),
-            (
-                "sensor = \"laser\"",
-                "sensor = \"lazer\"",
-                14,
-                "among [laser, probe], found \"lazer\"",
-            ),
-            (
-                "0.70710678, 0.70710678",
-                "0.7, 0.8",
-                16,
-                "pose.quaternion_xyzw of length 1",
-            ),
-            (
-                "sigma_translation = 0.1",
-                "sigma_translation = -1",
-                16,
-                "pose.sigma_translation > 0",
-            ),
-            (
-                "direction = [0, 0, -2]",
-                "direction = [0, 0, 0]",
-                17,
-                "needed a direction",
-            ),
+            ("sensor = \"laser\"", "sensor = \"lazer\"", 14, "among [laser, probe], found \"lazer\""),
+            ("0.70710678, 0.70710678", "0.7, 0.8", 16, "pose.quaternion_xyzw of length 1"),
+            ("sigma_translation = 0.1", "sigma_translation = -1", 16, "pose.sigma_translation > 0"),
+            ("direction = [0, 0, -2]", "direction = [0, 0, 0]", 17, "needed a direction"),
             ("viewpoint =", "direction = [1, 0, 0]\nviewpoint =", 22, "found both"),
             ("unit = \"mm\"", "unit = \"cm\"", 2, "needed `mm`, `m`, `in` or `ft`"),
             ("file = \"p.csv\"", "", 19, "missing field `file`"),
@@ -502,41 +439,23 @@ viewpoint = [0, 0, 300]
                 "{e}"
             );
         }
-        assert!(
-            parse("unit = \"mm\"", Path::new("d"))
-                .unwrap_err()
-                .to_string()
-                .contains("[[scan]]")
-        );
+        assert!(parse("unit = \"mm\"", Path::new("d")).unwrap_err().to_string().contains("[[scan]]"));
     }
 
     #[test]
     fn sensors_of_orientation_and_curvature_have_their_own_sigmas() {
-        let job = GOOD.replacen(
-            "kind = \"touch\"\nsigma = 0.004",
-            "kind = \"normal\"\nsigma_deg = 2.0",
-            1,
-        );
+        let job = GOOD.replacen("kind = \"touch\"\nsigma = 0.004", "kind = \"normal\"\nsigma_deg = 2.0", 1);
         let job = parse(&job, Path::new("d")).unwrap();
         assert_eq!(job.sensors[1].kind, SensorKind::Normal);
-        assert_eq!(
-            (job.sensors[1].noise, job.sensors[1].sigma_normal_deg),
-            (None, Some(2.0))
-        );
+        assert_eq!((job.sensors[1].noise, job.sensors[1].sigma_normal_deg), (None, Some(2.0)));
         let e = error("kind = \"touch\"", "kind = \"curvature\"");
-        assert!(
-            e.to_string().contains("line 6: sensor.probe measures no positions"),
-            "{e}"
-        );
+        assert!(e.to_string().contains("line 6: sensor.probe measures no positions"), "{e}");
     }
 
     #[test]
     fn a_job_without_sensors_has_one_whose_noise_is_estimated() {
         let job = parse("[[scan]]\nfile = \"a.ply\"\n", Path::new("d")).unwrap();
-        assert_eq!(
-            (job.sensors.len(), job.sensors[0].noise, job.scans[0].sensor),
-            (1, None, 0)
-        );
+        assert_eq!((job.sensors.len(), job.sensors[0].noise, job.scans[0].sensor), (1, None, 0));
     }
 
     #[test]
@@ -546,17 +465,12 @@ viewpoint = [0, 0, 300]
         std::fs::write(&path, "\n[[scan]]\nfile = \"gone.ply\"\n").unwrap();
         let e = read_job(&path).unwrap_err();
         assert_eq!(e.kind(), ErrorKind::Io);
-        assert!(
-            e.to_string().contains("job.toml: line 3") && e.to_string().contains("gone.ply"),
-            "{e}"
-        );
+        assert!(e.to_string().contains("job.toml: line 3") && e.to_string().contains("gone.ply"), "{e}");
     }
 
     #[test]
     fn a_job_of_a_hundred_thousand_scans_is_read_at_once() {
-        let scans: String = (0..100_000)
-            .map(|k| format!("[[scan]]\nfile = \"{k}.ply\"\n"))
-            .collect();
+        let scans: String = (0..100_000).map(|k| format!("[[scan]]\nfile = \"{k}.ply\"\n")).collect();
         assert_eq!(parse(&scans, Path::new("d")).unwrap().scans[99_999].line, 200_000);
     }
 

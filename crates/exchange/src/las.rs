@@ -1,11 +1,13 @@
 //! LAS and LAZ, the point clouds of airborne and terrestrial lidar.
 //!
-//! Comes in: any point format, plain or compressed. Goes out: a [`Scan`] at the identity pose, with the class of every point where the
-//! file tells any apart. Points that are marked as withheld are not read.
+//! Comes in: any point format, plain or compressed. Goes out: a [`Scan`] at the identity pose, with the class
+//! of every point where the file tells any apart. Points that are marked as withheld are not read.
 //!
-//! The crate that decodes believes what a file says of its own sizes: `limits` asks first whether the file can hold them.
+//! The crate that decodes believes what a file says of its own sizes: `limits` asks first whether the file
+//! can hold them.
 //!
-//! Not guaranteed: coordinates are in the file's own unit and on its own map; heights are taken to be in the same unit.
+//! Not guaranteed: coordinates are in the file's own unit and on its own map; heights are taken to be in the
+//! same unit.
 
 mod limits;
 mod sequential;
@@ -33,8 +35,8 @@ const BATCH: u64 = 1 << 21;
 /// Reads points, and their classes where the file holds any.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
-/// when it is malformed or cut off.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed or cut off.
 pub fn read_las(path: &Path) -> Result<Scan> {
     read_las_and_map(path).map(|(scan, _)| scan)
 }
@@ -48,11 +50,11 @@ pub(crate) fn read_las_and_map(path: &Path) -> Result<(Scan, Option<GeoReference
 fn georeference(header: &Header) -> Option<GeoReference> {
     let record = |number: u16| {
         let mut all = header.all_vlrs();
-        all.find(|vlr| vlr.user_id == PROJECTION && vlr.record_id == number)
-            .map(|vlr| vlr.data.as_slice())
+        all.find(|vlr| vlr.user_id == PROJECTION && vlr.record_id == number).map(|vlr| vlr.data.as_slice())
     };
-    let keys = record(34735)
-        .and_then(|keys| GeoReference::from_keys(keys, record(34736).unwrap_or(&[]), record(34737).unwrap_or(&[])));
+    let keys = record(34735).and_then(|keys| {
+        GeoReference::from_keys(keys, record(34736).unwrap_or(&[]), record(34737).unwrap_or(&[]))
+    });
     keys.or_else(|| record(2112).and_then(|wkt| GeoReference::from_wkt(&String::from_utf8_lossy(wkt))))
 }
 
@@ -76,18 +78,12 @@ impl Records {
         }
         let description = header.laz_vlr()?;
         if description.items().iter().all(|item| item.version() < 3) {
-            let one_chunk = header
-                .vlrs()
-                .iter()
-                .any(|v| is_laszip_vlr(v) && v.data.starts_with(&limits::ONE_CHUNK));
-            return Ok(Self::Sequential(Box::new(Sequential::new(
-                file,
-                &description,
-                one_chunk,
-            )?)));
+            let one_chunk =
+                header.vlrs().iter().any(|v| is_laszip_vlr(v) && v.data.starts_with(&limits::ONE_CHUNK));
+            return Ok(Self::Sequential(Box::new(Sequential::new(file, &description, one_chunk)?)));
         }
-        // No more than is looked at. Layers that are left out cost no time, and that of the time of flight breaks the decoder:
-        // it calls itself as often as a damaged layer says.
+        // No more than is looked at. Layers that are left out cost no time, and that of the time of flight
+        // breaks the decoder: it calls itself as often as a damaged layer says.
         let wanted = DecompressionSelection::xy_returns_channel()
             .decompress_z()
             .decompress_classification()
@@ -100,7 +96,9 @@ impl Records {
     fn read(&mut self, bytes: &mut [u8], size: usize) -> laz::Result<()> {
         match self {
             Self::Plain(file) => Ok(file.read_exact(bytes)?),
-            Self::Sequential(points) => bytes.chunks_exact_mut(size).try_for_each(|record| points.read(record)),
+            Self::Sequential(points) => {
+                bytes.chunks_exact_mut(size).try_for_each(|record| points.read(record))
+            }
             Self::Layered(decompressor) => Ok(decompressor.decompress_many(bytes)?),
         }
     }
@@ -125,17 +123,14 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
     while point < promised {
         // Both are small.
         bytes.resize((at_once.min(promised - point) * record) as usize, 0);
-        guarded(|| records.read(&mut bytes, usize::from(format.len())))?
-            .map_err(|e| damaged(&format!("point {point} or one of the next cannot be read")).with_source(e))?;
+        guarded(|| records.read(&mut bytes, usize::from(format.len())))?.map_err(|e| {
+            damaged(&format!("point {point} or one of the next cannot be read")).with_source(e)
+        })?;
         for bytes in bytes.chunks_exact(usize::from(format.len())) {
             let whole = |at: usize| NumberType::I32.decode::<false>(&bytes[at..at + 4]) as i32;
             if !is_withheld(bytes, format.is_extended) {
                 let before = collector.len();
-                let place = [
-                    axes.x.direct(whole(0)),
-                    axes.y.direct(whole(4)),
-                    axes.z.direct(whole(8)),
-                ];
+                let place = [axes.x.direct(whole(0)), axes.y.direct(whole(4)), axes.z.direct(whole(8))];
                 collector.push(&place, format_args!("point {point}"))?;
                 // A point that was dropped has no class.
                 if collector.len() > before {
@@ -184,27 +179,15 @@ mod tests {
         let mut builder = Builder::from((1, 4));
         builder.point_format = Format::new(6).unwrap();
         let axis = |offset| Transform { scale: 0.01, offset };
-        builder.transforms = Vector {
-            x: axis(600_000.0),
-            y: axis(4_000_000.0),
-            z: axis(0.0),
-        };
+        builder.transforms = Vector { x: axis(600_000.0), y: axis(4_000_000.0), z: axis(0.0) };
         let mut writer = Writer::from_path(&path, builder.into_header().unwrap()).unwrap();
         for i in 0..100 {
-            let class = if i % 3 == 0 {
-                Classification::Ground
-            } else {
-                Classification::Unclassified
-            };
+            let class = if i % 3 == 0 { Classification::Ground } else { Classification::Unclassified };
             let point = Point {
                 x: 600_000.0 + 0.25 * f64::from(i),
                 y: 4_000_000.5,
                 z: 0.01 * f64::from(i),
-                classification: if classified {
-                    class
-                } else {
-                    Classification::Unclassified
-                },
+                classification: if classified { class } else { Classification::Unclassified },
                 is_withheld: i == 50,
                 gps_time: Some(f64::from(i * i)),
                 ..Point::default()
@@ -251,7 +234,8 @@ mod tests {
         }
     }
 
-    /// A spiral of points in a point format, whose times come from three lasers, stand still, leap and go back.
+    /// A spiral of points in a point format, whose times come from three lasers, stand still, leap and go
+    /// back.
     fn spiral(path: &Path, format: u8, count: u32) {
         let mut builder = Builder::from((1, if format < 6 { 2 } else { 4 }));
         builder.point_format = Format::new(format).unwrap();
@@ -325,13 +309,15 @@ mod tests {
         assert!(read.points == whole.points && read.classes == whole.classes);
     }
 
-    /// Every number that decoders take memory for, in turn: none of these files is larger than some kilobytes.
+    /// Every number that decoders take memory for, in turn: none of these files is larger than some
+    /// kilobytes.
     #[test]
     fn sizes_that_a_file_cannot_hold_are_refused_before_they_take_memory() {
         let folder = tempfile::tempdir().unwrap();
         let plain = fs::read(file(folder.path(), "a.las", true)).unwrap();
         let packed = fs::read(file(folder.path(), "a.laz", true)).unwrap();
-        let number = |bytes: &[u8], at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+        let number =
+            |bytes: &[u8], at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
         let points = number(&packed, 96);
         let table = number(&packed, points);
         // The description of the compression: its first item's size stands 38 bytes after its head.
@@ -342,21 +328,9 @@ mod tests {
             ("a.laz", &packed, table + 4, &[0xff; 4], "a table of 4294967295 chunks"),
             ("a.laz", &packed, points, &[0xff; 8], "the table of the chunks"),
             ("a.laz", &packed, points + 8 + 30 + 4, &[0xff; 4], "chunk 0 promises"),
-            (
-                "a.laz",
-                &packed,
-                head + 54 + 36,
-                &u16::to_le_bytes(31),
-                "items of a point take",
-            ),
+            ("a.laz", &packed, head + 54 + 36, &u16::to_le_bytes(31), "items of a point take"),
             ("a.laz", &packed, 105, &u16::to_le_bytes(65_000), "at most 4096 bytes"),
-            (
-                "a.laz",
-                &packed,
-                247,
-                &u64::to_le_bytes(1 << 40),
-                "would fill the memory",
-            ),
+            ("a.laz", &packed, 247, &u64::to_le_bytes(1 << 40), "would fill the memory"),
         ] {
             let mut bomb = bytes.clone();
             bomb[at..at + written.len()].copy_from_slice(written);
@@ -368,10 +342,7 @@ mod tests {
             if at == 247 {
                 bomb[107..111].fill(0);
             }
-            let path = folder
-                .path()
-                .join("bomb")
-                .with_extension(Path::new(name).extension().unwrap());
+            let path = folder.path().join("bomb").with_extension(Path::new(name).extension().unwrap());
             fs::write(&path, bomb).unwrap();
             let e = read_las(&path).map(|scan| scan.points.len()).unwrap_err();
             assert_eq!(e.kind(), planish_estimate::ErrorKind::Input, "{e}");

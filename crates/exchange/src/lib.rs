@@ -27,8 +27,9 @@
 //! | [`step`] | STEP (ISO 10303-21) | boundary representations out |
 //! | [`model`] | `.planish` (safetensors) | saved models, in and out |
 //!
-//! [`read_inputs`] takes a list of any of the files that hold scans; PLY, OBJ, STL, GLB, PCD, NPY and text may be compressed by gzip. Everything is written by [`write_atomically`]: a
-//! whole file or none. Errors name the file, where in it (line, byte, index), what was needed and what was found.
+//! [`read_inputs`] takes a list of any of the files that hold scans; PLY, OBJ, STL, GLB, PCD, NPY and text
+//! may be compressed by gzip. Everything is written by [`write_atomically`]: a whole file or none. Errors
+//! name the file, where in it (line, byte, index), what was needed and what was found.
 
 pub mod calibration;
 pub mod contours;

@@ -1,6 +1,7 @@
 //! Triangle meshes in any of the formats, by the file's extension: PLY, OBJ, STL, OFF and GLB.
 //!
-//! Comes in: a path. Goes out: a [`PolygonMesh`]; or a file that holds what its format can of [`MeshColumns`].
+//! Comes in: a path. Goes out: a [`PolygonMesh`]; or a file that holds what its format can of
+//! [`MeshColumns`].
 //!
 //! | format | written | read |
 //! |---|---|---|
@@ -29,7 +30,8 @@ pub struct PolygonMesh {
     pub points: Vec<[f64; 3]>,
     /// Indices of the corners, all below `points.len()`. A polygon is cut into the fan of its first corner.
     pub triangles: Vec<[u32; 3]>,
-    /// The other plain vertex properties, in the file's order: a name and one number a vertex (maybe not finite).
+    /// The other plain vertex properties, in the file's order: a name and one number a vertex (maybe not
+    /// finite).
     pub columns: Vec<(String, Vec<f64>)>,
     /// The unit of length, where the file names it.
     pub unit: Option<Unit>,
@@ -88,7 +90,8 @@ pub struct MeshColumns<'a> {
 }
 
 impl MeshColumns<'_> {
-    /// Whether columns are of one length and of different names, and corners (where `faces` are wanted) name points.
+    /// Whether columns are of one length and of different names, and corners (where `faces` are wanted) name
+    /// points.
     pub(crate) fn check(&self, faces: bool) -> Result<()> {
         let points = self.points.len();
         let normals = self.normals.map(|n| ("normals", n.len()));
@@ -115,11 +118,7 @@ impl MeshColumns<'_> {
         }
         if faces {
             let limit = points.min(i32::MAX as usize);
-            if let Some(at) = self
-                .triangles
-                .iter()
-                .position(|t| t.iter().any(|&v| v as usize >= limit))
-            {
+            if let Some(at) = self.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= limit)) {
                 return Err(Error::input(format!(
                     "triangle {at}: needed indices below {limit}, found {:?}",
                     self.triangles[at]
@@ -135,7 +134,8 @@ impl MeshColumns<'_> {
     }
 }
 
-/// Whether a path's extension is that of a format that holds meshes: `ply`, `obj`, `stl`, `off` or `glb`, maybe behind gzip.
+/// Whether a path's extension is that of a format that holds meshes: `ply`, `obj`, `stl`, `off` or `glb`,
+/// maybe behind gzip.
 #[must_use]
 pub fn is_mesh_file(path: &Path) -> bool {
     matches!(extension(path).as_str(), "ply" | "obj" | "stl" | "off" | "glb")
@@ -153,10 +153,12 @@ pub fn is_step_file(path: &Path) -> bool {
     matches!(extension(path).as_str(), "step" | "stp")
 }
 
-/// Reads a mesh of any format; one without faces has no triangles. Faces of STEP files are cut into triangles that miss them by a ten thousandth of the size.
+/// Reads a mesh of any format; one without faces has no triangles. Faces of STEP files are cut into triangles
+/// that miss them by a ten thousandth of the size.
 ///
 /// # Errors
-/// As the format's reader; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions, and where a face of a STEP file cannot be read.
+/// As the format's reader; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions,
+/// and where a face of a STEP file cannot be read.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     match extension(path).as_str() {
         "ply" => crate::ply::read_mesh(path),
@@ -212,10 +214,8 @@ pub(crate) fn scan_of_vertices(
     columns: &[(String, Vec<f64>)],
     name: &str,
 ) -> Result<Scan> {
-    let names: Vec<&str> = ["x", "y", "z"]
-        .into_iter()
-        .chain(columns.iter().map(|(name, _)| name.as_str()))
-        .collect();
+    let names: Vec<&str> =
+        ["x", "y", "z"].into_iter().chain(columns.iter().map(|(name, _)| name.as_str())).collect();
     let mut collector = PointCollector::new(PointColumns::find(&names)?, points.len());
     let mut record = Vec::with_capacity(names.len());
     for (vertex, point) in points.enumerate() {

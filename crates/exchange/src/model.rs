@@ -1,9 +1,9 @@
 //! `.planish`: saved models, as safetensors.
 //!
-//! Comes in and goes out: named tensors and one JSON object. Any reader of safetensors opens the file: `safetensors.numpy.
-//! load_file("part.planish")` in Python. The JSON stands as text under the metadata key `planish`; its `schema` is the
-//! version of the format. The same model gives the same bytes.
-//! Not guaranteed: what the tensors mean; this module knows their shapes and types only.
+//! Comes in and goes out: named tensors and one JSON object. Any reader of safetensors opens the file:
+//! `safetensors.numpy. load_file("part.planish")` in Python. The JSON stands as text under the metadata key
+//! `planish`; its `schema` is the version of the format. The same model gives the same bytes. Not guaranteed:
+//! what the tensors mean; this module knows their shapes and types only.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -69,10 +69,7 @@ impl Tensor {
     /// A list of `f64`.
     #[must_use]
     pub fn f64_list(values: Vec<f64>) -> Self {
-        Self {
-            shape: vec![values.len()],
-            data: TensorData::F64(values),
-        }
+        Self { shape: vec![values.len()], data: TensorData::F64(values) }
     }
 
     /// The numbers and the shape, where they are `f64`.
@@ -147,8 +144,9 @@ pub struct ModelFile {
 /// Writes a model.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) when a shape and its data disagree or the metadata is no object;
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+/// [`Input`](planish_estimate::ErrorKind::Input) when a shape and its data disagree or the metadata is no
+/// object; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
+/// half-written.
 ///
 /// # Examples
 /// ```
@@ -172,13 +170,12 @@ pub fn write_model(path: &Path, model: &ModelFile) -> Result<()> {
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
-/// [`Input`](planish_estimate::ErrorKind::Input) when it is cut off, no safetensors file, or another program's;
-/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) when a newer version wrote it.
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is cut off, no safetensors file, or another
+/// program's; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) when a newer version wrote it.
 pub fn read_model(path: &Path) -> Result<ModelFile> {
     let read = open_file(path).and_then(|(mut file, length)| {
         let mut bytes = Vec::with_capacity(length.and_then(|n| usize::try_from(n).ok()).unwrap_or(0));
-        file.read_to_end(&mut bytes)
-            .map_err(|e| Error::io("could not be read").with_source(e))?;
+        file.read_to_end(&mut bytes).map_err(|e| Error::io("could not be read").with_source(e))?;
         from_bytes(&bytes)
     });
     read.map_err(|e| e.in_context(path.display()))
@@ -218,14 +215,11 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
             "the header promises {promised} bytes of tensors, found {found}: the file is cut off or damaged"
         )));
     }
-    let foreign = || Error::input("is a safetensors file, but no Planish model: its metadata has no entry `planish`");
-    let text = description
-        .metadata()
-        .as_ref()
-        .and_then(|m| m.get(KEY))
-        .ok_or_else(foreign)?;
-    let metadata: Value =
-        serde_json::from_str(text).map_err(|e| Error::input("the metadata `planish` is not JSON").with_source(e))?;
+    let foreign =
+        || Error::input("is a safetensors file, but no Planish model: its metadata has no entry `planish`");
+    let text = description.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(foreign)?;
+    let metadata: Value = serde_json::from_str(text)
+        .map_err(|e| Error::input("the metadata `planish` is not JSON").with_source(e))?;
     match metadata.get("schema").and_then(Value::as_u64) {
         Some(SCHEMA) => {}
         Some(newer) if newer > SCHEMA => {
@@ -234,20 +228,13 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
             )));
         }
         _ => {
-            return Err(Error::input(format!(
-                "the metadata `planish` has no schema from 1 to {SCHEMA}"
-            )));
+            return Err(Error::input(format!("the metadata `planish` has no schema from 1 to {SCHEMA}")));
         }
     }
     let mut tensors = BTreeMap::new();
     for (name, view) in SafeTensors::deserialize(bytes).map_err(damaged)?.iter() {
         fn numbers<const N: usize, T>(bytes: &[u8], from_le_bytes: fn([u8; N]) -> T) -> Vec<T> {
-            bytes
-                .as_chunks::<N>()
-                .0
-                .iter()
-                .map(|&chunk| from_le_bytes(chunk))
-                .collect()
+            bytes.as_chunks::<N>().0.iter().map(|&chunk| from_le_bytes(chunk)).collect()
         }
         let data = match view.dtype() {
             Dtype::F64 => TensorData::F64(numbers(view.data(), f64::from_le_bytes)),
@@ -274,16 +261,10 @@ mod tests {
     use serde_json::json;
 
     fn model() -> ModelFile {
-        let tensor = |shape: &[usize], data| Tensor {
-            shape: shape.to_vec(),
-            data,
-        };
+        let tensor = |shape: &[usize], data| Tensor { shape: shape.to_vec(), data };
         ModelFile {
             tensors: [
-                (
-                    "vertices",
-                    tensor(&[2, 3], TensorData::F64(vec![0.1, -0.0, 1e-300, f64::MAX, 5.0, 6.0])),
-                ),
+                ("vertices", tensor(&[2, 3], TensorData::F64(vec![0.1, -0.0, 1e-300, f64::MAX, 5.0, 6.0]))),
                 ("cells", tensor(&[2, 1], TensorData::U32(vec![0, u32::MAX]))),
                 ("observed", tensor(&[3], TensorData::U8(vec![0, 1, 2]))),
                 ("order", tensor(&[], TensorData::I64(vec![-3]))),
@@ -343,45 +324,18 @@ mod tests {
             safetensors::serialize(none, metadata).unwrap()
         };
         let e = from_bytes(&write(None)).unwrap_err();
-        assert!(
-            e.kind() == ErrorKind::Input && e.to_string().contains("no Planish model"),
-            "{e}"
-        );
+        assert!(e.kind() == ErrorKind::Input && e.to_string().contains("no Planish model"), "{e}");
         let e = from_bytes(&write(Some(r#"{"schema": 2}"#))).unwrap_err();
-        assert!(
-            e.kind() == ErrorKind::Unsupported && e.to_string().contains("newer Planish"),
-            "{e}"
-        );
-        assert!(
-            from_bytes(&write(Some("{}")))
-                .unwrap_err()
-                .to_string()
-                .contains("no schema")
-        );
-        assert!(
-            from_bytes(&write(Some("{")))
-                .unwrap_err()
-                .to_string()
-                .contains("not JSON")
-        );
-        assert!(
-            from_bytes(b"solid part")
-                .unwrap_err()
-                .to_string()
-                .contains("no safetensors file")
-        );
+        assert!(e.kind() == ErrorKind::Unsupported && e.to_string().contains("newer Planish"), "{e}");
+        assert!(from_bytes(&write(Some("{}"))).unwrap_err().to_string().contains("no schema"));
+        assert!(from_bytes(&write(Some("{"))).unwrap_err().to_string().contains("not JSON"));
+        assert!(from_bytes(b"solid part").unwrap_err().to_string().contains("no safetensors file"));
     }
 
     #[test]
     fn a_shape_that_does_not_hold_its_numbers_is_refused() {
         let mut wrong = model();
-        wrong.tensors.insert(
-            "bad".to_owned(),
-            Tensor {
-                shape: vec![2],
-                data: TensorData::U8(vec![1]),
-            },
-        );
+        wrong.tensors.insert("bad".to_owned(), Tensor { shape: vec![2], data: TensorData::U8(vec![1]) });
         assert!(to_bytes(&wrong).unwrap_err().to_string().contains("tensor `bad`"));
     }
 

@@ -1,15 +1,19 @@
 //! NPY and NPZ, the arrays of NumPy: points in.
 //!
-//! Comes in: one array (`.npy`) or named ones (`.npz`), plain or compressed; integers and floating-point numbers of any size from 8 to 64 bits, in either
-//! byte order, rows or columns first. Goes out: a [`Scan`] at the identity pose.
+//! Comes in: one array (`.npy`) or named ones (`.npz`), plain or compressed; integers and floating-point
+//! numbers of any size from 8 to 64 bits, in either byte order, rows or columns first. Goes out: a [`Scan`]
+//! at the identity pose.
 //!
-//! **Arrays.** `(n, 3)` is x y z; of `(n, 6)` the last three are normals if every one of them has length 1 within 1 %; of other widths
-//! up to 16 the rest is not looked at, as in text. Fields of a structured array are columns: `x y z`, `sigma` or
-//! `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`; a field of three numbers may be called `xyz` or `points`, and `normal` or `normals`. An array with one
-//! axis more, `(h, w, 3)` or structured `(h, w)`, is organised: it gives the sampling grid, and what is not finite is an empty cell.
+//! **Arrays.** `(n, 3)` is x y z; of `(n, 6)` the last three are normals if every one of them has length 1
+//! within 1 %; of other widths up to 16 the rest is not looked at, as in text. Fields of a structured array
+//! are columns: `x y z`, `sigma` or `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`; a field of three
+//! numbers may be called `xyz` or `points`, and `normal` or `normals`. An array with one axis more,
+//! `(h, w, 3)` or structured `(h, w)`, is organised: it gives the sampling grid, and what is not finite is an
+//! empty cell.
 //!
-//! **NPZ.** `points` (or `xyz`), `normals` and `covariance` hold 3, 3 and 6 numbers a point; an array of one number a point is the column of its
-//! name: `sigma`, `sigma_n_deg`, or any of those above. `viewpoint` says from where the scanner looked. A single array may have any name.
+//! **NPZ.** `points` (or `xyz`), `normals` and `covariance` hold 3, 3 and 6 numbers a point; an array of one
+//! number a point is the column of its name: `sigma`, `sigma_n_deg`, or any of those above. `viewpoint` says
+//! from where the scanner looked. A single array may have any name.
 //!
 //! Not guaranteed: a number without a name is never taken for a σ.
 //!
@@ -40,9 +44,10 @@ pub(crate) const MOST_COLUMNS: u64 = 16;
 /// Reads the points of an array. Records with a coordinate that is not finite are dropped and counted.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
-/// when it is malformed, cut off, of a shape or with fields that are no points, or states a σ or covariance that is not positive: with the
-/// file and byte; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for numbers of other kinds.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, of a shape or with fields
+/// that are no points, or states a σ or covariance that is not positive: with the file and byte;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for numbers of other kinds.
 pub fn read_npy(path: &Path) -> Result<Scan> {
     read_file(path, scan_from)
 }
@@ -124,8 +129,9 @@ fn collect<R: Read>(
         keep_unit_normals(&mut scan);
     }
     if let Some([rows, columns]) = grid {
-        let side =
-            |n: u64| usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"));
+        let side = |n: u64| {
+            usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"))
+        };
         scan.grid = Some(grid_without(side(columns)?, side(rows)?, &dropped));
     }
     Ok(scan)

@@ -1,13 +1,16 @@
 //! OBJ, the text format of Wavefront: vertices, normals and polygons, in and out.
 //!
-//! Comes in: `v x y z` (a weight or colours behind are not looked at), `vn`, and `f` with indices that count from 1 or, negative, back from
-//! the last. A polygon is cut into the fan of its first corner. Lines that end with `\` go on in the next; `#` begins a
-//! comment; every other keyword is passed over. Goes out: a [`PolygonMesh`] or a [`Scan`]; written files hold every digit.
+//! Comes in: `v x y z` (a weight or colours behind are not looked at), `vn`, and `f` with indices that count
+//! from 1 or, negative, back from the last. A polygon is cut into the fan of its first corner. Lines that end
+//! with `\` go on in the next; `#` begins a comment; every other keyword is passed over. Goes out: a
+//! [`PolygonMesh`] or a [`Scan`]; written files hold every digit.
 //!
-//! **Normals.** A vertex has the sum of the different `vn` that faces give it. Without any, and as many `vn` as `v`, they belong together in order:
-//! so do point clouds write them. A comment `# unit mm` names the unit.
+//! **Normals.** A vertex has the sum of the different `vn` that faces give it. Without any, and as many `vn`
+//! as `v`, they belong together in order: so do point clouds write them. A comment `# unit mm` names the
+//! unit.
 //!
-//! [`crate::textured::read_textured`] also takes texture coordinates, groups, objects and materials; elsewhere they are passed over.
+//! [`crate::textured::read_textured`] also takes texture coordinates, groups, objects and materials;
+//! elsewhere they are passed over.
 //!
 //! Not guaranteed: free-form curves and surfaces are passed over.
 //!
@@ -39,11 +42,13 @@ const UNIT_COMMENT: &[u8] = b" unit ";
 /// The mark of a vertex that no face gave a normal.
 const NONE: u32 = u32::MAX;
 
-/// Reads vertices as points, with their normals. Vertices with a coordinate that is not finite are dropped and counted.
+/// Reads vertices as points, with their normals. Vertices with a coordinate that is not finite are dropped
+/// and counted.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
-/// for a word that is no number, an index of a vertex or normal that is not there, or no vertices: with file and line.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
+/// [`Input`](planish_estimate::ErrorKind::Input) for a word that is no number, an index of a vertex or normal
+/// that is not there, or no vertices: with file and line.
 pub fn read_scan(path: &Path) -> Result<Scan> {
     read_scan_and_unit(path).map(|(scan, _)| scan)
 }
@@ -56,7 +61,8 @@ pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
 /// Reads a mesh; normals become the columns `nx ny nz`.
 ///
 /// # Errors
-/// As [`read_scan`]; also for a coordinate that is not finite where there are faces. Without any, the vertex is dropped.
+/// As [`read_scan`]; also for a coordinate that is not finite where there are faces. Without any, the vertex
+/// is dropped.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
@@ -64,8 +70,9 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 /// Writes a mesh: positions, normals and triangles; other columns have no place in OBJ.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) for normals of another number than points, or corners beyond the points;
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+/// [`Input`](planish_estimate::ErrorKind::Input) for normals of another number than points, or corners beyond
+/// the points; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
+/// half-written.
 pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     mesh.check(true).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| write_to(&mut writer, mesh))
@@ -144,10 +151,7 @@ struct Obj {
 
 impl Obj {
     fn read<R: Read>(source: &mut Source<R>, looks: Option<Looks>) -> Result<Self> {
-        let mut obj = Self {
-            looks,
-            ..Self::default()
-        };
+        let mut obj = Self { looks, ..Self::default() };
         let mut joined = Vec::new();
         loop {
             let number = source.line_number() + 1;
@@ -163,8 +167,7 @@ impl Obj {
             }
             // Old files end their lines with CR alone.
             if joined.is_empty() {
-                line.split(|&b| b == b'\r')
-                    .try_for_each(|line| obj.line(line, number))?;
+                line.split(|&b| b == b'\r').try_for_each(|line| obj.line(line, number))?;
             } else {
                 joined.extend_from_slice(line);
                 obj.line(&joined, number)?;
@@ -276,8 +279,7 @@ impl Obj {
         if rest.len() < 2 {
             return Err(too_few(line, self.face.len()));
         }
-        self.triangles
-            .extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
+        self.triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
         if let Some(looks) = &mut self.looks {
             looks.finish_face(self.triangles.len());
         }
@@ -303,14 +305,10 @@ impl Obj {
         let column = |k: usize, numbers: Vec<f64>| (["nx", "ny", "nz"][k].to_owned(), numbers);
         if !of_faces.is_empty() {
             of_faces.resize(self.points.len(), ([0.0; 3], NONE));
-            return (0..3)
-                .map(|k| column(k, of_faces.iter().map(|(n, _)| n[k]).collect()))
-                .collect();
+            return (0..3).map(|k| column(k, of_faces.iter().map(|(n, _)| n[k]).collect())).collect();
         }
         if stated.len() == self.points.len() {
-            return (0..3)
-                .map(|k| column(k, stated.iter().map(|n| n[k]).collect()))
-                .collect();
+            return (0..3).map(|k| column(k, stated.iter().map(|n| n[k]).collect())).collect();
         }
         Vec::new()
     }
@@ -324,8 +322,8 @@ fn too_few(line: u64, found: usize) -> Error {
 fn three(rest: &mut &[u8], line: u64) -> Result<[f64; 3]> {
     let mut numbers = [0.0; 3];
     for (found, number) in numbers.iter_mut().enumerate() {
-        let word =
-            next_word(rest).ok_or_else(|| Error::input(format!("line {line}: needed 3 numbers, found {found}")))?;
+        let word = next_word(rest)
+            .ok_or_else(|| Error::input(format!("line {line}: needed 3 numbers, found {found}")))?;
         *number = parse_number(word)
             .ok_or_else(|| Error::input(format!("line {line}: needed a number, found {}", shown(word))))?;
     }
@@ -363,10 +361,5 @@ fn mesh_of(mut obj: Obj) -> Result<PolygonMesh> {
             column.retain(|_| kept(&mut vertex));
         }
     }
-    Ok(PolygonMesh {
-        columns,
-        points: obj.points,
-        triangles: obj.triangles,
-        unit: obj.unit,
-    })
+    Ok(PolygonMesh { columns, points: obj.points, triangles: obj.triangles, unit: obj.unit })
 }

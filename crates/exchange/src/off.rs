@@ -1,9 +1,12 @@
 //! OFF, the object file format of Geomview: vertices and polygons, in and out.
 //!
-//! Comes in: `OFF` (or `COFF`, `NOFF`, `STOFF` and their mixtures; what stands behind a position is passed over), three counts, a line for each vertex, and a line for each polygon: how many corners, then their indices from 0, then
-//! maybe a colour. A polygon is cut into the fan of its first corner; `#` begins a comment. Goes out: a [`PolygonMesh`]; written files hold every digit.
+//! Comes in: `OFF` (or `COFF`, `NOFF`, `STOFF` and their mixtures; what stands behind a position is passed
+//! over), three counts, a line for each vertex, and a line for each polygon: how many corners, then their
+//! indices from 0, then maybe a colour. A polygon is cut into the fan of its first corner; `#` begins a
+//! comment. Goes out: a [`PolygonMesh`]; written files hold every digit.
 //!
-//! Not guaranteed: several vertices or polygons in one line, binary files, four-dimensional vertices, units: the format names none.
+//! Not guaranteed: several vertices or polygons in one line, binary files, four-dimensional vertices, units:
+//! the format names none.
 //!
 //! # References
 //! Phillips et al., *Geomview manual*, The Geometry Center, 1993.
@@ -24,8 +27,10 @@ const SHORTEST: u64 = 5;
 /// Reads a mesh.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable; [`Input`](planish_estimate::ErrorKind::Input) for counts that the file cannot hold, words that are no numbers, coordinates that are not
-/// finite, and corners that are not there: with file and line; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for binary files and four dimensions.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
+/// [`Input`](planish_estimate::ErrorKind::Input) for counts that the file cannot hold, words that are no
+/// numbers, coordinates that are not finite, and corners that are not there: with file and line;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for binary files and four dimensions.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
@@ -43,7 +48,8 @@ pub fn read_scan(path: &Path) -> Result<Scan> {
 /// Writes positions and triangles; columns, normals and units have no place in OFF.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) for corners beyond the points; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+/// [`Input`](planish_estimate::ErrorKind::Input) for corners beyond the points;
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
 pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     mesh.check(true).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |writer| {
@@ -63,9 +69,7 @@ fn line<'a, R: Read>(source: &'a mut Source<R>, buffer: &'a mut Vec<u8>, wanted:
     loop {
         let number = source.line_number() + 1;
         let Some(line) = source.line()? else {
-            return Err(Error::input(format!(
-                "line {number}: needed {wanted}, and the file ends"
-            )));
+            return Err(Error::input(format!("line {number}: needed {wanted}, and the file ends")));
         };
         let line = line.split(|&b| b == b'#').next().unwrap_or_default().trim_ascii();
         if !line.is_empty() {
@@ -90,9 +94,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         });
     }
     if rest.trim_ascii() == b"BINARY" {
-        return Err(Error::unsupported(format!(
-            "line {number}: needed text, found a binary OFF file"
-        )));
+        return Err(Error::unsupported(format!("line {number}: needed text, found a binary OFF file")));
     }
     let mut counts = rest.trim_ascii().to_vec();
     let mut at = number;
@@ -101,17 +103,12 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         counts.clone_from(&buffer);
     }
     let mut rest = &counts[..];
-    let [vertices, polygons] = [
-        whole(&mut rest, at, "a number of vertices")?,
-        whole(&mut rest, at, "a number of polygons")?,
-    ];
+    let [vertices, polygons] =
+        [whole(&mut rest, at, "a number of vertices")?, whole(&mut rest, at, "a number of polygons")?];
     source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), SHORTEST)?;
     source.check_promise(polygons, format_args!("line {at}: {polygons} polygons"), SHORTEST)?;
     if vertices > u64::from(u32::MAX) {
-        return Err(Error::unsupported(format!(
-            "line {at}: more than {} vertices",
-            u32::MAX
-        )));
+        return Err(Error::unsupported(format!("line {at}: more than {} vertices", u32::MAX)));
     }
     let mut points = Vec::with_capacity(source.reserve(vertices, SHORTEST));
     for _ in 0..vertices {
@@ -120,8 +117,9 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         let mut point = [0.0; 3];
         for x in &mut point {
             let word = next_word(&mut rest).unwrap_or_default();
-            *x = (parse_number(word).filter(|x| x.is_finite()))
-                .ok_or_else(|| Error::input(format!("line {at}: needed a finite coordinate, found {}", shown(word))))?;
+            *x = (parse_number(word).filter(|x| x.is_finite())).ok_or_else(|| {
+                Error::input(format!("line {at}: needed a finite coordinate, found {}", shown(word)))
+            })?;
         }
         points.push(point);
     }
@@ -132,9 +130,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         let mut rest = &buffer[..];
         let count = whole(&mut rest, at, "a number of corners")?;
         if count > buffer.len() as u64 {
-            return Err(Error::input(format!(
-                "line {at}: needed {count} corners, and the line ends"
-            )));
+            return Err(Error::input(format!("line {at}: needed {count} corners, and the line ends")));
         }
         corners.clear();
         for _ in 0..count {
@@ -151,11 +147,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
             triangles.extend(others.windows(2).map(|pair| [*first, pair[0], pair[1]]));
         }
     }
-    Ok(PolygonMesh {
-        points,
-        triangles,
-        ..PolygonMesh::default()
-    })
+    Ok(PolygonMesh { points, triangles, ..PolygonMesh::default() })
 }
 
 fn whole(rest: &mut &[u8], line: u64, what: &str) -> Result<u64> {
@@ -180,11 +172,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.off");
         let points = [[0.0, 0.1, 1e-17], [1.0, 0.0, 0.0], [0.0, 1.0, -0.3]];
-        let mesh = MeshColumns {
-            points: &points,
-            triangles: &[[0, 1, 2]],
-            ..MeshColumns::default()
-        };
+        let mesh = MeshColumns { points: &points, triangles: &[[0, 1, 2]], ..MeshColumns::default() };
         write_mesh(&path, &mesh).unwrap();
         let found = read_mesh(&path).unwrap();
         assert_eq!((found.points, found.triangles), (points.to_vec(), vec![[0, 1, 2]]));
@@ -193,7 +181,8 @@ mod tests {
     #[test]
     fn colours_comments_and_polygons_are_understood() {
         let found =
-            read("COFF 4 1 0 # counts\n\n0 0 0 255 0 0 255\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3 0.5 0.5 0.5\n").unwrap();
+            read("COFF 4 1 0 # counts\n\n0 0 0 255 0 0 255\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3 0.5 0.5 0.5\n")
+                .unwrap();
         assert_eq!(found.triangles, [[0, 1, 2], [0, 2, 3]]);
     }
 
@@ -207,10 +196,7 @@ mod tests {
             ("OFF\n3000000 1 0\n", "line 2"),
             ("OFF\n1 0 0\n0 nan 0\n", "line 3: needed a finite coordinate"),
             ("OFF\n1 1 0\n0 0 0\n", "line 4: needed a polygon, and the file ends"),
-            (
-                "OFF\n1 1 0\n0 0 0\n3 0 0 1\n",
-                "line 4: needed the index of a vertex below 1, found 1",
-            ),
+            ("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "line 4: needed the index of a vertex below 1, found 1"),
             ("OFF\n1 1 0\n0 0 0\n99 0 0 0\n", "line 4: needed 99 corners"),
         ] {
             let said = read(text).unwrap_err().to_string();

@@ -1,10 +1,12 @@
 //! PCD, the point clouds of the Point Cloud Library: ASCII, binary and binary_compressed.
 //!
-//! Comes in: a header of `KEY value …` lines through `DATA`, and one record a point. Goes out: a [`Scan`] at the identity pose.
+//! Comes in: a header of `KEY value …` lines through `DATA`, and one record a point. Goes out: a [`Scan`] at
+//! the identity pose.
 //!
-//! **Fields.** `x y z`; `normal_x normal_y normal_z` or `nx ny nz`; `sigma` or `cxx cxy cxz cyy cyz czz`; `sigma_n_deg`; others are
-//! passed over. A cloud of more than one row (`HEIGHT`) is organised: it gives the sampling grid. `VIEWPOINT` says from where the scanner
-//! looked; its default, the origin, is believed for organised clouds only, because every other cloud that does not know it says so too.
+//! **Fields.** `x y z`; `normal_x normal_y normal_z` or `nx ny nz`; `sigma` or `cxx cxy cxz cyy cyz czz`;
+//! `sigma_n_deg`; others are passed over. A cloud of more than one row (`HEIGHT`) is organised: it gives the
+//! sampling grid. `VIEWPOINT` says from where the scanner looked; its default, the origin, is believed for
+//! organised clouds only, because every other cloud that does not know it says so too.
 //!
 //! Not guaranteed: `VIEWPOINT`'s rotation is not applied; points are where the file puts them.
 
@@ -67,18 +69,17 @@ impl Header {
 
     /// The types of the columns.
     fn types(&self) -> Vec<NumberType> {
-        self.fields
-            .iter()
-            .flat_map(|f| std::iter::repeat_n(f.number, f.count))
-            .collect()
+        self.fields.iter().flat_map(|f| std::iter::repeat_n(f.number, f.count)).collect()
     }
 }
 
-/// Reads points. Records with a coordinate that is not finite are dropped and counted; in an organised cloud they are empty cells.
+/// Reads points. Records with a coordinate that is not finite are dropped and counted; in an organised cloud
+/// they are empty cells.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
-/// when it is malformed, cut off, or states a σ or covariance that is not positive: with the file and the line or byte.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, or states a σ or covariance
+/// that is not positive: with the file and the line or byte.
 pub fn read_pcd(path: &Path) -> Result<Scan> {
     read_file(path, |mut source, name| scan_from(&mut source, name))
 }
@@ -98,7 +99,8 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         };
         let text = String::from_utf8_lossy(line);
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
-        let wrong = |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
+        let wrong =
+            |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
         let count = |word: &str| word.parse::<u64>().map_err(|_| wrong("a count that is not negative"));
         let owned = |words: &[&str]| words.iter().map(|&w| w.to_owned()).collect::<Vec<String>>();
         match words[..] {
@@ -186,14 +188,7 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         (None, _, Some(_)) => return Err(Error::input("the header has `HEIGHT`, but no `WIDTH`")),
         (None, _, None) => return Err(Error::input("the header has neither `POINTS` nor `WIDTH`")),
     };
-    Ok(Header {
-        fields,
-        width,
-        height,
-        points,
-        viewpoint,
-        encoding,
-    })
+    Ok(Header { fields, width, height, points, viewpoint, encoding })
 }
 
 fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
@@ -218,8 +213,9 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
     }
     let (mut scan, dropped) = collector.finish(name);
     if header.height > 1 {
-        let side =
-            |n: u64| usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"));
+        let side = |n: u64| {
+            usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"))
+        };
         scan.grid = Some(grid_without(side(header.width)?, side(header.height)?, &dropped));
     }
     scan.viewing = match header.viewpoint {
@@ -249,10 +245,12 @@ fn read_text<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut P
             }
         };
         for (found, value) in record.iter_mut().enumerate() {
-            let word = next_word(&mut line)
-                .ok_or_else(|| Error::input(format!("line {number}: needed {width} numbers, found {found}")))?;
-            *value = parse_number(word)
-                .ok_or_else(|| Error::input(format!("line {number}: needed a number, found {}", shown(word))))?;
+            let word = next_word(&mut line).ok_or_else(|| {
+                Error::input(format!("line {number}: needed {width} numbers, found {found}"))
+            })?;
+            *value = parse_number(word).ok_or_else(|| {
+                Error::input(format!("line {number}: needed a number, found {}", shown(word)))
+            })?;
         }
         if let Some(word) = next_word(&mut line) {
             return Err(Error::input(format!(
@@ -265,7 +263,11 @@ fn read_text<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut P
     Ok(())
 }
 
-fn read_binary<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut PointCollector) -> Result<()> {
+fn read_binary<R: Read>(
+    source: &mut Source<R>,
+    header: &Header,
+    collector: &mut PointCollector,
+) -> Result<()> {
     let types = header.types();
     let size = types.iter().map(|t| t.size()).sum();
     let mut record = vec![0.0; types.len()];
@@ -285,7 +287,11 @@ fn read_binary<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut
 }
 
 /// A body compressed as one piece, field by field.
-fn read_compressed<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut PointCollector) -> Result<()> {
+fn read_compressed<R: Read>(
+    source: &mut Source<R>,
+    header: &Header,
+    collector: &mut PointCollector,
+) -> Result<()> {
     let byte = source.offset();
     let Some(sizes) = source.bytes(8)? else {
         return Err(cut_off(format_args!("byte {byte}"), header, 0));
@@ -305,7 +311,8 @@ fn read_compressed<R: Read>(source: &mut Source<R>, header: &Header, collector: 
             "byte {byte}: {packed} compressed bytes cannot hold {unpacked}: the file is damaged"
         )));
     }
-    let size = usize::try_from(packed).map_err(|_| Error::unsupported("a file larger than the memory's addresses"))?;
+    let size = usize::try_from(packed)
+        .map_err(|_| Error::unsupported("a file larger than the memory's addresses"))?;
     let Some(bytes) = source.bytes(size)? else {
         return Err(cut_off(format_args!("byte {byte}"), header, 0));
     };
@@ -314,7 +321,8 @@ fn read_compressed<R: Read>(source: &mut Source<R>, header: &Header, collector: 
             "byte {byte}: the compressed body is damaged: it does not hold {unpacked} bytes"
         ))
     })?;
-    // All numbers of the first field, then all of the second; the numbers of one field of one point lie together.
+    // All numbers of the first field, then all of the second; the numbers of one field of one point lie
+    // together.
     let points = usize::try_from(header.points).unwrap_or(0);
     let mut columns = Vec::new();
     let mut start = 0;
@@ -337,8 +345,9 @@ fn read_compressed<R: Read>(source: &mut Source<R>, header: &Header, collector: 
 /// Three bytes of LZF stand for 264 at most.
 const MOST_EXPANSION: u64 = 88;
 
-/// Undoes LZF: runs of bytes as they are (`000lllll` and `l + 1` bytes) and copies of earlier ones (`llloooooo oooooooo`: `l + 2` bytes from
-/// `o + 1` back; with `l` of seven, a byte more of length before the offset's second). `None` where the bytes are not such, or not so many.
+/// Undoes LZF: runs of bytes as they are (`000lllll` and `l + 1` bytes) and copies of earlier ones
+/// (`llloooooo oooooooo`: `l + 2` bytes from `o + 1` back; with `l` of seven, a byte more of length before
+/// the offset's second). `None` where the bytes are not such, or not so many.
 fn unpack(packed: &[u8], length: usize) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(length);
     let mut rest = packed;
@@ -407,18 +416,14 @@ mod tests {
     }
 
     fn text() -> Vec<u8> {
-        let lines: String = POINTS
-            .iter()
-            .map(|[x, y, z]| format!("{x} {y} {z} 0 0 1 1 2 3\r\n"))
-            .collect();
+        let lines: String = POINTS.iter().map(|[x, y, z]| format!("{x} {y} {z} 0 0 1 1 2 3\r\n")).collect();
         (header("ascii") + &lines).into_bytes()
     }
 
     fn compressed() -> Vec<u8> {
         let records = POINTS.map(record);
-        let body: Vec<u8> = (0..7)
-            .flat_map(|field| records.iter().flat_map(move |r| r[field].clone()))
-            .collect();
+        let body: Vec<u8> =
+            (0..7).flat_map(|field| records.iter().flat_map(move |r| r[field].clone())).collect();
         // Runs as they are, but for one copy: the second half of eight equal normals.
         let mut packed = Vec::new();
         for run in body.chunks(32) {
@@ -438,10 +443,7 @@ mod tests {
             let scan = read(&bytes).unwrap();
             assert_eq!(scan.points, [POINTS[0], POINTS[1], POINTS[3]]);
             assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0]; 3]);
-            assert_eq!(
-                (scan.dropped_not_finite, scan.viewing),
-                (1, Viewing::Origin([0.0, 0.0, 5.0]))
-            );
+            assert_eq!((scan.dropped_not_finite, scan.viewing), (1, Viewing::Origin([0.0, 0.0, 5.0])));
             let grid = scan.grid.unwrap();
             assert_eq!((grid.columns, grid.rows), (2, 2));
             assert_eq!(grid.cells, [0, 1, RangeGrid::EMPTY, 2]);
@@ -464,18 +466,13 @@ mod tests {
     #[test]
     fn an_unorganised_cloud_without_a_viewpoint_has_none() {
         let scan = read(b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1\nDATA ascii\n1 2 3\n").unwrap();
-        assert_eq!(
-            (scan.points, scan.viewing, scan.grid),
-            (vec![[1.0, 2.0, 3.0]], Viewing::Unknown, None)
-        );
+        assert_eq!((scan.points, scan.viewing, scan.grid), (vec![[1.0, 2.0, 3.0]], Viewing::Unknown, None));
     }
 
     #[test]
     fn sizes_that_contradict_each_other_are_refused() {
         let text = String::from_utf8(text()).unwrap();
-        let height = text
-            .replace("WIDTH 2", "WIDTH 3")
-            .replace("HEIGHT 2", "HEIGHT 9223372036854775807");
+        let height = text.replace("WIDTH 2", "WIDTH 3").replace("HEIGHT 2", "HEIGHT 9223372036854775807");
         assert!(message(height.as_bytes()).contains("no file holds 3 times 9223372036854775807 points"));
         assert!(message(text.replace("WIDTH 2\n", "").as_bytes()).contains("`HEIGHT`, but no `WIDTH`"));
         let plain = text.replace("WIDTH 2\n", "").replace("HEIGHT 2\n", "");

@@ -1,7 +1,8 @@
 //! Pictures: PNG, TIFF, JPEG, TGA, PGM and PPM, in; PNG of brightness, out.
 //!
-//! Comes in: a picture of one channel or of colours, 8 or 16 bits (TIFF also of floating point). Goes out: a [`Picture`] with one or three channels, or the
-//! brightness alone as an [`Image`]. An opacity is not looked at.
+//! Comes in: a picture of one channel or of colours, 8 or 16 bits (TIFF also of floating point). Goes out: a
+//! [`Picture`] with one or three channels, or the brightness alone as an [`Image`]. An opacity is not looked
+//! at.
 //!
 //! Not guaranteed: linear brightness. Cameras and programs bend it (gamma); values are those of the file.
 //!
@@ -67,23 +68,22 @@ impl Picture {
 /// # Errors
 /// As [`read_picture`].
 pub fn read_brightness(path: &Path) -> Result<Image> {
-    read_picture(path)?
-        .brightness()
-        .map_err(|e| e.in_context(path.display()))
+    read_picture(path)?.brightness().map_err(|e| e.in_context(path.display()))
 }
 
 /// Reads a picture; the format is told by the extension.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable; [`Input`](planish_estimate::ErrorKind::Input) when it is
-/// malformed or cut off; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other formats and kinds of pixels. Each names the file.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed or cut off;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other formats and kinds of pixels. Each
+/// names the file.
 pub fn read_picture(path: &Path) -> Result<Picture> {
     let read = || {
         let (mut file, length) = open_file(path)?;
         let mut bytes = || {
             let mut all = Vec::new();
-            file.read_to_end(&mut all)
-                .map_err(|e| Error::io("could not be read").with_source(e))?;
+            file.read_to_end(&mut all).map_err(|e| Error::io("could not be read").with_source(e))?;
             Ok::<_, Error>(all)
         };
         let picture = match extension(path).as_str() {
@@ -98,7 +98,9 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
                 )));
             }
         };
-        match picture.values.len() == picture.columns * picture.rows * picture.channels && !picture.values.is_empty() {
+        match picture.values.len() == picture.columns * picture.rows * picture.channels
+            && !picture.values.is_empty()
+        {
             true => Ok(picture),
             false => Err(Error::input(format!(
                 "needed {} × {} pixels, found {} values: the file is damaged or cut off",
@@ -114,12 +116,14 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
 /// Writes brightness from 0 to 255 as a grey PNG of 8 bits.
 ///
 /// # Errors
-/// `Input` where there are not as many values as pixels; `Io` when the file cannot be written; nothing is left half-written.
+/// `Input` where there are not as many values as pixels; `Io` when the file cannot be written; nothing is
+/// left half-written.
 pub fn write_grey_png(path: &Path, columns: usize, rows: usize, values: &[u8]) -> Result<()> {
     write_png(path, [columns, rows], png::ColorType::Grayscale, values)
 }
 
-/// Writes red, green and blue from 0 to 255 of columns × rows pixels, row by row, as a PNG of 8 bits a channel.
+/// Writes red, green and blue from 0 to 255 of columns × rows pixels, row by row, as a PNG of 8 bits a
+/// channel.
 ///
 /// # Errors
 /// As for [`write_grey_png`].
@@ -128,9 +132,7 @@ pub fn write_colour_png(path: &Path, size: [usize; 2], values: &[u8]) -> Result<
 }
 
 fn write_png(path: &Path, [columns, rows]: [usize; 2], kind: png::ColorType, values: &[u8]) -> Result<()> {
-    let wanted = columns
-        .checked_mul(rows)
-        .and_then(|pixels| pixels.checked_mul(kind.samples()));
+    let wanted = columns.checked_mul(rows).and_then(|pixels| pixels.checked_mul(kind.samples()));
     let size = u32::try_from(columns).ok().zip(u32::try_from(rows).ok());
     let Some((width, height)) = size.filter(|_| wanted == Some(values.len()) && !values.is_empty()) else {
         return Err(Error::input(format!(
@@ -142,7 +144,12 @@ fn write_png(path: &Path, [columns, rows]: [usize; 2], kind: png::ColorType, val
     write_atomically(path, |writer| encode_png(writer, [width, height], kind, values))
 }
 
-fn encode_png(writer: impl Write, [width, height]: [u32; 2], kind: png::ColorType, values: &[u8]) -> io::Result<()> {
+fn encode_png(
+    writer: impl Write,
+    [width, height]: [u32; 2],
+    kind: png::ColorType,
+    values: &[u8],
+) -> io::Result<()> {
     let mut encoder = png::Encoder::new(writer, width, height);
     encoder.set_color(kind);
     let mut out = encoder.write_header()?;
@@ -157,7 +164,8 @@ fn encode_png(writer: impl Write, [width, height]: [u32; 2], kind: png::ColorTyp
 pub fn colour_png(size: [usize; 2], values: &[u8]) -> Result<Vec<u8>> {
     let [columns, rows] = size;
     let sides = u32::try_from(columns).ok().zip(u32::try_from(rows).ok());
-    let Some((width, height)) = sides.filter(|_| 3 * columns * rows == values.len() && !values.is_empty()) else {
+    let Some((width, height)) = sides.filter(|_| 3 * columns * rows == values.len() && !values.is_empty())
+    else {
         return Err(Error::input(format!(
             "needed {columns} × {rows} pixels of three values, found {} values",
             values.len()
@@ -174,22 +182,14 @@ fn channels(columns: usize, rows: usize, samples: usize, values: Vec<f32>, white
     let channels = if samples < 3 { 1 } else { 3 };
     let values = match samples == channels {
         true => values,
-        false => values
-            .chunks_exact(samples)
-            .flat_map(|p| p[..channels].iter().copied())
-            .collect(),
+        false => values.chunks_exact(samples).flat_map(|p| p[..channels].iter().copied()).collect(),
     };
-    Picture {
-        columns,
-        rows,
-        channels,
-        values,
-        white,
-    }
+    Picture { columns, rows, channels, values, white }
 }
 
 fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Result<Picture> {
-    let damaged = |e: png::DecodingError| Error::input("is no PNG image, or is damaged or cut off").with_source(e);
+    let damaged =
+        |e: png::DecodingError| Error::input("is no PNG image, or is damaged or cut off").with_source(e);
     let mut decoder = png::Decoder::new(file);
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(damaged)?;
@@ -203,39 +203,27 @@ fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Resu
     while let Some(row) = reader.next_row().map_err(damaged)? {
         match depth {
             png::BitDepth::Sixteen => {
-                values.extend(
-                    row.data()
-                        .chunks_exact(2)
-                        .map(|b| f32::from(u16::from_be_bytes([b[0], b[1]]))),
-                );
+                values
+                    .extend(row.data().chunks_exact(2).map(|b| f32::from(u16::from_be_bytes([b[0], b[1]]))));
             }
             _ => values.extend(row.data().iter().map(|&b| f32::from(b))),
         }
     }
-    let white = if depth == png::BitDepth::Sixteen {
-        65535.0
-    } else {
-        255.0
-    };
-    Ok(channels(
-        columns as usize,
-        rows as usize,
-        colour.samples(),
-        values,
-        white,
-    ))
+    let white = if depth == png::BitDepth::Sixteen { 65535.0 } else { 255.0 };
+    Ok(channels(columns as usize, rows as usize, colour.samples(), values, white))
 }
 
 fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
     let damaged = |e: TiffError| match e {
-        TiffError::UnsupportedError(_) => Error::unsupported("a TIFF image of a kind that is not read").with_source(e),
+        TiffError::UnsupportedError(_) => {
+            Error::unsupported("a TIFF image of a kind that is not read").with_source(e)
+        }
         e => Error::input("is no TIFF image, or is damaged or cut off").with_source(e),
     };
     let mut file = Cursor::new(bytes);
     tags::check(&mut file)?;
-    let mut decoder = TiffDecoder::new(BufReader::new(file))
-        .map_err(damaged)?
-        .with_limits(tiff_limits(length));
+    let mut decoder =
+        TiffDecoder::new(BufReader::new(file)).map_err(damaged)?.with_limits(tiff_limits(length));
     let (columns, rows) = decoder.dimensions().map_err(damaged)?;
     check_promise(columns, rows, length)?;
     let samples = match decoder.colortype().map_err(damaged)? {
@@ -245,9 +233,7 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
         TiffColor::RGBA(_) => 4,
         TiffColor::Multiband { num_samples, .. } if num_samples > 0 => usize::from(num_samples),
         other => {
-            return Err(Error::unsupported(format!(
-                "needed brightness or colours, found {other:?}"
-            )));
+            return Err(Error::unsupported(format!("needed brightness or colours, found {other:?}")));
         }
     };
     let (values, white): (Vec<f32>, f32) = match decoder.read_image().map_err(damaged)? {
@@ -255,7 +241,9 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
         DecodingResult::U16(v) => (v.into_iter().map(f32::from).collect(), 65535.0),
         DecodingResult::F32(v) => (v, 1.0),
         DecodingResult::F64(v) => (v.into_iter().map(|v| v as f32).collect(), 1.0),
-        _ => return Err(Error::unsupported("needed values of 8 or 16 bits, or floating point")),
+        _ => {
+            return Err(Error::unsupported("needed values of 8 or 16 bits, or floating point"));
+        }
     };
     Ok(channels(columns as usize, rows as usize, samples, values, white))
 }
@@ -354,15 +342,10 @@ fn netpbm(bytes: &[u8]) -> Result<Picture> {
         _ => return Err(damaged()),
     };
     let (columns, rows, white) = (number()?, number()?, number()?);
-    let size = columns
-        .checked_mul(rows)
-        .and_then(|n| n.checked_mul(samples))
-        .filter(|n| *n <= bytes.len());
+    let size = columns.checked_mul(rows).and_then(|n| n.checked_mul(samples)).filter(|n| *n <= bytes.len());
     let size = size.ok_or_else(damaged)?;
     if !(1..=65535).contains(&white) {
-        return Err(Error::input(format!(
-            "needed a greatest value from 1 to 65535, found {white}"
-        )));
+        return Err(Error::input(format!("needed a greatest value from 1 to 65535, found {white}")));
     }
     let values = match kind[1] {
         b'2' | b'3' => (0..size).map(|_| Ok(number()? as f32)).collect::<Result<_>>()?,
@@ -403,9 +386,7 @@ mod tests {
         fs::write(at("c.png"), &png).unwrap();
         let mut file = Cursor::new(Vec::new());
         let mut encoder = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
-        encoder
-            .write_image::<tiff::encoder::colortype::RGB8>(3, 2, &rgb)
-            .unwrap();
+        encoder.write_image::<tiff::encoder::colortype::RGB8>(3, 2, &rgb).unwrap();
         fs::write(at("d.tif"), file.into_inner()).unwrap();
         let bgr = |row: &[u8]| row.chunks(3).flat_map(|p| [p[2], p[1], p[0]]).collect::<Vec<u8>>();
         let upwards = [bgr(&rgb[9..]), bgr(&rgb[..9])].concat();

@@ -1,9 +1,10 @@
 //! Named columns of point records, gathered into a scan.
 //!
-//! Comes in: the names of a file's columns and its records as numbers. Goes out: a [`Scan`] without records whose
-//! coordinates are not finite (counted), and with statistics that were checked: every σ is positive and finite, every
-//! covariance positive definite. Columns with other names are passed over; `scan` and `time` are kept for [`crate::several`], which splits a file by them.
-//! Not guaranteed: that normals have unit length. One that is not finite is kept as zero: not known.
+//! Comes in: the names of a file's columns and its records as numbers. Goes out: a [`Scan`] without records
+//! whose coordinates are not finite (counted), and with statistics that were checked: every σ is positive and
+//! finite, every covariance positive definite. Columns with other names are passed over; `scan` and `time`
+//! are kept for [`crate::several`], which splits a file by them. Not guaranteed: that normals have unit
+//! length. One that is not finite is kept as zero: not known.
 
 use std::fmt::Display;
 
@@ -93,10 +94,7 @@ impl PointColumns {
 
     /// Positions, then normals, in the first six columns.
     pub(crate) fn positions_and_normals() -> Self {
-        Self {
-            normal: Some([3, 4, 5]),
-            ..Self::positions_only()
-        }
+        Self { normal: Some([3, 4, 5]), ..Self::positions_only() }
     }
 
     /// The quantities that column names promise.
@@ -104,11 +102,7 @@ impl PointColumns {
         let Some(position) = family(names, POSITION)? else {
             return Err(Error::input(format!(
                 "needed the columns x y z, found {}",
-                if names.is_empty() {
-                    "none".to_owned()
-                } else {
-                    names.join(" ")
-                }
+                if names.is_empty() { "none".to_owned() } else { names.join(" ") }
             )));
         };
         let covariance = family(names, COVARIANCE)?;
@@ -133,11 +127,7 @@ impl PointColumns {
         let (sigma_normal, sigma_curvature) = (named(SIGMA_NORMAL), named(SIGMA_CURVATURE));
         for (sigma, of, of_what) in [
             (sigma_normal.map(|_| SIGMA_NORMAL), normal.is_some(), &NORMAL[..]),
-            (
-                sigma_curvature.map(|_| SIGMA_CURVATURE),
-                curvature.is_some(),
-                &CURVATURE[..],
-            ),
+            (sigma_curvature.map(|_| SIGMA_CURVATURE), curvature.is_some(), &CURVATURE[..]),
         ] {
             if let (Some(sigma), false) = (sigma, of) {
                 return Err(Error::input(format!(
@@ -197,10 +187,7 @@ pub(crate) struct PointCollector {
 impl PointCollector {
     /// An empty collection with room for `reserve` points.
     pub(crate) fn new(columns: PointColumns, reserve: usize) -> Self {
-        let mut scan = Scan {
-            points: Vec::with_capacity(reserve),
-            ..Scan::default()
-        };
+        let mut scan = Scan { points: Vec::with_capacity(reserve), ..Scan::default() };
         match columns.uncertainty {
             Uncertainty::Unstated => {}
             Uncertainty::Sigma(_) => scan.sigma = Some(Vec::with_capacity(reserve)),
@@ -213,12 +200,7 @@ impl PointCollector {
         scan.sigma_curvature = columns.sigma_curvature.map(|_| Vec::with_capacity(reserve));
         scan.times_s = columns.time.map(|_| Vec::with_capacity(reserve));
         scan.scan_numbers = columns.scan.map(|_| Vec::with_capacity(reserve));
-        Self {
-            columns,
-            scan,
-            records: 0,
-            dropped: Vec::new(),
-        }
+        Self { columns, scan, records: 0, dropped: Vec::new() }
     }
 
     /// How many points were kept so far.
@@ -237,19 +219,14 @@ impl PointCollector {
             return Ok(());
         }
         if self.scan.points.len() as u64 >= u64::from(u32::MAX) {
-            return Err(Error::unsupported(format!(
-                "more than {} points in one scan: split it",
-                u32::MAX
-            )));
+            return Err(Error::unsupported(format!("more than {} points in one scan: split it", u32::MAX)));
         }
         self.scan.points.push(point);
         let positive = |name: &str, value: f64| {
             if value > 0.0 && value.is_finite() {
                 return Ok(value);
             }
-            Err(Error::input(format!(
-                "{place}: needed {name} > 0, found {value} (point {number})"
-            )))
+            Err(Error::input(format!("{place}: needed {name} > 0, found {value} (point {number})")))
         };
         match self.columns.uncertainty {
             Uncertainty::Unstated => {}
@@ -412,10 +389,7 @@ mod tests {
         assert!(PointColumns::find(&["x", "y", "z", "k1"]).is_ok());
         let names = ["x", "y", "z", "nx", "ny", "nz", "sigma_n_deg"];
         let e = collect(&names, &[&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 400.0]]).unwrap_err();
-        assert!(
-            e.to_string().contains("below 90") && e.to_string().contains("line 1"),
-            "{e}"
-        );
+        assert!(e.to_string().contains("below 90") && e.to_string().contains("line 1"), "{e}");
     }
 
     #[test]
@@ -423,10 +397,7 @@ mod tests {
         for sigma in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let records: [&[f64]; 2] = [&[0.0, 0.0, 0.0, 1.0], &[0.0, 0.0, 0.0, sigma]];
             let e = collect(&["x", "y", "z", "sigma"], &records).unwrap_err();
-            assert!(
-                e.to_string().contains("line 2") && e.to_string().contains("point 1"),
-                "{e}"
-            );
+            assert!(e.to_string().contains("line 2") && e.to_string().contains("point 1"), "{e}");
         }
         let names = ["x", "y", "z", "cxx", "cxy", "cxz", "cyy", "cyz", "czz"];
         assert!(collect(&names, &[&[0.0, 0.0, 0.0, 4.0, 1.0, 0.0, 1.0, 0.2, 1.0]]).is_ok());
@@ -444,10 +415,7 @@ mod tests {
 
     #[test]
     fn a_record_without_a_finite_position_is_dropped_and_counted() {
-        let scan = collect(
-            &["x", "y", "z", "sigma"],
-            &[&[f64::NAN, 0.0, 0.0, -1.0], &[1.0, 0.0, 0.0, 1.0]],
-        );
+        let scan = collect(&["x", "y", "z", "sigma"], &[&[f64::NAN, 0.0, 0.0, -1.0], &[1.0, 0.0, 0.0, 1.0]]);
         let scan = scan.unwrap();
         assert_eq!((scan.points.len(), scan.dropped_not_finite), (1, 1));
         assert_eq!(scan.sigma.unwrap().len(), 1);

@@ -155,7 +155,9 @@ struct KeyframeTable {
 /// Reads poses.
 ///
 /// # Errors
-/// `Io` where the file cannot be read; `Input` for keys that are not known, numbers that are not finite, two poses of one name, keyframes that do not follow each other or name poses that are not there: with the pose or keyframe.
+/// `Io` where the file cannot be read; `Input` for keys that are not known, numbers that are not finite, two
+/// poses of one name, keyframes that do not follow each other or name poses that are not there: with the pose
+/// or keyframe.
 pub fn read_poses(path: &Path) -> Result<PoseFile> {
     let read = || parse(&read_text(path)?);
     read().map_err(|e| e.in_context(path.display()))
@@ -169,7 +171,9 @@ fn parse(text: &str) -> Result<PoseFile> {
     let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
     let controls = match t.controls {
         None => ControlsEntry::Usual,
-        Some(ControlsTable::Count(count)) if (1..=MOST_CONTROLS).contains(&count) => ControlsEntry::Count(count),
+        Some(ControlsTable::Count(count)) if (1..=MOST_CONTROLS).contains(&count) => {
+            ControlsEntry::Count(count)
+        }
         Some(ControlsTable::Points(points))
             if (1..=MOST_CONTROLS).contains(&points.len()) && points.iter().all(finite) =>
         {
@@ -186,14 +190,8 @@ fn parse(text: &str) -> Result<PoseFile> {
     }
     let rigid = (t.rigid.into_iter())
         .map(|entry| match entry.motion.as_deref() {
-            None | Some("follow") => Ok(RigidEntry {
-                part: entry.part,
-                held: false,
-            }),
-            Some("held") => Ok(RigidEntry {
-                part: entry.part,
-                held: true,
-            }),
+            None | Some("follow") => Ok(RigidEntry { part: entry.part, held: false }),
+            Some("held") => Ok(RigidEntry { part: entry.part, held: true }),
             Some(other) => Err(Error::input(format!(
                 "rigid part `{}`: needed motion \"follow\" or \"held\", found \"{other}\"",
                 entry.part
@@ -237,18 +235,9 @@ fn parse(text: &str) -> Result<PoseFile> {
             }
             weights[at] = weight;
         }
-        keyframes.push(KeyframeEntry {
-            seconds: frame.seconds,
-            weights,
-        });
+        keyframes.push(KeyframeEntry { seconds: frame.seconds, weights });
     }
-    Ok(PoseFile {
-        controls,
-        blend: t.blend,
-        rigid,
-        poses,
-        keyframes,
-    })
+    Ok(PoseFile { controls, blend: t.blend, rigid, poses, keyframes })
 }
 
 fn one_move(entry: &MoveTable) -> Result<MoveEntry> {
@@ -256,7 +245,9 @@ fn one_move(entry: &MoveTable) -> Result<MoveEntry> {
     let target = match (entry.control, entry.near, entry.within) {
         (Some(index), None, None) => Target::Control(index),
         (None, Some(at), None) if finite(at) => Target::Nearest(at),
-        (None, Some(at), Some(reach)) if finite(at) && reach.is_finite() && reach > 0.0 => Target::Within(at, reach),
+        (None, Some(at), Some(reach)) if finite(at) && reach.is_finite() && reach > 0.0 => {
+            Target::Within(at, reach)
+        }
         _ => {
             return Err(Error::input(
                 "a move needs control = INDEX, or near = [x, y, z] and maybe within = LENGTH, and by = [x, y, z]",
@@ -264,10 +255,7 @@ fn one_move(entry: &MoveTable) -> Result<MoveEntry> {
         }
     };
     if !finite(entry.by) {
-        return Err(Error::input(format!(
-            "needed a finite displacement, found {:?}",
-            entry.by
-        )));
+        return Err(Error::input(format!("needed a finite displacement, found {:?}", entry.by)));
     }
     Ok(MoveEntry { target, by: entry.by })
 }
@@ -319,11 +307,6 @@ weights = { down = 0.5 }
         assert!(with("\"down\"", "\"up\"").contains("two named `up`"));
         assert!(with("seconds = 1.5", "seconds = 0").contains("keyframe 2"));
         assert!(with("down = 0.5", "left = 0.5").contains("keyframe 2: there is no pose named `left`"));
-        assert!(
-            parse("controls = 3")
-                .unwrap_err()
-                .to_string()
-                .contains("at least one [[pose]]")
-        );
+        assert!(parse("controls = 3").unwrap_err().to_string().contains("at least one [[pose]]"));
     }
 }

@@ -1,7 +1,8 @@
 //! Numbers of every pixel, out: TIFF and NPY of single precision.
 //!
-//! Comes in: bands, such as disparities and their σ. Goes out: a TIFF with two or four samples a pixel, compressed by deflate, or an array (rows, columns, bands).
-//! NaN stands where nothing is known. Not guaranteed: TIFF files of more than 4 GB.
+//! Comes in: bands, such as disparities and their σ. Goes out: a TIFF with two or four samples a pixel,
+//! compressed by deflate, or an array (rows, columns, bands). NaN stands where nothing is known. Not
+//! guaranteed: TIFF files of more than 4 GB.
 
 use std::io::{self, Cursor, Write};
 use std::path::Path;
@@ -35,8 +36,9 @@ impl<const N: usize> ColorType for Samples<N> {
 /// Writes two or four bands; the extension says how (`.tif`, `.tiff`, `.npy`).
 ///
 /// # Errors
-/// `Input` for bands of other numbers of values than there are pixels; `Unsupported` for other extensions, other numbers of bands and more than 4 GB; `Io` when the
-/// file cannot be written; nothing is left half-written.
+/// `Input` for bands of other numbers of values than there are pixels; `Unsupported` for other extensions,
+/// other numbers of bands and more than 4 GB; `Io` when the file cannot be written; nothing is left
+/// half-written.
 pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) -> Result<()> {
     if let Some(band) = bands.iter().find(|band| band.len() != columns * rows) {
         return Err(Error::input(format!(
@@ -45,9 +47,7 @@ pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) 
             band.len()
         )));
     }
-    let values: Vec<f32> = (0..columns * rows)
-        .flat_map(|k| bands.iter().map(move |band| band[k]))
-        .collect();
+    let values: Vec<f32> = (0..columns * rows).flat_map(|k| bands.iter().map(move |band| band[k])).collect();
     let bytes = match (extension(path).as_str(), bands.len()) {
         ("npy", _) => npy(columns, rows, bands.len(), &values),
         ("tif" | "tiff", 2) => tiff::<2>(columns, rows, &values).map_err(|e| too_large(path, e))?,
@@ -63,16 +63,18 @@ pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) 
 }
 
 fn too_large(path: &Path, e: TiffError) -> Error {
-    Error::unsupported(format!(
-        "{}: cannot be written as TIFF; .npy can be larger",
-        path.display()
-    ))
-    .with_source(e)
+    Error::unsupported(format!("{}: cannot be written as TIFF; .npy can be larger", path.display()))
+        .with_source(e)
 }
 
-fn tiff<const N: usize>(columns: usize, rows: usize, values: &[f32]) -> std::result::Result<Vec<u8>, TiffError> {
+fn tiff<const N: usize>(
+    columns: usize,
+    rows: usize,
+    values: &[f32],
+) -> std::result::Result<Vec<u8>, TiffError> {
     let mut file = Cursor::new(Vec::new());
-    let mut encoder = TiffEncoder::new(&mut file)?.with_compression(Compression::Deflate(DeflateLevel::Balanced));
+    let mut encoder =
+        TiffEncoder::new(&mut file)?.with_compression(Compression::Deflate(DeflateLevel::Balanced));
     let size = |n: usize| u32::try_from(n).map_err(|e| TiffError::IoError(io::Error::other(e)));
     let mut image = encoder.new_image::<Samples<N>>(size(columns)?, size(rows)?)?;
     let unspecified = [ExtraSamples::Unspecified.to_u16(); N];
@@ -100,9 +102,7 @@ mod tests {
         write_raster(&path, 3, 2, &[&a, &b]).unwrap();
         let mut decoder = Decoder::new(std::fs::File::open(&path).unwrap()).unwrap();
         assert_eq!(decoder.dimensions().unwrap(), (3, 2));
-        let DecodingResult::F32(values) = decoder.read_image().unwrap() else {
-            panic!("needed f32")
-        };
+        let DecodingResult::F32(values) = decoder.read_image().unwrap() else { panic!("needed f32") };
         assert_eq!(values[..4], [1.0, 0.5, 2.0, 0.25]);
         let path = folder.path().join("a.npy");
         write_raster(&path, 3, 2, &[&a, &b]).unwrap();

@@ -1,9 +1,9 @@
 //! Lists of input files, read into one set of scans.
 //!
-//! Comes in: paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `off`, `glb`, `npy`, `npz`, `xyz`, `txt`, `asc`, `csv`, `pts`), of
-//! depth images (`png`, `tif`, `tiff`, `npy`), and of lists of scans (`conf`, `toml`), mixed at
-//! will. Goes out: a [`ScanSet`], in the order of the paths whatever the number of threads.
-//! Not guaranteed: that scans overlap, or share a frame where no pose was given.
+//! Comes in: paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `off`, `glb`, `npy`, `npz`,
+//! `xyz`, `txt`, `asc`, `csv`, `pts`), of depth images (`png`, `tif`, `tiff`, `npy`), and of lists of scans
+//! (`conf`, `toml`), mixed at will. Goes out: a [`ScanSet`], in the order of the paths whatever the number of
+//! threads. Not guaranteed: that scans overlap, or share a frame where no pose was given.
 
 use std::collections::HashMap;
 use std::fs;
@@ -142,22 +142,14 @@ struct Read {
 
 impl From<(Scan, Option<Unit>)> for Read {
     fn from((scan, unit): (Scan, Option<Unit>)) -> Self {
-        Self {
-            scans: vec![scan],
-            unit,
-            calibration: None,
-            georeference: None,
-        }
+        Self { scans: vec![scan], unit, calibration: None, georeference: None }
     }
 }
 
 fn read_one(path: &Path, calibration: Option<&Path>) -> Result<Read> {
     if calibration.is_some() || is_depth_image(path) {
         let calibration = calibration_of(path, calibration)?;
-        return Ok(Read {
-            calibration: Some(calibration.clone()),
-            ..read_depth(path, &calibration)?.into()
-        });
+        return Ok(Read { calibration: Some(calibration.clone()), ..read_depth(path, &calibration)?.into() });
     }
     match extension(path).as_str() {
         // Lengths of E57 are metres.
@@ -212,10 +204,7 @@ fn read_by_extension(path: &Path) -> Result<Read> {
         "las" | "laz" => {
             let (scan, georeference) = read_las_and_map(path)?;
             let unit = georeference.as_ref().and_then(GeoReference::unit);
-            return Ok(Read {
-                georeference,
-                ..(scan, unit).into()
-            });
+            return Ok(Read { georeference, ..(scan, unit).into() });
         }
         "pcd" => read_pcd(path).map(|scan| (scan, None)),
         "npy" => read_npy(path).map(|scan| (scan, None)),
@@ -249,13 +238,15 @@ fn read_by_extension(path: &Path) -> Result<Read> {
 
 /// Reads scans and lists of scans.
 ///
-/// `unit` is what the caller knows; a file that says otherwise is an error. Scans without a named sensor share one range
-/// sensor, `scanner`, whose σ is to be estimated. Files are read in parallel, on the current rayon pool.
+/// `unit` is what the caller knows; a file that says otherwise is an error. Scans without a named sensor
+/// share one range sensor, `scanner`, whose σ is to be estimated. Files are read in parallel, on the current
+/// rayon pool.
 ///
 /// # Errors
-/// What the readers of the formats report; [`Input`](planish_estimate::ErrorKind::Input) also for no paths, a file named
-/// twice (its measurements would count twice), a scan without points, contradicting units or sensors;
-/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions. With several bad files the first is named.
+/// What the readers of the formats report; [`Input`](planish_estimate::ErrorKind::Input) also for no paths, a
+/// file named twice (its measurements would count twice), a scan without points, contradicting units or
+/// sensors; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions. With several bad
+/// files the first is named.
 pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<ScanSet> {
     let mut gathered = Gathered::default();
     if let Some(unit) = unit {
@@ -318,26 +309,15 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
     }
     refuse_doubles(&wanted)?;
 
-    let read: Vec<Result<Read>> = wanted
-        .par_iter()
-        .map(|w| read_one(&w.path, w.calibration.as_deref()))
-        .collect();
+    let read: Vec<Result<Read>> =
+        wanted.par_iter().map(|w| read_one(&w.path, w.calibration.as_deref())).collect();
     let mut set = ScanSet::default();
     let mut lists = lists.into_iter().peekable();
     for (index, (wanted, read)) in wanted.into_iter().zip(read).enumerate() {
         while let Some((_, path)) = lists.next_if(|(first, _)| *first == index) {
-            set.inputs.push(InputFile {
-                path,
-                points: 0,
-                dropped_not_finite: 0,
-            });
+            set.inputs.push(InputFile { path, points: 0, dropped_not_finite: 0 });
         }
-        let Read {
-            scans,
-            unit,
-            calibration,
-            georeference,
-        } = read.map_err(|e| match &wanted.listed {
+        let Read { scans, unit, calibration, georeference } = read.map_err(|e| match &wanted.listed {
             Some(list) => e.in_context(list),
             None => e,
         })?;
@@ -363,17 +343,9 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
         if let Some(path) = calibration
             && !set.inputs.iter().any(|input| input.path == path)
         {
-            set.inputs.push(InputFile {
-                path,
-                points: 0,
-                dropped_not_finite: 0,
-            });
+            set.inputs.push(InputFile { path, points: 0, dropped_not_finite: 0 });
         }
-        set.inputs.push(InputFile {
-            path: wanted.path,
-            points,
-            dropped_not_finite,
-        });
+        set.inputs.push(InputFile { path: wanted.path, points, dropped_not_finite });
         let scans = scans.into_iter().map(several).collect::<Result<Vec<_>>>();
         let scans = scans.map_err(|e| match &wanted.listed {
             Some(list) => e.in_context(list),
@@ -434,17 +406,13 @@ mod tests {
     fn a_file_of_several_scans_is_read_as_such() {
         let folder = folder(&[("a.csv", "x,y,z,time,scan\n1,2,3,0.5,2\n4,5,6,1.5,1\n7,8,9,0.5,2\n")]);
         let set = read_inputs(&[folder.path().join("a.csv")], None).unwrap();
-        let told: Vec<_> = (set.scans.iter())
-            .map(|s| (s.scan.name.as_str(), s.scan.points.len(), s.scan.time_s))
-            .collect();
+        let told: Vec<_> =
+            (set.scans.iter()).map(|s| (s.scan.name.as_str(), s.scan.points.len(), s.scan.time_s)).collect();
         assert_eq!(told, [("a.csv, scan 1", 1, Some(1.5)), ("a.csv, scan 2", 2, Some(0.5))]);
         assert_eq!(set.inputs[0].points, 3);
         fs::write(folder.path().join("b.csv"), "x,y,z,scan\n1,2,3,0.5\n").unwrap();
         let e = read_inputs(&[folder.path().join("b.csv")], None).unwrap_err();
-        assert!(
-            e.to_string().contains("line 2") && e.to_string().contains("whole number"),
-            "{e}"
-        );
+        assert!(e.to_string().contains("line 2") && e.to_string().contains("whole number"), "{e}");
     }
 
     #[test]
@@ -461,10 +429,8 @@ mod tests {
                  pose = { sigma_translation = 0.5 }\n",
             ),
         ]);
-        let paths: Vec<_> = ["b.xyz", "l.conf", "j.toml", "d.TXT"]
-            .iter()
-            .map(|n| folder.path().join(n))
-            .collect();
+        let paths: Vec<_> =
+            ["b.xyz", "l.conf", "j.toml", "d.TXT"].iter().map(|n| folder.path().join(n)).collect();
         let set = read_inputs(&paths, None).unwrap();
         assert_eq!(set.unit, Some(Unit::Millimetre));
         let names: Vec<_> = set.sensors.iter().map(|s| s.name.as_str()).collect();
@@ -477,13 +443,7 @@ mod tests {
         let inputs: Vec<_> = set
             .inputs
             .iter()
-            .map(|i| {
-                (
-                    i.path.file_name().unwrap().to_str().unwrap(),
-                    i.points,
-                    i.dropped_not_finite,
-                )
-            })
+            .map(|i| (i.path.file_name().unwrap().to_str().unwrap(), i.points, i.dropped_not_finite))
             .collect();
         assert_eq!(
             inputs,
@@ -517,27 +477,12 @@ mod tests {
         for (names, unit, kind, words) in [
             (&[][..], None, ErrorKind::Input, "at least one scan"),
             (&["a.ply", "a.ply"], None, ErrorKind::Input, "named twice"),
-            (
-                &["a.ply"],
-                Some(Unit::Metre),
-                ErrorKind::Input,
-                "lengths are in mm, but the option says m",
-            ),
-            (
-                &["b.xyz"],
-                None,
-                ErrorKind::Input,
-                "1 records without finite coordinates",
-            ),
+            (&["a.ply"], Some(Unit::Metre), ErrorKind::Input, "lengths are in mm, but the option says m"),
+            (&["b.xyz"], None, ErrorKind::Input, "1 records without finite coordinates"),
             (&["c.3mf"], None, ErrorKind::Unsupported, "found the extension `3mf`"),
             (&["gone.3mf"], None, ErrorKind::Io, "does not exist"),
             (&["gone.ply", "c.3mf"], None, ErrorKind::Io, "gone.ply: does not exist"),
-            (
-                &["l.conf"],
-                None,
-                ErrorKind::Input,
-                "d.csv: line 2: needed sigma > 0, found -1 (point 0)",
-            ),
+            (&["l.conf"], None, ErrorKind::Input, "d.csv: line 2: needed sigma > 0, found -1 (point 0)"),
             (&["l.conf"], None, ErrorKind::Input, "l.conf (line 1)"),
             (&["ply.pcd"], None, ErrorKind::Input, "rename it to end in .ply"),
             (&["pcd.xyz"], None, ErrorKind::Input, "rename it to end in .pcd"),

@@ -1,8 +1,9 @@
 //! One file that holds several scans: told apart by its columns `scan` and `time`.
 //!
-//! Comes in: a scan with the numbers and times of its points. Goes out: a scan for each number, in ascending order, with its time. Where a file has times and
-//! no numbers, points of one time are one scan, unless nearly every point has a time of its own. The time of a scan whose points were taken one after the
-//! other is their mean.
+//! Comes in: a scan with the numbers and times of its points. Goes out: a scan for each number, in ascending
+//! order, with its time. Where a file has times and no numbers, points of one time are one scan, unless
+//! nearly every point has a time of its own. The time of a scan whose points were taken one after the other
+//! is their mean.
 //!
 //! Not guaranteed: that a motion during a scan is small: it is taken to stand still meanwhile.
 
@@ -10,7 +11,8 @@ use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 use std::collections::BTreeMap;
 
-/// Times tell scans apart where each has so many points on average: fewer are points of one scan that took its time.
+/// Times tell scans apart where each has so many points on average: fewer are points of one scan that took
+/// its time.
 const LEAST_POINTS_OF_TIME: usize = 100;
 
 /// The scans of a file's points.

@@ -1,7 +1,8 @@
 //! Bytes of a file through a buffer of fixed size: lines, records, places for messages.
 //!
-//! Comes in: any reader. Goes out: lines without their end (LF or CRLF) and runs of bytes. Memory does not depend on the
-//! file's size: the buffer grows only to hold one line or record, and only up to [`LONGEST_LINE`] or what the file holds.
+//! Comes in: any reader. Goes out: lines without their end (LF or CRLF) and runs of bytes. Memory does not
+//! depend on the file's size: the buffer grows only to hold one line or record, and only up to
+//! [`LONGEST_LINE`] or what the file holds.
 
 use std::fmt::Display;
 use std::fs::{self, File};
@@ -29,7 +30,8 @@ pub(crate) struct Source<R> {
     lines: u64,
 }
 
-/// Opens a file; folders, missing and empty files have their own messages. The length is known for plain files.
+/// Opens a file; folders, missing and empty files have their own messages. The length is known for plain
+/// files.
 pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
     let failed = |e: std::io::Error| match e.kind() {
         IoKind::NotFound => Error::io("does not exist"),
@@ -50,11 +52,12 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
 /// Reads a file by what makes something of its source and its name; errors name the path.
-pub(crate) fn read_file<T>(path: &Path, read: impl FnOnce(Source<Box<dyn Read>>, &str) -> Result<T>) -> Result<T> {
+pub(crate) fn read_file<T>(
+    path: &Path,
+    read: impl FnOnce(Source<Box<dyn Read>>, &str) -> Result<T>,
+) -> Result<T> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    open(path)
-        .and_then(|source| read(source, &name))
-        .map_err(|e| e.in_context(path.display()))
+    open(path).and_then(|source| read(source, &name)).map_err(|e| e.in_context(path.display()))
 }
 
 /// Opens a file as a source; what gzip has compressed is read as what it was, whatever its name.
@@ -116,10 +119,7 @@ impl<R: Read> Read for Counted<R> {
 
 impl<R: Read> Unpacked<R> {
     fn new(reader: R) -> Self {
-        Self {
-            decoder: MultiGzDecoder::new(Counted { reader, count: 0 }),
-            given: 0,
-        }
+        Self { decoder: MultiGzDecoder::new(Counted { reader, count: 0 }), given: 0 }
     }
 }
 
@@ -136,12 +136,7 @@ impl<R: Read> Read for Unpacked<R> {
 /// The extension of a file's name in lower case; `.gz` at its end does not count.
 #[must_use]
 pub fn extension(path: &Path) -> String {
-    let lower = |path: &Path| {
-        path.extension()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .to_ascii_lowercase()
-    };
+    let lower = |path: &Path| path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     match lower(path).as_str() {
         "gz" => lower(Path::new(path.file_stem().unwrap_or_default())),
         other => other.to_owned(),
@@ -189,15 +184,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String> {
 impl<R: Read> Source<R> {
     /// A source over a reader, with the number of bytes that it will give where that is known.
     pub(crate) fn new(reader: R, length: Option<u64>) -> Self {
-        Self {
-            reader,
-            buffer: vec![0; BUFFER],
-            start: 0,
-            end: 0,
-            offset: 0,
-            length,
-            lines: 0,
-        }
+        Self { reader, buffer: vec![0; BUFFER], start: 0, end: 0, offset: 0, length, lines: 0 }
     }
 
     /// How many bytes were handed out.
@@ -256,10 +243,8 @@ impl<R: Read> Source<R> {
                         return Err(Error::input(e.to_string()));
                     }
                     // The decoder's own complaints; the disk's are of other kinds.
-                    if matches!(
-                        e.kind(),
-                        IoKind::InvalidInput | IoKind::InvalidData | IoKind::UnexpectedEof
-                    ) {
+                    if matches!(e.kind(), IoKind::InvalidInput | IoKind::InvalidData | IoKind::UnexpectedEof)
+                    {
                         return Err(Error::input(format!(
                             "the compressed file is damaged or cut off: it cannot be unpacked from byte {at} on"
                         ))
@@ -326,7 +311,8 @@ impl<R: Read> Source<R> {
         Ok(self.buffer)
     }
 
-    /// Passes over blanks to the end of the file; the place of the first byte that is none, where there is one.
+    /// Passes over blanks to the end of the file; the place of the first byte that is none, where there is
+    /// one.
     pub(crate) fn more_than_blanks(&mut self) -> Result<Option<u64>> {
         loop {
             let rest = &self.buffer[self.start..self.end];
@@ -373,8 +359,8 @@ impl<R: Read> Source<R> {
 
 /// A number as text files write it, to the last bit; `None` where it is none.
 ///
-/// Besides what Rust reads (`1`, `-1.5e-3`, `.5`, `nan`, `inf`) the printed forms of Microsoft's older run-time library
-/// (`1.#QNAN`, `-nan(ind)`, `1.#INF`) are taken as not finite.
+/// Besides what Rust reads (`1`, `-1.5e-3`, `.5`, `nan`, `inf`) the printed forms of Microsoft's older
+/// run-time library (`1.#QNAN`, `-nan(ind)`, `1.#INF`) are taken as not finite.
 #[inline]
 pub(crate) fn parse_number(text: &[u8]) -> Option<f64> {
     // Counts and indices: short runs of digits are exact without the general machinery.
@@ -403,11 +389,8 @@ pub(crate) fn next_word<'a>(line: &mut &'a [u8]) -> Option<&'a [u8]> {
 pub(crate) fn shown(bytes: &[u8]) -> String {
     const LONGEST: usize = 40;
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * LONGEST)]);
-    let clean: String = text
-        .chars()
-        .map(|c| if c.is_control() { '\u{fffd}' } else { c })
-        .take(LONGEST)
-        .collect();
+    let clean: String =
+        text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(LONGEST).collect();
     let cut = if clean.len() < bytes.len() { "…" } else { "" };
     format!("`{clean}{cut}`")
 }
@@ -423,10 +406,7 @@ mod tests {
         assert_eq!(source.line().unwrap(), Some(&b""[..]));
         assert_eq!(source.line().unwrap(), Some(&b"b c"[..]));
         assert_eq!(source.line().unwrap(), None);
-        assert_eq!(
-            (source.line_number(), source.offset(), source.remaining()),
-            (3, 7, Some(0))
-        );
+        assert_eq!((source.line_number(), source.offset(), source.remaining()), (3, 7, Some(0)));
     }
 
     #[test]
@@ -435,9 +415,7 @@ mod tests {
         use std::io::Write;
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.xyz.gz");
-        let text: Vec<u8> = (0..20_000)
-            .flat_map(|i| format!("{i} {} 3\n", i * i).into_bytes())
-            .collect();
+        let text: Vec<u8> = (0..20_000).flat_map(|i| format!("{i} {} 3\n", i * i).into_bytes()).collect();
         let mut packed = Vec::new();
         // Two members, as of files joined by `cat`.
         for half in text.chunks(text.len() / 2 + 1) {
@@ -506,15 +484,7 @@ mod tests {
 
     #[test]
     fn numbers_are_exact_to_the_last_bit() {
-        for text in [
-            "0.0359793",
-            "-1e-300",
-            "7",
-            "123456789012345",
-            "9007199254740993",
-            ".5",
-            "+2.",
-        ] {
+        for text in ["0.0359793", "-1e-300", "7", "123456789012345", "9007199254740993", ".5", "+2."] {
             assert_eq!(parse_number(text.as_bytes()), Some(text.parse().unwrap()), "{text}");
         }
         for text in ["nan", "NaN", "-nan(ind)", "1.#QNAN", "-1.#IND", "inf"] {

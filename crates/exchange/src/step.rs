@@ -1,15 +1,16 @@
-//! STEP (ISO 10303-21): boundary representations made of B-spline faces, out; faces of any kind, in ([`read_step`]).
+//! STEP (ISO 10303-21): boundary representations made of B-spline faces, out; faces of any kind, in
+//! ([`read_step`]).
 //!
 //! Comes in: a [`Brep`]. Goes out: `ADVANCED_FACE`s over `B_SPLINE_SURFACE_WITH_KNOTS`, bounded by edges with
-//! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file: a solid where the shell is closed, else a surface model.
-//! The surface is exact: every number is the shortest text that reads back as the same `f64`. Streamed; the same input
-//! gives the same bytes (no clock time, host or user in the header).
+//! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file: a solid where the shell is closed, else a surface
+//! model. The surface is exact: every number is the shortest text that reads back as the same `f64`.
+//! Streamed; the same input gives the same bytes (no clock time, host or user in the header).
 //!
-//! A side of a face whose control points coincide (the pole of a ball) is left out of the face's loop: the loop's edges
-//! meet in the pole's vertex, and readers add the degenerate edge themselves.
+//! A side of a face whose control points coincide (the pole of a ball) is left out of the face's loop: the
+//! loop's edges meet in the pole's vertex, and readers add the degenerate edge themselves.
 //!
-//! Not guaranteed: that an edge's curve lies on its faces, or that faces do not cross. Parameter curves are not written:
-//! readers project the edges.
+//! Not guaranteed: that an edge's curve lies on its faces, or that faces do not cross. Parameter curves are
+//! not written: readers project the edges.
 //!
 //! # References
 //! ISO 10303-21:2016 (encoding), ISO 10303-42 (geometry and topology), ISO 10303-214 and 10303-242 (schemas).
@@ -60,12 +61,7 @@ pub struct StepOptions {
 
 impl Default for StepOptions {
     fn default() -> Self {
-        Self {
-            name: "part".to_owned(),
-            unit: Unit::Millimetre,
-            uncertainty: 1e-6,
-            schema: Schema::default(),
-        }
+        Self { name: "part".to_owned(), unit: Unit::Millimetre, uncertainty: 1e-6, schema: Schema::default() }
     }
 }
 
@@ -79,24 +75,22 @@ pub fn write_step(path: &Path, brep: &Brep, options: &StepOptions) -> Result<()>
         let message = format!("needed a STEP uncertainty > 0, found {}", options.uncertainty);
         return Err(Error::input(message));
     }
-    brep.check(options.uncertainty)
-        .map_err(|e| e.in_context(path.display()))?;
+    brep.check(options.uncertainty).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| write_to(&mut writer, Shape::Splines(brep), options))
 }
 
 /// Writes a solid on analytic surfaces.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) where [`Solid::check`] finds it wrong within 100 times the uncertainty;
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+/// [`Input`](planish_estimate::ErrorKind::Input) where [`Solid::check`] finds it wrong within 100 times the
+/// uncertainty; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
+/// half-written.
 pub fn write_solid(path: &Path, solid: &Solid, options: &StepOptions) -> Result<()> {
     if !(options.uncertainty > 0.0 && options.uncertainty.is_finite()) {
         let message = format!("needed a STEP uncertainty > 0, found {}", options.uncertainty);
         return Err(Error::input(message));
     }
-    solid
-        .check(100.0 * options.uncertainty)
-        .map_err(|e| e.in_context(path.display()))?;
+    solid.check(100.0 * options.uncertainty).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| write_to(&mut writer, Shape::Solid(solid), options))
 }
 
@@ -125,10 +119,7 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
     let name = text(&options.name);
     writeln!(writer, "ISO-10303-21;\nHEADER;")?;
     writeln!(writer, "FILE_DESCRIPTION((''),'2;1');")?;
-    writeln!(
-        writer,
-        "FILE_NAME({name},'1970-01-01T00:00:00',(''),(''),'Planish','Planish','');"
-    )?;
+    writeln!(writer, "FILE_NAME({name},'1970-01-01T00:00:00',(''),(''),'Planish','Planish','');")?;
     writeln!(writer, "FILE_SCHEMA(('{schema}'));\nENDSEC;\nDATA;")?;
     let mut out = Part21::new(writer);
 
@@ -140,12 +131,10 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
     let product = out.add(format_args!("PRODUCT({name},{name},'',({product_context}))"))?;
     out.add(format_args!("PRODUCT_RELATED_PRODUCT_CATEGORY('part',$,({product}))"))?;
     let formation = out.add(format_args!("PRODUCT_DEFINITION_FORMATION('','',{product})"))?;
-    let definition_context = out.add(format_args!(
-        "PRODUCT_DEFINITION_CONTEXT('part definition',{application},'design')"
-    ))?;
-    let definition = out.add(format_args!(
-        "PRODUCT_DEFINITION('design','',{formation},{definition_context})"
-    ))?;
+    let definition_context =
+        out.add(format_args!("PRODUCT_DEFINITION_CONTEXT('part definition',{application},'design')"))?;
+    let definition =
+        out.add(format_args!("PRODUCT_DEFINITION('design','',{formation},{definition_context})"))?;
     let shape = out.add(format_args!("PRODUCT_DEFINITION_SHAPE('','',{definition})"))?;
 
     let geometry_context = write_context(&mut out, options)?;
@@ -157,9 +146,7 @@ fn write_to(writer: &mut impl Write, what: Shape, options: &StepOptions) -> io::
     };
     let listed: String = items.iter().map(|item| format!(",{item}")).collect();
     let representation = out.add(format_args!("{kind}({name},({placement}{listed}),{geometry_context})"))?;
-    out.add(format_args!(
-        "SHAPE_DEFINITION_REPRESENTATION({shape},{representation})"
-    ))?;
+    out.add(format_args!("SHAPE_DEFINITION_REPRESENTATION({shape},{representation})"))?;
     writeln!(writer, "ENDSEC;\nEND-ISO-10303-21;")
 }
 
@@ -208,9 +195,8 @@ fn write_context<W: Write>(out: &mut Part21<W>, options: &StepOptions) -> io::Re
                 Unit::Foot => ("FOOT", "304.8"),
                 _ => ("INCH", "25.4"),
             };
-            let measure = out.add(format_args!(
-                "LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE({length}),{millimetre})"
-            ))?;
+            let measure =
+                out.add(format_args!("LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE({length}),{millimetre})"))?;
             let dimensions = out.add(format_args!("DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.)"))?;
             out.add(format_args!(
                 "(CONVERSION_BASED_UNIT('{name}',{measure})LENGTH_UNIT()NAMED_UNIT({dimensions}))"
@@ -273,11 +259,7 @@ fn write_surface<W: Write>(out: &mut Part21<W>, surface: &BsplineSurface) -> io:
     let first = write_poles(out, &surface.poles)?;
     let id = out.begin()?;
     let to = out.writer();
-    write!(
-        to,
-        "B_SPLINE_SURFACE_WITH_KNOTS('',{},{},(",
-        surface.degree_u, surface.degree_v
-    )?;
+    write!(to, "B_SPLINE_SURFACE_WITH_KNOTS('',{},{},(", surface.degree_u, surface.degree_v)?;
     for row in 0..surface.n_u {
         // A line a row: whole nets would make lines that editors choke on.
         let comma = if row > 0 { ",\n" } else { "" };
@@ -320,12 +302,5 @@ fn write_shell<W: Write>(out: &mut Part21<W>, brep: &Brep) -> io::Result<Id> {
         let sense = if face.same_sense { "T" } else { "F" };
         faces.push(out.add(format_args!("ADVANCED_FACE('',({bound}),{surface},.{sense}.)"))?);
     }
-    out.add_list(
-        if brep.closed {
-            "CLOSED_SHELL('',"
-        } else {
-            "OPEN_SHELL('',"
-        },
-        &faces,
-    )
+    out.add_list(if brep.closed { "CLOSED_SHELL(''," } else { "OPEN_SHELL(''," }, &faces)
 }

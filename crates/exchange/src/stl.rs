@@ -1,12 +1,14 @@
 //! STL, the triangles of 3D printing: binary and ASCII in, binary out.
 //!
-//! Comes in: triangles that each repeat their corners; equal corners become one vertex. What a facet says of its normal is not looked
-//! at: the order of its corners says the same. Goes out: a [`PolygonMesh`] or a [`Scan`] of the vertices; written files are binary.
+//! Comes in: triangles that each repeat their corners; equal corners become one vertex. What a facet says of
+//! its normal is not looked at: the order of its corners says the same. Goes out: a [`PolygonMesh`] or a
+//! [`Scan`] of the vertices; written files are binary.
 //!
-//! A binary file may begin with `solid` like an ASCII one; it has zero bytes among its first, which no text has.
+//! A binary file may begin with `solid` like an ASCII one; it has zero bytes among its first, which no text
+//! has.
 //!
-//! Not guaranteed: binary files hold seven digits of a coordinate, [`rounding`] says what that means for one. The unit is read from headers that
-//! Planish wrote; no one else writes it.
+//! Not guaranteed: binary files hold seven digits of a coordinate, [`rounding`] says what that means for one.
+//! The unit is read from headers that Planish wrote; no one else writes it.
 //!
 //! # References
 //! 3D Systems, *StereoLithography Interface Specification*, 1988.
@@ -38,8 +40,8 @@ const UNIT_HEADER: &str = "Planish mesh, unit ";
 /// Reads the vertices as points. Corners with a coordinate that is not finite are dropped and counted.
 ///
 /// # Errors
-/// [`Io`](ErrorKind::Io) when the file is missing or unreadable, [`Input`](ErrorKind::Input) when it is malformed or cut off: with the file
-/// and the line (ASCII) or byte and triangle (binary).
+/// [`Io`](ErrorKind::Io) when the file is missing or unreadable, [`Input`](ErrorKind::Input) when it is
+/// malformed or cut off: with the file and the line (ASCII) or byte and triangle (binary).
 pub fn read_scan(path: &Path) -> Result<Scan> {
     read_scan_and_unit(path).map(|(scan, _)| scan)
 }
@@ -60,18 +62,16 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 /// Writes the triangles as a binary file; normals and columns have no place in STL.
 ///
 /// # Errors
-/// [`Input`](ErrorKind::Input) for corners beyond the points, and for points that `float32` cannot hold; [`Unsupported`](ErrorKind::Unsupported)
-/// for more than 2³² triangles; [`Io`](ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+/// [`Input`](ErrorKind::Input) for corners beyond the points, and for points that `float32` cannot hold;
+/// [`Unsupported`](ErrorKind::Unsupported) for more than 2³² triangles; [`Io`](ErrorKind::Io) when the file
+/// cannot be written; nothing is left half-written.
 pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
-    let count = mesh
-        .check(true)
-        .and_then(|()| check_size(mesh))
-        .map_err(|e| e.in_context(path.display()))?;
+    let count = mesh.check(true).and_then(|()| check_size(mesh)).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| write_to(&mut writer, mesh, count))
 }
 
-/// Half the distance between two neighbouring `float32` of the size of the largest coordinate: how far a binary file moves a point along an axis
-/// at most.
+/// Half the distance between two neighbouring `float32` of the size of the largest coordinate: how far a
+/// binary file moves a point along an axis at most.
 #[must_use]
 pub fn rounding(points: &[[f64; 3]]) -> f64 {
     let largest = points.iter().flatten().fold(0.0_f64, |m, c| m.max(c.abs()));
@@ -247,10 +247,7 @@ impl Soup {
                 continue;
             }
             let next = u32::try_from(self.points.len()).map_err(|_| {
-                Error::new(
-                    ErrorKind::Unsupported,
-                    "more than 2³² vertices: cut the mesh into parts",
-                )
+                Error::new(ErrorKind::Unsupported, "more than 2³² vertices: cut the mesh into parts")
             })?;
             // Adding zero makes −0 and 0 one key.
             *index = *self.vertices.entry(corner.map(|c| (c + 0.0).to_bits())).or_insert(next);

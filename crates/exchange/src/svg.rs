@@ -1,11 +1,14 @@
 //! SVG (Scalable Vector Graphics): curves of drawings in.
 //!
-//! Comes in: `line`, `polyline`, `polygon`, `rect`, `circle`, `ellipse`, `path`, in groups with transforms. Dashed strokes (`stroke-dasharray`, as an
-//! attribute, in `style` or by the class of a `<style>` sheet) and what is in a group or on a layer named `hidden` or `dashed` are hidden lines; strokes
-//! of dashes and dots, and names with `center` or `centre`, are centre lines and left out. Goes out: the same as of a DXF file; y runs up, and lengths
-//! are in millimetres where `width` and `viewBox` say so. Cubic curves that follow a circle within [`FOLLOWS`] of its radius are arcs.
+//! Comes in: `line`, `polyline`, `polygon`, `rect`, `circle`, `ellipse`, `path`, in groups with transforms.
+//! Dashed strokes (`stroke-dasharray`, as an attribute, in `style` or by the class of a `<style>` sheet) and
+//! what is in a group or on a layer named `hidden` or `dashed` are hidden lines; strokes of dashes and dots,
+//! and names with `center` or `centre`, are centre lines and left out. Goes out: the same as of a DXF file; y
+//! runs up, and lengths are in millimetres where `width` and `viewBox` say so. Cubic curves that follow a
+//! circle within [`FOLLOWS`] of its radius are arcs.
 //!
-//! Not guaranteed: texts, pictures, clones (`use`) and clips draw no edges; fills without a stroke are drawn as outlines.
+//! Not guaranteed: texts, pictures, clones (`use`) and clips draw no edges; fills without a stroke are drawn
+//! as outlines.
 //!
 //! # References
 //! W3C, *Scalable Vector Graphics (SVG) 2* (paths, units); *SVG 1.1*, appendix F.6 (arcs).
@@ -40,22 +43,17 @@ const DEEPEST: usize = 64;
 /// Reads an SVG file.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) where it cannot be read; [`Input`](planish_estimate::ErrorKind::Input), naming element and line, where it is
-/// no SVG or an element lacks what it needs.
+/// [`Io`](planish_estimate::ErrorKind::Io) where it cannot be read;
+/// [`Input`](planish_estimate::ErrorKind::Input), naming element and line, where it is no SVG or an element
+/// lacks what it needs.
 pub fn read_svg(path: &Path) -> Result<DxfDrawing> {
-    read_text(path)
-        .and_then(|text| read(&text))
-        .map_err(|e| e.in_context(path.display()))
+    read_text(path).and_then(|text| read(&text)).map_err(|e| e.in_context(path.display()))
 }
 
 fn read(text: &str) -> Result<DxfDrawing> {
-    let options = ParsingOptions {
-        allow_dtd: true,
-        nodes_limit: MOST_ELEMENTS,
-        ..ParsingOptions::default()
-    };
-    let document =
-        Document::parse_with_options(text, options).map_err(|e| Error::input(format!("needed an SVG file: {e}")))?;
+    let options = ParsingOptions { allow_dtd: true, nodes_limit: MOST_ELEMENTS, ..ParsingOptions::default() };
+    let document = Document::parse_with_options(text, options)
+        .map_err(|e| Error::input(format!("needed an SVG file: {e}")))?;
     let root = document.root_element();
     if root.tag_name().name() != "svg" {
         return Err(Error::input(format!(
@@ -66,23 +64,15 @@ fn read(text: &str) -> Result<DxfDrawing> {
     let (scale, unit) = scale(&root)?;
     let mut reader = Reader {
         sheet: Sheet::of(&document),
-        drawing: DxfDrawing {
-            unit,
-            ..DxfDrawing::default()
-        },
+        drawing: DxfDrawing { unit, ..DxfDrawing::default() },
         passed_over: BTreeMap::new(),
     };
     // Down becomes up.
-    let page = Affine {
-        columns: [[scale, 0.0], [0.0, -scale]],
-        origin: [0.0; 2],
-    };
+    let page = Affine { columns: [[scale, 0.0], [0.0, -scale]], origin: [0.0; 2] };
     reader.children(&root, &page, Style::default(), 0)?;
     let mut drawing = reader.drawing;
     for (kind, (count, first)) in reader.passed_over {
-        drawing.warnings.push(format!(
-            "passed over {count} of {kind}, the first {first}: it draws no edges"
-        ));
+        drawing.warnings.push(format!("passed over {count} of {kind}, the first {first}: it draws no edges"));
         drawing.passed_over.insert(kind, count);
     }
     Ok(drawing)
@@ -103,11 +93,10 @@ impl Reader {
             )));
         }
         node.children().filter(Node::is_element).try_for_each(|child| {
-            self.element(&child, outer, style, depth)
-                .map_err(|e| match child.tag_name().name() {
-                    "g" | "svg" | "a" | "switch" => e,
-                    _ => e.in_context(name(&child)),
-                })
+            self.element(&child, outer, style, depth).map_err(|e| match child.tag_name().name() {
+                "g" | "svg" | "a" | "switch" => e,
+                _ => e.in_context(name(&child)),
+            })
         })
     }
 
@@ -128,10 +117,8 @@ impl Reader {
         let curves = match kind {
             "g" | "a" | "switch" => return self.children(node, &place, style, depth + 1),
             "svg" => {
-                let moved = Affine {
-                    origin: [length(node, "x", 0.0)?, length(node, "y", 0.0)?],
-                    ..Affine::IDENTITY
-                };
+                let moved =
+                    Affine { origin: [length(node, "x", 0.0)?, length(node, "y", 0.0)?], ..Affine::IDENTITY };
                 return self.children(node, &place.after(&moved), style, depth + 1);
             }
             "line" => {
@@ -143,7 +130,9 @@ impl Reader {
                 ];
                 vec![Curve2::Segment([a, b], [c, d])]
             }
-            "polyline" | "polygon" => polygon(node.attribute("points").unwrap_or_default(), kind == "polygon")?,
+            "polyline" | "polygon" => {
+                polygon(node.attribute("points").unwrap_or_default(), kind == "polygon")?
+            }
             "rect" => rectangle(node)?,
             "circle" => {
                 let r = length(node, "r", 0.0)?;
@@ -176,16 +165,10 @@ impl Reader {
         for curve in curves {
             let curve = place.curve(curve);
             if curve.length() <= 0.0 {
-                self.drawing
-                    .warnings
-                    .push(format!("{entity} has no length: it is left out"));
+                self.drawing.warnings.push(format!("{entity} has no length: it is left out"));
                 continue;
             }
-            self.drawing.curves.push(DrawnCurve {
-                curve,
-                style,
-                entity: entity.clone(),
-            });
+            self.drawing.curves.push(DrawnCurve { curve, style, entity: entity.clone() });
         }
         Ok(())
     }
@@ -206,14 +189,10 @@ fn name(node: &Node<'_, '_>) -> String {
 
 /// A number of moderate size.
 fn number(text: &str) -> Result<f64> {
-    text.trim()
-        .parse()
-        .ok()
-        .filter(|x: &f64| x.is_finite() && x.abs() < 1e12)
-        .ok_or_else(|| {
-            let found: String = text.chars().take(40).collect();
-            Error::input(format!("needed a number, found `{found}`"))
-        })
+    text.trim().parse().ok().filter(|x: &f64| x.is_finite() && x.abs() < 1e12).ok_or_else(|| {
+        let found: String = text.chars().take(40).collect();
+        Error::input(format!("needed a number, found `{found}`"))
+    })
 }
 
 /// Millimetres of a unit; none for one that has no length of its own.
@@ -234,16 +213,12 @@ fn length(node: &Node<'_, '_>, attribute: &str, default: f64) -> Result<f64> {
         return Ok(default);
     };
     let text = text.trim();
-    let end = text
-        .find(|c: char| c.is_ascii_alphabetic() && c != 'e' && c != 'E')
-        .unwrap_or(text.len());
+    let end = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e' && c != 'E').unwrap_or(text.len());
     let value = number(&text[..end]).map_err(|e| e.in_context(attribute))?;
     match (&text[end..], millimetres(&text[end..])) {
         ("" | "px", _) => Ok(value),
         (_, Some(mm)) => Ok(value * mm / 25.4 * 96.0),
-        (unit, None) => Err(Error::input(format!(
-            "{attribute}: needed a length, found the unit `{unit}`"
-        ))),
+        (unit, None) => Err(Error::input(format!("{attribute}: needed a length, found the unit `{unit}`"))),
     }
 }
 
@@ -253,33 +228,24 @@ fn scale(root: &Node<'_, '_>) -> Result<(f64, Option<Unit>)> {
         return Ok((1.0, None));
     };
     let width = width.trim();
-    let end = width
-        .find(|c: char| c.is_ascii_alphabetic() || c == '%')
-        .unwrap_or(width.len());
+    let end = width.find(|c: char| c.is_ascii_alphabetic() || c == '%').unwrap_or(width.len());
     let Some(mm) = millimetres(&width[end..]) else {
         return Ok((1.0, None));
     };
     let value = number(&width[..end]).map_err(|e| e.in_context("width"))?;
     let units = match root.attribute("viewBox") {
-        Some(text) => *numbers(text)?
-            .get(2)
-            .ok_or_else(|| Error::input("viewBox: needed four numbers"))?,
+        Some(text) => *numbers(text)?.get(2).ok_or_else(|| Error::input("viewBox: needed four numbers"))?,
         None => value * mm / 25.4 * 96.0,
     };
     match value > 0.0 && units > 0.0 {
         true => Ok((value * mm / units, Some(Unit::Millimetre))),
-        false => Err(Error::input(format!(
-            "needed a width and a viewBox > 0, found {value} and {units}"
-        ))),
+        false => Err(Error::input(format!("needed a width and a viewBox > 0, found {value} and {units}"))),
     }
 }
 
 /// Numbers between blanks and commas.
 fn numbers(text: &str) -> Result<Vec<f64>> {
-    text.split(|c: char| c.is_ascii_whitespace() || c == ',')
-        .filter(|t| !t.is_empty())
-        .map(number)
-        .collect()
+    text.split(|c: char| c.is_ascii_whitespace() || c == ',').filter(|t| !t.is_empty()).map(number).collect()
 }
 
 fn polygon(text: &str, is_closed: bool) -> Result<Vec<Curve2>> {
@@ -298,40 +264,27 @@ fn ellipse([x, y]: [f64; 2], [rx, ry]: [f64; 2]) -> Result<Vec<Curve2>> {
     if rx == 0.0 || ry == 0.0 {
         return Ok(Vec::new());
     }
-    let place = Affine {
-        columns: [[rx, 0.0], [0.0, ry]],
-        origin: [x, y],
-    };
+    let place = Affine { columns: [[rx, 0.0], [0.0, ry]], origin: [x, y] };
     Ok(vec![place.curve(&unit_arc(0.0, TAU))])
 }
 
 /// A part of the unit circle.
 fn unit_arc(start: f64, sweep: f64) -> Curve2 {
-    Curve2::Arc {
-        center: [0.0; 2],
-        radius: 1.0,
-        start,
-        sweep,
-    }
+    Curve2::Arc { center: [0.0; 2], radius: 1.0, start, sweep }
 }
 
 fn rectangle(node: &Node<'_, '_>) -> Result<Vec<Curve2>> {
     let (x, y) = (length(node, "x", 0.0)?, length(node, "y", 0.0)?);
     let (w, h) = (length(node, "width", 0.0)?, length(node, "height", 0.0)?);
     if w < 0.0 || h < 0.0 {
-        return Err(Error::input(format!(
-            "needed a width and a height > 0, found {w} and {h}"
-        )));
+        return Err(Error::input(format!("needed a width and a height > 0, found {w} and {h}")));
     }
     // A radius that is not said is the other one.
     let given = [node.attribute("rx"), node.attribute("ry")].map(|r| r.is_some_and(|r| r != "auto"));
     let radius = |k: usize| length(node, ["rx", "ry"][if given[k] { k } else { 1 - k }], 0.0);
     let any = given[0] || given[1];
-    let (rx, ry) = if any {
-        (radius(0)?.clamp(0.0, w / 2.0), radius(1)?.clamp(0.0, h / 2.0))
-    } else {
-        (0.0, 0.0)
-    };
+    let (rx, ry) =
+        if any { (radius(0)?.clamp(0.0, w / 2.0), radius(1)?.clamp(0.0, h / 2.0)) } else { (0.0, 0.0) };
     let mut curves = vec![
         Curve2::Segment([x + rx, y], [x + w - rx, y]),
         Curve2::Segment([x + w, y + ry], [x + w, y + h - ry]),
@@ -346,10 +299,7 @@ fn rectangle(node: &Node<'_, '_>) -> Result<Vec<Curve2>> {
             ([x + rx, y + ry], PI),
             ([x + w - rx, y + ry], 1.5 * PI),
         ] {
-            let place = Affine {
-                columns: [[rx, 0.0], [0.0, ry]],
-                origin: center,
-            };
+            let place = Affine { columns: [[rx, 0.0], [0.0, ry]], origin: center };
             curves.push(place.curve(&unit_arc(start, PI / 2.0)));
         }
     }
@@ -391,8 +341,5 @@ fn transform(text: &str) -> Result<Affine> {
 /// A rotation about a point, in degrees.
 fn turned(angle: f64, [x, y]: [f64; 2]) -> Affine {
     let (sin, cos) = angle.to_radians().sin_cos();
-    Affine {
-        columns: [[cos, sin], [-sin, cos]],
-        origin: [x - cos * x + sin * y, y - sin * x - cos * y],
-    }
+    Affine { columns: [[cos, sin], [-sin, cos]], origin: [x - cos * x + sin * y, y - sin * x - cos * y] }
 }

@@ -1,8 +1,11 @@
 //! Meshes with texture coordinates, named parts and a texture.
 //!
-//! Comes in: any mesh file; OBJ is read with `vt`, with its groups, objects and materials as parts, and with the pictures that its material files (`.mtl`, `map_Kd`) name; GLB with `TEXCOORD_0` and the picture of its base colour. Goes out: OBJ with MTL and picture beside it.
+//! Comes in: any mesh file; OBJ is read with `vt`, with its groups, objects and materials as parts, and with
+//! the pictures that its material files (`.mtl`, `map_Kd`) name; GLB with `TEXCOORD_0` and the picture of its
+//! base colour. Goes out: OBJ with MTL and picture beside it.
 //!
-//! Not guaranteed: more of a material than the picture of its colour; texture coordinates of files other than OBJ and GLB.
+//! Not guaranteed: more of a material than the picture of its colour; texture coordinates of files other than
+//! OBJ and GLB.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -112,9 +115,8 @@ impl TexturedMesh {
         let part = [PartKind::Object, PartKind::Group, PartKind::Material]
             .into_iter()
             .find_map(|kind| self.parts.iter().find(|part| part.kind == kind && part.name == name))?;
-        let mut vertices: Vec<u32> = (part.triangles.iter())
-            .flat_map(|t| self.triangles[*t as usize])
-            .collect();
+        let mut vertices: Vec<u32> =
+            (part.triangles.iter()).flat_map(|t| self.triangles[*t as usize]).collect();
         vertices.sort_unstable();
         vertices.dedup();
         Some(vertices)
@@ -124,7 +126,8 @@ impl TexturedMesh {
 /// Reads a mesh with what belongs to its looks.
 ///
 /// # Errors
-/// As [`crate::mesh::read_mesh`]; also for texture coordinates that are not there, with file and line or accessor. A material file that is missing is a warning.
+/// As [`crate::mesh::read_mesh`]; also for texture coordinates that are not there, with file and line or
+/// accessor. A material file that is missing is a warning.
 pub fn read_textured(path: &Path) -> Result<TexturedMesh> {
     if extension(path) == "obj" {
         return crate::obj::read_textured(path);
@@ -147,10 +150,12 @@ pub fn read_textured(path: &Path) -> Result<TexturedMesh> {
 /// # Errors
 /// `Io` where the file cannot be read.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
+    std::fs::read(path)
+        .map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
 }
 
-/// Indices of vertices from 0, in any order, with blanks or lines between them; `#` begins a comment. Goes out: each once, in order.
+/// Indices of vertices from 0, in any order, with blanks or lines between them; `#` begins a comment. Goes
+/// out: each once, in order.
 ///
 /// # Errors
 /// `Io` where the file cannot be read; `Input` for what is no index, with the line.
@@ -217,10 +222,13 @@ pub fn is_jpeg(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0xff, 0xd8])
 }
 
-/// Writes OBJ with its objects, groups and materials in the order of the triangles; with a picture also `NAME.mtl` and `NAME.png` beside it, or `NAME.jpg` where it is JPEG, which all materials show. Gives the files.
+/// Writes OBJ with its objects, groups and materials in the order of the triangles; with a picture also
+/// `NAME.mtl` and `NAME.png` beside it, or `NAME.jpg` where it is JPEG, which all materials show. Gives the
+/// files.
 ///
 /// # Errors
-/// `Input` for corners that are not there; `Io` when a file cannot be written; none of them is left half-written.
+/// `Input` for corners that are not there; `Io` when a file cannot be written; none of them is left
+/// half-written.
 pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8]>) -> Result<Vec<PathBuf>> {
     check(mesh).map_err(|e| e.in_context(path.display()))?;
     let ending = if picture.is_some_and(is_jpeg) { "jpg" } else { "png" };
@@ -323,11 +331,8 @@ impl NamesOfTriangles {
         with_picture: bool,
     ) -> std::io::Result<()> {
         let before = triangle.checked_sub(1);
-        for (word, kind) in [
-            ("o", PartKind::Object),
-            ("g", PartKind::Group),
-            ("usemtl", PartKind::Material),
-        ] {
+        for (word, kind) in [("o", PartKind::Object), ("g", PartKind::Group), ("usemtl", PartKind::Material)]
+        {
             let here = self.names(mesh, Some(triangle), kind);
             let changed = here != self.names(mesh, before, kind);
             match &here[..] {
@@ -346,19 +351,14 @@ impl NamesOfTriangles {
 }
 
 fn check(mesh: &TexturedMesh) -> Result<()> {
-    let few = |of: &[[u32; 3]], count: usize| of.iter().flatten().all(|&c| (c as usize) < count || c == NO_UV);
-    let corners = mesh
-        .triangles
-        .iter()
-        .flatten()
-        .all(|&c| (c as usize) < mesh.points.len());
+    let few =
+        |of: &[[u32; 3]], count: usize| of.iter().flatten().all(|&c| (c as usize) < count || c == NO_UV);
+    let corners = mesh.triangles.iter().flatten().all(|&c| (c as usize) < mesh.points.len());
     let paired = mesh.uv_triangles.is_empty() || mesh.uv_triangles.len() == mesh.triangles.len();
     if corners && paired && few(&mesh.uv_triangles, mesh.uv.len()) {
         return Ok(());
     }
-    Err(Error::input(
-        "needed corners and texture coordinates that are there, for every triangle",
-    ))
+    Err(Error::input("needed corners and texture coordinates that are there, for every triangle"))
 }
 
 #[cfg(test)]
@@ -390,10 +390,7 @@ mod tests {
         let out = folder.path().join("b.obj");
         let files = write_textured_obj(&out, &found, Some(b"\xff\xd8 a JPEG")).unwrap();
         assert_eq!(files[0], folder.path().join("b.jpg"));
-        assert_eq!(
-            read_textured(&out).unwrap().texture.as_deref(),
-            Some(&*folder.path().join("b.jpg"))
-        );
+        assert_eq!(read_textured(&out).unwrap().texture.as_deref(), Some(&*folder.path().join("b.jpg")));
         let files = write_textured_obj(&out, &found, Some(b"picture")).unwrap();
         assert_eq!(files.len(), 3);
         let again = read_textured(&out).unwrap();
@@ -413,7 +410,8 @@ mod tests {
         assert_eq!(parts(&read_textured(&out).unwrap()), parts(&found));
     }
 
-    /// A square whose two triangles meet at a seam of the texture comes back from GLB with its four vertices, coordinates, picture and σ.
+    /// A square whose two triangles meet at a seam of the texture comes back from GLB with its four vertices,
+    /// coordinates, picture and σ.
     #[test]
     fn glb_gives_back_what_a_mesh_looks_like() {
         let folder = tempfile::tempdir().unwrap();
@@ -421,14 +419,7 @@ mod tests {
         let square = TexturedMesh {
             points: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
-            uv: vec![
-                [0.0, 0.0],
-                [0.5, 0.0],
-                [0.5, 1.0],
-                [0.75, 0.25],
-                [1.0, 0.5],
-                [0.75, 1.0],
-            ],
+            uv: vec![[0.0, 0.0], [0.5, 0.0], [0.5, 1.0], [0.75, 0.25], [1.0, 0.5], [0.75, 1.0]],
             uv_triangles: vec![[0, 1, 2], [3, 4, 5]],
             ..TexturedMesh::default()
         };
@@ -458,10 +449,7 @@ mod tests {
         assert_eq!(found.triangles, square.triangles);
         for (t, corners) in found.uv_triangles.iter().enumerate() {
             for (k, corner) in corners.iter().enumerate() {
-                assert_eq!(
-                    found.uv[*corner as usize],
-                    square.uv[square.uv_triangles[t][k] as usize]
-                );
+                assert_eq!(found.uv[*corner as usize], square.uv[square.uv_triangles[t][k] as usize]);
             }
         }
         assert_eq!(found.picture.as_deref(), Some(picture));
@@ -498,11 +486,6 @@ mod tests {
         assert!(read_vertex_list(&list).unwrap_err().to_string().contains("line 2"));
         let materials = folder.path().join("a.mtl");
         std::fs::write(&materials, "map_Kd a.png\n").unwrap();
-        assert!(
-            read_materials(&materials)
-                .unwrap_err()
-                .to_string()
-                .contains("line 1: needed `newmtl`")
-        );
+        assert!(read_materials(&materials).unwrap_err().to_string().contains("line 1: needed `newmtl`"));
     }
 }

@@ -26,7 +26,8 @@
 //! P = [[1200, 0, 320, 0], [0, 1200, 240, 0], [0, 0, 1, 500]]
 //! ```
 //!
-//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` may stand in a view as well, and then hold for it. Paths are those beside the file.
+//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` may stand
+//! in a view as well, and then hold for it. Paths are those beside the file.
 //!
 //! Not guaranteed: lenses are taken for undistorted.
 
@@ -124,7 +125,8 @@ struct View {
 /// Reads views, and the contours and tracks that they name; pictures are not opened.
 ///
 /// # Errors
-/// `Io` where a file cannot be read; `Input` for keys that are not known, cameras that are none, σ that are not positive, two views of one name, and tracks of views that are not there: with file and line or view.
+/// `Io` where a file cannot be read; `Input` for keys that are not known, cameras that are none, σ that are
+/// not positive, two views of one name, and tracks of views that are not there: with file and line or view.
 pub fn read_views(path: &Path) -> Result<Views> {
     let read = || parse(&read_text(path)?, path.parent().unwrap_or(Path::new("")));
     read().map_err(|e| e.in_context(path.display()))
@@ -138,20 +140,14 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
     let mut files = Vec::new();
     let mut views: Vec<ViewFile> = Vec::new();
     for (index, view) in t.view.iter().enumerate() {
-        let stem = view
-            .mask
-            .as_ref()
-            .or(view.image.as_ref())
-            .and_then(|path| path.file_stem());
+        let stem = view.mask.as_ref().or(view.image.as_ref()).and_then(|path| path.file_stem());
         let name = match (&view.name, stem) {
             (Some(name), _) => name.clone(),
             (None, Some(stem)) => stem.to_string_lossy().into_owned(),
             (None, None) => format!("view{}", index + 1),
         };
         if views.iter().any(|other| other.name == name) {
-            return Err(Error::input(format!(
-                "needed views of different names, found two named `{name}`"
-            )));
+            return Err(Error::input(format!("needed views of different names, found two named `{name}`")));
         }
         let read = || {
             let camera = match (view.k, view.r, view.t, view.p) {
@@ -175,10 +171,9 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             }
             let pose = match (rotation, translation) {
                 (None, None) => None,
-                (Some(deg), Some(sigma_translation)) => Some(PoseNoise {
-                    sigma_rotation: deg.to_radians(),
-                    sigma_translation,
-                }),
+                (Some(deg), Some(sigma_translation)) => {
+                    Some(PoseNoise { sigma_rotation: deg.to_radians(), sigma_translation })
+                }
                 _ => {
                     return Err(Error::input(
                         "needed both sigma_rotation_deg and sigma_translation, or neither",
@@ -214,15 +209,11 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
         tracks = read_tracks(&file, &views, t.sigma_px.unwrap_or(USUAL_SIGMA_PX))?;
         files.push(file);
     }
-    Ok(Views {
-        views,
-        tracks,
-        unit: t.unit.map(|name| name.parse()).transpose()?,
-        files,
-    })
+    Ok(Views { views, tracks, unit: t.unit.map(|name| name.parse()).transpose()?, files })
 }
 
-/// Lines of a CSV with a header: for each line its number and the words of the named columns, `None` for one that is not there.
+/// Lines of a CSV with a header: for each line its number and the words of the named columns, `None` for one
+/// that is not there.
 fn read_columns(path: &Path, names: &[&str], needed: usize) -> Result<Vec<(u64, Vec<Option<String>>)>> {
     read_file(path, |mut source, _| {
         let mut header: Option<Vec<Option<usize>>> = None;
@@ -257,7 +248,9 @@ fn read_columns(path: &Path, names: &[&str], needed: usize) -> Result<Vec<(u64, 
                             Some(place) => match words.get(*place).filter(|word| !word.is_empty()) {
                                 Some(word) => Some(String::from_utf8_lossy(word).into_owned()),
                                 None => {
-                                    return Err(Error::input(format!("line {number}: needed a value of {name}")));
+                                    return Err(Error::input(format!(
+                                        "line {number}: needed a value of {name}"
+                                    )));
                                 }
                             },
                         });
@@ -292,9 +285,7 @@ fn read_pixels(path: &Path, sigma_px: f64) -> Result<(Pixels, Vec<usize>)> {
     };
     let rows = read_columns(path, &["x", "y", "sigma_px", "contour"], 2)?;
     let all: Result<Vec<_>> = rows.iter().map(pixel).collect();
-    let starts = (0..rows.len())
-        .filter(|&k| k == 0 || rows[k].1[3] != rows[k - 1].1[3])
-        .collect();
+    let starts = (0..rows.len()).filter(|&k| k == 0 || rows[k].1[3] != rows[k - 1].1[3]).collect();
     Ok((all.map_err(|e| e.in_context(path.display()))?, starts))
 }
 
@@ -308,11 +299,7 @@ fn read_tracks(path: &Path, views: &[ViewFile], sigma_px: f64) -> Result<Vec<Tra
             let view = (views.iter().position(|view| view.name == name))
                 .ok_or_else(|| Error::input(format!("line {line}: there is no view named `{name}`")))?;
             let at = |k: usize, fallback, positive| number(line, row[k].as_deref(), fallback, positive);
-            Ok((
-                view as u32,
-                [at(2, 0.0, false)?, at(3, 0.0, false)?],
-                at(4, sigma_px, true)?,
-            ))
+            Ok((view as u32, [at(2, 0.0, false)?, at(3, 0.0, false)?], at(4, sigma_px, true)?))
         };
         let sighting = read().map_err(|e: Error| e.in_context(path.display()))?;
         let track = row[0].clone().unwrap_or_default();
@@ -322,10 +309,7 @@ fn read_tracks(path: &Path, views: &[ViewFile], sigma_px: f64) -> Result<Vec<Tra
         tracks.entry(track).or_default().push(sighting);
     }
     // One sighting alone says nothing.
-    Ok((order.iter())
-        .filter_map(|name| tracks.remove(name))
-        .filter(|track| track.len() > 1)
-        .collect())
+    Ok((order.iter()).filter_map(|name| tracks.remove(name)).filter(|track| track.len() > 1).collect())
 }
 
 #[cfg(test)]
@@ -351,10 +335,7 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
     fn both_kinds_of_cameras_are_read() {
         let found = parse(GOOD, Path::new("folder")).unwrap();
         let [a, b] = &found.views[..] else { panic!("two views") };
-        assert_eq!(
-            (a.name.as_str(), b.name.as_str(), found.unit),
-            ("a", "other", Some(Unit::Metre))
-        );
+        assert_eq!((a.name.as_str(), b.name.as_str(), found.unit), ("a", "other", Some(Unit::Metre)));
         assert_eq!(a.mask.as_deref(), Some(Path::new("folder/a.png")));
         assert!((a.camera.k - b.camera.k).amax() < 1e-9 && (a.camera.t - b.camera.t).amax() < 1e-9);
         assert!(a.pose.is_none() && b.pose.is_some() && b.held_out && a.sigma_px == 0.4);
@@ -378,26 +359,16 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
         assert_eq!(found.files.len(), 2);
         write("t.csv", "track,view,x,y\n7,elsewhere,1,2\n");
         let said = parse(&text, folder.path()).unwrap_err().to_string();
-        assert!(
-            said.contains("t.csv") && said.contains("line 2") && said.contains("elsewhere"),
-            "{said}"
-        );
+        assert!(said.contains("t.csv") && said.contains("line 2") && said.contains("elsewhere"), "{said}");
         write("t.csv", "track,view,x\n");
-        assert!(
-            parse(&text, folder.path())
-                .unwrap_err()
-                .to_string()
-                .contains("track,view,x,y")
-        );
+        assert!(parse(&text, folder.path()).unwrap_err().to_string().contains("track,view,x,y"));
     }
 
     #[test]
     fn mistakes_are_named() {
         let with = |from: &str, to: &str| {
             assert!(GOOD.contains(from), "{from}");
-            parse(&GOOD.replacen(from, to, 1), Path::new(""))
-                .unwrap_err()
-                .to_string()
+            parse(&GOOD.replacen(from, to, 1), Path::new("")).unwrap_err().to_string()
         };
         assert!(with("mask =", "maske =").contains("line 4"));
         assert!(with("t = [0, 0, 5]\n", "").contains("view `a`: needed K, R and t, or P alone"));
@@ -405,11 +376,8 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
         assert!(with("sigma_rotation_deg = 1", "sigma_rotation_deg = 0").contains("sigma_rotation_deg"));
         assert!(with("sigma_rotation_deg = 1\n", "").contains("or neither"));
         assert!(
-            with(
-                "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt",
-                "[[1, 0, 0], [0, 2, 0], [0, 0, 1]]\nt"
-            )
-            .contains("a rotation")
+            with("[[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt", "[[1, 0, 0], [0, 2, 0], [0, 0, 1]]\nt")
+                .contains("a rotation")
         );
     }
 }

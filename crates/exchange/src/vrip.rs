@@ -1,10 +1,10 @@
 //! VRIP `.conf`: a list of scans with their poses.
 //!
-//! Comes in: lines `bmesh FILE tx ty tz qx qy qz qw`; lines `camera …`, `#` comments and blank lines are passed over.
-//! Goes out: each file's path (relative paths start at the list's own folder) and its [`Pose`].
+//! Comes in: lines `bmesh FILE tx ty tz qx qy qz qw`; lines `camera …`, `#` comments and blank lines are
+//! passed over. Goes out: each file's path (relative paths start at the list's own folder) and its [`Pose`].
 //!
-//! The quaternion turns the other way round from what its letters promise: `p_world = R(q)ᵀ p + t`. With it the Stanford
-//! scans agree to 0.14 mm; with every other reading they are off by 3 mm and more.
+//! The quaternion turns the other way round from what its letters promise: `p_world = R(q)ᵀ p + t`. With it
+//! the Stanford scans agree to 0.14 mm; with every other reading they are off by 3 mm and more.
 //!
 //! Not guaranteed: that the files listed hold scans.
 
@@ -33,8 +33,8 @@ pub struct ListedScan {
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the list or a file that it names is missing,
-/// [`Input`](planish_estimate::ErrorKind::Input) for a line of another form, a bad number, a quaternion that has not unit
-/// length, or a list without scans: with file and line.
+/// [`Input`](planish_estimate::ErrorKind::Input) for a line of another form, a bad number, a quaternion that
+/// has not unit length, or a list without scans: with file and line.
 pub fn read_conf(path: &Path) -> Result<Vec<ListedScan>> {
     let listed = read_text(path).and_then(|text| {
         let scans = parse(&text, path.parent().unwrap_or(Path::new("")))?;
@@ -81,11 +81,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                             "line {line}: needed a quaternion (the last four numbers) of length 1, found length {length}"
                         ))
                     })?;
-                scans.push(ListedScan {
-                    path: folder.join(name.join(" ")),
-                    world_from_scanner: pose,
-                    line,
-                });
+                scans.push(ListedScan { path: folder.join(name.join(" ")), world_from_scanner: pose, line });
             }
             ["bmesh", ..] => {
                 return Err(Error::input(format!(
@@ -102,9 +98,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
         }
     }
     if scans.is_empty() {
-        return Err(Error::input(
-            "lists no scan: needed lines `bmesh FILE tx ty tz qx qy qz qw`",
-        ));
+        return Err(Error::input("lists no scan: needed lines `bmesh FILE tx ty tz qx qy qz qw`"));
     }
     Ok(scans)
 }
@@ -128,10 +122,7 @@ mod tests {
         assert_eq!((scans.len(), scans[0].line), (1, 4));
         assert_eq!(scans[0].path, Path::new("d/my scan.ply"));
         let p = scans[0].world_from_scanner.apply([1.0, 0.0, 0.0]);
-        assert!(
-            p.iter().zip([10.0, 19.0, 30.0]).all(|(a, b)| (a - b).abs() < 1e-12),
-            "{p:?}"
-        );
+        assert!(p.iter().zip([10.0, 19.0, 30.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{p:?}");
     }
 
     #[test]
@@ -152,10 +143,7 @@ mod tests {
         std::fs::write(&path, "\nbmesh gone.ply 0 0 0 0 0 0 1\n").unwrap();
         let e = read_conf(&path).unwrap_err();
         assert_eq!(e.kind(), ErrorKind::Io);
-        assert!(
-            e.to_string().contains("line 2") && e.to_string().contains("gone.ply"),
-            "{e}"
-        );
+        assert!(e.to_string().contains("line 2") && e.to_string().contains("gone.ply"), "{e}");
     }
 
     proptest! {

@@ -1,13 +1,15 @@
 //! Plain text points: XYZ, TXT, ASC, CSV, PTS.
 //!
-//! Comes in: one point a line; the numbers are apart by commas, by semicolons, or by blanks and tabs, as the first line
-//! shows. Blank lines and comments (`#`, `//`) are passed over. Goes out: a [`Scan`] at the identity pose.
+//! Comes in: one point a line; the numbers are apart by commas, by semicolons, or by blanks and tabs, as the
+//! first line shows. Blank lines and comments (`#`, `//`) are passed over. Goes out: a [`Scan`] at the
+//! identity pose.
 //!
-//! **Columns.** A header line names them, in any order and case: `x y z`, `sigma` or `cxx cxy cxz cyy cyz czz`, `nx ny nz`,
-//! `sigma_n_deg`, `k1 k2 d1x d1y d1z`, `sigma_k`, `time`, `scan`; other names are passed over. A comment directly before the first point that names `x`, `y` and `z`
-//! counts as a header. Without a header the first three columns are x y z; of exactly six, the last three are normals if
-//! every one of them has length 1 within 1 %. Further columns are not looked at. A first line of one whole number is the
-//! count of a PTS file and is passed over.
+//! **Columns.** A header line names them, in any order and case: `x y z`, `sigma` or
+//! `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`, `k1 k2 d1x d1y d1z`, `sigma_k`, `time`, `scan`;
+//! other names are passed over. A comment directly before the first point that names `x`, `y` and `z` counts
+//! as a header. Without a header the first three columns are x y z; of exactly six, the last three are
+//! normals if every one of them has length 1 within 1 %. Further columns are not looked at. A first line of
+//! one whole number is the count of a PTS file and is passed over.
 //!
 //! Not guaranteed: a column without a header is never taken for a σ; decimal commas are refused, not guessed.
 
@@ -23,8 +25,9 @@ use crate::source::{Source, next_word, parse_number, read_file, shown};
 /// Reads points. Records with a coordinate that is not finite (or an empty field) are dropped and counted.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
-/// for a word that is no number, a line that is too short, or a σ or covariance that is not positive: with file and line.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
+/// [`Input`](planish_estimate::ErrorKind::Input) for a word that is no number, a line that is too short, or a
+/// σ or covariance that is not positive: with file and line.
 pub fn read_points(path: &Path) -> Result<Scan> {
     read_file(path, |mut source, name| points_from(&mut source, name))
 }
@@ -83,10 +86,7 @@ fn names(line: &[u8]) -> Option<Vec<String>> {
         .iter()
         .map(|field| String::from_utf8_lossy(field).trim_matches('"').to_ascii_lowercase())
         .collect();
-    ["x", "y", "z"]
-        .iter()
-        .all(|axis| names.iter().any(|n| n == axis))
-        .then_some(names)
+    ["x", "y", "z"].iter().all(|axis| names.iter().any(|n| n == axis)).then_some(names)
 }
 
 /// How the records of a file are laid out.
@@ -117,7 +117,9 @@ impl Layout {
             )));
         }
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        if let Some(twice) = (1..names.len()).find(|&k| !names[k].is_empty() && names[..k].contains(&names[k])) {
+        if let Some(twice) =
+            (1..names.len()).find(|&k| !names[k].is_empty() && names[..k].contains(&names[k]))
+        {
             return Err(Error::input(format!("the column `{}` is named twice", names[twice])));
         }
         Ok(Self::new(PointColumns::find(&names)?, separator, false))
@@ -165,9 +167,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                     layout = Some(Layout::named(&names, separator).map_err(at)?);
                     continue;
                 }
-                let named = names_in_comment
-                    .take()
-                    .filter(|names: &Vec<String>| names.len() == fields.len());
+                let named = names_in_comment.take().filter(|names: &Vec<String>| names.len() == fields.len());
                 layout.insert(match named {
                     Some(names) => Layout::named(&names, separator).map_err(at)?,
                     None if fields.len() == 6 => {
@@ -199,8 +199,10 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                 None if layout.tentative_normals && record.len() >= 3 => 0.0,
                 None => {
                     let point: Vec<u8> = field.iter().map(|&b| if b == b',' { b'.' } else { b }).collect();
-                    // `1,5 2,5` too: what lies between two commas is then the end of one number and the beginning of the next.
-                    let halves = layout.separator == Separator::Byte(b',') && field.iter().any(u8::is_ascii_whitespace);
+                    // `1,5 2,5` too: what lies between two commas is then the end of one number and the
+                    // beginning of the next.
+                    let halves = layout.separator == Separator::Byte(b',')
+                        && field.iter().any(u8::is_ascii_whitespace);
                     let way_out = match parse_number(&point) {
                         None if !halves => "",
                         _ => ": write decimals with a point",
@@ -215,10 +217,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         layout.collector.push(&record, format_args!("line {number}"))?;
     }
     let Some(layout) = layout else {
-        return Err(Error::input(format!(
-            "needed points, found none in {} lines",
-            source.line_number()
-        )));
+        return Err(Error::input(format!("needed points, found none in {} lines", source.line_number())));
     };
     let (mut scan, _) = layout.collector.finish(name);
     if layout.tentative_normals {
@@ -277,11 +276,8 @@ mod tests {
     fn six_columns_are_normals_only_when_all_have_unit_length() {
         let scan = read(b"0 0 0 0 0 1\n1 0 0 0.6 0.8 0\n").unwrap();
         assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]);
-        for colours in [
-            "0 0 0 0 0 1\n1 0 0 255 0 0\n",
-            "0 0 0 0 0 1\n1 0 0 a b c\n",
-            "0 0 0 0 0 1\n1 0 0\n",
-        ] {
+        for colours in ["0 0 0 0 0 1\n1 0 0 255 0 0\n", "0 0 0 0 0 1\n1 0 0 a b c\n", "0 0 0 0 0 1\n1 0 0\n"]
+        {
             let scan = read(colours.as_bytes()).unwrap();
             assert!(scan.normals.is_none());
             assert_eq!(scan.points.len(), 2);
@@ -313,7 +309,10 @@ mod tests {
     #[test]
     fn a_header_of_a_million_columns_is_refused_at_once() {
         let names: String = (0..1_000_000).map(|k| format!(",{k}")).collect();
-        assert!(message(&format!("x,y,z{names}\n")).contains("line 1: needed at most 4096 columns, found 1000003"));
+        assert!(
+            message(&format!("x,y,z{names}\n"))
+                .contains("line 1: needed at most 4096 columns, found 1000003")
+        );
     }
 
     proptest! {

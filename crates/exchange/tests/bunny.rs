@@ -1,10 +1,7 @@
-//! The ten range scans of the Stanford bunny, where they are at hand: in `../shared/data` beside the repository, or in the
-//! folder that PLANISH_DATA names.
+//! The ten range scans of the Stanford bunny, where they are at hand: in `../shared/data` beside the
+//! repository, or in the folder that PLANISH_DATA names.
 
-#![allow(
-    clippy::print_stdout,
-    reason = "a skipped test and the times that it took are said aloud"
-)]
+#![allow(clippy::print_stdout, reason = "a skipped test and the times that it took are said aloud")]
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -66,11 +63,7 @@ fn neighbours_along_a_row_of_the_grid_run_along_x() {
     }
     // The scanner moves by half a millimetre from column to column.
     let along = steps.iter().filter(|s| (s[0] - 0.0005).abs() < 1e-5).count();
-    assert!(
-        steps.len() > 30_000 && along > steps.len() * 9 / 10,
-        "{along} of {}",
-        steps.len()
-    );
+    assert!(steps.len() > 30_000 && along > steps.len() * 9 / 10, "{along} of {}", steps.len());
 }
 
 #[test]
@@ -92,9 +85,6 @@ fn poses_lay_the_scans_over_each_other() {
         .collect();
     nearest.sort_by(f64::total_cmp);
     let median = nearest[nearest.len() / 2];
-    println!(
-        "median distance between neighbours of two scans: {:.3} mm",
-        1000.0 * median
-    );
+    println!("median distance between neighbours of two scans: {:.3} mm", 1000.0 * median);
     assert!(median < 0.0006, "{median} m");
 }

@@ -1,11 +1,11 @@
 //! A tree of boxes over triangles.
 //!
-//! Comes in: the triangles' corners. Goes out: a flat array of nodes over triangles in leaf order; the tree depends on the
-//! triangles alone, not on the number of threads.
-//! Not guaranteed: balance; but the depth stays below [`MAX_DEPTH`].
+//! Comes in: the triangles' corners. Goes out: a flat array of nodes over triangles in leaf order; the tree
+//! depends on the triangles alone, not on the number of threads. Not guaranteed: balance; but the depth stays
+//! below [`MAX_DEPTH`].
 
-/// Most triangles of a leaf. With 2, 4 and 8 closest points took the same time, within the noise, on 70 k and 1.3 M
-/// triangles; 8 builds fastest and has the fewest nodes.
+/// Most triangles of a leaf. With 2, 4 and 8 closest points took the same time, within the noise, on 70 k and
+/// 1.3 M triangles; 8 builds fastest and has the fewest nodes.
 pub(crate) const LEAF: usize = 8;
 const BINS: usize = 16;
 /// Parts above this size are built in parallel.
@@ -65,15 +65,12 @@ impl Bvh {
         let nodes = build(&mut items, 0, 0);
         let triangles: Vec<u32> = items.iter().map(|item| item.triangle).collect();
         drop(items);
-        Self {
-            nodes,
-            corners: triangles.iter().map(|&t| corners(t as usize)).collect(),
-            triangles,
-        }
+        Self { nodes, corners: triangles.iter().map(|&t| corners(t as usize)).collect(), triangles }
     }
 }
 
-/// The tree over `items`, which start at place `first` of the leaf order; child indices count from the tree's own root.
+/// The tree over `items`, which start at place `first` of the leaf order; child indices count from the tree's
+/// own root.
 fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
     if items.len() < PARALLEL {
         let mut nodes = Vec::with_capacity(items.len());
@@ -84,10 +81,8 @@ fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
     let root = node_of(items, first);
     let middle = split(items, depth);
     let (left, right) = items.split_at_mut(middle);
-    let (left, right) = rayon::join(
-        || build(left, first, depth + 1),
-        || build(right, first + middle, depth + 1),
-    );
+    let (left, right) =
+        rayon::join(|| build(left, first, depth + 1), || build(right, first + middle, depth + 1));
     // Order: root, both children side by side, the rest of the left, the rest of the right.
     let mut nodes = Vec::with_capacity(1 + left.len() + right.len());
     let moved = |mut node: Node, by: usize| {
@@ -97,11 +92,7 @@ fn build(items: &mut [Item], first: usize, depth: usize) -> Vec<Node> {
         node
     };
     let (left_by, right_by) = (2, left.len() + 1);
-    nodes.push(Node {
-        first: 1,
-        count: 0,
-        ..root
-    });
+    nodes.push(Node { first: 1, count: 0, ..root });
     nodes.push(moved(left[0], left_by));
     nodes.push(moved(right[0], right_by));
     nodes.extend(left[1..].iter().map(|&n| moved(n, left_by)));
@@ -128,21 +119,13 @@ fn subdivide(nodes: &mut Vec<Node>, at: usize, items: &mut [Item], first: usize,
 fn node_of(items: &[Item], first: usize) -> Node {
     let mut grown = Bounds::EMPTY;
     for item in items {
-        grown.include(&Bounds {
-            min: item.min,
-            max: item.max,
-        });
+        grown.include(&Bounds { min: item.min, max: item.max });
     }
-    Node {
-        min: grown.min,
-        max: grown.max,
-        first: first as u32,
-        count: items.len() as u32,
-    }
+    Node { min: grown.min, max: grown.max, first: first as u32, count: items.len() as u32 }
 }
 
-/// Orders `items` into two non-empty parts and returns the size of the first: binned surface-area heuristic over the
-/// axis of greatest spread, or halves where that finds no plane.
+/// Orders `items` into two non-empty parts and returns the size of the first: binned surface-area heuristic
+/// over the axis of greatest spread, or halves where that finds no plane.
 ///
 /// Reference: Wald, *On fast Construction of SAH-based Bounding Volume Hierarchies*, 2007.
 fn split(items: &mut [Item], depth: usize) -> usize {
@@ -162,10 +145,7 @@ fn split(items: &mut [Item], depth: usize) -> usize {
         let mut bins = [(Bounds::EMPTY, 0_usize); BINS];
         for item in items.iter() {
             let (bounds, count) = &mut bins[bin(item)];
-            bounds.include(&Bounds {
-                min: item.min,
-                max: item.max,
-            });
+            bounds.include(&Bounds { min: item.min, max: item.max });
             *count += 1;
         }
         let mut cost = [0.0; BINS];
@@ -191,9 +171,7 @@ fn split(items: &mut [Item], depth: usize) -> usize {
     }
     let middle = items.len() / 2;
     items.select_nth_unstable_by(middle, |a, b| {
-        a.center2(axis)
-            .total_cmp(&b.center2(axis))
-            .then(a.triangle.cmp(&b.triangle))
+        a.center2(axis).total_cmp(&b.center2(axis)).then(a.triangle.cmp(&b.triangle))
     });
     middle
 }
@@ -217,10 +195,7 @@ struct Bounds {
 }
 
 impl Bounds {
-    const EMPTY: Self = Self {
-        min: [f64::INFINITY; 3],
-        max: [f64::NEG_INFINITY; 3],
-    };
+    const EMPTY: Self = Self { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
 
     fn include(&mut self, other: &Self) {
         for k in 0..3 {

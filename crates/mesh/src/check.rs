@@ -1,9 +1,9 @@
 //! What kind of mesh a mesh is.
 //!
-//! Comes in: a mesh. Goes out: counts of what is open, shared too often, turned, or unused. Vertices are the same only
-//! where their index is: weld a triangle soup first. Triangles that name a vertex twice are counted and otherwise
-//! ignored.
-//! Not guaranteed: that a watertight mesh does not cross itself; that is not looked at.
+//! Comes in: a mesh. Goes out: counts of what is open, shared too often, turned, or unused. Vertices are the
+//! same only where their index is: weld a triangle soup first. Triangles that name a vertex twice are counted
+//! and otherwise ignored. Not guaranteed: that a watertight mesh does not cross itself; that is not looked
+//! at.
 
 use crate::edges::{EdgeTable, is_collapsed};
 use crate::mesh::TriangleMesh;
@@ -58,10 +58,7 @@ impl MeshCheck {
         for edge in 0..table.len() {
             around.clear();
             around.extend(
-                table
-                    .half_edges(edge)
-                    .iter()
-                    .filter(|&&h| !is_collapsed(mesh.triangles[h as usize / 3])),
+                table.half_edges(edge).iter().filter(|&&h| !is_collapsed(mesh.triangles[h as usize / 3])),
             );
             let [a, b] = table.ends[edge];
             match around[..] {
@@ -105,14 +102,11 @@ impl MeshCheck {
                 fan_of_vertex[v] = fan;
             }
         }
-        let used: Vec<u32> = (0..mesh.positions.len() as u32)
-            .filter(|&v| fan_of_vertex[v as usize] != u32::MAX)
-            .collect();
+        let used: Vec<u32> =
+            (0..mesh.positions.len() as u32).filter(|&v| fan_of_vertex[v as usize] != u32::MAX).collect();
         let components = used.iter().filter(|&&v| parts.root(v) == v).count();
-        let boundary_loops = used
-            .iter()
-            .filter(|&&v| on_boundary[v as usize] && boundary.root(v) == v)
-            .count();
+        let boundary_loops =
+            used.iter().filter(|&&v| on_boundary[v as usize] && boundary.root(v) == v).count();
         let nonmanifold_vertices = torn.iter().filter(|&&t| t).count();
         Self {
             vertices: mesh.positions.len(),
@@ -135,7 +129,8 @@ impl MeshCheck {
 }
 
 impl TriangleMesh {
-    /// For each triangle the part of the mesh that it is of, the part with the most triangles being 0. Parts share no vertices.
+    /// For each triangle the part of the mesh that it is of, the part with the most triangles being 0. Parts
+    /// share no vertices.
     #[must_use]
     pub fn parts(&self) -> Vec<u32> {
         let mut sets = Sets::new(self.positions.len());
@@ -150,11 +145,8 @@ impl TriangleMesh {
         }
         let mut order: Vec<(u32, usize)> = count.into_iter().collect();
         order.sort_by_key(|(root, size)| (std::cmp::Reverse(*size), *root));
-        let rank: std::collections::BTreeMap<u32, u32> = order
-            .iter()
-            .enumerate()
-            .map(|(k, (root, _))| (*root, k as u32))
-            .collect();
+        let rank: std::collections::BTreeMap<u32, u32> =
+            order.iter().enumerate().map(|(k, (root, _))| (*root, k as u32)).collect();
         roots.iter().map(|root| rank[root]).collect()
     }
 }
@@ -166,9 +158,7 @@ mod tests {
 
     fn mesh(count: usize, triangles: &[[u32; 3]]) -> TriangleMesh {
         // Points on the moment curve: no three in a line.
-        let positions = (0..count)
-            .map(|i| [i as f64, (i * i) as f64, (i * i * i) as f64])
-            .collect();
+        let positions = (0..count).map(|i| [i as f64, (i * i) as f64, (i * i * i) as f64]).collect();
         TriangleMesh::try_new(positions, triangles.to_vec()).unwrap()
     }
 
@@ -177,17 +167,11 @@ mod tests {
         let mut ball = icosphere(1.0, 3);
         let check = ball.check();
         assert!(check.watertight && check.oriented && check.manifold);
-        assert_eq!(
-            (check.euler_characteristic, check.components, check.boundary_loops),
-            (2, 1, 0)
-        );
+        assert_eq!((check.euler_characteristic, check.components, check.boundary_loops), (2, 1, 0));
         ball.triangles.pop();
         let open = ball.check();
         assert!(!open.watertight && open.oriented && open.manifold);
-        assert_eq!(
-            (open.boundary_edges, open.boundary_loops, open.euler_characteristic),
-            (3, 1, 1)
-        );
+        assert_eq!((open.boundary_edges, open.boundary_loops, open.euler_characteristic), (3, 1, 1));
     }
 
     #[test]
@@ -203,10 +187,7 @@ mod tests {
     #[test]
     fn three_triangles_at_an_edge_are_not_manifold() {
         let check = mesh(5, &[[0, 1, 2], [1, 0, 3], [0, 1, 4]]).check();
-        assert_eq!(
-            (check.nonmanifold_edges, check.boundary_edges, check.components),
-            (1, 6, 1)
-        );
+        assert_eq!((check.nonmanifold_edges, check.boundary_edges, check.components), (1, 6, 1));
         assert!(!check.manifold && !check.watertight && !check.oriented);
         assert_eq!(check.nonmanifold_vertices, 0);
     }
@@ -214,31 +195,19 @@ mod tests {
     #[test]
     fn two_fans_at_a_vertex_are_not_manifold() {
         let check = mesh(5, &[[0, 1, 2], [0, 3, 4]]).check();
-        assert_eq!(
-            (check.nonmanifold_edges, check.nonmanifold_vertices, check.components),
-            (0, 1, 1)
-        );
+        assert_eq!((check.nonmanifold_edges, check.nonmanifold_vertices, check.components), (0, 1, 1));
         assert!(!check.manifold);
     }
 
     #[test]
     fn parts_loops_and_leftovers_are_counted() {
         let tube = cylinder(1.0, 1.0, 12, 3, false).check();
-        assert_eq!(
-            (tube.boundary_loops, tube.boundary_edges, tube.euler_characteristic),
-            (2, 24, 0)
-        );
+        assert_eq!((tube.boundary_loops, tube.boundary_edges, tube.euler_characteristic), (2, 24, 0));
         let sheet = grid_sheet(1.0, 1.0, 3, 3).check();
-        assert_eq!(
-            (sheet.boundary_loops, sheet.boundary_edges, sheet.components),
-            (1, 12, 1)
-        );
+        assert_eq!((sheet.boundary_loops, sheet.boundary_edges, sheet.components), (1, 12, 1));
         let two = mesh(8, &[[0, 1, 2], [3, 4, 5], [6, 6, 7]]).check();
         assert_eq!(mesh(8, &[[0, 1, 2], [3, 4, 5], [6, 5, 7]]).parts(), [1, 0, 0]);
-        assert_eq!(
-            (two.components, two.unused_vertices, two.degenerate_triangles),
-            (2, 2, 1)
-        );
+        assert_eq!((two.components, two.unused_vertices, two.degenerate_triangles), (2, 2, 1));
         let none = TriangleMesh::default().check();
         assert!(!none.watertight && none.components == 0);
     }

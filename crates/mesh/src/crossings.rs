@@ -1,15 +1,19 @@
 //! Where a mesh crosses itself.
 //!
-//! Comes in: a [`MeshSearch`]. Goes out: how many pairs of triangles cross, and the first of them. Not guaranteed: triangles that share a vertex, or lie in one plane, are not compared; what touches does not cross.
+//! Comes in: a [`MeshSearch`]. Goes out: how many pairs of triangles cross, and the first of them. Not
+//! guaranteed: triangles that share a vertex, or lie in one plane, are not compared; what touches does not
+//! cross.
 
 use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
 use crate::search::MeshSearch;
 use planish_estimate::vector3::{add, cross, distance, dot, norm, scale, sub};
 use rayon::prelude::*;
 
-/// The ends of an edge that pierces a triangle are at least so many of the edge's lengths from the triangle's plane: nearer ones touch.
+/// The ends of an edge that pierces a triangle are at least so many of the edge's lengths from the triangle's
+/// plane: nearer ones touch.
 const THROUGH: f64 = 1e-6;
-/// Of one leaf so many nodes are looked at, so that triangles that all lie in one another's boxes do not take the square of their number.
+/// Of one leaf so many nodes are looked at, so that triangles that all lie in one another's boxes do not take
+/// the square of their number.
 const MOST_NODES: usize = 1 << 14;
 
 /// What [`MeshSearch::self_crossings`] found.
@@ -31,18 +35,17 @@ impl SelfCrossings {
             _ if self.first <= other.first => self,
             _ => other,
         };
-        Self {
-            pairs: self.pairs + other.pairs,
-            ..first
-        }
+        Self { pairs: self.pairs + other.pairs, ..first }
     }
 }
 
 impl MeshSearch {
-    /// The pairs of triangles that cross: an edge of one goes through the other. Pairs that share a vertex are not compared. Cost O(n log n) where triangles are small beside the mesh.
+    /// The pairs of triangles that cross: an edge of one goes through the other. Pairs that share a vertex
+    /// are not compared. Cost O(n log n) where triangles are small beside the mesh.
     ///
     /// # References
-    /// T. Möller, *A fast triangle-triangle intersection test*, Journal of Graphics Tools 1997: planes tell most pairs apart.
+    /// T. Möller, *A fast triangle-triangle intersection test*, Journal of Graphics Tools 1997: planes tell
+    /// most pairs apart.
     #[must_use]
     pub fn self_crossings(&self) -> SelfCrossings {
         let leaves: Vec<&Node> = self.bvh.nodes.iter().filter(|n| n.count > 0).collect();
@@ -130,8 +133,14 @@ fn crossing(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> Option<[f64; 3]> {
     pierced(a, over_b, b, of_b).or_else(|| pierced(b, over_a, a, of_a))
 }
 
-/// Where an edge of a triangle, whose corners have such heights (times twice the area) over another's plane, goes through that other.
-fn pierced(edges: &[[f64; 3]; 3], heights: [f64; 3], through: &[[f64; 3]; 3], normal: [f64; 3]) -> Option<[f64; 3]> {
+/// Where an edge of a triangle, whose corners have such heights (times twice the area) over another's plane,
+/// goes through that other.
+fn pierced(
+    edges: &[[f64; 3]; 3],
+    heights: [f64; 3],
+    through: &[[f64; 3]; 3],
+    normal: [f64; 3],
+) -> Option<[f64; 3]> {
     let doubled = norm(normal);
     (0..3).find_map(|k| {
         let (p, q) = (edges[k], edges[(k + 1) % 3]);
@@ -167,18 +176,15 @@ mod tests {
         }
     }
 
-    /// Two sheets, one upright through the middle of the other: the number of pairs is that of all pairs tried.
+    /// Two sheets, one upright through the middle of the other: the number of pairs is that of all pairs
+    /// tried.
     #[test]
     fn crossings_are_those_of_all_pairs() {
         let mut mesh = grid_sheet(4.0, 4.0, 21, 21);
         let upright = grid_sheet(2.03, 2.07, 14, 15);
         let from = mesh.positions.len() as u32;
-        mesh.positions.extend(
-            upright
-                .positions
-                .iter()
-                .map(|[x, y, z]| [x + 0.013, *z + 0.011 + 0.1 * x, *y + 0.017]),
-        );
+        mesh.positions
+            .extend(upright.positions.iter().map(|[x, y, z]| [x + 0.013, *z + 0.011 + 0.1 * x, *y + 0.017]));
         (mesh.triangles).extend(upright.triangles.iter().map(|t| t.map(|v| v + from)));
         let found = crossings(&mesh);
         let mut all = Vec::new();
@@ -200,12 +206,9 @@ mod tests {
         let mut mesh = grid_sheet(2.0, 2.0, 3, 3);
         let from = mesh.positions.len() as u32;
         // A corner on a face, and an edge on it.
-        mesh.positions
-            .extend([[0.3, 0.2, 0.0], [0.3, 0.4, 1.0], [0.4, 0.2, 1.0]]);
-        mesh.positions
-            .extend([[0.3, 0.7, 0.0], [0.4, 0.75, 0.0], [0.4, 0.7, 1.0]]);
-        mesh.triangles
-            .extend([[from, from + 1, from + 2], [from + 3, from + 4, from + 5]]);
+        mesh.positions.extend([[0.3, 0.2, 0.0], [0.3, 0.4, 1.0], [0.4, 0.2, 1.0]]);
+        mesh.positions.extend([[0.3, 0.7, 0.0], [0.4, 0.75, 0.0], [0.4, 0.7, 1.0]]);
+        mesh.triangles.extend([[from, from + 1, from + 2], [from + 3, from + 4, from + 5]]);
         assert_eq!(crossings(&mesh), SelfCrossings::default());
     }
 }

@@ -1,9 +1,13 @@
 //! How a mesh bends at its vertices.
 //!
-//! Comes in: a mesh with normals and σ. Goes out: mean and Gaussian curvature at every vertex, σ of the mean one, and whether a vertex is on the border: from a quadric through the vertices around ([`LEAST`] of them, two rings of six), which
-//! sees noise as it is, where sums of angles and of cotangents over one ring see little else (F. Cazals, M. Pouget, *Estimating differential quantities using polynomial fitting of osculating jets*, 2005, with jets of degree 2).
+//! Comes in: a mesh with normals and σ. Goes out: mean and Gaussian curvature at every vertex, σ of the mean
+//! one, and whether a vertex is on the border: from a quadric through the vertices around ([`LEAST`] of them,
+//! two rings of six), which sees noise as it is, where sums of angles and of cotangents over one ring see
+//! little else (F. Cazals, M. Pouget, *Estimating differential quantities using polynomial fitting of
+//! osculating jets*, 2005, with jets of degree 2).
 //!
-//! Not guaranteed: curvature of what is smaller than two rings; σ where errors of neighbours are not independent, or beyond what the quadric's own residuals show.
+//! Not guaranteed: curvature of what is smaller than two rings; σ where errors of neighbours are not
+//! independent, or beyond what the quadric's own residuals show.
 
 use crate::half_edges::{NONE, next_in_triangle, opposites};
 use crate::mesh::TriangleMesh;
@@ -23,7 +27,8 @@ const UNKNOWNS: usize = 6;
 /// Curvature at the vertices of a mesh, in one over its unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VertexCurvature {
-    /// Mean curvature `(κ₁ + κ₂) / 2`, positive where the surface bends towards its normal: a ball with outward normals has −1/r.
+    /// Mean curvature `(κ₁ + κ₂) / 2`, positive where the surface bends towards its normal: a ball with
+    /// outward normals has −1/r.
     pub mean: Vec<f64>,
     /// Gaussian curvature `κ₁ κ₂`, in one over the unit squared.
     pub gaussian: Vec<f64>,
@@ -35,11 +40,15 @@ pub struct VertexCurvature {
 
 /// The curvature of a mesh at every vertex.
 ///
-/// Heights `h` along the normal are fitted by `h = c + p u + q v + ½ (a u² + 2 b u v + d v²)` with weights `1/σ²`; then `H = ((1 + q²) a − 2 p q b + (1 + p²) d) / (2 g³)` and `K = (a d − b²) / g⁴` with `g² = 1 + p² + q²`. The covariance of the fit, larger by what its residuals have more than `σ` says, gives `σ_H`.
-/// Vertices with too few around for a quadric have curvature 0, and σ of one over the length of their edges.
+/// Heights `h` along the normal are fitted by `h = c + p u + q v + ½ (a u² + 2 b u v + d v²)` with weights
+/// `1/σ²`; then `H = ((1 + q²) a − 2 p q b + (1 + p²) d) / (2 g³)` and `K = (a d − b²) / g⁴` with
+/// `g² = 1 + p² + q²`. The covariance of the fit, larger by what its residuals have more than `σ` says, gives
+/// `σ_H`. Vertices with too few around for a quadric have curvature 0, and σ of one over the length of their
+/// edges.
 ///
 /// # Errors
-/// `Input` for normals or σ of another number than vertices, or a mesh that fails [`TriangleMesh::sanity_check`].
+/// `Input` for normals or σ of another number than vertices, or a mesh that fails
+/// [`TriangleMesh::sanity_check`].
 ///
 /// # Examples
 /// ```
@@ -63,10 +72,9 @@ pub fn vertex_curvature(mesh: &TriangleMesh, normals: &[[f64; 3]], sigma: &[f64]
     let mut mean = vec![0.0; count];
     let mut gaussian = vec![0.0; count];
     let mut sigma_mean = vec![0.0; count];
-    (&mut mean, &mut gaussian, &mut sigma_mean)
-        .into_par_iter()
-        .enumerate()
-        .for_each_init(Vec::new, |around, (v, (h, k, s))| {
+    (&mut mean, &mut gaussian, &mut sigma_mean).into_par_iter().enumerate().for_each_init(
+        Vec::new,
+        |around, (v, (h, k, s))| {
             gather(v as u32, &neighbours, around);
             let found = quadric(v, around, mesh, normals[v], sigma);
             [*h, *k, *s] = found.unwrap_or_else(|| {
@@ -74,22 +82,15 @@ pub fn vertex_curvature(mesh: &TriangleMesh, normals: &[[f64; 3]], sigma: &[f64]
                 let edge = around.iter().skip(1).map(to).fold(0.0, f64::max);
                 [0.0, 0.0, if edge > 0.0 { 1.0 / edge } else { f64::MAX }]
             });
-        });
+        },
+    );
     let mut border = vec![0; count];
-    for (half, _) in (0_u32..)
-        .zip(opposites(&mesh.triangles))
-        .filter(|(_, over)| *over == NONE)
-    {
+    for (half, _) in (0_u32..).zip(opposites(&mesh.triangles)).filter(|(_, over)| *over == NONE) {
         for h in [half, next_in_triangle(half)] {
             border[mesh.triangles[h as usize / 3][h as usize % 3] as usize] = 1;
         }
     }
-    Ok(VertexCurvature {
-        mean,
-        gaussian,
-        sigma_mean,
-        border,
-    })
+    Ok(VertexCurvature { mean, gaussian, sigma_mean, border })
 }
 
 /// A vertex and the rings around it, until there are enough.
@@ -114,17 +115,20 @@ fn gather(vertex: u32, neighbours: &Neighbours, around: &mut Vec<u32>) {
 }
 
 /// Mean and Gaussian curvature, and σ of the first.
-fn quadric(vertex: usize, around: &[u32], mesh: &TriangleMesh, normal: [f64; 3], sigma: &[f64]) -> Option<[f64; 3]> {
+fn quadric(
+    vertex: usize,
+    around: &[u32],
+    mesh: &TriangleMesh,
+    normal: [f64; 3],
+    sigma: &[f64],
+) -> Option<[f64; 3]> {
     if around.len() < UNKNOWNS {
         return None;
     }
     let normal = unit(normal)?;
     let (e1, e2) = tangents(normal);
     let at = mesh.positions[vertex];
-    let size = around
-        .iter()
-        .map(|w| distance(at, mesh.positions[*w as usize]))
-        .fold(0.0, f64::max);
+    let size = around.iter().map(|w| distance(at, mesh.positions[*w as usize])).fold(0.0, f64::max);
     if size <= 0.0 {
         return None;
     }
@@ -163,11 +167,8 @@ fn quadric(vertex: usize, around: &[u32], mesh: &TriangleMesh, normal: [f64; 3],
         }
     }
     let mean = of_bends[0] * a + of_bends[1] * b + of_bends[2] * d;
-    let found = [
-        mean / size,
-        (a * d - b * b) / (g2 * g2) / (size * size),
-        (variance * dispersion).sqrt() / size,
-    ];
+    let found =
+        [mean / size, (a * d - b * b) / (g2 * g2) / (size * size), (variance * dispersion).sqrt() / size];
     found.iter().all(|value| value.is_finite()).then_some(found)
 }
 
@@ -179,7 +180,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// A ball of radius r has H = −1/r and K = 1/r², a cylinder −1/2r and 0, a saddle z = xy at its middle 0 and −1.
+    /// A ball of radius r has H = −1/r and K = 1/r², a cylinder −1/2r and 0, a saddle z = xy at its middle 0
+    /// and −1.
     #[test]
     fn curvature_is_that_of_what_is_known() {
         let of = |mesh: &TriangleMesh| {
@@ -193,19 +195,12 @@ mod tests {
         let tube = cylinder(0.5, 4.0, 60, 60, false);
         let found = of(&tube);
         for (v, p) in tube.positions.iter().enumerate().filter(|(_, p)| p[2].abs() < 1.5) {
-            assert!(
-                (found.mean[v] + 1.0).abs() < 0.03 && found.gaussian[v].abs() < 0.05,
-                "{p:?}"
-            );
+            assert!((found.mean[v] + 1.0).abs() < 0.03 && found.gaussian[v].abs() < 0.05, "{p:?}");
         }
         assert_eq!(found.border.iter().filter(|b| **b == 1).count(), 120);
         let mut saddle = grid_sheet(1.0, 1.0, 40, 40);
         saddle.positions.iter_mut().for_each(|p| p[2] = p[0] * p[1]);
-        let middle = saddle
-            .positions
-            .iter()
-            .position(|p| p[0].abs() + p[1].abs() < 1e-9)
-            .unwrap();
+        let middle = saddle.positions.iter().position(|p| p[0].abs() + p[1].abs() < 1e-9).unwrap();
         let found = of(&saddle);
         assert!(found.mean[middle].abs() < 1e-3 && (found.gaussian[middle] + 1.0).abs() < 0.01);
         assert!(vertex_curvature(&saddle, &[], &[]).is_err());
@@ -224,9 +219,8 @@ mod tests {
         }
         let sigma = vec![SIGMA; ball.positions.len()];
         let found = vertex_curvature(&ball, &normals, &sigma).unwrap();
-        let squares: f64 = (found.mean.iter().zip(&found.sigma_mean))
-            .map(|(h, s)| ((h + 1.0) / s).powi(2))
-            .sum();
+        let squares: f64 =
+            (found.mean.iter().zip(&found.sigma_mean)).map(|(h, s)| ((h + 1.0) / s).powi(2)).sum();
         let normalized = (squares / found.mean.len() as f64).sqrt();
         assert!((0.75..1.15).contains(&normalized), "{normalized}");
     }

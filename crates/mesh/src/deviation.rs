@@ -34,10 +34,7 @@ impl DeviationStatistics {
             ));
         }
         if let Some(at) = deviations.iter().position(|d| !d.is_finite()) {
-            return Err(Error::input(format!(
-                "deviation {at} is not finite: {}",
-                deviations[at]
-            )));
+            return Err(Error::input(format!("deviation {at} is not finite: {}", deviations[at])));
         }
         let n = deviations.len();
         let mut sizes: Vec<f64> = deviations.iter().map(|d| d.abs()).collect();
@@ -53,7 +50,8 @@ impl DeviationStatistics {
     }
 }
 
-/// The `p` quantile of ascending values: linear between the values around position `p (n − 1)`, counted from zero.
+/// The `p` quantile of ascending values: linear between the values around position `p (n − 1)`, counted from
+/// zero.
 ///
 /// This is the default of NumPy and R.
 ///
@@ -78,7 +76,8 @@ mod tests {
 
     #[test]
     fn figures_match_numpy() {
-        // numpy: d = [-3, 1, 2, -0.5, 0.25]; sqrt(mean(d**2)), mean(d), percentile(abs(d), [50, 95]), max(abs(d)).
+        // numpy: d = [-3, 1, 2, -0.5, 0.25]; sqrt(mean(d**2)), mean(d), percentile(abs(d), [50, 95]),
+        // max(abs(d)).
         let s = DeviationStatistics::from_signed(&[-3.0, 1.0, 2.0, -0.5, 0.25]).unwrap();
         assert!((s.rms - 1.691_892_431_568_863).abs() < 1e-14, "{}", s.rms);
         assert!((s.mean + 0.05).abs() < 1e-15);
@@ -94,13 +93,7 @@ mod tests {
 
     #[test]
     fn nothing_and_nan_are_errors() {
-        assert_eq!(
-            DeviationStatistics::from_signed(&[]).unwrap_err().kind(),
-            ErrorKind::Undetermined
-        );
-        assert_eq!(
-            DeviationStatistics::from_signed(&[0.0, f64::NAN]).unwrap_err().kind(),
-            ErrorKind::Input
-        );
+        assert_eq!(DeviationStatistics::from_signed(&[]).unwrap_err().kind(), ErrorKind::Undetermined);
+        assert_eq!(DeviationStatistics::from_signed(&[0.0, f64::NAN]).unwrap_err().kind(), ErrorKind::Input);
     }
 }

@@ -17,7 +17,8 @@ pub(crate) struct EdgeTable {
 }
 
 impl EdgeTable {
-    /// Cost O(n + v) for n triangles over vertices numbered up to v: half-edges are counted at their lesser ends, and only those at one vertex are compared.
+    /// Cost O(n + v) for n triangles over vertices numbered up to v: half-edges are counted at their lesser
+    /// ends, and only those at one vertex are compared.
     pub fn of(triangles: &[[u32; 3]]) -> Self {
         let (mut keyed, at_vertex) = by_lesser_end(triangles);
         sort_at_each_vertex(&mut keyed, &at_vertex);
@@ -54,7 +55,8 @@ impl EdgeTable {
     }
 }
 
-/// Half-edges, each behind its greater end, in the order of their lesser ends; and where those of each vertex start.
+/// Half-edges, each behind its greater end, in the order of their lesser ends; and where those of each vertex
+/// start.
 fn by_lesser_end(triangles: &[[u32; 3]]) -> (Vec<u64>, Vec<u32>) {
     let vertices = triangles.iter().flatten().max().map_or(0, |last| *last as usize + 1);
     let mut starts = vec![0_u32; vertices + 1];
@@ -114,7 +116,8 @@ mod tests {
     use crate::primitives::icosphere;
     use std::collections::BTreeMap;
 
-    /// Edges and half-edges are those, in that order, of all half-edges sorted by both ends: meshes with many vertices, with fins, with triangles that name a vertex twice, with none.
+    /// Edges and half-edges are those, in that order, of all half-edges sorted by both ends: meshes with many
+    /// vertices, with fins, with triangles that name a vertex twice, with none.
     #[test]
     fn edges_are_those_of_half_edges_sorted() {
         let mut fins = icosphere(1.0, 2).triangles;
@@ -131,10 +134,7 @@ mod tests {
             for (edge, halves) in sorted.values().enumerate() {
                 assert_eq!(table.half_edges(edge), halves);
                 for half in halves {
-                    assert_eq!(
-                        table.triangle_edges[*half as usize / 3][*half as usize % 3],
-                        edge as u32
-                    );
+                    assert_eq!(table.triangle_edges[*half as usize / 3][*half as usize % 3], edge as u32);
                 }
             }
         }

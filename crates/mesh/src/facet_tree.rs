@@ -1,7 +1,7 @@
 //! Everything that is nearly as near as the nearest: for sums over facets whose terms die away with distance.
 //!
-//! Comes in: facets, triangles with or without area, or points (triangles of three equal corners). Goes out: for a place all facets that are at most so
-//! much farther than the nearest one, and a few more.
+//! Comes in: facets, triangles with or without area, or points (triangles of three equal corners). Goes out:
+//! for a place all facets that are at most so much farther than the nearest one, and a few more.
 //!
 //! The facets of a leaf are looked at together ([`crate::packet`]), in as wide vectors as the machine has.
 //!
@@ -50,27 +50,19 @@ impl FacetTree {
             let [a, b, c] = corners(t);
             a == b && b == c
         });
-        let Bvh {
-            mut nodes,
-            corners,
-            triangles,
-        } = Bvh::of(count, corners);
+        let Bvh { mut nodes, corners, triangles } = Bvh::of(count, corners);
         let packets = if are_points {
             Packets::Points(in_packets(&mut nodes, &corners, &triangles))
         } else {
             Packets::Triangles(in_packets(&mut nodes, &corners, &triangles))
         };
-        Self {
-            nodes,
-            packets,
-            simd: pulp::Arch::new(),
-        }
+        Self { nodes, packets, simd: pulp::Arch::new() }
     }
 
     /// Visits every facet that is at most `slack` farther from a place than the nearest one.
     ///
-    /// Nearer boxes are looked into first, so that little is visited before the nearest facet is known. Nothing is visited for a place that is
-    /// not finite.
+    /// Nearer boxes are looked into first, so that little is visited before the nearest facet is known.
+    /// Nothing is visited for a place that is not finite.
     #[inline]
     pub fn visit_near(&self, at: [f64; 3], slack: f64, visit: impl FnMut(&NearFacet)) {
         if !at.iter().all(|x| x.is_finite()) {
@@ -78,20 +70,8 @@ impl FacetTree {
         }
         let nodes = &self.nodes;
         match &self.packets {
-            Packets::Triangles(packets) => self.simd.dispatch(Visit {
-                nodes,
-                packets,
-                at,
-                slack,
-                visit,
-            }),
-            Packets::Points(packets) => self.simd.dispatch(Visit {
-                nodes,
-                packets,
-                at,
-                slack,
-                visit,
-            }),
+            Packets::Triangles(packets) => self.simd.dispatch(Visit { nodes, packets, at, slack, visit }),
+            Packets::Points(packets) => self.simd.dispatch(Visit { nodes, packets, at, slack, visit }),
         }
     }
 }
@@ -120,13 +100,7 @@ impl<P: Packet, F: FnMut(&NearFacet)> WithSimd for Visit<'_, P, F> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self {
-            nodes,
-            packets,
-            at,
-            slack,
-            mut visit,
-        } = self;
+        let Self { nodes, packets, at, slack, mut visit } = self;
         let mut nearest = f64::INFINITY;
         let mut limit = f64::INFINITY;
         let mut feet = Feet::default();
@@ -210,10 +184,7 @@ mod tests {
             for at in [[0.1, 0.2, 0.3], [1.5, 0.0, -0.2], [0.0, 0.6, 0.8], [30.0, 40.0, 0.0]] {
                 let all: Vec<f64> = (0..ball.triangles.len())
                     .map(|t| {
-                        closest_on_triangle(at, &corners(t), f64::INFINITY)
-                            .unwrap()
-                            .squared_distance
-                            .sqrt()
+                        closest_on_triangle(at, &corners(t), f64::INFINITY).unwrap().squared_distance.sqrt()
                     })
                     .collect();
                 let least = all.iter().copied().fold(f64::INFINITY, f64::min);
@@ -225,10 +196,7 @@ mod tests {
                     });
                     for (distance, count) in all.iter().zip(count) {
                         let wanted = *distance <= least + slack;
-                        assert!(
-                            count <= 1 && (count == 1 || !wanted),
-                            "{distance} {least} {slack} {count}"
-                        );
+                        assert!(count <= 1 && (count == 1 || !wanted), "{distance} {least} {slack} {count}");
                     }
                 }
             }

@@ -1,7 +1,10 @@
 //! Holes filled.
 //!
-//! Comes in: a mesh whose edges and vertices are manifold and oriented, with σ. Goes out: the same triangles and more over its holes, which carry on the surface around them: a cover of least area ([`cover`]), cut into triangles like those beside it ([`refinement`]),
-//! faired ([`fairing`]); and σ of the new vertices, a guess that grows with the way from the border. Borders that look outwards, as that of a sheet does, are no holes and stay.
+//! Comes in: a mesh whose edges and vertices are manifold and oriented, with σ. Goes out: the same triangles
+//! and more over its holes, which carry on the surface around them: a cover of least area ([`cover`]), cut
+//! into triangles like those beside it ([`refinement`]), faired ([`fairing`]); and σ of the new vertices, a
+//! guess that grows with the way from the border. Borders that look outwards, as that of a sheet does, are no
+//! holes and stay.
 //!
 //! Not guaranteed: that a lid crosses nothing; that the thing is as smooth as the lid.
 
@@ -22,7 +25,8 @@ use planish_estimate::{Error, Result};
 use refinement::Lid;
 use std::collections::{HashMap, HashSet};
 
-/// A border looks outwards where its area, times the mean of the normals along it, is more than this: that of a dome up to 75° from its top.
+/// A border looks outwards where its area, times the mean of the normals along it, is more than this: that of
+/// a dome up to 75° from its top.
 const OUTWARDS: f64 = 0.25;
 
 /// Times that a lid is solved for by its own shape.
@@ -47,13 +51,18 @@ pub struct Filled {
 
 /// Fills the holes of up to `longest` edges. `watch` is told the share that is done, and may say to stop.
 ///
-/// The lid's mean curvature is to be that across the hole, the mean of `−(n_i − n_j)·(p_i − p_j) / |p_i − p_j|²` over vertices half and a quarter of the way round from one another.
+/// The lid's mean curvature is to be that across the hole, the mean of
+/// `−(n_i − n_j)·(p_i − p_j) / |p_i − p_j|²` over vertices half and a quarter of the way round from one
+/// another.
 ///
-/// σ of a new vertex is a guess: `σ² = σ_r² (1 + d²/ℓ²) + (κ d (d + ℓ) / 2)²` with `σ_r` the mean σ along the hole and `ℓ` that of its edges, `d` the distance to the nearest vertex of its border, and `κ` the root mean square of `|n_i − n_j| / |p_i − p_j|` over the same pairs: how well the tangent is known
-/// that is carried on, and what a surface that bends as this one does leaves it by.
+/// σ of a new vertex is a guess: `σ² = σ_r² (1 + d²/ℓ²) + (κ d (d + ℓ) / 2)²` with `σ_r` the mean σ along the
+/// hole and `ℓ` that of its edges, `d` the distance to the nearest vertex of its border, and `κ` the root
+/// mean square of `|n_i − n_j| / |p_i − p_j|` over the same pairs: how well the tangent is known that is
+/// carried on, and what a surface that bends as this one does leaves it by.
 ///
 /// # Errors
-/// `Input` for σ of another number than vertices, or a mesh that fails [`TriangleMesh::sanity_check`]; what `watch` says.
+/// `Input` for σ of another number than vertices, or a mesh that fails [`TriangleMesh::sanity_check`]; what
+/// `watch` says.
 ///
 /// # References
 /// P. Liepa, *Filling holes in meshes*, Symposium on Geometry Processing 2003.
@@ -72,14 +81,8 @@ pub fn fill_holes(
         )));
     }
     let normals = mesh.vertex_normals();
-    let mut filled = Filled {
-        mesh: mesh.clone(),
-        sigma: sigma.to_vec(),
-        holes: 0,
-        rims: 0,
-        larger: 0,
-        uncovered: 0,
-    };
+    let mut filled =
+        Filled { mesh: mesh.clone(), sigma: sigma.to_vec(), holes: 0, rims: 0, larger: 0, uncovered: 0 };
     let mut loops = Vec::new();
     for border in border_loops(&mesh.triangles) {
         if looks_outwards(&border, &mesh.positions, &normals) {
@@ -119,10 +122,7 @@ impl Beside {
         for v in loops.iter().flatten() {
             on_loop[*v as usize] = true;
         }
-        let mut beside = Self {
-            edges: HashSet::new(),
-            triangles: HashMap::new(),
-        };
+        let mut beside = Self { edges: HashSet::new(), triangles: HashMap::new() };
         for t in mesh.triangles.iter().filter(|t| t.iter().any(|v| on_loop[*v as usize])) {
             beside.add(*t, &on_loop);
         }
@@ -162,20 +162,15 @@ fn fill(filled: &mut Filled, hole: &[u32], normals: &[[f64; 3]], beside: &mut Be
         .triangles
         .get(&hole[0])
         .is_some_and(|all| hole.len() == 3 && all.len() == 1 && all[0].iter().all(|v| hole.contains(v)));
-    let surroundings = Surroundings {
-        positions,
-        normals,
-        edges: &beside.edges,
-    };
+    let surroundings = Surroundings { positions, normals, edges: &beside.edges };
     let Some(cover) = least_cover(&surroundings, hole).filter(|_| !lone) else {
         return Ok(false);
     };
     // Of the loop first, then what meets it, so that lids are small problems of their own.
     let mut number: HashMap<u32, u32> = (0..).zip(hole).map(|(k, v)| (*v, k)).collect();
     let local = |t: &[u32; 3]| t.map(|v| number[&v]);
-    let taken = (beside.edges.iter())
-        .filter_map(|[a, b]| Some(edge(*number.get(a)?, *number.get(b)?)))
-        .collect();
+    let taken =
+        (beside.edges.iter()).filter_map(|[a, b]| Some(edge(*number.get(a)?, *number.get(b)?))).collect();
     let mut lid = Lid::new(
         cover.iter().map(local).collect(),
         hole.iter().map(|v| positions[*v as usize]).collect(),
@@ -204,11 +199,7 @@ fn fill(filled: &mut Filled, hole: &[u32], normals: &[[f64; 3]], beside: &mut Be
     let sigmas: Vec<f64> = inner.iter().map(|p| guess.sigma(*p)).collect();
     filled.sigma.extend(sigmas);
     filled.mesh.positions.extend_from_slice(inner);
-    let global = |v: u32| {
-        hole.get(v as usize)
-            .copied()
-            .unwrap_or_else(|| start + v - hole.len() as u32)
-    };
+    let global = |v: u32| hole.get(v as usize).copied().unwrap_or_else(|| start + v - hole.len() as u32);
     let made: Vec<[u32; 3]> = lid.triangles.iter().map(|t| t.map(global)).collect();
     let mut on_loop = vec![false; normals.len()];
     for v in beside.triangles.keys() {
@@ -221,7 +212,8 @@ fn fill(filled: &mut Filled, hole: &[u32], normals: &[[f64; 3]], beside: &mut Be
     Ok(true)
 }
 
-/// Fairs a lid: first to be even, then to bend as what lies around it, its triangles made even in between. `others` are the vertices of the loop and of the triangles that meet it, `around`.
+/// Fairs a lid: first to be even, then to bend as what lies around it, its triangles made even in between.
+/// `others` are the vertices of the loop and of the triangles that meet it, `around`.
 fn smooth(
     lid: &mut Lid,
     rim: usize,
@@ -237,11 +229,7 @@ fn smooth(
         let mut all: Vec<[f64; 3]> = others.iter().map(|v| positions[*v as usize]).collect();
         all.extend_from_slice(&lid.positions[rim..]);
         let shifted = |v: u32| {
-            if (v as usize) < rim {
-                v
-            } else {
-                v + (first - rim) as u32
-            }
+            if (v as usize) < rim { v } else { v + (first - rim) as u32 }
         };
         let mut triangles: Vec<[u32; 3]> = lid.triangles.iter().map(|t| t.map(shifted)).collect();
         triangles.extend_from_slice(around);
@@ -255,7 +243,8 @@ fn smooth(
     Ok(())
 }
 
-/// Whether a border is the outer one of a sheet: it goes round counter-clockwise, seen from where the normals along it point to.
+/// Whether a border is the outer one of a sheet: it goes round counter-clockwise, seen from where the normals
+/// along it point to.
 fn looks_outwards(border: &[u32], positions: &[[f64; 3]], normals: &[[f64; 3]]) -> bool {
     let at = |k: usize| positions[border[k % border.len()] as usize];
     let middle = scale(
@@ -296,7 +285,8 @@ impl Guess {
                 if apart > 0.0 {
                     let turned = sub(normals[i], normals[j]);
                     squares += (norm(turned) / apart).powi(2);
-                    sum -= dot(turned, sub(filled.mesh.positions[i], filled.mesh.positions[j])) / (apart * apart);
+                    sum -= dot(turned, sub(filled.mesh.positions[i], filled.mesh.positions[j]))
+                        / (apart * apart);
                     count += 1;
                 }
             }
@@ -311,11 +301,7 @@ impl Guess {
     }
 
     fn sigma(&self, p: [f64; 3]) -> f64 {
-        let far = self
-            .border
-            .iter()
-            .map(|q| distance(p, *q))
-            .fold(f64::INFINITY, f64::min);
+        let far = self.border.iter().map(|q| distance(p, *q)).fold(f64::INFINITY, f64::min);
         let tangent = far * self.sigma / self.edge.max(f64::MIN_POSITIVE);
         let bend = 0.5 * self.curvature * far * (far + self.edge);
         self.sigma.hypot(tangent).hypot(bend)

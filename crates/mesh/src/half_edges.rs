@@ -1,13 +1,16 @@
 //! Half-edges: those of triangle `t` are `3 t + k`, from corner `k` to the next.
 //!
-//! Comes in: triangles whose edges are manifold and oriented. Goes out: which half-edge runs the other way, kept true while edges are turned and triangles divided. Not guaranteed: that a turned edge is not there already.
+//! Comes in: triangles whose edges are manifold and oriented. Goes out: which half-edge runs the other way,
+//! kept true while edges are turned and triangles divided. Not guaranteed: that a turned edge is not there
+//! already.
 
 use crate::edges::EdgeTable;
 
 /// No half-edge: the border.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// The half-edge that runs the other way, of triangles whose edges are manifold and oriented; [`NONE`] on the border.
+/// The half-edge that runs the other way, of triangles whose edges are manifold and oriented; [`NONE`] on the
+/// border.
 pub(crate) fn opposites(triangles: &[[u32; 3]]) -> Vec<u32> {
     opposites_of(&EdgeTable::of(triangles), triangles.len())
 }
@@ -43,7 +46,8 @@ pub(crate) fn around(triangles: &[[u32; 3]], half: u32, over: u32) -> [u32; 4] {
     [half, over, previous_in_triangle(half), previous_in_triangle(over)].map(corner)
 }
 
-/// Turns the edge (a, b) of [`around`] to (c, d), without a question: triangles (c, d, b) and (d, c, a), whose first half-edges are the edge's.
+/// Turns the edge (a, b) of [`around`] to (c, d), without a question: triangles (c, d, b) and (d, c, a),
+/// whose first half-edges are the edge's.
 pub(crate) fn turn(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) -> [u32; 2] {
     let over = opposite[half as usize];
     let [a, b, c, d] = around(triangles, half, over);
@@ -57,13 +61,7 @@ pub(crate) fn turn(triangles: &mut [[u32; 3]], opposite: &mut [u32], half: u32) 
     let (t, s) = (half / 3, over / 3);
     triangles[t as usize] = [c, d, b];
     triangles[s as usize] = [d, c, a];
-    let links = [
-        (3 * t, 3 * s),
-        (3 * t + 1, db),
-        (3 * t + 2, bc),
-        (3 * s + 1, ca),
-        (3 * s + 2, ad),
-    ];
+    let links = [(3 * t, 3 * s), (3 * t + 1, db), (3 * t + 2, bc), (3 * s + 1, ca), (3 * s + 2, ad)];
     for (mine, theirs) in links {
         link(opposite, mine, theirs);
     }

@@ -1,15 +1,19 @@
 //! The surface on which a function of space is zero, as a manifold mesh.
 //!
-//! Comes in: a function, negative inside and positive outside; a box; the size of a cell; and a question that tells cells through which the surface cannot pass. Goes out: triangles that face outwards.
+//! Comes in: a function, negative inside and positive outside; a box; the size of a cell; and a question that
+//! tells cells through which the surface cannot pass. Goes out: triangles that face outwards.
 //!
-//! Cubes are found by halving the box as long as the surface may pass through, and cut into six tetrahedra about their diagonals (H. W. Kuhn 1960), which fit together from cube to cube. A tetrahedron shows the surface as
-//! one triangle or two; its vertices are zeros of the function on edges. A vertex belongs to an edge, an edge of the mesh to a face of two tetrahedra: the mesh is closed and manifold whatever the function is, so long as
-//! the surface does not leave the box and no cell is left out that it passes through.
+//! Cubes are found by halving the box as long as the surface may pass through, and cut into six tetrahedra
+//! about their diagonals (H. W. Kuhn 1960), which fit together from cube to cube. A tetrahedron shows the
+//! surface as one triangle or two; its vertices are zeros of the function on edges. A vertex belongs to an
+//! edge, an edge of the mesh to a face of two tetrahedra: the mesh is closed and manifold whatever the
+//! function is, so long as the surface does not leave the box and no cell is left out that it passes through.
 //!
 //! Not guaranteed: that what is smaller than a cell is seen; well-shaped triangles.
 //!
 //! # References
-//! Doi, Koide, *An efficient method of triangulating equi-valued surfaces by using tetrahedral cells*, IEICE Transactions 1991.
+//! Doi, Koide, *An efficient method of triangulating equi-valued surfaces by using tetrahedral cells*, IEICE
+//! Transactions 1991.
 
 use crate::mesh::{BoundingBox, TriangleMesh};
 use planish_estimate::{Error, Result};
@@ -24,26 +28,15 @@ const EXACT: f64 = 1e-6;
 /// Bits of a coordinate in a key.
 const BITS: u32 = 20;
 
-/// Corners of the tetrahedra of a cube, as bits of x, y and z: one for each order of the axes. The first three are counter-clockwise seen from within, the others are turned.
-const TETRAHEDRA: [[u32; 4]; 6] = [
-    [0, 1, 3, 7],
-    [0, 2, 6, 7],
-    [0, 4, 5, 7],
-    [0, 2, 3, 7],
-    [0, 4, 6, 7],
-    [0, 1, 5, 7],
-];
+/// Corners of the tetrahedra of a cube, as bits of x, y and z: one for each order of the axes. The first
+/// three are counter-clockwise seen from within, the others are turned.
+const TETRAHEDRA: [[u32; 4]; 6] =
+    [[0, 1, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 2, 3, 7], [0, 4, 6, 7], [0, 1, 5, 7]];
 /// Even orders of four corners, with the one that stands alone first.
 const ALONE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]];
 /// Even orders of four corners, with each pair first.
-const PAIRS: [[usize; 4]; 6] = [
-    [0, 1, 2, 3],
-    [0, 2, 3, 1],
-    [0, 3, 1, 2],
-    [1, 2, 0, 3],
-    [1, 3, 2, 0],
-    [2, 3, 0, 1],
-];
+const PAIRS: [[usize; 4]; 6] =
+    [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
 
 /// A grid of cubes in a box.
 struct Grid {
@@ -68,10 +61,13 @@ fn corner_of(key: u64) -> [u32; 3] {
 
 /// The zero surface of `value` within `bounds`, by cubes of side `cell`.
 ///
-/// `may_pass(middle, reach)` says whether the surface may pass within `reach` of a place; where it says no, nothing is evaluated. Cost: one question for each cube of every size, one value for each corner of the smallest, and some five for each vertex.
+/// `may_pass(middle, reach)` says whether the surface may pass within `reach` of a place; where it says no,
+/// nothing is evaluated. Cost: one question for each cube of every size, one value for each corner of the
+/// smallest, and some five for each vertex.
 ///
 /// # Errors
-/// `Input` for a cell that is not positive or a box that is empty; `Unsupported` for more than 40 million cells, or a million along a side.
+/// `Input` for a cell that is not positive or a box that is empty; `Unsupported` for more than 40 million
+/// cells, or a million along a side.
 pub fn isosurface(
     bounds: &BoundingBox,
     cell: f64,
@@ -95,14 +91,12 @@ pub fn isosurface(
     for level in (0..=levels).rev() {
         let side = cell * f64::from(1_u32 << level);
         let reach = 0.5 * side * 3_f64.sqrt();
-        let within = |cube: &[u32; 3]| (0..3).all(|k| grid.low[k] + side * f64::from(cube[k]) <= bounds.max[k]);
+        let within =
+            |cube: &[u32; 3]| (0..3).all(|k| grid.low[k] + side * f64::from(cube[k]) <= bounds.max[k]);
         cubes = (cubes.into_par_iter())
             .filter(within)
             .filter(|cube| {
-                may_pass(
-                    std::array::from_fn(|k| grid.low[k] + side * (f64::from(cube[k]) + 0.5)),
-                    reach,
-                )
+                may_pass(std::array::from_fn(|k| grid.low[k] + side * (f64::from(cube[k]) + 0.5)), reach)
             })
             .flat_map_iter(|cube| {
                 let children = if level > 0 { 0..8_u32 } else { 0..1 };
@@ -129,7 +123,8 @@ pub fn isosurface(
     // Triangles of edges, each of which is a pair of corners: the one inside first.
     let triangles: Vec<[[u32; 2]; 3]> = (cubes.par_iter())
         .flat_map_iter(|cube| {
-            let of: [u32; 8] = std::array::from_fn(|c| index([0, 1, 2].map(|k| cube[k] + (c as u32 >> k & 1))));
+            let of: [u32; 8] =
+                std::array::from_fn(|c| index([0, 1, 2].map(|k| cube[k] + (c as u32 >> k & 1))));
             let mut made = Vec::new();
             let first = inside[of[0] as usize];
             if of.iter().any(|&c| inside[c as usize] != first) {
@@ -151,17 +146,15 @@ pub fn isosurface(
         .collect();
     let vertex = |edge: &[u32; 2]| edges.binary_search(edge).unwrap_or(0) as u32;
     Ok(TriangleMesh {
-        triangles: triangles
-            .par_iter()
-            .map(|t| [vertex(&t[0]), vertex(&t[1]), vertex(&t[2])])
-            .collect(),
+        triangles: triangles.par_iter().map(|t| [vertex(&t[0]), vertex(&t[1]), vertex(&t[2])]).collect(),
         positions,
     })
 }
 
 /// What a tetrahedron shows of the surface, facing outwards.
 fn triangles_of(of: [u32; 4], inside: &[bool], turned: bool, made: &mut Vec<[[u32; 2]; 3]>) {
-    let mut give = |[a, b, c]: [[u32; 2]; 3], turn: bool| made.push(if turn != turned { [a, c, b] } else { [a, b, c] });
+    let mut give =
+        |[a, b, c]: [[u32; 2]; 3], turn: bool| made.push(if turn != turned { [a, c, b] } else { [a, b, c] });
     let is = of.map(|c| inside[c as usize]);
     let count = is.iter().filter(|inside| **inside).count();
     match count {
@@ -182,7 +175,8 @@ fn triangles_of(of: [u32; 4], inside: &[bool], turned: bool, made: &mut Vec<[[u3
     }
 }
 
-/// A place between one inside and one outside where the value changes its sign, by the Illinois method: secants, and an end that stays counts half as much (M. Dowell, P. Jarratt 1971).
+/// A place between one inside and one outside where the value changes its sign, by the Illinois method:
+/// secants, and an end that stays counts half as much (M. Dowell, P. Jarratt 1971).
 fn zero_between([inside, outside]: [([f64; 3], f64); 2], value: impl Fn([f64; 3]) -> f64) -> [f64; 3] {
     let at = |share: f64| [0, 1, 2].map(|k| inside.0[k] + share * (outside.0[k] - inside.0[k]));
     let ([mut low, mut high], [mut below, mut above]) = ([0.0, 1.0], [inside.1, outside.1]);
@@ -220,28 +214,24 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     fn unit_box(half: f64) -> BoundingBox {
-        BoundingBox {
-            min: [-half; 3],
-            max: [half; 3],
-        }
+        BoundingBox { min: [-half; 3], max: [half; 3] }
     }
 
-    /// Vertices of a ball lie on it, its volume is that of a ball but for the chords, and cells that are culled change nothing.
+    /// Vertices of a ball lie on it, its volume is that of a ball but for the chords, and cells that are
+    /// culled change nothing.
     #[test]
     fn a_ball_is_a_ball_culled_or_not() {
         let ball = |p: [f64; 3]| norm(p) - 1.0;
         let whole = isosurface(&unit_box(1.3), 0.11, ball, |_, _| true).unwrap();
-        let culled = isosurface(&unit_box(1.3), 0.11, ball, |at, reach| (norm(at) - 1.0).abs() <= reach).unwrap();
+        let culled =
+            isosurface(&unit_box(1.3), 0.11, ball, |at, reach| (norm(at) - 1.0).abs() <= reach).unwrap();
         assert_eq!(whole, culled);
         let check = whole.check();
         assert!(check.watertight && check.manifold && check.oriented);
         assert_eq!(check.euler_characteristic, 2);
         assert!(whole.positions.iter().all(|p| (norm(*p) - 1.0).abs() < 1e-6));
         let volume = whole.signed_volume().unwrap();
-        assert!(
-            (volume / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 0.01,
-            "{volume}"
-        );
+        assert!((volume / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 0.01, "{volume}");
     }
 
     /// Random values at every place: the worst that any function can do.
@@ -252,14 +242,20 @@ mod tests {
                 if p.iter().any(|x| x.abs() > 0.9) {
                     return 1.0;
                 }
-                let bits = p.map(f64::to_bits).iter().fold(seed, |h: u64, x| {
-                    (h ^ x).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (h >> 29)
-                });
+                let bits = p
+                    .map(f64::to_bits)
+                    .iter()
+                    .fold(seed, |h: u64, x| (h ^ x).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (h >> 29));
                 ChaCha8Rng::seed_from_u64(bits).random_range(-1.0..1.0)
             };
             let made = isosurface(&unit_box(1.1), 0.2, noise, |_, _| true).unwrap();
             let check = made.check();
-            assert!(check.watertight && check.oriented && check.nonmanifold_edges == 0 && made.triangles.len() > 1000);
+            assert!(
+                check.watertight
+                    && check.oriented
+                    && check.nonmanifold_edges == 0
+                    && made.triangles.len() > 1000
+            );
             assert_eq!(check.nonmanifold_vertices, 0);
         }
     }

@@ -1,9 +1,10 @@
 //! Triangle meshes: closest points, rays, sampling, checks and deviations.
 //!
-//! Comes in: a [`TriangleMesh`], plain positions and triangles in the model's unit, open or closed, manifold or not.
-//! Goes out: distances and foot points ([`MeshSearch`]), points spread over the surface ([`sample_points`]), what
-//! kind of mesh it is ([`MeshCheck`]), where it crosses itself ([`SelfCrossings`]), whether a place is inside ([`WindingNumbers`]), surfaces of functions ([`isosurface()`]), the summary of a comparison ([`DeviationStatistics`]), and what a camera
-//! sees of it ([`DepthBuffer`]).
+//! Comes in: a [`TriangleMesh`], plain positions and triangles in the model's unit, open or closed, manifold
+//! or not. Goes out: distances and foot points ([`MeshSearch`]), points spread over the surface
+//! ([`sample_points`]), what kind of mesh it is ([`MeshCheck`]), where it crosses itself ([`SelfCrossings`]),
+//! whether a place is inside ([`WindingNumbers`]), surfaces of functions ([`isosurface()`]), the summary of a
+//! comparison ([`DeviationStatistics`]), and what a camera sees of it ([`DepthBuffer`]).
 //!
 //! Not guaranteed: nothing here repairs a mesh. The sign of a distance is
 //! right for a closed, consistently oriented mesh that does not cross itself; elsewhere it is the side of the
@@ -54,8 +55,8 @@ pub use facet_tree::{FacetTree, NearFacet};
 pub use filling::{Filled, fill_holes};
 pub use isosurface::isosurface;
 pub use merge::{
-    CommonRegion, Fused, NoiseLikeness, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, Tidied, ZipOptions,
-    Zipped, fused, noise_likeness, searches_of, taper, zipped,
+    CommonRegion, Fused, NoiseLikeness, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, Tidied,
+    ZipOptions, Zipped, fused, noise_likeness, searches_of, taper, zipped,
 };
 pub use mesh::{BoundingBox, Distortion, TriangleMesh};
 pub use neighbours::Neighbours;

@@ -1,9 +1,13 @@
 //! Patches that overlap, merged into one surface.
 //!
-//! Comes in: triangle meshes in one frame, with σ along their normals or without. Goes out: one mesh, manifold whatever came in, with σ, the patch each vertex is of, and how it was sewn.
+//! Comes in: triangle meshes in one frame, with σ along their normals or without. Goes out: one mesh,
+//! manifold whatever came in, with σ, the patch each vertex is of, and how it was sewn.
 //!
-//! Places that patches share ([`Overlap`]) are put where all of them say, weighed with their information ([`fused`]); then every place is given to one patch ([`zipped`]), what lies under it is cut away, and the
-//! gaps are sewn with the vertices that are there, which is the zipper of R. Mohr, C. Zhao, G. Koscielny (*Fusion of 3D B-spline surface patches*, 1994) and of G. Turk, M. Levoy (*Zippered polygon meshes*, 1994), without their clipping.
+//! Places that patches share ([`Overlap`]) are put where all of them say, weighed with their information
+//! ([`fused`]); then every place is given to one patch ([`zipped`]), what lies under it is cut away, and the
+//! gaps are sewn with the vertices that are there, which is the zipper of R. Mohr, C. Zhao, G. Koscielny
+//! (*Fusion of 3D B-spline surface patches*, 1994) and of G. Turk, M. Levoy (*Zippered polygon meshes*,
+//! 1994), without their clipping.
 //!
 //! Not guaranteed: watertightness where no patch is; that patches that differ by more than ε become one.
 
@@ -27,7 +31,8 @@ use planish_estimate::vector3::{add_scaled, distance};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Over so many edges from its border a patch gains its whole weight in a mean. Over more of them scans that see a place at a slant, and end soon behind it, count for too little there.
+/// Over so many edges from its border a patch gains its whole weight in a mean. Over more of them scans that
+/// see a place at a slant, and end soon behind it, count for too little there.
 pub(crate) const TAPER: f64 = 2.5;
 /// Vertices are sewn to others up to so many edges away.
 const REACH: f64 = 3.5;
@@ -61,7 +66,8 @@ pub struct Patch {
 }
 
 impl Patch {
-    /// A patch whose edges and vertices are manifold: triangles beyond the second at an edge are left out, and fans taken apart.
+    /// A patch whose edges and vertices are manifold: triangles beyond the second at an edge are left out,
+    /// and fans taken apart.
     ///
     /// # Errors
     /// `Input` for σ of another number than vertices, or a mesh that fails [`TriangleMesh::sanity_check`].
@@ -101,7 +107,8 @@ pub struct Fused {
 /// How patches are sewn.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ZipOptions {
-    /// Holes of up to so many edges are closed without new vertices, those of the patches too. None are where it is zero.
+    /// Holes of up to so many edges are closed without new vertices, those of the patches too. None are where
+    /// it is zero.
     pub notches: usize,
 }
 
@@ -128,7 +135,8 @@ pub struct Zipped {
     pub valence: Vec<usize>,
 }
 
-/// The weight of a place of a patch: nothing at the border, one from 2.5 edges on, smooth between; one where there is no border.
+/// The weight of a place of a patch: nothing at the border, one from 2.5 edges on, smooth between; one where
+/// there is no border.
 #[must_use]
 pub fn taper(to_border: f64, spacing: f64) -> f64 {
     // Infinitely far times no weight of a corner is no number.
@@ -141,8 +149,10 @@ pub fn taper(to_border: f64, spacing: f64) -> f64 {
 
 /// Vertices moved along their normals to where all patches together see the surface.
 ///
-/// `h = Σ_k w_k h_k / Σ_k w_k` with `w_k = t_k / σ_k²`, `h` the height over the vertex, and `t` from nothing at the border of a patch to one in its middle, so that no step is left where a patch ends. Errors of different patches are
-/// taken as independent: `σ² = Σ w_k² σ_k² / (Σ w_k)²`. The order of the patches does not matter.
+/// `h = Σ_k w_k h_k / Σ_k w_k` with `w_k = t_k / σ_k²`, `h` the height over the vertex, and `t` from nothing
+/// at the border of a patch to one in its middle, so that no step is left where a patch ends. Errors of
+/// different patches are taken as independent: `σ² = Σ w_k² σ_k² / (Σ w_k)²`. The order of the patches does
+/// not matter.
 #[must_use]
 pub fn fused(patches: &[Patch], overlap: &Overlap) -> Vec<Fused> {
     patches
@@ -154,11 +164,10 @@ pub fn fused(patches: &[Patch], overlap: &Overlap) -> Vec<Fused> {
                 let own = taper(mine.to_border[v], mine.spacing[v]).max(1e-6);
                 let (mut weight, mut squares, mut sum) = (own / variance, own * own / variance, 0.0);
                 for foot in mine.feet(v).iter().filter(|f| !f.beside) {
-                    let (other, theirs) = (
-                        &patches[foot.patch as usize].mesh,
-                        &overlap.patches[foot.patch as usize],
-                    );
-                    let read = |values: &[f64]| other.interpolate(values, foot.triangle as usize, foot.barycentric);
+                    let (other, theirs) =
+                        (&patches[foot.patch as usize].mesh, &overlap.patches[foot.patch as usize]);
+                    let read =
+                        |values: &[f64]| other.interpolate(values, foot.triangle as usize, foot.barycentric);
                     let sigma = read(&theirs.sigma);
                     let t = taper(read(&theirs.to_border), read(&theirs.spacing));
                     let w = t / (sigma * sigma);
@@ -177,7 +186,8 @@ pub fn fused(patches: &[Patch], overlap: &Overlap) -> Vec<Fused> {
 
 /// Patches whose common places agree, sewn into one mesh.
 ///
-/// Every place is given to the patch whose border is farthest, the first of several. Edges and vertices of the result are manifold.
+/// Every place is given to the patch whose border is farthest, the first of several. Edges and vertices of
+/// the result are manifold.
 ///
 /// # Errors
 /// `Input` where the vertices of `fused` are not those of the patches.
@@ -188,9 +198,7 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
             .zip(patches)
             .all(|(f, p)| f.positions.len() == p.mesh.positions.len() && f.sigma.len() == f.positions.len());
     if !same {
-        return Err(Error::input(
-            "a place and a sigma are needed for each vertex of each patch",
-        ));
+        return Err(Error::input("a place and a sigma are needed for each vertex of each patch"));
     }
     let kept = ownership::kept_triangles(patches, overlap);
     let starts: Vec<u32> = patches
@@ -219,33 +227,21 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
         .collect();
     let read = |of: &(u32, u32)| (of.0 as usize, of.1 as usize);
     let positions: Vec<[f64; 3]> = source.iter().map(read).map(|(p, v)| fused[p].positions[v]).collect();
-    let normals: Vec<[f64; 3]> = source
-        .iter()
-        .map(read)
-        .map(|(p, v)| overlap.patches[p].normals[v])
-        .collect();
-    let reach: Vec<f64> = source
-        .iter()
-        .map(read)
-        .map(|(p, v)| REACH * overlap.patches[p].spacing[v])
-        .collect();
-    let was_border: Vec<bool> = source
-        .iter()
-        .map(read)
-        .map(|(p, v)| overlap.patches[p].to_border[v] == 0.0)
-        .collect();
+    let normals: Vec<[f64; 3]> =
+        source.iter().map(read).map(|(p, v)| overlap.patches[p].normals[v]).collect();
+    let reach: Vec<f64> =
+        source.iter().map(read).map(|(p, v)| REACH * overlap.patches[p].spacing[v]).collect();
+    let was_border: Vec<bool> =
+        source.iter().map(read).map(|(p, v)| overlap.patches[p].to_border[v] == 0.0).collect();
     let kept = triangles.len();
     let may_join = |t: [u32; 3]| {
         let [a, b, c] = t.map(|v| v as usize);
-        !(was_border[a] && was_border[b] && was_border[c]) || source[a].0 != source[b].0 || source[b].0 != source[c].0
+        !(was_border[a] && was_border[b] && was_border[c])
+            || source[a].0 != source[b].0
+            || source[b].0 != source[c].0
     };
     sew(
-        &Cloth {
-            positions: &positions,
-            normals: &normals,
-            reach: &reach,
-            may_join: &may_join,
-        },
+        &Cloth { positions: &positions, normals: &normals, reach: &reach, may_join: &may_join },
         &mut triangles,
     );
     let of_seam = |hole: &[u32]| {
@@ -253,9 +249,7 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
         let cut = hole.iter().any(|v| !was_border[*v as usize])
             || rest.iter().any(|v| source[*v as usize].0 != source[*first as usize].0);
         let edges = (0..hole.len()).map(|k| [hole[k], hole[(k + 1) % hole.len()]]);
-        let length: f64 = edges
-            .map(|[a, b]| distance(positions[a as usize], positions[b as usize]))
-            .sum();
+        let length: f64 = edges.map(|[a, b]| distance(positions[a as usize], positions[b as usize])).sum();
         let most = hole.iter().map(|v| reach[*v as usize]).fold(0.0, f64::max);
         // Once round a hole that could have been sewn across.
         hole.len() <= options.notches || cut && length <= 4.0 * most
@@ -264,7 +258,8 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
     let holes_closed = close_loops(&positions, &normals, &mut triangles, longest, of_seam);
     let (mut triangles, again) = one_fan_each(triangles, positions.len());
     let smallest = patches.iter().map(|p| p.mesh.triangles.len()).min().unwrap_or(0);
-    let (kept, fragments) = drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(SMALLEST_PART));
+    let (kept, fragments) =
+        drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(SMALLEST_PART));
     let left = renumber(&mut triangles, again.len());
     let of_old: Vec<u32> = left.into_iter().map(|v| again[v as usize]).collect();
     let positions: Vec<[f64; 3]> = of_old.iter().map(|v| positions[*v as usize]).collect();
@@ -314,8 +309,14 @@ fn renumber(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
     old
 }
 
-/// Leaves out parts of at most `smallest` triangles: what was left over where patches lie on one another, or single wrong readings. Gives how many of the first `kept` triangles are left, and how many parts are not.
-fn drop_fragments(triangles: &mut Vec<[u32; 3]>, kept: usize, vertices: usize, smallest: usize) -> (usize, usize) {
+/// Leaves out parts of at most `smallest` triangles: what was left over where patches lie on one another, or
+/// single wrong readings. Gives how many of the first `kept` triangles are left, and how many parts are not.
+fn drop_fragments(
+    triangles: &mut Vec<[u32; 3]>,
+    kept: usize,
+    vertices: usize,
+    smallest: usize,
+) -> (usize, usize) {
     let mut parts = Sets::new(vertices);
     for t in triangles.iter() {
         parts.join(t[0], t[1]);

@@ -1,7 +1,8 @@
 //! The triangle mesh.
 //!
-//! Comes in: positions in the model's unit and triangles of indices into them. Goes out: normals, area, volume, box.
-//! Not guaranteed: manifoldness, closedness, or triangles with area; [`TriangleMesh::check`] tells.
+//! Comes in: positions in the model's unit and triangles of indices into them. Goes out: normals, area,
+//! volume, box. Not guaranteed: manifoldness, closedness, or triangles with area; [`TriangleMesh::check`]
+//! tells.
 
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
@@ -21,7 +22,8 @@ const STRETCHED: f64 = 4.0;
 /// What became of triangles whose vertices were moved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Distortion {
-    /// Edges of two triangles that stood at less than a right angle to one another, and are turned away by more than 120° now.
+    /// Edges of two triangles that stood at less than a right angle to one another, and are turned away by
+    /// more than 120° now.
     pub folds: usize,
     /// Edges that grew by four times what the median edge did, and more: spikes.
     pub stretched: usize,
@@ -30,8 +32,8 @@ pub struct Distortion {
 /// Triangles over shared vertices.
 ///
 /// Invariants, proved by [`TriangleMesh::sanity_check`]: every position is finite, every index is below
-/// `positions.len()`. A triangle is counter-clockwise seen from outside. Triangles may name a vertex twice and vertices
-/// may be unused.
+/// `positions.len()`. A triangle is counter-clockwise seen from outside. Triangles may name a vertex twice
+/// and vertices may be unused.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TriangleMesh {
     /// Vertex positions in the model's unit.
@@ -82,8 +84,8 @@ impl TriangleMesh {
     /// A mesh of checked positions and triangles.
     ///
     /// # Errors
-    /// `Input` for a position that is not finite, an index beyond the vertices, or more vertices or triangles than 32-bit
-    /// indices (and three half-edges a triangle) can number.
+    /// `Input` for a position that is not finite, an index beyond the vertices, or more vertices or triangles
+    /// than 32-bit indices (and three half-edges a triangle) can number.
     pub fn try_new(positions: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self> {
         let mesh = Self { positions, triangles };
         mesh.sanity_check()?;
@@ -106,17 +108,10 @@ impl TriangleMesh {
         }
         if let Some(at) = self.positions.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
             let p = self.positions[at];
-            return Err(Error::input(format!(
-                "vertex {at} is not finite: ({}, {}, {})",
-                p[0], p[1], p[2]
-            )));
+            return Err(Error::input(format!("vertex {at} is not finite: ({}, {}, {})", p[0], p[1], p[2])));
         }
         let count = self.positions.len();
-        if let Some(at) = self
-            .triangles
-            .iter()
-            .position(|t| t.iter().any(|&i| i as usize >= count))
-        {
+        if let Some(at) = self.triangles.iter().position(|t| t.iter().any(|&i| i as usize >= count)) {
             return Err(Error::input(format!(
                 "triangle {at} names vertices {:?}, but there are only {count} vertices (counted from 0)",
                 self.triangles[at]
@@ -156,9 +151,7 @@ impl TriangleMesh {
     /// The unit normal of each triangle, zero where a triangle has no area.
     #[must_use]
     pub fn face_normals(&self) -> Vec<[f64; 3]> {
-        (0..self.triangles.len())
-            .map(|t| triangle::unit_normal(&self.corners(t)))
-            .collect()
+        (0..self.triangles.len()).map(|t| triangle::unit_normal(&self.corners(t))).collect()
     }
 
     /// The unit normal of each vertex: the normals of its triangles weighted by their angle there.
@@ -166,7 +159,8 @@ impl TriangleMesh {
     /// Zero for a vertex without triangles, or whose triangles cancel. Cost O(triangles).
     ///
     /// # References
-    /// Thürmer and Wüthrich, *Computing vertex normals from polygonal facets*, Journal of Graphics Tools 1998.
+    /// Thürmer and Wüthrich, *Computing vertex normals from polygonal facets*, Journal of Graphics Tools
+    /// 1998.
     #[must_use]
     pub fn vertex_normals(&self) -> Vec<[f64; 3]> {
         // Angles take the time; they are added up in one order.
@@ -191,13 +185,11 @@ impl TriangleMesh {
     /// The sum of the triangles' areas.
     #[must_use]
     pub fn area(&self) -> f64 {
-        (0..self.triangles.len())
-            .map(|t| triangle::area(&self.corners(t)))
-            .sum()
+        (0..self.triangles.len()).map(|t| triangle::area(&self.corners(t))).sum()
     }
 
-    /// The enclosed volume, positive where the triangles face outwards; `None` unless the mesh is watertight and
-    /// consistently oriented. Parts that overlap count twice. Cost: one [`TriangleMesh::check`].
+    /// The enclosed volume, positive where the triangles face outwards; `None` unless the mesh is watertight
+    /// and consistently oriented. Parts that overlap count twice. Cost: one [`TriangleMesh::check`].
     #[must_use]
     pub fn signed_volume(&self) -> Option<f64> {
         let check = self.check();
@@ -219,14 +211,16 @@ impl TriangleMesh {
         BoundingBox::of(&self.positions)
     }
 
-    /// The box of the vertices that triangles have: a vertex that none has is no part of the surface, however far away it is.
+    /// The box of the vertices that triangles have: a vertex that none has is no part of the surface, however
+    /// far away it is.
     #[must_use]
     pub fn surface_bounds(&self) -> Option<BoundingBox> {
         let corners = self.triangles.iter().flatten();
         BoundingBox::around(corners.map(|v| self.positions[*v as usize]))
     }
 
-    /// The triangles without those that lie on an earlier one: with the same three corners in space, whichever way round.
+    /// The triangles without those that lie on an earlier one: with the same three corners in space,
+    /// whichever way round.
     #[must_use]
     pub fn triangles_once(&self) -> Vec<[u32; 3]> {
         let mut known = HashSet::with_capacity(self.triangles.len());
@@ -246,10 +240,13 @@ impl TriangleMesh {
     /// Where `now` has fewer places than the mesh has vertices.
     #[must_use]
     pub fn distortion(&self, now: &[[f64; 3]]) -> Distortion {
-        let normal = |t: usize, at: &[[f64; 3]]| triangle::unit_normal(&self.triangles[t].map(|v| at[v as usize]));
+        let normal =
+            |t: usize, at: &[[f64; 3]]| triangle::unit_normal(&self.triangles[t].map(|v| at[v as usize]));
         let table = EdgeTable::of(&self.triangles);
         let folded = |edge: usize| {
-            let [a, b] = *table.half_edges(edge) else { return false };
+            let [a, b] = *table.half_edges(edge) else {
+                return false;
+            };
             let [a, b] = [a, b].map(|half| half as usize / 3);
             let cosine = |at: &[[f64; 3]]| dot(normal(a, at), normal(b, at));
             cosine(&self.positions) > 0.0 && cosine(now) < FOLDED_COSINE
@@ -273,8 +270,8 @@ impl TriangleMesh {
         MeshCheck::of(self)
     }
 
-    /// The same triangles over vertices merged where their coordinates are equal, first come first; unused vertices
-    /// stay. Triangle soups (STL) need this before [`TriangleMesh::check`] says anything.
+    /// The same triangles over vertices merged where their coordinates are equal, first come first; unused
+    /// vertices stay. Triangle soups (STL) need this before [`TriangleMesh::check`] says anything.
     #[must_use]
     pub fn welded(&self) -> Self {
         let mut first = HashMap::with_capacity(self.positions.len());
@@ -290,11 +287,7 @@ impl TriangleMesh {
                 })
             })
             .collect();
-        let triangles = self
-            .triangles
-            .iter()
-            .map(|t| t.map(|i| new_from_old[i as usize]))
-            .collect();
+        let triangles = self.triangles.iter().map(|t| t.map(|i| new_from_old[i as usize])).collect();
         Self { positions, triangles }
     }
 }
@@ -314,12 +307,7 @@ mod tests {
         assert!(beyond.to_string().contains("triangle 1"), "{beyond}");
         let mut holed = positions;
         holed[2][1] = f64::NAN;
-        assert!(
-            TriangleMesh::try_new(holed, vec![])
-                .unwrap_err()
-                .to_string()
-                .contains("vertex 2")
-        );
+        assert!(TriangleMesh::try_new(holed, vec![]).unwrap_err().to_string().contains("vertex 2"));
     }
 
     #[test]
@@ -348,15 +336,11 @@ mod tests {
 
     #[test]
     fn vertex_normals_ignore_how_a_flat_corner_is_cut() {
-        // A cube corner whose one side is cut into two triangles: angle weights see three equal sides all the same.
-        let positions = vec![
-            [0.0; 3],
-            [1.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [0.0, 0.0, 1.0],
-            [1.0, 1.0, 0.0],
-        ];
-        let mesh = TriangleMesh::try_new(positions, vec![[0, 4, 1], [0, 2, 4], [0, 1, 3], [0, 3, 2]]).unwrap();
+        // A cube corner whose one side is cut into two triangles: angle weights see three equal sides all the
+        // same.
+        let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0]];
+        let mesh =
+            TriangleMesh::try_new(positions, vec![[0, 4, 1], [0, 2, 4], [0, 1, 3], [0, 3, 2]]).unwrap();
         let expected = -1.0 / 3.0_f64.sqrt();
         for x in mesh.vertex_normals()[0] {
             assert!((x - expected).abs() < 1e-12);
@@ -379,9 +363,7 @@ mod tests {
         let ball = icosphere(1.0, 2);
         let soup = TriangleMesh {
             positions: (0..ball.triangles.len()).flat_map(|t| ball.corners(t)).collect(),
-            triangles: (0..ball.triangles.len() as u32)
-                .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
-                .collect(),
+            triangles: (0..ball.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
         };
         assert!(!soup.check().watertight);
         let welded = soup.welded();
@@ -389,16 +371,16 @@ mod tests {
         assert!(welded.check().watertight);
     }
 
-    /// Faces twice, also of vertices of their own and the other way round, count once; a vertex far away that no triangle has does not make the surface larger; a tip that is pulled out is stretched, a sheet that is turned back on itself folded.
+    /// Faces twice, also of vertices of their own and the other way round, count once; a vertex far away that
+    /// no triangle has does not make the surface larger; a tip that is pulled out is stretched, a sheet that
+    /// is turned back on itself folded.
     #[test]
     fn what_a_surface_is_once() {
         let ball = crate::primitives::icosphere(1.0, 2);
         let mut double = ball.clone();
         let count = ball.positions.len() as u32;
         double.positions.extend_from_slice(&ball.positions);
-        double
-            .triangles
-            .extend(ball.triangles.iter().map(|[a, b, c]| [a + count, c + count, b + count]));
+        double.triangles.extend(ball.triangles.iter().map(|[a, b, c]| [a + count, c + count, b + count]));
         double.triangles.extend_from_slice(&ball.triangles);
         double.positions.push([500.0; 3]);
         assert_eq!(double.triangles_once(), ball.triangles);

@@ -1,9 +1,12 @@
-//! The facets of one leaf side by side: the nearest point of each to a place, all in the same few vector instructions.
+//! The facets of one leaf side by side: the nearest point of each to a place, all in the same few vector
+//! instructions.
 //!
 //! Comes in: up to [`LANES`] facets; a lane without one repeats the first. Goes out: [`Feet`], for each lane.
 //!
-//! A place that projects inside of a triangle has its foot there: its barycentric coordinates are products with two vectors that are known beforehand, and its distance is its height over the plane. Elsewhere the foot is the
-//! nearest of those on the three sides. Everything is computed for every lane and chosen from afterwards.
+//! A place that projects inside of a triangle has its foot there: its barycentric coordinates are products
+//! with two vectors that are known beforehand, and its distance is its height over the plane. Elsewhere the
+//! foot is the nearest of those on the three sides. Everything is computed for every lane and chosen from
+//! afterwards.
 //!
 //! Not guaranteed: the same last bit as [`crate::triangle::closest_on_triangle`].
 
@@ -150,7 +153,8 @@ impl Packet for TrianglePacket {
     }
 }
 
-/// Vectors in space, one a lane. Written out by coordinate: what a closure computes is not compiled for wide vectors.
+/// Vectors in space, one a lane. Written out by coordinate: what a closure computes is not compiled for wide
+/// vectors.
 struct Vectors<S> {
     simd: S,
 }
@@ -172,20 +176,12 @@ impl<S: Simd> Vectors<S> {
 
     #[inline(always)]
     fn minus(&self, a: [S::f64s; 3], b: [S::f64s; 3]) -> [S::f64s; 3] {
-        [
-            self.simd.sub_f64s(a[0], b[0]),
-            self.simd.sub_f64s(a[1], b[1]),
-            self.simd.sub_f64s(a[2], b[2]),
-        ]
+        [self.simd.sub_f64s(a[0], b[0]), self.simd.sub_f64s(a[1], b[1]), self.simd.sub_f64s(a[2], b[2])]
     }
 
     #[inline(always)]
     fn times(&self, s: S::f64s, a: [S::f64s; 3]) -> [S::f64s; 3] {
-        [
-            self.simd.mul_f64s(s, a[0]),
-            self.simd.mul_f64s(s, a[1]),
-            self.simd.mul_f64s(s, a[2]),
-        ]
+        [self.simd.mul_f64s(s, a[0]), self.simd.mul_f64s(s, a[1]), self.simd.mul_f64s(s, a[2])]
     }
 
     /// A product with a side over its squared length, from 0 to 1.
@@ -245,11 +241,7 @@ impl Packet for PointPacket {
     #[inline(always)]
     fn feet<S: Simd>(&self, _: S, at: [f64; 3], feet: &mut Feet) {
         for lane in 0..LANES {
-            let off = [
-                at[0] - self.at[0][lane],
-                at[1] - self.at[1][lane],
-                at[2] - self.at[2][lane],
-            ];
+            let off = [at[0] - self.at[0][lane], at[1] - self.at[1][lane], at[2] - self.at[2][lane]];
             feet.squared_distance[lane] = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
             for k in 0..3 {
                 feet.point[k][lane] = self.at[k][lane];
@@ -281,7 +273,8 @@ mod tests {
         }
     }
 
-    /// What the plain code finds, for triangles of every shape: needles, segments and points among them, and places on them.
+    /// What the plain code finds, for triangles of every shape: needles, segments and points among them, and
+    /// places on them.
     #[test]
     fn feet_are_those_of_one_triangle_at_a_time() {
         let mut random = ChaCha8Rng::seed_from_u64(11);
@@ -307,11 +300,7 @@ mod tests {
                 _ => std::array::from_fn(|_| random.random_range(-2.0..2.0)),
             };
             let mut feet = Feet::default();
-            pulp::Arch::new().dispatch(OfPacket {
-                packet: &packet,
-                at,
-                feet: &mut feet,
-            });
+            pulp::Arch::new().dispatch(OfPacket { packet: &packet, at, feet: &mut feet });
             for (lane, t) in corners.iter().enumerate() {
                 let plain = closest_on_triangle(at, t, f64::INFINITY).unwrap();
                 assert_eq!(packet.facet(lane), facets[lane]);

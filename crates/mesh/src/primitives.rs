@@ -1,7 +1,7 @@
 //! Simple bodies of known shape, for tests, examples and simulated scenes.
 //!
-//! Comes in: sizes in the model's unit and counts. Goes out: meshes centred at the origin, facing outwards (sheets
-//! facing +z). Not guaranteed: that a facetted ball or can has the area and volume of the smooth one.
+//! Comes in: sizes in the model's unit and counts. Goes out: meshes centred at the origin, facing outwards
+//! (sheets facing +z). Not guaranteed: that a facetted ball or can has the area and volume of the smooth one.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -71,10 +71,7 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
         }
         triangles = finer;
     }
-    TriangleMesh {
-        positions: positions.into_iter().map(|p| scale(radius, p)).collect(),
-        triangles,
-    }
+    TriangleMesh { positions: positions.into_iter().map(|p| scale(radius, p)).collect(), triangles }
 }
 
 /// A flat sheet in the plane z = 0, `columns × rows` rectangles of two triangles each; at least one of each.
@@ -86,11 +83,7 @@ pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> Trian
     let positions = (0..=rows)
         .flat_map(|j| {
             (0..=columns).map(move |i| {
-                [
-                    width * (i as f64 / columns as f64 - 0.5),
-                    height * (j as f64 / rows as f64 - 0.5),
-                    0.0,
-                ]
+                [width * (i as f64 / columns as f64 - 0.5), height * (j as f64 / rows as f64 - 0.5), 0.0]
             })
         })
         .collect();
@@ -98,16 +91,14 @@ pub fn grid_sheet(width: f64, height: f64, columns: usize, rows: usize) -> Trian
     let triangles = (0..rows)
         .flat_map(|j| (0..columns).map(move |i| (i, j)))
         .flat_map(|(i, j)| {
-            [
-                [at(i, j), at(i + 1, j), at(i + 1, j + 1)],
-                [at(i, j), at(i + 1, j + 1), at(i, j + 1)],
-            ]
+            [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
         })
         .collect();
     TriangleMesh { positions, triangles }
 }
 
-/// A parallelepiped about `center` with the given edges, closed; outwards where the edges are right-handed. Vertex `k` lies at the end of edge `d` where bit `d` of `k` is set.
+/// A parallelepiped about `center` with the given edges, closed; outwards where the edges are right-handed.
+/// Vertex `k` lies at the end of edge `d` where bit `d` of `k` is set.
 #[must_use]
 pub fn parallelepiped(center: [f64; 3], edges: [[f64; 3]; 3]) -> TriangleMesh {
     let corner = |k: u32| {
@@ -135,8 +126,8 @@ pub fn parallelepiped(center: [f64; 3], edges: [[f64; 3]; 3]) -> TriangleMesh {
     }
 }
 
-/// A cylinder about the z axis from `−height/2` to `height/2`, of `segments` (at least 3) around and `rings` (at least
-/// 1) bands along; `capped` makes it watertight.
+/// A cylinder about the z axis from `−height/2` to `height/2`, of `segments` (at least 3) around and `rings`
+/// (at least 1) bands along; `capped` makes it watertight.
 #[must_use]
 pub fn cylinder(radius: f64, height: f64, segments: usize, rings: usize, capped: bool) -> TriangleMesh {
     let (segments, rings) = (segments.max(3), rings.max(1));

@@ -13,7 +13,8 @@ use crate::bvh::{Bvh, MAX_DEPTH, Node, greater, lesser};
 use crate::search::MeshSearch;
 use crate::triangle::{point_at, unit_normal};
 
-/// Widening of the far side of boxes that covers the rounding of the slab test (Ize, *Robust BVH Ray Traversal*, 2013).
+/// Widening of the far side of boxes that covers the rounding of the slab test (Ize, *Robust BVH Ray
+/// Traversal*, 2013).
 const BOX_SLACK: f64 = 1.0 + 8.0 * f64::EPSILON;
 
 /// Where a ray meets a mesh.
@@ -40,15 +41,18 @@ impl MeshSearch {
         self.first_hit_between(origin, direction, 0.0, f64::INFINITY)
     }
 
-    /// The first hit at a distance from `near` to `far`. Start a shadow ray with a `near` well above rounding.
+    /// The first hit at a distance from `near` to `far`. Start a shadow ray with a `near` well above
+    /// rounding.
     #[must_use]
-    pub fn first_hit_between(&self, origin: [f64; 3], direction: [f64; 3], near: f64, far: f64) -> Option<RayHit> {
+    pub fn first_hit_between(
+        &self,
+        origin: [f64; 3],
+        direction: [f64; 3],
+        near: f64,
+        far: f64,
+    ) -> Option<RayHit> {
         let ray = Ray::new(origin, direction)?;
-        let Bvh {
-            nodes,
-            corners,
-            triangles,
-        } = &self.bvh;
+        let Bvh { nodes, corners, triangles } = &self.bvh;
         let mut best = far;
         let mut found: Option<(u32, [f64; 3])> = None;
         let mut stack = [(0_u32, 0.0_f64); MAX_DEPTH];
@@ -62,7 +66,8 @@ impl MeshSearch {
                     let Some((t, barycentric)) = ray.hit(&corners[slot as usize]) else {
                         continue;
                     };
-                    let lower = || found.is_none_or(|(f, _)| triangles[slot as usize] < triangles[f as usize]);
+                    let lower =
+                        || found.is_none_or(|(f, _)| triangles[slot as usize] < triangles[f as usize]);
                     if t >= near && (t < best || t == best && lower()) {
                         best = t;
                         found = Some((slot, barycentric));
@@ -115,8 +120,7 @@ impl MeshSearch {
     #[must_use]
     pub fn sees(&self, from: [f64; 3], to: [f64; 3], clearance: f64) -> bool {
         let length = distance(from, to);
-        self.first_hit_between(from, sub(to, from), clearance, length - clearance)
-            .is_none()
+        self.first_hit_between(from, sub(to, from), clearance, length - clearance).is_none()
     }
 }
 
@@ -133,7 +137,8 @@ struct Ray {
 impl Ray {
     fn new(origin: [f64; 3], direction: [f64; 3]) -> Option<Self> {
         let finite = origin.iter().chain(&direction).all(|x| x.is_finite());
-        // Brought to size first, so that the square of a very short or long direction neither vanishes nor overflows.
+        // Brought to size first, so that the square of a very short or long direction neither vanishes nor
+        // overflows.
         let size = direction.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
         if !finite || size == 0.0 {
             return None;
@@ -156,7 +161,8 @@ impl Ray {
         for k in 0..3 {
             let a = (node.min[k] - self.origin[k]) * self.inverse[k];
             let b = (node.max[k] - self.origin[k]) * self.inverse[k];
-            // 0 · ∞ on a face of the box is NaN: the comparisons then keep the limits, which errs towards a visit.
+            // 0 · ∞ on a face of the box is NaN: the comparisons then keep the limits, which errs towards a
+            // visit.
             let (low, high) = if self.inverse[k] >= 0.0 { (a, b) } else { (b, a) };
             enter = greater(low, enter);
             leave = lesser(high * BOX_SLACK, leave);
@@ -170,11 +176,7 @@ impl Ray {
         let [x, y, z] = self.axes;
         let local = corners.map(|c| {
             let c = sub(c, self.origin);
-            [
-                c[x] - self.shear[0] * c[z],
-                c[y] - self.shear[1] * c[z],
-                self.shear[2] * c[z],
-            ]
+            [c[x] - self.shear[0] * c[z], c[y] - self.shear[1] * c[z], self.shear[2] * c[z]]
         });
         let [a, b, c] = local;
         let u = c[0] * b[1] - c[1] * b[0];

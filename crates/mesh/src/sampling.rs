@@ -1,7 +1,8 @@
 //! Points spread evenly over a surface.
 //!
-//! Comes in: a mesh and a source of uniform numbers in [0, 1), the caller's, so that the caller owns the seed. Goes
-//! out: points of uniform density per area. Not guaranteed: spacing; points are independent and may lie close together.
+//! Comes in: a mesh and a source of uniform numbers in [0, 1), the caller's, so that the caller owns the
+//! seed. Goes out: points of uniform density per area. Not guaranteed: spacing; points are independent and
+//! may lie close together.
 
 use planish_estimate::{Error, Result};
 
@@ -49,24 +50,19 @@ impl<'a> SurfaceSampler<'a> {
                 mesh.triangles.len()
             )));
         }
-        Ok(Self {
-            mesh,
-            cumulative,
-            total,
-        })
+        Ok(Self { mesh, cumulative, total })
     }
 
     /// Draws one point with three numbers from `uniform`, which must lie in [0, 1). Cost O(log triangles).
     pub fn sample(&self, uniform: &mut impl FnMut() -> f64) -> SurfacePoint {
         let target = uniform() * self.total;
-        // The first triangle that ends beyond the target: never one without area, unless rounding reached the end.
+        // The first triangle that ends beyond the target: never one without area, unless rounding reached the
+        // end.
         let found = self.cumulative.partition_point(|&end| end <= target);
         let triangle = if found < self.cumulative.len() {
             found
         } else {
-            self.cumulative
-                .partition_point(|&end| end < self.total)
-                .min(self.cumulative.len() - 1)
+            self.cumulative.partition_point(|&end| end < self.total).min(self.cumulative.len() - 1)
         };
         let (root, v) = (uniform().sqrt(), uniform());
         let barycentric = [1.0 - root, root * (1.0 - v), root * v];
@@ -101,7 +97,11 @@ impl<'a> SurfaceSampler<'a> {
 ///
 /// # References
 /// Osada, Funkhouser, Chazelle, Dobkin, *Shape Distributions*, ACM Transactions on Graphics 2002, eq. 1.
-pub fn sample_points(mesh: &TriangleMesh, count: usize, mut uniform: impl FnMut() -> f64) -> Result<Vec<SurfacePoint>> {
+pub fn sample_points(
+    mesh: &TriangleMesh,
+    count: usize,
+    mut uniform: impl FnMut() -> f64,
+) -> Result<Vec<SurfacePoint>> {
     let sampler = SurfaceSampler::try_new(mesh)?;
     Ok((0..count).map(|_| sampler.sample(&mut uniform)).collect())
 }
@@ -120,11 +120,7 @@ mod tests {
         // One half of the sheet is cut into many more triangles; both halves must get half of the points.
         let mut mesh = grid_sheet(1.0, 1.0, 20, 20);
         for p in &mut mesh.positions {
-            p[0] = if p[0] < 0.3 {
-                (p[0] + 0.5) / 0.8 * 0.5 - 0.5
-            } else {
-                (p[0] - 0.3) / 0.2 * 0.5
-            };
+            p[0] = if p[0] < 0.3 { (p[0] + 0.5) / 0.8 * 0.5 - 0.5 } else { (p[0] - 0.3) / 0.2 * 0.5 };
         }
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let points = sample_points(&mesh, 40_000, || random.random::<f64>()).unwrap();
@@ -162,13 +158,7 @@ mod tests {
         for u in [0.0, 0.5, 1.0 - f64::EPSILON / 2.0, 1.0] {
             assert_eq!(sampler.sample(&mut || u).triangle, 1);
         }
-        let flat = TriangleMesh {
-            triangles: vec![[0, 1, 3]],
-            ..mesh
-        };
-        assert_eq!(
-            SurfaceSampler::try_new(&flat).unwrap_err().kind(),
-            ErrorKind::Undetermined
-        );
+        let flat = TriangleMesh { triangles: vec![[0, 1, 3]], ..mesh };
+        assert_eq!(SurfaceSampler::try_new(&flat).unwrap_err().kind(), ErrorKind::Undetermined);
     }
 }

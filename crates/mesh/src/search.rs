@@ -1,9 +1,9 @@
 //! Closest points on a mesh, with the side.
 //!
-//! Comes in: a mesh, then points in its frame. Goes out: the nearest point of the surface, the feature it lies on, and
-//! the signed distance by that feature's angle-weighted pseudo-normal.
-//! Not guaranteed: which of several equally near triangles is named where rounding decides between them (exact ties
-//! go to the lowest number); the sign at features all of whose triangles lack area (it is positive there).
+//! Comes in: a mesh, then points in its frame. Goes out: the nearest point of the surface, the feature it
+//! lies on, and the signed distance by that feature's angle-weighted pseudo-normal. Not guaranteed: which of
+//! several equally near triangles is named where rounding decides between them (exact ties go to the lowest
+//! number); the sign at features all of whose triangles lack area (it is positive there).
 
 use rayon::prelude::*;
 
@@ -15,7 +15,8 @@ use crate::edges::EdgeTable;
 use crate::mesh::TriangleMesh;
 use crate::triangle::{Feature, Foot, area_vector, closest_on_triangle, unit_normal, unit_or_zero};
 
-/// Points of one parallel task of a batch: fixed, so that the hints inside a task do not depend on the threads.
+/// Points of one parallel task of a batch: fixed, so that the hints inside a task do not depend on the
+/// threads.
 const CHUNK: usize = 256;
 /// A box is passed over only where it is farther than the best triangle by more than rounding.
 const ROUNDING_SLACK: f64 = 1.0 + 1e-14;
@@ -35,8 +36,8 @@ pub struct ClosestPoint {
     pub barycentric: [f64; 3],
     /// The part of the triangle it lies on.
     pub feature: Feature,
-    /// The feature's unit pseudo-normal: that of the face, the sum of an edge's faces, or the angle-weighted sum of a
-    /// vertex's faces; zero where none of them has an area.
+    /// The feature's unit pseudo-normal: that of the face, the sum of an edge's faces, or the angle-weighted
+    /// sum of a vertex's faces; zero where none of them has an area.
     pub normal: [f64; 3],
     /// Whether the feature is on an open border of the mesh. A point beyond the border has its foot there.
     pub on_boundary: bool,
@@ -65,7 +66,8 @@ impl MeshSearch {
     /// Cost O(n log n).
     ///
     /// # Errors
-    /// `Undetermined` for a mesh without triangles, `Input` for one that fails [`TriangleMesh::sanity_check`].
+    /// `Undetermined` for a mesh without triangles, `Input` for one that fails
+    /// [`TriangleMesh::sanity_check`].
     pub fn try_new(mesh: &TriangleMesh) -> Result<Self> {
         mesh.sanity_check()?;
         if mesh.triangles.is_empty() {
@@ -86,9 +88,7 @@ impl MeshSearch {
         let mut boundary_vertices = vec![false; welded.positions.len()];
         for edge in 0..table.len() {
             let around = table.half_edges(edge);
-            let sum = around
-                .iter()
-                .fold([0.0; 3], |sum, &half| add(sum, face_normals[half as usize / 3]));
+            let sum = around.iter().fold([0.0; 3], |sum, &half| add(sum, face_normals[half as usize / 3]));
             edge_normals[edge] = unit_or_zero(sum);
             if around.len() == 1 {
                 boundary_edges[edge] = true;
@@ -130,11 +130,12 @@ impl MeshSearch {
 
     /// The closest point, started at triangle `hint`: the answer of a previous iteration or a neighbour.
     ///
-    /// The answer does not depend on the hint; one that does not exist is passed over. It saves little, for the tree
-    /// finds a near triangle first in any case: at most a fifth of the time where it was measured.
+    /// The answer does not depend on the hint; one that does not exist is passed over. It saves little, for
+    /// the tree finds a near triangle first in any case: at most a fifth of the time where it was measured.
     #[must_use]
     pub fn closest_hinted(&self, point: [f64; 3], hint: u32) -> Option<ClosestPoint> {
-        let slot = self.nearest_slot(point, f64::INFINITY, self.slots.get(hint as usize).copied(), |_| true)?;
+        let slot =
+            self.nearest_slot(point, f64::INFINITY, self.slots.get(hint as usize).copied(), |_| true)?;
         self.describe(point, slot)
     }
 
@@ -142,7 +143,12 @@ impl MeshSearch {
     ///
     /// Triangles without area are left out. `None` where nothing agrees, or `normal` is zero or not finite.
     #[must_use]
-    pub fn closest_compatible(&self, point: [f64; 3], normal: [f64; 3], max_angle_rad: f64) -> Option<ClosestPoint> {
+    pub fn closest_compatible(
+        &self,
+        point: [f64; 3],
+        normal: [f64; 3],
+        max_angle_rad: f64,
+    ) -> Option<ClosestPoint> {
         self.closest_compatible_within(point, normal, max_angle_rad, f64::INFINITY)
     }
 
@@ -172,21 +178,20 @@ impl MeshSearch {
         self.closest_all_within(points, f64::INFINITY)
     }
 
-    /// [`MeshSearch::closest_within`] for many points, in parallel; the same answers at any number of threads.
+    /// [`MeshSearch::closest_within`] for many points, in parallel; the same answers at any number of
+    /// threads.
     #[must_use]
     pub fn closest_all_within(&self, points: &[[f64; 3]], max_distance: f64) -> Vec<Option<ClosestPoint>> {
         let bound = squared_bound(max_distance);
         let mut feet = vec![None; points.len()];
-        feet.par_chunks_mut(CHUNK)
-            .zip(points.par_chunks(CHUNK))
-            .for_each(|(feet, points)| {
-                let mut hint = None;
-                for (foot, &point) in feet.iter_mut().zip(points) {
-                    let slot = self.nearest_slot(point, bound, hint, |_| true);
-                    *foot = slot.and_then(|slot| self.describe(point, slot));
-                    hint = slot.or(hint);
-                }
-            });
+        feet.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).for_each(|(feet, points)| {
+            let mut hint = None;
+            for (foot, &point) in feet.iter_mut().zip(points) {
+                let slot = self.nearest_slot(point, bound, hint, |_| true);
+                *foot = slot.and_then(|slot| self.describe(point, slot));
+                hint = slot.or(hint);
+            }
+        });
         feet
     }
 
@@ -201,11 +206,7 @@ impl MeshSearch {
         if !p.iter().all(|x| x.is_finite()) {
             return None;
         }
-        let Bvh {
-            nodes,
-            corners,
-            triangles,
-        } = &self.bvh;
+        let Bvh { nodes, corners, triangles } = &self.bvh;
         let mut best = squared_bound;
         let mut found: Option<u32> = None;
         let mut visit = |slot: u32, best: &mut f64| {
@@ -213,8 +214,8 @@ impl MeshSearch {
                 return;
             };
             let d = foot.squared_distance;
-            let nearer =
-                d < *best || d == *best && found.is_none_or(|f| triangles[slot as usize] < triangles[f as usize]);
+            let nearer = d < *best
+                || d == *best && found.is_none_or(|f| triangles[slot as usize] < triangles[f as usize]);
             if nearer && accept(&corners[slot as usize]) {
                 *best = d;
                 found = Some(slot);
@@ -267,12 +268,8 @@ impl MeshSearch {
 
     fn describe(&self, p: [f64; 3], slot: u32) -> Option<ClosestPoint> {
         let corners = &self.bvh.corners[slot as usize];
-        let Foot {
-            squared_distance,
-            point,
-            barycentric,
-            feature,
-        } = closest_on_triangle(p, corners, f64::INFINITY)?;
+        let Foot { squared_distance, point, barycentric, feature } =
+            closest_on_triangle(p, corners, f64::INFINITY)?;
         let triangle = self.bvh.triangles[slot as usize];
         let (normal, on_boundary) = match feature {
             Feature::Face => (unit_normal(corners), false),

@@ -1,6 +1,9 @@
 //! Disjoint sets.
 //!
-//! Comes in: numbers from 0, and pairs of them that belong together. Goes out: sets, each named by its least member. Cost: next to constant for each step (R. Tarjan, *Efficiency of a good but not linear set union algorithm*, 1975, with paths halved). Not guaranteed: anything for numbers beyond the count, for which steps panic.
+//! Comes in: numbers from 0, and pairs of them that belong together. Goes out: sets, each named by its least
+//! member. Cost: next to constant for each step (R. Tarjan, *Efficiency of a good but not linear set union
+//! algorithm*, 1975, with paths halved). Not guaranteed: anything for numbers beyond the count, for which
+//! steps panic.
 
 /// Disjoint sets of numbers; the root of a set is its least member.
 ///
@@ -19,9 +22,7 @@ impl Sets {
     /// Each number alone.
     #[must_use]
     pub fn new(count: usize) -> Self {
-        Self {
-            parent: (0..count as u32).collect(),
-        }
+        Self { parent: (0..count as u32).collect() }
     }
 
     /// The least member of a number's set.

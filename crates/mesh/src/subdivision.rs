@@ -1,10 +1,11 @@
 //! Smooth subdivision of triangle meshes.
 //!
-//! Comes in: a mesh. Goes out: one with four times as many triangles, closer to a smooth surface.
-//! Not guaranteed: that corners stay; only open borders keep their curves. Vertices at equal positions are one.
+//! Comes in: a mesh. Goes out: one with four times as many triangles, closer to a smooth surface. Not
+//! guaranteed: that corners stay; only open borders keep their curves. Vertices at equal positions are one.
 //!
 //! # References
-//! - Loop, *Smooth subdivision surfaces based on triangles*, 1987; borders as in Hoppe et al., *Piecewise smooth surface reconstruction*, 1994.
+//! - Loop, *Smooth subdivision surfaces based on triangles*, 1987; borders as in Hoppe et al., *Piecewise
+//!   smooth surface reconstruction*, 1994.
 
 use planish_estimate::Result;
 use planish_estimate::vector3::{add, add_scaled, scale};
@@ -15,17 +16,17 @@ use crate::mesh::TriangleMesh;
 impl TriangleMesh {
     /// One step of Loop's subdivision.
     ///
-    /// A vertex of valence n becomes `(1 − nβ) p + β Σ qᵢ`, `β = (5/8 − (3/8 + cos(2π/n)/4)²)/n`, the middle of an edge `3/8 (a + b) + 1/8 (c + d)`; on borders and where more than two
-    /// triangles meet, `3/4 p + 1/8 (q₁ + q₂)` and the middle of both ends.
+    /// A vertex of valence n becomes `(1 − nβ) p + β Σ qᵢ`, `β = (5/8 − (3/8 + cos(2π/n)/4)²)/n`, the middle
+    /// of an edge `3/8 (a + b) + 1/8 (c + d)`; on borders and where more than two triangles meet,
+    /// `3/4 p + 1/8 (q₁ + q₂)` and the middle of both ends.
     ///
     /// # Errors
     /// As [`TriangleMesh::try_new`].
     pub fn subdivided(&self) -> Result<Self> {
         self.sanity_check()?;
         let welded = self.welded();
-        let triangles: Vec<[u32; 3]> = (welded.triangles.iter().copied())
-            .filter(|t| !is_collapsed(*t))
-            .collect();
+        let triangles: Vec<[u32; 3]> =
+            (welded.triangles.iter().copied()).filter(|t| !is_collapsed(*t)).collect();
         let table = EdgeTable::of(&triangles);
         let old = &welded.positions;
         let inner = |edge: usize| table.half_edges(edge).len() == 2;
@@ -33,11 +34,7 @@ impl TriangleMesh {
         let mut border: Vec<(usize, [f64; 3])> = around.clone();
         for (edge, ends) in table.ends.iter().enumerate() {
             for (own, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
-                let lists = if inner(edge) {
-                    vec![&mut around]
-                } else {
-                    vec![&mut around, &mut border]
-                };
+                let lists = if inner(edge) { vec![&mut around] } else { vec![&mut around, &mut border] };
                 for list in lists {
                     let (count, sum) = &mut list[own as usize];
                     *count += 1;
@@ -64,7 +61,8 @@ impl TriangleMesh {
             let middle = match table.half_edges(edge) {
                 [s, t] => {
                     // Half-edges are numbered 3 t + k: the corner after next is opposite.
-                    let apex = |half: u32| old[triangles[half as usize / 3][(half as usize % 3 + 2) % 3] as usize];
+                    let apex =
+                        |half: u32| old[triangles[half as usize / 3][(half as usize % 3 + 2) % 3] as usize];
                     add_scaled(scale(0.375, add(a, b)), 0.125, add(apex(*s), apex(*t)))
                 }
                 _ => scale(0.5, add(a, b)),
@@ -91,15 +89,10 @@ mod tests {
         let fine = coarse.subdivided().unwrap().subdivided().unwrap();
         assert_eq!(fine.triangles.len(), 16 * coarse.triangles.len());
         assert!(fine.check().watertight);
-        let radii: Vec<f64> = fine
-            .positions
-            .iter()
-            .map(|p| planish_estimate::vector3::norm(*p))
-            .collect();
-        let (least, most) = radii
-            .iter()
-            .fold((f64::MAX, 0.0_f64), |(a, b), &r| (a.min(r), b.max(r)));
-        // Facets of the coarse ball lie 6 % nearer to its middle than its corners; no limit surface of few facets is quite a sphere.
+        let radii: Vec<f64> = fine.positions.iter().map(|p| planish_estimate::vector3::norm(*p)).collect();
+        let (least, most) = radii.iter().fold((f64::MAX, 0.0_f64), |(a, b), &r| (a.min(r), b.max(r)));
+        // Facets of the coarse ball lie 6 % nearer to its middle than its corners; no limit surface of few
+        // facets is quite a sphere.
         assert!(most / least < 1.02, "{least} {most}");
     }
 

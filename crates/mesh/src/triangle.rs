@@ -5,12 +5,13 @@
 
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
 
-/// Height over longest edge at which a triangle counts as having no area. At this ratio the rounding of corners of the
-/// size of the triangle turns its normal by about 2e-16 / 1e-12 rad, still harmless; ten times thinner it would not be.
+/// Height over longest edge at which a triangle counts as having no area. At this ratio the rounding of
+/// corners of the size of the triangle turns its normal by about 2e-16 / 1e-12 rad, still harmless; ten times
+/// thinner it would not be.
 const DEGENERATE_RATIO: f64 = 1e-12;
 
-/// The part of a triangle that a point lies on. Corner `k` is the k-th index of the triangle; edge `k` runs from corner
-/// `k` to corner `(k + 1) % 3`.
+/// The part of a triangle that a point lies on. Corner `k` is the k-th index of the triangle; edge `k` runs
+/// from corner `k` to corner `(k + 1) % 3`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Feature {
     /// The open interior.
@@ -61,25 +62,22 @@ pub(crate) fn angles(t: &[[f64; 3]; 3]) -> [f64; 3] {
     [first, second, (std::f64::consts::PI - first - second).max(0.0)]
 }
 
-/// A triangle's smallest angle, in radians, and its longest edge over the height on it: 1.15 at best, infinite without area.
+/// A triangle's smallest angle, in radians, and its longest edge over the height on it: 1.15 at best,
+/// infinite without area.
 #[must_use]
 pub fn triangle_shape(corners: &[[f64; 3]; 3]) -> (f64, f64) {
-    let longest = (0..3)
-        .map(|k| norm(sub(corners[(k + 1) % 3], corners[k])))
-        .fold(0.0, f64::max);
+    let longest = (0..3).map(|k| norm(sub(corners[(k + 1) % 3], corners[k]))).fold(0.0, f64::max);
     let doubled = norm(area_vector(corners));
     (smallest_angle(corners), longest * longest / doubled)
 }
 
-/// What of a triangle's area a corner has: what is nearest to it, or, where one angle is obtuse, half of the area for that corner and a quarter for the others, so that the areas of a mesh add up to its own (M. Meyer, M. Desbrun, P. Schröder, A. Barr, 2003, figure 4).
+/// What of a triangle's area a corner has: what is nearest to it, or, where one angle is obtuse, half of the
+/// area for that corner and a quarter for the others, so that the areas of a mesh add up to its own (M.
+/// Meyer, M. Desbrun, P. Schröder, A. Barr, 2003, figure 4).
 pub(crate) fn mixed_area(corners: &[[f64; 3]; 3], k: usize) -> f64 {
     let whole = area(corners);
     let [p, q, r] = [0, 1, 2].map(|i| corners[(k + i) % 3]);
-    let cosines = [
-        dot(sub(q, p), sub(r, p)),
-        dot(sub(r, q), sub(p, q)),
-        dot(sub(p, r), sub(q, r)),
-    ];
+    let cosines = [dot(sub(q, p), sub(r, p)), dot(sub(r, q), sub(p, q)), dot(sub(p, r), sub(q, r))];
     if cosines[0] <= 0.0 {
         return 0.5 * whole;
     }
@@ -105,11 +103,7 @@ pub(crate) fn smallest_angle(corners: &[[f64; 3]; 3]) -> f64 {
 /// `Σ b_k corner_k`.
 #[inline]
 pub(crate) fn point_at(t: &[[f64; 3]; 3], barycentric: [f64; 3]) -> [f64; 3] {
-    add_scaled(
-        add_scaled(scale(barycentric[0], t[0]), barycentric[1], t[1]),
-        barycentric[2],
-        t[2],
-    )
+    add_scaled(add_scaled(scale(barycentric[0], t[0]), barycentric[1], t[1]), barycentric[2], t[2])
 }
 
 #[inline]
@@ -122,8 +116,8 @@ fn has_area(squared_cross: f64, ab: [f64; 3], ac: [f64; 3]) -> bool {
 /// The closest point of triangle `t` to `p`; `None` where the triangle's plane alone is farther than
 /// `sqrt(squared_bound)`.
 ///
-/// A point that projects outside some edges has its foot on one of those edges, so only they are looked at. Without
-/// area all three are.
+/// A point that projects outside some edges has its foot on one of those edges, so only they are looked at.
+/// Without area all three are.
 #[inline]
 pub(crate) fn closest_on_triangle(p: [f64; 3], t: &[[f64; 3]; 3], squared_bound: f64) -> Option<Foot> {
     let (ab, ac, ap) = (sub(t[1], t[0]), sub(t[2], t[0]), sub(p, t[0]));
@@ -181,12 +175,7 @@ fn closest_on_edge(p: [f64; 3], t: &[[f64; 3]; 3], k: usize) -> Foot {
         (add_scaled(a, s, ab), Feature::Edge(k as u8))
     };
     let d = sub(p, point);
-    Foot {
-        squared_distance: dot(d, d),
-        point,
-        barycentric,
-        feature,
-    }
+    Foot { squared_distance: dot(d, d), point, barycentric, feature }
 }
 
 /// Area of a triangle.

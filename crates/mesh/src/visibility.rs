@@ -1,7 +1,8 @@
 //! Which triangle is seen through each place of a picture: a depth buffer.
 //!
-//! Comes in: corners as a camera projects them, and triangles. Goes out: for each place of a grid the nearest triangle, where on it, and how deep.
-//! Cost: a step for each place that a triangle covers, one band of rows for each thread.
+//! Comes in: corners as a camera projects them, and triangles. Goes out: for each place of a grid the nearest
+//! triangle, where on it, and how deep. Cost: a step for each place that a triangle covers, one band of rows
+//! for each thread.
 //!
 //! Not guaranteed: triangles that reach behind the camera are left out whole.
 
@@ -51,7 +52,8 @@ struct Place {
 }
 
 impl DepthBuffer {
-    /// Draws triangles into a grid of `columns` × `rows` places. Of two triangles at the same depth the one named first is seen.
+    /// Draws triangles into a grid of `columns` × `rows` places. Of two triangles at the same depth the one
+    /// named first is seen.
     #[must_use]
     pub fn draw(columns: usize, rows: usize, corners: &[Projected], triangles: &[[u32; 3]]) -> Self {
         Self::draw_rows(columns, 0..rows, corners, triangles)
@@ -59,12 +61,13 @@ impl DepthBuffer {
 
     /// [`DepthBuffer::draw`] for some rows of a larger grid: large pictures are drawn part by part.
     #[must_use]
-    pub fn draw_rows(columns: usize, rows: Range<usize>, corners: &[Projected], triangles: &[[u32; 3]]) -> Self {
-        let empty = Place {
-            nearness: 0.0,
-            triangle: NOTHING,
-            weights: [0.0; 2],
-        };
+    pub fn draw_rows(
+        columns: usize,
+        rows: Range<usize>,
+        corners: &[Projected],
+        triangles: &[[u32; 3]],
+    ) -> Self {
+        let empty = Place { nearness: 0.0, triangle: NOTHING, weights: [0.0; 2] };
         let mut places = vec![empty; columns * rows.len()];
         (places.par_chunks_mut((BAND * columns).max(1)).enumerate()).for_each(|(band, places)| {
             let first_row = rows.start + band * BAND;
@@ -73,11 +76,7 @@ impl DepthBuffer {
                 draw_triangle(places, columns, first_row, &corners, t as u32);
             }
         });
-        Self {
-            columns,
-            first_row: rows.start,
-            places,
-        }
+        Self { columns, first_row: rows.start, places }
     }
 
     /// What is seen through the place in this column and row, which have to be among those that were drawn.
@@ -95,8 +94,15 @@ impl DepthBuffer {
 
 /// Draws one triangle into a band of rows.
 ///
-/// In the picture, one over the depth is an affine function of the place, and so is each weight over the depth.
-fn draw_triangle(places: &mut [Place], columns: usize, first_row: usize, corners: &[Projected; 3], name: u32) {
+/// In the picture, one over the depth is an affine function of the place, and so is each weight over the
+/// depth.
+fn draw_triangle(
+    places: &mut [Place],
+    columns: usize,
+    first_row: usize,
+    corners: &[Projected; 3],
+    name: u32,
+) {
     let usable = |c: &Projected| c.depth > 0.0 && c.at.iter().all(|x| x.is_finite());
     if !corners.iter().all(usable) {
         return;
@@ -130,7 +136,8 @@ fn draw_triangle(places: &mut [Place], columns: usize, first_row: usize, corners
                 *place = Place {
                     nearness: near,
                     triangle: name,
-                    weights: [in_second * nearness[1] / near, in_third * nearness[2] / near].map(|w| w as f32),
+                    weights: [in_second * nearness[1] / near, in_third * nearness[2] / near]
+                        .map(|w| w as f32),
                 };
             }
         }
@@ -154,10 +161,7 @@ mod tests {
         let corners: Vec<Projected> = (ball.positions.iter())
             .map(|p| {
                 let depth = eye[2] - p[2];
-                Projected {
-                    at: [0, 1].map(|k| middle + focal * (p[k] - eye[k]) / depth),
-                    depth,
-                }
+                Projected { at: [0, 1].map(|k| middle + focal * (p[k] - eye[k]) / depth), depth }
             })
             .collect();
         let buffer = DepthBuffer::draw(size, size, &corners, &ball.triangles);
@@ -173,7 +177,8 @@ mod tests {
                 match (buffer.at(column, row), hit) {
                     (Some(seen), Some(hit)) => {
                         seen_by_both += 1;
-                        let corners = ball.triangles[seen.triangle as usize].map(|c| ball.positions[c as usize]);
+                        let corners =
+                            ball.triangles[seen.triangle as usize].map(|c| ball.positions[c as usize]);
                         let place = (corners.iter().zip(seen.barycentric))
                             .fold([0.0; 3], |sum, (corner, w)| add_scaled(sum, w, *corner));
                         assert!(norm(sub(place, hit.point)) < 1e-6, "{place:?} {hit:?}");

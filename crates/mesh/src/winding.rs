@@ -1,10 +1,13 @@
 //! Inside or outside: the generalised winding number of a mesh about a place.
 //!
-//! Comes in: a mesh, closed or nearly so, maybe with faces that cross. Goes out: `w(x) = Σ Ω_t(x)/4π` over the solid angles of its triangles: 1 inside, 0 outside of a closed mesh that faces outwards.
+//! Comes in: a mesh, closed or nearly so, maybe with faces that cross. Goes out: `w(x) = Σ Ω_t(x)/4π` over
+//! the solid angles of its triangles: 1 inside, 0 outside of a closed mesh that faces outwards.
 //!
-//! Far parts count as a dipole, `N·(p − x)/(4π |p − x|³)` with `N` the sum of their area vectors and `p` their middle; near ones exactly.
+//! Far parts count as a dipole, `N·(p − x)/(4π |p − x|³)` with `N` the sum of their area vectors and `p`
+//! their middle; near ones exactly.
 //!
-//! Not guaranteed: more than about a hundredth, which is enough to tell 0 from 1; anything about inside and outside of an open mesh, for which `w` is a number in between.
+//! Not guaranteed: more than about a hundredth, which is enough to tell 0 from 1; anything about inside and
+//! outside of an open mesh, for which `w` is a number in between.
 //!
 //! # References
 //! - Barill, Dickson, Schmidt, Levin, Jacobson, *Fast winding numbers for soups and clouds*, SIGGRAPH 2018.
@@ -15,7 +18,8 @@ use crate::mesh::TriangleMesh;
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, norm, scale, sub};
 use std::f64::consts::PI;
 
-/// Parts that are so many times their radius away count as a dipole (Barill et al.: 2 with terms of second order).
+/// Parts that are so many times their radius away count as a dipole (Barill et al.: 2 with terms of second
+/// order).
 const FAR: f64 = 3.0;
 
 /// A mesh, ready for places to be asked for.
@@ -44,17 +48,10 @@ impl WindingNumbers {
     #[must_use]
     pub fn new(mesh: &TriangleMesh) -> Self {
         if mesh.triangles.is_empty() {
-            return Self {
-                bvh: None,
-                dipoles: Vec::new(),
-            };
+            return Self { bvh: None, dipoles: Vec::new() };
         }
         let bvh = Bvh::of(mesh.triangles.len(), |t| mesh.corners(t));
-        let empty = Dipole {
-            middle: [0.0; 3],
-            area: [0.0; 3],
-            radius: 0.0,
-        };
+        let empty = Dipole { middle: [0.0; 3], area: [0.0; 3], radius: 0.0 };
         let mut dipoles = vec![empty; bvh.nodes.len()];
         let mut weights = vec![0.0; bvh.nodes.len()];
         // Children stand behind their parents.
@@ -76,26 +73,16 @@ impl WindingNumbers {
                     weight += weights[child];
                 }
             }
-            middle = if weight > 0.0 {
-                scale(1.0 / weight, middle)
-            } else {
-                scale(0.5, add(node.min, node.max))
-            };
+            middle =
+                if weight > 0.0 { scale(1.0 / weight, middle) } else { scale(0.5, add(node.min, node.max)) };
             let corner = std::array::from_fn(|k| {
                 let (low, high) = (node.min[k], node.max[k]);
                 if middle[k] - low > high - middle[k] { low } else { high }
             });
             weights[at] = weight;
-            dipoles[at] = Dipole {
-                middle,
-                area,
-                radius: distance(middle, corner),
-            };
+            dipoles[at] = Dipole { middle, area, radius: distance(middle, corner) };
         }
-        Self {
-            bvh: Some(bvh),
-            dipoles,
-        }
+        Self { bvh: Some(bvh), dipoles }
     }
 
     /// The winding number about a place; NaN where that is not finite.
@@ -141,24 +128,21 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// 1 inside, 0 outside; −1 inside of a mesh that faces inwards; 2 where two balls overlap; and what all triangles exactly give.
+    /// 1 inside, 0 outside; −1 inside of a mesh that faces inwards; 2 where two balls overlap; and what all
+    /// triangles exactly give.
     #[test]
     fn numbers_are_those_of_exact_solid_angles() {
         let mut random = ChaCha8Rng::seed_from_u64(2);
         let mut two = icosphere(1.0, 3);
         let first = two.positions.len() as u32;
         let other = icosphere(1.0, 3);
-        two.positions
-            .extend(other.positions.iter().map(|p| [p[0] + 0.9, p[1], p[2]]));
-        two.triangles
-            .extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+        two.positions.extend(other.positions.iter().map(|p| [p[0] + 0.9, p[1], p[2]]));
+        two.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
         let winding = WindingNumbers::new(&two);
         for _ in 0..2000 {
             let at: [f64; 3] = std::array::from_fn(|_| random.random_range(-2.0..3.0));
-            let exact: f64 = (0..two.triangles.len())
-                .map(|t| solid_angle(at, &two.corners(t)))
-                .sum::<f64>()
-                / (4.0 * PI);
+            let exact: f64 =
+                (0..two.triangles.len()).map(|t| solid_angle(at, &two.corners(t))).sum::<f64>() / (4.0 * PI);
             let found = winding.at(at);
             assert!((found - exact).abs() < 0.02, "{at:?}: {found} {exact}");
         }

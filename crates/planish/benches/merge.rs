@@ -1,6 +1,8 @@
-//! Two patches of a million triangles each into one, from files to a file: `cargo bench -p planish --bench merge`; a number after `--` is that of the vertices along a side.
+//! Two patches of a million triangles each into one, from files to a file:
+//! `cargo bench -p planish --bench merge`; a number after `--` is that of the vertices along a side.
 //!
-//! Four tenths of each patch lie on the other. A row for each method: seconds of each stage and of all, edges of the result that are not right, and vertices with more than six edges.
+//! Four tenths of each patch lie on the other. A row for each method: seconds of each stage and of all, edges
+//! of the result that are not right, and vertices with more than six edges.
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
@@ -39,10 +41,8 @@ fn write_patch(folder: &Path, name: &str, begin: f64, side: usize, random: &mut 
         .map(|k| {
             let noise: f64 = StandardNormal.sample(random);
             // A quarter of a step apart, so that vertices do not lie on one another.
-            let [x, y] = [
-                begin + step * (k % side) as f64,
-                (step * (k / side) as f64) + 0.25 * step * begin.signum(),
-            ];
+            let [x, y] =
+                [begin + step * (k % side) as f64, (step * (k / side) as f64) + 0.25 * step * begin.signum()];
             [x, y, 4.0 * (0.11 * x).sin() * (0.09 * y).cos() + SIGMA * noise]
         })
         .collect();
@@ -73,10 +73,7 @@ fn main() {
     let files = [("left.ply", 0.0), ("right.ply", BESIDE)]
         .map(|(name, begin)| write_patch(folder.path(), name, begin, side, &mut random));
     for method in [MergeMethod::Mean, MergeMethod::Refit, MergeMethod::Information] {
-        let options = MergeOptions {
-            method: Some(method),
-            ..MergeOptions::default()
-        };
+        let options = MergeOptions { method: Some(method), ..MergeOptions::default() };
         let (stages, begun) = (Stages::default(), Instant::now());
         let whole = merge_files(&files, None, &options, &stages).unwrap();
         write_merged(&whole, &folder.path().join("whole.ply"), &stages).unwrap();

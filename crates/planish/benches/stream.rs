@@ -1,7 +1,9 @@
-//! Ten million readings through the streaming API, one at a time: `cargo bench -p planish --bench stream`; a number after `--` streams that many.
+//! Ten million readings through the streaming API, one at a time: `cargo bench -p planish --bench stream`; a
+//! number after `--` streams that many.
 //!
-//! A row each at a tenth, a half and all of them: readings a second since the row before, with everything that comes between (neighbours
-//! being told, patches being divided), the latency of single readings, the longest, and the most memory that the process ever had.
+//! A row each at a tenth, a half and all of them: readings a second since the row before, with everything
+//! that comes between (neighbours being told, patches being divided), the latency of single readings, the
+//! longest, and the most memory that the process ever had.
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
@@ -56,23 +58,13 @@ fn peak_megabytes() -> Option<f64> {
 }
 
 fn main() {
-    let total: u64 = std::env::args()
-        .filter_map(|a| a.parse().ok())
-        .next()
-        .unwrap_or(10_000_000);
+    let total: u64 = std::env::args().filter_map(|a| a.parse().ok()).next().unwrap_or(10_000_000);
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let first: Vec<Reading> = (0..20_000).map(|_| reading(&mut random)).collect();
-    let options = StreamOptions {
-        shape: Some(Shape::Sheet),
-        ..StreamOptions::default()
-    };
+    let options = StreamOptions { shape: Some(Shape::Sheet), ..StreamOptions::default() };
     let start = Instant::now();
     let mut stream = SurfaceStream::start(&first, &options).unwrap();
-    println!(
-        "first fit of {} readings: {:.2} s",
-        first.len(),
-        start.elapsed().as_secs_f64()
-    );
+    println!("first fit of {} readings: {:.2} s", first.len(), start.elapsed().as_secs_f64());
     println!(
         "{:>12} {:>8} {:>12} {:>9} {:>9} {:>9} {:>11} {:>12}",
         "readings", "patches", "readings/s", "p50 / µs", "p99 / µs", "max / s", "peak / MB", "median σ"

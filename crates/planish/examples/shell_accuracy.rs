@@ -1,8 +1,13 @@
-//! The table of docs/shells.md: meshes deformed by known controls, noisy points of them with gross errors, and how far the fitted shell is from the truth beside a fit that is told which place of the mesh each point is of.
+//! The table of docs/shells.md: meshes deformed by known controls, noisy points of them with gross errors,
+//! and how far the fitted shell is from the truth beside a fit that is told which place of the mesh each
+//! point is of.
 //!
 //! `cargo run --release -p planish --example shell_accuracy POINTS CONTROLS MESH...`
 //!
-//! `seeds=N` before a mesh gives it N deformations and sets of points, a row each. `flange:MESH` is the mesh cut across its middle, with a flange glued on that lies in the plane of the cut; `fins:MESH` has a fin along the edges of facets there, which run to and fro, so that it is pleated. Every edge at their roots has three facets.
+//! `seeds=N` before a mesh gives it N deformations and sets of points, a row each. `flange:MESH` is the mesh
+//! cut across its middle, with a flange glued on that lies in the plane of the cut; `fins:MESH` has a fin
+//! along the edges of facets there, which run to and fro, so that it is pleated. Every edge at their roots
+//! has three facets.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -12,8 +17,8 @@ use planish_estimate::{Error, Result};
 use planish_exchange::mesh::read_mesh;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, sample_points};
 use planish_shell::{
-    Deformation, Dirichlet, Metaball, PointReading, ShellFitOptions, automatic_controls, displacements, fit_points,
-    of_three_coordinates, stiffness,
+    Deformation, Dirichlet, Metaball, PointReading, ShellFitOptions, automatic_controls, displacements,
+    fit_points, of_three_coordinates, stiffness,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -41,10 +46,7 @@ fn main() -> Result<()> {
             continue;
         }
         let file = read_mesh(path.rsplit(':').next().unwrap_or(path).as_ref())?;
-        let mut mesh = TriangleMesh {
-            positions: file.points,
-            triangles: file.triangles,
-        };
+        let mut mesh = TriangleMesh { positions: file.points, triangles: file.triangles };
         if path.starts_with("fins:") {
             mesh = with_fins(&mesh)?;
         } else if path.starts_with("flange:") {
@@ -67,7 +69,8 @@ fn longest_side(mesh: &TriangleMesh) -> Result<(BoundingBox, usize)> {
     Ok((bounds, axis))
 }
 
-/// The mesh cut where it crosses the middle of its longest side, with a flange in that plane: 6 % of its size wide.
+/// The mesh cut where it crosses the middle of its longest side, with a flange in that plane: 6 % of its size
+/// wide.
 fn with_flange(mesh: &TriangleMesh) -> Result<TriangleMesh> {
     let (bounds, axis) = longest_side(mesh)?;
     // A little off, as vertices of what is symmetric lie in the middle.
@@ -96,7 +99,8 @@ fn with_flange(mesh: &TriangleMesh) -> Result<TriangleMesh> {
     let mut flange = Vec::new();
     for t in &whole.triangles {
         let side = t.map(|v| above[v as usize]);
-        let Some(alone) = (0..3).find(|k| side[*k] != side[(k + 1) % 3] && side[*k] != side[(k + 2) % 3]) else {
+        let Some(alone) = (0..3).find(|k| side[*k] != side[(k + 1) % 3] && side[*k] != side[(k + 2) % 3])
+        else {
             triangles.push(*t);
             continue;
         };
@@ -109,13 +113,16 @@ fn with_flange(mesh: &TriangleMesh) -> Result<TriangleMesh> {
     Ok(TriangleMesh { positions, triangles })
 }
 
-/// The mesh with a fin where its facets cross the middle of its longest side: 6 % of its size high, along normals.
+/// The mesh with a fin where its facets cross the middle of its longest side: 6 % of its size high, along
+/// normals.
 fn with_fins(mesh: &TriangleMesh) -> Result<TriangleMesh> {
     let (bounds, axis) = longest_side(mesh)?;
     let mut made = mesh.welded();
     let normals = made.vertex_normals();
     let low: Vec<bool> = (made.triangles.iter())
-        .map(|t| t.iter().map(|v| made.positions[*v as usize][axis]).sum::<f64>() < 3.0 * bounds.center()[axis])
+        .map(|t| {
+            t.iter().map(|v| made.positions[*v as usize][axis]).sum::<f64>() < 3.0 * bounds.center()[axis]
+        })
         .collect();
     // Edges of the lower part that the upper has the other way round.
     let upper: HashSet<[u32; 2]> = (made.triangles.iter().zip(&low))
@@ -131,11 +138,8 @@ fn with_fins(mesh: &TriangleMesh) -> Result<TriangleMesh> {
     for [a, b] in roots {
         let [c, d] = [a, b].map(|v| {
             *tips.entry(v).or_insert_with(|| {
-                let tip = add_scaled(
-                    made.positions[v as usize],
-                    0.06 * bounds.diagonal(),
-                    normals[v as usize],
-                );
+                let tip =
+                    add_scaled(made.positions[v as usize], 0.06 * bounds.diagonal(), normals[v as usize]);
                 made.positions.push(tip);
                 made.positions.len() as u32 - 1
             })
@@ -190,17 +194,10 @@ fn one(
             }
         });
         let v = sigma * sigma;
-        readings.push(PointReading {
-            at,
-            covariance: [v, 0.0, 0.0, v, 0.0, v],
-        });
+        readings.push(PointReading { at, covariance: [v, 0.0, 0.0, v, 0.0, v] });
         good.push(!gross);
     }
-    let options = ShellFitOptions {
-        metaball,
-        stiffness: Some(k.clone()),
-        ..ShellFitOptions::default()
-    };
+    let options = ShellFitOptions { metaball, stiffness: Some(k.clone()), ..ShellFitOptions::default() };
     let started = Instant::now();
     let made = fit_points(mesh, &deformation, &readings, &options)?;
     let seconds = started.elapsed().as_secs_f64();
@@ -253,28 +250,14 @@ fn one(
         let corners = mesh.triangles[place.triangle as usize];
         let mut row = DVector::zeros(basis);
         for (vertex, w) in corners.iter().zip(place.barycentric) {
-            deformation.row(*vertex, normals[place.triangle as usize], &mut |k, entry| {
-                row[k] += w * entry
-            });
+            deformation.row(*vertex, normals[place.triangle as usize], &mut |k, entry| row[k] += w * entry);
         }
         let row = r.tr_mul(&row);
         let stated = row.dot(&(&made.covariance * &row)).max(0.0).sqrt();
         covered += usize::from(height.abs() < 1.96 * stated);
     }
-    let found = made
-        .points
-        .outliers
-        .iter()
-        .zip(&good)
-        .filter(|(o, good)| **o && !**good)
-        .count();
-    let lost = made
-        .points
-        .outliers
-        .iter()
-        .zip(&good)
-        .filter(|(o, good)| **o && **good)
-        .count();
+    let found = made.points.outliers.iter().zip(&good).filter(|(o, good)| **o && !**good).count();
+    let lost = made.points.outliers.iter().zip(&good).filter(|(o, good)| **o && **good).count();
     let of_good = good.iter().filter(|good| **good).count();
     let check = mesh.welded().check();
     let fins = match path.split_once(':') {

@@ -1,13 +1,15 @@
 //! A model that forms before one's eyes: its snapshots as an animated mesh, or as pictures.
 //!
-//! Comes in: a fitted model with its [`Forming`]. Goes out: a GLB file with a morph target for every snapshot, or a folder of PNG pictures `frame_0001.png` and
-//! so on. Colours show σ along the normal, on one logarithmic scale for all frames, from dark violet (small) to yellow (large). In the pictures orange dots are the
-//! readings so far.
+//! Comes in: a fitted model with its [`Forming`]. Goes out: a GLB file with a morph target for every
+//! snapshot, or a folder of PNG pictures `frame_0001.png` and so on. Colours show σ along the normal, on one
+//! logarithmic scale for all frames, from dark violet (small) to yellow (large). In the pictures orange dots
+//! are the readings so far.
 //!
-//! All frames are cut into the same triangles, at the same parameters. The folder is whole or not there: pictures are drawn into a folder beside it, which is
-//! then renamed.
+//! All frames are cut into the same triangles, at the same parameters. The folder is whole or not there:
+//! pictures are drawn into a folder beside it, which is then renamed.
 //!
-//! Not guaranteed: that triangles follow a snapshot as closely as the model; that a viewer of GLB shows colours change.
+//! Not guaranteed: that triangles follow a snapshot as closely as the model; that a viewer of GLB shows
+//! colours change.
 
 use crate::fit::Forming;
 use crate::mesh_output::affordable_tolerance;
@@ -75,7 +77,8 @@ impl AnimationOutput {
     /// What a path asks for, checked before the work: a .glb file, or a folder that is new or empty.
     ///
     /// # Errors
-    /// `Unsupported` for other files; `Input` for a folder with files in it, and for one of the inputs; `Io` where nothing can be written there.
+    /// `Unsupported` for other files; `Input` for a folder with files in it, and for one of the inputs; `Io`
+    /// where nothing can be written there.
     pub fn plan(path: &Path, inputs: &[PathBuf]) -> Result<Self> {
         match extension(path).as_str() {
             "glb" => {
@@ -106,7 +109,8 @@ struct Frames {
 /// Writes how a model formed.
 ///
 /// # Errors
-/// `Input` where there are no two snapshots; what the writers report; `Interrupted` on request, before anything is left in the folder.
+/// `Input` where there are no two snapshots; what the writers report; `Interrupted` on request, before
+/// anything is left in the folder.
 pub fn write_forming(
     forming: &Forming,
     unit: Unit,
@@ -121,13 +125,7 @@ pub fn write_forming(
     let frames = frames(&last.surface, forming, unit, progress)?;
     let file = match output {
         AnimationOutput::Mesh(path) => {
-            write_animation(
-                path,
-                &frames.frames,
-                &frames.triangles,
-                Some(frames.unit),
-                SECONDS_PER_FRAME,
-            )?;
+            write_animation(path, &frames.frames, &frames.triangles, Some(frames.unit), SECONDS_PER_FRAME)?;
             path
         }
         AnimationOutput::Pictures(path) => {
@@ -145,11 +143,7 @@ pub fn write_forming(
             path
         }
     };
-    Ok(AnimationReport {
-        file: file.clone(),
-        readings: frames.readings,
-        triangles: frames.triangles.len(),
-    })
+    Ok(AnimationReport { file: file.clone(), readings: frames.readings, triangles: frames.triangles.len() })
 }
 
 /// The snapshots on the triangles of the last one.
@@ -165,15 +159,10 @@ fn frames(surface: &Surface, forming: &Forming, unit: Unit, progress: &dyn Progr
         progress.check("animating", k as f64 / forming.snapshots.len() as f64)?;
         progress.items(k, "frames");
         let then = &snapshot.surface;
-        let located: Vec<(usize, [f64; 2])> = made
-            .parameters
-            .iter()
-            .map(|&[u, v]| then.space().locate(u, v))
-            .collect();
-        let points: Vec<[f64; 3]> = located
-            .iter()
-            .map(|&(leaf, [s, t])| then.leaf_point(leaf, s, t))
-            .collect();
+        let located: Vec<(usize, [f64; 2])> =
+            made.parameters.iter().map(|&[u, v]| then.space().locate(u, v)).collect();
+        let points: Vec<[f64; 3]> =
+            located.iter().map(|&(leaf, [s, t])| then.leaf_point(leaf, s, t)).collect();
         let normals: Vec<[f64; 3]> = (made.parameters.iter().zip(&made.normals))
             .map(|(&[u, v], last)| then.normal(u, v).unwrap_or(*last))
             .collect();
@@ -199,7 +188,8 @@ fn frames(surface: &Surface, forming: &Forming, unit: Unit, progress: &dyn Progr
     })
 }
 
-/// One logarithmic scale for all frames: from the smallest σ of the last to the largest of the first, a few vertices at the ends left out.
+/// One logarithmic scale for all frames: from the smallest σ of the last to the largest of the first, a few
+/// vertices at the ends left out.
 struct ColourScale {
     low: f64,
     high: f64,
@@ -210,16 +200,9 @@ impl ColourScale {
         let quantile = |values: Option<&Vec<f64>>, share: f64| {
             let mut sorted: Vec<f64> = values.into_iter().flatten().copied().filter(|s| *s > 0.0).collect();
             sorted.sort_unstable_by(f64::total_cmp);
-            sorted
-                .get((share * sorted.len() as f64) as usize)
-                .copied()
-                .unwrap_or(1.0)
-                .ln()
+            sorted.get((share * sorted.len() as f64) as usize).copied().unwrap_or(1.0).ln()
         };
-        Self {
-            low: quantile(sigmas.last(), 0.02),
-            high: quantile(sigmas.first(), 0.9),
-        }
+        Self { low: quantile(sigmas.last(), 0.02), high: quantile(sigmas.first(), 0.9) }
     }
 
     fn place(&self, sigma: f64) -> f64 {
@@ -227,7 +210,8 @@ impl ColourScale {
     }
 }
 
-/// A camera that looks at the middle of a thing from four sizes away: parallel enough that nothing is distorted.
+/// A camera that looks at the middle of a thing from four sizes away: parallel enough that nothing is
+/// distorted.
 struct Camera {
     at: [f64; 3],
     /// To the right, up, and towards the thing.
@@ -256,18 +240,10 @@ impl Camera {
         let from = towards.ok_or_else(|| Error::input("a camera without a direction"))?;
         let at = add_scaled(bounds.center(), 4.0 * bounds.diagonal(), from);
         let forward = scale(-1.0, from);
-        let up = if from[2].abs() < 0.95 {
-            [0.0, 0.0, 1.0]
-        } else {
-            [0.0, 1.0, 0.0]
-        };
+        let up = if from[2].abs() < 0.95 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
         let right = unit(cross(forward, up)).unwrap_or([1.0, 0.0, 0.0]);
         let up = cross(right, forward);
-        let mut camera = Self {
-            at,
-            axes: [right, up, forward],
-            focal: 1.0,
-        };
+        let mut camera = Self { at, axes: [right, up, forward], focal: 1.0 };
         let room = |points: &[[f64; 3]]| {
             let most = (points.iter()).fold([0.0_f64; 2], |most, p| {
                 let [x, y, _] = camera.project(*p);
@@ -294,10 +270,7 @@ impl Camera {
     fn on_picture(&self, p: [f64; 3]) -> Projected {
         let [x, y, depth] = self.project(p);
         let [columns, rows] = PICTURE.map(|n| n as f64);
-        Projected {
-            at: [0.5 * columns + x, 0.5 * rows - y],
-            depth,
-        }
+        Projected { at: [0.5 * columns + x, 0.5 * rows - y], depth }
     }
 
     /// Draws a frame with its readings: red, green and blue of every pixel, row by row.
@@ -306,10 +279,7 @@ impl Camera {
         let corners: Vec<Projected> = (frame.points.iter())
             .map(|p| {
                 let Projected { at, depth } = self.on_picture(*p);
-                Projected {
-                    at: at.map(|x| SAMPLES as f64 * x),
-                    depth,
-                }
+                Projected { at: at.map(|x| SAMPLES as f64 * x), depth }
             })
             .collect();
         let buffer = DepthBuffer::draw(SAMPLES * columns, SAMPLES * rows, &corners, triangles);
@@ -322,7 +292,9 @@ impl Camera {
             let Projected { at: [x, y], depth } = self.on_picture(*place);
             let inside = (1.0..columns as f64 - 1.0).contains(&x) && (1.0..rows as f64 - 1.0).contains(&y);
             let middle = |x: f64| (SAMPLES as f64 * x) as usize;
-            if !inside || (buffer.at(middle(x), middle(y))).is_some_and(|seen| seen.depth < depth - 0.03 * size) {
+            if !inside
+                || (buffer.at(middle(x), middle(y))).is_some_and(|seen| seen.depth < depth - 0.03 * size)
+            {
                 continue;
             }
             // Few readings are large dots, many are single pixels.
@@ -335,7 +307,8 @@ impl Camera {
             };
             for dy in 0..width {
                 for dx in 0..width {
-                    let at = 3 * ((y as usize + dy).min(rows - 1) * columns + (x as usize + dx).min(columns - 1));
+                    let at =
+                        3 * ((y as usize + dy).min(rows - 1) * columns + (x as usize + dx).min(columns - 1));
                     pixels[at..at + 3].copy_from_slice(&DOT);
                 }
             }
@@ -344,7 +317,13 @@ impl Camera {
     }
 
     /// The colour of a pixel: matt, lit from the camera, the mean brightness of its samples.
-    fn colour(&self, frame: &MeshFrame, triangles: &[[u32; 3]], buffer: &DepthBuffer, pixel: [usize; 2]) -> [u8; 3] {
+    fn colour(
+        &self,
+        frame: &MeshFrame,
+        triangles: &[[u32; 3]],
+        buffer: &DepthBuffer,
+        pixel: [usize; 2],
+    ) -> [u8; 3] {
         let sample = |k: usize| {
             let [column, row] = [0, 1].map(|axis| SAMPLES * pixel[axis] + [k % SAMPLES, k / SAMPLES][axis]);
             match buffer.at(column, row) {

@@ -1,17 +1,19 @@
 //! Surfaces as boundary representations, for CAD programs.
 //!
-//! Comes in: a [`Surface`] over any hierarchy. Goes out: a [`Brep`] of bicubic B-spline faces that are this surface
-//! exactly: hierarchical splines are tensor splines wherever one level is carried all over a face, and clamping the ends of
-//! the knots changes the outermost two control points only. Inner knots stay simple, so faces are C² inside.
+//! Comes in: a [`Surface`] over any hierarchy. Goes out: a [`Brep`] of bicubic B-spline faces that are this
+//! surface exactly: hierarchical splines are tensor splines wherever one level is carried all over a face,
+//! and clamping the ends of the knots changes the outermost two control points only. Inner knots stay simple,
+//! so faces are C² inside.
 //!
-//! A small surface is written in as few faces as closing allows (a sheet in one, a tube or ball in two halves, a torus in four
-//! quarters); a large one in a face for each cell of the base grid, each at its own finest level. Neighbours share edges,
-//! whose curves are taken from the finer side.
+//! A small surface is written in as few faces as closing allows (a sheet in one, a tube or ball in two
+//! halves, a torus in four quarters); a large one in a face for each cell of the base grid, each at its own
+//! finest level. Neighbours share edges, whose curves are taken from the finer side.
 //!
 //! Not guaranteed: that faces do not cross each other where the surface folds.
 //!
 //! # References
-//! Boehm, *Inserting new knots into B-spline curves*, CAD 1980 (clamping); Ramshaw, *Blossoms are polar forms*, CAGD 1989.
+//! Boehm, *Inserting new knots into B-spline curves*, CAD 1980 (clamping); Ramshaw, *Blossoms are polar
+//! forms*, CAGD 1989.
 
 use planish_estimate::vector3::{cross, dot, sub};
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
@@ -27,13 +29,12 @@ pub struct BrepOptions {
 impl Default for BrepOptions {
     /// 60,000 control points: a file of about 4 MB.
     fn default() -> Self {
-        Self {
-            max_control_points: 60_000,
-        }
+        Self { max_control_points: 60_000 }
     }
 }
 
-/// The exact surface as B-spline faces; closed for a ball and a torus, and then with its faces turned outward.
+/// The exact surface as B-spline faces; closed for a ball and a torus, and then with its faces turned
+/// outward.
 ///
 /// A face's parameters are the surface's, in base-grid units. Cost: linear in the control points written.
 ///
@@ -53,10 +54,7 @@ pub fn brep_from_surface(surface: &Surface, options: &BrepOptions) -> Brep {
     let [columns, rows] = space.base().map(|n| n as u32);
     let shape = space.shape();
     let halves = |n: u32, periodic: bool| if periodic { vec![0, n / 2, n] } else { vec![0, n] };
-    let few = Patches::new(
-        space,
-        [halves(columns, shape.periodic_u()), halves(rows, shape.periodic_v())],
-    );
+    let few = Patches::new(space, [halves(columns, shape.periodic_u()), halves(rows, shape.periodic_v())]);
     let patches = if few.control_points() <= options.max_control_points {
         few
     } else {
@@ -82,11 +80,7 @@ impl Patches {
             let at = patch(1, cell.j) * (cuts[0].len() - 1) + patch(0, cell.i);
             levels[at] = cell.level.max(levels[at]);
         }
-        Self {
-            shape: space.shape(),
-            cuts,
-            levels,
-        }
+        Self { shape: space.shape(), cuts, levels }
     }
 
     /// Patches along u and v.
@@ -105,9 +99,7 @@ impl Patches {
     }
 
     fn control_points(&self) -> usize {
-        self.all()
-            .map(|patch| (self.spans(patch, 0) + 3) * (self.spans(patch, 1) + 3))
-            .sum()
+        self.all().map(|patch| (self.spans(patch, 0) + 3) * (self.spans(patch, 1) + 3)).sum()
     }
 
     fn all(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
@@ -120,9 +112,7 @@ impl Patches {
         let spans = self.spans(patch, d);
         let side = 0.5_f64.powi(i32::from(self.level(patch)));
         let start = f64::from(self.cuts[d][patch[d]]);
-        (0..=spans)
-            .map(|k| (start + k as f64 * side, if k == 0 || k == spans { 4 } else { 1 }))
-            .collect()
+        (0..=spans).map(|k| (start + k as f64 * side, if k == 0 || k == spans { 4 } else { 1 })).collect()
     }
 
     /// The tensor surface on a patch; a pole's row is exactly the pole.
@@ -134,14 +124,8 @@ impl Patches {
         let mut poles = vec![[0.0; 3]; n_u * n_v];
         for j in 0..nv {
             for i in 0..nu {
-                let cell = Cell {
-                    level,
-                    i: i0 + i as u32,
-                    j: j0 + j as u32,
-                };
-                let c = surface
-                    .cell_coefficients(cell)
-                    .expect("no leaf of a patch is finer than its level");
+                let cell = Cell { level, i: i0 + i as u32, j: j0 + j as u32 };
+                let c = surface.cell_coefficients(cell).expect("no leaf of a patch is finer than its level");
                 for k in 0..16 {
                     poles[(i + k % 4) * n_v + j + k / 4] = c[k];
                 }
@@ -184,10 +168,7 @@ impl Patches {
         let mut sewing = Sewing {
             patches: self,
             surfaces: &surfaces,
-            brep: Brep {
-                closed,
-                ..Brep::default()
-            },
+            brep: Brep { closed, ..Brep::default() },
             vertices: Vec::new(),
             edges: [Vec::new(), Vec::new()],
         };
@@ -199,11 +180,7 @@ impl Patches {
         brep.faces = surfaces
             .into_iter()
             .zip(loops)
-            .map(|(surface, edges)| BrepFace {
-                surface,
-                edges,
-                same_sense: outward,
-            })
+            .map(|(surface, edges)| BrepFace { surface, edges, same_sense: outward })
             .collect();
         brep
     }
@@ -211,8 +188,8 @@ impl Patches {
 
 /// Vertices and edges between the patches, each made once.
 ///
-/// Grid lines are numbered like the patches that start there, and one more where a direction is open; line `n` of a closed
-/// direction is line 0.
+/// Grid lines are numbered like the patches that start there, and one more where a direction is open; line
+/// `n` of a closed direction is line 0.
 struct Sewing<'a> {
     patches: &'a Patches,
     surfaces: &'a [BsplineSurface],
@@ -227,10 +204,7 @@ impl Sewing<'_> {
     fn lines(&self) -> [usize; 2] {
         let [nu, nv] = self.patches.count();
         let shape = self.patches.shape;
-        [
-            nu + usize::from(!shape.periodic_u()),
-            nv + usize::from(!shape.periodic_v()),
-        ]
+        [nu + usize::from(!shape.periodic_u()), nv + usize::from(!shape.periodic_v())]
     }
 
     fn crossing(&self, a: usize, b: usize) -> usize {
@@ -291,7 +265,8 @@ impl Sewing<'_> {
                     }
                 }
                 // The finer side, and of equals the one ahead.
-                let Some(&(_, ahead, patch)) = sides.iter().max_by_key(|(level, ahead, _)| (*level, *ahead)) else {
+                let Some(&(_, ahead, patch)) = sides.iter().max_by_key(|(level, ahead, _)| (*level, *ahead))
+                else {
                     continue;
                 };
                 let mut curve = border_curve(self.patch_surface(patch), d, ahead);
@@ -339,18 +314,14 @@ fn border_curve(surface: &BsplineSurface, d: usize, at_start: bool) -> BsplineCu
         surface.poles[i * n_v..(i + 1) * n_v].to_vec()
     };
     let knots = if d == 0 { &surface.knots_u } else { &surface.knots_v };
-    BsplineCurve {
-        degree: 3,
-        knots: knots.clone(),
-        poles,
-    }
+    BsplineCurve { degree: 3, knots: knots.clone(), poles }
 }
 
-/// Turns the uniform coefficients of a cubic spline (`count` of them from `first` on, `stride` apart) into those over clamped
-/// knots.
+/// Turns the uniform coefficients of a cubic spline (`count` of them from `first` on, `stride` apart) into
+/// those over clamped knots.
 ///
-/// By blossoms, with knots 0, 1, … from the end on: `f(0,0,0) = (c0 + 4 c1 + c2)/6`, `f(0,0,1) = (2 c1 + c2)/3`, and
-/// `f(0,1,2) = c2` as before.
+/// By blossoms, with knots 0, 1, … from the end on: `f(0,0,0) = (c0 + 4 c1 + c2)/6`,
+/// `f(0,0,1) = (2 c1 + c2)/3`, and `f(0,1,2) = c2` as before.
 fn clamp_ends(c: &mut [[f64; 3]], first: usize, stride: usize, count: usize) {
     let at = |k: usize| first + k * stride;
     let ends = [[0, 1, 2], [count - 1, count - 2, count - 3]].map(|[k0, k1, k2]| {

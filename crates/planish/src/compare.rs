@@ -1,15 +1,17 @@
 //! Deviations of a model from a reference, and how often the model's stated σ covers them.
 //!
-//! Comes in: a model (`.planish`, or a mesh, maybe with columns `sigma` and `observed`) and a [`Reference`]: a mesh, or points with or
-//! without σ. Goes out: a [`ComparisonReport`] in the model's unit.
+//! Comes in: a model (`.planish`, or a mesh, maybe with columns `sigma` and `observed`) and a [`Reference`]:
+//! a mesh, or points with or without σ. Goes out: a [`ComparisonReport`] in the model's unit.
 //!
-//! *Forward*: from the vertices of the model's mesh to the reference's mesh. *Backward*: from the reference's points to the model's
-//! surface, by exact foot points where a `.planish` is given. Both are positive where the model lies on the side that the reference's
-//! normal points to (that the model's normal points to, where the reference has none). Only what the model counts as observed is compared, and nothing
-//! whose foot lies on an open border: there, the other side ends.
+//! *Forward*: from the vertices of the model's mesh to the reference's mesh. *Backward*: from the reference's
+//! points to the model's surface, by exact foot points where a `.planish` is given. Both are positive where
+//! the model lies on the side that the reference's normal points to (that the model's normal points to, where
+//! the reference has none). Only what the model counts as observed is compared, and nothing whose foot lies
+//! on an open border: there, the other side ends.
 //!
-//! Not guaranteed: weighting by area (finely meshed parts count more); that foot points are the globally nearest ones. They start at the
-//! sample whose position and normal agree best, which keeps the two sides of a thin part apart.
+//! Not guaranteed: weighting by area (finely meshed parts count more); that foot points are the globally
+//! nearest ones. They start at the sample whose position and normal agree best, which keeps the two sides of
+//! a thin part apart.
 
 use crate::mesh_output::{affordable_tolerance, median_sigma};
 use crate::model::{Observed, SurfaceModel};
@@ -23,7 +25,9 @@ use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
 use planish_exchange::{ScanSet, Unit, read_inputs};
 use planish_mesh::{BoundingBox, DeviationStatistics, MeshSearch, TriangleMesh};
 use planish_sense::{Pose, variance_along};
-use planish_spline::{FootPoint, FootPointSearch, ProjectionOptions, Surface, TessellationOptions, tessellate};
+use planish_spline::{
+    FootPoint, FootPointSearch, ProjectionOptions, Surface, TessellationOptions, tessellate,
+};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
@@ -64,7 +68,8 @@ pub struct Reference {
     pub normals: Option<Vec<[f64; 3]>>,
     /// Triangles between the points; none for a cloud.
     pub triangles: Vec<[u32; 3]>,
-    /// Covariances `[xx, xy, xz, yy, yz, zz]` of the points, zero where not stated; none where the reference counts as exact.
+    /// Covariances `[xx, xy, xz, yy, yz, zz]` of the points, zero where not stated; none where the reference
+    /// counts as exact.
     pub covariance: Option<Vec<[f64; 6]>>,
     /// Unit of every length, where a file names it.
     pub unit: Option<Unit>,
@@ -106,11 +111,13 @@ pub struct ComparisonReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Unit,
-    /// From the model to the reference; none where the reference has no triangles or nothing is left to compare.
+    /// From the model to the reference; none where the reference has no triangles or nothing is left to
+    /// compare.
     pub forward: Option<Deviations>,
     /// From the reference to the model; none where nothing is left to compare.
     pub backward: Option<Deviations>,
-    /// Share of the reference's points within 1.96 · √(σ_model² + σ_reference²); none where the model carries no σ.
+    /// Share of the reference's points within 1.96 · √(σ_model² + σ_reference²); none where the model carries
+    /// no σ.
     pub coverage95: Option<f64>,
     /// What was left out.
     pub skipped: Skipped,
@@ -182,7 +189,8 @@ impl ComparedMesh {
                 .column("observed")
                 .map(|column| column.iter().map(|&mark| observed_of(mark)).collect()),
             unit: file.unit,
-            mesh: TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))?,
+            mesh: TriangleMesh::try_new(file.points, file.triangles)
+                .map_err(|e| e.in_context(path.display()))?,
         })
     }
 }
@@ -191,7 +199,8 @@ impl Compared {
     /// Reads a `.planish` model, a mesh (PLY, OBJ, STL, OFF or GLB) or the faces of a STEP file.
     ///
     /// # Errors
-    /// As the readers; `Unsupported` for other extensions; `Input` for a mesh without triangles or with a σ that is negative or not finite.
+    /// As the readers; `Unsupported` for other extensions; `Input` for a mesh without triangles or with a σ
+    /// that is negative or not finite.
     pub fn read(path: &Path) -> Result<Self> {
         match planish_exchange::extension(path).as_str() {
             "planish" => Ok(Self::Surface(Box::new(saved::load(path)?))),
@@ -224,7 +233,8 @@ impl Compared {
 impl Reference {
     /// Reads a mesh or a cloud: any file that a fit reads.
     ///
-    /// A mesh file's own `sigma` or `cxx cxy cxz cyy cyz czz` count, and so does what a job states of its sensors.
+    /// A mesh file's own `sigma` or `cxx cxy cxz cyy cyz czz` count, and so does what a job states of its
+    /// sensors.
     ///
     /// # Errors
     /// As the readers; `Input` for a σ that is not positive.
@@ -247,21 +257,15 @@ impl Reference {
         if triangles.is_empty() {
             return Ok(made);
         }
-        let mesh =
-            TriangleMesh::try_new(points.clone(), triangles.clone()).map_err(|e| e.in_context(path.display()))?;
-        Ok(Self {
-            normals: Some(mesh.vertex_normals()),
-            ..made
-        })
+        let mesh = TriangleMesh::try_new(points.clone(), triangles.clone())
+            .map_err(|e| e.in_context(path.display()))?;
+        Ok(Self { normals: Some(mesh.vertex_normals()), ..made })
     }
 
     /// The points of scans, in world coordinates.
     #[must_use]
     pub fn from_scans(set: &ScanSet) -> Self {
-        let mut made = Self {
-            unit: set.unit,
-            ..Self::default()
-        };
+        let mut made = Self { unit: set.unit, ..Self::default() };
         let (mut normals, mut covariance) = (Vec::new(), Vec::new());
         for posed in &set.scans {
             let scan = &posed.scan;
@@ -289,10 +293,7 @@ impl Reference {
     fn scaled(mut self, factor: f64) -> Self {
         if factor != 1.0 {
             self.points.iter_mut().for_each(|p| *p = scale(factor, *p));
-            self.covariance
-                .iter_mut()
-                .flatten()
-                .for_each(|c| *c = c.map(|v| v * factor * factor));
+            self.covariance.iter_mut().flatten().for_each(|c| *c = c.map(|v| v * factor * factor));
         }
         self
     }
@@ -302,9 +303,7 @@ impl Reference {
     }
 
     fn variance(&self, k: usize, direction: [f64; 3]) -> f64 {
-        self.covariance
-            .as_ref()
-            .map_or(0.0, |c| variance_along(&c[k], direction))
+        self.covariance.as_ref().map_or(0.0, |c| variance_along(&c[k], direction))
     }
 }
 
@@ -318,23 +317,13 @@ fn rotated(pose: &Pose, c: &[f64; 6]) -> [f64; 6] {
     // Rows of C, each carried to the world: C Rᵀ, then its columns.
     let rows = [[c[0], c[1], c[2]], [c[1], c[3], c[4]], [c[2], c[4], c[5]]].map(|row| pose.rotate(row));
     let columns = [0, 1, 2].map(|d| pose.rotate([rows[0][d], rows[1][d], rows[2][d]]));
-    [
-        columns[0][0],
-        columns[0][1],
-        columns[0][2],
-        columns[1][1],
-        columns[1][2],
-        columns[2][2],
-    ]
+    [columns[0][0], columns[0][1], columns[0][2], columns[1][1], columns[1][2], columns[2][2]]
 }
 
 fn covariances(file: &PolygonMesh) -> Result<Option<Vec<[f64; 6]>>> {
     if let Some(sigma) = file.column("sigma") {
         if let Some(at) = sigma.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
-            return Err(Error::input(format!(
-                "vertex {at}: needed sigma ≥ 0, found {}",
-                sigma[at]
-            )));
+            return Err(Error::input(format!("vertex {at}: needed sigma ≥ 0, found {}", sigma[at])));
         }
         return Ok(Some(sigma.iter().map(|&s| isotropic(s)).collect()));
     }
@@ -343,7 +332,8 @@ fn covariances(file: &PolygonMesh) -> Result<Option<Vec<[f64; 6]>>> {
         return Ok(None);
     };
     let all: Vec<[f64; 6]> = (0..a.len()).map(|k| [a[k], b[k], c[k], d[k], e[k], f[k]]).collect();
-    let possible = |c: &[f64; 6]| c.iter().all(|v| v.is_finite()) && c[0] >= 0.0 && c[3] >= 0.0 && c[5] >= 0.0;
+    let possible =
+        |c: &[f64; 6]| c.iter().all(|v| v.is_finite()) && c[0] >= 0.0 && c[3] >= 0.0 && c[5] >= 0.0;
     if let Some(at) = all.iter().position(|c| !possible(c)) {
         return Err(Error::input(format!(
             "vertex {at}: needed a covariance cxx cxy cxz cyy cyz czz, found {}",
@@ -359,11 +349,7 @@ fn normals(file: &PolygonMesh) -> Option<Vec<[f64; 3]>> {
     };
     Some(
         (0..x.len())
-            .map(|k| {
-                unit([x[k], y[k], z[k]])
-                    .filter(|n| norm(*n).is_finite())
-                    .unwrap_or([0.0; 3])
-            })
+            .map(|k| unit([x[k], y[k], z[k]]).filter(|n| norm(*n).is_finite()).unwrap_or([0.0; 3]))
             .collect(),
     )
 }
@@ -373,7 +359,8 @@ fn normals(file: &PolygonMesh) -> Option<Vec<[f64; 3]>> {
 /// Where both name their unit, the reference is converted to the model's.
 ///
 /// # Errors
-/// `Undetermined` when the two share nothing to compare; `Input` for meshes that cannot be searched; `Interrupted` on request.
+/// `Undetermined` when the two share nothing to compare; `Input` for meshes that cannot be searched;
+/// `Interrupted` on request.
 pub fn compare(
     model: &Compared,
     reference: Reference,
@@ -402,11 +389,7 @@ pub(crate) fn compared(
     options: &CompareOptions,
     progress: &dyn Progress,
 ) -> Result<(ComparisonReport, ShownReference)> {
-    let unit = model
-        .unit()
-        .or(options.unit)
-        .or(reference.unit)
-        .unwrap_or(Unit::Millimetre);
+    let unit = model.unit().or(options.unit).or(reference.unit).unwrap_or(Unit::Millimetre);
     let of_reference = reference.unit.or(options.unit).unwrap_or(unit);
     let mut report = ComparisonReport {
         unit,
@@ -491,10 +474,7 @@ pub fn compare_files_reported(
     if let Some(page) = page {
         let [model, reference] = named;
         let made = compare_page(&read, &report, shown, options, [&model, &reference])?;
-        page.write(
-            made,
-            &[(model, "the model".to_owned()), (reference, "the reference".to_owned())],
-        )?;
+        page.write(made, &[(model, "the model".to_owned()), (reference, "the reference".to_owned())])?;
     }
     Ok(report)
 }
@@ -503,22 +483,8 @@ fn deviations(signed: &[f64]) -> Result<Option<Deviations>> {
     if signed.is_empty() {
         return Ok(None);
     }
-    let DeviationStatistics {
-        rms,
-        mean,
-        p50,
-        p95,
-        max,
-        n,
-    } = DeviationStatistics::from_signed(signed)?;
-    Ok(Some(Deviations {
-        rms,
-        mean,
-        p50,
-        p95,
-        max,
-        n,
-    }))
+    let DeviationStatistics { rms, mean, p50, p95, max, n } = DeviationStatistics::from_signed(signed)?;
+    Ok(Some(Deviations { rms, mean, p50, p95, max, n }))
 }
 
 /// A point of the reference and its foot on the model.
@@ -531,7 +497,11 @@ struct Pair {
     sigma: Option<f64>,
 }
 
-fn summarise_backward(pairs: &[Pair], reference: &Reference, report: &mut ComparisonReport) -> Result<ShownReference> {
+fn summarise_backward(
+    pairs: &[Pair],
+    reference: &Reference,
+    report: &mut ComparisonReport,
+) -> Result<ShownReference> {
     let mut signed = Vec::with_capacity(pairs.len());
     let mut normalised = Vec::with_capacity(pairs.len());
     let (mut with_sigma, mut covered, mut against) = (0_usize, 0_usize, 0_usize);
@@ -662,7 +632,11 @@ fn mesh_pairs(
 }
 
 /// The vertices of a model's mesh that are of the part that is compared.
-fn observed_vertices(model: &Compared, options: &CompareOptions, skipped: &mut Skipped) -> Result<Vec<[f64; 3]>> {
+fn observed_vertices(
+    model: &Compared,
+    options: &CompareOptions,
+    skipped: &mut Skipped,
+) -> Result<Vec<[f64; 3]>> {
     let (positions, observed): (_, Vec<Observed>) = match model {
         Compared::Surface(model) => {
             let tolerance = match options.mesh_tolerance {
@@ -672,10 +646,7 @@ fn observed_vertices(model: &Compared, options: &CompareOptions, skipped: &mut S
                     affordable_tolerance(&model.surface, wanted, MOST_FORWARD_TRIANGLES)?
                 }
             };
-            let options = TessellationOptions {
-                tolerance,
-                ..TessellationOptions::default()
-            };
+            let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
             let made = tessellate(&model.surface, &options)?;
             let observed = made.leaf.iter().map(|&leaf| model.observed[leaf as usize]).collect();
             (made.positions, observed)

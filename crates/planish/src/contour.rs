@@ -1,8 +1,8 @@
 //! `planish contour`: which contour a sensor of uncertain pose saw.
 //!
-//! Comes in: a [`ContourJob`]. Goes out: a [`ContourReport`], as JSON, DXF and SVG too. Readings are told apart by level, then
-//! by gaps between them; of each part several kinds are tried. Not guaranteed: parts that are nearer to each other than
-//! readings of one part; `gap` says where that is.
+//! Comes in: a [`ContourJob`]. Goes out: a [`ContourReport`], as JSON, DXF and SVG too. Readings are told
+//! apart by level, then by gaps between them; of each part several kinds are tried. Not guaranteed: parts
+//! that are nearer to each other than readings of one part; `gap` says where that is.
 
 mod constrained;
 mod lengths;
@@ -13,8 +13,8 @@ mod space;
 mod unused;
 
 pub use constrained::{
-    ConstrainJob, ConstrainedContour, ConstrainedReport, ImposedConstraint, ReportedDependence, ReportedFreedoms,
-    ReportedPoint, ReportedRelation, ReportedSize,
+    ConstrainJob, ConstrainedContour, ConstrainedReport, ImposedConstraint, ReportedDependence,
+    ReportedFreedoms, ReportedPoint, ReportedRelation, ReportedSize,
 };
 pub use levels::{LevelRelation, Relation};
 pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
@@ -26,7 +26,8 @@ use crate::report::{ReportOutput, contour_page, size_labels};
 use planish_estimate::{Error, Result};
 pub use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
 use planish_exchange::contours::{
-    ContourReadings, DrawnContour, contours_svg, read_contour_readings, write_contours_dxf, write_contours_svg,
+    ContourReadings, DrawnContour, contours_svg, read_contour_readings, write_contours_dxf,
+    write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 pub use planish_solid::constraint::{DEFAULT_LEVEL, SnapOutcome};
@@ -56,7 +57,8 @@ pub struct ContourJob {
     pub sigma: SigmaDefaults,
     /// Which scans of a log.
     pub carmen: CarmenOptions,
-    /// Readings farther apart than this belong to different parts; found from their number where it is not given.
+    /// Readings farther apart than this belong to different parts; found from their number where it is not
+    /// given.
     pub gap: Option<f64>,
     /// `.json`, `.dxf`, `.svg`.
     pub outputs: Vec<PathBuf>,
@@ -89,8 +91,8 @@ fn readings_of(job: &ContourJob, read: &ContourReadings) -> unused::Readings {
 /// Does the job and writes its outputs.
 ///
 /// # Errors
-/// `Io` and `Input` of the reader and writers; `Unsupported` for an extension that cannot be written; `Undetermined` when no
-/// part can be fitted.
+/// `Io` and `Input` of the reader and writers; `Unsupported` for an extension that cannot be written;
+/// `Undetermined` when no part can be fitted.
 pub fn contour_files(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
     contour_files_reported(job, None, progress)
 }
@@ -142,10 +144,12 @@ pub fn contour_files_reported(
     };
     unused::refuse_unused(job, readings_of(job, &read))?;
     let unit = if read.in_metres { Some(Unit::Metre) } else { job.unit };
-    let parts = parts_of(&read, job, progress, &mut warnings).map_err(|e| e.in_context(job.input.display()))?;
+    let parts =
+        parts_of(&read, job, progress, &mut warnings).map_err(|e| e.in_context(job.input.display()))?;
     let seen: Vec<_> = parts.iter().map(|part| ends_seen(part, &read.sightings)).collect();
     let mut report = report::report(&read, &parts, &seen, unit, warnings);
-    let mut drawn: Vec<DrawnContour> = parts.iter().zip(&seen).map(|(part, seen)| drawn(part, *seen)).collect();
+    let mut drawn: Vec<DrawnContour> =
+        parts.iter().zip(&seen).map(|(part, seen)| drawn(part, *seen)).collect();
     let mut graphs = None;
     if job.constrain.is_asked_for() {
         progress.check("constraining", 0.9)?;
@@ -169,10 +173,7 @@ pub fn contour_files_reported(
         let sizes = size_labels(&report, &drawn);
         let svg = contours_svg(&drawn, &points_of(&parts, &read), &sizes);
         let made = contour_page(&report, &svg, &job.input);
-        page.write(
-            made,
-            &[(job.input.clone(), format!("{} readings", read.sightings.len()))],
-        )?;
+        page.write(made, &[(job.input.clone(), format!("{} readings", read.sightings.len()))])?;
     }
     progress.advance("done", 1.0);
     Ok(report)
@@ -233,7 +234,9 @@ fn parts_of(
         let sightings: Vec<Sighting> = members.iter().map(|&i| read.sightings[i]).collect();
         match choose(&kinds, chains, &sightings, &job.fit) {
             Ok(choice) => parts.push(Part { level, members, choice }),
-            Err(e) if count > 1 => warnings.push(format!("a part of {} readings was left out: {e}", members.len())),
+            Err(e) if count > 1 => {
+                warnings.push(format!("a part of {} readings was left out: {e}", members.len()))
+            }
             Err(e) => return Err(e),
         }
     }
@@ -263,11 +266,7 @@ fn ends_seen(part: &Part, sightings: &[Sighting]) -> Option<[[f64; 2]; 2]> {
 fn drawn(part: &Part, seen: Option<[[f64; 2]; 2]>) -> DrawnContour {
     let fit = &part.choice.fit;
     let (theta, _) = fit.kind.canonical(&fit.state.as_slice()[..fit.kind.parameters()]);
-    DrawnContour {
-        kind: fit.kind.clone(),
-        theta,
-        seen,
-    }
+    DrawnContour { kind: fit.kind.clone(), theta, seen }
 }
 
 fn write(
@@ -285,7 +284,8 @@ fn write(
 }
 
 fn write_json(path: &Path, report: &ContourReport) -> Result<()> {
-    let text = serde_json::to_string_pretty(report)
-        .map_err(|e| Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e))?;
+    let text = serde_json::to_string_pretty(report).map_err(|e| {
+        Error::io(format!("{}: the contour could not be put as JSON", path.display())).with_source(e)
+    })?;
     write_atomically(path, |out| writeln!(out, "{text}"))
 }

@@ -1,13 +1,15 @@
 //! Terrain rasters: the height of a sheet and its vertical σ at the middle of every cell of a grid.
 //!
 //! Comes in: a model whose sheet has one height over every place, its posterior, and a cell size. Goes out: a
-//! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on a leaf that was not measured hold nothing, nor do those
-//! whose σ is more than [`MOST_MEDIANS`] times the median: a large leaf with readings at one end is the prior's guess at the other.
+//! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on a leaf that was not
+//! measured hold nothing, nor do those whose σ is more than [`MOST_MEDIANS`] times the median: a large leaf
+//! with readings at one end is the prior's guess at the other.
 //!
-//! At each place `(x, y)` Newton's method solves `S_x(u, v) = x, S_y(u, v) = y`. The surface moves along its normal `n` by
-//! `σ`, so over that place it moves by `σ_z = σ / |n_z|`.
+//! At each place `(x, y)` Newton's method solves `S_x(u, v) = x, S_y(u, v) = y`. The surface moves along its
+//! normal `n` by `σ`, so over that place it moves by `σ_z = σ / |n_z|`.
 //!
-//! Not guaranteed: σ of what is smaller than a cell; that of the error of a position on the map is in it only as far as the fit knew it.
+//! Not guaranteed: σ of what is smaller than a cell; that of the error of a position on the map is in it only
+//! as far as the fit knew it.
 
 use crate::model::{Observed, Posterior, SurfaceModel};
 use crate::point_sigmas::sigmas_along;
@@ -37,14 +39,16 @@ pub struct Dem {
     pub warnings: Vec<String>,
 }
 
-/// Heights of a sheet on a grid of squares of side `cell`; where none is given, of about the spacing of the readings, rounded down to one, two or
-/// five times a power of ten. Borders of cells are multiples of their side, so that rasters of neighbouring tiles fit together.
+/// Heights of a sheet on a grid of squares of side `cell`; where none is given, of about the spacing of the
+/// readings, rounded down to one, two or five times a power of ten. Borders of cells are multiples of their
+/// side, so that rasters of neighbouring tiles fit together.
 ///
 /// Cost: two or three jets a cell, and one covariance a leaf.
 ///
 /// # Errors
-/// `Input` for a shape that is no sheet, for a sheet that has more than one height over a place (steep parts that lean over),
-/// for a cell that is not positive or so small that there were more than [`MOST_CELLS`]; `Undetermined` where nothing was measured.
+/// `Input` for a shape that is no sheet, for a sheet that has more than one height over a place (steep parts
+/// that lean over), for a cell that is not positive or so small that there were more than [`MOST_CELLS`];
+/// `Undetermined` where nothing was measured.
 pub fn dem_from_model(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
@@ -88,10 +92,7 @@ pub fn dem_from_model(
                     guess = place.as_ref().map(|p| p.parameters);
                     place
                         .filter(|p| model.observed[p.leaf as usize].is_measured())
-                        .map(|p| Place {
-                            cell: row * columns + column,
-                            ..p
-                        })
+                        .map(|p| Place { cell: row * columns + column, ..p })
                 })
                 .collect()
         })
@@ -159,7 +160,8 @@ struct Place {
     height: f64,
 }
 
-/// The surface point with these first two coordinates, by Newton's method from the given parameters; none where the search leaves the sheet.
+/// The surface point with these first two coordinates, by Newton's method from the given parameters; none
+/// where the search leaves the sheet.
 fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Place> {
     /// Steps at most, and how much of a leaf the last may be off by.
     const STEPS: usize = 12;
@@ -223,9 +225,7 @@ impl AffineMap {
     fn parameters(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [dx, dy] = [x - self.middle[0], y - self.middle[1]];
         let [u, v] = self.parameters;
-        self.inverse.map_or([u, v], |m| {
-            [u + m[0][0] * dx + m[0][1] * dy, v + m[1][0] * dx + m[1][1] * dy]
-        })
+        self.inverse.map_or([u, v], |m| [u + m[0][0] * dx + m[0][1] * dy, v + m[1][0] * dx + m[1][1] * dy])
     }
 
     /// Whether the sheet as a whole stands upright.
@@ -251,15 +251,14 @@ impl Extent {
             area += (jet.du[0] * jet.dv[1] - jet.du[1] * jet.dv[0]).abs() * side * side;
         }
         if low[0] > high[0] {
-            return Err(Error::undetermined(
-                "a raster of heights: no part of the surface was measured",
-            ));
+            return Err(Error::undetermined("a raster of heights: no part of the surface was measured"));
         }
         let extent = surface.space().extent();
         let parameters = extent.map(|e| 0.5 * e);
         let across = |du: f64, dv: f64| {
-            let [a, b] = [-0.4, 0.4]
-                .map(|s| surface.point(parameters[0] + s * du * extent[0], parameters[1] + s * dv * extent[1]));
+            let [a, b] = [-0.4, 0.4].map(|s| {
+                surface.point(parameters[0] + s * du * extent[0], parameters[1] + s * dv * extent[1])
+            });
             [0, 1].map(|d| (b[d] - a[d]) / (0.8 * (du * extent[0] + dv * extent[1])))
         };
         let (du, dv) = (across(1.0, 0.0), across(0.0, 1.0));
@@ -274,10 +273,7 @@ impl Extent {
                 middle: [middle[0], middle[1]],
                 parameters,
                 inverse: (determinant.abs() > 1e-6 * scale * scale).then(|| {
-                    [
-                        [dv[1] / determinant, -dv[0] / determinant],
-                        [-du[1] / determinant, du[0] / determinant],
-                    ]
+                    [[dv[1] / determinant, -dv[0] / determinant], [-du[1] / determinant, du[0] / determinant]]
                 }),
             },
         })
@@ -317,19 +313,15 @@ mod tests {
         let grid = &dem.grid;
         assert!(dem.warnings.is_empty() && dem.known > grid.values.len() / 2);
         let search = FootPointSearch::new(&model.surface, 4, 0.0).unwrap();
-        for (at, [height, sigma]) in grid
-            .values
-            .iter()
-            .enumerate()
-            .filter(|(_, v)| v[0] != NODATA)
-            .step_by(7)
+        for (at, [height, sigma]) in grid.values.iter().enumerate().filter(|(_, v)| v[0] != NODATA).step_by(7)
         {
             let x = grid.corner[0] + (0.5 + (at % grid.columns) as f64) * grid.cell;
             let y = grid.corner[1] - (0.5 + (at / grid.columns) as f64) * grid.cell;
             let p = [x, y, f64::from(*height)];
             let foot = (model.surface).project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default());
             assert!(foot.height.abs() < 1e-6 && foot.slip < 1e-5, "{p:?}");
-            let along = Posterior::sigma_along(&posterior.leaf(foot.leaf as usize).unwrap(), foot.local, foot.normal);
+            let along =
+                Posterior::sigma_along(&posterior.leaf(foot.leaf as usize).unwrap(), foot.local, foot.normal);
             let vertical = along / foot.normal[2].abs();
             assert!((f64::from(*sigma) / vertical - 1.0).abs() < 1e-3, "{sigma} {vertical}");
         }
@@ -340,11 +332,8 @@ mod tests {
         let here = hills([0.0; 2], |_| true);
         // A multiple of the cell, and a cell of which the sheet's sides are none: rounding moves no border.
         let there = hills([600_000.0, 3_999_999.0], |_| true);
-        let [a, b] = [here, there].map(|m| {
-            dem_from_model(&m, &m.posterior().unwrap(), Some(0.1875), None)
-                .unwrap()
-                .grid
-        });
+        let [a, b] = [here, there]
+            .map(|m| dem_from_model(&m, &m.posterior().unwrap(), Some(0.1875), None).unwrap().grid);
         assert_eq!(b.corner, [a.corner[0] + 600_000.0, a.corner[1] + 3_999_999.0]);
         for (a, b) in a.values.iter().zip(&b.values) {
             assert!((a[0] - b[0]).abs() < 1e-4, "{a:?} {b:?}");
@@ -355,35 +344,25 @@ mod tests {
     fn what_was_not_measured_holds_no_height() {
         let all = hills([0.0; 2], |_| true);
         let some = hills([0.0; 2], |leaf| leaf % 2 == 0);
-        let [all, some] = [all, some].map(|m| {
-            dem_from_model(&m, &m.posterior().unwrap(), Some(0.02), None)
-                .unwrap()
-                .known
-        });
+        let [all, some] =
+            [all, some].map(|m| dem_from_model(&m, &m.posterior().unwrap(), Some(0.02), None).unwrap().known);
         assert!((0.3..0.7).contains(&(some as f64 / all as f64)), "{some} of {all}");
     }
 
     #[test]
     fn other_shapes_and_upright_sheets_are_refused() {
         let refused = |model: &SurfaceModel, cell| {
-            dem_from_model(model, &model.posterior().unwrap(), cell, None)
-                .unwrap_err()
-                .to_string()
+            dem_from_model(model, &model.posterior().unwrap(), cell, None).unwrap_err().to_string()
         };
         assert!(refused(&small_model(Shape::Ball), None).contains("needed a sheet, found a ball"));
         let flat = refined_surface(Shape::Sheet);
         let upright = flat.vertices().iter().map(|p| [p[0], p[2], p[1]]).collect();
         let upright = model_of(flat.with_vertices(upright).unwrap(), |_| true);
         assert!(refused(&upright, Some(0.1)).contains("one height over every place"));
-        let rolled = (flat.vertices().iter())
-            .map(|p| [p[1], (3.0 * p[0]).sin(), (3.0 * p[0]).cos()])
-            .collect();
+        let rolled =
+            (flat.vertices().iter()).map(|p| [p[1], (3.0 * p[0]).sin(), (3.0 * p[0]).cos()]).collect();
         let rolled = model_of(flat.with_vertices(rolled).unwrap(), |_| true);
-        assert!(
-            refused(&rolled, Some(0.02)).contains("leans over"),
-            "{}",
-            refused(&rolled, Some(0.02))
-        );
+        assert!(refused(&rolled, Some(0.02)).contains("leans over"), "{}", refused(&rolled, Some(0.02)));
         assert!(refused(&hills([0.0; 2], |_| true), Some(1e-6)).contains("--cell-size"));
         assert!(refused(&hills([0.0; 2], |_| true), Some(-1.0)).contains("cell size > 0"));
     }

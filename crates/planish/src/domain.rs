@@ -1,7 +1,8 @@
 //! The numbers that a fit can work with.
 //!
-//! Comes in: scans as they were read. Goes out: nothing, a warning, or an error that names the first number out of range. Inside the
-//! range no square overflows and positions keep enough digits; what lies outside is a slip of a unit or an export.
+//! Comes in: scans as they were read. Goes out: nothing, a warning, or an error that names the first number
+//! out of range. Inside the range no square overflows and positions keep enough digits; what lies outside is
+//! a slip of a unit or an export.
 
 use planish_estimate::{Error, Result};
 use planish_exchange::{PosedScan, ScanSet};
@@ -11,12 +12,14 @@ use planish_mesh::BoundingBox;
 const LARGEST: f64 = 1e70;
 /// σ may be this many times larger or smaller than the thing.
 const SIGMA_RANGE: f64 = 1e12;
-/// How many times farther than its size a thing may lie from the origin: sixteen digits, less those of squares and their sums.
+/// How many times farther than its size a thing may lie from the origin: sixteen digits, less those of
+/// squares and their sums.
 const FARTHEST: f64 = 1e7;
 /// From here on the last digits of a good scanner are lost.
 const FAR: f64 = 1e6;
 
-/// Checks coordinates and stated σ; gives back what a user should know. `inputs` is what messages call all of the scans.
+/// Checks coordinates and stated σ; gives back what a user should know. `inputs` is what messages call all of
+/// the scans.
 ///
 /// # Errors
 /// `Input` for numbers out of range, with scan and point.
@@ -24,18 +27,9 @@ pub(crate) fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
     let mut corners = Vec::new();
     let mut boxes = Vec::new();
     for posed in &set.scans {
-        if let Some(at) = posed
-            .scan
-            .points
-            .iter()
-            .position(|p| p.iter().any(|c| c.abs() > LARGEST))
-        {
+        if let Some(at) = posed.scan.points.iter().position(|p| p.iter().any(|c| c.abs() > LARGEST)) {
             let point = posed.scan.points[at];
-            return Err(wrong(
-                posed,
-                at,
-                format!("needed coordinates within ±{LARGEST:e}, found {point:?}"),
-            ));
+            return Err(wrong(posed, at, format!("needed coordinates within ±{LARGEST:e}, found {point:?}")));
         }
         let pose = &posed.scan.world_from_scanner;
         let bounds = BoundingBox::around(posed.scan.points.iter().map(|p| pose.apply(*p)));
@@ -59,11 +53,7 @@ pub(crate) fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
     for posed in &set.scans {
         check_sigma(posed, set, size, inputs)?;
     }
-    let away = bounds
-        .min
-        .iter()
-        .chain(&bounds.max)
-        .fold(0.0_f64, |m, c| m.max(c.abs()));
+    let away = bounds.min.iter().chain(&bounds.max).fold(0.0_f64, |m, c| m.max(c.abs()));
     if away > FARTHEST * size {
         return Err(Error::input(format!(
             "{inputs}: a cloud of size {size:.3e} lies {away:.3e} from the origin, where too few digits are left: subtract an offset from its \
@@ -80,7 +70,8 @@ pub(crate) fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
     Ok(warnings)
 }
 
-/// What to say of scans that lie farther from all others than either is large: in another frame or unit, or of another thing.
+/// What to say of scans that lie farther from all others than either is large: in another frame or unit, or
+/// of another thing.
 fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<String> {
     if boxes.is_empty() {
         return None;
@@ -136,9 +127,9 @@ fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Res
     }
     let sensor = &set.sensors[posed.sensor];
     match sensor.noise.map(|noise| noise.sigma()) {
-        Some(sigma) if scan.sigma.is_none() && scan.covariance.is_none() && out_of_range(sigma) => Err(Error::input(
-            format!("{inputs}: sensor \"{}\": {}", sensor.name, complaint(sigma)),
-        )),
+        Some(sigma) if scan.sigma.is_none() && scan.covariance.is_none() && out_of_range(sigma) => {
+            Err(Error::input(format!("{inputs}: sensor \"{}\": {}", sensor.name, complaint(sigma))))
+        }
         _ => Ok(()),
     }
 }
@@ -150,11 +141,8 @@ mod tests {
     use planish_sense::{Noise, Scan, Sensor, SensorKind};
 
     fn set(change: impl FnOnce(&mut Scan, &mut Sensor)) -> ScanSet {
-        let mut scan = Scan {
-            name: "a.ply".to_owned(),
-            points: vec![[0.0; 3], [3.0, 4.0, 0.0]],
-            ..Scan::default()
-        };
+        let mut scan =
+            Scan { name: "a.ply".to_owned(), points: vec![[0.0; 3], [3.0, 4.0, 0.0]], ..Scan::default() };
         let mut sensor = Sensor {
             name: "laser".to_owned(),
             kind: SensorKind::Range,
@@ -164,12 +152,7 @@ mod tests {
         change(&mut scan, &mut sensor);
         ScanSet {
             sensors: vec![sensor],
-            scans: vec![PosedScan {
-                scan,
-                sensor: 0,
-                sigma_translation: None,
-                sigma_rotation_deg: None,
-            }],
+            scans: vec![PosedScan { scan, sensor: 0, sigma_translation: None, sigma_rotation_deg: None }],
             ..ScanSet::default()
         }
     }
@@ -180,22 +163,10 @@ mod tests {
         let cases: [(Change, &str); 6] = [
             (|scan, _| scan.points[1][2] = 1e71, "a.ply: point 1: needed coordinates"),
             (|scan, _| scan.points[1] = [1e-80, 0.0, 0.0], "larger than"),
-            (
-                |scan, _| scan.sigma = Some(vec![0.1, 1e-13]),
-                "a.ply: point 1: σ = 1e-13",
-            ),
-            (
-                |scan, _| scan.covariance = Some(vec![[1e40, 0.0, 0.0, 1.0, 0.0, 1.0]; 2]),
-                "point 0: σ = 1e20",
-            ),
-            (
-                |_, sensor| sensor.noise = Some(Noise::Isotropic { sigma: 1e30 }),
-                "sensor \"laser\": σ = 1e30",
-            ),
-            (
-                |scan, _| scan.points.iter_mut().for_each(|p| p[0] += 1e9),
-                "subtract an offset",
-            ),
+            (|scan, _| scan.sigma = Some(vec![0.1, 1e-13]), "a.ply: point 1: σ = 1e-13"),
+            (|scan, _| scan.covariance = Some(vec![[1e40, 0.0, 0.0, 1.0, 0.0, 1.0]; 2]), "point 0: σ = 1e20"),
+            (|_, sensor| sensor.noise = Some(Noise::Isotropic { sigma: 1e30 }), "sensor \"laser\": σ = 1e30"),
+            (|scan, _| scan.points.iter_mut().for_each(|p| p[0] += 1e9), "subtract an offset"),
         ];
         for (change, words) in cases {
             let e = check_domain(&set(change), "job.toml").unwrap_err();
@@ -213,10 +184,7 @@ mod tests {
             three.scans.push(next);
         }
         let said = check_domain(&three, "job.toml").unwrap();
-        assert!(
-            said.len() == 1 && said[0].contains("a.ply and 2.ply lie farther apart"),
-            "{said:?}"
-        );
+        assert!(said.len() == 1 && said[0].contains("a.ply and 2.ply lie farther apart"), "{said:?}");
         // What lies between joins them.
         let mut between = three.scans[0].clone();
         between.scan.points.iter_mut().for_each(|p| p[0] += 12.0);
@@ -228,12 +196,11 @@ mod tests {
     fn usual_numbers_pass_and_far_ones_are_warned_of() {
         assert!(check_domain(&set(|_, _| {}), "job.toml").unwrap().is_empty());
         assert!(
-            check_domain(&set(|scan, _| scan.sigma = Some(vec![1e-6, 1e6])), "job.toml")
-                .unwrap()
-                .is_empty()
+            check_domain(&set(|scan, _| scan.sigma = Some(vec![1e-6, 1e6])), "job.toml").unwrap().is_empty()
         );
         // A survey in a national grid: kilometres of size, thousands of kilometres from its origin.
-        let survey = |scan: &mut Scan, _: &mut Sensor| scan.points = vec![[3e6, 5e6, 0.0], [3.001e6, 5.001e6, 90.0]];
+        let survey =
+            |scan: &mut Scan, _: &mut Sensor| scan.points = vec![[3e6, 5e6, 0.0], [3.001e6, 5.001e6, 90.0]];
         assert!(check_domain(&set(survey), "job.toml").unwrap().is_empty());
         let far = |scan: &mut Scan, _: &mut Sensor| scan.points.iter_mut().for_each(|p| p[0] += 1e7);
         assert!(check_domain(&set(far), "job.toml").unwrap()[0].contains("digits are lost"));

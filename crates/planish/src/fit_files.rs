@@ -1,7 +1,7 @@
 //! The job `planish fit`: files in, a model fitted or updated, files out.
 //!
-//! Comes in: a [`FitJob`]. Goes out: the files that it names and a [`FitJobReport`]. Outputs are checked before anything is read,
-//! and written when everything else has succeeded.
+//! Comes in: a [`FitJob`]. Goes out: the files that it names and a [`FitJobReport`]. Outputs are checked
+//! before anything is read, and written when everything else has succeeded.
 
 use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
 use crate::domain::check_domain;
@@ -44,11 +44,13 @@ pub struct FitJob {
     pub unit: Option<Unit>,
     /// Settings of the fit.
     pub options: FitOptions,
-    /// Where refinement stops, in place of [`FitOptions::tolerance`]: a length in a unit of its own, or in that of the scans.
+    /// Where refinement stops, in place of [`FitOptions::tolerance`]: a length in a unit of its own, or in
+    /// that of the scans.
     pub tolerance: Option<Length>,
     /// Chord error of meshes, in the model's unit; half the median σ where none is given.
     pub mesh_tolerance: Option<f64>,
-    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is given.
+    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is
+    /// given.
     pub cell_size: Option<f64>,
     /// Of a sheet that bends: a folder for the sheet at every time.
     pub states: Option<PathBuf>,
@@ -82,8 +84,8 @@ pub struct FitJobReport {
 /// Reads, fits and writes.
 ///
 /// # Errors
-/// What the readers, [`fit`], [`update`] and the writers report; `Input` also for settings out of range, and for an output that is
-/// an input. Nothing is written unless the fit succeeds.
+/// What the readers, [`fit`], [`update`] and the writers report; `Input` also for settings out of range, and
+/// for an output that is an input. Nothing is written unless the fit succeeds.
 ///
 /// # Examples
 /// ```no_run
@@ -111,9 +113,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
         }
         make_folder(folder)?;
     }
-    let animation = (job.animation.as_ref())
-        .map(|path| AnimationOutput::plan(path, &named))
-        .transpose()?;
+    let animation = (job.animation.as_ref()).map(|path| AnimationOutput::plan(path, &named)).transpose()?;
     if let Some(path) = &job.animation {
         refuse_same_output(path, &job.outputs)?;
     }
@@ -171,35 +171,28 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     report.warnings.extend(warnings(&set, earlier.as_ref()));
     report.warnings.extend(in_far_places);
     if unit_of_maps {
-        (report.warnings)
-            .push("no file names its unit of length: metres were taken, as on maps; say --unit m or ft".to_owned());
+        (report.warnings).push(
+            "no file names its unit of length: metres were taken, as on maps; say --unit m or ft".to_owned(),
+        );
     }
     report.warnings.extend(unclassified(job, &set));
     report.warnings.extend(unsteady(&report));
     let states = states_to_write(job, &fitted)?;
     let mut states_prepared = Vec::with_capacity(states.len());
     for (state, outputs) in &states {
-        let options = OutputOptions {
-            mesh_tolerance: job.mesh_tolerance,
-            ..OutputOptions::default()
-        };
+        let options = OutputOptions { mesh_tolerance: job.mesh_tolerance, ..OutputOptions::default() };
         states_prepared.push(prepare(&state.model, &state.posterior(), outputs, &options)?);
     }
     // Drawing can be interrupted, writing cannot.
     let animation = (animation.iter())
         .zip(&fitted.forming)
-        .map(|(output, forming)| write_forming(forming, fitted.model.unit, output, &Part::new(progress, 0.9, 0.95)))
+        .map(|(output, forming)| {
+            write_forming(forming, fitted.model.unit, output, &Part::new(progress, 0.9, 0.95))
+        })
         .next()
         .transpose()?;
-    let mut written = write(
-        job,
-        &outputs,
-        &set,
-        earlier,
-        (&fitted.model, &posterior),
-        progress,
-        &mut report.warnings,
-    )?;
+    let mut written =
+        write(job, &outputs, &set, earlier, (&fitted.model, &posterior), progress, &mut report.warnings)?;
     for prepared in &states_prepared {
         written.extend(prepared.write(&[session(job, &set)])?);
     }
@@ -228,10 +221,7 @@ fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
         (n, dropped) => format!("{n} points, {dropped} more not finite"),
     };
     let scans = set.inputs.iter().map(|input| (input.path.clone(), gave(input)));
-    let model = job
-        .update
-        .iter()
-        .map(|path| (path.clone(), "the model that was updated".to_owned()));
+    let model = job.update.iter().map(|path| (path.clone(), "the model that was updated".to_owned()));
     scans.chain(model).collect()
 }
 
@@ -274,10 +264,7 @@ fn write(
 /// Scans of a moving thing that do not go on as those before them.
 fn unsteady(report: &FitReport) -> Vec<String> {
     let motion = report.propagation.as_ref().and_then(|p| p.motion.as_ref());
-    let off = motion
-        .iter()
-        .flat_map(|m| &m.poses)
-        .filter(|pose| pose.innovation > MOST_INNOVATION);
+    let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MOST_INNOVATION);
     off.map(|pose| {
         format!(
             "{}: at {} s the thing is {:.0} σ from where a steady motion would have it: is the time of the scan right, and does the thing turn steadily?",
@@ -289,11 +276,7 @@ fn unsteady(report: &FitReport) -> Vec<String> {
 
 /// Every reading was set aside: a model that nothing was added to is no result.
 fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
-    let causes: Vec<String> = report
-        .rejected
-        .iter()
-        .map(|(cause, n)| format!("{n} {cause}"))
-        .collect();
+    let causes: Vec<String> = report.rejected.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
     let surface = match &job.update {
         Some(model) => format!("the surface of {}", model.display()),
         None => "the surface".to_owned(),
@@ -305,7 +288,8 @@ fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
     ))
 }
 
-/// A sensor whose σ is not stated explains any distance by its σ: readings of another thing, or in another frame, are found by size.
+/// A sensor whose σ is not stated explains any distance by its σ: readings of another thing, or in another
+/// frame, are found by size.
 fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
     let size = BoundingBox::of(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
     if report.rms <= MOST_DISTANT * size {
@@ -321,8 +305,7 @@ fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) ->
 
 /// Whether a message begins with the name of a file, as scans are called.
 fn begins_with_name(e: &Error, path: &std::path::Path) -> bool {
-    path.file_name()
-        .is_some_and(|name| e.to_string().starts_with(&*name.to_string_lossy()))
+    path.file_name().is_some_and(|name| e.to_string().starts_with(&*name.to_string_lossy()))
 }
 
 /// The first few of many paths.
@@ -333,10 +316,10 @@ fn names(paths: &[PathBuf]) -> String {
 }
 
 fn session(job: &FitJob, set: &ScanSet) -> Session {
-    let inputs = set.inputs.iter().map(|input| SessionInput {
-        name: input.path.display().to_string(),
-        points: input.points,
-    });
+    let inputs = set
+        .inputs
+        .iter()
+        .map(|input| SessionInput { name: input.path.display().to_string(), points: input.points });
     Session {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         arguments: job.arguments.clone(),
@@ -348,8 +331,9 @@ fn session(job: &FitJob, set: &ScanSet) -> Session {
 fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
     let mut warnings = Vec::new();
     if set.unit.is_none() && earlier.is_none() {
-        warnings
-            .push("no file names its unit of length: millimetres were taken; say --unit mm, m, in or ft".to_owned());
+        warnings.push(
+            "no file names its unit of length: millimetres were taken; say --unit mm, m, in or ft".to_owned(),
+        );
     }
     for posed in &set.scans {
         let sensor = &set.sensors[posed.sensor];
@@ -412,13 +396,7 @@ fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<String> {
 }
 
 fn check_settings(job: &FitJob) -> Result<()> {
-    let FitOptions {
-        tolerance,
-        max_coefficients,
-        gate,
-        held_out_share,
-        ..
-    } = job.options;
+    let FitOptions { tolerance, max_coefficients, gate, held_out_share, .. } = job.options;
     let widest = match job.options.ground {
         Some(GroundWidth::Widest(widest)) => Some(widest),
         _ => None,
@@ -434,9 +412,7 @@ fn check_settings(job: &FitJob) -> Result<()> {
         }
     }
     if !(gate.is_finite() && gate >= 1.0) {
-        return Err(Error::input(format!(
-            "needed a gate of at least 1 σ (4 is usual), found {gate}"
-        )));
+        return Err(Error::input(format!("needed a gate of at least 1 σ (4 is usual), found {gate}")));
     }
     if max_coefficients < LEAST_COEFFICIENTS {
         return Err(Error::input(format!(

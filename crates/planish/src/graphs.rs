@@ -1,7 +1,7 @@
 //! The graphs of constraints as files: JSON or DOT.
 //!
-//! Comes in: [`ViewGraphs`] of one view or several with their structure and tours, and the composite graph of several. Goes
-//! out: one file with all of them.
+//! Comes in: [`ViewGraphs`] of one view or several with their structure and tours, and the composite graph of
+//! several. Goes out: one file with all of them.
 
 use planish_estimate::{Error, Result};
 use planish_exchange::{extension, write_atomically};
@@ -87,11 +87,7 @@ impl NamedStructure {
     pub fn new(structure: &Decomposition, drawing: &Drawing) -> Self {
         let named = |part: &planish_solid::graph::Part| NamedPart {
             equations: part.equations.iter().map(|f| format!("f{}", f + 1)).collect(),
-            parameters: part
-                .parameters
-                .iter()
-                .map(|&p| drawing.parameter_name(p).to_owned())
-                .collect(),
+            parameters: part.parameters.iter().map(|&p| drawing.parameter_name(p).to_owned()).collect(),
         };
         Self {
             rank: structure.rank,
@@ -128,9 +124,8 @@ fn tours(drawing: &Drawing) -> Vec<NamedTour> {
         let mut points: Vec<PointId> = drawing.ends(first).to_vec();
         let mut edges: Vec<TourEdge> = Vec::new();
         // Bars join as long as one of their ends is known.
-        while let Some(at) = left
-            .iter()
-            .position(|&bar| drawing.ends(bar).iter().any(|end| points.contains(end)))
+        while let Some(at) =
+            left.iter().position(|&bar| drawing.ends(bar).iter().any(|end| points.contains(end)))
         {
             let bar = left.remove(at);
             let ends = drawing.ends(bar);
@@ -140,16 +135,10 @@ fn tours(drawing: &Drawing) -> Vec<NamedTour> {
                 }
             }
             let [a, b] = ends.map(|end| points.iter().position(|&point| point == end).unwrap_or_default());
-            edges.push(TourEdge {
-                a,
-                b,
-                length: drawing.length(bar),
-            });
+            edges.push(TourEdge { a, b, length: drawing.length(bar) });
         }
         if let Ok(tour) = postman_tour(&edges, 0) {
-            found.push(NamedTour::new(&tour, &edges, |vertex| {
-                drawing.point_name(points[vertex]).to_owned()
-            }));
+            found.push(NamedTour::new(&tour, &edges, |vertex| drawing.point_name(points[vertex]).to_owned()));
         }
     }
     found
@@ -178,10 +167,7 @@ struct Written<'a> {
 pub fn check_graphs_name(path: &Path) -> Result<()> {
     match extension(path).as_str() {
         "json" | "dot" => Ok(()),
-        _ => Err(Error::unsupported(format!(
-            "{}: graphs are written as .json or .dot",
-            path.display()
-        ))),
+        _ => Err(Error::unsupported(format!("{}: graphs are written as .json or .dot", path.display()))),
     }
 }
 
@@ -202,11 +188,7 @@ pub fn write_graphs(path: &Path, views: &[GraphsOfView], composite: Option<&Comp
                 let edges: Vec<TourEdge> = composite
                     .edges
                     .iter()
-                    .map(|edge| TourEdge {
-                        a: edge.a,
-                        b: edge.b,
-                        length: 1.0,
-                    })
+                    .map(|edge| TourEdge { a: edge.a, b: edge.b, length: 1.0 })
                     .collect();
                 NamedTour::new(&tour, &edges, |vertex| format!("V{}", vertex + 1))
             }),

@@ -1,7 +1,7 @@
 //! What a file holds.
 //!
-//! Comes in: a scan, a list of scans, a mesh or a saved model. Goes out: a [`FileInfo`]. Everything is read, not only the header: a
-//! file that is cut off or malformed is found.
+//! Comes in: a scan, a list of scans, a mesh or a saved model. Goes out: a [`FileInfo`]. Everything is read,
+//! not only the header: a file that is cut off or malformed is found.
 //!
 //! Not guaranteed: anything about STEP files, which are written here but not read.
 
@@ -317,10 +317,7 @@ fn scan_list(set: &ScanSet) -> ScanListInfo {
         let (sigma_along, sigma_across) = match sensor.noise {
             None => (None, None),
             Some(Noise::Isotropic { sigma }) => (Some(sigma), Some(sigma)),
-            Some(Noise::Ray {
-                sigma_along,
-                sigma_across,
-            }) => (Some(sigma_along), Some(sigma_across)),
+            Some(Noise::Ray { sigma_along, sigma_across }) => (Some(sigma_along), Some(sigma_across)),
         };
         SensorInfo {
             name: sensor.name.clone(),
@@ -349,19 +346,19 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
             let known: Vec<f64> = (0..column.len()).filter(|&k| measured(k)).map(|k| column[k]).collect();
             match known.is_empty() {
                 true => None,
-                false => Some(DeviationStatistics::from_signed(&known).map_err(|e| e.in_context(path.display()))?),
+                false => {
+                    Some(DeviationStatistics::from_signed(&known).map_err(|e| e.in_context(path.display()))?)
+                }
             }
         }
     };
-    let mesh = TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))?;
+    let mesh =
+        TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))?;
     let check = mesh.check();
     let mut warnings = Vec::new();
     for (n, what) in [
         (check.nonmanifold_edges, "edges belong to more than two triangles"),
-        (
-            check.misoriented_edges,
-            "edges join triangles of which one is turned over",
-        ),
+        (check.misoriented_edges, "edges join triangles of which one is turned over"),
         (check.degenerate_triangles, "triangles have no area"),
         (check.unused_vertices, "vertices belong to no triangle"),
     ] {
@@ -384,11 +381,7 @@ fn mesh(path: &Path, file: PolygonMesh, columns: Vec<String>, unit: Option<Unit>
             area: mesh.area(),
             volume: mesh.signed_volume(),
             bounds: bounds(&mesh.positions),
-            sigma: sigma.map(|s| SigmaSummary {
-                median: s.p50,
-                p95: s.p95,
-                max: s.max,
-            }),
+            sigma: sigma.map(|s| SigmaSummary { median: s.p50, p95: s.p95, max: s.max }),
             observed_vertex_fraction: observed
                 .map(|o| o.iter().filter(|seen| **seen).count() as f64 / o.len().max(1) as f64),
         }),
@@ -406,12 +399,8 @@ fn model(path: &Path) -> Result<FileInfo> {
     let space = surface.space();
     let areas: Vec<f64> = (0..space.leaves().len()).map(|leaf| surface.leaf_area(leaf)).collect();
     let area: f64 = areas.iter().sum();
-    let measured: f64 = areas
-        .iter()
-        .zip(&model.observed)
-        .filter(|(_, o)| o.is_measured())
-        .map(|(a, _)| a)
-        .sum();
+    let measured: f64 =
+        areas.iter().zip(&model.observed).filter(|(_, o)| o.is_measured()).map(|(a, _)| a).sum();
     let invented: f64 = (areas.iter().zip(&model.observed))
         .filter(|(_, o)| **o == Observed::Invented)
         // The sum of nothing is −0.
@@ -443,7 +432,9 @@ fn model(path: &Path) -> Result<FileInfo> {
 /// Nine by nine points of every cell, its corners among them.
 fn points_of_cells(surface: &planish_spline::Surface) -> Vec<[f64; 3]> {
     (0..surface.space().leaves().len())
-        .flat_map(|leaf| (0..81).map(move |k| surface.leaf_point(leaf, f64::from(k % 9) / 8.0, f64::from(k / 9) / 8.0)))
+        .flat_map(|leaf| {
+            (0..81).map(move |k| surface.leaf_point(leaf, f64::from(k % 9) / 8.0, f64::from(k / 9) / 8.0))
+        })
         .collect()
 }
 

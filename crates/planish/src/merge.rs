@@ -1,8 +1,10 @@
 //! Surface patches that overlap, merged into one mesh.
 //!
-//! Comes in: saved models, meshes and organised scans in one frame. Goes out: one manifold mesh with σ and `observed`, and a [`MergeReport`].
+//! Comes in: saved models, meshes and organised scans in one frame. Goes out: one manifold mesh with σ and
+//! `observed`, and a [`MergeReport`].
 //!
-//! What is merged where is told by [`planish_mesh::Overlap`]; common regions are fused by the information of all patches there, or refitted as R. Mohr, C. Zhao and G. Koscielny (1994) do; then everything is sewn.
+//! What is merged where is told by [`planish_mesh::Overlap`]; common regions are fused by the information of
+//! all patches there, or refitted as R. Mohr, C. Zhao and G. Koscielny (1994) do; then everything is sewn.
 //!
 //! Patches that stand a little off are brought together first where [`MergeOptions::align`] says so.
 //!
@@ -17,7 +19,9 @@ mod patches;
 mod ready;
 mod spline;
 
-pub use outcome::{CompletionReport, FillReport, MergeReport, Merged, PatchReport, RegionReport, TriangleQuality};
+pub use outcome::{
+    CompletionReport, FillReport, MergeReport, Merged, PatchReport, RegionReport, TriangleQuality,
+};
 pub use patches::{NamedPatch, PatchSet, read_patches};
 pub use spline::{MergedSpline, SplineReport, merged_spline, write_spline};
 
@@ -29,7 +33,9 @@ use common_surface::{Refit, refitted};
 use completion::{completed, facing_in_words};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
-use planish_mesh::{MeshSearch, TriangleMesh, ZipOptions, Zipped, fill_holes, fused, vertex_curvature, zipped};
+use planish_mesh::{
+    MeshSearch, TriangleMesh, ZipOptions, Zipped, fill_holes, fused, vertex_curvature, zipped,
+};
 use ready::{Done, Ready};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -41,7 +47,8 @@ const NO_PATCH: u32 = u32::MAX;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MergeMethod {
-    /// One spline by the information of all patches, and of what lies around; what moves goes to nothing where a patch ends.
+    /// One spline by the information of all patches, and of what lies around; what moves goes to nothing
+    /// where a patch ends.
     Information,
     /// One spline through the shared places, all alike, as the paper does; σ from what is left.
     Refit,
@@ -52,7 +59,8 @@ pub enum MergeMethod {
 /// How patches are merged.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MergeOptions {
-    /// How shared places are fused; where nothing is said, by information if all patches state σ, and by a refit if not.
+    /// How shared places are fused; where nothing is said, by information if all patches state σ, and by a
+    /// refit if not.
     pub method: Option<MergeMethod>,
     /// Unit of files that name none.
     pub unit: Option<Unit>,
@@ -70,7 +78,8 @@ pub struct MergeOptions {
     pub align: bool,
 }
 
-/// Merges files: [`read_patches`], then [`merge`]. `bound` is a file of a surface that the thing lies within, taken where no patch is.
+/// Merges files: [`read_patches`], then [`merge`]. `bound` is a file of a surface that the thing lies within,
+/// taken where no patch is.
 ///
 /// # Errors
 /// As both.
@@ -88,7 +97,9 @@ pub fn merge_files(
 /// Merges patches.
 ///
 /// # Errors
-/// `Input` for fewer than two patches, copies not counted, and for options that are not positive; `Undetermined` where no two patches overlap, or a patch to be aligned lies on nothing as a part of it would; `Interrupted` when told to stop.
+/// `Input` for fewer than two patches, copies not counted, and for options that are not positive;
+/// `Undetermined` where no two patches overlap, or a patch to be aligned lies on nothing as a part of it
+/// would; `Interrupted` when told to stop.
 pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
     progress.check("finding what patches share", 0.1)?;
     let bound = set.bound.clone();
@@ -123,14 +134,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     if ready.crosses {
         ready.warnings.push(still_crossing(&sewn.mesh)?);
     }
-    let done = Done {
-        method,
-        completed,
-        filled,
-        stitched,
-        kept,
-        inputs,
-    };
+    let done = Done { method, completed, filled, stitched, kept, inputs };
     let report = ready.report(&sewn, &overlap, done);
     let normals = sewn.mesh.vertex_normals();
     let curvature = match options.curvature {
@@ -152,11 +156,7 @@ fn complete(sewn: &mut Zipped, bound: &NamedPatch, ready: &mut Ready) -> Result<
     let completed = completed(sewn, &bound.tidied.patch)?;
     ready.warnings.extend(facing_in_words(completed.facing, &bound.name));
     *sewn = joined(sewn, completed.whole, ready.patches.len() as u32);
-    Ok(CompletionReport {
-        name: bound.name.clone(),
-        vertices: completed.vertices,
-        carved: completed.carved,
-    })
+    Ok(CompletionReport { name: bound.name.clone(), vertices: completed.vertices, carved: completed.carved })
 }
 
 /// What became of crossings that patches had.
@@ -167,10 +167,12 @@ fn still_crossing(mesh: &TriangleMesh) -> Result<String> {
     })
 }
 
-/// Checks, before any work, that outputs can be written, in other files than the inputs: meshes, and what needs a [`MergedSpline`].
+/// Checks, before any work, that outputs can be written, in other files than the inputs: meshes, and what
+/// needs a [`MergedSpline`].
 ///
 /// # Errors
-/// `Unsupported` for other formats; `Input` for one name twice or that of an input; `Io` where nothing can be written.
+/// `Unsupported` for other formats; `Input` for one name twice or that of an input; `Io` where nothing can be
+/// written.
 pub fn plan_merged(outputs: &[PathBuf], inputs: &[PathBuf]) -> Result<MergedOutputs> {
     let mut planned = MergedOutputs::default();
     for output in plan_outputs(outputs, inputs)? {
@@ -214,7 +216,8 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
     )
 }
 
-/// A whole that was completed, with the sources of what was merged before; vertices of the bound are of patch `bound`.
+/// A whole that was completed, with the sources of what was merged before; vertices of the bound are of patch
+/// `bound`.
 fn joined(merged: &Zipped, mut whole: Zipped, bound: u32) -> Zipped {
     for source in &mut whole.source {
         *source = match *source {

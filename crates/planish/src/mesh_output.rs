@@ -1,12 +1,13 @@
 //! Triangle meshes of a model whose every vertex says how well it is known.
 //!
-//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with `x y z nx ny nz sigma observed`, as GLB with the same, or as OBJ or STL without σ.
-//! σ is that of the surface point along its normal. `observed` is 1 on leaves that were measured, 2 where they were completed by what was
-//! measured elsewhere, and 0 where only the prior speaks.
-//! The same bytes at any number of threads.
+//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with
+//! `x y z nx ny nz sigma observed`, as GLB with the same, or as OBJ or STL without σ. σ is that of the
+//! surface point along its normal. `observed` is 1 on leaves that were measured, 2 where they were completed
+//! by what was measured elsewhere, and 0 where only the prior speaks. The same bytes at any number of
+//! threads.
 //!
-//! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the mesh does not cross itself
-//! where the surface folds.
+//! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the
+//! mesh does not cross itself where the surface folds.
 
 use crate::fit::SigmaSummary;
 use crate::model::{Posterior, SurfaceModel};
@@ -42,9 +43,9 @@ pub struct ModelMesh {
     pub warnings: Vec<String>,
 }
 
-/// A mesh within `tolerance` of the model's surface; half the median σ of the measured surface where none is given, or what
-/// [`MOST_DEFAULT_TRIANGLES`] allow. A given tolerance is enlarged to what [`MOST_TRIANGLES`] allow. A leaf is cut into 64 × 64 at most.
-/// Where one of these limits holds, a warning says so.
+/// A mesh within `tolerance` of the model's surface; half the median σ of the measured surface where none is
+/// given, or what [`MOST_DEFAULT_TRIANGLES`] allow. A given tolerance is enlarged to what [`MOST_TRIANGLES`]
+/// allow. A leaf is cut into 64 × 64 at most. Where one of these limits holds, a warning says so.
 ///
 /// Cost: one covariance a leaf, one jet and about 300 multiply-adds a vertex.
 ///
@@ -59,7 +60,11 @@ pub struct ModelMesh {
 /// write_model_mesh(&mesh, "part.ply".as_ref())?;
 /// # Ok::<(), planish::Error>(())
 /// ```
-pub fn mesh_from_model(model: &SurfaceModel, posterior: &Posterior<'_>, tolerance: Option<f64>) -> Result<ModelMesh> {
+pub fn mesh_from_model(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+) -> Result<ModelMesh> {
     mesh_of_size(model, posterior, tolerance, [MOST_DEFAULT_TRIANGLES, MOST_TRIANGLES])
 }
 
@@ -109,20 +114,14 @@ fn placed_mesh_of_size(
     if affordable > wanted {
         let (goal, way_out) = match tolerance {
             Some(_) => (format!("the {wanted:.2e} {unit} asked for"), ""),
-            None => (
-                format!("half its median σ, {wanted:.2e} {unit}"),
-                "; ask for it with --mesh-tolerance",
-            ),
+            None => (format!("half its median σ, {wanted:.2e} {unit}"), "; ask for it with --mesh-tolerance"),
         };
         warnings.push(format!(
             "the mesh follows the surface within {affordable:.2e} {unit}, not within {goal}: that takes more than {most} triangles{way_out}"
         ));
     }
     let tolerance = affordable;
-    let options = TessellationOptions {
-        tolerance,
-        ..TessellationOptions::default()
-    };
+    let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
     let made = tessellate(&model.surface, &options)?;
     if made.limited_leaves > 0 {
         warnings.push(format!(
@@ -132,11 +131,7 @@ fn placed_mesh_of_size(
         ));
     }
     let sigma = sigmas_along(posterior, &made.leaf, &made.local, &made.normals)?;
-    let observed = made
-        .leaf
-        .iter()
-        .map(|&leaf| model.observed[leaf as usize].mark())
-        .collect();
+    let observed = made.leaf.iter().map(|&leaf| model.observed[leaf as usize].mark()).collect();
     Ok(PlacedMesh {
         mesh: ModelMesh {
             mesh: TriangleMesh::try_new(made.positions, made.triangles)?,
@@ -156,18 +151,18 @@ fn placed_mesh_of_size(
 pub(crate) fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangles: u64) -> Result<f64> {
     let mut tolerance = wanted;
     loop {
-        let options = TessellationOptions {
-            tolerance,
-            ..TessellationOptions::default()
-        };
-        if least_triangles(surface, &options)? <= most_triangles.max(2 * surface.space().leaves().len() as u64) {
+        let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
+        if least_triangles(surface, &options)?
+            <= most_triangles.max(2 * surface.space().leaves().len() as u64)
+        {
             return Ok(tolerance);
         }
         tolerance *= 1.25;
     }
 }
 
-/// The median, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none was measured).
+/// The median, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none
+/// was measured).
 ///
 /// # Errors
 /// `Undetermined` when the surface has no area.
@@ -175,7 +170,8 @@ pub fn median_sigma(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<f
     sigma_summary(model, posterior).map(|sigma| sigma.median)
 }
 
-/// Quantiles, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none was measured).
+/// Quantiles, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none
+/// was measured).
 ///
 /// # Errors
 /// `Undetermined` when the surface has no area.
@@ -183,20 +179,14 @@ pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<
     posterior.sigma_summary(&model.observed)
 }
 
-/// Writes a model's mesh as the path's extension says: `.ply`, `.obj`, `.stl` or `.glb`, each maybe with `.gz` behind.
+/// Writes a model's mesh as the path's extension says: `.ply`, `.obj`, `.stl` or `.glb`, each maybe with
+/// `.gz` behind.
 ///
 /// # Errors
-/// `Unsupported` for other extensions and for more than a format can hold; `Io` when the file cannot be written; nothing is left half-written.
+/// `Unsupported` for other extensions and for more than a format can hold; `Io` when the file cannot be
+/// written; nothing is left half-written.
 pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
-    write_known_mesh(
-        path,
-        &mesh.mesh,
-        &mesh.normals,
-        &mesh.sigma,
-        &mesh.observed,
-        None,
-        mesh.unit,
-    )
+    write_known_mesh(path, &mesh.mesh, &mesh.normals, &mesh.sigma, &mesh.observed, None, mesh.unit)
 }
 
 /// Writes a mesh whose every vertex says how well it is known, as the path's extension says.
@@ -246,18 +236,15 @@ mod tests {
         let model = small_model(Shape::Ball);
         let posterior = model.posterior().unwrap();
         let mesh = mesh_from_model(&model, &posterior, Some(1e-3)).unwrap();
-        let made = tessellate(
-            &model.surface,
-            &TessellationOptions {
-                tolerance: 1e-3,
-                ..Default::default()
-            },
-        )
-        .unwrap();
+        let made = tessellate(&model.surface, &TessellationOptions { tolerance: 1e-3, ..Default::default() })
+            .unwrap();
         for vertex in (0..mesh.sigma.len()).step_by(17) {
             let leaf = made.leaf[vertex] as usize;
-            let alone =
-                Posterior::sigma_along(&posterior.leaf(leaf).unwrap(), made.local[vertex], made.normals[vertex]);
+            let alone = Posterior::sigma_along(
+                &posterior.leaf(leaf).unwrap(),
+                made.local[vertex],
+                made.normals[vertex],
+            );
             assert_eq!(mesh.sigma[vertex].to_bits(), alone.to_bits(), "vertex {vertex}");
             assert_eq!(mesh.observed[vertex], model.observed[leaf].mark());
         }
@@ -269,13 +256,8 @@ mod tests {
         let model = model_of(refined_surface(Shape::Sheet), |leaf| leaf % 100 < 15);
         let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
         let mean = |seen: u8| {
-            let of: Vec<f64> = mesh
-                .sigma
-                .iter()
-                .zip(&mesh.observed)
-                .filter(|(_, o)| **o == seen)
-                .map(|(s, _)| *s)
-                .collect();
+            let of: Vec<f64> =
+                mesh.sigma.iter().zip(&mesh.observed).filter(|(_, o)| **o == seen).map(|(s, _)| *s).collect();
             of.iter().sum::<f64>() / of.len() as f64
         };
         assert!(mean(0) > 2.0 * mean(1), "{} {}", mean(0), mean(1));
@@ -302,7 +284,8 @@ mod tests {
         let data = model.data.clone();
         model.data.add_scaled(&data, 1e16).unwrap();
         let posterior = model.posterior().unwrap();
-        // So few leaves stay below the limit of triangles at any number of divisions; then that of divisions holds.
+        // So few leaves stay below the limit of triangles at any number of divisions; then that of divisions
+        // holds.
         let mesh = mesh_of_size(&model, &posterior, None, [4_000_000, 4_000_000]).unwrap();
         assert_eq!(mesh.tolerance, 0.5 * median_sigma(&model, &posterior).unwrap());
         let [warning] = &mesh.warnings[..] else {
@@ -316,10 +299,7 @@ mod tests {
         let [warning] = &mesh.warnings[..] else {
             panic!("{:?}", mesh.warnings);
         };
-        assert!(
-            warning.contains("half its median σ") && warning.contains("--mesh-tolerance"),
-            "{warning}"
-        );
+        assert!(warning.contains("half its median σ") && warning.contains("--mesh-tolerance"), "{warning}");
     }
 
     #[test]
@@ -343,10 +323,7 @@ mod tests {
         let names: Vec<&str> = read.columns.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["nx", "ny", "nz", "sigma", "observed"]);
         assert_eq!(read.column("sigma").unwrap(), mesh.sigma);
-        assert_eq!(
-            (read.points, read.triangles),
-            (mesh.mesh.positions, mesh.mesh.triangles)
-        );
+        assert_eq!((read.points, read.triangles), (mesh.mesh.positions, mesh.mesh.triangles));
         assert_eq!(read.unit, Some(Unit::Millimetre));
     }
 
@@ -363,10 +340,7 @@ mod tests {
             assert_eq!(read.triangles.len(), mesh.mesh.triangles.len(), "{name}");
             for (found, expected) in read.triangles.iter().zip(&mesh.mesh.triangles).step_by(7) {
                 for k in 0..3 {
-                    let (a, b) = (
-                        read.points[found[k] as usize],
-                        mesh.mesh.positions[expected[k] as usize],
-                    );
+                    let (a, b) = (read.points[found[k] as usize], mesh.mesh.positions[expected[k] as usize]);
                     assert!((0..3).all(|d| (scale * a[d] - b[d]).abs() < 1e-6), "{name} {a:?} {b:?}");
                 }
             }

@@ -1,6 +1,7 @@
 //! A fitted surface with what is known of it: the thing that is saved, compared, updated and exported.
 //!
-//! Prior and data information are kept apart, so that a later session adds its data to yesterday's and counts the prior once.
+//! Prior and data information are kept apart, so that a later session adds its data to yesterday's and counts
+//! the prior once.
 
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, SelectedInverse};
 use planish_estimate::vector3::{add, dot};
@@ -17,7 +18,8 @@ use std::sync::Arc;
 pub struct SensorReport {
     /// Its name.
     pub name: String,
-    /// What it read: `position`, `normal` or `curvature`; σ and residuals are in the model's unit, in degrees, or in one over the unit.
+    /// What it read: `position`, `normal` or `curvature`; σ and residuals are in the model's unit, in
+    /// degrees, or in one over the unit.
     #[serde(default = "position")]
     pub quantity: String,
     /// Readings used.
@@ -57,11 +59,7 @@ impl SigmaSummary {
             true => 0.0,
             false => quantile_of_sorted(&sigmas, share),
         };
-        Self {
-            median: at(0.5),
-            p95: at(0.95),
-            max: at(1.0),
-        }
+        Self { median: at(0.5), p95: at(0.95), max: at(1.0) }
     }
 }
 
@@ -78,14 +76,16 @@ pub struct PoseReport {
     pub sigma_translation: Option<f64>,
     /// σ of the rotation in degrees.
     pub sigma_rotation_deg: Option<f64>,
-    /// Where the pose was estimated with the surface: the covariance of its translation and of its rotation vector (radians, about the
-    /// world's axes).
+    /// Where the pose was estimated with the surface: the covariance of its translation and of its rotation
+    /// vector (radians, about the world's axes).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub covariance: Option<[[f64; 6]; 6]>,
-    /// Directions of translation and rotation vector that no reading determines, each as long as one σ of what was stated.
+    /// Directions of translation and rotation vector that no reading determines, each as long as one σ of
+    /// what was stated.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub undetermined: Vec<[f64; 6]>,
-    /// How far the scan's readings were moved from where they were stated to be (root mean square), and by which angle they were turned, in degrees.
+    /// How far the scan's readings were moved from where they were stated to be (root mean square), and by
+    /// which angle they were turned, in degrees.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<f64>,
     /// See [`Self::moved`].
@@ -100,7 +100,8 @@ pub struct PoseReport {
 }
 
 impl PoseReport {
-    /// Sets the covariance of translation and rotation vector, and σ of both: the root mean square over the three axes.
+    /// Sets the covariance of translation and rotation vector, and σ of both: the root mean square over the
+    /// three axes.
     pub(crate) fn set_covariance(&mut self, covariance: [[f64; 6]; 6]) {
         let sigma = |from: usize| {
             let trace: f64 = (from..from + 3).map(|k| covariance[k][k]).sum();
@@ -114,8 +115,8 @@ impl PoseReport {
 
 /// What readings say of unknowns that whole scans share, poses and biases, beside the vertices.
 ///
-/// Vertices move along the surface's normals at their nodes; the unknowns are those of [`PoseReport`]s, scan after scan. See
-/// [`planish_estimate::sparse::Bordered`].
+/// Vertices move along the surface's normals at their nodes; the unknowns are those of [`PoseReport`]s, scan
+/// after scan. See [`planish_estimate::sparse::Bordered`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct SharedInformation {
     /// The coupling of vertices and unknowns, nodes × unknowns, row by row.
@@ -132,7 +133,8 @@ pub enum Observed {
     PriorOnly,
     /// Measurements: an ungated foot point within one knot span.
     Measured,
-    /// What was concluded from measurements elsewhere: a symmetry, a simple shape, an earlier state. Invented, however likely.
+    /// What was concluded from measurements elsewhere: a symmetry, a simple shape, an earlier state.
+    /// Invented, however likely.
     Invented,
 }
 
@@ -156,9 +158,7 @@ impl Observed {
     /// What a number in a file stands for.
     #[must_use]
     pub fn from_mark(mark: u8) -> Option<Self> {
-        [Self::PriorOnly, Self::Measured, Self::Invented]
-            .into_iter()
-            .find(|o| o.mark() == mark)
+        [Self::PriorOnly, Self::Measured, Self::Invented].into_iter().find(|o| o.mark() == mark)
     }
 
     /// Of marks of measured parts.
@@ -183,7 +183,8 @@ pub struct SurfaceModel {
     pub data: BlockInformation,
     /// For each leaf, what it is known by.
     pub observed: Vec<Observed>,
-    /// For each leaf, the mean square of the shape along its normal that it leaves out, as its readings show; it is a part of σ. Empty where nothing was looked at.
+    /// For each leaf, the mean square of the shape along its normal that it leaves out, as its readings show;
+    /// it is a part of σ. Empty where nothing was looked at.
     pub shape_left: Vec<f64>,
     /// Sensors that went in.
     pub sensors: Vec<SensorReport>,
@@ -193,23 +194,25 @@ pub struct SurfaceModel {
     pub smoothness_weight: f64,
     /// How many readings the data information holds.
     pub observations: usize,
-    /// Where the parameters of all readings were known: which coordinates were measured, the others being exact functions of the
-    /// parameters. All coordinates of a vertex have the same information then, and are independent. None where readings were projected.
+    /// Where the parameters of all readings were known: which coordinates were measured, the others being
+    /// exact functions of the parameters. All coordinates of a vertex have the same information then, and are
+    /// independent. None where readings were projected.
     pub measured_coordinates: Option<[bool; 3]>,
-    /// Where a patch filter fused the readings: what it knows. `prior` and `data` are empty then, because beliefs of single patches are no
-    /// information of the whole; σ and later readings are the filter's.
+    /// Where a patch filter fused the readings: what it knows. `prior` and `data` are empty then, because
+    /// beliefs of single patches are no information of the whole; σ and later readings are the filter's.
     pub patches: Option<Arc<PatchFilter>>,
     /// What the readings of whole scans err in together; none where every pose was exact.
     pub shared: Option<SharedInformation>,
-    /// Whether vertices move in every direction, because more than readings of position holds them: of a sheet that bends without stretch,
-    /// `prior` knows the lengths.
+    /// Whether vertices move in every direction, because more than readings of position holds them: of a
+    /// sheet that bends without stretch, `prior` knows the lengths.
     pub moves_freely: bool,
 }
 
 /// The posterior covariance of a model's shape, ready for questions.
 ///
-/// Every vertex moves along the surface's normal at its node: the one coordinate that measurements of position determine. Motion along
-/// the surface only renames its points, so it is held; see `DESIGN.md`. Where parameters were known every coordinate moves.
+/// Every vertex moves along the surface's normal at its node: the one coordinate that measurements of
+/// position determine. Motion along the surface only renames its points, so it is held; see `DESIGN.md`.
+/// Where parameters were known every coordinate moves.
 pub struct Posterior<'a> {
     surface: &'a Surface,
     covariance: Arc<NodeCovariance>,
@@ -275,15 +278,14 @@ impl SurfaceModel {
     /// Share of the area that is known so.
     #[must_use]
     pub fn area_fraction(&self, known: Observed) -> f64 {
-        let areas: Vec<f64> = (0..self.observed.len())
-            .map(|leaf| self.surface.leaf_area(leaf))
-            .collect();
+        let areas: Vec<f64> = (0..self.observed.len()).map(|leaf| self.surface.leaf_area(leaf)).collect();
         let of_kind = areas.iter().zip(&self.observed).filter(|(_, o)| **o == known);
         // The sum of nothing is −0.
         of_kind.fold(0.0, |sum, (a, _)| sum + a) / areas.iter().sum::<f64>()
     }
 
-    /// The same model in coordinates whose origin lies at `−by`: every point moves by `by`, no covariance changes.
+    /// The same model in coordinates whose origin lies at `−by`: every point moves by `by`, no covariance
+    /// changes.
     ///
     /// # Errors
     /// `Input` when a coordinate would not be finite.
@@ -322,11 +324,7 @@ impl SurfaceModel {
             axis[measured.iter().position(|m| *m).unwrap_or(0)] = 1.0;
             let along = vec![axis; self.surface.space().node_count()];
             let factor = system.factorize_scalar(&self.information_along(system, &along)?)?;
-            return Ok(NodeCovariance::of_coordinates(
-                SelectedInverse::new(&factor),
-                measured,
-                1.0,
-            ));
+            return Ok(NodeCovariance::of_coordinates(SelectedInverse::new(&factor), measured, 1.0));
         }
         if self.moves_freely {
             let mut total = self.data.on_pattern(system.pattern())?;
@@ -350,7 +348,8 @@ impl SurfaceModel {
         Ok(total)
     }
 
-    /// The covariance of vertices that move along one direction each, from the factor of their information, with what scans share.
+    /// The covariance of vertices that move along one direction each, from the factor of their information,
+    /// with what scans share.
     pub(crate) fn covariance_along(
         &self,
         factor: &CholeskyFactor,
@@ -363,10 +362,7 @@ impl SurfaceModel {
         Ok(NodeCovariance::Nodes(WholeCovariance {
             inverse: SelectedInverse::new(factor),
             motion: Motion::Along(directions),
-            shared: shared.map(|bordered| SharedRows {
-                rows: bordered.shared_rows(),
-                bordered,
-            }),
+            shared: shared.map(|bordered| SharedRows { rows: bordered.shared_rows(), bordered }),
         }))
     }
 }
@@ -385,7 +381,8 @@ impl SharedRows {
 }
 
 impl NodeCovariance {
-    /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate, nothing for the others.
+    /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate,
+    /// nothing for the others.
     pub(crate) fn of_coordinates(inverse: SelectedInverse, measured: [bool; 3], scale: f64) -> Self {
         let motion = Motion::Coordinates(measured.map(|m| if m { scale } else { 0.0 }));
         Self::of_motion(inverse, motion)
@@ -393,11 +390,7 @@ impl NodeCovariance {
 
     /// From the inverse of the information of vertices that move so.
     pub(crate) fn of_motion(inverse: SelectedInverse, motion: Motion) -> Self {
-        Self::Nodes(WholeCovariance {
-            inverse,
-            motion,
-            shared: None,
-        })
+        Self::Nodes(WholeCovariance { inverse, motion, shared: None })
     }
 
     /// The equations of what scans share, the vertices left open.
@@ -408,37 +401,26 @@ impl NodeCovariance {
         }
     }
 
-    /// Leaves out information about what scans share that is only noise, never below what `least` says; and by how much their own has changed.
+    /// Leaves out information about what scans share that is only noise, never below what `least` says; and
+    /// by how much their own has changed.
     pub(crate) fn without_noise_of_shared(self, noise: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
         match self {
-            Self::Nodes(WholeCovariance {
-                inverse,
-                motion,
-                shared: Some(shared),
-            }) => {
+            Self::Nodes(WholeCovariance { inverse, motion, shared: Some(shared) }) => {
                 let (bordered, change) = shared.bordered.without_noise(noise, least)?;
-                let shared = Some(SharedRows {
-                    rows: bordered.shared_rows(),
-                    bordered,
-                });
-                let whole = WholeCovariance {
-                    inverse,
-                    motion,
-                    shared,
-                };
+                let shared = Some(SharedRows { rows: bordered.shared_rows(), bordered });
+                let whole = WholeCovariance { inverse, motion, shared };
                 Ok((Self::Nodes(whole), change))
             }
             other => Ok((other, Vec::new())),
         }
     }
 
-    /// `tr(Σ Λ)` for information of three coordinates on the pattern of the system: the degrees of freedom that it determines.
+    /// `tr(Σ Λ)` for information of three coordinates on the pattern of the system: the degrees of freedom
+    /// that it determines.
     pub(crate) fn trace_with(&self, information: &BlockInformation, system: &SurfaceSystem) -> Result<f64> {
         let directions = |axis| vec![axis; system.space().node_count()];
         let Self::Nodes(WholeCovariance { inverse, motion, .. }) = self else {
-            return Err(Error::unsupported(
-                "patches know nothing of vertices far from each other",
-            ));
+            return Err(Error::unsupported("patches know nothing of vertices far from each other"));
         };
         match motion {
             Motion::Along(directions) => inverse.trace_with(&system.contract(information, directions)?),
@@ -457,12 +439,7 @@ impl NodeCovariance {
 
 impl<'a> Posterior<'a> {
     pub(crate) fn new(surface: &'a Surface, covariance: Arc<NodeCovariance>) -> Self {
-        Self {
-            surface,
-            covariance,
-            given_shared: false,
-            shape_left: &[],
-        }
+        Self { surface, covariance, given_shared: false, shape_left: &[] }
     }
 
     /// The same with what each leaf leaves out of the shape.
@@ -487,11 +464,7 @@ impl<'a> Posterior<'a> {
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
         let shape_left = self.shape_left.get(leaf).copied().unwrap_or(0.0);
         let unknown = || Error::undetermined(format!("leaf {leaf} has no covariance"));
-        let WholeCovariance {
-            inverse,
-            motion,
-            shared,
-        } = match &*self.covariance {
+        let WholeCovariance { inverse, motion, shared } = match &*self.covariance {
             NodeCovariance::Nodes(whole) => whole,
             NodeCovariance::Patches(filter) => {
                 return Ok(LeafCovariance {
@@ -513,7 +486,9 @@ impl<'a> Posterior<'a> {
         Ok(LeafCovariance {
             weights,
             motion: match motion {
-                Motion::Along(directions) => Motion::Along(nodes.iter().map(|&n| directions[n as usize]).collect()),
+                Motion::Along(directions) => {
+                    Motion::Along(nodes.iter().map(|&n| directions[n as usize]).collect())
+                }
                 Motion::Coordinates(scales) => Motion::Coordinates(*scales),
                 Motion::Freely => Motion::Freely,
             },
@@ -539,7 +514,8 @@ impl<'a> Posterior<'a> {
         self.surface
     }
 
-    /// σ along the normal at the middle of every leaf that was measured (of every leaf where none was), by area.
+    /// σ along the normal at the middle of every leaf that was measured (of every leaf where none was), by
+    /// area.
     ///
     /// # Errors
     /// `Undetermined` when the surface has no area there.
@@ -552,7 +528,8 @@ impl<'a> Posterior<'a> {
             .filter(|&leaf| observed[leaf].is_measured() || !any)
             .map(|leaf| {
                 let jet = surface.leaf_jet(leaf, 0.5, 0.5);
-                let sigma = Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], jet.normal().unwrap_or([0.0; 3]));
+                let sigma =
+                    Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], jet.normal().unwrap_or([0.0; 3]));
                 let side = surface.space().leaves()[leaf].side();
                 Ok((sigma, jet.area_element() * side * side))
             })
@@ -571,25 +548,19 @@ impl<'a> Posterior<'a> {
             });
             found.map_or(max, |(sigma, _)| *sigma)
         };
-        Ok(SigmaSummary {
-            median: quantile(0.5),
-            p95: quantile(0.95),
-            max,
-        })
+        Ok(SigmaSummary { median: quantile(0.5), p95: quantile(0.95), max })
     }
 
     /// σ of the surface point at leaf-local coordinates along a unit direction.
     #[must_use]
     pub fn sigma_along(cell: &LeafCovariance<'_>, local: [f64; 2], direction: [f64; 3]) -> f64 {
-        cell.variance_along(&leaf_weights(local[0], local[1]), direction)
-            .max(0.0)
-            .sqrt()
+        cell.variance_along(&leaf_weights(local[0], local[1]), direction).max(0.0).sqrt()
     }
 }
 
 impl LeafCovariance<'_> {
-    /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`: of points of the surface with what the leaf leaves out of the shape,
-    /// of differences between them without.
+    /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`: of points of the surface with
+    /// what the leaf leaves out of the shape, of differences between them without.
     #[must_use]
     pub fn variance_along(&self, c: &[f64; 16], a: [f64; 3]) -> f64 {
         // By fours and by rows: a plain sum would wait for each of its additions.
@@ -601,22 +572,15 @@ impl LeafCovariance<'_> {
             (sums[0] + sums[1]) + (sums[2] + sums[3])
         };
         let (row, scale): (Vec<f64>, f64) = match &self.motion {
-            Motion::Along(directions) => (
-                (self.weights.iter().zip(directions))
-                    .map(|(w, d)| dot(a, *d) * at_point(w))
-                    .collect(),
-                1.0,
-            ),
-            Motion::Coordinates(scales) => (
-                self.weights.iter().map(at_point).collect(),
-                (0..3).map(|d| scales[d] * a[d] * a[d]).sum(),
-            ),
-            Motion::Freely => (
-                (self.weights.iter().map(at_point))
-                    .flat_map(|w| a.map(|c| w * c))
-                    .collect(),
-                1.0,
-            ),
+            Motion::Along(directions) => {
+                ((self.weights.iter().zip(directions)).map(|(w, d)| dot(a, *d) * at_point(w)).collect(), 1.0)
+            }
+            Motion::Coordinates(scales) => {
+                (self.weights.iter().map(at_point).collect(), (0..3).map(|d| scales[d] * a[d] * a[d]).sum())
+            }
+            Motion::Freely => {
+                ((self.weights.iter().map(at_point)).flat_map(|w| a.map(|c| w * c)).collect(), 1.0)
+            }
         };
         let mut along = vec![0.0; row.len()];
         for (r, line) in row.iter().zip(self.covariance.chunks_exact(row.len())) {
@@ -625,6 +589,7 @@ impl LeafCovariance<'_> {
             }
         }
         let placed: f64 = c.iter().sum();
-        scale * along.iter().zip(&row).map(|(y, r)| y * r).sum::<f64>() + self.shape_left * placed * placed * dot(a, a)
+        scale * along.iter().zip(&row).map(|(y, r)| y * r).sum::<f64>()
+            + self.shape_left * placed * placed * dot(a, a)
     }
 }

@@ -1,17 +1,21 @@
-//! Where to measure next: the points, or the poses of a sensor, whose readings would make a model's σ smallest.
+//! Where to measure next: the points, or the poses of a sensor, whose readings would make a model's σ
+//! smallest.
 //!
-//! Comes in: a model and the σ of a sensor, or a sensor with its field of view. Goes out: points on the surface ([`next_points`]), or poses around it
-//! ([`next_views`]), one after the other, each the best given those before it, with σ before and after. Nothing is fitted: what a reading would do to the covariance does not depend on what it says.
+//! Comes in: a model and the σ of a sensor, or a sensor with its field of view. Goes out: points on the
+//! surface ([`next_points`]), or poses around it ([`next_views`]), one after the other, each the best given
+//! those before it, with σ before and after. Nothing is fitted: what a reading would do to the covariance
+//! does not depend on what it says.
 //!
-//! A reading along the normal with variance `r` and row `a` changes the covariance of any two rows `p`, `q` by
-//! `−(pᵀΣa)(aᵀΣq)/(aᵀΣa + r)` (Kalman 1960). Columns `Σa` are solved for once for every candidate and then kept up to date, so a step is
-//! a comparison of candidates over all places of the region.
+//! A reading along the normal with variance `r` and row `a` changes the covariance of any two rows `p`, `q`
+//! by `−(pᵀΣa)(aᵀΣq)/(aᵀΣa + r)` (Kalman 1960). Columns `Σa` are solved for once for every candidate and then
+//! kept up to date, so a step is a comparison of candidates over all places of the region.
 //!
-//! What cells are too large to follow of the shape is a part of the model's σ, but no reading makes it smaller: it does not count here, and the report says how
-//! large it is ([`UnmeasurableSigma`]).
+//! What cells are too large to follow of the shape is a part of the model's σ, but no reading makes it
+//! smaller: it does not count here, and the report says how large it is ([`UnmeasurableSigma`]).
 //!
-//! Not guaranteed: the best set of so many points; choosing one after the other is within 63 % of the best gain for the mean variance of independent
-//! places (Nemhauser, Wolsey and Fisher 1978), and usually far nearer.
+//! Not guaranteed: the best set of so many points; choosing one after the other is within 63 % of the best
+//! gain for the mean variance of independent places (Nemhauser, Wolsey and Fisher 1978), and usually far
+//! nearer.
 
 use crate::model::{Posterior, SurfaceModel};
 use crate::output::{refuse_input_as_output, refuse_same_output};
@@ -41,12 +45,14 @@ pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
 
 use random::at_random;
 
-/// Candidates are as many as this many numbers of their columns of the covariance allow, but within these bounds.
+/// Candidates are as many as this many numbers of their columns of the covariance allow, but within these
+/// bounds.
 const COLUMN_NUMBERS: usize = 6_000_000;
 const MOST_CANDIDATES: [usize; 2] = [600, 4000];
 /// Right-hand sides that are solved together.
 const COLUMNS: usize = 16;
-/// The worst σ is made small by the mean of this power of the variances: the largest count for nearly all of it.
+/// The worst σ is made small by the mean of this power of the variances: the largest count for nearly all of
+/// it.
 const POWER_OF_WORST: i32 = 6;
 
 /// What is to become small.
@@ -64,7 +70,8 @@ pub enum Objective {
 pub struct NextOptions {
     /// Points at most.
     pub count: usize,
-    /// σ of the readings along the normal, in the model's unit; that of the model's best sensor if none is given.
+    /// σ of the readings along the normal, in the model's unit; that of the model's best sensor if none is
+    /// given.
     pub sigma: Option<f64>,
     /// Stop where the largest σ of the region is no more than this.
     pub goal: Option<f64>,
@@ -140,14 +147,16 @@ pub struct NextReport {
     pub random: Option<RandomDraws>,
 }
 
-/// What cells are too large to follow of the shape: a part of the model's σ that no reading makes smaller, but only smaller cells.
+/// What cells are too large to follow of the shape: a part of the model's σ that no reading makes smaller,
+/// but only smaller cells.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UnmeasurableSigma {
     /// The largest in the region, as a standard deviation along the normal.
     pub largest: f64,
     /// Share of the region's area where there is any.
     pub area_fraction: f64,
-    /// The largest σ of the region with it, once all is measured: `√(variance + shape left)` of the worst place.
+    /// The largest σ of the region with it, once all is measured: `√(variance + shape left)` of the worst
+    /// place.
     pub worst_sigma_after: f64,
 }
 
@@ -194,19 +203,21 @@ struct Candidate {
 /// Chooses points one after the other.
 ///
 /// # Errors
-/// `Input` for settings out of range and regions without surface; `Unsupported` for models of which several coordinates were measured each for
-/// itself; `Undetermined` when prior and data leave a vertex open; `Interrupted` on request.
-pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<NextReport> {
+/// `Input` for settings out of range and regions without surface; `Unsupported` for models of which several
+/// coordinates were measured each for itself; `Undetermined` when prior and data leave a vertex open;
+/// `Interrupted` on request.
+pub fn next_points(
+    model: &SurfaceModel,
+    options: &NextOptions,
+    progress: &dyn Progress,
+) -> Result<NextReport> {
     let sigma = options.sigma.or_else(|| best_sigma(model)).ok_or_else(|| {
-        Error::input("needed the σ of the readings to come: the model knows of no sensor that measures positions")
+        Error::input(
+            "needed the σ of the readings to come: the model knows of no sensor that measures positions",
+        )
     })?;
     check_lengths(&[("σ", Some(sigma)), ("goal", options.goal)])?;
-    let Prepared {
-        system,
-        directions,
-        information,
-        places,
-    } = Prepared::new(model, options, progress)?;
+    let Prepared { system, directions, information, places } = Prepared::new(model, options, progress)?;
     let factor = system.factorize_scalar(&information)?;
     progress.check("covariance", 0.15)?;
     let mut variances = variances_of(model, &factor, directions, &places)?;
@@ -214,29 +225,20 @@ pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn P
     let reading = sigma * sigma;
     let random = match options.against_random {
         0 => None,
-        draws => Some(at_random(
-            &factor, nodes, &places, &variances, reading, options, draws, progress,
-        )?),
+        draws => Some(at_random(&factor, nodes, &places, &variances, reading, options, draws, progress)?),
     };
     let mut candidates = columns(
         &factor,
         nodes,
         &places,
-        chosen(
-            &places,
-            &variances,
-            (COLUMN_NUMBERS / nodes).clamp(MOST_CANDIDATES[0], MOST_CANDIDATES[1]),
-        ),
+        chosen(&places, &variances, (COLUMN_NUMBERS / nodes).clamp(MOST_CANDIDATES[0], MOST_CANDIDATES[1])),
         progress,
     )?;
     let before = figures(&places, &variances);
     let mut points = Vec::new();
     let reached = |variances: &[f64]| options.goal.map(|goal| figures(&places, variances).0 <= goal);
     while points.len() < options.count && reached(&variances) != Some(true) {
-        progress.check(
-            "choosing",
-            0.5 + 0.5 * points.len() as f64 / options.count.max(1) as f64,
-        )?;
+        progress.check("choosing", 0.5 + 0.5 * points.len() as f64 / options.count.max(1) as f64)?;
         progress.items(points.len(), "points");
         // What each candidate would leave.
         let left: Vec<f64> = candidates
@@ -277,14 +279,8 @@ pub fn next_points(model: &SurfaceModel, options: &NextOptions, progress: &dyn P
     progress.advance("done", 1.0);
     Ok(NextReport {
         points,
-        worst_sigma: Change {
-            before: before.0,
-            after: after.0,
-        },
-        mean_sigma: Change {
-            before: before.1,
-            after: after.1,
-        },
+        worst_sigma: Change { before: before.0, after: after.0 },
+        mean_sigma: Change { before: before.1, after: after.1 },
         sigma,
         reached_goal: reached(&variances),
         shape_left: UnmeasurableSigma::of(model, &places, &variances),
@@ -337,12 +333,7 @@ impl Prepared {
         if places.is_empty() {
             return Err(Error::input("the region holds no part of the surface"));
         }
-        Ok(Self {
-            system,
-            directions,
-            information,
-            places,
-        })
+        Ok(Self { system, directions, information, places })
     }
 }
 
@@ -409,7 +400,8 @@ pub struct NextJobReport {
 /// Reads a saved model, chooses points, and writes them.
 ///
 /// # Errors
-/// What the reader, [`next_points`] and the writers report; `Unsupported` for outputs of other kinds, before any work.
+/// What the reader, [`next_points`] and the writers report; `Unsupported` for outputs of other kinds, before
+/// any work.
 pub fn next_files(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport> {
     next_files_reported(job, None, progress)
 }
@@ -462,11 +454,7 @@ fn write_points_of(path: &Path, points: &[NextPoint], unit: Unit) -> Result<()> 
             for p in points {
                 let [x, y, z] = p.position;
                 let [nx, ny, nz] = p.normal;
-                writeln!(
-                    writer,
-                    "{x},{y},{z},{nx},{ny},{nz},{},{}",
-                    p.sigma_before, p.sigma_after
-                )?;
+                writeln!(writer, "{x},{y},{z},{nx},{ny},{nz},{},{}", p.sigma_before, p.sigma_after)?;
             }
             Ok(())
         });
@@ -478,10 +466,7 @@ fn write_points_of(path: &Path, points: &[NextPoint], unit: Unit) -> Result<()> 
         &MeshColumns {
             points: &points.iter().map(|p| p.position).collect::<Vec<_>>(),
             normals: Some(&points.iter().map(|p| p.normal).collect::<Vec<_>>()),
-            columns: vec![
-                ("sigma_before", Column::F64(&before)),
-                ("sigma_after", Column::F64(&after)),
-            ],
+            columns: vec![("sigma_before", Column::F64(&before)), ("sigma_after", Column::F64(&after))],
             unit: Some(unit),
             ..MeshColumns::default()
         },
@@ -553,7 +538,8 @@ fn places(model: &SurfaceModel, directions: &[[f64; 3]], options: &NextOptions) 
         .collect()
 }
 
-/// Which places are candidates: all of few; of many so many, the nearer to each other the larger σ is there, and the worst.
+/// Which places are candidates: all of few; of many so many, the nearer to each other the larger σ is there,
+/// and the worst.
 fn chosen(places: &[Place], variances: &[f64], most: usize) -> Vec<usize> {
     if places.len() <= most {
         return (0..places.len()).collect();

@@ -1,8 +1,12 @@
-//! The job `planish sense contours`: views of a thing in, points on its occluding contours out, and patches of its surface.
+//! The job `planish sense contours`: views of a thing in, points on its occluding contours out, and patches
+//! of its surface.
 //!
-//! Comes in: an [`OccludingJob`]. Goes out: the files that it names and an [`OccludingReport`]. Outputs are checked before anything is read.
+//! Comes in: an [`OccludingJob`]. Goes out: the files that it names and an [`OccludingReport`]. Outputs are
+//! checked before anything is read.
 //!
-//! Points are those of [`planish_sense::occluding`]; what hangs together of them is a strip. Each strip becomes a patch: a mesh that joins the contours of consecutive views, and, for models and STEP, a sheet by [`fit`](crate::fit::fit).
+//! Points are those of [`planish_sense::occluding`]; what hangs together of them is a strip. Each strip
+//! becomes a patch: a mesh that joins the contours of consecutive views, and, for models and STEP, a sheet by
+//! [`fit`](crate::fit::fit).
 //!
 //! Not guaranteed: cameras are taken for exact.
 
@@ -31,7 +35,8 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Borders of a smoothed mask err alike over so many σ of the smoothing: the integral of its correlation, 2 √π.
+/// Borders of a smoothed mask err alike over so many σ of the smoothing: the integral of its correlation, 2
+/// √π.
 const ALIKE: f64 = 3.545;
 /// The box of the hull is wider than the points by so much of their size.
 const WIDER: f64 = 0.15;
@@ -161,7 +166,8 @@ struct Mask {
 /// Reads, senses and writes.
 ///
 /// # Errors
-/// What the readers, [`occluding_contours`], [`fit`](crate::fit::fit) and the writers report; `Input` for views without masks and contours, and for outputs that are inputs; `Unsupported` for other formats.
+/// What the readers, [`occluding_contours`], [`fit`](crate::fit::fit) and the writers report; `Input` for
+/// views without masks and contours, and for outputs that are inputs; `Unsupported` for other formats.
 pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<OccludingReport> {
     check_outputs(job)?;
     progress.check("reading", 0.0)?;
@@ -177,19 +183,21 @@ pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occ
     let unit = file.unit.or(job.unit);
     let mut warnings = Vec::new();
     if unit.is_none() {
-        warnings.push("the views name no unit of length: say `unit` in them, or --unit mm, m, in or ft".to_owned());
+        warnings.push(
+            "the views name no unit of length: say `unit` in them, or --unit mm, m, in or ft".to_owned(),
+        );
     }
     let taking_part: Vec<&ViewFile> = file.views.iter().filter(|v| !v.held_out).collect();
     let views: Vec<ContourView> = (taking_part.par_iter())
         .map(|view| {
-            contour_view(view).map_err(|e| e.in_context(format!("{}: view `{}`", job.views.display(), view.name)))
+            contour_view(view)
+                .map_err(|e| e.in_context(format!("{}: view `{}`", job.views.display(), view.name)))
         })
         .collect::<Result<_>>()?;
     let matching = Part::new(progress, 0.1, 0.4);
-    let found = occluding_contours(&views, &job.options, &mut |share| {
-        matching.check("matching contours", share)
-    })
-    .map_err(|e| e.in_context(job.views.display()))?;
+    let found =
+        occluding_contours(&views, &job.options, &mut |share| matching.check("matching contours", share))
+            .map_err(|e| e.in_context(job.views.display()))?;
     progress.check("visual hull", 0.4)?;
     let hull = hull_of(&views, &found)?;
     let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;
@@ -263,15 +271,11 @@ fn check_outputs(job: &OccludingJob) -> Result<()> {
     plan_outputs(&job.patches, std::slice::from_ref(&job.views))?;
     match &job.hull {
         Some(path) => {
-            plan_outputs(std::slice::from_ref(path), std::slice::from_ref(&job.views)).and_then(|planned| match planned
-                .iter()
-                .all(|p| p.format.is_mesh())
-            {
-                true => Ok(()),
-                false => Err(Error::unsupported(format!(
-                    "{}: a visual hull is a mesh",
-                    path.display()
-                ))),
+            plan_outputs(std::slice::from_ref(path), std::slice::from_ref(&job.views)).and_then(|planned| {
+                match planned.iter().all(|p| p.format.is_mesh()) {
+                    true => Ok(()),
+                    false => Err(Error::unsupported(format!("{}: a visual hull is a mesh", path.display()))),
+                }
             })
         }
         None => Ok(()),
@@ -292,20 +296,16 @@ fn mask_options(view: &ViewFile) -> SilhouetteOptions {
 pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     let options = mask_options(view);
     let outline = match &view.mask {
-        Some(path) => outlines(&read_brightness(path)?, &options).map_err(|e| e.in_context(path.display()))?,
+        Some(path) => {
+            outlines(&read_brightness(path)?, &options).map_err(|e| e.in_context(path.display()))?
+        }
         None => Vec::new(),
     };
     let matrix = |m: &nalgebra::Matrix3<f64>| [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[(i, j)]));
-    let camera = Pinhole {
-        k: matrix(&view.camera.k),
-        r: matrix(&view.camera.r),
-        t: view.camera.t.into(),
-    };
+    let camera = Pinhole { k: matrix(&view.camera.k), r: matrix(&view.camera.r), t: view.camera.t.into() };
     let measured = !view.contours.is_empty();
     if !measured && outline.is_empty() {
-        return Err(Error::input(
-            "needed a mask, or contours with places in order, found neither",
-        ));
+        return Err(Error::input("needed a mask, or contours with places in order, found neither"));
     }
     let (contours, sigma_px, apart_px) = match measured {
         false => (outline.clone(), view.sigma_px, ALIKE * options.smoothing_px),
@@ -315,14 +315,7 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
             (pieces(view, &outline), sigmas[sigmas.len() / 2], 0.0)
         }
     };
-    Ok(ContourView {
-        name: view.name.clone(),
-        camera,
-        contours,
-        silhouette: outline,
-        sigma_px,
-        apart_px,
-    })
+    Ok(ContourView { name: view.name.clone(), camera, contours, silhouette: outline, sigma_px, apart_px })
 }
 
 /// Contours of a file, turned so that the thing lies to the right of the way where a mask tells it.
@@ -341,7 +334,8 @@ fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
 
 /// The hull of all silhouettes, where they are known.
 fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<VisualHull>> {
-    let closed = |view: &&ContourView| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed);
+    let closed =
+        |view: &&ContourView| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed);
     if views.iter().filter(closed).count() < 2 {
         return Ok(None);
     }
@@ -370,12 +364,9 @@ fn agreements(
         .map(|(view, path)| {
             let picture = read_brightness(path)?;
             let read = silhouette(&picture, &mask_options(view)).map_err(|e| e.in_context(path.display()))?;
-            let mask = Mask {
-                covered: read.mask,
-                columns: read.columns,
-                rows: read.rows,
-            };
-            let of = |mesh: &TriangleMesh| agreement(mesh, &view.camera, &mask.covered, mask.columns, mask.rows);
+            let mask = Mask { covered: read.mask, columns: read.columns, rows: read.rows };
+            let of =
+                |mesh: &TriangleMesh| agreement(mesh, &view.camera, &mask.covered, mask.columns, mask.rows);
             Ok(OutlineAgreement {
                 view: view.name.clone(),
                 held_out: view.held_out,
@@ -394,11 +385,6 @@ fn read_judged(path: &Path) -> Result<TriangleMesh> {
 fn write_hull(path: &Path, mesh: &TriangleMesh, unit: Option<Unit>) -> Result<()> {
     write_mesh(
         path,
-        &MeshColumns {
-            points: &mesh.positions,
-            triangles: &mesh.triangles,
-            unit,
-            ..MeshColumns::default()
-        },
+        &MeshColumns { points: &mesh.positions, triangles: &mesh.triangles, unit, ..MeshColumns::default() },
     )
 }

@@ -1,8 +1,8 @@
 //! What is written of a model: the format follows the file's extension.
 //!
-//! Comes in: paths, before any work; then a model. Goes out: the files, each whole or not there. Everything that can go wrong
-//! with a path is found by [`plan_outputs`], before the work; everything that can go wrong with the model by [`prepare`], before
-//! the first file is written. What is left is a full disk.
+//! Comes in: paths, before any work; then a model. Goes out: the files, each whole or not there. Everything
+//! that can go wrong with a path is found by [`plan_outputs`], before the work; everything that can go wrong
+//! with the model by [`prepare`], before the first file is written. What is left is a full disk.
 
 use crate::brep::{BrepOptions, brep_from_surface};
 use crate::dem::{Dem, dem_from_model};
@@ -12,7 +12,9 @@ use crate::saved::{Session, save};
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
 use planish_exchange::step::{Brep, StepOptions, write_step};
-use planish_exchange::{GeoReference, Unit, check_writable, extension, make_folder, real_path, stl, write_atomically};
+use planish_exchange::{
+    GeoReference, Unit, check_writable, extension, make_folder, real_path, stl, write_atomically,
+};
 use serde::{Serialize, Serializer};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -20,7 +22,8 @@ use std::path::{Path, PathBuf};
 /// Vertices, edges and faces of a STEP file meet within this, in millimetres.
 const STEP_UNCERTAINTY_MM: f64 = 1e-6;
 
-/// Writes files into a folder, which is made where it is missing; nothing is written where one of them cannot be.
+/// Writes files into a folder, which is made where it is missing; nothing is written where one of them cannot
+/// be.
 ///
 /// # Errors
 /// `Io` where the folder cannot be made or a file not be written.
@@ -29,7 +32,8 @@ pub fn write_files(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<()> {
     for (name, _) in files {
         check_writable(&folder.join(name))?;
     }
-    (files.iter()).try_for_each(|(name, bytes)| write_atomically(&folder.join(name), |writer| writer.write_all(bytes)))
+    (files.iter())
+        .try_for_each(|(name, bytes)| write_atomically(&folder.join(name), |writer| writer.write_all(bytes)))
 }
 
 /// What can be written of a model.
@@ -96,11 +100,7 @@ fn is_packed(path: &Path) -> bool {
 /// A file's name without its extension, and without that of gzip behind.
 fn plain_name(path: &Path) -> String {
     let stem = Path::new(path.file_stem().unwrap_or_default());
-    let stem = if is_packed(path) {
-        stem.file_stem()
-    } else {
-        Some(stem.as_os_str())
-    };
+    let stem = if is_packed(path) { stem.file_stem() } else { Some(stem.as_os_str()) };
     stem.unwrap_or_default().to_string_lossy().into_owned()
 }
 
@@ -146,7 +146,8 @@ pub struct WrittenFile {
 pub struct OutputOptions {
     /// Chord error of meshes, in the model's unit; half the median σ where none is given.
     pub mesh_tolerance: Option<f64>,
-    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is given.
+    /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is
+    /// given.
     pub cell_size: Option<f64>,
     /// The map that rasters belong to.
     pub georeference: Option<GeoReference>,
@@ -160,8 +161,8 @@ pub(crate) fn as_text<S: Serializer>(path: &Path, serializer: S) -> std::result:
 /// Checks every output before the work begins.
 ///
 /// # Errors
-/// `Unsupported` for extensions that cannot be written; `Input` for an output that is named twice or is one of the `inputs`; `Io`
-/// where the folder is missing, the path names a folder, or writing is not allowed.
+/// `Unsupported` for extensions that cannot be written; `Input` for an output that is named twice or is one
+/// of the `inputs`; `Io` where the folder is missing, the path names a folder, or writing is not allowed.
 pub fn plan_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<Vec<PlannedOutput>> {
     let mut planned = Vec::with_capacity(paths.len());
     for (k, path) in paths.iter().enumerate() {
@@ -169,10 +170,7 @@ pub fn plan_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<Vec<Planned
         refuse_same_output(path, &paths[..k])?;
         refuse_input_as_output(path, inputs)?;
         check_writable(path)?;
-        planned.push(PlannedOutput {
-            path: path.clone(),
-            format,
-        });
+        planned.push(PlannedOutput { path: path.clone(), format });
     }
     Ok(planned)
 }
@@ -220,7 +218,8 @@ pub struct Prepared<'a> {
 /// Makes what the outputs need of a model.
 ///
 /// # Errors
-/// `Input` for a mesh tolerance that is not positive or takes too many triangles, and for a raster of what is no sheet over z; `Undetermined` where the model has no covariance.
+/// `Input` for a mesh tolerance that is not positive or takes too many triangles, and for a raster of what is
+/// no sheet over z; `Undetermined` where the model has no covariance.
 pub fn prepare<'a>(
     model: &'a SurfaceModel,
     posterior: &Posterior<'_>,
@@ -232,12 +231,7 @@ pub fn prepare<'a>(
         false => None,
     };
     let dem = match outputs.iter().any(|output| output.format == OutputFormat::Tiff) {
-        true => Some(dem_from_model(
-            model,
-            posterior,
-            options.cell_size,
-            options.georeference.clone(),
-        )?),
+        true => Some(dem_from_model(model, posterior, options.cell_size, options.georeference.clone())?),
         false => None,
     };
     let step = outputs.iter().any(|output| output.format == OutputFormat::Step);
@@ -252,14 +246,7 @@ pub fn prepare<'a>(
     if let Some(mesh) = &mesh {
         warnings.extend(stl_warnings(mesh, outputs));
     }
-    Ok(Prepared {
-        model,
-        outputs,
-        warnings,
-        mesh,
-        dem,
-        brep,
-    })
+    Ok(Prepared { model, outputs, warnings, mesh, dem, brep })
 }
 
 /// STL files whose seven digits are too few for a mesh.
@@ -390,9 +377,7 @@ mod tests {
             format: OutputFormat::of(Path::new(name)).unwrap(),
         });
         assert!(stl_warnings(&mesh(100.0), &outputs).is_empty());
-        let [warning] = &stl_warnings(&mesh(4e6), &outputs)[..] else {
-            panic!("needed one warning")
-        };
+        let [warning] = &stl_warnings(&mesh(4e6), &outputs)[..] else { panic!("needed one warning") };
         assert!(
             warning.starts_with("a.stl: ") && warning.contains("m: .ply, .obj and .glb do not"),
             "{warning}"

@@ -7,8 +7,12 @@ use rayon::prelude::*;
 /// Leaves whose covariances one task takes: fixed, so that threads change nothing.
 const CHUNK: usize = 64;
 
-/// Positions of points sorted by the leaf of each: leaf `l` has `order[start[l] .. start[l + 1]]`, in their own order.
-pub(crate) fn order_by_leaf(leaf: impl ExactSizeIterator<Item = u32> + Clone, leaves: usize) -> (Vec<u32>, Vec<u32>) {
+/// Positions of points sorted by the leaf of each: leaf `l` has `order[start[l] .. start[l + 1]]`, in their
+/// own order.
+pub(crate) fn order_by_leaf(
+    leaf: impl ExactSizeIterator<Item = u32> + Clone,
+    leaves: usize,
+) -> (Vec<u32>, Vec<u32>) {
     let mut start = vec![0_u32; leaves + 1];
     for leaf in leaf.clone() {
         start[leaf as usize + 1] += 1;

@@ -12,10 +12,12 @@ pub trait Progress {
     /// A stage has reached a share of the whole job, in `[0, 1]`.
     fn advance(&self, stage: &str, share: f64);
 
-    /// How far readings lie from what is known so far, root mean square, in the unit of the job; of jobs that go round after round.
+    /// How far readings lie from what is known so far, root mean square, in the unit of the job; of jobs that
+    /// go round after round.
     fn rms(&self, _rms: f64) {}
 
-    /// How many of the things that this stage works through are done, and what they are, in the plural: `readings`.
+    /// How many of the things that this stage works through are done, and what they are, in the plural:
+    /// `readings`.
     fn items(&self, _done: usize, _what: &'static str) {}
 
     /// Whether the work is to stop.
@@ -29,11 +31,7 @@ pub trait Progress {
     /// `Interrupted` when [`Progress::interrupted`] says so.
     fn check(&self, stage: &str, share: f64) -> Result<()> {
         self.advance(stage, share);
-        if self.interrupted() {
-            Err(Error::interrupted())
-        } else {
-            Ok(())
-        }
+        if self.interrupted() { Err(Error::interrupted()) } else { Ok(()) }
     }
 }
 

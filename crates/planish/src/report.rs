@@ -1,7 +1,8 @@
 //! Reports: one page of HTML a job, which opens without a network.
 //!
-//! Comes in: what a job knows once it is done, its model and the figures of its summary. Goes out: a [`planish_report::Page`] and its file. Nothing that
-//! the summary says is computed again. Reports hold no time of day: the same input gives the same bytes.
+//! Comes in: what a job knows once it is done, its model and the figures of its summary. Goes out: a
+//! [`planish_report::Page`] and its file. Nothing that the summary says is computed again. Reports hold no
+//! time of day: the same input gives the same bytes.
 
 mod compare;
 mod contour;
@@ -51,7 +52,8 @@ impl ReportOutput {
     /// Checks the file before the work begins.
     ///
     /// # Errors
-    /// `Unsupported` for other extensions than `.html`; `Input` for one of the inputs or outputs; `Io` where it cannot be written.
+    /// `Unsupported` for other extensions than `.html`; `Input` for one of the inputs or outputs; `Io` where
+    /// it cannot be written.
     pub fn check(&self, inputs: &[PathBuf], outputs: &[PathBuf]) -> Result<()> {
         if !matches!(extension(&self.path).as_str(), "html" | "htm") {
             return Err(Error::unsupported(format!(
@@ -67,9 +69,9 @@ impl ReportOutput {
     /// Writes a page, with where it comes from at its end.
     pub(crate) fn write(&self, mut page: Page, inputs: &[(PathBuf, String)]) -> Result<()> {
         page.sections.push(self.provenance(inputs)?);
-        let html = page
-            .html()
-            .map_err(|e| Error::io(format!("{}: the report could not be made", self.path.display())).with_source(e))?;
+        let html = page.html().map_err(|e| {
+            Error::io(format!("{}: the report could not be made", self.path.display())).with_source(e)
+        })?;
         self.write_text(&html)
     }
 
@@ -81,7 +83,8 @@ impl ReportOutput {
         write_atomically(&self.path, |writer| writer.write_all(html.as_bytes()))
     }
 
-    /// The command, the version, the seed, and a checksum of every file that was read; what each gave stands beside it.
+    /// The command, the version, the seed, and a checksum of every file that was read; what each gave stands
+    /// beside it.
     pub(crate) fn provenance(&self, inputs: &[(PathBuf, String)]) -> Result<Section> {
         let mut files = Table::new(["file", "what it gave", "SHA-256"]);
         for (path, gave) in inputs {
@@ -104,10 +107,7 @@ impl ReportOutput {
 
 /// The last part of a path, as text.
 pub(crate) fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(
-        || path.display().to_string(),
-        |name| name.to_string_lossy().into_owned(),
-    )
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
 /// What a report is of: the first file and how many more, or the folder's name where files in it are many.

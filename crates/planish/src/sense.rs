@@ -1,7 +1,7 @@
 //! The job `planish sense`: raw data of a sensor in, points that state their covariance out.
 //!
-//! Comes in: a [`SenseJob`]. Goes out: the files that it names and a [`SenseReport`]. Outputs are checked before anything is read, and written when everything
-//! else has succeeded.
+//! Comes in: a [`SenseJob`]. Goes out: the files that it names and a [`SenseReport`]. Outputs are checked
+//! before anything is read, and written when everything else has succeeded.
 //!
 //! | kind | comes in | goes out beside points (`.ply`) |
 //! |---|---|---|
@@ -10,13 +10,15 @@
 //! | photometric | pictures under known lights, or a picture of normals | normals and their σ (`.tif`, `.npy`) |
 //! | depth | a depth image | |
 //!
-//! Not guaranteed: an undistorted lens; pictures are taken to be so, but for two views of stereo whose calibration states their distortion.
+//! Not guaranteed: an undistorted lens; pictures are taken to be so, but for two views of stereo whose
+//! calibration states their distortion.
 
 use crate::output::{as_text, refuse_input_as_output, refuse_same_output};
 use crate::progress::{Part, Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::calibration::{
-    LightSource, StereoCalibration, StereoCameras, read_grid_calibration, read_lights, read_stereo_calibration,
+    LightSource, StereoCalibration, StereoCameras, read_grid_calibration, read_lights,
+    read_stereo_calibration,
 };
 use planish_exchange::depth::{calibration_of, read_depth};
 use planish_exchange::picture::{read_brightness, read_picture};
@@ -25,8 +27,8 @@ use planish_exchange::raster::write_raster;
 use planish_exchange::{Unit, check_writable, extension};
 use planish_sense::stripes::{GridOptions, GridRejected, read_grid};
 use planish_sense::{
-    Image, PhotometricOptions, Rectification, Scan, StereoOptions, StereoPoints, StereoRejected, lights_from_ball,
-    match_stereo, normals_from_colours, photometric_normals,
+    Image, PhotometricOptions, Rectification, Scan, StereoOptions, StereoPoints, StereoRejected,
+    lights_from_ball, match_stereo, normals_from_colours, photometric_normals,
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -37,9 +39,11 @@ const MOST_SIGMA_DEG: f64 = 90.0;
 
 /// Residuals of brightness that are so many times the stated σ are told.
 const MOST_BRIGHTNESS_MISFIT: f64 = 3.0;
-/// And those that are so large a share of the brightest: matte things under far lights stay below a few per cent.
+/// And those that are so large a share of the brightest: matte things under far lights stay below a few per
+/// cent.
 const MOST_BRIGHTNESS_SHARE: f64 = 0.1;
-/// So small a share of pixels with a match is told: of true pairs a third to nine tenths have one, of exchanged ones some per cent.
+/// So small a share of pixels with a match is told: of true pairs a third to nine tenths have one, of
+/// exchanged ones some per cent.
 const LEAST_MATCHED: f64 = 0.1;
 
 /// What is to be sensed, from which files.
@@ -109,23 +113,15 @@ impl SenseKind {
     /// The files that it names.
     fn inputs(&self) -> Vec<PathBuf> {
         match self {
-            Self::Stereo {
-                left,
-                right,
-                calibration,
-                ..
-            } => [left, right].into_iter().chain(calibration).cloned().collect(),
-            Self::Grid {
-                image,
-                plain,
-                calibration,
-                ..
-            } => [image].into_iter().chain(plain).chain([calibration]).cloned().collect(),
-            Self::Photometric {
-                images,
-                mask,
-                calibration,
-            } => images.iter().chain(mask).chain([calibration]).cloned().collect(),
+            Self::Stereo { left, right, calibration, .. } => {
+                [left, right].into_iter().chain(calibration).cloned().collect()
+            }
+            Self::Grid { image, plain, calibration, .. } => {
+                [image].into_iter().chain(plain).chain([calibration]).cloned().collect()
+            }
+            Self::Photometric { images, mask, calibration } => {
+                images.iter().chain(mask).chain([calibration]).cloned().collect()
+            }
             Self::NormalMap { image, .. } => vec![image.clone()],
             Self::Depth { image, calibration } => [image].into_iter().chain(calibration).cloned().collect(),
         }
@@ -191,7 +187,8 @@ pub struct SenseReport {
     /// σ of the curvatures, one over the unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_k: Option<SigmaSummary>,
-    /// By how much σ of crossings is larger than the noise of the picture alone would make it, as their epipolar lines say.
+    /// By how much σ of crossings is larger than the noise of the picture alone would make it, as their
+    /// epipolar lines say.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub enlarged: Option<f64>,
     /// Share of light from everywhere.
@@ -239,8 +236,9 @@ struct Sensed {
 /// Reads, senses and writes.
 ///
 /// # Errors
-/// What the readers, the sensors and the writers report; `Input` also for outputs that are inputs, and points that are asked for without a calibration; `Unsupported` for an
-/// extension that the kind does not write. Nothing is written unless everything else succeeds.
+/// What the readers, the sensors and the writers report; `Input` also for outputs that are inputs, and points
+/// that are asked for without a calibration; `Unsupported` for an extension that the kind does not write.
+/// Nothing is written unless everything else succeeds.
 ///
 /// # Examples
 /// ```no_run
@@ -259,24 +257,15 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     progress.check("reading", 0.0)?;
     let working = Part::new(progress, 0.05, 0.9);
     let mut sensed = match &job.kind {
-        SenseKind::Stereo {
-            left,
-            right,
-            calibration,
-            options,
-            points,
-        } => stereo([left, right], calibration.as_deref(), options, points, &working)?,
-        SenseKind::Grid {
-            image,
-            plain,
-            calibration,
-            options,
-        } => grid(image, plain.as_deref(), calibration, options)?,
-        SenseKind::Photometric {
-            images,
-            mask,
-            calibration,
-        } => photometric(images, mask.as_deref(), calibration, &working)?,
+        SenseKind::Stereo { left, right, calibration, options, points } => {
+            stereo([left, right], calibration.as_deref(), options, points, &working)?
+        }
+        SenseKind::Grid { image, plain, calibration, options } => {
+            grid(image, plain.as_deref(), calibration, options)?
+        }
+        SenseKind::Photometric { images, mask, calibration } => {
+            photometric(images, mask.as_deref(), calibration, &working)?
+        }
         SenseKind::NormalMap { image, sigma_deg } => normal_map(image, *sigma_deg)?,
         SenseKind::Depth { image, calibration } => depth(image, calibration.as_deref())?,
     };
@@ -288,8 +277,9 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     let unit = sensed.unit.or(job.unit);
     let mut warnings = std::mem::take(&mut sensed.warnings);
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
-        warnings
-            .push("the calibration names no unit of length: say `unit` in it, or --unit mm, m, in or ft".to_owned());
+        warnings.push(
+            "the calibration names no unit of length: say `unit` in it, or --unit mm, m, in or ft".to_owned(),
+        );
     }
     let crossings = |cause: &str| sensed.rejected.get(cause).copied().unwrap_or(0);
     let lost = crossings("no_index") + crossings("off_line") + crossings("undetermined");
@@ -301,11 +291,7 @@ pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
         ));
     }
     progress.check(WRITING_STAGE, 0.95)?;
-    let written = job
-        .outputs
-        .iter()
-        .map(|path| write(path, &sensed, unit))
-        .collect::<Result<_>>()?;
+    let written = job.outputs.iter().map(|path| write(path, &sensed, unit)).collect::<Result<_>>()?;
     progress.advance("done", 1.0);
     Ok(SenseReport {
         kind: job.kind.name(),
@@ -341,10 +327,7 @@ fn stereo(
     let mut images = [read_brightness(left)?, read_brightness(right)?];
     let blame = || format!("{}, {}", left.display(), right.display());
     let rectification = match &known {
-        Some(StereoCalibration {
-            cameras: StereoCameras::Views(rig),
-            ..
-        }) => {
+        Some(StereoCalibration { cameras: StereoCameras::Views(rig), .. }) => {
             progress.check("rectifying", 0.0)?;
             let made = Rectification::new(rig, [0, 1].map(|k| [images[k].columns, images[k].rows]));
             let made = made.map_err(|e| e.in_context(calibration.unwrap_or(left).display()))?;
@@ -353,42 +336,27 @@ fn stereo(
         }
         _ => None,
     };
-    let mut map = match_stereo(&images[0], &images[1], options, &mut |share| {
-        progress.check("matching", share)
-    })
-    .map_err(|e| in_context(e, blame()))?;
+    let mut map =
+        match_stereo(&images[0], &images[1], options, &mut |share| progress.check("matching", share))
+            .map_err(|e| in_context(e, blame()))?;
     let outside = rectification.as_ref().map_or(0, |r| r.without_outside(&mut map));
     let scan = match (&rectification, &known) {
         (Some(rectification), _) => Some(rectification.scan(&map, points, "stereo")),
-        (
-            None,
-            Some(StereoCalibration {
-                cameras: StereoCameras::Rectified(camera),
-                ..
-            }),
-        ) => Some(camera.scan(&map, points, "stereo")),
+        (None, Some(StereoCalibration { cameras: StereoCameras::Rectified(camera), .. })) => {
+            Some(camera.scan(&map, points, "stereo"))
+        }
         _ => None,
     };
     let scan = scan.transpose().map_err(|e| e.in_context(blame()))?;
     let known_unit = known.and_then(|c| c.unit);
-    let known: Vec<f64> = map
-        .sigma
-        .iter()
-        .filter(|s| s.is_finite())
-        .map(|s| f64::from(*s))
-        .collect();
+    let known: Vec<f64> = map.sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
     if known.is_empty() {
         return Err(Error::undetermined(format!(
             "{}: no disparity is to be believed: are the pictures rectified (or does the calibration say how both cameras stand), left before right, and the range of disparities wide enough, also below 0?",
             blame()
         )));
     }
-    let StereoRejected {
-        ambiguous,
-        left_right,
-        speckle,
-        range,
-    } = map.rejected;
+    let StereoRejected { ambiguous, left_right, speckle, range } = map.rejected;
     let causes = [
         ("ambiguous", ambiguous),
         ("left_right", left_right),
@@ -409,11 +377,7 @@ fn stereo(
         observations: known.len(),
         rejected: causes.into_iter().filter(|(_, n)| *n > 0).collect(),
         sigma_px: summary(known),
-        raster: Some((
-            map.columns,
-            map.rows,
-            vec![("disparity", map.disparity), ("sigma", map.sigma)],
-        )),
+        raster: Some((map.columns, map.rows, vec![("disparity", map.disparity), ("sigma", map.sigma)])),
         unit: known_unit,
         scan,
         ..Sensed::default()
@@ -432,18 +396,10 @@ fn grid(image: &Path, plain: Option<&Path>, calibration: &Path, options: &GridOp
     let known = read_grid_calibration(calibration)?;
     let picture = read_brightness(image)?;
     let without = plain.map(read_brightness).transpose()?;
-    let found =
-        read_grid(&picture, without.as_ref(), &known.grid, options).map_err(|e| e.in_context(image.display()))?;
-    let GridRejected {
-        no_crossing,
-        no_index,
-        off_line,
-        undetermined,
-    } = found.rejected;
-    let bent: Vec<f64> = (found.readings.iter())
-        .filter_map(|r| r.curvature)
-        .map(|c| c.sigma)
-        .collect();
+    let found = read_grid(&picture, without.as_ref(), &known.grid, options)
+        .map_err(|e| e.in_context(image.display()))?;
+    let GridRejected { no_crossing, no_index, off_line, undetermined } = found.rejected;
+    let bent: Vec<f64> = (found.readings.iter()).filter_map(|r| r.curvature).map(|c| c.sigma).collect();
     let causes = [
         ("no_crossing", no_crossing),
         ("no_index", no_index),
@@ -465,18 +421,20 @@ fn grid(image: &Path, plain: Option<&Path>, calibration: &Path, options: &GridOp
     })
 }
 
-fn photometric(images: &[PathBuf], mask: Option<&Path>, calibration: &Path, progress: &dyn Progress) -> Result<Sensed> {
+fn photometric(
+    images: &[PathBuf],
+    mask: Option<&Path>,
+    calibration: &Path,
+    progress: &dyn Progress,
+) -> Result<Sensed> {
     let known = read_lights(calibration)?;
     let read = |paths: &[PathBuf]| paths.iter().map(|p| read_brightness(p)).collect::<Result<Vec<Image>>>();
     let pictures = read(images)?;
     let mask_file = mask;
     let mask = mask.map(read_brightness).transpose()?;
     let first = (pictures.first()).map_or((0, 0), |p| (p.columns, p.rows));
-    for (file, picture) in images
-        .iter()
-        .map(PathBuf::as_path)
-        .chain(mask_file)
-        .zip(pictures.iter().chain(&mask))
+    for (file, picture) in
+        images.iter().map(PathBuf::as_path).chain(mask_file).zip(pictures.iter().chain(&mask))
     {
         if (picture.columns, picture.rows) != first {
             return Err(Error::input(format!(
@@ -546,32 +504,19 @@ fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
     }
     let picture = read_picture(image)?;
     let map = normals_from_colours(picture.columns, picture.rows, &picture.values, picture.white, sigma_deg);
-    map.and_then(|map| of_normals(&map, 1.0))
-        .map_err(|e| e.in_context(image.display()))
+    map.and_then(|map| of_normals(&map, 1.0)).map_err(|e| e.in_context(image.display()))
 }
 
 fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed> {
     let scan = map.scan(pixel_size, "normals")?;
-    let band = |k: usize| {
-        map.normals
-            .iter()
-            .map(|n| n.map_or(f32::NAN, |n| n[k] as f32))
-            .collect::<Vec<f32>>()
-    };
+    let band =
+        |k: usize| map.normals.iter().map(|n| n.map_or(f32::NAN, |n| n[k] as f32)).collect::<Vec<f32>>();
     let sigma = map.sigma_deg.iter().map(|s| *s as f32).collect();
-    let bands = vec![
-        ("nx", band(0)),
-        ("ny", band(1)),
-        ("nz", band(2)),
-        ("sigma_n_deg", sigma),
-    ];
+    let bands = vec![("nx", band(0)), ("ny", band(1)), ("nz", band(2)), ("sigma_n_deg", sigma)];
     Ok(Sensed {
         pixels: map.normals.len(),
         observations: scan.points.len(),
-        rejected: [("undetermined", map.undetermined)]
-            .into_iter()
-            .filter(|(_, n)| *n > 0)
-            .collect(),
+        rejected: [("undetermined", map.undetermined)].into_iter().filter(|(_, n)| *n > 0).collect(),
         sigma_n_deg: summary(map.sigma_deg.iter().copied().filter(|s| s.is_finite()).collect()),
         raster: Some((map.columns, map.rows, bands)),
         scan: Some(scan),
@@ -583,10 +528,7 @@ fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> {
     let calibration = calibration_of(image, calibration)?;
     let (scan, unit) = read_depth(image, &calibration)?;
     if scan.points.is_empty() {
-        return Err(Error::undetermined(format!(
-            "{}: no pixel has a depth",
-            image.display()
-        )));
+        return Err(Error::undetermined(format!("{}: no pixel has a depth", image.display())));
     }
     let mut warnings = Vec::new();
     if extension(image) == "png" && read_picture(image)?.white <= 255.0 {
@@ -599,10 +541,7 @@ fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> {
         warnings,
         pixels: scan.points.len() + scan.dropped_not_finite,
         observations: scan.points.len(),
-        rejected: [("no_reading", scan.dropped_not_finite)]
-            .into_iter()
-            .filter(|(_, n)| *n > 0)
-            .collect(),
+        rejected: [("no_reading", scan.dropped_not_finite)].into_iter().filter(|(_, n)| *n > 0).collect(),
         unit,
         more_inputs: vec![calibration],
         scan: Some(scan),
@@ -615,23 +554,17 @@ fn along_rays(scan: &Scan) -> Option<SigmaSummary> {
     let covariances = scan.covariance.as_ref()?.iter().zip(&scan.points);
     summary(
         covariances
-            .filter_map(|(c, p)| Some(planish_sense::variance_along(c, planish_estimate::vector3::unit(*p)?).sqrt()))
+            .filter_map(|(c, p)| {
+                Some(planish_sense::variance_along(c, planish_estimate::vector3::unit(*p)?).sqrt())
+            })
             .collect(),
     )
 }
 
 pub(crate) fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {
     values.sort_by(f64::total_cmp);
-    let at = |share: f64| {
-        values
-            .get(((values.len() as f64 - 1.0) * share).round() as usize)
-            .copied()
-    };
-    Some(SigmaSummary {
-        median: at(0.5)?,
-        p95: at(0.95)?,
-        max: at(1.0)?,
-    })
+    let at = |share: f64| values.get(((values.len() as f64 - 1.0) * share).round() as usize).copied();
+    Some(SigmaSummary { median: at(0.5)?, p95: at(0.95)?, max: at(1.0)? })
 }
 
 fn check_outputs(job: &SenseJob) -> Result<()> {
@@ -670,21 +603,14 @@ fn check_outputs(job: &SenseJob) -> Result<()> {
 }
 
 fn write(path: &Path, sensed: &Sensed, unit: Option<Unit>) -> Result<SensedFile> {
-    let mut written = SensedFile {
-        file: path.to_path_buf(),
-        points: None,
-        bands: Vec::new(),
-    };
+    let mut written = SensedFile { file: path.to_path_buf(), points: None, bands: Vec::new() };
     match (extension(path).as_str(), &sensed.scan, &sensed.raster) {
         ("ply", Some(scan), _) => {
             write_scan(path, scan, unit)?;
             written.points = Some(scan.points.len());
         }
         ("ply", None, _) | (_, _, None) => {
-            return Err(Error::input(format!(
-                "{}: there is nothing of that kind to write",
-                path.display()
-            )));
+            return Err(Error::input(format!("{}: there is nothing of that kind to write", path.display())));
         }
         (_, _, Some((columns, rows, bands))) => {
             let values: Vec<&[f32]> = bands.iter().map(|(_, band)| &band[..]).collect();

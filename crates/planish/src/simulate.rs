@@ -1,7 +1,7 @@
 //! Known truth: simulated measurements of surfaces that are known exactly.
 //!
-//! Comes in: options and a seed. Goes out: readings as a job would hold them, and the truth behind each of them. The same
-//! options give the same bytes, at any number of threads.
+//! Comes in: options and a seed. Goes out: readings as a job would hold them, and the truth behind each of
+//! them. The same options give the same bytes, at any number of threads.
 //!
 //! | module | what |
 //! |---|---|

@@ -1,8 +1,9 @@
 //! `planish solid`: every solid that two or three views can mean, written as STEP.
 //!
-//! Comes in: DXF or SVG files, one a view, or one with all views; or contours with their covariance as `planish contour` writes them, one a view.
-//! Goes out: the solids, best first, each a STEP file with true planes and cylinders, or a watertight mesh; and which lines none of them explains.
-//! A solid is written only where what it shows in its views agrees with the drawing ([`planish_solid::reprojection`]).
+//! Comes in: DXF or SVG files, one a view, or one with all views; or contours with their covariance as
+//! `planish contour` writes them, one a view. Goes out: the solids, best first, each a STEP file with true
+//! planes and cylinders, or a watertight mesh; and which lines none of them explains. A solid is written only
+//! where what it shows in its views agrees with the drawing ([`planish_solid::reprojection`]).
 
 mod drawing;
 mod misses;
@@ -28,8 +29,8 @@ use std::path::PathBuf;
 /// What to do.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
-    /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order; the side view may be left out. One drawing may
-    /// hold all views.
+    /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order; the
+    /// side view may be left out. One drawing may hold all views.
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed.
     pub projection: Projection,
@@ -39,11 +40,14 @@ pub struct SolidJob {
     pub level: f64,
     /// Of contours, the graphs of each view and the composite graph: `.json`, `.dot`.
     pub graphs: Vec<PathBuf>,
-    /// STEP files and meshes (`.ply`, `.stl`, `.glb`, `.obj`) to write; of contours also `.json`, what is known of the sizes.
+    /// STEP files and meshes (`.ply`, `.stl`, `.glb`, `.obj`) to write; of contours also `.json`, what is
+    /// known of the sizes.
     pub outputs: Vec<PathBuf>,
-    /// How far chords of a mesh miss the solid at most, in the unit; [`DEFAULT_CHORD`] times the drawing's size where none is given.
+    /// How far chords of a mesh miss the solid at most, in the unit; [`DEFAULT_CHORD`] times the drawing's
+    /// size where none is given.
     pub mesh_tolerance: Option<f64>,
-    /// Coordinates of drawings that are no farther apart than this are one, in the unit; as they are drawn where none is given.
+    /// Coordinates of drawings that are no farther apart than this are one, in the unit; as they are drawn
+    /// where none is given.
     pub tolerance: Option<f64>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
@@ -110,10 +114,12 @@ pub struct RefusedSolid {
     pub differences: Vec<UnexplainedLine>,
 }
 
-/// Candidates that show the lines of the drawing, as far as the search can tell, and are no solids: they are not written.
+/// Candidates that show the lines of the drawing, as far as the search can tell, and are no solids: they are
+/// not written.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct DroppedCandidates {
-    /// `touches` where parts only touch along a line or at a point, `does_not_close` where faces do not fit together.
+    /// `touches` where parts only touch along a line or at a point, `does_not_close` where faces do not fit
+    /// together.
     pub why: &'static str,
     /// How many.
     pub count: usize,
@@ -150,9 +156,10 @@ pub struct SolidReport {
 /// Reads views, finds solids, writes them.
 ///
 /// # Errors
-/// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where all lines can be explained, but no boundary
-/// closes, or where a mesh is asked for and a face cannot be filled; `Io` for file trouble. That no solid has these views is an answer: no
-/// solutions, and the lines that none explains.
+/// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where all lines
+/// can be explained, but no boundary closes, or where a mesh is asked for and a face cannot be filled; `Io`
+/// for file trouble. That no solid has these views is an answer: no solutions, and the lines that none
+/// explains.
 pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     solid_files_reported(job, None, progress)
 }
@@ -236,11 +243,7 @@ pub fn solid_files_reported(
         unexplained: found
             .unexplained
             .into_iter()
-            .map(|u| UnexplainedLine {
-                view: u.view.name(),
-                entity: u.entity,
-                why: u.why,
-            })
+            .map(|u| UnexplainedLine { view: u.view.name(), entity: u.entity, why: u.why })
             .collect(),
         refused,
         dropped: dropped(&found.rejected),
@@ -264,7 +267,8 @@ pub fn solid_files_reported(
     if let Some(page) = page {
         let solids: Vec<&Solid> = accepted.iter().map(|solution| &solution.solid).collect();
         let made = solid_page(&report, &drawing, &solids, tolerance, &job.views)?;
-        let inputs: Vec<(PathBuf, String)> = job.views.iter().map(|v| (v.clone(), "views".to_owned())).collect();
+        let inputs: Vec<(PathBuf, String)> =
+            job.views.iter().map(|v| (v.clone(), "views".to_owned())).collect();
         page.write(made, &inputs)?;
         report.written.push(page.path.clone());
     }
@@ -283,10 +287,7 @@ fn is_contours(job: &SolidJob) -> bool {
 
 /// Rejected candidates by reason, each reason with its first.
 fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
-    let reasons = [
-        (Rejection::Touches, "touches"),
-        (Rejection::DoesNotClose, "does_not_close"),
-    ];
+    let reasons = [(Rejection::Touches, "touches"), (Rejection::DoesNotClose, "does_not_close")];
     let of = |(reason, why): (Rejection, &'static str)| {
         let mut all = rejected.iter().filter(|r| r.why == reason);
         all.next().map(|first| DroppedCandidates {
@@ -306,23 +307,13 @@ fn line_of(difference: &Disagreement) -> UnexplainedLine {
     UnexplainedLine {
         view: difference.view.name(),
         entity: difference.entity.clone(),
-        why: format!(
-            "{} at {:.4} {:.4}{more}",
-            difference.why, difference.at[0], difference.at[1]
-        ),
+        why: format!("{} at {:.4} {:.4}{more}", difference.why, difference.at[0], difference.at[1]),
     }
 }
 
 fn counts(solid: &Solid) -> FaceCounts {
     let [plane, cylinder, cone, sphere, torus] = solid.faces_by_kind();
-    FaceCounts {
-        plane,
-        cylinder,
-        cone,
-        sphere,
-        torus,
-        freeform: 0,
-    }
+    FaceCounts { plane, cylinder, cone, sphere, torus, freeform: 0 }
 }
 
 fn plan(job: &SolidJob) -> Result<()> {
@@ -378,11 +369,7 @@ fn plan(job: &SolidJob) -> Result<()> {
     for output in &job.outputs {
         let may_be_json = is_contours(job) && extension(output) == "json";
         if !may_be_json && !writing::is_solid_file(output) {
-            let json = if is_contours(job) {
-                ", what is known of their sizes as .json"
-            } else {
-                ""
-            };
+            let json = if is_contours(job) { ", what is known of their sizes as .json" } else { "" };
             return Err(Error::unsupported(format!(
                 "{}: solids are written as .step or .stp, and their meshes as .ply, .stl, .glb or .obj{json}",
                 output.display()

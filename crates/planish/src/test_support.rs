@@ -11,10 +11,7 @@ pub(crate) const SIGMA: f64 = 0.01;
 pub(crate) fn refined_surface(shape: Shape) -> Surface {
     let axis = [0.0, 0.0, 1.0];
     let (base, grid) = match shape {
-        Shape::Sheet => (
-            BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 0.8]),
-            [6, 5],
-        ),
+        Shape::Sheet => (BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 0.8]), [6, 5]),
         Shape::Tube => (BaseShape::cylinder([0.0; 3], axis, 0.5, 1.0), [12, 6]),
         Shape::Ball => (BaseShape::sphere([0.0; 3], 1.0, axis), [16, 8]),
         Shape::Torus => (BaseShape::torus([0.0; 3], axis, 1.0, 0.4), [16, 8]),
@@ -25,13 +22,12 @@ pub(crate) fn refined_surface(shape: Shape) -> Surface {
     surface.refined(surface.space().refine(&marked).into()).unwrap()
 }
 
-/// A model of a surface, as if it had been measured there: 16 exact readings in every leaf that counts as observed.
+/// A model of a surface, as if it had been measured there: 16 exact readings in every leaf that counts as
+/// observed.
 pub(crate) fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceModel {
     let system = SurfaceSystem::new(surface.space()).unwrap();
     let mut prior = system.tangential_hold(&surface, 0.5).unwrap();
-    prior
-        .add_scaled(&system.thin_plate(&surface).unwrap().expanded(3).unwrap(), 1.0)
-        .unwrap();
+    prior.add_scaled(&system.thin_plate(&surface).unwrap().expanded(3).unwrap(), 1.0).unwrap();
     let observed: Vec<bool> = (0..surface.space().leaves().len()).map(observed).collect();
     let w = SIGMA.powi(-2);
     let data = system
@@ -85,9 +81,7 @@ pub(crate) fn small_model(shape: Shape) -> SurfaceModel {
     let mut model = model_of(refined_surface(shape), |leaf| leaf % 5 != 0);
     // Its one scan's place is not known well.
     model.shared = Some(SharedInformation {
-        coupling: (0..2 * model.surface.space().node_count())
-            .map(|k| 1e-3 * (k as f64).sin())
-            .collect(),
+        coupling: (0..2 * model.surface.space().node_count()).map(|k| 1e-3 * (k as f64).sin()).collect(),
         corner: vec![1.0 / 3.0, 0.1, 0.1, 0.7],
     });
     model

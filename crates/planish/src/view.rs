@@ -1,7 +1,7 @@
 //! Looking at a file: as a picture without a window or a graphics card, or as a page for a browser.
 //!
-//! Comes in: a model, a mesh, points or scans, and from where to look. Goes out: a PNG with a legend ([`write_picture`]), or HTML ([`view_page`]).
-//! The same bytes at any number of threads.
+//! Comes in: a model, a mesh, points or scans, and from where to look. Goes out: a PNG with a legend
+//! ([`write_picture`]), or HTML ([`view_page`]). The same bytes at any number of threads.
 //!
 //! Not guaranteed: that pictures of different versions are the same to the last bit.
 
@@ -39,7 +39,8 @@ const PAGE_POINTS: usize = 400_000;
 const MOST_PIXELS: usize = 64_000_000;
 /// What stays free at the border of a picture, as a share of its rows.
 const BORDER: f64 = 0.05;
-/// Dots are so wide, over the mean distance between them in the picture; in pixels they are no narrower and no wider than [`DOT_WIDTHS`].
+/// Dots are so wide, over the mean distance between them in the picture; in pixels they are no narrower and
+/// no wider than [`DOT_WIDTHS`].
 const DOT_WIDTH: f64 = 1.5;
 const DOT_WIDTHS: [f64; 2] = [1.4, 9.0];
 /// A thing without colours of its own.
@@ -47,11 +48,7 @@ const CLAY: Colour = [0.84, 0.83, 0.80];
 /// What is behind, at the top and at the bottom.
 const PAPER: [Colour; 2] = [[0.976, 0.978, 0.974], [0.918, 0.924, 0.922]];
 /// Angles of a camera that nobody placed, where `up` is given: those of reports.
-const FROM: CameraAngles = CameraAngles {
-    azimuth_deg: 36.25,
-    elevation_deg: 28.27,
-    zoom: 1.0,
-};
+const FROM: CameraAngles = CameraAngles { azimuth_deg: 36.25, elevation_deg: 28.27, zoom: 1.0 };
 
 /// What a picture is coloured by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,7 +68,8 @@ pub struct PictureOptions {
     pub camera: Option<CameraAngles>,
     /// What is up; z where none is given.
     pub up: Option<Up>,
-    /// By what; the deviation where there is one, else σ, else what kinds of parts there are, where none is given.
+    /// By what; the deviation where there is one, else σ, else what kinds of parts there are, where none is
+    /// given.
     pub colour: Option<ColourBy>,
     /// Columns and rows.
     pub size: [usize; 2],
@@ -79,12 +77,7 @@ pub struct PictureOptions {
 
 impl Default for PictureOptions {
     fn default() -> Self {
-        Self {
-            camera: None,
-            up: None,
-            colour: None,
-            size: [1280, 960],
-        }
+        Self { camera: None, up: None, colour: None, size: [1280, 960] }
     }
 }
 
@@ -116,7 +109,8 @@ pub struct PictureReport {
 /// Checks where a picture goes, before the work.
 ///
 /// # Errors
-/// `Unsupported` for other extensions than `.png`; `Input` for one of the inputs; `Io` where it cannot be written.
+/// `Unsupported` for other extensions than `.png`; `Input` for one of the inputs; `Io` where it cannot be
+/// written.
 pub fn check_picture(path: &Path, inputs: &[PathBuf]) -> Result<()> {
     if extension(path) != "png" {
         return Err(Error::unsupported(format!(
@@ -130,10 +124,12 @@ pub fn check_picture(path: &Path, inputs: &[PathBuf]) -> Result<()> {
 
 /// Draws a file as a PNG.
 ///
-/// Cost: nine places a pixel and 48 neighbours of it: 1.6 s of processor time for 1280 × 960 pixels of 86 000 triangles; some 400 bytes of memory a pixel.
+/// Cost: nine places a pixel and 48 neighbours of it: 1.6 s of processor time for 1280 × 960 pixels of 86 000
+/// triangles; some 400 bytes of memory a pixel.
 ///
 /// # Errors
-/// As the readers; `Unsupported` for STEP files; `Input` where the file does not hold what it is to be coloured by; `Io` where nothing can be written.
+/// As the readers; `Unsupported` for STEP files; `Input` where the file does not hold what it is to be
+/// coloured by; `Io` where nothing can be written.
 ///
 /// # Examples
 /// ```no_run
@@ -199,9 +195,7 @@ pub fn view_page(viewed: &ViewedFile, output: &ReportOutput, progress: &dyn Prog
     page.scene = Some(thing.scene);
     page.sections.push(output.provenance(&thing.inputs)?);
     Ok(ViewedPage {
-        html: page
-            .html()
-            .map_err(|e| Error::input("the page could not be made").with_source(e))?,
+        html: page.html().map_err(|e| Error::input("the page could not be made").with_source(e))?,
         what: thing.headline,
         unit: thing.unit,
         inputs: thing.inputs.into_iter().map(|(path, _)| path).collect(),
@@ -241,10 +235,7 @@ fn drawn(thing: &Thing, options: &PictureOptions) -> Result<Drawn> {
     let border = BORDER * rows.min(columns) as f64;
     let frame = Frame {
         low: [border; 2],
-        high: [
-            columns as f64 - border,
-            rows as f64 - border.max(legend::height(options.size)),
-        ],
+        high: [columns as f64 - border, rows as f64 - border.max(legend::height(options.size))],
     };
     let axes = match (options.camera, options.up) {
         (None, None) => {
@@ -264,11 +255,7 @@ fn drawn(thing: &Thing, options: &PictureOptions) -> Result<Drawn> {
         None if by_normal => "normals: right is red, up green, towards the camera blue".to_owned(),
         None => String::new(),
     };
-    let legend = Legend {
-        title,
-        size: thing.size(),
-        scale,
-    };
+    let legend = Legend { title, size: thing.size(), scale };
     legend::draw(&mut canvas, &legend, &camera);
     Ok(Drawn {
         canvas,
@@ -287,14 +274,10 @@ fn with_unit(field: &Field) -> String {
     head(&field.label, unit)
 }
 
-/// The fields of what is shown at first: of its first surface, or else of its first cloud; those of a reference's points stand behind.
+/// The fields of what is shown at first: of its first surface, or else of its first cloud; those of a
+/// reference's points stand behind.
 fn fields(thing: &Thing) -> impl Iterator<Item = &Field> {
-    let surfaces = thing
-        .scene
-        .surfaces
-        .iter()
-        .filter(|s| !s.hidden)
-        .flat_map(|s| &s.fields);
+    let surfaces = thing.scene.surfaces.iter().filter(|s| !s.hidden).flat_map(|s| &s.fields);
     let clouds = thing.scene.clouds.iter().filter(|c| !c.hidden).flat_map(|c| &c.fields);
     surfaces.chain(clouds)
 }
@@ -316,11 +299,8 @@ fn chosen_field(thing: &Thing, colour: Option<ColourBy>) -> Result<Option<&Field
         Some(ColourBy::Field(key)) => match find(key) {
             Some(field) => Ok(Some(field)),
             None => {
-                let way_out = if key == "deviation" {
-                    ": name what it deviates from with --reference"
-                } else {
-                    ""
-                };
+                let way_out =
+                    if key == "deviation" { ": name what it deviates from with --reference" } else { "" };
                 let mut known: Vec<String> = fields(thing).map(|f| f.key.replace('_', "-")).collect();
                 known.push("plain".to_owned());
                 Err(Error::input(format!(
@@ -343,10 +323,7 @@ fn pixels(
     size: [usize; 2],
 ) -> Vec<Pixel> {
     let values_of = |fields: &[Field]| -> Option<Vec<f64>> {
-        let values = &fields
-            .iter()
-            .find(|f| field.is_some_and(|wanted| wanted.key == f.key))?
-            .values;
+        let values = &fields.iter().find(|f| field.is_some_and(|wanted| wanted.key == f.key))?.values;
         Some(match values {
             Values::Numbers(numbers) => numbers.clone(),
             Values::Kinds(kinds) => kinds.iter().map(|k| f64::from(*k)).collect(),
@@ -363,7 +340,8 @@ fn pixels(
                 (Some(values), Some(scale)) => {
                     let corners = surface.triangles[triangle].map(|k| values[k as usize]);
                     scale.colour(if are_kinds {
-                        let most = (0..3).fold(0, |most, k| if weights[k] > weights[most] { k } else { most });
+                        let most =
+                            (0..3).fold(0, |most, k| if weights[k] > weights[most] { k } else { most });
                         corners[most]
                     } else {
                         (0..3).map(|k| weights[k] * corners[k]).sum()

@@ -1,8 +1,9 @@
 //! How values become colours, on pages and in pictures alike, and what a legend says of it.
 //!
-//! Comes in: a [`Field`]. Goes out: its [`Scale`]: a colour for each value, and ticks or kinds with their names.
-//! Maps are perceptually uniform and told apart by every kind of colour vision: viridis (Smith and van der Walt, 2015), red to blue about grey (ColorBrewer,
-//! Harrower and Brewer, 2003), and for kinds the colours of Okabe and Ito (2008).
+//! Comes in: a [`Field`]. Goes out: its [`Scale`]: a colour for each value, and ticks or kinds with their
+//! names. Maps are perceptually uniform and told apart by every kind of colour vision: viridis (Smith and van
+//! der Walt, 2015), red to blue about grey (ColorBrewer, Harrower and Brewer, 2003), and for kinds the
+//! colours of Okabe and Ito (2008).
 
 use crate::numbers::significant;
 use crate::scene::{Field, FieldKind, Values};
@@ -48,12 +49,12 @@ impl Map {
     pub fn colours(self) -> [u32; 17] {
         match self {
             Self::Viridis => [
-                0x440154, 0x48186a, 0x472d7b, 0x424086, 0x3b528b, 0x33638d, 0x2c728e, 0x26828e, 0x21918c, 0x1fa088,
-                0x28ae80, 0x3fbc73, 0x5ec962, 0x84d44b, 0xaddc30, 0xd8e219, 0xfde725,
+                0x440154, 0x48186a, 0x472d7b, 0x424086, 0x3b528b, 0x33638d, 0x2c728e, 0x26828e, 0x21918c,
+                0x1fa088, 0x28ae80, 0x3fbc73, 0x5ec962, 0x84d44b, 0xaddc30, 0xd8e219, 0xfde725,
             ],
             Self::RedBlue => [
-                0x053061, 0x175290, 0x2a71b2, 0x3f8ec0, 0x6bacd1, 0x9bc9e0, 0xc2ddec, 0xe0ecf3, 0xf7f6f6, 0xfbe5d8,
-                0xfbccb4, 0xf5aa89, 0xe48066, 0xd05548, 0xba2832, 0x930e26, 0x67001f,
+                0x053061, 0x175290, 0x2a71b2, 0x3f8ec0, 0x6bacd1, 0x9bc9e0, 0xc2ddec, 0xe0ecf3, 0xf7f6f6,
+                0xfbe5d8, 0xfbccb4, 0xf5aa89, 0xe48066, 0xd05548, 0xba2832, 0x930e26, 0x67001f,
             ],
         }
     }
@@ -61,11 +62,7 @@ impl Map {
     /// The colour of a place; those below 0 and above 1 have the colours of the ends.
     #[must_use]
     pub fn at(self, place: f64) -> Colour {
-        let at = if place.is_nan() {
-            0.0
-        } else {
-            16.0 * place.clamp(0.0, 1.0)
-        };
+        let at = if place.is_nan() { 0.0 } else { 16.0 * place.clamp(0.0, 1.0) };
         let k = (at as usize).min(15);
         let [from, to] = [k, k + 1].map(|k| of_hex(self.colours()[k]));
         std::array::from_fn(|c| from[c] + (at - k as f64) * (to[c] - from[c]))
@@ -73,9 +70,8 @@ impl Map {
 }
 
 /// Colours of kinds: Okabe and Ito's.
-const KINDS: [u32; 9] = [
-    0x0072b2, 0xe69f00, 0x009e73, 0xcc79a7, 0x56b4e9, 0xd55e00, 0xf0e442, 0x999999, 0x4d4d4d,
-];
+const KINDS: [u32; 9] =
+    [0x0072b2, 0xe69f00, 0x009e73, 0xcc79a7, 0x56b4e9, 0xd55e00, 0xf0e442, 0x999999, 0x4d4d4d];
 /// Colours of what is known by smoothness alone, measured, and completed: the marks 0, 1 and 2 of `observed`.
 pub const KNOWN_BY: [u32; 3] = [0x9e9ea3, KINDS[0], KINDS[1]];
 
@@ -86,30 +82,20 @@ fn of_hex(hex: u32) -> Colour {
 /// A colour as six digits, as in CSS without the `#`.
 #[must_use]
 pub fn hex(colour: Colour) -> String {
-    colour
-        .map(|c| format!("{:02x}", (255.0 * c).round().clamp(0.0, 255.0) as u8))
-        .concat()
+    colour.map(|c| format!("{:02x}", (255.0 * c).round().clamp(0.0, 255.0) as u8)).concat()
 }
 
 /// A part of a screen's brightness (sRGB, IEC 61966-2-1) as linear light.
 #[must_use]
 pub fn linear_light(screen: f64) -> f64 {
-    if screen <= 0.040_45 {
-        screen / 12.92
-    } else {
-        ((screen + 0.055) / 1.055).powf(2.4)
-    }
+    if screen <= 0.040_45 { screen / 12.92 } else { ((screen + 0.055) / 1.055).powf(2.4) }
 }
 
 /// Linear light as a part of a screen's brightness: the inverse of [`linear_light`], for lights from 0 to 1.
 #[must_use]
 pub fn screen_brightness(light: f64) -> f64 {
     let c = light.clamp(0.0, 1.0);
-    if c <= 0.003_130_8 {
-        12.92 * c
-    } else {
-        1.055 * c.powf(1.0 / 2.4) - 0.055
-    }
+    if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// A kind with its colour.
@@ -184,9 +170,7 @@ impl Scale {
             }
             (FieldKind::Steps(kinds), _) => {
                 let top = kinds.iter().map(|(value, _)| *value).max().unwrap_or(0).max(1);
-                Self::Kinds(kinds_of(kinds, |value| {
-                    Map::Viridis.at(f64::from(value) / f64::from(top))
-                }))
+                Self::Kinds(kinds_of(kinds, |value| Map::Viridis.at(f64::from(value) / f64::from(top))))
             }
             (FieldKind::Signed(limit), Values::Numbers(values)) => {
                 let [low, high] = quantiles(values, [BEYOND_SIGNED, 1.0 - BEYOND_SIGNED]);
@@ -203,27 +187,15 @@ impl Scale {
             (FieldKind::Sequential, Values::Numbers(values)) => {
                 let [low, high] = quantiles(values, [BEYOND, 1.0 - BEYOND]);
                 let is_constant = high <= low;
-                let high = if is_constant {
-                    low + 1e-6 * if low == 0.0 { 1.0 } else { low.abs() }
-                } else {
-                    high
-                };
+                let high =
+                    if is_constant { low + 1e-6 * if low == 0.0 { 1.0 } else { low.abs() } } else { high };
                 let logarithmic = low > 0.0 && high / low > LOGARITHMIC;
                 let ticks = match (is_constant, logarithmic) {
-                    (true, _) => vec![Tick {
-                        place: 0.0,
-                        label: trimmed(factor * low, 3),
-                    }],
+                    (true, _) => vec![Tick { place: 0.0, label: trimmed(factor * low, 3) }],
                     (false, true) => even_ratio_ticks(low, high, factor),
                     (false, false) => even_ticks(low, high, factor),
                 };
-                Self::Range(Range {
-                    map: Map::Viridis,
-                    low,
-                    high,
-                    logarithmic,
-                    ticks,
-                })
+                Self::Range(Range { map: Map::Viridis, low, high, logarithmic, ticks })
             }
             (FieldKind::Sequential | FieldKind::Signed(_), Values::Kinds(_)) => Self::Kinds(Vec::new()),
         }
@@ -234,9 +206,9 @@ impl Scale {
     pub fn colour(&self, value: f64) -> Colour {
         match self {
             Self::Range(range) => range.colour(value),
-            Self::Kinds(kinds) => (kinds.iter())
-                .find(|kind| f64::from(kind.value) == value)
-                .map_or(UNKNOWN, |kind| kind.colour),
+            Self::Kinds(kinds) => {
+                (kinds.iter()).find(|kind| f64::from(kind.value) == value).map_or(UNKNOWN, |kind| kind.colour)
+            }
         }
     }
 }
@@ -265,11 +237,7 @@ fn even_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     let [from, to] = [low, high].map(|v| factor * v);
     let rough = (to - from) / 4.0;
     let power = 10_f64.powf(rough.log10().floor());
-    let step = power
-        * [1.0, 2.0, 5.0]
-            .into_iter()
-            .rfind(|m| m * power <= rough * 1.001)
-            .unwrap_or(1.0);
+    let step = power * [1.0, 2.0, 5.0].into_iter().rfind(|m| m * power <= rough * 1.001).unwrap_or(1.0);
     let first = (from / step - 1e-9).ceil() as i64;
     let last = (to / step + 1e-9).floor() as i64;
     let ticks = (first..=last.min(first + 12)).map(|k| {
@@ -277,10 +245,7 @@ fn even_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
         let value = k as f64 * step;
         let decimals = (-step.log10().floor()).clamp(0.0, 15.0) as usize;
         let rounded: f64 = format!("{value:.decimals$}").parse().unwrap_or(value);
-        Tick {
-            place: (value - from) / (to - from),
-            label: trimmed(rounded, 6),
-        }
+        Tick { place: (value - from) / (to - from), label: trimmed(rounded, 6) }
     });
     apart(ticks.collect())
 }
@@ -295,45 +260,28 @@ fn even_ratio_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     };
     let decades = from.log10().floor() as i32..=to.log10().ceil() as i32;
     let values = decades.flat_map(|e| steps.iter().map(move |m| m * 10_f64.powi(e)));
-    let ticks = (values.filter(|v| (from..=to).contains(v))).map(|value| Tick {
-        place: (value / from).ln() / (to / from).ln(),
-        label: trimmed(value, 3),
-    });
+    let ticks = (values.filter(|v| (from..=to).contains(v)))
+        .map(|value| Tick { place: (value / from).ln() / (to / from).ln(), label: trimmed(value, 3) });
     apart(ticks.collect())
 }
 
 /// Every so manieth tick, so that none stand on one another.
 fn apart(ticks: Vec<Tick>) -> Vec<Tick> {
-    let least = ticks
-        .windows(2)
-        .map(|pair| pair[1].place - pair[0].place)
-        .fold(f64::INFINITY, f64::min);
-    let step = if least < LEAST_APART {
-        (LEAST_APART / least).ceil() as usize
-    } else {
-        1
-    };
+    let least = ticks.windows(2).map(|pair| pair[1].place - pair[0].place).fold(f64::INFINITY, f64::min);
+    let step = if least < LEAST_APART { (LEAST_APART / least).ceil() as usize } else { 1 };
     ticks.into_iter().step_by(step).collect()
 }
 
 /// A number without zeros that say nothing.
 fn trimmed(value: f64, digits: usize) -> String {
     let text = significant(value, digits);
-    let (mantissa, exponent) = text
-        .split_once('e')
-        .map_or((text.as_str(), None), |(m, e)| (m, Some(e)));
-    let mantissa = if mantissa.contains('.') {
-        mantissa.trim_end_matches('0').trim_end_matches('.')
-    } else {
-        mantissa
-    };
+    let (mantissa, exponent) = text.split_once('e').map_or((text.as_str(), None), |(m, e)| (m, Some(e)));
+    let mantissa =
+        if mantissa.contains('.') { mantissa.trim_end_matches('0').trim_end_matches('.') } else { mantissa };
     let raised = |exponent: &str| -> String {
         let digit = |c: char| match c {
             '-' => '⁻',
-            c => c
-                .to_digit(10)
-                .and_then(|d| "⁰¹²³⁴⁵⁶⁷⁸⁹".chars().nth(d as usize))
-                .unwrap_or(c),
+            c => c.to_digit(10).and_then(|d| "⁰¹²³⁴⁵⁶⁷⁸⁹".chars().nth(d as usize)).unwrap_or(c),
         };
         exponent.chars().map(digit).collect()
     };
@@ -377,7 +325,9 @@ mod tests {
         };
         let steps = || (0..100).map(|k| [f64::from(k) / 100.0, f64::from(k + 1) / 100.0]);
         assert!(steps().all(|[a, b]| lightness(Map::Viridis, a) < lightness(Map::Viridis, b)));
-        assert!(steps().all(|[a, b]| (lightness(Map::RedBlue, a) < lightness(Map::RedBlue, b)) == (b <= 0.5)));
+        assert!(
+            steps().all(|[a, b]| (lightness(Map::RedBlue, a) < lightness(Map::RedBlue, b)) == (b <= 0.5))
+        );
         assert_eq!(hex(Map::Viridis.at(2.0)), "fde725");
         assert_eq!(hex(Map::Viridis.at(f64::NAN)), "440154");
     }

@@ -47,10 +47,7 @@ impl Finding {
     /// A finding.
     #[must_use]
     pub fn new(level: Level, text: impl Into<String>) -> Self {
-        Self {
-            level,
-            text: text.into(),
-        }
+        Self { level, text: text.into() }
     }
 }
 
@@ -69,11 +66,7 @@ impl Figure {
     /// A figure.
     #[must_use]
     pub fn new(name: impl Into<String>, value: impl Into<String>, note: impl Into<String>) -> Self {
-        Self {
-            name: name.into(),
-            value: value.into(),
-            note: note.into(),
-        }
+        Self { name: name.into(), value: value.into(), note: note.into() }
     }
 }
 
@@ -92,10 +85,7 @@ impl Table {
     /// A table with this head.
     #[must_use]
     pub fn new<const N: usize>(head: [&str; N]) -> Self {
-        Self {
-            head: head.map(str::to_owned).to_vec(),
-            ..Self::default()
-        }
+        Self { head: head.map(str::to_owned).to_vec(), ..Self::default() }
     }
 
     /// Adds a row.
@@ -140,10 +130,7 @@ impl Section {
     /// A section.
     #[must_use]
     pub fn new(title: impl Into<String>, blocks: Vec<Block>) -> Self {
-        Self {
-            title: title.into(),
-            blocks,
-        }
+        Self { title: title.into(), blocks }
     }
 }
 
@@ -271,10 +258,7 @@ mod tests {
 
     #[test]
     fn thousands_hold_together_and_lists_do_not() {
-        assert_eq!(
-            glued("10 607 readings, 1 of 234 567"),
-            "10\u{202f}607 readings, 1 of 234\u{202f}567"
-        );
+        assert_eq!(glued("10 607 readings, 1 of 234 567"), "10\u{202f}607 readings, 1 of 234\u{202f}567");
         assert_eq!(glued("1, 234 and 12 3456"), "1, 234 and 12 3456");
     }
 
@@ -286,14 +270,8 @@ mod tests {
                 triangles: vec![[0, 1, 2]],
                 ..SurfaceShown::default()
             }],
-            clouds: vec![Cloud {
-                positions: vec![[1e6 - 99.0, 0.0, 0.0]],
-                ..Cloud::default()
-            }],
-            lines: vec![LineSet {
-                segments: vec![[[1e6, 0.0, 0.0], [1e6, 4.0, 0.0]]],
-                ..LineSet::default()
-            }],
+            clouds: vec![Cloud { positions: vec![[1e6 - 99.0, 0.0, 0.0]], ..Cloud::default() }],
+            lines: vec![LineSet { segments: vec![[[1e6, 0.0, 0.0], [1e6, 4.0, 0.0]]], ..LineSet::default() }],
             marks: vec![Mark {
                 at: [1e6 + 1.0, 2.0, 0.0],
                 label: "1".to_owned(),

@@ -4,7 +4,8 @@ use crate::numbers::significant;
 use std::fmt::Write;
 
 const WIDTH: f64 = 560.0;
-/// Colours that every kind of colour vision tells apart (Okabe and Ito, 2008), dark enough on paper and light enough on black.
+/// Colours that every kind of colour vision tells apart (Okabe and Ito, 2008), dark enough on paper and light
+/// enough on black.
 const FIRST: &str = "#2a7fb8";
 const SECOND: &str = "#d9822b";
 
@@ -23,9 +24,11 @@ fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
         .collect()
 }
 
-/// What a sensor states and what its residuals say, a line each, on one logarithmic axis: a line that is long is a σ that is false.
+/// What a sensor states and what its residuals say, a line each, on one logarithmic axis: a line that is long
+/// is a σ that is false.
 ///
-/// Rows are name, stated (if any) and found; values that are not positive are left out. Empty where nothing is left.
+/// Rows are name, stated (if any) and found; values that are not positive are left out. Empty where nothing
+/// is left.
 #[must_use]
 pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> String {
     let positive = |v: f64| (v > 0.0 && v.is_finite()).then_some(v);
@@ -33,10 +36,9 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
         .flat_map(|(_, stated, found)| [stated.and_then(positive), positive(*found)])
         .flatten()
         .collect();
-    let (Some(low), Some(high)) = (
-        values.iter().copied().reduce(f64::min),
-        values.iter().copied().reduce(f64::max),
-    ) else {
+    let (Some(low), Some(high)) =
+        (values.iter().copied().reduce(f64::min), values.iter().copied().reduce(f64::max))
+    else {
         return String::new();
     };
     let (low, high) = (low / 1.6, high * 1.6);
@@ -61,12 +63,8 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
         } else {
             name.clone()
         };
-        let _ = write!(
-            svg,
-            r#"<text class="plot-strong" x="0" y="{:.1}">{}</text>"#,
-            y + 4.0,
-            escaped(&short)
-        );
+        let _ =
+            write!(svg, r#"<text class="plot-strong" x="0" y="{:.1}">{}</text>"#, y + 4.0, escaped(&short));
         let (stated, found) = (stated.and_then(positive), positive(*found));
         if let (Some(s), Some(f)) = (stated, found) {
             let _ = write!(
@@ -102,7 +100,8 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
     svg
 }
 
-/// Residuals over their σ beside the normal distribution that they should have; values beyond ±5 are counted in the outermost bars.
+/// Residuals over their σ beside the normal distribution that they should have; values beyond ±5 are counted
+/// in the outermost bars.
 ///
 /// Empty for no values.
 #[must_use]
@@ -128,10 +127,7 @@ pub fn normalised_residuals(values: &[f64]) -> String {
     let y = |d: f64| bottom - (bottom - top) * d / most;
     let mut svg = format!(r#"<svg viewBox="0 0 {WIDTH} 190" role="img" font-size="12.5">"#);
     for k in (0..BINS).filter(|k| counts[*k] > 0) {
-        let (from, to) = (
-            x(-REACH + k as f64 * step) + 0.5,
-            x(-REACH + (k + 1) as f64 * step) - 0.5,
-        );
+        let (from, to) = (x(-REACH + k as f64 * step) + 0.5, x(-REACH + (k + 1) as f64 * step) - 0.5);
         let up = y(density(k)).min(bottom - 0.6);
         let _ = write!(
             svg,
@@ -168,7 +164,8 @@ pub fn normalised_residuals(values: &[f64]) -> String {
     svg
 }
 
-/// Polylines in a plane, y upwards, as large as they fit; those that are hidden are dashed. Empty for no points.
+/// Polylines in a plane, y upwards, as large as they fit; those that are hidden are dashed. Empty for no
+/// points.
 #[must_use]
 pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
     const ROOM: [f64; 2] = [560.0, 320.0];
@@ -184,10 +181,7 @@ pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
         return String::new();
     }
     let size = [0, 1].map(|k| (high[k] - low[k]).max(f64::MIN_POSITIVE));
-    let scale = [0, 1]
-        .map(|k| (ROOM[k] - 2.0 * MARGIN) / size[k])
-        .into_iter()
-        .fold(f64::INFINITY, f64::min);
+    let scale = [0, 1].map(|k| (ROOM[k] - 2.0 * MARGIN) / size[k]).into_iter().fold(f64::INFINITY, f64::min);
     let height = (scale * (high[1] - low[1])).max(1.0) + 2.0 * MARGIN;
     let left = 0.5 * (ROOM[0] - scale * (high[0] - low[0]));
     let mut svg = format!(
@@ -202,11 +196,7 @@ pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
                 format!("{x:.2},{y:.2}")
             })
             .collect();
-        let dashes = if *is_hidden {
-            r#" stroke-dasharray="5 4" opacity=".7""#
-        } else {
-            ""
-        };
+        let dashes = if *is_hidden { r#" stroke-dasharray="5 4" opacity=".7""# } else { "" };
         let _ = write!(svg, r#"<polyline points="{}"{dashes}/>"#, places.join(" "));
     }
     svg + "</svg>"
@@ -252,25 +242,14 @@ mod tests {
 
     #[test]
     fn a_false_sigma_is_a_long_line() {
-        let rows = [
-            ("old <1>".to_owned(), Some(0.1), 0.3),
-            ("laser".to_owned(), Some(0.1), 0.1),
-        ];
+        let rows = [("old <1>".to_owned(), Some(0.1), 0.3), ("laser".to_owned(), Some(0.1), 0.1)];
         let svg = stated_and_found(&rows, "mm");
         let lengths: Vec<f64> = svg
             .split("<line x1=\"")
             .skip(1)
             .map(|part| {
                 let x1: f64 = part.split('"').next().unwrap().parse().unwrap();
-                let x2: f64 = part
-                    .split("x2=\"")
-                    .nth(1)
-                    .unwrap()
-                    .split('"')
-                    .next()
-                    .unwrap()
-                    .parse()
-                    .unwrap();
+                let x2: f64 = part.split("x2=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap();
                 (x2 - x1).abs()
             })
             .collect();
@@ -289,10 +268,7 @@ mod tests {
 
     #[test]
     fn views_keep_their_proportions() {
-        let svg = lines(&[
-            (vec![[0.0, 0.0], [10.0, 0.0]], false),
-            (vec![[10.0, 0.0], [10.0, 5.0]], true),
-        ]);
+        let svg = lines(&[(vec![[0.0, 0.0], [10.0, 0.0]], false), (vec![[10.0, 0.0], [10.0, 5.0]], true)]);
         // 536 of 560 pixels for ten, 268 for five; y points down on a screen.
         assert!(
             svg.contains("12.00,280.00 548.00,280.00") && svg.contains("548.00,280.00 548.00,12.00"),
@@ -304,11 +280,7 @@ mod tests {
 
     #[test]
     fn shares_fill_the_bar() {
-        let svg = shares(&[
-            ("a", 3.0, "#000".into()),
-            ("b", 1.0, "#111".into()),
-            ("c", 0.0, "#222".into()),
-        ]);
+        let svg = shares(&[("a", 3.0, "#000".into()), ("b", 1.0, "#111".into()), ("c", 0.0, "#222".into())]);
         assert!(svg.contains("width=\"420.0\"") && svg.contains("width=\"140.0\"") && !svg.contains("#222"));
     }
 }

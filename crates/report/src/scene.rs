@@ -1,7 +1,8 @@
 //! What a 3D view shows, and how it is packed into a page.
 //!
-//! Places of surfaces are 32-bit floats about the scene's centre, so that maps far from the origin keep their digits; places of dots and lines are
-//! steps of the scene's box over 65535, which no screen tells apart. Values are 32-bit floats, as in files of meshes, or small integers.
+//! Places of surfaces are 32-bit floats about the scene's centre, so that maps far from the origin keep their
+//! digits; places of dots and lines are steps of the scene's box over 65535, which no screen tells apart.
+//! Values are 32-bit floats, as in files of meshes, or small integers.
 
 use crate::colour::{Map, Scale, hex};
 use crate::thin::{MOST_TRIANGLES, thinned};
@@ -40,7 +41,8 @@ pub struct Field {
     pub label: String,
     /// Its unit; empty for none.
     pub unit: String,
-    /// The unit that people read and how many of it are one of [`Self::unit`], where that is another: millimetres of a thing in metres.
+    /// The unit that people read and how many of it are one of [`Self::unit`], where that is another:
+    /// millimetres of a thing in metres.
     pub shown: Option<(String, f64)>,
     /// How it becomes colours.
     pub kind: FieldKind,
@@ -169,10 +171,7 @@ impl Scene {
         let outer = self.outer()?;
         let centre: [f64; 3] = std::array::from_fn(|d| 0.5 * (inner[0][d] + inner[1][d]));
         let about = |p: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|d| p[d] - centre[d]) };
-        let steps = Steps {
-            low: about(&outer[0]),
-            high: about(&outer[1]),
-        };
+        let steps = Steps { low: about(&outer[0]), high: about(&outer[1]) };
         let surfaces: Vec<Value> = (self.surfaces.iter())
             .map(|surface| {
                 let fewer = thinned(surface, MOST_TRIANGLES);
@@ -242,7 +241,8 @@ impl Scene {
         }))
     }
 
-    /// From where the scene is looked at, and what is up: a sheet from its front, other things from a corner, z up.
+    /// From where the scene is looked at, and what is up: a sheet from its front, other things from a corner,
+    /// z up.
     #[must_use]
     pub fn view(&self) -> ([f64; 3], [f64; 3]) {
         let (mut facing, mut area) = ([0.0; 3], 0.0);
@@ -250,11 +250,7 @@ impl Scene {
             for t in &surface.triangles {
                 let [a, b, c] = t.map(|k| surface.positions[k as usize]);
                 let [p, q]: [[f64; 3]; 2] = [b, c].map(|x| std::array::from_fn(|d| x[d] - a[d]));
-                let n = [
-                    p[1] * q[2] - p[2] * q[1],
-                    p[2] * q[0] - p[0] * q[2],
-                    p[0] * q[1] - p[1] * q[0],
-                ];
+                let n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
                 for d in 0..3 {
                     facing[d] += n[d];
                 }
@@ -267,11 +263,7 @@ impl Scene {
         }
         let n = facing.map(|c| c / towards);
         // Up is what is nearest to z, else to y, and the view slants a little.
-        let up = if n[2].abs() < 0.9 {
-            [0.0, 0.0, 1.0]
-        } else {
-            [0.0, 1.0, 0.0]
-        };
+        let up = if n[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
         let from = std::array::from_fn(|d| n[d] + 0.35 * [0.5, -0.8, 0.4][d]);
         (from, up)
     }
@@ -282,15 +274,10 @@ fn length(v: [f64; 3]) -> f64 {
 }
 
 fn box_of<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Option<[[f64; 3]; 2]> {
-    points
-        .filter(|p| p.iter().all(|c| c.is_finite()))
-        .fold(None, |found: Option<[[f64; 3]; 2]>, p| {
-            let [low, high] = found.unwrap_or([*p, *p]);
-            Some([
-                std::array::from_fn(|d| low[d].min(p[d])),
-                std::array::from_fn(|d| high[d].max(p[d])),
-            ])
-        })
+    points.filter(|p| p.iter().all(|c| c.is_finite())).fold(None, |found: Option<[[f64; 3]; 2]>, p| {
+        let [low, high] = found.unwrap_or([*p, *p]);
+        Some([std::array::from_fn(|d| low[d].min(p[d])), std::array::from_fn(|d| high[d].max(p[d]))])
+    })
 }
 
 /// A box in 65535 steps along each side.
@@ -323,9 +310,8 @@ impl Field {
         }
         match Scale::of(self) {
             Scale::Range(range) => {
-                let ticks: Vec<(f64, &str)> = (range.ticks.iter())
-                    .map(|tick| (tick.place, tick.label.as_str()))
-                    .collect();
+                let ticks: Vec<(f64, &str)> =
+                    (range.ticks.iter()).map(|tick| (tick.place, tick.label.as_str())).collect();
                 made["range"] = json!({
                     "map": range.map.name(),
                     "low": range.low,
@@ -335,9 +321,8 @@ impl Field {
                 });
             }
             Scale::Kinds(kinds) => {
-                let kinds: Vec<(u16, &str, String)> = (kinds.iter())
-                    .map(|kind| (kind.value, kind.label.as_str(), hex(kind.colour)))
-                    .collect();
+                let kinds: Vec<(u16, &str, String)> =
+                    (kinds.iter()).map(|kind| (kind.value, kind.label.as_str(), hex(kind.colour))).collect();
                 made["categories"] = json!(kinds);
             }
         }

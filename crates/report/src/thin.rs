@@ -1,6 +1,7 @@
 //! Surfaces of more triangles than a view turns fluently, with fewer.
 //!
-//! Comes in: a surface. Goes out: one of some of its own vertices, with their values. Not guaranteed: that it is manifold; it is for looking at.
+//! Comes in: a surface. Goes out: one of some of its own vertices, with their values. Not guaranteed: that it
+//! is manifold; it is for looking at.
 
 use crate::numbers::count;
 use crate::scene::{Field, SeenBy, SurfaceShown, Values};
@@ -13,19 +14,18 @@ const CELLS_MET: f64 = 1.5;
 /// Cells grow by this until the triangles are few enough.
 const GROWTH: f64 = 1.15;
 
-/// The surface with at most so many triangles; `None` where it has no more, or where its triangles are flat as those of solids are.
+/// The surface with at most so many triangles; `None` where it has no more, or where its triangles are flat
+/// as those of solids are.
 ///
-/// Vertices are clustered in cells of a grid (Rossignac and Borrel 1993), those that face other ways apart, so that both sides of a thin wall stay. The
-/// vertex that is nearest to the middle of its cluster stands for it: places and values that are read are those of the file.
+/// Vertices are clustered in cells of a grid (Rossignac and Borrel 1993), those that face other ways apart,
+/// so that both sides of a thin wall stay. The vertex that is nearest to the middle of its cluster stands for
+/// it: places and values that are read are those of the file.
 pub(crate) fn thinned(surface: &SurfaceShown, most: usize) -> Option<SurfaceShown> {
     if surface.triangles.len() <= most || surface.flat {
         return None;
     }
     let normals = normals(surface);
-    let area: f64 = 0.5
-        * (surface.triangles.iter())
-            .map(|t| length(&cross_of(surface, t)))
-            .sum::<f64>();
+    let area: f64 = 0.5 * (surface.triangles.iter()).map(|t| length(&cross_of(surface, t))).sum::<f64>();
     if !(area > 0.0 && area.is_finite()) {
         return None;
     }
@@ -42,10 +42,8 @@ pub(crate) fn thinned(surface: &SurfaceShown, most: usize) -> Option<SurfaceShow
 
 fn cross_of(surface: &SurfaceShown, triangle: &[u32; 3]) -> [f64; 3] {
     let [a, b, c] = triangle.map(|k| surface.positions[k as usize]);
-    let (u, v): ([f64; 3], [f64; 3]) = (
-        std::array::from_fn(|d| b[d] - a[d]),
-        std::array::from_fn(|d| c[d] - a[d]),
-    );
+    let (u, v): ([f64; 3], [f64; 3]) =
+        (std::array::from_fn(|d| b[d] - a[d]), std::array::from_fn(|d| c[d] - a[d]));
     std::array::from_fn(|d| u[(d + 1) % 3] * v[(d + 2) % 3] - u[(d + 2) % 3] * v[(d + 1) % 3])
 }
 
@@ -142,16 +140,12 @@ mod tests {
 
     /// Both sides of a plate that is thinner than the cells.
     fn plate(n: u32) -> SurfaceShown {
-        let mut made = SurfaceShown {
-            name: "plate".to_owned(),
-            ..SurfaceShown::default()
-        };
+        let mut made = SurfaceShown { name: "plate".to_owned(), ..SurfaceShown::default() };
         for (z, up) in [(0.0, false), (1e-4, true)] {
             let base = made.positions.len() as u32;
             for i in 0..=n {
                 for j in 0..=n {
-                    made.positions
-                        .push([f64::from(i) / f64::from(n), f64::from(j) / f64::from(n), z]);
+                    made.positions.push([f64::from(i) / f64::from(n), f64::from(j) / f64::from(n), z]);
                 }
             }
             for i in 0..n {
@@ -159,8 +153,7 @@ mod tests {
                     let a = base + i * (n + 1) + j;
                     let [b, c, d] = [a + n + 1, a + n + 2, a + 1];
                     let two = [[a, b, c], [a, c, d]];
-                    made.triangles
-                        .extend(two.map(|[a, b, c]| if up { [a, b, c] } else { [a, c, b] }));
+                    made.triangles.extend(two.map(|[a, b, c]| if up { [a, b, c] } else { [a, c, b] }));
                 }
             }
         }
@@ -182,19 +175,13 @@ mod tests {
         let few = thinned(&whole, 4000).expect("fewer triangles");
         assert!((1000..=4000).contains(&few.triangles.len()), "{}", few.triangles.len());
         let area = |side: bool| -> f64 {
-            let of = (few.triangles.iter()).filter(|t| t.iter().all(|k| (few.positions[*k as usize][2] > 0.0) == side));
+            let of = (few.triangles.iter())
+                .filter(|t| t.iter().all(|k| (few.positions[*k as usize][2] > 0.0) == side));
             of.map(|t| 0.5 * cross_of(&few, t)[2]).sum()
         };
         // The clusters at the border end before it.
-        assert!(
-            area(true) > 0.85 && area(false) < -0.85,
-            "{} {}",
-            area(true),
-            area(false)
-        );
-        let Values::Numbers(values) = &few.fields[0].values else {
-            panic!("numbers")
-        };
+        assert!(area(true) > 0.85 && area(false) < -0.85, "{} {}", area(true), area(false));
+        let Values::Numbers(values) = &few.fields[0].values else { panic!("numbers") };
         for (p, value) in few.positions.iter().zip(values) {
             assert!(whole.positions.contains(p));
             assert_eq!(*value, p[0] + 2.0 * p[1] + 3.0 * p[2]);

@@ -4,8 +4,8 @@ use planish_estimate::vector3::upper_triangle;
 
 /// A pinhole camera that reads depth along its axis.
 ///
-/// Pixel (u, v), centres at integers, with the reading d lies at `z = scale d` and `p = z ((u − cx)/fx, (v − cy)/fy, 1)`: x right, y down, z
-/// forward, from the camera's centre.
+/// Pixel (u, v), centres at integers, with the reading d lies at `z = scale d` and
+/// `p = z ((u − cx)/fx, (v − cy)/fy, 1)`: x right, y down, z forward, from the camera's centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthCamera {
     /// Focal lengths `fx fy`, in pixels.
@@ -29,17 +29,13 @@ impl DepthCamera {
 
     /// The ray of a pixel, of length 1 along the axis.
     fn ray(&self, u: f64, v: f64) -> [f64; 3] {
-        [
-            (u - self.center[0]) / self.focal[0],
-            (v - self.center[1]) / self.focal[1],
-            1.0,
-        ]
+        [(u - self.center[0]) / self.focal[0], (v - self.center[1]) / self.focal[1], 1.0]
     }
 
     /// The covariance `[xx, xy, xz, yy, yz, zz]` of the point of a pixel at depth z, where σ is known.
     ///
-    /// An error of the depth moves the point along its ray: `(a + b z²)² d dᵀ` with the ray d. Across it, the point may be anywhere on the
-    /// pixel: a uniform distribution of variance `(z/f)²/12`.
+    /// An error of the depth moves the point along its ray: `(a + b z²)² d dᵀ` with the ray d. Across it, the
+    /// point may be anywhere on the pixel: a uniform distribution of variance `(z/f)²/12`.
     #[inline]
     #[must_use]
     pub fn covariance(&self, u: f64, v: f64, z: f64) -> Option<[f64; 6]> {
@@ -50,8 +46,8 @@ impl DepthCamera {
     }
 }
 
-/// The covariance `[xx, xy, xz, yy, yz, zz]` of a point on the ray `d`, of length 1 along the axis, whose depth has the variance `along`: `along d dᵀ`, and `across` in
-/// each direction across it.
+/// The covariance `[xx, xy, xz, yy, yz, zz]` of a point on the ray `d`, of length 1 along the axis, whose
+/// depth has the variance `along`: `along d dᵀ`, and `across` in each direction across it.
 pub(crate) fn ray_covariance(d: [f64; 3], along: f64, across: f64) -> [f64; 6] {
     let square = d.iter().map(|c| c * c).sum::<f64>();
     let extra = along - across / square;
@@ -73,10 +69,7 @@ mod tests {
     #[test]
     fn a_reading_lies_on_the_ray_of_its_pixel() {
         let p = CAMERA.point(419.5, 135.5, 2000.0).unwrap();
-        assert!(
-            p.iter().zip([0.4, -0.4, 2.0]).all(|(a, b)| (a - b).abs() < 1e-15),
-            "{p:?}"
-        );
+        assert!(p.iter().zip([0.4, -0.4, 2.0]).all(|(a, b)| (a - b).abs() < 1e-15), "{p:?}");
         for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert_eq!(CAMERA.point(0.0, 0.0, nothing), None);
         }

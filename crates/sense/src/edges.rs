@@ -1,7 +1,8 @@
 //! Edges of a picture as points between pixels, with their σ.
 //!
-//! Comes in: an [`Image`]. Goes out: [`EdgePoint`]s, thinned until their errors hardly depend on one another. Not guaranteed:
-//! edges nearer to each other than some three pixels; corners, whose blur would pull the points beside them inwards, are left out.
+//! Comes in: an [`Image`]. Goes out: [`EdgePoint`]s, thinned until their errors hardly depend on one another.
+//! Not guaranteed: edges nearer to each other than some three pixels; corners, whose blur would pull the
+//! points beside them inwards, are left out.
 
 use crate::Image;
 use planish_estimate::{Error, Result};
@@ -17,10 +18,7 @@ pub struct EdgeOptions {
 
 impl Default for EdgeOptions {
     fn default() -> Self {
-        Self {
-            smoothing_px: 1.0,
-            least_share: 0.3,
-        }
+        Self { smoothing_px: 1.0, least_share: 0.3 }
     }
 }
 
@@ -35,39 +33,41 @@ pub struct EdgePoint {
 
 /// A gradient is an edge where it exceeds so many σ of what the picture's noise makes of it.
 const LEAST_SIGMAS: f64 = 6.0;
-/// σ that is left without noise, in pixels, measured on discs of radius 12 and 25: a pixel's square is no Gaussian.
+/// σ that is left without noise, in pixels, measured on discs of radius 12 and 25: a pixel's square is no
+/// Gaussian.
 const RASTER_PX: f64 = 0.02;
 /// Points nearer to each other than this, in σ of the smoothing, share much of their error.
 const APART: f64 = 3.0;
 /// Edges turn no sharper than by one over so many σ of the smoothing, or they are corners.
 const LEAST_RADIUS: f64 = 6.0;
-/// Curvature is averaged over edges within this, in σ of the smoothing; so much beside a corner is left out too.
+/// Curvature is averaged over edges within this, in σ of the smoothing; so much beside a corner is left out
+/// too.
 const NEAR: f64 = 6.0;
 
 /// Points of the strongest edges.
 ///
-/// A straight edge blurred by a Gaussian of variance `t²` has gradients `m exp(−d²/2t²)` across it, so that the logarithms of
-/// three neighbouring pixels, on the axis nearer to the gradient, lie on a parabola whose vertex is the edge. `t²` is the
-/// median of what the parabolas say. Blur moves an edge of curvature `κ` by `½ κ t²` towards its centre: it is moved back.
-/// With noise of `σ_n` in pixels, a smoothing of `s` and a gradient of `m`, `σ = σ_n √(3/16π) t² / (s³ m)`, of zero crossings of
-/// the second derivative, and 0.02 pixels that have other reasons. Noise is taken from the picture (Immerkær), and is at least that of whole grey levels.
+/// A straight edge blurred by a Gaussian of variance `t²` has gradients `m exp(−d²/2t²)` across it, so that
+/// the logarithms of three neighbouring pixels, on the axis nearer to the gradient, lie on a parabola whose
+/// vertex is the edge. `t²` is the median of what the parabolas say. Blur moves an edge of curvature `κ` by
+/// `½ κ t²` towards its centre: it is moved back. With noise of `σ_n` in pixels, a smoothing of `s` and a
+/// gradient of `m`, `σ = σ_n √(3/16π) t² / (s³ m)`, of zero crossings of the second derivative, and 0.02
+/// pixels that have other reasons. Noise is taken from the picture (Immerkær), and is at least that of whole
+/// grey levels.
 ///
 /// Cost: one pass of a separable filter, and some per edge pixel.
 ///
 /// # Errors
-/// `Input` for a smoothing under half a pixel, or a picture smaller than the filter; `Undetermined` where nothing stands out of
-/// the noise.
+/// `Input` for a smoothing under half a pixel, or a picture smaller than the filter; `Undetermined` where
+/// nothing stands out of the noise.
 ///
 /// # References
-/// Canny 1986, *A computational approach to edge detection*; Devernay 1995, *A non-maxima suppression method for edge detection
-/// with sub-pixel accuracy*; Immerkær 1996, *Fast noise variance estimation*; Verbeek and van Vliet 1994, *On the location error
-/// of curved edges in low-pass filtered 2-D and 3-D images*.
+/// Canny 1986, *A computational approach to edge detection*; Devernay 1995, *A non-maxima suppression method
+/// for edge detection with sub-pixel accuracy*; Immerkær 1996, *Fast noise variance estimation*; Verbeek and
+/// van Vliet 1994, *On the location error of curved edges in low-pass filtered 2-D and 3-D images*.
 pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint>> {
     let s = options.smoothing_px;
     if !(s >= 0.5 && s.is_finite()) {
-        return Err(Error::input(format!(
-            "needed a smoothing of half a pixel or more, found {s}"
-        )));
+        return Err(Error::input(format!("needed a smoothing of half a pixel or more, found {s}")));
     }
     let border = (4.0 * s).ceil() as usize + 2;
     if image.columns <= 2 * border || image.rows <= 2 * border {
@@ -94,10 +94,8 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let curvature: Vec<f64> = found
         .iter()
         .map(|edge| {
-            let near: Vec<f64> = grid
-                .near(&found, edge.position, NEAR * s)
-                .map(|k| found[k].curvature)
-                .collect();
+            let near: Vec<f64> =
+                grid.near(&found, edge.position, NEAR * s).map(|k| found[k].curvature).collect();
             near.iter().sum::<f64>() / near.len() as f64
         })
         .collect();
@@ -175,12 +173,7 @@ impl Gradients {
         };
         let by = [filtered(&slope, &smooth), filtered(&smooth, &slope)];
         let magnitude = by[0].iter().zip(&by[1]).map(|(x, y)| x.hypot(*y)).collect();
-        Self {
-            columns,
-            rows,
-            by,
-            magnitude,
-        }
+        Self { columns, rows, by, magnitude }
     }
 
     fn ridges(&self, border: usize, threshold: f64) -> Vec<Edge> {
@@ -204,14 +197,16 @@ impl Gradients {
                 let mut position = [column as f64, row as f64];
                 position[axis] += 0.5 * (a - c) / bend;
                 let uphill = [gx / m, gy / m];
-                let slope = |field: usize, step: usize| 0.5 * (self.by[field][at + step] - self.by[field][at - step]);
+                let slope =
+                    |field: usize, step: usize| 0.5 * (self.by[field][at + step] - self.by[field][at - step]);
                 let (xx, xy, yy) = (slope(0, 1), slope(0, self.columns), slope(1, self.columns));
                 found.push(Edge {
                     position,
                     uphill,
                     magnitude: m,
                     spread: -uphill[axis].powi(2) / bend,
-                    curvature: -(xx * uphill[1].powi(2) - 2.0 * xy * uphill[0] * uphill[1] + yy * uphill[0].powi(2))
+                    curvature: -(xx * uphill[1].powi(2) - 2.0 * xy * uphill[0] * uphill[1]
+                        + yy * uphill[0].powi(2))
                         / m,
                 });
             }
@@ -230,9 +225,7 @@ impl Buckets {
     fn of(edges: &[Edge], cell: f64) -> Self {
         let mut at = std::collections::BTreeMap::<_, Vec<usize>>::new();
         for (k, edge) in edges.iter().enumerate() {
-            at.entry(edge.position.map(|c| (c / cell).floor() as i64))
-                .or_default()
-                .push(k);
+            at.entry(edge.position.map(|c| (c / cell).floor() as i64)).or_default().push(k);
         }
         Self { cell, at }
     }
@@ -241,17 +234,15 @@ impl Buckets {
     fn near<'a>(&'a self, edges: &'a [Edge], p: [f64; 2], within: f64) -> impl Iterator<Item = usize> + 'a {
         let [i, j] = p.map(|c| (c / self.cell).floor() as i64);
         let cells = (-1..=1).flat_map(move |di| (-1..=1).map(move |dj| [i + di, j + dj]));
-        cells
-            .flat_map(|cell| self.at.get(&cell).map_or(&[][..], Vec::as_slice))
-            .copied()
-            .filter(move |&k| {
-                let q = edges[k].position;
-                (q[0] - p[0]).hypot(q[1] - p[1]) <= within
-            })
+        cells.flat_map(|cell| self.at.get(&cell).map_or(&[][..], Vec::as_slice)).copied().filter(move |&k| {
+            let q = edges[k].position;
+            (q[0] - p[0]).hypot(q[1] - p[1]) <= within
+        })
     }
 }
 
-/// σ of a picture's noise: the median response to the difference of two Laplacians, which sees neither planes nor most edges.
+/// σ of a picture's noise: the median response to the difference of two Laplacians, which sees neither planes
+/// nor most edges.
 fn noise_of(image: &Image) -> f64 {
     let mut responses = Vec::new();
     for row in 1..image.rows - 1 {
@@ -308,11 +299,7 @@ mod tests {
             }
         }
         // Blur alone would move them inwards by 0.02.
-        assert!(
-            count > 200.0 && (bias / count).abs() < 0.01,
-            "{} of {count}",
-            bias / count
-        );
+        assert!(count > 200.0 && (bias / count).abs() < 0.01, "{} of {count}", bias / count);
         assert!((0.6..1.6).contains(&(squares / count)), "{}", squares / count);
     }
 

@@ -1,27 +1,30 @@
 //! Bare earth under what stands on it: points of airborne lidar told apart without classes.
 //!
-//! Comes in: points whose third coordinate is up, and how wide things are that stand on the ground. Goes out: for each point, whether
-//! it is ground, above it, or an error far below it.
+//! Comes in: points whose third coordinate is up, and how wide things are that stand on the ground. Goes out:
+//! for each point, whether it is ground, above it, or an error far below it.
 //!
-//! The lowest point of every cell of a grid makes a raster, its holes filled by a membrane. The raster is opened (eroded, then dilated) by discs of
-//! growing radius `r`, each on what the one before left,
+//! The lowest point of every cell of a grid makes a raster, its holes filled by a membrane. The raster is
+//! opened (eroded, then dilated) by discs of growing radius `r`, each on what the one before left,
 //!
 //! `z_r = γ_r(z_{r−1})`,   object where `z_{r−1} − z_r > s r`,
 //!
-//! for a hill of slope `s` loses no more than that, and a roof loses its height. Without the objects the membrane is the ground `g`, and a point
-//! is ground where `|z − g| ≤ h + e |∇g|`. A membrane through lowest points lies low, so there is a second look: the means of the points found, smoothed
-//! over the cells next to each, are the ground, and every point is judged anew by four fifths of the measure, and twice that below it.
-//! Its time is linear in points and cells, and in the square of the widest disc in cells.
+//! for a hill of slope `s` loses no more than that, and a roof loses its height. Without the objects the
+//! membrane is the ground `g`, and a point is ground where `|z − g| ≤ h + e |∇g|`. A membrane through lowest
+//! points lies low, so there is a second look: the means of the points found, smoothed over the cells next to
+//! each, are the ground, and every point is judged anew by four fifths of the measure, and twice that below
+//! it. Its time is linear in points and cells, and in the square of the widest disc in cells.
 //!
-//! Not guaranteed: the ground under things wider than the widest disc; small knolls and cliffs that are steeper than the slope and narrower than the
-//! disc, which look like things that stand there. What is left is for the statistics of the fit.
+//! Not guaranteed: the ground under things wider than the widest disc; small knolls and cliffs that are
+//! steeper than the slope and narrower than the disc, which look like things that stand there. What is left
+//! is for the statistics of the fit.
 //!
 //! # References
-//! - K. Zhang, S.-C. Chen, D. Whitman, M.-L. Shyu, J. Yan, C. Zhang, *A progressive morphological filter for removing nonground measurements from
-//!   airborne lidar data*, 2003.
-//! - T. J. Pingel, K. C. Clarke, W. A. McBride, *An improved simple morphological filter for the terrain classification of airborne lidar data*, 2013.
-//! - G. Sithole, G. Vosselman, *Experimental comparison of filter algorithms for bare-earth extraction from airborne laser scanning point clouds*, 2004:
-//!   the samples by which such filters are judged.
+//! - K. Zhang, S.-C. Chen, D. Whitman, M.-L. Shyu, J. Yan, C. Zhang, *A progressive morphological filter
+//!   for removing nonground measurements from airborne lidar data*, 2003.
+//! - T. J. Pingel, K. C. Clarke, W. A. McBride, *An improved simple morphological filter for the terrain
+//!   classification of airborne lidar data*, 2013.
+//! - G. Sithole, G. Vosselman, *Experimental comparison of filter algorithms for bare-earth extraction from
+//!   airborne laser scanning point clouds*, 2004: the samples by which such filters are judged.
 
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
@@ -53,8 +56,9 @@ pub struct GroundOptions {
 }
 
 impl GroundOptions {
-    /// What suits landscapes and towns, for points in units of which a metre has so many: things up to 36 m wide, cells of 1 m, a slope of 0.15,
-    /// half a metre of height and 1.25 m more for a slope of one: the values that Pingel, Clarke and McBride (2013) start from.
+    /// What suits landscapes and towns, for points in units of which a metre has so many: things up to 36 m
+    /// wide, cells of 1 m, a slope of 0.15, half a metre of height and 1.25 m more for a slope of one: the
+    /// values that Pingel, Clarke and McBride (2013) start from.
     #[must_use]
     pub fn for_unit(units_in_a_metre: f64) -> Self {
         Self {
@@ -69,7 +73,8 @@ impl GroundOptions {
 
 /// A raster takes no more cells than this.
 const MOST_CELLS: f64 = 4e8;
-/// A cell is no smaller than this share of the spacing of points: of cells that small a third hold one or more.
+/// A cell is no smaller than this share of the spacing of points: of cells that small a third hold one or
+/// more.
 const SPACINGS: f64 = 0.6;
 /// A cell this many times its side below all of its neighbours holds an error, not a pit.
 const DEEP: f32 = 5.0;
@@ -92,15 +97,10 @@ const DEEP: f32 = 5.0;
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn classify_ground(points: &[[f64; 3]], options: &GroundOptions) -> Result<Vec<Ground>> {
-    let GroundOptions {
-        widest, slope, height, ..
-    } = *options;
-    for (name, value) in [
-        ("width of the widest thing", widest),
-        ("cell", options.cell),
-        ("slope", slope),
-        ("height", height),
-    ] {
+    let GroundOptions { widest, slope, height, .. } = *options;
+    for (name, value) in
+        [("width of the widest thing", widest), ("cell", options.cell), ("slope", slope), ("height", height)]
+    {
         if !(value.is_finite() && value > 0.0) {
             return Err(Error::input(format!("ground: needed a {name} > 0, found {value}")));
         }
@@ -134,34 +134,29 @@ pub fn classify_ground(points: &[[f64; 3]], options: &GroundOptions) -> Result<V
     if !ground.contains(&true) {
         return Ok(vec![Ground::Bare; points.len()]);
     }
-    let first = Judge {
-        ground: self::filled(filled, &ground),
-        share: 1.0,
-        below: 1.0,
-    };
+    let first = Judge { ground: self::filled(filled, &ground), share: 1.0, below: 1.0 };
     let found = first.judged(points, &frame, options);
     let means = frame.means(points, &found);
     let known: Vec<bool> = means.values.iter().map(|z| z.is_finite()).collect();
     if !known.contains(&true) {
         return Ok(found);
     }
-    let second = Judge {
-        ground: self::filled(means, &known).smoothed(),
-        share: SECOND_SHARE,
-        below: SECOND_BELOW,
-    };
+    let second =
+        Judge { ground: self::filled(means, &known).smoothed(), share: SECOND_SHARE, below: SECOND_BELOW };
     Ok(second.judged(points, &frame, options))
 }
 
-/// Every radius up to eight cells, every second up to sixteen, every fourth up to 32 and so on, and the widest.
+/// Every radius up to eight cells, every second up to sixteen, every fourth up to 32 and so on, and the
+/// widest.
 fn radii(widest: usize) -> impl Iterator<Item = usize> {
     let next = |r: &usize| Some(r + (1 << (r / 4).max(1).ilog2()));
     let widest = widest.max(1);
     (std::iter::successors(Some(1), next).take_while(move |r| *r < widest)).chain([widest])
 }
 
-/// Of the measure, what is left at the second look, and how much wider it is below the ground than above: nothing stands below it. On the nine
-/// samples of Sithole and Vosselman at hand the second look brought the mean total error from 4.4 % to 4.0 %, and the steps of the radii to 3.65 %.
+/// Of the measure, what is left at the second look, and how much wider it is below the ground than above:
+/// nothing stands below it. On the nine samples of Sithole and Vosselman at hand the second look brought the
+/// mean total error from 4.4 % to 4.0 %, and the steps of the radii to 3.65 %.
 const SECOND_SHARE: f64 = 0.8;
 const SECOND_BELOW: f64 = 2.0;
 
@@ -261,11 +256,7 @@ impl Frame {
             let value = &mut values[self.index(p)];
             *value = value.min((p[2] - self.base) as f32);
         }
-        Raster {
-            columns: self.columns,
-            rows: self.rows,
-            values,
-        }
+        Raster { columns: self.columns, rows: self.rows, values }
     }
 }
 
@@ -282,10 +273,7 @@ const ROWS: usize = 64;
 
 impl Raster {
     fn map(&self, of: impl Fn(f32) -> f32) -> Self {
-        Self {
-            values: self.values.iter().map(|&z| of(z)).collect(),
-            ..*self
-        }
+        Self { values: self.values.iter().map(|&z| of(z)).collect(), ..*self }
     }
 
     /// Between the middles of four cells, linearly; that of the nearest beyond them.
@@ -296,8 +284,9 @@ impl Raster {
             (low, c - low as f64)
         };
         let ((i, s), (j, t)) = (split(x, self.columns), split(y, self.rows));
-        let value =
-            |i: usize, j: usize| f64::from(self.values[j.min(self.rows - 1) * self.columns + i.min(self.columns - 1)]);
+        let value = |i: usize, j: usize| {
+            f64::from(self.values[j.min(self.rows - 1) * self.columns + i.min(self.columns - 1)])
+        };
         let row = |j: usize| value(i, j) * (1.0 - s) + value(i + 1, j) * s;
         row(j) * (1.0 - t) + row(j + 1) * t
     }
@@ -322,10 +311,7 @@ impl Raster {
             });
             made
         };
-        Self {
-            values: along(&along(&self.values, true), false),
-            ..*self
-        }
+        Self { values: along(&along(&self.values, true), false), ..*self }
     }
 
     /// `|∇z|` by central differences.
@@ -349,7 +335,8 @@ impl Raster {
     }
 }
 
-/// Erosion and then dilation by a disc of this radius in cells: hills that the disc does not fit into are gone.
+/// Erosion and then dilation by a disc of this radius in cells: hills that the disc does not fit into are
+/// gone.
 fn opened(raster: &Raster, radius: usize) -> Raster {
     let eroded = lowest_in_disc(raster, radius);
     lowest_in_disc(&eroded.map(|z| -z), radius).map(|z| -z)
@@ -357,45 +344,43 @@ fn opened(raster: &Raster, radius: usize) -> Raster {
 
 /// The lowest value of the disc about every cell, cells beyond the border left out.
 ///
-/// A disc is a stack of rows, and the lowest of `n` cells of a row is the lower of two overlapping runs of `2^k ≤ n`: so a cell takes a few comparisons
-/// for each row of the disc.
+/// A disc is a stack of rows, and the lowest of `n` cells of a row is the lower of two overlapping runs of
+/// `2^k ≤ n`: so a cell takes a few comparisons for each row of the disc.
 fn lowest_in_disc(raster: &Raster, radius: usize) -> Raster {
     let (columns, rows) = (raster.columns, raster.rows);
     let halves: Vec<usize> = (0..=radius).map(|dy| (radius * radius - dy * dy).isqrt()).collect();
     let runs = (2 * radius + 1).ilog2() as usize;
     let width = columns + 2 * radius;
     let mut values = vec![f32::INFINITY; columns * rows];
-    values
-        .par_chunks_mut(ROWS * columns)
-        .enumerate()
-        .for_each(|(chunk, out)| {
-            let first = chunk * ROWS;
-            let last = (first + ROWS).min(rows);
-            let (from, to) = (first.saturating_sub(radius), (last + radius).min(rows));
-            // `run[k][x]`: the lowest of 2^k cells from x − radius on.
-            let mut run: Vec<Vec<f32>> = vec![vec![f32::INFINITY; width]; runs + 1];
-            for row in from..to {
-                run[0][radius..radius + columns].copy_from_slice(&raster.values[row * columns..(row + 1) * columns]);
-                for k in 1..=runs {
-                    let (shorter, longer) = run.split_at_mut(k);
-                    let (shorter, longer, step) = (&shorter[k - 1], &mut longer[0], 1 << (k - 1));
-                    for (l, (a, b)) in longer.iter_mut().zip(shorter.iter().zip(&shorter[step..])) {
-                        *l = lower(*a, *b);
-                    }
-                }
-                for to_row in row.saturating_sub(radius).max(first)..(row + radius + 1).min(last) {
-                    let half = halves[to_row.abs_diff(row)];
-                    let length = 2 * half + 1;
-                    let k = length.ilog2() as usize;
-                    let (a, b) = (radius - half, radius + half + 1 - (1 << k));
-                    let line = &mut out[(to_row - first) * columns..(to_row - first + 1) * columns];
-                    let pairs = run[k][a..a + columns].iter().zip(&run[k][b..b + columns]);
-                    for (l, (a, b)) in line.iter_mut().zip(pairs) {
-                        *l = lower(*l, lower(*a, *b));
-                    }
+    values.par_chunks_mut(ROWS * columns).enumerate().for_each(|(chunk, out)| {
+        let first = chunk * ROWS;
+        let last = (first + ROWS).min(rows);
+        let (from, to) = (first.saturating_sub(radius), (last + radius).min(rows));
+        // `run[k][x]`: the lowest of 2^k cells from x − radius on.
+        let mut run: Vec<Vec<f32>> = vec![vec![f32::INFINITY; width]; runs + 1];
+        for row in from..to {
+            run[0][radius..radius + columns]
+                .copy_from_slice(&raster.values[row * columns..(row + 1) * columns]);
+            for k in 1..=runs {
+                let (shorter, longer) = run.split_at_mut(k);
+                let (shorter, longer, step) = (&shorter[k - 1], &mut longer[0], 1 << (k - 1));
+                for (l, (a, b)) in longer.iter_mut().zip(shorter.iter().zip(&shorter[step..])) {
+                    *l = lower(*a, *b);
                 }
             }
-        });
+            for to_row in row.saturating_sub(radius).max(first)..(row + radius + 1).min(last) {
+                let half = halves[to_row.abs_diff(row)];
+                let length = 2 * half + 1;
+                let k = length.ilog2() as usize;
+                let (a, b) = (radius - half, radius + half + 1 - (1 << k));
+                let line = &mut out[(to_row - first) * columns..(to_row - first + 1) * columns];
+                let pairs = run[k][a..a + columns].iter().zip(&run[k][b..b + columns]);
+                for (l, (a, b)) in line.iter_mut().zip(pairs) {
+                    *l = lower(*l, lower(*a, *b));
+                }
+            }
+        }
+    });
     Raster { values, ..*raster }
 }
 
@@ -410,18 +395,14 @@ const SWEEPS: usize = 8;
 
 /// The raster with a membrane, `Δz = 0`, over the cells that are not known.
 ///
-/// Solved on a pyramid: means of the known are filled on the coarser raster, carried to the finer, and relaxed there (Gortler, Grzeszczuk, Szeliski and
-/// Cohen 1996, *The lumigraph*; the relaxation is added).
+/// Solved on a pyramid: means of the known are filled on the coarser raster, carried to the finer, and
+/// relaxed there (Gortler, Grzeszczuk, Szeliski and Cohen 1996, *The lumigraph*; the relaxation is added).
 fn filled(mut raster: Raster, known: &[bool]) -> Raster {
     let (columns, rows) = (raster.columns, raster.rows);
     if known.iter().all(|&k| k) || columns * rows == 1 {
         return raster;
     }
-    let half = Raster {
-        columns: columns.div_ceil(2),
-        rows: rows.div_ceil(2),
-        values: Vec::new(),
-    };
+    let half = Raster { columns: columns.div_ceil(2), rows: rows.div_ceil(2), values: Vec::new() };
     let mut coarse_known = vec![false; half.columns * half.rows];
     let mut means = vec![0.0; half.columns * half.rows];
     for j in 0..half.rows {
@@ -460,7 +441,8 @@ fn filled(mut raster: Raster, known: &[bool]) -> Raster {
                     (j > 0).then(|| before[at - columns]),
                     (j + 1 < rows).then(|| before[at + columns]),
                 ];
-                let (sum, count) = (around.into_iter().flatten()).fold((0.0, 0.0), |(s, n), z| (s + z, n + 1.0));
+                let (sum, count) =
+                    (around.into_iter().flatten()).fold((0.0, 0.0), |(s, n), z| (s + z, n + 1.0));
                 *value = sum / f32::max(count, 1.0);
             }
         });

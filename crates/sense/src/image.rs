@@ -17,7 +17,8 @@ impl Image {
     /// An image of known size.
     ///
     /// # Errors
-    /// [`Input`](planish_estimate::ErrorKind::Input) where there are not as many values as pixels, or no pixels at all.
+    /// [`Input`](planish_estimate::ErrorKind::Input) where there are not as many values as pixels, or no
+    /// pixels at all.
     pub fn try_new(columns: usize, rows: usize, values: Vec<f32>) -> Result<Self> {
         if values.is_empty() || columns.checked_mul(rows) != Some(values.len()) {
             return Err(Error::input(format!(
@@ -46,8 +47,9 @@ impl Image {
     #[inline]
     #[must_use]
     pub fn between(&self, u: f64, v: f64) -> Option<f32> {
-        let inside =
-            |t: f64, n: usize| (t >= 0.0 && t <= (n - 1) as f64).then(|| (t as usize).min(n.saturating_sub(2)));
+        let inside = |t: f64, n: usize| {
+            (t >= 0.0 && t <= (n - 1) as f64).then(|| (t as usize).min(n.saturating_sub(2)))
+        };
         let (i, j) = (inside(u, self.columns)?, inside(v, self.rows)?);
         let (s, t) = ((u - i as f64) as f32, (v - j as f64) as f32);
         let (right, below) = ((i + 1).min(self.columns - 1), (j + 1).min(self.rows - 1));
@@ -56,8 +58,9 @@ impl Image {
         Some((1.0 - t) * upper + t * lower)
     }
 
-    /// The brightness between pixels, by cubics along both axes (Keys 1981): exact at pixels, and noise and texture keep more of their contrast than by straight lines. `None` outside
-    /// the centres of the border, and for pictures of one row or column.
+    /// The brightness between pixels, by cubics along both axes (Keys 1981): exact at pixels, and noise and
+    /// texture keep more of their contrast than by straight lines. `None` outside the centres of the border,
+    /// and for pictures of one row or column.
     #[inline]
     #[must_use]
     pub fn smoothly_between(&self, u: f64, v: f64) -> Option<f32> {
@@ -82,12 +85,7 @@ pub(crate) fn cubic(row: &[f32], place: f32) -> Option<(f32, f32)> {
     }
     let k = (place as usize).min(row.len() - 2);
     let t = place - k as f32;
-    let p = [
-        row[k.saturating_sub(1)],
-        row[k],
-        row[k + 1],
-        row[(k + 2).min(row.len() - 1)],
-    ];
+    let p = [row[k.saturating_sub(1)], row[k], row[k + 1], row[(k + 2).min(row.len() - 1)]];
     let a = 0.5 * (3.0 * (p[1] - p[2]) + p[3] - p[0]);
     let b = p[0] - 2.5 * p[1] + 2.0 * p[2] - 0.5 * p[3];
     let c = 0.5 * (p[2] - p[0]);

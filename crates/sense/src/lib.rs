@@ -1,4 +1,5 @@
-//! Sensors: what a scan is, how its errors are modelled, which readings are not to be trusted, and which are of the ground.
+//! Sensors: what a scan is, how its errors are modelled, which readings are not to be trusted, and which are
+//! of the ground.
 
 mod depth_camera;
 mod edges;
@@ -22,10 +23,12 @@ pub use edges::{EdgeOptions, EdgePoint, edge_points};
 pub use ground::{Ground, GroundOptions, classify_ground};
 pub use image::Image;
 pub use normals::{
-    CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals, ray_at,
-    scan_geometry,
+    CloudGeometry, ScanChecks, ScanGeometry, Suspicion, cloud_geometry, local_roughness, orient_normals,
+    ray_at, scan_geometry,
 };
-pub use photometric::{NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals};
+pub use photometric::{
+    NormalMap, PhotometricOptions, lights_from_ball, normals_from_colours, photometric_normals,
+};
 pub use pose::Pose;
 pub use rectify::{LensCamera, Rectification, StereoRig};
 pub use scan::{PrincipalCurvatures, RangeGrid, Scan, Viewing};

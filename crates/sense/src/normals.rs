@@ -1,7 +1,8 @@
 //! Surface normals of raw scans, and what the sampling grid says of each point.
 //!
-//! Comes in: scans. Goes out: a unit normal for every point (zero where none can be had), oriented towards the sensor where
-//! its viewpoint is known and consistently over the cloud elsewhere; and marks for points at depth edges and grazing angles.
+//! Comes in: scans. Goes out: a unit normal for every point (zero where none can be had), oriented towards
+//! the sensor where its viewpoint is known and consistently over the cloud elsewhere; and marks for points at
+//! depth edges and grazing angles.
 //!
 //! Not guaranteed: orientation across parts of a cloud that lie far apart when no viewpoint is known.
 
@@ -31,7 +32,8 @@ pub enum Suspicion {
 pub struct ScanChecks {
     /// Angle between ray and normal, in degrees, from which a reading is grazing.
     pub grazing_deg: f64,
-    /// Angle between ray and a mesh edge's perpendicular, in degrees, beyond which the edge is a jump in depth.
+    /// Angle between ray and a mesh edge's perpendicular, in degrees, beyond which the edge is a jump in
+    /// depth.
     pub jump_deg: f64,
     /// Neighbours for normals of unorganised clouds.
     pub neighbours: usize,
@@ -39,12 +41,9 @@ pub struct ScanChecks {
 
 impl Default for ScanChecks {
     fn default() -> Self {
-        // A surface at 80° rises 5.7 grid steps a step: beyond, two neighbours rarely lie on the same surface.
-        Self {
-            grazing_deg: 78.0,
-            jump_deg: 83.0,
-            neighbours: 12,
-        }
+        // A surface at 80° rises 5.7 grid steps a step: beyond, two neighbours rarely lie on the same
+        // surface.
+        Self { grazing_deg: 78.0, jump_deg: 83.0, neighbours: 12 }
     }
 }
 
@@ -72,17 +71,15 @@ pub fn ray_at(viewing: Viewing, p: [f64; 3]) -> Option<[f64; 3]> {
     }
 }
 
-/// Normals and suspicions of a scan: from the file's normals, else from its grid, else from nearest neighbours.
+/// Normals and suspicions of a scan: from the file's normals, else from its grid, else from nearest
+/// neighbours.
 ///
 /// # Errors
 /// `Undetermined` when an unorganised scan has fewer than three points.
 pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
     let count = scan.points.len();
-    let mut geometry = ScanGeometry {
-        normals: Vec::new(),
-        suspicion: vec![Suspicion::None; count],
-        oriented: true,
-    };
+    let mut geometry =
+        ScanGeometry { normals: Vec::new(), suspicion: vec![Suspicion::None; count], oriented: true };
     if let Some(grid) = &scan.grid {
         grid_geometry(scan, grid, checks, &mut geometry);
     } else {
@@ -106,7 +103,9 @@ pub fn scan_geometry(scan: &Scan, checks: &ScanChecks) -> Result<ScanGeometry> {
             *n = scale(-1.0, *n);
         }
         let facing = -dot(*n, ray);
-        if geometry.suspicion[i] == Suspicion::None && norm(*n) > 0.5 && facing < checks.grazing_deg.to_radians().cos()
+        if geometry.suspicion[i] == Suspicion::None
+            && norm(*n) > 0.5
+            && facing < checks.grazing_deg.to_radians().cos()
         {
             geometry.suspicion[i] = Suspicion::Grazing;
         }
@@ -132,7 +131,9 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
     let mut isolated = vec![false; count];
     for row in 0..grid.rows {
         for column in 0..grid.columns {
-            let Some(own) = grid.point(column, row) else { continue };
+            let Some(own) = grid.point(column, row) else {
+                continue;
+            };
             let (mut neighbours, mut jumps) = (0, 0);
             for r in row.saturating_sub(1)..(row + 2).min(grid.rows) {
                 for c in column.saturating_sub(1)..(column + 2).min(grid.columns) {
@@ -181,11 +182,7 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
             } else {
                 // The shorter diagonal.
                 let d = |a: usize, b: usize| norm(sub(scan.points[present[a]], scan.points[present[b]]));
-                let split = if d(0, 2) <= d(1, 3) {
-                    [[0, 1, 2], [0, 2, 3]]
-                } else {
-                    [[0, 1, 3], [1, 2, 3]]
-                };
+                let split = if d(0, 2) <= d(1, 3) { [[0, 1, 2], [0, 2, 3]] } else { [[0, 1, 3], [1, 2, 3]] };
                 for t in split {
                     triangle(t.map(|k| present[k]));
                 }
@@ -213,7 +210,8 @@ pub struct CloudGeometry {
 
 /// A point this many times farther from its neighbours than is usual in the cloud is suspect.
 const FAR_SPACINGS: f64 = 6.0;
-/// A suspect point stays if it and its neighbours are flat (least variance over their sum) and surround it (offset over their spread).
+/// A suspect point stays if it and its neighbours are flat (least variance over their sum) and surround it
+/// (offset over their spread).
 const FLAT: f64 = 0.02;
 const SURROUNDED: f64 = 1.0;
 
@@ -240,12 +238,8 @@ pub fn cloud_geometry(points: &[[f64; 3]], k: usize) -> Result<CloudGeometry> {
             let others: Vec<[f64; 3]> = some.iter().copied().filter(|q| q != p).collect();
             let count = others.len().max(1) as f64;
             let middle = mean(&others);
-            let spread = (others
-                .iter()
-                .map(|q| dot(sub(*q, middle), sub(*q, middle)))
-                .sum::<f64>()
-                / count)
-                .sqrt();
+            let spread =
+                (others.iter().map(|q| dot(sub(*q, middle), sub(*q, middle))).sum::<f64>() / count).sqrt();
             let on_surface = flatness < FLAT && norm(sub(*p, middle)) <= SURROUNDED * spread;
             (normal, distance, on_surface)
         })
@@ -262,10 +256,11 @@ pub fn cloud_geometry(points: &[[f64; 3]], k: usize) -> Result<CloudGeometry> {
     })
 }
 
-/// The standard deviation of a cloud's points from the planes of their neighbours, the median over some of them.
+/// The standard deviation of a cloud's points from the planes of their neighbours, the median over some of
+/// them.
 ///
-/// That is noise and the bend of the surface between neighbours: no less than the noise, unless neighbours err together. None for
-/// clouds too small to tell.
+/// That is noise and the bend of the surface between neighbours: no less than the noise, unless neighbours
+/// err together. None for clouds too small to tell.
 #[must_use]
 pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
     const ENOUGH: usize = 2000;
@@ -307,8 +302,8 @@ fn mean(points: &[[f64; 3]]) -> [f64; 3] {
     scale(1.0 / points.len().max(1) as f64, sum)
 }
 
-/// The eigenvector of least variance of a few points and that variance over the sum of all three, by the closed form for symmetric
-/// 3 × 3 matrices.
+/// The eigenvector of least variance of a few points and that variance over the sum of all three, by the
+/// closed form for symmetric 3 × 3 matrices.
 fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     let mean = mean(points);
     let mut m = [[0.0; 3]; 3];
@@ -326,7 +321,8 @@ fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     }
     let q = trace / 3.0;
     let off = m[0][1].powi(2) + m[0][2].powi(2) + m[1][2].powi(2);
-    let p = (((m[0][0] - q).powi(2) + (m[1][1] - q).powi(2) + (m[2][2] - q).powi(2) + 2.0 * off) / 6.0).sqrt();
+    let p =
+        (((m[0][0] - q).powi(2) + (m[1][1] - q).powi(2) + (m[2][2] - q).powi(2) + 2.0 * off) / 6.0).sqrt();
     if p <= 1e-12 * trace {
         return ([0.0; 3], 1.0);
     }
@@ -337,20 +333,14 @@ fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     let shifted: [[f64; 3]; 3] =
         std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] - if i == j { least } else { 0.0 }));
     // The null vector is the longest of the rows' cross products.
-    let candidates = [
-        cross(shifted[0], shifted[1]),
-        cross(shifted[1], shifted[2]),
-        cross(shifted[2], shifted[0]),
-    ];
-    let best = candidates
-        .into_iter()
-        .max_by(|a, b| norm(*a).total_cmp(&norm(*b)))
-        .unwrap_or([0.0; 3]);
+    let candidates =
+        [cross(shifted[0], shifted[1]), cross(shifted[1], shifted[2]), cross(shifted[2], shifted[0])];
+    let best = candidates.into_iter().max_by(|a, b| norm(*a).total_cmp(&norm(*b))).unwrap_or([0.0; 3]);
     (unit(best).unwrap_or([0.0; 3]), least / trace)
 }
 
-/// Flips normals so that neighbours agree, starting from those already fixed, or from the point farthest from the middle
-/// (whose normal must point outwards).
+/// Flips normals so that neighbours agree, starting from those already fixed, or from the point farthest from
+/// the middle (whose normal must point outwards).
 ///
 /// Greedy growth over the neighbour graph, most parallel pairs first.
 ///
@@ -437,16 +427,12 @@ mod tests {
     #[test]
     fn a_step_in_a_range_grid_is_a_depth_edge_and_nothing_else_is() {
         let (columns, rows) = (20, 10);
-        let mut scan = Scan {
-            viewing: Viewing::Direction([0.0, 0.0, -1.0]),
-            ..Scan::default()
-        };
+        let mut scan = Scan { viewing: Viewing::Direction([0.0, 0.0, -1.0]), ..Scan::default() };
         let mut cells = Vec::new();
         for r in 0..rows {
             for c in 0..columns {
                 cells.push(scan.points.len() as u32);
-                scan.points
-                    .push([c as f64, r as f64, if c < 10 { 0.0 } else { 20.0 } + 0.3 * r as f64]);
+                scan.points.push([c as f64, r as f64, if c < 10 { 0.0 } else { 20.0 } + 0.3 * r as f64]);
             }
         }
         scan.grid = Some(RangeGrid { columns, rows, cells });

@@ -1,6 +1,7 @@
 //! Points of a surface from its occluding contours in views of known cameras.
 //!
-//! Comes in: [`ContourView`]s in the order in which a camera took them. Goes out: [`OccludingContours`]: places with covariance and normals, in strips that hang together, and what was left out for which reason.
+//! Comes in: [`ContourView`]s in the order in which a camera took them. Goes out: [`OccludingContours`]:
+//! places with covariance and normals, in strips that hang together, and what was left out for which reason.
 //!
 //! | module | what |
 //! |---|---|
@@ -12,14 +13,26 @@
 //! | organised | a mesh of each strip, its depths regularised |
 //! | hull | what every silhouette leaves of space, and which of its surface no contour saw |
 //!
-//! A contour that a smooth surface draws is no curve on it that stands still: it glides over the surface as the camera moves. Its places in consecutive views are matched along epipolar planes; all three lines of sight of a place and its matches touch the surface's section, and the circle that they touch tells the depth (`circle`). The normal needs no depth: it stands on the line of sight and on the tangent of the contour.
+//! A contour that a smooth surface draws is no curve on it that stands still: it glides over the surface as
+//! the camera moves. Its places in consecutive views are matched along epipolar planes; all three lines of
+//! sight of a place and its matches touch the surface's section, and the circle that they touch tells the
+//! depth (`circle`). The normal needs no depth: it stands on the line of sight and on the tangent of the
+//! contour.
 //!
-//! Left out and counted are places at corners and where one part hides another (`corner`), views without a neighbour on either side (`end_of_sequence`), lines of sight along the motion (`along_baseline`), frontier points, where the epipolar plane touches the surface and every depth fits (`frontier`), places without a match that an opaque surface allows (`no_match`), those that lie outside of another view's silhouette (`outside_silhouette`), whose match comes back elsewhere (`not_mutual`), whose depth is hardly known (`uncertain`), and strips of a few places (`speck`).
+//! Left out and counted are places at corners and where one part hides another (`corner`), views without a
+//! neighbour on either side (`end_of_sequence`), lines of sight along the motion (`along_baseline`), frontier
+//! points, where the epipolar plane touches the surface and every depth fits (`frontier`), places without a
+//! match that an opaque surface allows (`no_match`), those that lie outside of another view's silhouette
+//! (`outside_silhouette`), whose match comes back elsewhere (`not_mutual`), whose depth is hardly known
+//! (`uncertain`), and strips of a few places (`speck`).
 //!
-//! Not guaranteed: what no contour saw. Where a surface is concave along every line of sight, no view has a contour, however many there are; see [`VisualHull::unseen_share`]. Edges come out as places of radius zero, whose normals turn freely.
+//! Not guaranteed: what no contour saw. Where a surface is concave along every line of sight, no view has a
+//! contour, however many there are; see [`VisualHull::unseen_share`]. Edges come out as places of radius
+//! zero, whose normals turn freely.
 //!
 //! # References
-//! As in `circle`, and P. Giblin, R. Weiss, *Epipolar fields on surfaces*, ECCV 1994, for what degenerates at frontier points.
+//! As in `circle`, and P. Giblin, R. Weiss, *Epipolar fields on surfaces*, ECCV 1994, for what degenerates at
+//! frontier points.
 
 mod circle;
 mod curve;
@@ -47,7 +60,8 @@ use std::collections::BTreeMap;
 
 /// Two views are no neighbours where the camera's step is so many times its median step.
 const LONG_STEP: f64 = 2.5;
-/// Places along a contour lie so far apart, in half widths of the window: by then the parabolas of neighbours share no more information than there is.
+/// Places along a contour lie so far apart, in half widths of the window: by then the parabolas of neighbours
+/// share no more information than there is.
 const SPACING: f64 = 0.9;
 
 /// What one view saw.
@@ -72,7 +86,8 @@ pub struct ContourView {
 pub struct OccludingOptions {
     /// Half the width of the window along a contour in which place and tangent are told, in pixels.
     pub half_window_px: f64,
-    /// A tangent of a contour nearer than this to the epipolar line is taken for a frontier point, in degrees.
+    /// A tangent of a contour nearer than this to the epipolar line is taken for a frontier point, in
+    /// degrees.
     pub frontier_deg: f64,
     /// Lines of sight that turn by more than this from view to view tell nothing, in degrees.
     pub most_turn_deg: f64,
@@ -111,7 +126,8 @@ pub struct OccludingPoint {
     pub covariance: [[f64; 3]; 3],
     /// Unit normal, outwards.
     pub normal: [f64; 3],
-    /// σ of the normal about each of two axes across it, in degrees: the root of the mean of the variances of the contour's tangent, and of where along the line of sight the surface is touched.
+    /// σ of the normal about each of two axes across it, in degrees: the root of the mean of the variances of
+    /// the contour's tangent, and of where along the line of sight the surface is touched.
     pub sigma_normal_deg: f64,
     /// σ of the depth.
     pub sigma_depth: f64,
@@ -152,7 +168,8 @@ pub struct OccludingContours {
     pub left_out: BTreeMap<&'static str, usize>,
     /// Places that have a match in a neighbouring view.
     pub matched: usize,
-    /// χ² of the contours' places about their parabolas over its degrees of freedom: 1 where σ in pixels is true and places err independently.
+    /// χ² of the contours' places about their parabolas over its degrees of freedom: 1 where σ in pixels is
+    /// true and places err independently.
     pub reduced_chi_square: f64,
     /// Strips.
     pub strips: usize,
@@ -161,7 +178,8 @@ pub struct OccludingContours {
 }
 
 impl OccludingContours {
-    /// The mesh of one strip: contours of consecutive views joined by their matches, with regularised depths; and σ along the normals of its vertices.
+    /// The mesh of one strip: contours of consecutive views joined by their matches, with regularised depths;
+    /// and σ along the normals of its vertices.
     ///
     /// # Errors
     /// `Undetermined` for a strip without triangles.
@@ -192,18 +210,12 @@ impl OccludingContours {
     /// The places of one strip, or of all, as a scan.
     #[must_use]
     pub fn scan(&self, strip: Option<usize>, name: &str) -> Scan {
-        let chosen: Vec<&OccludingPoint> = (self.points.iter())
-            .filter(|p| strip.is_none_or(|strip| p.strip == strip))
-            .collect();
+        let chosen: Vec<&OccludingPoint> =
+            (self.points.iter()).filter(|p| strip.is_none_or(|strip| p.strip == strip)).collect();
         Scan {
             name: name.to_owned(),
             points: chosen.iter().map(|p| p.position).collect(),
-            covariance: Some(
-                chosen
-                    .iter()
-                    .map(|p| upper_triangle(|i, j| p.covariance[i][j]))
-                    .collect(),
-            ),
+            covariance: Some(chosen.iter().map(|p| upper_triangle(|i, j| p.covariance[i][j])).collect()),
             normals: Some(chosen.iter().map(|p| p.normal).collect()),
             sigma_normal_deg: Some(chosen.iter().map(|p| p.sigma_normal_deg).collect()),
             ..Scan::default()
@@ -233,14 +245,21 @@ struct Spot {
 
 /// Finds places of a surface from its occluding contours.
 ///
-/// Views follow one another in the order given; where the camera jumps by more than 2.5 of its median steps a new sequence begins, and where its last view is as near to the first as others are to each other the sequence is a ring.
+/// Views follow one another in the order given; where the camera jumps by more than 2.5 of its median steps a
+/// new sequence begins, and where its last view is as near to the first as others are to each other the
+/// sequence is a ring.
 ///
-/// σ are of first order in the contours' σ, beside two terms that are stated with them: what the circle leaves out (see `circle`; the change of radius is taken from the radii of neighbouring views), along the line of sight; and along the normal what a depth that is off by `δ` makes of the place, `δ²/2R`. Errors of the cameras are not in them.
+/// σ are of first order in the contours' σ, beside two terms that are stated with them: what the circle
+/// leaves out (see `circle`; the change of radius is taken from the radii of neighbouring views), along the
+/// line of sight; and along the normal what a depth that is off by `δ` makes of the place, `δ²/2R`. Errors of
+/// the cameras are not in them.
 ///
-/// Cost: for each place along a contour a pass over the contours of two views, and over the silhouettes of all.
+/// Cost: for each place along a contour a pass over the contours of two views, and over the silhouettes of
+/// all.
 ///
 /// # Errors
-/// `Input` for fewer than three views, options that make no sense, and a camera without an inverse; `Undetermined` where no place is left, with what was left out; whatever `progress` returns.
+/// `Input` for fewer than three views, options that make no sense, and a camera without an inverse;
+/// `Undetermined` where no place is left, with what was left out; whatever `progress` returns.
 pub fn occluding_contours(
     views: &[ContourView],
     options: &OccludingOptions,
@@ -329,9 +348,9 @@ fn checked(views: &[ContourView], options: &OccludingOptions) -> Result<()> {
         ("largest share of σ", options.most_sigma_share),
     ];
     match positive.into_iter().find(|(_, v)| !(v.is_finite() && *v > 0.0)) {
-        Some((name, value)) => Err(Error::input(format!(
-            "the {name} of occluding contours is a number above 0, got {value}"
-        ))),
+        Some((name, value)) => {
+            Err(Error::input(format!("the {name} of occluding contours is a number above 0, got {value}")))
+        }
         None => Ok(()),
     }
 }
@@ -369,7 +388,10 @@ fn sequence(centres: &[[f64; 3]]) -> (Vec<[Option<usize>; 2]>, usize) {
             sequences += 1;
         }
     }
-    if sequences == 1 && count > 3 && distance(centres[0], centres[count - 1]) <= longest.min(1.5 * sorted[count - 2]) {
+    if sequences == 1
+        && count > 3
+        && distance(centres[0], centres[count - 1]) <= longest.min(1.5 * sorted[count - 2])
+    {
         neighbours[0][0] = Some(count - 1);
         neighbours[count - 1][1] = Some(0);
     }

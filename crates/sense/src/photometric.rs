@@ -1,18 +1,24 @@
 //! Photometric stereo: images under known lights to normals that state their σ.
 //!
-//! Comes in: three images or more of one view, each under one far light of equal strength, and the directions towards the lights. Goes out: a [`NormalMap`].
-//! Not guaranteed: anything where light comes back from other parts of the object, or where its gloss is broad; the response of the camera is taken for linear.
+//! Comes in: three images or more of one view, each under one far light of equal strength, and the directions
+//! towards the lights. Goes out: a [`NormalMap`]. Not guaranteed: anything where light comes back from other
+//! parts of the object, or where its gloss is broad; the response of the camera is taken for linear.
 //!
-//! A matte surface (Lambert) of albedo ρ and normal n under light l has the brightness `I = ρ (max(n·l, 0) + a)`, with a share a of light from everywhere that all pixels have in common.
-//! For each pixel `b = ρ n` is found by least squares with weights that leave shadows and highlights out: readings below a share of the
-//! pixel's brightest count nothing, and residuals r count `(1 + (r/cs)²)⁻²` (Geman and McClure 1987); in the end what lies within three scales counts 1 and all else 0. The light a is that with the least residuals over the image.
+//! A matte surface (Lambert) of albedo ρ and normal n under light l has the brightness
+//! `I = ρ (max(n·l, 0) + a)`, with a share a of light from everywhere that all pixels have in common. For
+//! each pixel `b = ρ n` is found by least squares with weights that leave shadows and highlights out:
+//! readings below a share of the pixel's brightest count nothing, and residuals r count `(1 + (r/cs)²)⁻²`
+//! (Geman and McClure 1987); in the end what lies within three scales counts 1 and all else 0. The light a is
+//! that with the least residuals over the image.
 //!
-//! `Cov(b) = s² (Σ w l lᵀ)⁻¹`, s² from the pixel's residuals and the image's. σ of the normal is that of one tangential component, the root mean square of both:
-//! `σ_n² = tr(P Cov(b) P) / (2 |b|²)`, `P = 1 − n nᵀ`.
+//! `Cov(b) = s² (Σ w l lᵀ)⁻¹`, s² from the pixel's residuals and the image's. σ of the normal is that of one
+//! tangential component, the root mean square of both: `σ_n² = tr(P Cov(b) P) / (2 |b|²)`, `P = 1 − n nᵀ`.
 //!
 //! # References
-//! - Woodham, *Photometric method for determining surface orientation from multiple images*, Optical Engineering 1980.
-//! - Barsky and Petrou, *The 4-source photometric stereo technique*, PAMI 2003: shadows and highlights left out by their residuals.
+//! - Woodham, *Photometric method for determining surface orientation from multiple images*, Optical
+//!   Engineering 1980.
+//! - Barsky and Petrou, *The 4-source photometric stereo technique*, PAMI 2003: shadows and highlights left
+//!   out by their residuals.
 
 use planish_estimate::vector3::{dot, norm, tangents, unit};
 use planish_estimate::{Error, Result};
@@ -51,12 +57,7 @@ pub struct PhotometricOptions {
 
 impl Default for PhotometricOptions {
     fn default() -> Self {
-        Self {
-            sigma_brightness: None,
-            sigma_light_deg: 0.0,
-            darkest: 0.08,
-            ambient: None,
-        }
+        Self { sigma_brightness: None, sigma_light_deg: 0.0, darkest: 0.08, ambient: None }
     }
 }
 
@@ -67,7 +68,8 @@ pub struct NormalMap {
     pub columns: usize,
     /// Rows.
     pub rows: usize,
-    /// The normal of each pixel towards the camera (x right, y down, z away from the camera, so z is negative), row by row; none where it is not known.
+    /// The normal of each pixel towards the camera (x right, y down, z away from the camera, so z is
+    /// negative), row by row; none where it is not known.
     pub normals: Vec<Option<[f64; 3]>>,
     /// σ of each of its tangential components, in degrees; NaN where there is none.
     pub sigma_deg: Vec<f64>,
@@ -75,7 +77,8 @@ pub struct NormalMap {
     pub ambient: f64,
     /// σ of the brightness.
     pub sigma_brightness: f64,
-    /// σ of the brightness as the residuals of the typical pixel say, whatever was stated; none where three lights leave no residuals.
+    /// σ of the brightness as the residuals of the typical pixel say, whatever was stated; none where three
+    /// lights leave no residuals.
     pub sigma_of_residuals: Option<f64>,
     /// The brightest reading of all images.
     pub brightest: f64,
@@ -88,8 +91,9 @@ pub struct NormalMap {
 /// `mask` is above its half where the object is; without one every pixel that is not dark counts.
 ///
 /// # Errors
-/// `Input` for fewer than three images, images of different sizes, two that are the same, or a light too few; `Undetermined` for lights that lie in one plane, three lights without a σ of the brightness,
-/// and where no pixel has a normal.
+/// `Input` for fewer than three images, images of different sizes, two that are the same, or a light too few;
+/// `Undetermined` for lights that lie in one plane, three lights without a σ of the brightness, and where no
+/// pixel has a normal.
 pub fn photometric_normals(
     images: &[Image],
     lights: &[[f64; 3]],
@@ -120,11 +124,7 @@ pub fn photometric_normals(
     });
     let sigma = options.sigma_brightness.or(sigma_of_residuals).unwrap_or(0.0);
     // Half a step of eight bits is the least that a perfect fit may claim.
-    let sigma = if sigma > 0.0 {
-        sigma
-    } else {
-        f64::from(brightest) / 512.0
-    };
+    let sigma = if sigma > 0.0 { sigma } else { f64::from(brightest) / 512.0 };
     let light_variance = options.sigma_light_deg.to_radians().powi(2);
     let found: Vec<Option<Option<Found>>> = (0..columns * rows)
         .into_par_iter()
@@ -170,10 +170,7 @@ impl Pixel {
     /// `sigma` is the image's σ of brightness: residuals of its size are never outliers.
     fn fit(readings: &[f64], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Option<Self> {
         let most = readings.iter().copied().fold(0.0, f64::max);
-        let lit: Vec<f64> = readings
-            .iter()
-            .map(|i| if *i > SHADOW * most { 1.0 } else { 0.0 })
-            .collect();
+        let lit: Vec<f64> = readings.iter().map(|i| if *i > SHADOW * most { 1.0 } else { 0.0 }).collect();
         let mut weights = lit.clone();
         let mut b = [0.0; 3];
         let mut residuals = vec![0.0; readings.len()];
@@ -190,12 +187,8 @@ impl Pixel {
             for (k, l) in lights.iter().enumerate() {
                 residuals[k] = readings[k] - dot(b, *l) - brightness;
             }
-            let among: Vec<f64> = residuals
-                .iter()
-                .zip(&lit)
-                .filter(|(_, w)| **w > 0.0)
-                .map(|(r, _)| r.abs())
-                .collect();
+            let among: Vec<f64> =
+                residuals.iter().zip(&lit).filter(|(_, w)| **w > 0.0).map(|(r, _)| r.abs()).collect();
             // With four readings or fewer nothing can be left out: one residual speaks for all.
             if count < 5.0 || round == ROUNDS {
                 continue;
@@ -250,9 +243,7 @@ impl Pixel {
 
 /// The residual variance of every pixel that has enough lights.
 fn residual_variances(pixels: &[Vec<f64>], lights: &[[f64; 3]], ambient: f64, sigma: f64) -> Vec<f64> {
-    let fits = pixels
-        .par_iter()
-        .filter_map(|readings| Pixel::fit(readings, lights, ambient, sigma));
+    let fits = pixels.par_iter().filter_map(|readings| Pixel::fit(readings, lights, ambient, sigma));
     let variances = fits.filter_map(|p| {
         let (squares, freedom) = p.squares();
         (freedom > 0.5).then(|| squares / freedom)
@@ -260,7 +251,8 @@ fn residual_variances(pixels: &[Vec<f64>], lights: &[[f64; 3]], ambient: f64, si
     variances.collect()
 }
 
-/// The variance whose estimates, of as many freedoms as lights less three, have this median (Wilson and Hilferty 1931).
+/// The variance whose estimates, of as many freedoms as lights less three, have this median (Wilson and
+/// Hilferty 1931).
 fn typical(variances: Vec<f64>, lights: usize) -> f64 {
     let freedom = lights.saturating_sub(3).max(1) as f64;
     median(variances) / (1.0 - 2.0 / (9.0 * freedom)).powi(3)
@@ -277,11 +269,7 @@ fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
                 .filter_map(|i| Pixel::fit(i, lights, AMBIENT_STEP * k as f64, 0.0).zip(Some(i)));
             let residuals = fits.flat_map_iter(|(fit, readings)| {
                 let most = readings.iter().copied().fold(0.0, f64::max);
-                let lit = fit
-                    .residuals
-                    .into_iter()
-                    .zip(readings)
-                    .filter(move |(_, i)| **i > SHADOW * most);
+                let lit = fit.residuals.into_iter().zip(readings).filter(move |(_, i)| **i > SHADOW * most);
                 lit.map(|(r, _)| r.abs())
             });
             median(residuals.collect())
@@ -292,20 +280,19 @@ fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
         return AMBIENT_STEP * best as f64;
     }
     let curvature = cost[best - 1] - 2.0 * cost[best] + cost[best + 1];
-    let offset = if curvature > 0.0 {
-        0.5 * (cost[best - 1] - cost[best + 1]) / curvature
-    } else {
-        0.0
-    };
+    let offset = if curvature > 0.0 { 0.5 * (cost[best - 1] - cost[best + 1]) / curvature } else { 0.0 };
     AMBIENT_STEP * (best as f64 + offset)
 }
 
-/// Directions towards the lights from pictures of a mirror ball: `l = 2 (n·v) n − v`, with n the ball's normal where the light is mirrored and v towards the camera.
+/// Directions towards the lights from pictures of a mirror ball: `l = 2 (n·v) n − v`, with n the ball's
+/// normal where the light is mirrored and v towards the camera.
 ///
-/// The ball is the disc of the mask's area about its middle, seen in parallel; a highlight is the middle of what is nearly as bright as the brightest.
+/// The ball is the disc of the mask's area about its middle, seen in parallel; a highlight is the middle of
+/// what is nearly as bright as the brightest.
 ///
 /// # Errors
-/// `Input` for images of another size than the mask; `Undetermined` for an empty mask and a picture without a highlight on the ball.
+/// `Input` for images of another size than the mask; `Undetermined` for an empty mask and a picture without a
+/// highlight on the ball.
 pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>> {
     let half = 0.5 * mask.values.iter().copied().fold(0.0_f32, f32::max);
     let inside: Vec<usize> = (0..mask.values.len()).filter(|k| mask.values[*k] > half).collect();
@@ -339,9 +326,7 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
         let (x, y) = ((spot[0] - centre[0]) / radius, (spot[1] - centre[1]) / radius);
         let square = x * x + y * y;
         if !(most > 0.0 && square < 1.0) {
-            return Err(Error::undetermined(format!(
-                "image {number} of the ball has no highlight"
-            )));
+            return Err(Error::undetermined(format!("image {number} of the ball has no highlight")));
         }
         let n = [x, y, -(1.0 - square).sqrt()];
         // v = (0, 0, −1).
@@ -351,7 +336,8 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
     images.iter().enumerate().map(light).collect()
 }
 
-/// Normals from the colours of a picture: red, green and blue are x, y (up) and z (towards the camera) from −1 to 1.
+/// Normals from the colours of a picture: red, green and blue are x, y (up) and z (towards the camera) from
+/// −1 to 1.
 ///
 /// # Errors
 /// `Input` for values that are not three for each pixel.
@@ -378,10 +364,7 @@ pub fn normals_from_colours(
     Ok(NormalMap {
         columns,
         rows,
-        sigma_deg: normals
-            .iter()
-            .map(|n| if n.is_some() { sigma_deg } else { f64::NAN })
-            .collect(),
+        sigma_deg: normals.iter().map(|n| if n.is_some() { sigma_deg } else { f64::NAN }).collect(),
         undetermined: normals.iter().filter(|n| n.is_none()).count(),
         normals,
         ambient: 0.0,
@@ -392,9 +375,11 @@ pub fn normals_from_colours(
 }
 
 impl NormalMap {
-    /// The normals at their pixels: x right and y down in lengths of `pixel_size` from the first pixel, seen in parallel along z.
+    /// The normals at their pixels: x right and y down in lengths of `pixel_size` from the first pixel, seen
+    /// in parallel along z.
     ///
-    /// Depth is not measured. z is 0 with a σ as large as the image, so that the positions say where a normal is and nothing of how deep.
+    /// Depth is not measured. z is 0 with a σ as large as the image, so that the positions say where a normal
+    /// is and nothing of how deep.
     ///
     /// # Errors
     /// `Undetermined` where there is no normal at all.
@@ -407,36 +392,29 @@ impl NormalMap {
         let deep = (pixel_size * self.columns.max(self.rows) as f64).powi(2);
         let mut cells = vec![RangeGrid::EMPTY; self.normals.len()];
         known.iter().enumerate().for_each(|(i, k)| cells[*k] = i as u32);
-        let point = |k: &usize| {
-            [
-                (k % self.columns) as f64 * pixel_size,
-                (k / self.columns) as f64 * pixel_size,
-                0.0,
-            ]
-        };
+        let point =
+            |k: &usize| [(k % self.columns) as f64 * pixel_size, (k / self.columns) as f64 * pixel_size, 0.0];
         Ok(Scan {
             name: name.to_owned(),
             points: known.iter().map(point).collect(),
             covariance: Some(vec![[across, 0.0, 0.0, across, 0.0, deep]; known.len()]),
             normals: Some(known.iter().filter_map(|k| self.normals[*k]).collect()),
             sigma_normal_deg: Some(known.iter().map(|k| self.sigma_deg[*k]).collect()),
-            grid: Some(RangeGrid {
-                columns: self.columns,
-                rows: self.rows,
-                cells,
-            }),
+            grid: Some(RangeGrid { columns: self.columns, rows: self.rows, cells }),
             viewing: Viewing::Direction([0.0, 0.0, 1.0]),
             ..Scan::default()
         })
     }
 }
 
-fn check(images: &[Image], lights: &[[f64; 3]], mask: Option<&Image>, options: &PhotometricOptions) -> Result<()> {
+fn check(
+    images: &[Image],
+    lights: &[[f64; 3]],
+    mask: Option<&Image>,
+    options: &PhotometricOptions,
+) -> Result<()> {
     if images.len() < 3 {
-        return Err(Error::input(format!(
-            "needed three images or more, found {}",
-            images.len()
-        )));
+        return Err(Error::input(format!("needed three images or more, found {}", images.len())));
     }
     if images.len() != lights.len() {
         return Err(Error::input(format!(
@@ -452,7 +430,8 @@ fn check(images: &[Image], lights: &[[f64; 3]], mask: Option<&Image>, options: &
             first.0, first.1, other.columns, other.rows
         )));
     }
-    let repeated = (1..images.len()).find_map(|k| Some((images[..k].iter().position(|i| *i == images[k])?, k)));
+    let repeated =
+        (1..images.len()).find_map(|k| Some((images[..k].iter().position(|i| *i == images[k])?, k)));
     if let Some((first, second)) = repeated {
         return Err(Error::input(format!(
             "images {} and {} are the same, pixel by pixel: under two lights no thing looks the same; needed a picture for each light",
@@ -469,22 +448,15 @@ fn check(images: &[Image], lights: &[[f64; 3]], mask: Option<&Image>, options: &
     lights.iter().for_each(|l| accumulate(&mut m, 1.0, *l));
     match inverse(&m).is_some() {
         true => Ok(()),
-        false => Err(Error::undetermined(
-            "the lights lie in one plane with the object: needed three that do not",
-        )),
+        false => {
+            Err(Error::undetermined("the lights lie in one plane with the object: needed three that do not"))
+        }
     }
 }
 
 /// `m += w l lᵀ`, of `[xx, xy, xz, yy, yz, zz]`.
 fn accumulate(m: &mut [f64; 6], w: f64, l: [f64; 3]) {
-    let products = [
-        l[0] * l[0],
-        l[0] * l[1],
-        l[0] * l[2],
-        l[1] * l[1],
-        l[1] * l[2],
-        l[2] * l[2],
-    ];
+    let products = [l[0] * l[0], l[0] * l[1], l[0] * l[2], l[1] * l[1], l[1] * l[2], l[2] * l[2]];
     m.iter_mut().zip(products).for_each(|(m, p)| *m += w * p);
 }
 
@@ -499,14 +471,8 @@ fn multiply(m: &[f64; 6], v: [f64; 3]) -> [f64; 3] {
 /// The inverse, unless the matrix is nearly singular.
 fn inverse(m: &[f64; 6]) -> Option<[f64; 6]> {
     let [a, b, c, d, e, f] = *m;
-    let cofactors = [
-        d * f - e * e,
-        c * e - b * f,
-        b * e - c * d,
-        a * f - c * c,
-        b * c - a * e,
-        a * d - b * b,
-    ];
+    let cofactors =
+        [d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b];
     let determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2];
     let trace = a + d + f;
     (determinant > 1e-7 * trace.powi(3)).then(|| cofactors.map(|c| c / determinant))

@@ -21,13 +21,11 @@ impl Pose {
     /// The motion that moves nothing.
     #[must_use]
     pub fn identity() -> Self {
-        Self {
-            rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-            translation: [0.0; 3],
-        }
+        Self { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] }
     }
 
-    /// The motion of a quaternion `(x, y, z, w)`, normalised here, and a translation; `None` for a quaternion of length zero or not finite.
+    /// The motion of a quaternion `(x, y, z, w)`, normalised here, and a translation; `None` for a quaternion
+    /// of length zero or not finite.
     #[must_use]
     pub fn from_quaternion_xyzw(quaternion: [f64; 4], translation: [f64; 3]) -> Option<Self> {
         let length = quaternion.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -36,40 +34,23 @@ impl Pose {
         }
         let [x, y, z, w] = quaternion.map(|c| c / length);
         let rotation = [
-            [
-                1.0 - 2.0 * (y * y + z * z),
-                2.0 * (x * y - w * z),
-                2.0 * (x * z + w * y),
-            ],
-            [
-                2.0 * (x * y + w * z),
-                1.0 - 2.0 * (x * x + z * z),
-                2.0 * (y * z - w * x),
-            ],
-            [
-                2.0 * (x * z - w * y),
-                2.0 * (y * z + w * x),
-                1.0 - 2.0 * (x * x + y * y),
-            ],
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
         ];
         Some(Self { rotation, translation })
     }
 
-    /// The motion that turns by `|ω|` radians about the axis `ω` through the origin, then moves: `R = exp([ω]×)`.
+    /// The motion that turns by `|ω|` radians about the axis `ω` through the origin, then moves:
+    /// `R = exp([ω]×)`.
     #[must_use]
     pub fn from_rotation_vector(omega: [f64; 3], translation: [f64; 3]) -> Self {
         let half = 0.5 * norm(omega);
         // sin(x)/x, to the last digit where its series has one term more than it needs.
-        let sinc = if half < 1e-4 {
-            1.0 - half * half / 6.0
-        } else {
-            half.sin() / half
-        };
+        let sinc = if half < 1e-4 { 1.0 - half * half / 6.0 } else { half.sin() / half };
         let [x, y, z] = omega.map(|c| 0.5 * sinc * c);
-        Self::from_quaternion_xyzw([x, y, z, half.cos()], translation).unwrap_or(Self {
-            translation,
-            ..Self::identity()
-        })
+        Self::from_quaternion_xyzw([x, y, z, half.cos()], translation)
+            .unwrap_or(Self { translation, ..Self::identity() })
     }
 
     /// `ω` of the rotation: its axis times its angle in radians, at most π.
@@ -95,30 +76,10 @@ impl Pose {
         let largest = (0..4).max_by(|&a, &b| squares[a].total_cmp(&squares[b])).unwrap_or(3);
         let s = 2.0 * squares[largest].sqrt();
         let q = match largest {
-            0 => [
-                s / 4.0,
-                (r[0][1] + r[1][0]) / s,
-                (r[0][2] + r[2][0]) / s,
-                (r[2][1] - r[1][2]) / s,
-            ],
-            1 => [
-                (r[0][1] + r[1][0]) / s,
-                s / 4.0,
-                (r[1][2] + r[2][1]) / s,
-                (r[0][2] - r[2][0]) / s,
-            ],
-            2 => [
-                (r[0][2] + r[2][0]) / s,
-                (r[1][2] + r[2][1]) / s,
-                s / 4.0,
-                (r[1][0] - r[0][1]) / s,
-            ],
-            _ => [
-                (r[2][1] - r[1][2]) / s,
-                (r[0][2] - r[2][0]) / s,
-                (r[1][0] - r[0][1]) / s,
-                s / 4.0,
-            ],
+            0 => [s / 4.0, (r[0][1] + r[1][0]) / s, (r[0][2] + r[2][0]) / s, (r[2][1] - r[1][2]) / s],
+            1 => [(r[0][1] + r[1][0]) / s, s / 4.0, (r[1][2] + r[2][1]) / s, (r[0][2] - r[2][0]) / s],
+            2 => [(r[0][2] + r[2][0]) / s, (r[1][2] + r[2][1]) / s, s / 4.0, (r[1][0] - r[0][1]) / s],
+            _ => [(r[2][1] - r[1][2]) / s, (r[0][2] - r[2][0]) / s, (r[1][0] - r[0][1]) / s, s / 4.0],
         };
         if q[3] < 0.0 { q.map(|c| -c) } else { q }
     }
@@ -134,11 +95,7 @@ impl Pose {
     #[must_use]
     pub fn apply(&self, p: [f64; 3]) -> [f64; 3] {
         let q = self.rotate(p);
-        [
-            q[0] + self.translation[0],
-            q[1] + self.translation[1],
-            q[2] + self.translation[2],
-        ]
+        [q[0] + self.translation[0], q[1] + self.translation[1], q[2] + self.translation[2]]
     }
 
     /// The motion that first does `inner`, then this one.
@@ -151,8 +108,8 @@ impl Pose {
         }
     }
 
-    /// The motion of a constant twist after unit time, `exp`: turning by the vector `rotation_rad` while the origin's velocity, in the turning frame, is
-    /// `translation`.
+    /// The motion of a constant twist after unit time, `exp`: turning by the vector `rotation_rad` while the
+    /// origin's velocity, in the turning frame, is `translation`.
     ///
     /// # References
     /// Murray, Li & Sastry, *A mathematical introduction to robotic manipulation*, 1994, eq. 2.36.
@@ -172,7 +129,8 @@ impl Pose {
         Self::from_rotation_vector(rotation_rad, moved)
     }
 
-    /// The twist whose motion after unit time this is: the inverse of [`Pose::from_twist`], for turns by less than half a circle.
+    /// The twist whose motion after unit time this is: the inverse of [`Pose::from_twist`], for turns by less
+    /// than half a circle.
     #[must_use]
     pub fn twist(&self) -> ([f64; 3], [f64; 3]) {
         let turn = self.rotation_vector();
@@ -184,10 +142,7 @@ impl Pose {
         };
         let once = cross(turn, self.translation);
         let twice = cross(turn, once);
-        (
-            turn,
-            add_scaled(add_scaled(self.translation, -0.5, once), factor, twice),
-        )
+        (turn, add_scaled(add_scaled(self.translation, -0.5, once), factor, twice))
     }
 
     /// The motion that undoes this one.
@@ -195,15 +150,8 @@ impl Pose {
     pub fn inverse(&self) -> Self {
         let r = &self.rotation;
         let rotation = [0, 1, 2].map(|i| [r[0][i], r[1][i], r[2][i]]);
-        let back = Self {
-            rotation,
-            translation: [0.0; 3],
-        }
-        .rotate(self.translation);
-        Self {
-            rotation,
-            translation: back.map(|c| -c),
-        }
+        let back = Self { rotation, translation: [0.0; 3] }.rotate(self.translation);
+        Self { rotation, translation: back.map(|c| -c) }
     }
 }
 
@@ -240,20 +188,11 @@ mod tests {
 
     #[test]
     fn rotation_vector_there_and_back_keeps_the_motion() {
-        for omega in [
-            [0.3, -1.2, 0.7],
-            [1e-9, 2e-9, -1e-9],
-            [0.0; 3],
-            [0.0, 3.1, 0.0],
-            [1e-5, 0.0, 0.0],
-        ] {
+        for omega in [[0.3, -1.2, 0.7], [1e-9, 2e-9, -1e-9], [0.0; 3], [0.0, 3.1, 0.0], [1e-5, 0.0, 0.0]] {
             let pose = Pose::from_rotation_vector(omega, [1.0, 2.0, 3.0]);
             let again = pose.rotation_vector();
             assert!(
-                omega
-                    .iter()
-                    .zip(again)
-                    .all(|(a, b)| (a - b).abs() < 1e-14 * (1.0 + 1e6 * a.abs().min(1e-6))),
+                omega.iter().zip(again).all(|(a, b)| (a - b).abs() < 1e-14 * (1.0 + 1e6 * a.abs().min(1e-6))),
                 "{omega:?} {again:?}"
             );
         }

@@ -1,15 +1,18 @@
 //! Two calibrated cameras that stand anyhow: their pictures brought to rows that correspond.
 //!
-//! Comes in: two cameras with intrinsics, lens distortion and poses. Goes out: a [`Rectification`], which warps pictures so that they can be matched, and
-//! carries what is found back into the world's frame.
+//! Comes in: two cameras with intrinsics, lens distortion and poses. Goes out: a [`Rectification`], which
+//! warps pictures so that they can be matched, and carries what is found back into the world's frame.
 //!
-//! Both pictures are turned about their own centres until their x axes lie along the line from centre to centre; the lenses' distortion is undone in the same step. The new axis
-//! is as near to the mean of the old ones as that allows. Pictures that are rectified already come out as they were.
+//! Both pictures are turned about their own centres until their x axes lie along the line from centre to
+//! centre; the lenses' distortion is undone in the same step. The new axis is as near to the mean of the old
+//! ones as that allows. Pictures that are rectified already come out as they were.
 //!
-//! Not guaranteed: pictures of cameras that look along the line between them; they have an epipole inside and are refused.
+//! Not guaranteed: pictures of cameras that look along the line between them; they have an epipole inside and
+//! are refused.
 //!
 //! # References
-//! - Fusiello, Trucco and Verri, *A compact algorithm for rectification of stereo pairs*, Machine Vision and Applications 2000.
+//! - Fusiello, Trucco and Verri, *A compact algorithm for rectification of stereo pairs*, Machine Vision
+//!   and Applications 2000.
 //! - Brown, *Decentering distortion of lenses*, Photogrammetric Engineering 1966, for the distortion.
 
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit, upper_triangle};
@@ -28,7 +31,8 @@ const MOST_STRETCH: f64 = 3.0;
 /// A picture is left where it is stretched less than this over its whole width, in pixels.
 const ROUNDING: f64 = 1e-6;
 
-/// A camera whose lens distorts: `x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2x²)`, likewise in y with `p1 (r² + 2y²) + 2 p2 x y`, at distance 1 along the axis.
+/// A camera whose lens distorts: `x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2x²)`, likewise
+/// in y with `p1 (r² + 2y²) + 2 p2 x y`, at distance 1 along the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LensCamera {
     /// The camera without its lens.
@@ -104,12 +108,13 @@ impl Rectification {
     /// Of the pictures of a rig, of known columns and rows.
     ///
     /// # Errors
-    /// `Input` for cameras at one place, cameras that look along the line between them or away from each other, and distortions that cannot be undone.
+    /// `Input` for cameras at one place, cameras that look along the line between them or away from each
+    /// other, and distortions that cannot be undone.
     pub fn new(rig: &StereoRig, sizes: [[usize; 2]; 2]) -> Result<Self> {
         let centres = rig.cameras.map(|c| c.pinhole.centre());
         let baseline = sub(centres[1], centres[0]);
-        let x =
-            unit(baseline).ok_or_else(|| Error::input("needed two cameras at different places, found both at one"))?;
+        let x = unit(baseline)
+            .ok_or_else(|| Error::input("needed two cameras at different places, found both at one"))?;
         for (camera, (size, which)) in rig.cameras.iter().zip(sizes.iter().zip(["first", "second"])) {
             refuse_epipole(camera, *size, x, which)?;
         }
@@ -119,11 +124,7 @@ impl Rectification {
         let y = across.ok_or_else(|| Error::input("needed two cameras that look at the same thing, found axes more than 90° apart or along the line between them"))?;
         let rotation = [x, y, cross(x, y)];
         let focals = rig.cameras.map(|c| c.pinhole.k[0][0]);
-        let focal = if focals[0] == focals[1] {
-            focals[0]
-        } else {
-            0.5 * (focals[0] + focals[1])
-        };
+        let focal = if focals[0] == focals[1] { focals[0] } else { 0.5 * (focals[0] + focals[1]) };
         let boxes = [
             outline(&rig.cameras[0], sizes[0], &rotation, focal)?,
             outline(&rig.cameras[1], sizes[1], &rotation, focal)?,
@@ -165,7 +166,8 @@ impl Rectification {
         &self.world_from_rectified
     }
 
-    /// Where the first (0) or second (1) camera's picture shows what its rectified picture shows at a place; none outside of it.
+    /// Where the first (0) or second (1) camera's picture shows what its rectified picture shows at a place;
+    /// none outside of it.
     fn source(&self, which: usize, [u, v]: [f64; 2]) -> Option<[f64; 2]> {
         let doffs = if which == 0 { 0.0 } else { self.camera.doffs };
         let [cx, cy] = self.camera.center;
@@ -177,7 +179,8 @@ impl Rectification {
         (inside(snapped[0], columns) && inside(snapped[1], rows)).then_some(snapped)
     }
 
-    /// The rectified picture of the first (0) or second (1) camera, by cubics; black where the camera saw nothing.
+    /// The rectified picture of the first (0) or second (1) camera, by cubics; black where the camera saw
+    /// nothing.
     ///
     /// # Errors
     /// `Input` for a picture of another size.
@@ -216,7 +219,8 @@ impl Rectification {
         outside
     }
 
-    /// The chosen points of a map of the rectified pictures, in the world's frame: `p = R p_r + c` and `R C Rᵀ`.
+    /// The chosen points of a map of the rectified pictures, in the world's frame: `p = R p_r + c` and
+    /// `R C Rᵀ`.
     ///
     /// # Errors
     /// As for [`StereoCamera::scan`].
@@ -240,8 +244,14 @@ fn turned(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
     upper_triangle(|i, j| dot(r[i], full.map(|row| dot(row, r[j]))))
 }
 
-/// Refuses a picture that shows where the other camera stands, or the place opposite: around it rows cannot correspond.
-fn refuse_epipole(camera: &LensCamera, [columns, rows]: [usize; 2], along: [f64; 3], which: &str) -> Result<()> {
+/// Refuses a picture that shows where the other camera stands, or the place opposite: around it rows cannot
+/// correspond.
+fn refuse_epipole(
+    camera: &LensCamera,
+    [columns, rows]: [usize; 2],
+    along: [f64; 3],
+    which: &str,
+) -> Result<()> {
     for towards in [along, scale(-1.0, along)] {
         if let Some([u, v]) = camera.pixel(towards) {
             let inside = |c: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&c);

@@ -67,9 +67,11 @@ pub struct Scan {
     pub curvatures: Option<Vec<PrincipalCurvatures>>,
     /// Standard deviation of each of them, one over the model's unit.
     pub sigma_curvature: Option<Vec<f64>>,
-    /// What each point lies on, by the classes of the ASPRS (2 is ground), where somebody has told them apart.
+    /// What each point lies on, by the classes of the ASPRS (2 is ground), where somebody has told them
+    /// apart.
     pub classes: Option<Vec<u8>>,
-    /// Parameters `(u, v)` of each point on the surface that it was taken of, in `[0, 1]`, where they are known.
+    /// Parameters `(u, v)` of each point on the surface that it was taken of, in `[0, 1]`, where they are
+    /// known.
     pub parameters: Option<Vec<[f64; 2]>>,
     /// Sampling grid of an organised scan.
     pub grid: Option<RangeGrid>,

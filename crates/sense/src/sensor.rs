@@ -59,21 +59,15 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// Covariance `[xx, xy, xz, yy, yz, zz]` of a reading taken along the unit `ray` (any direction where it is unknown:
-    /// the noise along the ray then counts in all directions).
+    /// Covariance `[xx, xy, xz, yy, yz, zz]` of a reading taken along the unit `ray` (any direction where it
+    /// is unknown: the noise along the ray then counts in all directions).
     #[must_use]
     pub fn covariance(&self, ray: Option<[f64; 3]>) -> [f64; 6] {
         let isotropic = |s: f64| [s * s, 0.0, 0.0, s * s, 0.0, s * s];
         match (*self, ray) {
             (Self::Isotropic { sigma }, _) => isotropic(sigma),
             (Self::Ray { sigma_along, .. }, None) => isotropic(sigma_along),
-            (
-                Self::Ray {
-                    sigma_along,
-                    sigma_across,
-                },
-                Some(r),
-            ) => {
+            (Self::Ray { sigma_along, sigma_across }, Some(r)) => {
                 let extra = sigma_along * sigma_along - sigma_across * sigma_across;
                 let mut c = isotropic(sigma_across);
                 for (entry, product) in c.iter_mut().zip([
@@ -113,8 +107,8 @@ pub struct Sensor {
     pub sigma_normal_deg: Option<f64>,
     /// Standard deviation of its principal curvatures, one over the model's unit, where stated.
     pub sigma_curvature: Option<f64>,
-    /// Standard deviation of what it adds to all readings of one scan alike, along its rays where they are known and along the surface's normal
-    /// elsewhere; none where it adds nothing.
+    /// Standard deviation of what it adds to all readings of one scan alike, along its rays where they are
+    /// known and along the surface's normal elsewhere; none where it adds nothing.
     pub sigma_bias: Option<f64>,
 }
 
@@ -139,10 +133,7 @@ mod tests {
 
     #[test]
     fn ray_noise_has_its_two_sigmas_along_and_across() {
-        let noise = Noise::Ray {
-            sigma_along: 3.0,
-            sigma_across: 0.5,
-        };
+        let noise = Noise::Ray { sigma_along: 3.0, sigma_across: 0.5 };
         let c = noise.covariance(Some([0.6, 0.0, 0.8]));
         assert!((variance_along(&c, [0.6, 0.0, 0.8]) - 9.0).abs() < 1e-12);
         assert!((variance_along(&c, [0.8, 0.0, -0.6]) - 0.25).abs() < 1e-12);

@@ -1,10 +1,14 @@
 //! Silhouettes: from a mask to places on its border, between pixels.
 //!
-//! Comes in: a mask, or a picture whose thing is brighter than all else. Goes out: places on the border with their σ, and pixels inside and outside of it.
+//! Comes in: a mask, or a picture whose thing is brighter than all else. Goes out: places on the border with
+//! their σ, and pixels inside and outside of it.
 //!
-//! A mask is smoothed by a Gaussian; the border is where it passes one half, found between neighbouring pixels by a straight line. Specks and holes that are small beside the whole are taken for mistakes and filled.
+//! A mask is smoothed by a Gaussian; the border is where it passes one half, found between neighbouring
+//! pixels by a straight line. Specks and holes that are small beside the whole are taken for mistakes and
+//! filled.
 //!
-//! Not guaranteed: the border where the picture ends (a thing that reaches out of it has none there); corners, which smoothing rounds off by less than its width.
+//! Not guaranteed: the border where the picture ends (a thing that reaches out of it has none there);
+//! corners, which smoothing rounds off by less than its width.
 
 use crate::Image;
 use planish_estimate::{Error, Result};
@@ -12,7 +16,8 @@ use planish_estimate::{Error, Result};
 /// How a mask is read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SilhouetteOptions {
-    /// What is brighter is the thing; halfway between the darkest and the brightest pixel where none is given.
+    /// What is brighter is the thing; halfway between the darkest and the brightest pixel where none is
+    /// given.
     pub threshold: Option<f64>,
     /// σ of the Gaussian by which the mask is smoothed, in pixels.
     pub smoothing_px: f64,
@@ -66,7 +71,8 @@ pub(crate) const FRAME: f64 = 2.0;
 /// Reads a mask.
 ///
 /// # Errors
-/// `Input` where options make no sense; `Undetermined` where all pixels are the same, or no border is within the picture.
+/// `Input` where options make no sense; `Undetermined` where all pixels are the same, or no border is within
+/// the picture.
 pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhouette> {
     let positive = [
         ("smoothing", options.smoothing_px),
@@ -87,9 +93,8 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
         )));
     }
     let (columns, rows) = (picture.columns, picture.rows);
-    let (low, high) = (picture.values.iter()).fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| {
-        (low.min(*v), high.max(*v))
-    });
+    let (low, high) = (picture.values.iter())
+        .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
     let threshold = options.threshold.unwrap_or(0.5 * (f64::from(low) + f64::from(high)));
     let mut mask: Vec<bool> = picture.values.iter().map(|v| f64::from(*v) > threshold).collect();
     let of_thing = mask.iter().filter(|m| **m).count();
@@ -108,15 +113,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
         return Err(Error::undetermined("a mask has no border within the picture"));
     }
     let (inside, outside) = samples(&mask, columns, rows, options.samples);
-    Ok(Silhouette {
-        border,
-        sigma_px: options.sigma_px,
-        inside,
-        outside,
-        mask,
-        columns,
-        rows,
-    })
+    Ok(Silhouette { border, sigma_px: options.sigma_px, inside, outside, mask, columns, rows })
 }
 
 /// Turns over connected parts of one colour that have fewer than `least` pixels.
@@ -156,9 +153,7 @@ pub(crate) fn fill(mask: &mut [bool], columns: usize, colour: bool, least: usize
 /// A Gaussian along rows, then along columns; beyond the picture the last pixel goes on.
 pub(crate) fn smoothed(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
     let reach = (4.0 * sigma).ceil() as isize;
-    let weights: Vec<f64> = (-reach..=reach)
-        .map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp())
-        .collect();
+    let weights: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
     let total: f64 = weights.iter().sum();
     let along = |from: &[f64], at: &dyn Fn(isize, isize) -> usize| -> Vec<f64> {
         (0..rows as isize)
@@ -188,7 +183,8 @@ fn crossings(values: &[f64], columns: usize, rows: usize) -> Vec<[f64; 2]> {
     for row in 0..rows {
         for column in 0..columns {
             let here = values[row * columns + column] - 0.5;
-            let right = (column + 1 < columns).then(|| (values[row * columns + column + 1] - 0.5, [1.0, 0.0]));
+            let right =
+                (column + 1 < columns).then(|| (values[row * columns + column + 1] - 0.5, [1.0, 0.0]));
             let below = (row + 1 < rows).then(|| (values[(row + 1) * columns + column] - 0.5, [0.0, 1.0]));
             for (there, way) in [right, below].into_iter().flatten() {
                 if (here > 0.0) != (there > 0.0) {
@@ -211,11 +207,10 @@ fn thinned(places: Vec<[f64; 2]>, apart: f64) -> Vec<[f64; 2]> {
     let mut all = Vec::new();
     for at in places {
         let [x, y] = at.map(|x| (x / apart).floor() as i64);
-        let near = (-1..=1)
-            .flat_map(|i| (-1..=1).map(move |j| [x + i, y + j]))
-            .any(|cell| {
-                (kept.get(&cell).into_iter().flatten()).any(|other| (other[0] - at[0]).hypot(other[1] - at[1]) < apart)
-            });
+        let near = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [x + i, y + j])).any(|cell| {
+            (kept.get(&cell).into_iter().flatten())
+                .any(|other| (other[0] - at[0]).hypot(other[1] - at[1]) < apart)
+        });
         if !near {
             kept.entry([x, y]).or_default().push(at);
             all.push(at);
@@ -236,10 +231,7 @@ fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f6
     }
     let margin = [0, 1].map(|k| (high[k].saturating_sub(low[k])) / 3 + CLEAR);
     let first = [0, 1].map(|k| low[k].saturating_sub(margin[k]));
-    let last = [
-        (high[0] + margin[0]).min(columns - 1),
-        (high[1] + margin[1]).min(rows - 1),
-    ];
+    let last = [(high[0] + margin[0]).min(columns - 1), (high[1] + margin[1]).min(rows - 1)];
     let area = ((last[0] - first[0] + 1) * (last[1] - first[1] + 1)) as f64;
     let step = ((area / count.max(1) as f64).sqrt().floor() as usize).max(1);
     let (mut inside, mut outside) = (Vec::new(), Vec::new());
@@ -247,7 +239,8 @@ fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f6
         for column in (first[0]..=last[0]).step_by(step) {
             let own = mask[row * columns + column];
             let clear = (row.saturating_sub(CLEAR)..=(row + CLEAR).min(rows - 1)).all(|r| {
-                (column.saturating_sub(CLEAR)..=(column + CLEAR).min(columns - 1)).all(|c| mask[r * columns + c] == own)
+                (column.saturating_sub(CLEAR)..=(column + CLEAR).min(columns - 1))
+                    .all(|c| mask[r * columns + c] == own)
             });
             if clear {
                 let to = if own { &mut inside } else { &mut outside };
@@ -264,24 +257,18 @@ mod tests {
 
     fn disc(center: [f64; 2], radius: f64) -> Image {
         let inside = |k: usize| ((k % 120) as f64 - center[0]).hypot((k / 120) as f64 - center[1]) < radius;
-        Image::try_new(
-            120,
-            100,
-            (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect(),
-        )
-        .unwrap()
+        Image::try_new(120, 100, (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect()).unwrap()
     }
 
-    /// The border of a disc is found to a third of a pixel's width, all around; a speck and a hole are filled.
+    /// The border of a disc is found to a third of a pixel's width, all around; a speck and a hole are
+    /// filled.
     #[test]
     fn the_border_of_a_disc() {
         let mut picture = disc([60.3, 48.8], 30.4);
         picture.values[48 * 120 + 60] = 0.0;
         picture.values[5 * 120 + 5] = 255.0;
         let found = silhouette(&picture, &SilhouetteOptions::default()).unwrap();
-        let off: Vec<f64> = (found.border.iter())
-            .map(|p| (p[0] - 60.3).hypot(p[1] - 48.8) - 30.4)
-            .collect();
+        let off: Vec<f64> = (found.border.iter()).map(|p| (p[0] - 60.3).hypot(p[1] - 48.8) - 30.4).collect();
         let rms = (off.iter().map(|x| x * x).sum::<f64>() / off.len() as f64).sqrt();
         assert!(off.len() > 40 && rms < 0.2, "{} {rms}", off.len());
         assert!(off.iter().all(|x| x.abs() < 0.6));
@@ -297,21 +284,11 @@ mod tests {
     #[test]
     fn a_thing_that_reaches_out_has_no_border_there_and_odd_masks_are_refused() {
         let found = silhouette(&disc([0.0, 50.0], 30.0), &SilhouetteOptions::default()).unwrap();
-        assert!(
-            found
-                .border
-                .iter()
-                .all(|p| p[0] >= FRAME && (p[0].hypot(p[1] - 50.0) - 30.0).abs() < 1.0)
-        );
+        assert!(found.border.iter().all(|p| p[0] >= FRAME && (p[0].hypot(p[1] - 50.0) - 30.0).abs() < 1.0));
         let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();
-        let said = silhouette(&flat, &SilhouetteOptions::default())
-            .unwrap_err()
-            .to_string();
+        let said = silhouette(&flat, &SilhouetteOptions::default()).unwrap_err().to_string();
         assert!(said.contains("both sides"));
-        let odd = SilhouetteOptions {
-            apart_px: 0.0,
-            ..SilhouetteOptions::default()
-        };
+        let odd = SilhouetteOptions { apart_px: 0.0, ..SilhouetteOptions::default() };
         assert!(
             silhouette(&disc([60.0, 50.0], 30.0), &odd)
                 .unwrap_err()

@@ -1,6 +1,7 @@
 //! Dense stereo: two rectified images to disparities that state their σ.
 //!
-//! Comes in: two images whose rows correspond, and the range of disparities. Goes out: a [`DisparityMap`]; [`StereoCamera`](crate::StereoCamera) makes points of it.
+//! Comes in: two images whose rows correspond, and the range of disparities. Goes out: a [`DisparityMap`];
+//! [`StereoCamera`](crate::StereoCamera) makes points of it.
 //!
 //! | module | what |
 //! |---|---|
@@ -9,7 +10,8 @@
 //! | winner | the best disparity, its rivals, the check from the right image, speckles |
 //! | subpixel | least squares on brightness: fractions of a pixel and σ |
 //!
-//! Not guaranteed: right disparities where both images repeat themselves or show nothing; their σ is large there, but need not be large enough.
+//! Not guaranteed: right disparities where both images repeat themselves or show nothing; their σ is large
+//! there, but need not be large enough.
 //!
 //! # References
 //! Hirschmüller, *Stereo Processing by Semi-Global Matching and Mutual Information*, PAMI 2008.
@@ -99,11 +101,12 @@ pub struct DisparityMap {
 
 /// Matches two rectified images.
 ///
-/// Time and memory grow with pixels times disparities: two bytes each, and about 40 ns on one core. `watch` is told the share of the work that is
-/// done, between steps, and may stop it.
+/// Time and memory grow with pixels times disparities: two bytes each, and about 40 ns on one core. `watch`
+/// is told the share of the work that is done, between steps, and may stop it.
 ///
 /// # Errors
-/// `Input` for images of different sizes, smaller than a window, or options out of range; `Unsupported` where the sums would take more than 12 GB; what `watch` returns.
+/// `Input` for images of different sizes, smaller than a window, or options out of range; `Unsupported` where
+/// the sums would take more than 12 GB; what `watch` returns.
 pub fn match_stereo(
     left: &Image,
     right: &Image,
@@ -115,11 +118,7 @@ pub fn match_stereo(
     let disparities = options.disparities;
     let contrast = contrast(left);
     let cost = MatchingCost::new(left, right, options.least_disparity);
-    let penalties = Penalties {
-        one: options.small_step,
-        more: options.large_step,
-        contrast,
-    };
+    let penalties = Penalties { one: options.small_step, more: options.large_step, contrast };
     let sums = paths::sums(left, &cost, disparities, penalties, &mut |share| watch(0.7 * share))?;
     let winners = winner::winners(&sums, columns, disparities, options.least_disparity, options.uniqueness);
     let right_best = winner::right_winners(&sums, columns, disparities, options.least_disparity);
@@ -130,13 +129,10 @@ pub fn match_stereo(
     let mut first = vec![f32::NAN; winners.len()];
     for (k, w) in winners.iter().enumerate() {
         let there = (k % columns) as i64 - i64::from(options.least_disparity) - i64::from(w.best);
-        let agrees = usize::try_from(there)
-            .ok()
-            .filter(|t| *t < columns)
-            .is_some_and(|there| {
-                let other = right_best[k - k % columns + there];
-                u32::from(other.abs_diff(w.best)) <= options.left_right
-            });
+        let agrees = usize::try_from(there).ok().filter(|t| *t < columns).is_some_and(|there| {
+            let other = right_best[k - k % columns + there];
+            u32::from(other.abs_diff(w.best)) <= options.left_right
+        });
         let rivals = (k % columns) as i64 - i64::from(options.least_disparity);
         let by_chance = || rivals < FEWEST_RIVALS && local_range(left, k) < 0.5 * contrast;
         match () {
@@ -158,23 +154,15 @@ pub fn match_stereo(
     watch(1.0)?;
     let known = |count: usize| first.iter().filter(|d| d.is_finite()).count() - count;
     rejected.ambiguous += known(refined.iter().flatten().count());
-    let (disparity, sigma) = refined
-        .iter()
-        .map(|r| r.map_or((f32::NAN, f32::NAN), |r| (r.disparity, sigma_of(&r))))
-        .unzip();
-    Ok(DisparityMap {
-        columns,
-        rows: left.rows,
-        disparity,
-        sigma,
-        rejected,
-    })
+    let (disparity, sigma) =
+        refined.iter().map(|r| r.map_or((f32::NAN, f32::NAN), |r| (r.disparity, sigma_of(&r)))).unzip();
+    Ok(DisparityMap { columns, rows: left.rows, disparity, sigma, rejected })
 }
 
 /// Darker than this share of what is bright is no thing's texture.
 const DARK: f32 = 0.06;
-/// Beside the border a pixel has fewer possible matches than this. Among a few one is always the least, so only
-/// texture of half the usual contrast is believed there.
+/// Beside the border a pixel has fewer possible matches than this. Among a few one is always the least, so
+/// only texture of half the usual contrast is believed there.
 const FEWEST_RIVALS: i64 = 32;
 
 /// How much values differ in the 5 × 5 pixels about one.
@@ -194,12 +182,15 @@ fn local_range(image: &Image, pixel: usize) -> f32 {
 
 /// The σ of a disparity, in pixels, from what its window says.
 ///
-/// `σ² = 0.11² + (2.5 σ_t)² + (1.2 h)² + (0.7 m)² + (0.5 r)²` with the σ_t of least squares, the share h of the window that lies on other surfaces, the distance m by which
-/// least squares moved the disparity, and the roughness r of the first disparities, all but h in pixels. Least squares alone knows nothing of depth edges, where most gross errors are.
+/// `σ² = 0.11² + (2.5 σ_t)² + (1.2 h)² + (0.7 m)² + (0.5 r)²` with the σ_t of least squares, the share h of
+/// the window that lies on other surfaces, the distance m by which least squares moved the disparity, and the
+/// roughness r of the first disparities, all but h in pixels. Least squares alone knows nothing of depth
+/// edges, where most gross errors are.
 ///
-/// The factors are those of the greatest likelihood of the errors on the image pairs *cones* and *aloe* (Scharstein and Szeliski 2003, 2006) under
-/// Student's t of three degrees, rounded, and enlarged until the intervals cover. The two pairs alone give nearly the same ones. σ_t is 2.5 times too small because noise of
-/// neighbours is not independent, and interpolation errs.
+/// The factors are those of the greatest likelihood of the errors on the image pairs *cones* and *aloe*
+/// (Scharstein and Szeliski 2003, 2006) under Student's t of three degrees, rounded, and enlarged until the
+/// intervals cover. The two pairs alone give nearly the same ones. σ_t is 2.5 times too small because noise
+/// of neighbours is not independent, and interpolation errs.
 fn sigma_of(refined: &subpixel::Refined) -> f32 {
     let terms = [
         0.11,
@@ -211,19 +202,14 @@ fn sigma_of(refined: &subpixel::Refined) -> f32 {
     terms.iter().map(|t| t * t).sum::<f32>().sqrt()
 }
 
-/// The median difference of brightness between neighbours of a row that differ at all, times four. Of a thing before a black background only the thing counts.
+/// The median difference of brightness between neighbours of a row that differ at all, times four. Of a thing
+/// before a black background only the thing counts.
 fn contrast(image: &Image) -> f32 {
     let mut values = image.values.clone();
     let bright = values.len() * 99 / 100;
     let dark = DARK * *values.select_nth_unstable_by(bright, f32::total_cmp).1;
     let mut changes: Vec<f32> = (0..image.rows)
-        .flat_map(|y| {
-            image
-                .row(y)
-                .windows(2)
-                .filter(|w| w[0].min(w[1]) >= dark)
-                .map(|w| (w[1] - w[0]).abs())
-        })
+        .flat_map(|y| image.row(y).windows(2).filter(|w| w[0].min(w[1]) >= dark).map(|w| (w[1] - w[0]).abs()))
         .filter(|change| *change > 0.0)
         .collect();
     let middle = changes.len() / 2;
@@ -252,7 +238,8 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
             options.disparities
         )));
     }
-    if !(1..=1000).contains(&options.small_step) || !(options.small_step..=4000).contains(&options.large_step) {
+    if !(1..=1000).contains(&options.small_step) || !(options.small_step..=4000).contains(&options.large_step)
+    {
         return Err(Error::input(format!(
             "needed penalties 1 ≤ P1 ≤ 1000 and P1 ≤ P2 ≤ 4000, found {} and {}",
             options.small_step, options.large_step

@@ -10,8 +10,8 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 
 /// Two rectified cameras: rows correspond, and `x_right = x_left − d`.
 ///
-/// Pixel (u, v) of the left image, centres at integers, with the disparity d lies at `z = f B / (d + doffs)` and
-/// `p = z ((u − cx)/f, (v − cy)/f, 1)`: x right, y down, z forward, from the left camera's centre.
+/// Pixel (u, v) of the left image, centres at integers, with the disparity d lies at `z = f B / (d + doffs)`
+/// and `p = z ((u − cx)/f, (v − cy)/f, 1)`: x right, y down, z forward, from the left camera's centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoCamera {
     /// Focal length `f` of both, in pixels.
@@ -29,19 +29,18 @@ pub struct StereoCamera {
 /// Which disparities become points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoPoints {
-    /// Those of every so manieth column and row. Disparities of neighbours are found in windows of 9 × 9 pixels that overlap: their errors are alike, and so many readings as there are pixels
-    /// say less than as many independent ones.
+    /// Those of every so manieth column and row. Disparities of neighbours are found in windows of 9 × 9
+    /// pixels that overlap: their errors are alike, and so many readings as there are pixels say less than as
+    /// many independent ones.
     pub step: usize,
-    /// Those with no larger σ, in pixels. Beside depth edges σ is large because errors are gross, and all of one sign.
+    /// Those with no larger σ, in pixels. Beside depth edges σ is large because errors are gross, and all of
+    /// one sign.
     pub max_sigma_px: f64,
 }
 
 impl Default for StereoPoints {
     fn default() -> Self {
-        Self {
-            step: 1,
-            max_sigma_px: f64::INFINITY,
-        }
+        Self { step: 1, max_sigma_px: f64::INFINITY }
     }
 }
 
@@ -55,17 +54,14 @@ impl StereoCamera {
     }
 
     fn ray(&self, u: f64, v: f64) -> [f64; 3] {
-        [
-            (u - self.center[0]) / self.focal,
-            (v - self.center[1]) / self.focal,
-            1.0,
-        ]
+        [(u - self.center[0]) / self.focal, (v - self.center[1]) / self.focal, 1.0]
     }
 
     /// The covariance `[xx, xy, xz, yy, yz, zz]` of the point of a disparity with the given σ, in pixels.
     ///
-    /// To first order an error of the disparity moves the point along its ray d: `σ_z² d dᵀ`, `σ_z = z² σ_d / (f B)`, with `σ_d² = sigma² + sigma_disparity²`. Across it, the point
-    /// may be anywhere on the pixel: `(z/f)²/12`.
+    /// To first order an error of the disparity moves the point along its ray d: `σ_z² d dᵀ`,
+    /// `σ_z = z² σ_d / (f B)`, with `σ_d² = sigma² + sigma_disparity²`. Across it, the point may be anywhere
+    /// on the pixel: `(z/f)²/12`.
     ///
     /// # References
     /// Matthies and Shafer, *Error modeling in stereo navigation*, 1987.
@@ -79,7 +75,8 @@ impl StereoCamera {
         Some(ray_covariance(self.ray(u, v), along, across))
     }
 
-    /// The chosen points of a map, with their covariances and the grid of the image, seen from the left camera's centre.
+    /// The chosen points of a map, with their covariances and the grid of the image, seen from the left
+    /// camera's centre.
     ///
     /// # Errors
     /// `Undetermined` where no disparity gives a point; `Input` for a step of 0.
@@ -91,9 +88,8 @@ impl StereoCamera {
         let (mut points, mut covariances) = (Vec::new(), Vec::new());
         let (columns, rows) = (map.columns.div_ceil(step), map.rows.div_ceil(step));
         let mut cells = Vec::with_capacity(columns * rows);
-        let places = (0..map.rows)
-            .step_by(step)
-            .flat_map(|v| (0..map.columns).step_by(step).map(move |u| (u, v)));
+        let places =
+            (0..map.rows).step_by(step).flat_map(|v| (0..map.columns).step_by(step).map(move |u| (u, v)));
         for (u, v) in places {
             let k = v * map.columns + u;
             let (disparity, sigma) = (f64::from(map.disparity[k]), map.sigma[k]);
@@ -179,12 +175,7 @@ mod tests {
         let scale = |i: usize, j: usize| (stated[[0, 3, 5][i]] * stated[[0, 3, 5][j]]).sqrt();
         for (k, (i, j)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
             // The standard error of a variance of so many draws is 0.7 %.
-            assert!(
-                (sums[k] - stated[k]).abs() < 0.03 * scale(i, j),
-                "{k}: {} {}",
-                sums[k],
-                stated[k]
-            );
+            assert!((sums[k] - stated[k]).abs() < 0.03 * scale(i, j), "{k}: {} {}", sums[k], stated[k]);
         }
     }
 }

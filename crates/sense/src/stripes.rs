@@ -2,14 +2,19 @@
 //!
 //! A picture of such stripes is read by [`read_grid`]: it finds the junctions, and which stripes cross there.
 //!
-//! Comes in: a camera, a projector, and junctions: where two stripes cross in the image, which way each runs there, and where in the projector's picture they cross.
-//! Goes out: for each junction its point and normal ([`orientation`]), and with its neighbours its principal curvatures ([`curvature`]), all with covariance.
+//! Comes in: a camera, a projector, and junctions: where two stripes cross in the image, which way each runs
+//! there, and where in the projector's picture they cross. Goes out: for each junction its point and normal
+//! ([`orientation`]), and with its neighbours its principal curvatures ([`curvature`]), all with covariance.
 //!
-//! A stripe lies in the plane through the projector's centre and its line there; it is seen in the plane through the camera's centre and its line in the image. Both
-//! planes hold its tangent, `t = N_projector × N_camera`, and two tangents hold the normal, `n = t₁ × t₂`. No search for depth is in it: orientation needs one image.
+//! A stripe lies in the plane through the projector's centre and its line there; it is seen in the plane
+//! through the camera's centre and its line in the image. Both planes hold its tangent,
+//! `t = N_projector × N_camera`, and two tangents hold the normal, `n = t₁ × t₂`. No search for depth is in
+//! it: orientation needs one image.
 //!
-//! Across a junction, from neighbour to opposite neighbour, runs a curve on the surface. By Meusnier's theorem its curvature's share along n is that of the surface in its direction,
-//! here `κ(φ) = Δ₊·n/|Δ₊|² + Δ₋·n/|Δ₋|²` with the steps Δ to both; by Euler's theorem `κ(φ) = κ₁ cos²(φ−φ₁) + κ₂ sin²(φ−φ₁)`, which three directions determine.
+//! Across a junction, from neighbour to opposite neighbour, runs a curve on the surface. By Meusnier's
+//! theorem its curvature's share along n is that of the surface in its direction, here
+//! `κ(φ) = Δ₊·n/|Δ₊|² + Δ₋·n/|Δ₋|²` with the steps Δ to both; by Euler's theorem
+//! `κ(φ) = κ₁ cos²(φ−φ₁) + κ₂ sin²(φ−φ₁)`, which three directions determine.
 //!
 //! Not guaranteed: that curvature is that of a point: it is that of the scale of the stripes' distance.
 //!
@@ -23,7 +28,8 @@ use planish_estimate::{Error, Result};
 
 use crate::variance_along;
 
-/// A pinhole camera, or a projector, which is one backwards: `x ~ K (R X + t)`; x right, y down, pixel centres at integers.
+/// A pinhole camera, or a projector, which is one backwards: `x ~ K (R X + t)`; x right, y down, pixel
+/// centres at integers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pinhole {
     /// Intrinsics: focal lengths, skew and the pixel on the axis, row by row.
@@ -79,10 +85,7 @@ impl Pinhole {
     /// The direction in the world that a pixel looks along, `Rᵀ K⁻¹ (x, y, 1)`; none where K has no inverse.
     #[must_use]
     pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
-        Some(transposed(
-            &self.r,
-            times(&inverse(&self.k)?, [pixel[0], pixel[1], 1.0]),
-        ))
+        Some(transposed(&self.r, times(&inverse(&self.k)?, [pixel[0], pixel[1], 1.0])))
     }
 
     /// The normal of the plane through the centre and a line of the image, `Rᵀ Kᵀ l`, `l = p × d`.
@@ -109,19 +112,18 @@ pub struct Junction {
 pub struct JunctionSigma {
     /// σ of each coordinate of the pixel, in pixels.
     pub place_px: f64,
-    /// σ of each angle, in radians: `σ_px / √Σ i²` of a line through single places i pixels from the middle, each with σ_px.
+    /// σ of each angle, in radians: `σ_px / √Σ i²` of a line through single places i pixels from the middle,
+    /// each with σ_px.
     pub angle_rad: f64,
 }
 
 impl JunctionSigma {
-    /// From the σ of single places on a stripe, one a pixel, that a line is drawn through, `reach` pixels to both sides.
+    /// From the σ of single places on a stripe, one a pixel, that a line is drawn through, `reach` pixels to
+    /// both sides.
     #[must_use]
     pub fn from_single_places(sigma_px: f64, reach: usize) -> Self {
         let squares: f64 = (1..=reach).map(|i| 2.0 * (i * i) as f64).sum();
-        Self {
-            place_px: sigma_px / (2.0 * reach as f64 + 1.0).sqrt(),
-            angle_rad: sigma_px / squares.sqrt(),
-        }
+        Self { place_px: sigma_px / (2.0 * reach as f64 + 1.0).sqrt(), angle_rad: sigma_px / squares.sqrt() }
     }
 }
 
@@ -133,10 +135,7 @@ impl JunctionSigma {
         for (k, row) in image.iter_mut().enumerate() {
             row[k] = if k < 2 { self.place_px } else { self.angle_rad }.powi(2);
         }
-        JunctionCovariance {
-            image,
-            projector_px: 0.0,
-        }
+        JunctionCovariance { image, projector_px: 0.0 }
     }
 }
 
@@ -166,11 +165,13 @@ pub struct Orientation {
 
 /// The point and normal of a junction.
 ///
-/// `stripes` are the directions of the two sets in the projector's picture. The point is that with the least squares of distances to the planes of both stripes, in the projector and in the image, each
-/// by its own length; the covariance is carried over from both pictures by differences, `J Σ Jᵀ`.
+/// `stripes` are the directions of the two sets in the projector's picture. The point is that with the least
+/// squares of distances to the planes of both stripes, in the projector and in the image, each by its own
+/// length; the covariance is carried over from both pictures by differences, `J Σ Jᵀ`.
 ///
 /// # Errors
-/// `Undetermined` where stripes run along the line between camera and projector as both see it, where the two tangents are one, or the point lies behind the camera.
+/// `Undetermined` where stripes run along the line between camera and projector as both see it, where the two
+/// tangents are one, or the point lies behind the camera.
 pub fn orientation(
     camera: &Pinhole,
     projector: &Pinhole,
@@ -185,11 +186,7 @@ pub fn orientation(
         ))
     };
     let of = |z: [f64; 6]| {
-        let junction = Junction {
-            image: [z[0], z[1]],
-            angles_rad: [z[2], z[3]],
-            projector: [z[4], z[5]],
-        };
+        let junction = Junction { image: [z[0], z[1]], angles_rad: [z[2], z[3]], projector: [z[4], z[5]] };
         point_and_normal(camera, projector, stripes, &junction)
     };
     let [[x, y], [a, b], [u, v]] = [junction.image, junction.angles_rad, junction.projector];
@@ -210,11 +207,7 @@ pub fn orientation(
     let carried = |of: &dyn Fn(usize) -> [f64; 3]| {
         upper_triangle(|i, j| {
             let seen: f64 = (0..4)
-                .map(|k| {
-                    (0..4)
-                        .map(|l| of(k)[i] * covariance.image[k][l] * of(l)[j])
-                        .sum::<f64>()
-                })
+                .map(|k| (0..4).map(|l| of(k)[i] * covariance.image[k][l] * of(l)[j]).sum::<f64>())
                 .sum();
             let thrown: f64 = (4..6).map(|k| of(k)[i] * of(k)[j]).sum();
             seen + covariance.projector_px.powi(2) * thrown
@@ -250,10 +243,7 @@ fn point_and_normal(
     // Four planes through the point: two of the camera's ray, two of the stripes.
     let ray = [[1.0, 0.0], [0.0, 1.0]].map(|d| camera.plane_of_line(junction.image, d));
     let (from_camera, from_projector) = (camera.centre(), projector.centre());
-    let planes = ray
-        .map(|n| (n, from_camera))
-        .into_iter()
-        .chain(lit.map(|n| (n, from_projector)));
+    let planes = ray.map(|n| (n, from_camera)).into_iter().chain(lit.map(|n| (n, from_projector)));
     let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
     for (n, through) in planes {
         let n = unit(n)?;
@@ -287,10 +277,12 @@ pub struct Curvature {
     pub sigma: f64,
 }
 
-/// The principal curvatures at a junction from pairs of opposite neighbours: along both stripes and along the diagonals.
+/// The principal curvatures at a junction from pairs of opposite neighbours: along both stripes and along the
+/// diagonals.
 ///
-/// Each pair gives the normal curvature in its direction by Meusnier's theorem; least squares with their variances finds the second fundamental form, whose eigenvectors are Euler's.
-/// The pair's variance is that of its three points along n, and of the normal where the steps are not of one length.
+/// Each pair gives the normal curvature in its direction by Meusnier's theorem; least squares with their
+/// variances finds the second fundamental form, whose eigenvectors are Euler's. The pair's variance is that
+/// of its three points along n, and of the normal where the steps are not of one length.
 ///
 /// # Errors
 /// `Undetermined` for fewer than three directions that differ.
@@ -309,9 +301,8 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Cur
         }
         let shares = lengths.map(|l| 1.0 / (l * l));
         let kappa = shares[0] * dot(steps[0], n) + shares[1] * dot(steps[1], n);
-        let of_points: f64 = (0..2)
-            .map(|i| shares[i] * shares[i] * variance_along(&pair[i].covariance, n))
-            .sum();
+        let of_points: f64 =
+            (0..2).map(|i| shares[i] * shares[i] * variance_along(&pair[i].covariance, n)).sum();
         let of_middle = (shares[0] + shares[1]).powi(2) * variance_along(&middle.covariance, n);
         let lever: [f64; 3] = std::array::from_fn(|k| shares[0] * steps[0][k] + shares[1] * steps[1][k]);
         let of_normal = variance_along(&middle.normal_covariance, lever);
@@ -327,11 +318,10 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Cur
     let size = m[0][0] + m[1][1] + m[2][2];
     let determined = determinant > 1e-9 * size.powi(3);
     if !determined {
-        return Err(Error::undetermined(
-            "needed neighbours in three directions for the curvature",
-        ));
+        return Err(Error::undetermined("needed neighbours in three directions for the curvature"));
     }
-    let inverse = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])].map(|c| scale(1.0 / determinant, c));
+    let inverse =
+        [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])].map(|c| scale(1.0 / determinant, c));
     let [a, b, d] = inverse.map(|row| dot(row, r));
     let (mean, half) = (0.5 * (a + d), (0.25 * (a - d) * (a - d) + b * b).sqrt());
     let angle = 0.5 * (2.0 * b).atan2(a - d);

@@ -37,10 +37,7 @@ impl ViewSensor {
     /// `Input` for numbers that are not finite or out of range, with their names.
     pub fn sanity_check(&self) -> Result<()> {
         let [near, far] = self.range;
-        let spans = self
-            .borders
-            .iter()
-            .all(|[low, high]| low < high && low.is_finite() && high.is_finite());
+        let spans = self.borders.iter().all(|[low, high]| low < high && low.is_finite() && high.is_finite());
         let rays: usize = self.rays[0].saturating_mul(self.rays[1]);
         let complaint = if !spans {
             format!("a field of view whose borders are apart, found {:?}", self.borders)
@@ -96,8 +93,8 @@ impl ViewSensor {
             && range <= self.range[1]
     }
 
-    /// How many rays meet a small area at a point of the sensor's frame: `n A cos θ / (d² cos³ φ)` with θ the incidence, φ the angle to the axis and `n`
-    /// the rays on a unit of area of the picture at distance 1.
+    /// How many rays meet a small area at a point of the sensor's frame: `n A cos θ / (d² cos³ φ)` with θ the
+    /// incidence, φ the angle to the axis and `n` the rays on a unit of area of the picture at distance 1.
     #[must_use]
     pub fn rays_on(&self, [x, y, z]: [f64; 3], area: f64, incidence_cosine: f64) -> f64 {
         let distance2 = x * x + y * y + z * z;
@@ -113,7 +110,8 @@ impl ViewSensor {
         incidence_cosine >= self.max_incidence_rad.cos()
     }
 
-    /// The variance of a reading across the surface, `nᵀ R n = σ_along² cos² θ + σ_across² sin² θ` with `σ_along = σ + k d²`, over `cos θ` where it grows so.
+    /// The variance of a reading across the surface, `nᵀ R n = σ_along² cos² θ + σ_across² sin² θ` with
+    /// `σ_along = σ + k d²`, over `cos θ` where it grows so.
     #[must_use]
     pub fn variance_along_normal(&self, range: f64, incidence_cosine: f64) -> f64 {
         let square = incidence_cosine * incidence_cosine;
@@ -125,11 +123,7 @@ impl ViewSensor {
     #[must_use]
     pub fn noise(&self, range: f64, incidence_cosine: f64) -> f64 {
         let straight = self.sigma_along + self.sigma_per_range2 * range * range;
-        if self.over_cosine {
-            straight / incidence_cosine
-        } else {
-            straight
-        }
+        if self.over_cosine { straight / incidence_cosine } else { straight }
     }
 }
 
@@ -157,10 +151,7 @@ mod tests {
         for (range, tilt) in [(3.0_f64, 0.0_f64), (5.0, 0.7)] {
             let ray = [0.0, 0.6, 0.8];
             let normal = [tilt.sin(), 0.6 * tilt.cos(), 0.8 * tilt.cos()];
-            let noise = crate::Noise::Ray {
-                sigma_along: 0.1 + 0.01 * range * range,
-                sigma_across: 0.02,
-            };
+            let noise = crate::Noise::Ray { sigma_along: 0.1 + 0.01 * range * range, sigma_across: 0.02 };
             let expected = crate::variance_along(&noise.covariance(Some(ray)), normal);
             let found = sensor.variance_along_normal(range, dot(ray, normal));
             assert!((found / expected - 1.0).abs() < 1e-12, "{found} {expected}");
@@ -174,7 +165,8 @@ mod tests {
         let (middle, half) = ([0.6, -0.4, 4.0], 0.25);
         let hits = (0..640 * 480)
             .map(|k| {
-                let d = sensor.direction([(f64::from(k % 640) + 0.5) / 640.0, (f64::from(k / 640) + 0.5) / 480.0]);
+                let d = sensor
+                    .direction([(f64::from(k % 640) + 0.5) / 640.0, (f64::from(k / 640) + 0.5) / 480.0]);
                 scale(4.0 / d[2], d)
             })
             .filter(|p| (p[0] - middle[0]).abs() < half && (p[1] - middle[1]).abs() < half)
@@ -182,7 +174,9 @@ mod tests {
         let cosine = 4.0 / dot(middle, middle).sqrt();
         let expected = sensor.rays_on(middle, 0.25, cosine);
         assert!((expected / hits as f64 - 1.0).abs() < 0.02, "{expected} {hits}");
-        assert!(sensor.reaches(middle) && !sensor.reaches([0.6, -0.4, -4.0]) && !sensor.reaches([0.6, -0.4, 1.0]));
+        assert!(
+            sensor.reaches(middle) && !sensor.reaches([0.6, -0.4, -4.0]) && !sensor.reaches([0.6, -0.4, 1.0])
+        );
         assert!(!sensor.reaches([0.0, 1.4, 4.0]) && !sensor.reaches([0.0, 0.0, 9.1]));
     }
 

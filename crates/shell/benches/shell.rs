@@ -1,7 +1,9 @@
 //! How fast fields and weights are: `cargo bench -p planish-shell --bench shell`.
 //!
-//! Fields: a ball of 20 480 facets, 200 000 places within a hundredth of its radius of it, and the sharpness and the reach with which a fit ends: softness `1/k` a thousandth of the mesh's diagonal, terms below
-//! `exp(−9)` left out. "Facets" is how many of them count at a place. In brackets: by processor time, as if no other program ran. Weights: 50 000 vertices under 200 controls anywhere in the box about them.
+//! Fields: a ball of 20 480 facets, 200 000 places within a hundredth of its radius of it, and the sharpness
+//! and the reach with which a fit ends: softness `1/k` a thousandth of the mesh's diagonal, terms below
+//! `exp(−9)` left out. "Facets" is how many of them count at a place. In brackets: by processor time, as if
+//! no other program ran. Weights: 50 000 vertices under 200 controls anywhere in the box about them.
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
@@ -23,16 +25,15 @@ fn processor_seconds() -> Option<f64> {
     Some(ticks / 100.0)
 }
 
-/// The shortest of some runs in seconds, and what it would take where no other program has the processors: its processor time over the threads.
+/// The shortest of some runs in seconds, and what it would take where no other program has the processors:
+/// its processor time over the threads.
 fn shortest(mut run: impl FnMut()) -> [f64; 2] {
     let threads = rayon::current_num_threads() as f64;
     (0..ROUNDS)
         .map(|_| {
             let (start, before) = (Instant::now(), processor_seconds());
             run();
-            let used = processor_seconds()
-                .zip(before)
-                .map_or(f64::NAN, |(after, before)| after - before);
+            let used = processor_seconds().zip(before).map_or(f64::NAN, |(after, before)| after - before);
             [start.elapsed().as_secs_f64(), used / threads]
         })
         .fold([f64::INFINITY; 2], |least, run| [0, 1].map(|k| run[k].min(least[k])))
@@ -56,21 +57,15 @@ fn main() {
             at.map(|x| x * radius / length)
         })
         .collect();
-    println!(
-        "{} threads, {} facets, {PLACES} places",
-        rayon::current_num_threads(),
-        ball.triangles.len()
-    );
+    println!("{} threads, {} facets, {PLACES} places", rayon::current_num_threads(), ball.triangles.len());
     println!(
         "{:<12} {:>9} {:>8} {:>14} {:>14}",
         "metaball", "softness", "facets", "distance + ∇/s", "field/s"
     );
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
         for softness in [1e-3, 3e-3] {
-            let options = ShellOptions {
-                reach: Some(9.0),
-                ..ShellOptions::new(metaball, 1.0 / (softness * size))
-            };
+            let options =
+                ShellOptions { reach: Some(9.0), ..ShellOptions::new(metaball, 1.0 / (softness * size)) };
             let shell = Shell::new(&ball, &options).unwrap();
             let mut shares = Vec::new();
             let counted: usize = (places.iter().step_by(100))
@@ -107,9 +102,7 @@ fn main() {
         }
     }
     let mut anywhere = |count: usize| -> Vec<[f64; 3]> {
-        (0..count)
-            .map(|_| std::array::from_fn(|_| random.random_range(-1.0..1.0)))
-            .collect()
+        (0..count).map(|_| std::array::from_fn(|_| random.random_range(-1.0..1.0))).collect()
     };
     let (controls, vertices) = (anywhere(200), anywhere(50_000));
     let neighbours = NaturalNeighbours::new(&controls, &vertices).unwrap();

@@ -1,7 +1,10 @@
 //! One target, one fit, every deformation: `cargo run --release -p planish-shell --example deformations`.
 //!
-//! A ball of 2562 vertices is bent by a smooth motion that none of the deformations can make exactly; 20 000 points of it, with σ of a thousandth of its size and a tenth of them anywhere, are what each is fitted to. A row each: parameters, rms distance of the fitted vertices from the
-//! true surface, and seconds. With a folder (`-- FOLDER`) the ball, the points and dense places of the truth with their normals are written there, for peers; `-- FOLDER NAME` makes only the rows whose name begins so.
+//! A ball of 2562 vertices is bent by a smooth motion that none of the deformations can make exactly; 20 000
+//! points of it, with σ of a thousandth of its size and a tenth of them anywhere, are what each is fitted to.
+//! A row each: parameters, rms distance of the fitted vertices from the true surface, and seconds. With a
+//! folder (`-- FOLDER`) the ball, the points and dense places of the truth with their normals are written
+//! there, for peers; `-- FOLDER NAME` makes only the rows whose name begins so.
 #![allow(clippy::print_stdout, reason = "an example prints its table")]
 #![allow(clippy::unwrap_used, reason = "an example stops at the first surprise")]
 
@@ -26,15 +29,16 @@ fn bent(p: [f64; 3], [bend, twist, bulge]: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = p;
     let (s, c) = (twist * z).sin_cos();
     let grown = 1.0 + bulge * (-4.0 * ((x - 0.6).powi(2) + y * y)).exp();
-    [
-        grown * (c * x - s * y) + bend * z * z,
-        grown * (s * x + c * y),
-        z * (1.0 + 0.3 * bend * x),
-    ]
+    [grown * (c * x - s * y) + bend * z * z, grown * (s * x + c * y), z * (1.0 + 0.3 * bend * x)]
 }
 
 /// What a peer needs for the same task.
-fn written(folder: &Path, ball: &TriangleMesh, points: &[PointReading], truth: &TriangleMesh) -> std::io::Result<()> {
+fn written(
+    folder: &Path,
+    ball: &TriangleMesh,
+    points: &[PointReading],
+    truth: &TriangleMesh,
+) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
     let mut text = String::new();
     for [x, y, z] in &ball.positions {
@@ -100,17 +104,11 @@ fn main() {
         })
         .collect();
     let modes = Modes::of(&family, 12).unwrap();
-    let mean = TriangleMesh {
-        positions: modes.mean().to_vec(),
-        triangles: ball.triangles.clone(),
-    };
+    let mean = TriangleMesh { positions: modes.mean().to_vec(), triangles: ball.triangles.clone() };
     let by_modes = DMatrix::identity(modes.parameters(), modes.parameters());
     let dirichlet = Dirichlet::new(&controls.points, &ball.positions).unwrap();
     println!("size {size:.3}, σ {sigma:.5}, {} points", points.len());
-    println!(
-        "{:<26} {:>10} {:>12} {:>8}",
-        "deformation", "parameters", "rms / σ", "seconds"
-    );
+    println!("{:<26} {:>10} {:>12} {:>8}", "deformation", "parameters", "rms / σ", "seconds");
     let rows: [(&str, &TriangleMesh, &dyn Deformation, DMatrix<f64>); 4] = [
         ("Dirichlet, 60 controls", &ball, &dirichlet, by_controls),
         ("lattice, 5 × 5 × 5 splines", &ball, &lattice, by_lattice),
@@ -122,16 +120,11 @@ fn main() {
     }
     let only = arguments.get(1).map_or("", String::as_str);
     for (name, mesh, deformation, stiffness) in rows.into_iter().filter(|row| row.0.starts_with(only)) {
-        let options = ShellFitOptions {
-            stiffness: Some(stiffness),
-            ..ShellFitOptions::default()
-        };
+        let options = ShellFitOptions { stiffness: Some(stiffness), ..ShellFitOptions::default() };
         let start = Instant::now();
         let fit = fit_points(mesh, deformation, &points, &options).unwrap();
         let seconds = start.elapsed().as_secs_f64();
-        let squares: f64 = (fit.positions.iter())
-            .map(|p| search.closest(*p).unwrap().distance.powi(2))
-            .sum();
+        let squares: f64 = (fit.positions.iter()).map(|p| search.closest(*p).unwrap().distance.powi(2)).sum();
         println!(
             "{name:<26} {:>10} {:>12.3} {seconds:>8.2}",
             deformation.parameters(),

@@ -1,8 +1,11 @@
 //! Cameras that look at a shell: pinholes with a pose that may be uncertain.
 //!
-//! Comes in: intrinsics and poses, or projection matrices. Goes out: pixels of places, lines of sight of pixels, and how both change with the pose.
+//! Comes in: intrinsics and poses, or projection matrices. Goes out: pixels of places, lines of sight of
+//! pixels, and how both change with the pose.
 //!
-//! `X_camera = R X + t`, `x ~ K X_camera`; x right, y down, pixel centres at integers. A pose changes by `X_camera ← exp(ω) X_camera + τ`: a turn `ω` about the camera's centre, then a step `τ` of the world, both in the camera's frame.
+//! `X_camera = R X + t`, `x ~ K X_camera`; x right, y down, pixel centres at integers. A pose changes by
+//! `X_camera ← exp(ω) X_camera + τ`: a turn `ω` about the camera's centre, then a step `τ` of the world, both
+//! in the camera's frame.
 //!
 //! Not guaranteed: lenses are taken for undistorted.
 
@@ -30,14 +33,13 @@ impl Camera {
     /// A camera from intrinsics, rotation and translation, row by row.
     ///
     /// # Errors
-    /// `Input` where something is not finite, `K` is no upper triangle with focal lengths above zero, or `R` is no rotation to within 1e-3 (it is then made one exactly).
+    /// `Input` where something is not finite, `K` is no upper triangle with focal lengths above zero, or `R`
+    /// is no rotation to within 1e-3 (it is then made one exactly).
     pub fn new(k: [[f64; 3]; 3], r: [[f64; 3]; 3], t: [f64; 3]) -> Result<Self> {
         let matrix = |m: [[f64; 3]; 3]| Matrix3::from_fn(|i, j| m[i][j]);
         let (k, r, t) = (matrix(k), matrix(r), Vector3::from(t));
-        for (name, finite) in [
-            ("R", r.iter().all(|x| x.is_finite())),
-            ("t", t.iter().all(|x| x.is_finite())),
-        ] {
+        for (name, finite) in [("R", r.iter().all(|x| x.is_finite())), ("t", t.iter().all(|x| x.is_finite()))]
+        {
             if !finite {
                 return Err(Error::input(format!("{name} holds a number that is not finite")));
             }
@@ -57,15 +59,13 @@ impl Camera {
                 rows(&r)
             )));
         }
-        Ok(Self {
-            k,
-            r: *Rotation3::from_matrix_eps(&r, 1e-15, 100, Rotation3::identity()).matrix(),
-            t,
-        })
+        Ok(Self { k, r: *Rotation3::from_matrix_eps(&r, 1e-15, 100, Rotation3::identity()).matrix(), t })
     }
 
-    /// A camera from its projection matrix `P ∝ K [R t]`, row by row, signed so that the third coordinate of what lies in front is positive (R. Hartley, A. Zisserman, *Multiple view geometry in computer vision*, 2003, section 6.2.4).
-    /// Where the left part has a negative determinant, pictures are mirrored, and the first focal length is negative.
+    /// A camera from its projection matrix `P ∝ K [R t]`, row by row, signed so that the third coordinate of
+    /// what lies in front is positive (R. Hartley, A. Zisserman, *Multiple view geometry in computer vision*,
+    /// 2003, section 6.2.4). Where the left part has a negative determinant, pictures are mirrored, and the
+    /// first focal length is negative.
     ///
     /// # Errors
     /// `Input` where something is not finite, or the left 3 × 3 part has no inverse.
@@ -77,7 +77,10 @@ impl Camera {
         if !(m.iter().chain(&last).all(|x| x.is_finite()) && determinant.abs() > 1e-12 * size.powi(3)) {
             // Rows may be in very different units: what counts is the angle between them.
             let rows: f64 = (0..3).map(|i| m.row(i).norm()).product();
-            if determinant.is_nan() || determinant.abs() <= 1e-12 * rows || !last.iter().all(|x| x.is_finite()) {
+            if determinant.is_nan()
+                || determinant.abs() <= 1e-12 * rows
+                || !last.iter().all(|x| x.is_finite())
+            {
                 return Err(Error::input(format!(
                     "needed a projection matrix whose left 3 × 3 part has an inverse, found {p:?}"
                 )));
@@ -98,14 +101,8 @@ impl Camera {
         // Negative for the picture of a mirror: of an x axis to the left, or of a y axis upwards.
         k[(0, 0)] = first.dot(&r1);
         let r = Matrix3::from_rows(&[r1.transpose(), r2.transpose(), r3.transpose()]);
-        let inverse = k
-            .try_inverse()
-            .ok_or_else(|| Error::input("a projection matrix has no intrinsics"))?;
-        Ok(Self {
-            k: k / k[(2, 2)],
-            r,
-            t: inverse * last,
-        })
+        let inverse = k.try_inverse().ok_or_else(|| Error::input("a projection matrix has no intrinsics"))?;
+        Ok(Self { k: k / k[(2, 2)], r, t: inverse * last })
     }
 
     /// Where the camera stands, `−Rᵀ t`.
@@ -149,7 +146,8 @@ impl Camera {
         self.r.tr_mul(&by_inside).into()
     }
 
-    /// How `D` at a place where the line of sight touches the shell changes with a shift of the pixel: `∂D/∂(x, y)`.
+    /// How `D` at a place where the line of sight touches the shell changes with a shift of the pixel:
+    /// `∂D/∂(x, y)`.
     pub(crate) fn by_pixel(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 2] {
         let inside = self.r * Vector3::from(at) + self.t;
         let g = self.r * Vector3::from(gradient);
@@ -166,7 +164,8 @@ impl Camera {
         depth.abs() / (self.k[(0, 0)] * self.k[(1, 1)]).abs().sqrt()
     }
 
-    /// How `D` at a place on a line of sight changes with the pose `(ω, τ)`, the pixel being held: `−(x × g)`, `−g` with `x` and `g = ∇D` in the camera's frame.
+    /// How `D` at a place on a line of sight changes with the pose `(ω, τ)`, the pixel being held:
+    /// `−(x × g)`, `−g` with `x` and `g = ∇D` in the camera's frame.
     pub(crate) fn by_pose(&self, at: [f64; 3], gradient: [f64; 3]) -> [f64; 6] {
         let inside = self.r * Vector3::from(at) + self.t;
         let g = self.r * Vector3::from(gradient);
@@ -203,12 +202,8 @@ mod tests {
     fn camera() -> Camera {
         let r = Rotation3::from_euler_angles(0.3, -0.8, 2.1);
         let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| r[(i, j)]));
-        Camera::new(
-            [[900.0, 3.0, 320.0], [0.0, 950.0, 240.0], [0.0, 0.0, 1.0]],
-            rows,
-            [0.2, -0.1, 6.0],
-        )
-        .unwrap()
+        Camera::new([[900.0, 3.0, 320.0], [0.0, 950.0, 240.0], [0.0, 0.0, 1.0]], rows, [0.2, -0.1, 6.0])
+            .unwrap()
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! Control points chosen on a mesh, the triangulation that joins them, and the energy of their displacements.
 //!
-//! Comes in: a mesh, and how many controls are wanted. Goes out: vertices, spread by distance along the edges of the mesh and denser where it bends; triangles where three of their
-//! regions meet; the stiffness `K` of C eq. 10.
+//! Comes in: a mesh, and how many controls are wanted. Goes out: vertices, spread by distance along the edges
+//! of the mesh and denser where it bends; triangles where three of their regions meet; the stiffness `K` of C
+//! eq. 10.
 //!
-//! Not guaranteed: that the control triangulation is manifold or has no holes: neither need the mesh be, nor have none.
+//! Not guaranteed: that the control triangulation is manifold or has no holes: neither need the mesh be, nor
+//! have none.
 
 use nalgebra::DMatrix;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
@@ -16,7 +18,8 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 const BENDING: f64 = 2.0;
 /// The finest cell in which loose parts are joined, as a share of the mesh's size.
 const FINEST_CELL: f64 = 1.0 / 2048.0;
-/// Distances that differ by no more than this share are alike: which vertex is chosen does not hang on rounding.
+/// Distances that differ by no more than this share are alike: which vertex is chosen does not hang on
+/// rounding.
 const ALIKE: f64 = 1e-9;
 /// A cotangent is no larger than this: triangles of controls may be thin.
 const MOST_COTANGENT: f64 = 10.0;
@@ -114,7 +117,8 @@ impl Roads {
     }
 }
 
-/// Pairs of vertices that join all parts of a mesh into one, each about as short as can be: parts that share a cell of a grid are joined in it, and cells double until all is one.
+/// Pairs of vertices that join all parts of a mesh into one, each about as short as can be: parts that share
+/// a cell of a grid are joined in it, and cells double until all is one.
 ///
 /// Cost: some thirty passes over the vertices, and none where there is one part.
 fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
@@ -147,7 +151,8 @@ fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> 
     found
 }
 
-/// Chooses control points: each as far as can be from those before, along the mesh; loose parts count as joined where they come near each other.
+/// Chooses control points: each as far as can be from those before, along the mesh; loose parts count as
+/// joined where they come near each other.
 ///
 /// # Errors
 /// `Input` for no controls at all, or a mesh without triangles.
@@ -155,15 +160,14 @@ pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls>
     controls_from(mesh, count, 0)
 }
 
-/// [`automatic_controls`] of which the first is a vertex that triangles have, the one after so many: other ones that are spread as well.
+/// [`automatic_controls`] of which the first is a vertex that triangles have, the one after so many: other
+/// ones that are spread as well.
 ///
 /// # Errors
 /// As [`automatic_controls`].
 pub fn controls_from(mesh: &TriangleMesh, count: usize, skipped: usize) -> Result<Controls> {
     if count == 0 || mesh.triangles.is_empty() {
-        return Err(Error::input(
-            "controls need a mesh with faces, and at least one was to be asked for",
-        ));
+        return Err(Error::input("controls need a mesh with faces, and at least one was to be asked for"));
     }
     let roads = Roads::of(mesh);
     let mut used = vec![false; mesh.positions.len()];
@@ -172,10 +176,7 @@ pub fn controls_from(mesh: &TriangleMesh, count: usize, skipped: usize) -> Resul
     }
     let in_use: Vec<usize> = (0..used.len()).filter(|v| used[*v]).collect();
     let first = in_use[skipped % in_use.len()];
-    let mut far: Vec<f64> = used
-        .iter()
-        .map(|used| if *used { f64::INFINITY } else { -1.0 })
-        .collect();
+    let mut far: Vec<f64> = used.iter().map(|used| if *used { f64::INFINITY } else { -1.0 }).collect();
     let mut regions = vec![u32::MAX; mesh.positions.len()];
     let mut vertices = Vec::new();
     while vertices.len() < count {
@@ -218,8 +219,9 @@ pub fn controls_from(mesh: &TriangleMesh, count: usize, skipped: usize) -> Resul
     })
 }
 
-/// `K` of C eq. 10 for one coordinate of the displacements: `ΔᵀKΔ = ∫ |∇Δ|²` over linear elements on the triangles, whose entries are cotangents; edges without a triangle
-/// are springs of stiffness one. Positive semidefinite: cotangents of obtuse angles are taken as nothing, very large ones as ten.
+/// `K` of C eq. 10 for one coordinate of the displacements: `ΔᵀKΔ = ∫ |∇Δ|²` over linear elements on the
+/// triangles, whose entries are cotangents; edges without a triangle are springs of stiffness one. Positive
+/// semidefinite: cotangents of obtuse angles are taken as nothing, very large ones as ten.
 #[must_use]
 pub fn stiffness(points: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]) -> DMatrix<f64> {
     let mut joined: BTreeMap<[u32; 2], f64> = BTreeMap::new();
@@ -246,7 +248,8 @@ pub fn stiffness(points: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]
     made
 }
 
-/// Pairs of points for [`stiffness`] where there is no triangulation: each with the `count` that are nearest to it.
+/// Pairs of points for [`stiffness`] where there is no triangulation: each with the `count` that are nearest
+/// to it.
 #[must_use]
 pub fn nearest_pairs(points: &[[f64; 3]], count: usize) -> Vec<[u32; 2]> {
     let mut pairs = BTreeSet::new();
@@ -300,22 +303,19 @@ mod tests {
         assert_eq!(eigen.iter().filter(|e| **e < 1e-6).count(), 1);
     }
 
-    /// Loose parts all get controls, seams do not part what is at one place, and there are no more controls than vertices.
+    /// Loose parts all get controls, seams do not part what is at one place, and there are no more controls
+    /// than vertices.
     #[test]
     fn parts_and_seams() {
         let mut two = icosphere(1.0, 2);
         let other = cylinder(1.0, 2.0, 24, 4, true);
         let first = two.positions.len() as u32;
-        two.positions
-            .extend(other.positions.iter().map(|p| [p[0] + 9.0, p[1], p[2]]));
-        two.triangles
-            .extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+        two.positions.extend(other.positions.iter().map(|p| [p[0] + 9.0, p[1], p[2]]));
+        two.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
         let made = automatic_controls(&two, 8).unwrap();
         assert!(made.vertices.iter().any(|v| *v < first) && made.vertices.iter().any(|v| *v >= first));
         // What is the same everywhere costs nothing, and nothing else: the two are joined.
-        let eigen = stiffness(&made.points, &made.triangles, &made.edges)
-            .symmetric_eigen()
-            .eigenvalues;
+        let eigen = stiffness(&made.points, &made.triangles, &made.edges).symmetric_eigen().eigenvalues;
         assert_eq!(eigen.iter().filter(|e| **e < 1e-6).count(), 1);
         // Forty crumbs beside a ball leave most of the controls to the ball.
         let mut crumbs = icosphere(1.0, 3);

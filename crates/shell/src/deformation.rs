@@ -1,9 +1,11 @@
 //! Deformations `V = V0 + W q`: how a few parameters move all vertices of a mesh, linearly.
 //!
-//! Comes in: a mesh, and controls of one kind or another. Goes out: displacements of vertices, and rows `dᵀ ∂V_v/∂q` for whoever fits `q`.
+//! Comes in: a mesh, and controls of one kind or another. Goes out: displacements of vertices, and rows
+//! `dᵀ ∂V_v/∂q` for whoever fits `q`.
 //!
-//! A deformation works over a *basis* of its own, which may be larger than the parameters: what follows from all of them together (the affine part of Dirichlet
-//! deformations) would else make every row full. Equations are summed over the basis and reduced once: `q_basis = R q`, `N = Rᵀ N_basis R`.
+//! A deformation works over a *basis* of its own, which may be larger than the parameters: what follows from
+//! all of them together (the affine part of Dirichlet deformations) would else make every row full. Equations
+//! are summed over the basis and reduced once: `q_basis = R q`, `N = Rᵀ N_basis R`.
 //!
 //! Not guaranteed: that a deformed mesh does not cross itself.
 
@@ -34,7 +36,8 @@ pub trait Deformation: Sync {
     /// How many vertices are moved.
     fn vertices(&self) -> usize;
 
-    /// Visits the entries of `dᵀ ∂V_v/∂q` over the basis that may not be zero; an index may come more than once.
+    /// Visits the entries of `dᵀ ∂V_v/∂q` over the basis that may not be zero; an index may come more than
+    /// once.
     fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64));
 
     /// `R`, from parameters to the basis; `None` where they are the same.

@@ -1,12 +1,14 @@
 //! Delaunay tetrahedra of points in space.
 //!
-//! Comes in: a box, and points strictly inside of it, one after the other. Goes out: tetrahedra whose circumspheres hold no other point; those whose
-//! circumsphere holds a place that is asked for.
+//! Comes in: a box, and points strictly inside of it, one after the other. Goes out: tetrahedra whose
+//! circumspheres hold no other point; those whose circumsphere holds a place that is asked for.
 //!
-//! Incremental (A. Bowyer 1981; D. F. Watson 1981) on predicates that are exact (J. R. Shewchuk 1997). What is replaced are the tetrahedra whose
-//! circumsphere holds the new point *strictly* inside. If the plane of a face at the border of what is replaced held the new point, the point would be strictly inside the face's
-//! circumcircle, and so in the sphere on the other side as well, and the face would be no border. No tetrahedron is ever flat, therefore, on grids and among
-//! cospherical points neither, and nothing has to be perturbed. Points inside the box never ask for a hull.
+//! Incremental (A. Bowyer 1981; D. F. Watson 1981) on predicates that are exact (J. R. Shewchuk 1997). What
+//! is replaced are the tetrahedra whose circumsphere holds the new point *strictly* inside. If the plane of a
+//! face at the border of what is replaced held the new point, the point would be strictly inside the face's
+//! circumcircle, and so in the sphere on the other side as well, and the face would be no border. No
+//! tetrahedron is ever flat, therefore, on grids and among cospherical points neither, and nothing has to be
+//! perturbed. Points inside the box never ask for a hull.
 //!
 //! Not guaranteed: which of several triangulations comes out where five points lie on an empty sphere.
 
@@ -17,7 +19,8 @@ use std::collections::HashMap;
 
 /// No neighbour: a face of the box. No corner: no tetrahedron.
 const OUTSIDE: u32 = u32::MAX;
-/// Faces of a tetrahedron: the one opposite each corner, counter-clockwise seen from outside, so that `orient3d(face, corner)` is positive.
+/// Faces of a tetrahedron: the one opposite each corner, counter-clockwise seen from outside, so that
+/// `orient3d(face, corner)` is positive.
 pub(crate) const FACES: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
 
 /// Four points, and the tetrahedra across the faces opposite to them.
@@ -73,7 +76,8 @@ impl Delaunay {
         let points: Vec<[f64; 3]> = (0..8)
             .map(|corner| std::array::from_fn(|k| if corner >> k & 1 == 1 { high[k] } else { low[k] }))
             .collect();
-        // Six tetrahedra about the diagonal from corner 0 to corner 7, one for each order of the axes: H. W. Kuhn 1960.
+        // Six tetrahedra about the diagonal from corner 0 to corner 7, one for each order of the axes: H. W.
+        // Kuhn 1960.
         const AXES: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
         let tetrahedra: Vec<Tetrahedron> = (AXES.iter())
             .map(|&[a, b, _]| {
@@ -82,19 +86,10 @@ impl Delaunay {
                 if orientation(&points, corners) < 0.0 {
                     corners.swap(1, 2);
                 }
-                Tetrahedron {
-                    corners,
-                    neighbours: [OUTSIDE; 4],
-                }
+                Tetrahedron { corners, neighbours: [OUTSIDE; 4] }
             })
             .collect();
-        let mut made = Self {
-            points,
-            tetrahedra,
-            free: Vec::new(),
-            last: 0,
-            scratch: Cavity::default(),
-        };
+        let mut made = Self { points, tetrahedra, free: Vec::new(), last: 0, scratch: Cavity::default() };
         made.link_all();
         Ok(made)
     }
@@ -154,13 +149,14 @@ impl Delaunay {
         Ok(new)
     }
 
-    /// The tetrahedron that holds a place, by walking from another towards it: the walk ends, as the tetrahedra are Delaunay's (H. Edelsbrunner 1990).
+    /// The tetrahedron that holds a place, by walking from another towards it: the walk ends, as the
+    /// tetrahedra are Delaunay's (H. Edelsbrunner 1990).
     pub(crate) fn locate(&self, at: [f64; 3], start: u32) -> u32 {
         let mut here = start;
         loop {
             let t = &self.tetrahedra[here as usize];
-            let away =
-                (0..4).find(|&k| t.neighbours[k] != OUTSIDE && self.side(FACES[k].map(|c| t.corners[c]), at) < 0.0);
+            let away = (0..4)
+                .find(|&k| t.neighbours[k] != OUTSIDE && self.side(FACES[k].map(|c| t.corners[c]), at) < 0.0);
             match away {
                 Some(k) => here = t.neighbours[k],
                 None => return here,
@@ -168,7 +164,8 @@ impl Delaunay {
         }
     }
 
-    /// Tetrahedra whose circumsphere holds the place strictly inside, and the faces around them. The place is in `start`, and no corner of it.
+    /// Tetrahedra whose circumsphere holds the place strictly inside, and the faces around them. The place is
+    /// in `start`, and no corner of it.
     pub(crate) fn cavity(&self, at: [f64; 3], start: u32, cavity: &mut Cavity) {
         cavity.search += 1;
         cavity.looked.resize(self.tetrahedra.len(), (0, false));
@@ -298,13 +295,11 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     fn unit_box() -> BoundingBox {
-        BoundingBox {
-            min: [-1.0; 3],
-            max: [2.0; 3],
-        }
+        BoundingBox { min: [-1.0; 3], max: [2.0; 3] }
     }
 
-    /// Every tetrahedron has a volume, they fill the box, neighbours know each other, and no circumsphere holds a point.
+    /// Every tetrahedron has a volume, they fill the box, neighbours know each other, and no circumsphere
+    /// holds a point.
     fn judge(made: &Delaunay) {
         let mut volume = 0.0;
         for (t, tetrahedron) in made.living() {
@@ -330,8 +325,7 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let mut made = Delaunay::new(&unit_box()).unwrap();
         for _ in 0..300 {
-            made.insert(std::array::from_fn(|_| random.random_range(0.0..1.0)))
-                .unwrap();
+            made.insert(std::array::from_fn(|_| random.random_range(0.0..1.0))).unwrap();
         }
         judge(&made);
         let mut grid = Delaunay::new(&unit_box()).unwrap();
@@ -343,14 +337,8 @@ mod tests {
         judge(&grid);
         // On the faces, edges and diagonals of what is there already.
         let mut halves = Delaunay::new(&unit_box()).unwrap();
-        for at in [
-            [0.5; 3],
-            [0.5, 0.5, 0.0],
-            [0.5, 0.0, 0.0],
-            [-0.25; 3],
-            [0.5, 0.5, 1.25],
-            [1.25, 0.5, 0.5],
-        ] {
+        for at in [[0.5; 3], [0.5, 0.5, 0.0], [0.5, 0.0, 0.0], [-0.25; 3], [0.5, 0.5, 1.25], [1.25, 0.5, 0.5]]
+        {
             halves.insert(at).unwrap();
             judge(&halves);
         }
@@ -362,10 +350,7 @@ mod tests {
         for at in [[2.0, 0.0, 0.0], [f64::NAN, 0.0, 0.0], [0.0, 0.0, 7.0]] {
             assert!(made.insert(at).unwrap_err().to_string().contains("box"));
         }
-        let flat = BoundingBox {
-            min: [0.0; 3],
-            max: [1.0, 0.0, 1.0],
-        };
+        let flat = BoundingBox { min: [0.0; 3], max: [1.0, 0.0, 1.0] };
         assert!(Delaunay::new(&flat).is_err());
     }
 }

@@ -1,23 +1,32 @@
-//! The field of an implicit shell: metaballs on every facet of a mesh, and how far a place is from the mesh by it.
+//! The field of an implicit shell: metaballs on every facet of a mesh, and how far a place is from the mesh
+//! by it.
 //!
-//! Comes in: any triangle mesh, open or closed, manifold or not. Goes out: at a place the paper's field, a distance, and its derivatives by the place and by the mesh's vertices.
+//! Comes in: any triangle mesh, open or closed, manifold or not. Goes out: at a place the paper's field, a
+//! distance, and its derivatives by the place and by the mesh's vertices.
 //!
-//! Facet `i` has a skeleton at distance `r_i(x)`: itself (triangular metaballs), or the centre of the smallest circle around it (spherical ones, [`crate::skeleton`]). C eq. 8:
-//! `F(x) = T − Σ_i exp(−k (r_i(x) − ρ_i))`, with `ρ_i` the circle's radius or the one thickness `d0`. The shell `F = 0` has two sheets, one on either side of the mesh, at `d0 − ln(T)/k` of a facet, and bulges by up to
-//! `ln(n)/k` where `n` metaballs overlap. In the mesh the sum is flat, just where fits need a slope.
+//! Facet `i` has a skeleton at distance `r_i(x)`: itself (triangular metaballs), or the centre of the
+//! smallest circle around it (spherical ones, [`crate::skeleton`]). C eq. 8:
+//! `F(x) = T − Σ_i exp(−k (r_i(x) − ρ_i))`, with `ρ_i` the circle's radius or the one thickness `d0`. The
+//! shell `F = 0` has two sheets, one on either side of the mesh, at `d0 − ln(T)/k` of a facet, and bulges by
+//! up to `ln(n)/k` where `n` metaballs overlap. In the mesh the sum is flat, just where fits need a slope.
 //!
-//! Fits want the mesh itself. [`Shell::distance`] is therefore the height over the facets, each weighed with what its metaball gives to the sum:
+//! Fits want the mesh itself. [`Shell::distance`] is therefore the height over the facets, each weighed with
+//! what its metaball gives to the sum:
 //!
 //! `D(x) = Σ_i p_i n_i·(x − y_i)`, `p_i ∝ A_i exp(−k r_i)`,
 //!
-//! with `y_i` the nearest point of the skeleton and `A_i` the area that a sphere stands for (one for triangles). It has a sign, no thickness and no bulge: on a plane it is exact at any `k`, and elsewhere as `k` grows. Normals that
-//! point the other way than that of the nearest facet are turned, as meshes need not be oriented.
+//! with `y_i` the nearest point of the skeleton and `A_i` the area that a sphere stands for (one for
+//! triangles). It has a sign, no thickness and no bulge: on a plane it is exact at any `k`, and elsewhere as
+//! `k` grows. Normals that point the other way than that of the nearest facet are turned, as meshes need not
+//! be oriented.
 //!
-//! Terms less than `exp(−reach)` of the largest are left out: together less than `n · exp(−reach)` of the sum (A. Madan, D. Levin 2022). Exponents are taken from the largest, so that nothing under- or
-//! overflows anywhere.
+//! Terms less than `exp(−reach)` of the largest are left out: together less than `n · exp(−reach)` of the sum
+//! (A. Madan, D. Levin 2022). Exponents are taken from the largest, so that nothing under- or overflows
+//! anywhere.
 //!
-//! Not guaranteed: derivatives where two facets of a thin part are equally near (the sign flips there), where one is cut off, or, of spherical metaballs, of facets with a right angle. Beyond the border of an open mesh `D` is the height over the
-//! border's planes.
+//! Not guaranteed: derivatives where two facets of a thin part are equally near (the sign flips there), where
+//! one is cut off, or, of spherical metaballs, of facets with a right angle. Beyond the border of an open
+//! mesh `D` is the height over the border's planes.
 
 mod derivatives;
 mod subdivision;
@@ -56,10 +65,12 @@ pub struct ShellOptions {
     pub thickness: f64,
     /// `T`: the field's value at the shell.
     pub threshold: f64,
-    /// Terms less than `exp(−reach)` of the largest are left out; where none is given, those that together are less than a millionth.
+    /// Terms less than `exp(−reach)` of the largest are left out; where none is given, those that together
+    /// are less than a millionth.
     pub reach: Option<f64>,
-    /// Whether normals are taken as they are, so that the two walls of a thin part stay apart and `D` is negative within: for meshes whose facets are all turned the same way. Elsewhere normals that point the other way than
-    /// that of the nearest facet are turned.
+    /// Whether normals are taken as they are, so that the two walls of a thin part stay apart and `D` is
+    /// negative within: for meshes whose facets are all turned the same way. Elsewhere normals that point the
+    /// other way than that of the nearest facet are turned.
     pub oriented: bool,
 }
 
@@ -67,14 +78,7 @@ impl ShellOptions {
     /// A shell of sharpness `k` with the paper's threshold of one.
     #[must_use]
     pub fn new(metaball: Metaball, sharpness: f64) -> Self {
-        Self {
-            metaball,
-            sharpness,
-            thickness: 0.0,
-            threshold: 1.0,
-            reach: None,
-            oriented: false,
-        }
+        Self { metaball, sharpness, thickness: 0.0, threshold: 1.0, reach: None, oriented: false }
     }
 }
 
@@ -171,13 +175,12 @@ impl<'a> Shell<'a> {
     /// Wraps a mesh. Cost O(n log n); some milliseconds for 20 000 facets.
     ///
     /// # Errors
-    /// `Undetermined` for a mesh without triangles; `Input` for one that fails [`TriangleMesh::sanity_check`], or options that make no sense.
+    /// `Undetermined` for a mesh without triangles; `Input` for one that fails
+    /// [`TriangleMesh::sanity_check`], or options that make no sense.
     pub fn new(mesh: &'a TriangleMesh, options: &ShellOptions) -> Result<Self> {
         mesh.sanity_check()?;
         if mesh.triangles.is_empty() {
-            return Err(Error::undetermined(
-                "a mesh without triangles has no shell: give one with faces",
-            ));
+            return Err(Error::undetermined("a mesh without triangles has no shell: give one with faces"));
         }
         let positive = [
             ("sharpness", options.sharpness),
@@ -186,9 +189,7 @@ impl<'a> Shell<'a> {
         ];
         for (name, value) in positive {
             if !(value.is_finite() && value > 0.0) {
-                return Err(Error::input(format!(
-                    "the {name} of a shell is a positive number, got {value}"
-                )));
+                return Err(Error::input(format!("the {name} of a shell is a positive number, got {value}")));
             }
         }
         if !options.thickness.is_finite() || options.thickness < 0.0 {
@@ -216,9 +217,7 @@ impl<'a> Shell<'a> {
         };
         let total: f64 = facets.iter().map(|facet| facet.area).sum();
         if total.is_nan() || total <= 0.0 {
-            return Err(Error::undetermined(
-                "a shell needs facets with an area, and the mesh has none",
-            ));
+            return Err(Error::undetermined("a shell needs facets with an area, and the mesh has none"));
         }
         let tree = FacetTree::new(count, |t| match skeletons.get(t) {
             None => mesh.corners(t),
@@ -244,25 +243,30 @@ impl<'a> Shell<'a> {
         })
     }
 
-    /// The paper's field `F = T − Σ exp(−k (r − ρ))`: negative inside of the shell, `T` far away. Overflows to `−∞` deep inside of very sharp shells.
+    /// The paper's field `F = T − Σ exp(−k (r − ρ))`: negative inside of the shell, `T` far away. Overflows
+    /// to `−∞` deep inside of very sharp shells.
     #[must_use]
     pub fn field(&self, at: [f64; 3]) -> f64 {
         let k = self.options.sharpness;
         let mut sum = 0.0;
         self.tree.visit_near(at, self.paper_slack, |near| {
-            let radius = (self.skeletons.get(near.facet as usize)).map_or(self.options.thickness, |s| s.radius);
+            let radius =
+                (self.skeletons.get(near.facet as usize)).map_or(self.options.thickness, |s| s.radius);
             sum += (-k * (near.distance - radius)).exp();
         });
         self.options.threshold - sum
     }
 
-    /// How far a place is from the shell by its field, `(ln T − ln Σ exp(−k (r − ρ)))/k`: negative inside, zero where [`Self::field`] is, and no steeper than one. Exponents are taken from the largest: neither end overflows.
+    /// How far a place is from the shell by its field, `(ln T − ln Σ exp(−k (r − ρ)))/k`: negative inside,
+    /// zero where [`Self::field`] is, and no steeper than one. Exponents are taken from the largest: neither
+    /// end overflows.
     #[must_use]
     pub fn level(&self, at: [f64; 3]) -> f64 {
         let k = self.options.sharpness;
         let (mut largest, mut sum) = (f64::NEG_INFINITY, 0.0);
         self.tree.visit_near(at, self.paper_slack, |near| {
-            let radius = (self.skeletons.get(near.facet as usize)).map_or(self.options.thickness, |s| s.radius);
+            let radius =
+                (self.skeletons.get(near.facet as usize)).map_or(self.options.thickness, |s| s.radius);
             let exponent = -k * (near.distance - radius);
             if exponent > largest {
                 sum = sum * (largest - exponent).exp() + 1.0;
@@ -274,7 +278,8 @@ impl<'a> Shell<'a> {
         (self.options.threshold.ln() - largest - sum.ln()) / k
     }
 
-    /// The smooth distance from the mesh without a sign: the mean distance of the skeletons, weighed as in [`Self::distance`]. Between that of the nearest and `reach/k` more.
+    /// The smooth distance from the mesh without a sign: the mean distance of the skeletons, weighed as in
+    /// [`Self::distance`]. Between that of the nearest and `reach/k` more.
     #[must_use]
     pub fn unsigned_distance(&self, at: [f64; 3]) -> f64 {
         let k = self.options.sharpness;
@@ -300,7 +305,8 @@ impl<'a> Shell<'a> {
         nearest
     }
 
-    /// From where on a skeleton is too near, or too far, for the shell to pass: the sum is at least its largest term and at most as many times as there are facets.
+    /// From where on a skeleton is too near, or too far, for the shell to pass: the sum is at least its
+    /// largest term and at most as many times as there are facets.
     pub(crate) fn band(&self) -> [f64; 2] {
         let k = self.options.sharpness;
         let radii = || self.skeletons.iter().map(|s| s.radius);
@@ -329,7 +335,8 @@ impl<'a> Shell<'a> {
         self.mesh
     }
 
-    /// The distance of a place from the mesh by the field, and what it is made of, for [`Self::by_vertices`]. `None` where the place is not finite.
+    /// The distance of a place from the mesh by the field, and what it is made of, for [`Self::by_vertices`].
+    /// `None` where the place is not finite.
     pub fn distance(&self, at: [f64; 3], shares: &mut Vec<Share>) -> Option<ShellDistance> {
         let k = self.options.sharpness;
         shares.clear();
@@ -339,10 +346,7 @@ impl<'a> Shell<'a> {
             if nearest.as_ref().is_none_or(nearer) {
                 nearest = Some(*near);
             }
-            shares.push(Share {
-                near: *near,
-                share: 0.0,
-            });
+            shares.push(Share { near: *near, share: 0.0 });
         });
         let nearest = nearest?;
         // Visited before the nearest was known.
@@ -357,10 +361,7 @@ impl<'a> Shell<'a> {
             shares.iter_mut().for_each(|one| one.share /= sums.share);
         } else {
             // Facets without area only: the nearest stands for them.
-            let alone = Share {
-                near: nearest,
-                share: 1.0,
-            };
+            let alone = Share { near: nearest, share: 1.0 };
             shares.clear();
             shares.push(alone);
             sums = Sums::default();
@@ -388,22 +389,14 @@ impl<'a> Shell<'a> {
     /// How high a place is over a facet's plane, and the plane's normal, turned where it faces away.
     fn height(&self, at: [f64; 3], near: &NearFacet, facing: Vector3<f64>) -> (f64, Vector3<f64>) {
         let normal = Vector3::from(self.facets[near.facet as usize].normal);
-        let turned = if !self.options.oriented && normal.dot(&facing) < TURNED {
-            -normal
-        } else {
-            normal
-        };
+        let turned = if !self.options.oriented && normal.dot(&facing) < TURNED { -normal } else { normal };
         (turned.dot(&Vector3::from(sub(at, near.point))), turned)
     }
 }
 
 /// The direction from a skeleton to a place; zero on it.
 fn away(at: [f64; 3], near: &NearFacet) -> Vector3<f64> {
-    if near.distance > 0.0 {
-        Vector3::from(sub(at, near.point)) / near.distance
-    } else {
-        Vector3::zeros()
-    }
+    if near.distance > 0.0 { Vector3::from(sub(at, near.point)) / near.distance } else { Vector3::zeros() }
 }
 
 #[cfg(test)]

@@ -1,20 +1,28 @@
-//! A shell fitted to readings: control points moved until the mesh goes through noisy points and touches the lines of sight of outlines.
+//! A shell fitted to readings: control points moved until the mesh goes through noisy points and touches the
+//! lines of sight of outlines.
 //!
-//! Comes in: a mesh, a deformation, points with their covariance, views with outlines, features tracked over views. Goes out: the parameters, the poses of cameras, their covariance, how far the stated σ are to be believed, and which
-//! readings are gross errors.
+//! Comes in: a mesh, a deformation, points with their covariance, views with outlines, features tracked over
+//! views. Goes out: the parameters, the poses of cameras, their covariance, how far the stated σ are to be
+//! believed, and which readings are gross errors.
 //!
 //! Every reading is an equation ([`problem`]), and nothing is searched for. The sum that is minimised is
 //!
 //! `Σ ρ(D_i/σ_i) + λ/2 · qᵀ K q`, and `½ δᵀ Σ⁻¹ δ` for every pose that is uncertain,
 //!
-//! with a redescending loss `ρ` (the paper's field saturates far away and so drops outliers by itself; a distance does not), and `λ` by marginal likelihood ([`smoothness`]). σ of points, of outlines and of tracks are each true up to a factor
-//! that the residuals say, corrected for the parameters. The sharpness `k` rises step by step: coarse fields see over gaps and thin parts, sharp ones are exact.
+//! with a redescending loss `ρ` (the paper's field saturates far away and so drops outliers by itself; a
+//! distance does not), and `λ` by marginal likelihood ([`smoothness`]). σ of points, of outlines and of
+//! tracks are each true up to a factor that the residuals say, corrected for the parameters. The sharpness
+//! `k` rises step by step: coarse fields see over gaps and thin parts, sharp ones are exact.
 //!
-//! In the last of them every sheet near a point has an equation of its own, weighed by the probability that the point is of it ([`sheets`]).
+//! In the last of them every sheet near a point has an equation of its own, weighed by the probability that
+//! the point is of it ([`sheets`]).
 //!
-//! Pixels inside and outside of masks count in the sum while they are wrong, and not in the covariance: an inequality that holds tells nothing.
+//! Pixels inside and outside of masks count in the sum while they are wrong, and not in the covariance: an
+//! inequality that holds tells nothing.
 //!
-//! Not guaranteed: the global optimum; a mesh that starts more than a tenth of its size away may be drawn to the wrong side of a thin part. For outlines parts whose facets are turned inwards are turned outwards first ([`outward`]).
+//! Not guaranteed: the global optimum; a mesh that starts more than a tenth of its size away may be drawn to
+//! the wrong side of a thin part. For outlines parts whose facets are turned inwards are turned outwards
+//! first ([`outward`]).
 
 mod choice;
 mod dense;
@@ -66,10 +74,13 @@ pub struct ShellFitOptions {
     pub believe_sigma: bool,
     /// `K`, of all parameters: what is smooth. Nothing is asked for where none is given.
     pub stiffness: Option<DMatrix<f64>>,
-    /// Parameters where the fit starts, and from which on displacements are to be smooth; the prior's mean, or none, where it is not given.
+    /// Parameters where the fit starts, and from which on displacements are to be smooth; the prior's mean,
+    /// or none, where it is not given.
     pub start: Option<DVector<f64>>,
-    /// σ by which every control may be off at the start, in the unit of the mesh, where the start is known to be near: smoothness then weighs no more than displacements of that size allow, however well the start fits, and no iteration is
-    /// stiffer. For a start that was made of the readings themselves, whose agreement with them is no proof of it.
+    /// σ by which every control may be off at the start, in the unit of the mesh, where the start is known to
+    /// be near: smoothness then weighs no more than displacements of that size allow, however well the start
+    /// fits, and no iteration is stiffer. For a start that was made of the readings themselves, whose
+    /// agreement with them is no proof of it.
     pub start_sigma: Option<f64>,
     /// What is known of the parameters before.
     pub prior: Option<ParameterPrior>,
@@ -109,7 +120,8 @@ pub struct ParameterPrior {
 pub struct SourceFit {
     /// By how much their σ are larger than stated.
     pub sigma_factor: f64,
-    /// Root mean square of the residuals of those that are no gross errors: distances of points, pixels of outlines, σ of tracks.
+    /// Root mean square of the residuals of those that are no gross errors: distances of points, pixels of
+    /// outlines, σ of tracks.
     pub rms: f64,
     /// Which the loss ignores all but altogether, or that have no equation.
     pub outliers: Vec<bool>,
@@ -130,7 +142,8 @@ pub struct ShellFit {
     pub positions: Vec<[f64; 3]>,
     /// `λ`.
     pub smoothness_weight: f64,
-    /// σ of what the parameters cannot follow, along normals, by residuals of neighbours that are alike; zero where they are noise. It is of the surface, not of the parameters: their covariance does not hold it.
+    /// σ of what the parameters cannot follow, along normals, by residuals of neighbours that are alike; zero
+    /// where they are noise. It is of the surface, not of the parameters: their covariance does not hold it.
     pub lack_of_fit: f64,
     /// Points.
     pub points: SourceFit,
@@ -156,18 +169,16 @@ pub fn fit_points(
     points: &[PointReading],
     options: &ShellFitOptions,
 ) -> Result<ShellFit> {
-    let readings = ShellReadings {
-        points,
-        ..ShellReadings::default()
-    };
+    let readings = ShellReadings { points, ..ShellReadings::default() };
     fit_shell(mesh, deformation, &readings, options)
 }
 
 /// Fits a mesh, and the poses of cameras that are uncertain, to readings.
 ///
 /// # Errors
-/// `Input` for a mesh and a deformation of different sizes, readings that make no sense, a stiffness of another size than the parameters, or outlines of a mesh whose facets are turned both ways; `Undetermined` for no readings, or
-/// parameters on which neither readings nor smoothness say anything.
+/// `Input` for a mesh and a deformation of different sizes, readings that make no sense, a stiffness of
+/// another size than the parameters, or outlines of a mesh whose facets are turned both ways; `Undetermined`
+/// for no readings, or parameters on which neither readings nor smoothness say anything.
 pub fn fit_shell(
     mesh: &TriangleMesh,
     deformation: &dyn Deformation,
@@ -184,7 +195,8 @@ pub struct ShellProgress {
     pub share: f64,
     /// Iterations done.
     pub iteration: usize,
-    /// Root mean square distance of the points from the shell, gross errors with them; none where there are no points.
+    /// Root mean square distance of the points from the shell, gross errors with them; none where there are
+    /// no points.
     pub rms_points: Option<f64>,
 }
 
@@ -228,7 +240,8 @@ pub fn fit_shell_watched(
 }
 
 impl ShellFit {
-    /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d + m²)`, with `m` the σ of what parameters cannot follow.
+    /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d + m²)`, with `m` the σ of what parameters cannot
+    /// follow.
     #[must_use]
     pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: [f64; 3]) -> f64 {
         let row = parameter_row(deformation, vertex, direction);
@@ -285,9 +298,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
         }
     }
     if let Some(sigma) = options.start_sigma.filter(|sigma| !(sigma.is_finite() && *sigma > 0.0)) {
-        return Err(Error::input(format!(
-            "σ of the start is a positive length, got {sigma}"
-        )));
+        return Err(Error::input(format!("σ of the start is a positive length, got {sigma}")));
     }
     let (first, finest) = options.softness;
     if !(first >= finest && finest > 0.0 && first.is_finite()) {
@@ -296,9 +307,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
         )));
     }
     if options.steps == 0 || options.iterations == 0 {
-        return Err(Error::input(
-            "a fit needs at least one step of sharpness and one iteration",
-        ));
+        return Err(Error::input("a fit needs at least one step of sharpness and one iteration"));
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! The surface of a shell as a mesh.
 //!
-//! Comes in: a [`Shell`], which of its surfaces is wanted, and the size of cells. Goes out: a manifold mesh, and how far from the exact surface it is.
+//! Comes in: a [`Shell`], which of its surfaces is wanted, and the size of cells. Goes out: a manifold mesh,
+//! and how far from the exact surface it is.
 //!
 //! | surface | zero of |
 //! |---|---|
@@ -8,7 +9,8 @@
 //! | [`IsoLevel::Outer`] | the same field, with everything that is inside of a closed mesh inside: its outer sheet |
 //! | [`IsoLevel::Offset`] | the smooth distance minus an offset, with the sign of the winding number (G. Barill et al. 2018); an offset of 0 is the mesh itself, made manifold |
 //!
-//! Cells through which the surface cannot pass are known by the distance of the nearest facet, and are not evaluated.
+//! Cells through which the surface cannot pass are known by the distance of the nearest facet, and are not
+//! evaluated.
 //!
 //! Not guaranteed: what is thinner than a cell; sharp edges, which are cut off by chords.
 
@@ -55,7 +57,8 @@ pub struct IsoSurface {
     pub check: MeshCheck,
     /// The side of its cells.
     pub cell: f64,
-    /// Distance of the middles of facets (of 20 000 at most, evenly taken) from the exact surface, to first order: root mean square. Vertices are on it to within a millionth of a cell.
+    /// Distance of the middles of facets (of 20 000 at most, evenly taken) from the exact surface, to first
+    /// order: root mean square. Vertices are on it to within a millionth of a cell.
     pub deviation_rms: f64,
     /// The largest of these distances.
     pub deviation_max: f64,
@@ -64,7 +67,8 @@ pub struct IsoSurface {
 /// Meshes a surface of a shell.
 ///
 /// # Errors
-/// `Input` for cells or an offset that make no sense; `Undetermined` where inside and outside are asked of a mesh that is open, or where nothing has so low a field; `Unsupported` for too many cells.
+/// `Input` for cells or an offset that make no sense; `Undetermined` where inside and outside are asked of a
+/// mesh that is open, or where nothing has so low a field; `Unsupported` for too many cells.
 ///
 /// # Examples
 /// ```
@@ -125,10 +129,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
         nearest - reach <= high && (nearest + reach >= low || (flips && nearest <= reach + radius))
     };
     let around = high.max(0.0) + 2.0 * cell;
-    let bounds = BoundingBox {
-        min: bounds.min.map(|x| x - around),
-        max: bounds.max.map(|x| x + around),
-    };
+    let bounds = BoundingBox { min: bounds.min.map(|x| x - around), max: bounds.max.map(|x| x + around) };
     let mesh = isosurface(&bounds, cell, value, may_pass)?;
     if mesh.triangles.is_empty() {
         return Err(Error::undetermined(
@@ -136,10 +137,8 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
         ));
     }
     let every = mesh.triangles.len().div_ceil(MOST_JUDGED).max(1);
-    let places: Vec<[f64; 3]> = (0..mesh.triangles.len())
-        .step_by(every)
-        .map(|t| mesh.point_at(t, [1.0 / 3.0; 3]))
-        .collect();
+    let places: Vec<[f64; 3]> =
+        (0..mesh.triangles.len()).step_by(every).map(|t| mesh.point_at(t, [1.0 / 3.0; 3])).collect();
     let deviations: Vec<f64> = (places.par_iter()).map(|at| deviation(*at, cell, &value)).collect();
     Ok(IsoSurface {
         check: mesh.check(),
@@ -183,30 +182,17 @@ mod tests {
 
     fn made(mesh: &TriangleMesh, shell: &ShellOptions, level: IsoLevel, cell: f64) -> IsoSurface {
         let shell = Shell::new(mesh, shell).unwrap();
-        let made = iso_surface(
-            &shell,
-            &IsoOptions {
-                level,
-                cell: Some(cell),
-            },
-        )
-        .unwrap();
-        assert!(
-            made.check.watertight && made.check.manifold && made.check.oriented,
-            "{:?}",
-            made.check
-        );
+        let made = iso_surface(&shell, &IsoOptions { level, cell: Some(cell) }).unwrap();
+        assert!(made.check.watertight && made.check.manifold && made.check.oriented, "{:?}", made.check);
         made
     }
 
-    /// Radii of an offset ball are what was asked for; its two sheets are one ball in another, its outer sheet is one.
+    /// Radii of an offset ball are what was asked for; its two sheets are one ball in another, its outer
+    /// sheet is one.
     #[test]
     fn surfaces_of_a_ball_are_balls() {
         let ball = icosphere(1.0, 3);
-        let shell = ShellOptions {
-            thickness: 0.1,
-            ..ShellOptions::new(Metaball::Triangular, 100.0)
-        };
+        let shell = ShellOptions { thickness: 0.1, ..ShellOptions::new(Metaball::Triangular, 100.0) };
         for offset in [0.15, -0.2, 0.0] {
             let found = made(&ball, &shell, IsoLevel::Offset(offset), 0.1);
             assert_eq!(found.check.euler_characteristic, 2);
@@ -234,52 +220,27 @@ mod tests {
     fn open_meshes_have_a_closed_shell_and_no_offset() {
         let mut sheet = grid_sheet(1.0, 1.0, 8, 8);
         sheet.positions.iter_mut().for_each(|p| p[2] = 0.1 * (3.0 * p[0]).sin());
-        let options = ShellOptions {
-            thickness: 0.12,
-            ..ShellOptions::new(Metaball::Triangular, 60.0)
-        };
-        assert_eq!(
-            made(&sheet, &options, IsoLevel::Shell, 0.05).check.euler_characteristic,
-            2
-        );
+        let options = ShellOptions { thickness: 0.12, ..ShellOptions::new(Metaball::Triangular, 60.0) };
+        assert_eq!(made(&sheet, &options, IsoLevel::Shell, 0.05).check.euler_characteristic, 2);
         let shell = Shell::new(&sheet, &options).unwrap();
-        let asked = |level| {
-            iso_surface(
-                &shell,
-                &IsoOptions {
-                    level,
-                    cell: Some(0.05),
-                },
-            )
-            .unwrap_err()
-            .to_string()
-        };
+        let asked =
+            |level| iso_surface(&shell, &IsoOptions { level, cell: Some(0.05) }).unwrap_err().to_string();
         assert!(asked(IsoLevel::Offset(0.1)).contains("open edges"));
-        let thin = ShellOptions {
-            threshold: 1e9,
-            ..options
-        };
+        let thin = ShellOptions { threshold: 1e9, ..options };
         let thin = Shell::new(&sheet, &thin).unwrap();
-        let nothing = iso_surface(
-            &thin,
-            &IsoOptions {
-                level: IsoLevel::Shell,
-                cell: Some(0.05),
-            },
-        );
+        let nothing = iso_surface(&thin, &IsoOptions { level: IsoLevel::Shell, cell: Some(0.05) });
         assert!(nothing.unwrap_err().to_string().contains("nowhere"));
     }
 
-    /// Facets that face anywhere, one inside of another, and crossing ones: winding numbers of the whole decide.
+    /// Facets that face anywhere, one inside of another, and crossing ones: winding numbers of the whole
+    /// decide.
     #[test]
     fn crossing_balls_have_one_outer_surface() {
         let mut two = icosphere(1.0, 3);
         let first = two.positions.len() as u32;
         let other = icosphere(1.0, 3);
-        two.positions
-            .extend(other.positions.iter().map(|p| [p[0] + 1.1, p[1], p[2]]));
-        two.triangles
-            .extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+        two.positions.extend(other.positions.iter().map(|p| [p[0] + 1.1, p[1], p[2]]));
+        two.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
         let options = ShellOptions::new(Metaball::Triangular, 60.0);
         let found = made(&two, &options, IsoLevel::Offset(0.1), 0.08);
         assert_eq!((found.check.components, found.check.euler_characteristic), (1, 2));

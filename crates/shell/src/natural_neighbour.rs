@@ -1,18 +1,24 @@
-//! Natural-neighbour coordinates in space (R. Sibson 1980): which points around a place influence it, and by how much.
+//! Natural-neighbour coordinates in space (R. Sibson 1980): which points around a place influence it, and by
+//! how much.
 //!
-//! Comes in: sites in a box. Goes out: for a place `x` weights `w_j ≥ 0` of its natural neighbours with `Σ w_j = 1` and `Σ w_j p_j = x`, and `w_j(p_j) = 1`.
+//! Comes in: sites in a box. Goes out: for a place `x` weights `w_j ≥ 0` of its natural neighbours with
+//! `Σ w_j = 1` and `Σ w_j p_j = x`, and `w_j(p_j) = 1`.
 //!
-//! `w_j` is the share of the Voronoi cell that `x` would have which belonged to `p_j` before. The part `R_j` taken from `p_j` is a convex polytope; its faces lie on
-//! the bisectors of `p_j` with `x` and with other neighbours, and their corners are circumcentres of tetrahedra: of the old ones where those are in conflict with `x`,
-//! and of the new ones over the border of these. By the divergence theorem with `x` for origin,
+//! `w_j` is the share of the Voronoi cell that `x` would have which belonged to `p_j` before. The part `R_j`
+//! taken from `p_j` is a convex polytope; its faces lie on the bisectors of `p_j` with `x` and with other
+//! neighbours, and their corners are circumcentres of tetrahedra: of the old ones where those are in conflict
+//! with `x`, and of the new ones over the border of these. By the divergence theorem with `x` for origin,
 //!
 //! `6 |R_j| = Σ_k m_jk · S_jk`,
 //!
-//! with `m` the middle of the two points and `S = Σ p × q` twice the vector area of the face, a sum over its sides `pq`. A side belongs to the three faces dual to the edges
-//! of one triangle, so that a loop over triangles adds up everything without any polygon being put in order. All lengths in it are those of
-//! the new cell and no determinant of `x` with a face of an old tetrahedron occurs (as in D. F. Watson's formula, which is 0/0 where `x` is in the plane of one).
+//! with `m` the middle of the two points and `S = Σ p × q` twice the vector area of the face, a sum over its
+//! sides `pq`. A side belongs to the three faces dual to the edges of one triangle, so that a loop over
+//! triangles adds up everything without any polygon being put in order. All lengths in it are those of the
+//! new cell and no determinant of `x` with a face of an old tetrahedron occurs (as in D. F. Watson's formula,
+//! which is 0/0 where `x` is in the plane of one).
 //!
-//! What rounding leaves is taken off by the smallest relative change of the weights that makes both sums exact.
+//! What rounding leaves is taken off by the smallest relative change of the weights that makes both sums
+//! exact.
 
 use crate::delaunay::{BorderFace, Cavity, Delaunay, FACES};
 use nalgebra::{Matrix4, Vector4};
@@ -80,7 +86,8 @@ struct Query {
 }
 
 impl NaturalNeighbours {
-    /// Sites in a box that holds them and the places `also`, twice as large as both. Its corners are sites 0 to 7. Points that coincide are one site.
+    /// Sites in a box that holds them and the places `also`, twice as large as both. Its corners are sites 0
+    /// to 7. Points that coincide are one site.
     ///
     /// # Errors
     /// `Input` for points that are not finite, or none at all.
@@ -96,10 +103,7 @@ impl NaturalNeighbours {
         let extent = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
         let half = 0.5 * BOX * if extent > 0.0 { extent } else { 1.0 };
         let middle = bounds.center();
-        let around = BoundingBox {
-            min: middle.map(|x| x - half),
-            max: middle.map(|x| x + half),
-        };
+        let around = BoundingBox { min: middle.map(|x| x - half), max: middle.map(|x| x + half) };
         let mut delaunay = Delaunay::new(&around)?;
         let size = around.diagonal();
         let mut site_of = Vec::with_capacity(points.len());
@@ -110,11 +114,7 @@ impl NaturalNeighbours {
                 None => delaunay.insert(*point)?,
             });
         }
-        Ok(Self {
-            delaunay,
-            site_of,
-            size,
-        })
+        Ok(Self { delaunay, site_of, size })
     }
 
     /// Where a site is.
@@ -173,9 +173,7 @@ impl NaturalNeighbours {
 
     fn weigh(&self, at: [f64; 3], query: &mut Query, weights: &mut Vec<Weight>) -> Result<()> {
         if !self.delaunay.holds(at) {
-            return Err(Error::input(format!(
-                "{at:?} is outside of the box about the control points"
-            )));
+            return Err(Error::input(format!("{at:?} is outside of the box about the control points")));
         }
         let points = self.delaunay.points();
         let start = self.delaunay.locate(at, query.last);
@@ -212,9 +210,7 @@ impl NaturalNeighbours {
         query.volumes.resize(points.len(), 0.0);
         query.old_centers.clear();
         let most = cavity.tetrahedra.iter().max().map_or(0, |t| *t as usize + 1);
-        query
-            .place_in_cavity
-            .resize(query.place_in_cavity.len().max(most), u32::MAX);
+        query.place_in_cavity.resize(query.place_in_cavity.len().max(most), u32::MAX);
         for (place, &t) in cavity.tetrahedra.iter().enumerate() {
             let [a, b, c, d] = self.delaunay.corners(t).map(from_place);
             let center = circumcenter_from([b, c, d].map(|p| sub(p, a)));
@@ -222,12 +218,8 @@ impl NaturalNeighbours {
             query.place_in_cavity[t as usize] = place as u32;
         }
         query.new_centers.clear();
-        (query.new_centers).extend(
-            cavity
-                .border
-                .iter()
-                .map(|face| circumcenter_from(face.corners.map(from_place))),
-        );
+        (query.new_centers)
+            .extend(cavity.border.iter().map(|face| circumcenter_from(face.corners.map(from_place))));
         let (volumes, touched) = (&mut query.volumes, &mut query.touched);
         let mut give = |site: u32, volume: f64| {
             let own = &mut volumes[site as usize];
@@ -236,7 +228,8 @@ impl NaturalNeighbours {
             }
             *own += volume;
         };
-        // Sides dual to a triangle `abc` of old points, which is counter-clockwise seen from where the side ends.
+        // Sides dual to a triangle `abc` of old points, which is counter-clockwise seen from where the side
+        // ends.
         let mut old = |[a, b, c]: [u32; 3], from: [f64; 3], to: [f64; 3]| {
             let w = cross(from, to);
             let [pa, pb, pc] = [a, b, c].map(from_place);
@@ -247,11 +240,7 @@ impl NaturalNeighbours {
         for (place, &t) in cavity.tetrahedra.iter().enumerate() {
             let (corners, neighbours) = (self.delaunay.corners(t), self.delaunay.neighbours(t));
             for k in 0..4 {
-                let across = query
-                    .place_in_cavity
-                    .get(neighbours[k] as usize)
-                    .copied()
-                    .unwrap_or(u32::MAX);
+                let across = query.place_in_cavity.get(neighbours[k] as usize).copied().unwrap_or(u32::MAX);
                 if across != u32::MAX && place < across as usize {
                     let [from, to] = [place, across as usize].map(|p| query.old_centers[p]);
                     old(FACES[k].map(|c| corners[c]), from, to);
@@ -259,11 +248,7 @@ impl NaturalNeighbours {
             }
         }
         for (BorderFace { corners, inside, .. }, to) in cavity.border.iter().zip(&query.new_centers) {
-            old(
-                *corners,
-                query.old_centers[query.place_in_cavity[*inside as usize] as usize],
-                *to,
-            );
+            old(*corners, query.old_centers[query.place_in_cavity[*inside as usize] as usize], *to);
         }
         // Sides dual to a triangle of the place and an edge of the border, where two new tetrahedra meet.
         query.edges.clear();
@@ -273,9 +258,7 @@ impl NaturalNeighbours {
                 query.edges.push(([p.min(q), p.max(q)], k as u32, p < q));
             }
         }
-        query
-            .edges
-            .sort_unstable_by_key(|(edge, _, forward)| (*edge, !*forward));
+        query.edges.sort_unstable_by_key(|(edge, _, forward)| (*edge, !*forward));
         for pair in query.edges.chunks_exact(2) {
             let ([a, b], of) = (pair[0].0, [pair[0].1, pair[1].1]);
             let [from, to] = of.map(|k| query.new_centers[k as usize]);
@@ -290,9 +273,7 @@ impl NaturalNeighbours {
 
     /// Makes both sums exact by the least change `δw_j = w_j (λ₀ + λ·p_j)`, which keeps signs and zeros.
     fn exact(&self, at: [f64; 3], weights: &mut [Weight]) {
-        let reach = (weights.iter())
-            .map(|w| distance(self.site(w.site), at))
-            .fold(0.0, f64::max);
+        let reach = (weights.iter()).map(|w| distance(self.site(w.site), at)).fold(0.0, f64::max);
         if reach == 0.0 {
             return;
         }
@@ -304,7 +285,8 @@ impl NaturalNeighbours {
                 normal += w.weight * row * row.transpose();
                 left -= w.weight * row;
             }
-            // A place on a line or in a plane with all its neighbours leaves directions open in which nothing is to be done.
+            // A place on a line or in a plane with all its neighbours leaves directions open in which nothing
+            // is to be done.
             let ridge = 1e-14 * normal.trace();
             let Some(factor) = (normal + Matrix4::from_diagonal_element(ridge)).cholesky() else {
                 return;
@@ -343,12 +325,11 @@ mod tests {
 
     fn random_points(count: usize, seed: u64) -> Vec<[f64; 3]> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        (0..count)
-            .map(|_| std::array::from_fn(|_| random.random_range(0.0..1.0)))
-            .collect()
+        (0..count).map(|_| std::array::from_fn(|_| random.random_range(0.0..1.0))).collect()
     }
 
-    /// Sibson (1980): no weight is negative, they add up to one, and the weighted mean of the sites is the place.
+    /// Sibson (1980): no weight is negative, they add up to one, and the weighted mean of the sites is the
+    /// place.
     fn judge(points: &[[f64; 3]], places: &[[f64; 3]]) {
         let neighbours = NaturalNeighbours::new(points, places).unwrap();
         let all = neighbours.weights_of_all(places).unwrap();
@@ -367,30 +348,21 @@ mod tests {
 
     #[test]
     fn weights_have_sibsons_properties_for_all_kinds_of_sites() {
-        let places: Vec<[f64; 3]> = (random_points(2000, 7).iter())
-            .map(|p| p.map(|x| 1.4 * x - 0.2))
-            .collect();
-        let grid: Vec<[f64; 3]> = (0..125)
-            .map(|k| [k % 5, k / 5 % 5, k / 25].map(|i| f64::from(i) / 4.0))
-            .collect();
+        let places: Vec<[f64; 3]> =
+            (random_points(2000, 7).iter()).map(|p| p.map(|x| 1.4 * x - 0.2)).collect();
+        let grid: Vec<[f64; 3]> =
+            (0..125).map(|k| [k % 5, k / 5 % 5, k / 25].map(|i| f64::from(i) / 4.0)).collect();
         let coplanar: Vec<[f64; 3]> = random_points(40, 3).iter().map(|p| [p[0], p[1], 0.5]).collect();
         let mut twice = random_points(30, 4);
         twice.extend(twice.clone());
-        let on_grid: Vec<[f64; 3]> = (0..1331)
-            .map(|k| [k % 11, k / 11 % 11, k / 121].map(|i| f64::from(i) / 8.0 - 0.125))
-            .collect();
+        let on_grid: Vec<[f64; 3]> =
+            (0..1331).map(|k| [k % 11, k / 11 % 11, k / 121].map(|i| f64::from(i) / 8.0 - 0.125)).collect();
         let nearly: Vec<[f64; 3]> = (grid.iter().zip(random_points(125, 5)))
             .map(|(p, noise)| std::array::from_fn(|k| p[k] + 1e-9 * noise[k]))
             .collect();
-        for points in [
-            random_points(200, 1),
-            grid,
-            nearly,
-            coplanar,
-            twice,
-            vec![[0.5; 3]],
-            random_points(2, 2),
-        ] {
+        for points in
+            [random_points(200, 1), grid, nearly, coplanar, twice, vec![[0.5; 3]], random_points(2, 2)]
+        {
             judge(&points, &places);
             judge(&points, &on_grid);
             judge(&points, &points);
@@ -434,13 +406,7 @@ mod tests {
         let neighbours = NaturalNeighbours::new(&points, &[]).unwrap();
         for (k, point) in points.iter().enumerate() {
             let weights = neighbours.weights(*point).unwrap();
-            assert_eq!(
-                weights,
-                [Weight {
-                    site: k as u32 + 8,
-                    weight: 1.0
-                }]
-            );
+            assert_eq!(weights, [Weight { site: k as u32 + 8, weight: 1.0 }]);
         }
         // And nearly all of a place beside it: weights are continuous there.
         let beside = neighbours.weights(add(points[3], [1e-7, -1e-7, 2e-7])).unwrap();

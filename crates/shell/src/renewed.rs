@@ -1,9 +1,12 @@
 //! A mesh made anew: it flows out where something is not covered yet, and is cut where nothing can be.
 //!
-//! Comes in: a closed mesh that may cross itself, the room that there is, and what the mesh covers. Goes out: a closed manifold mesh of even facets.
+//! Comes in: a closed mesh that may cross itself, the room that there is, and what the mesh covers. Goes out:
+//! a closed manifold mesh of even facets.
 //!
-//! The new surface is the zero level of `max(−b, min(h, max(h − g, c)))`: with `h` the signed distance from the mesh, negative where it winds more than half about a place; `b` the depth within the room; `c` the depth within what is
-//! covered; and `g` how far it may flow. What winds about nothing is left out, sheets that cross are joined, and what the room cuts through is torn, whatever the topology was.
+//! The new surface is the zero level of `max(−b, min(h, max(h − g, c)))`: with `h` the signed distance from
+//! the mesh, negative where it winds more than half about a place; `b` the depth within the room; `c` the
+//! depth within what is covered; and `g` how far it may flow. What winds about nothing is left out, sheets
+//! that cross are joined, and what the room cuts through is torn, whatever the topology was.
 //!
 //! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
 
@@ -36,24 +39,20 @@ pub struct Renewal<'a> {
     pub smoothings: usize,
 }
 
-/// Steps of one smoothing, towards the mean of the neighbours and back: what is long is left where it is (G. Taubin, *A signal processing approach to fair surface design*, SIGGRAPH 1995).
+/// Steps of one smoothing, towards the mean of the neighbours and back: what is long is left where it is (G.
+/// Taubin, *A signal processing approach to fair surface design*, SIGGRAPH 1995).
 const THERE: f64 = 0.5;
 const BACK: f64 = -0.53;
 
 /// Makes a closed mesh anew.
 ///
-/// Cost: as [`isosurface`], with a closest point and a winding number for each corner of a cell at the surface.
+/// Cost: as [`isosurface`], with a closest point and a winding number for each corner of a cell at the
+/// surface.
 ///
 /// # Errors
 /// `Undetermined` for a mesh with open edges, or where nothing is left; as [`isosurface`].
 pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMesh> {
-    let Renewal {
-        room,
-        flow,
-        cell,
-        least_part,
-        smoothings,
-    } = *renewal;
+    let Renewal { room, flow, cell, least_part, smoothings } = *renewal;
     let open = mesh.welded().check().boundary_edges;
     if open > 0 {
         return Err(Error::undetermined(format!(
@@ -84,17 +83,14 @@ pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMes
             _ if height < 0.0 => ends,
             None => false,
             Some((_, farthest)) if height - farthest > reach => false,
-            Some((covered, farthest)) => ends || (height - farthest).abs() <= reach || covered.may_end(at, reach),
+            Some((covered, farthest)) => {
+                ends || (height - farthest).abs() <= reach || covered.may_end(at, reach)
+            }
         }
     };
     let around = 2.0 * cell + flow.map_or(0.0, |(_, farthest)| farthest);
-    let bounds = mesh
-        .surface_bounds()
-        .ok_or_else(|| Error::input("a mesh without vertices"))?;
-    let around = BoundingBox {
-        min: bounds.min.map(|x| x - around),
-        max: bounds.max.map(|x| x + around),
-    };
+    let bounds = mesh.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let around = BoundingBox { min: bounds.min.map(|x| x - around), max: bounds.max.map(|x| x + around) };
     let made = isosurface(&around, cell, value, may_pass)?;
     let mut kept = large_parts(&made, least_part);
     if kept.triangles.is_empty() {
@@ -111,14 +107,17 @@ pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMes
     Ok(kept)
 }
 
-/// The mean of a value of vertices about each, by so many steps of every vertex to the mean of itself and its neighbours; of a closed and oriented mesh.
+/// The mean of a value of vertices about each, by so many steps of every vertex to the mean of itself and its
+/// neighbours; of a closed and oriented mesh.
 #[must_use]
 pub fn local_means(mesh: &TriangleMesh, values: &[f64], steps: usize) -> Vec<f64> {
     let neighbours = vertex_neighbours(mesh);
     let mut means = values.to_vec();
     for _ in 0..steps {
         means = (means.par_iter().zip(&neighbours))
-            .map(|(own, near)| (own + near.iter().map(|v| means[*v as usize]).sum::<f64>()) / (1 + near.len()) as f64)
+            .map(|(own, near)| {
+                (own + near.iter().map(|v| means[*v as usize]).sum::<f64>()) / (1 + near.len()) as f64
+            })
             .collect();
     }
     means
@@ -146,7 +145,8 @@ fn towards_neighbours(positions: &[[f64; 3]], neighbours: &[Vec<u32>], share: f6
         .collect()
 }
 
-/// The parts of a closed mesh whose volume is at least a share of the largest one's, without vertices that nothing uses.
+/// The parts of a closed mesh whose volume is at least a share of the largest one's, without vertices that
+/// nothing uses.
 fn large_parts(mesh: &TriangleMesh, least: f64) -> TriangleMesh {
     let of = mesh.parts();
     let count = of.iter().map(|part| *part as usize + 1).max().unwrap_or(0);

@@ -1,7 +1,10 @@
-//! The spheres of spherical metaballs: where the skeleton of a facet is, how large its sphere, and how both move with the corners.
+//! The spheres of spherical metaballs: where the skeleton of a facet is, how large its sphere, and how both
+//! move with the corners.
 //!
-//! Comes in: a facet. Goes out: the centre of the smallest circle around it, which is its circumcentre where no angle is obtuse (C eq. 2) and the middle of its longest
-//! side elsewhere: the circumcentre of an obtuse facet lies outside of it, and that of a facet without area is nowhere. At a right angle both are the same point.
+//! Comes in: a facet. Goes out: the centre of the smallest circle around it, which is its circumcentre where
+//! no angle is obtuse (C eq. 2) and the middle of its longest side elsewhere: the circumcentre of an obtuse
+//! facet lies outside of it, and that of a facet without area is nowhere. At a right angle both are the same
+//! point.
 //!
 //! Not guaranteed: a derivative at right angles, where it jumps.
 
@@ -41,15 +44,12 @@ pub(crate) fn skeleton(t: &[[f64; 3]; 3]) -> Skeleton {
         let [a, b] = [t[(corner + 1) % 3], t[(corner + 2) % 3]];
         let mut by_corner = [Matrix3::from_diagonal_element(0.5); 3];
         by_corner[corner] = Matrix3::zeros();
-        Skeleton {
-            center: [0, 1, 2].map(|k| 0.5 * (a[k] + b[k])),
-            radius: 0.5 * norm(sub(a, b)),
-            by_corner,
-        }
+        Skeleton { center: [0, 1, 2].map(|k| 0.5 * (a[k] + b[k])), radius: 0.5 * norm(sub(a, b)), by_corner }
     })
 }
 
-/// `M C = h` with rows `b − a`, `c − a`, `n` and `h = ((|b|² − |a|²)/2, (|c|² − |a|²)/2, 0)`, all from corner `a`; its differential for the derivatives.
+/// `M C = h` with rows `b − a`, `c − a`, `n` and `h = ((|b|² − |a|²)/2, (|c|² − |a|²)/2, 0)`, all from corner
+/// `a`; its differential for the derivatives.
 fn circumcenter(t: &[[f64; 3]; 3]) -> Option<Skeleton> {
     let [b, c] = [1, 2].map(|k| sub(t[k], t[0]));
     let n = cross(b, c);
@@ -84,7 +84,8 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let (mut acute, mut obtuse) = (0, 0);
         for _ in 0..1000 {
-            let t: [[f64; 3]; 3] = std::array::from_fn(|_| std::array::from_fn(|_| random.random_range(-1.0..1.0)));
+            let t: [[f64; 3]; 3] =
+                std::array::from_fn(|_| std::array::from_fn(|_| random.random_range(-1.0..1.0)));
             let made = skeleton(&t);
             let far = t.map(|corner| distance(corner, made.center));
             for r in far {

@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release -p planish-solid --example contour_accuracy [runs] [radius|diameter|noise factor] [circle,ellipse,…|all] [50,200,…|all] [ekf,batch,…|all] [folder]`
 //!
-//! The second argument says what "the size" is, of which the standoff is three times and the pose noise 2 %. Into the folder go the readings of
-//! every run, for other programs.
+//! The second argument says what "the size" is, of which the standoff is three times and the pose noise 2 %.
+//! Into the folder go the readings of every run, for other programs.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -13,7 +13,8 @@ use planish_solid::contour::{FitOptions, Kind, Method, SensorOptions, Sighting, 
 use rayon::prelude::*;
 use std::fmt::Write as _;
 
-/// Contours of circumradius 1 about the origin: their kinds, parameters, the period of the angle, and which it is.
+/// Contours of circumradius 1 about the origin: their kinds, parameters, the period of the angle, and which
+/// it is.
 fn contours() -> Vec<(Kind, Vec<f64>, f64)> {
     let pi = std::f64::consts::PI;
     vec![
@@ -35,7 +36,8 @@ fn main() {
     };
     let mut list = || args.next().filter(|a| a != "all");
     let (chosen, numbers, methods, folder) = (list(), list(), list(), list());
-    let has = |list: &Option<String>, name: &str| list.as_ref().is_none_or(|l| l.split(',').any(|one| one == name));
+    let has =
+        |list: &Option<String>, name: &str| list.as_ref().is_none_or(|l| l.split(',').any(|one| one == name));
     let sensor = SensorOptions::around(size, noise);
     println!(
         "kind,readings,method,runs,failed,bias_over_kcr,bias_of_size_over_kcr,rmse_over_kcr,scatter_over_kcr,nees_per_unknown,median_rmse_over_kcr,biases_over_kcr"
@@ -60,17 +62,11 @@ fn main() {
             ];
             // Few readings all count.
             let has_corners = matches!(kind, Kind::Rectangle | Kind::RegularPolygon(_)) && n > 50;
-            for (name, method, correct_bias, corner_margin) in all
-                .into_iter()
-                .filter(|m| has(&methods, m.0) && (m.3.is_none() || has_corners))
+            for (name, method, correct_bias, corner_margin) in
+                all.into_iter().filter(|m| has(&methods, m.0) && (m.3.is_none() || has_corners))
             {
-                let options = FitOptions {
-                    method,
-                    gate: None,
-                    corner_margin,
-                    correct_bias,
-                    ..FitOptions::default()
-                };
+                let options =
+                    FitOptions { method, gate: None, corner_margin, correct_bias, ..FitOptions::default() };
                 let outcomes: Vec<Option<Outcome>> = (0..runs)
                     .into_par_iter()
                     .map(|run| one(&kind, &truth, period, n, &sensor, &options, run as u64))
@@ -129,10 +125,7 @@ fn print_row(kind: &Kind, n: usize, name: &str, outcomes: &[Option<Outcome>]) {
     let mean = |k: usize| good.iter().map(|o| o.normalized[k]).sum::<f64>() / count;
     let bias = (0..unknowns).map(|k| mean(k).abs()).fold(0.0, f64::max);
     // Of the errors about their own mean, whitened by the bound.
-    let middle = good
-        .iter()
-        .fold(DVector::zeros(unknowns), |sum: DVector<f64>, o| sum + &o.whitened)
-        / count;
+    let middle = good.iter().fold(DVector::zeros(unknowns), |sum: DVector<f64>, o| sum + &o.whitened) / count;
     let spread: f64 = good.iter().map(|o| (&o.whitened - &middle).norm_squared()).sum();
     let scatter = (spread / ((count - 1.0).max(1.0) * unknowns as f64)).sqrt();
     let all = (good.iter().map(|o| o.squared).sum::<f64>() / count).sqrt();
@@ -145,24 +138,17 @@ fn print_row(kind: &Kind, n: usize, name: &str, outcomes: &[Option<Outcome>]) {
         outcomes.len() - good.len(),
         mean(2),
         squares.get(squares.len() / 2).copied().unwrap_or(f64::NAN).sqrt(),
-        (0..unknowns)
-            .map(|k| format!("{:+.2}", mean(k)))
-            .collect::<Vec<_>>()
-            .join(" ")
+        (0..unknowns).map(|k| format!("{:+.2}", mean(k))).collect::<Vec<_>>().join(" ")
     );
 }
 
-/// The readings of every run with and without their errors, for other programs: one CSV a contour and number of readings.
+/// The readings of every run with and without their errors, for other programs: one CSV a contour and number
+/// of readings.
 fn write_dump(folder: &str, kind: &Kind, truth: &[f64], n: usize, runs: usize, sensor: &SensorOptions) {
     let mut text = String::from("run,x,y,heading_deg,range,sigma_x,sigma_y,sigma_heading_deg,sigma_range");
     text.push_str(",exact_x,exact_y,exact_heading_deg,exact_range\n");
     let columns = |sighting: &Sighting| match sighting.target {
-        Target::Range {
-            origin,
-            heading_rad,
-            range,
-            sigma: [x, y, heading, along],
-        } => (
+        Target::Range { origin, heading_rad, range, sigma: [x, y, heading, along] } => (
             format!("{},{},{},{range}", origin[0], origin[1], heading_rad.to_degrees()),
             format!("{x},{y},{},{along}", heading.to_degrees()),
         ),

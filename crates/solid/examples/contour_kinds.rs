@@ -1,8 +1,10 @@
-//! How often `--kind auto` finds the kind that was measured, as CSV on stdout: a confusion matrix for three noise levels.
+//! How often `--kind auto` finds the kind that was measured, as CSV on stdout: a confusion matrix for three
+//! noise levels.
 //!
 //! `cargo run --release -p planish-solid --example contour_kinds [runs or first..end] [noise,noise,…] [a shape's name]`
 //!
-//! Run `k` of a line has the seed `k`, so that lines can be run one by one, and the runs of a line in several parts whose counts add up.
+//! Run `k` of a line has the seed `k`, so that lines can be run one by one, and the runs of a line in several
+//! parts whose counts add up.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -19,43 +21,24 @@ struct Truth {
 }
 
 fn truths() -> Vec<Truth> {
-    let all_around = |name, kind, theta: &[f64]| Truth {
-        name,
-        kind,
-        theta: theta.to_vec(),
-        middle: [0.0; 2],
-    };
-    let chain = |arcs: &[bool], closed| Kind::Chain {
-        arcs: arcs.to_vec(),
-        closed,
-    };
+    let all_around =
+        |name, kind, theta: &[f64]| Truth { name, kind, theta: theta.to_vec(), middle: [0.0; 2] };
+    let chain = |arcs: &[bool], closed| Kind::Chain { arcs: arcs.to_vec(), closed };
     vec![
         all_around("circle", Kind::Circle, &[0.0, 0.0, 1.0]),
         all_around("ellipse", Kind::Ellipse, &[0.0, 0.0, 1.0, 0.6, 0.5]),
         all_around("rectangle", Kind::Rectangle, &[0.0, 0.0, 1.6, 1.2, 0.5]),
-        all_around(
-            "rounded-rectangle",
-            Kind::RoundedRectangle,
-            &[0.0, 0.0, 1.8, 1.2, 0.5, 0.3],
-        ),
+        all_around("rounded-rectangle", Kind::RoundedRectangle, &[0.0, 0.0, 1.8, 1.2, 0.5, 0.3]),
         all_around("slot", Kind::Slot, &[0.0, 0.0, 2.0, 0.9, 0.5]),
         all_around("regular-polygon-6", Kind::RegularPolygon(6), &[0.0, 0.0, 1.0, 0.3]),
-        all_around(
-            "polygon-4",
-            Kind::Polygon(4),
-            &[-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5],
-        ),
+        all_around("polygon-4", Kind::Polygon(4), &[-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5]),
         all_around("polygon-3", Kind::Polygon(3), &[-0.9, -0.6, 0.9, -0.7, -0.2, 0.9]),
         all_around(
             "polygon-6 (an L)",
             Kind::Polygon(6),
             &[-0.8, -0.8, 0.9, -0.8, 0.9, -0.1, 0.0, -0.1, 0.0, 0.8, -0.8, 0.8],
         ),
-        all_around(
-            "chain (a D)",
-            chain(&[false, true], true),
-            &[-0.4, 0.8, -0.4, -0.8, 0.9],
-        ),
+        all_around("chain (a D)", chain(&[false, true], true), &[-0.4, 0.8, -0.4, -0.8, 0.9]),
         // From one side.
         Truth {
             name: "chain (an open L)",
@@ -88,9 +71,7 @@ fn seeds(text: &str) -> Option<std::ops::Range<u64>> {
 
 fn main() {
     let argument = |k: usize| std::env::args().nth(k);
-    let runs = argument(1)
-        .map_or(Some(0..20), |a| seeds(&a))
-        .expect("a number of runs, or first..end");
+    let runs = argument(1).map_or(Some(0..20), |a| seeds(&a)).expect("a number of runs, or first..end");
     let noises = argument(2).unwrap_or_else(|| "0.1,0.3,1".to_owned());
     println!("noise,truth,runs,found: count");
     let begun = std::time::Instant::now();

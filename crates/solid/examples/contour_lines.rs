@@ -2,11 +2,14 @@
 //!
 //! `cargo run --release -p planish-solid --example contour_lines [runs] [part of a line's name]`
 //!
-//! Errors are root mean squares over the stated σ, one parameter after the other; coverage is the share of errors within 1.96 σ.
+//! Errors are root mean squares over the stated σ, one parameter after the other; coverage is the share of
+//! errors within 1.96 σ.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
-use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion, SensorOptions, Sighting, fit, points, ranges};
+use planish_solid::contour::{
+    FitOptions, Form, Kind, Method, Motion, SensorOptions, Sighting, fit, points, ranges,
+};
 use planish_solid::primitive::{self, Shape, Solid, SpaceSensor};
 use rayon::prelude::*;
 
@@ -16,64 +19,35 @@ type Errors = Option<Vec<f64>>;
 fn main() {
     let runs: u64 = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(100);
     let still = SensorOptions::around(1.0, 1.0);
-    let exact = SensorOptions {
-        sigma: [0.006, 0.006, 0.6f64.to_radians(), 0.0],
-        sigma_range_share: 0.003,
-        ..still
-    };
+    let exact =
+        SensorOptions { sigma: [0.006, 0.006, 0.6f64.to_radians(), 0.0], sigma_range_share: 0.003, ..still };
     println!("what,readings,runs,failed,errors_over_sigma,coverage_95,largest_rms");
     let circle = (Kind::Circle, vec![0.1, -0.2, 1.0]);
     let ellipse = (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]);
     let rectangle = (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]);
-    let planar =
-        |name: &str, (kind, theta): &(Kind, Vec<f64>), sensor: &SensorOptions, options: &FitOptions, n: usize| {
-            let extra = sensor.velocity[..options.motion.unknowns()].to_vec();
-            let truth = [theta.clone(), extra].concat();
-            table(name, n, runs, |seed| {
-                let made = ranges(kind, theta, [0.1, -0.2], n, sensor, seed);
-                planar_errors(kind, &made.noisy, options, &truth)
-            });
-        };
-    let moving = |velocity: [f64; 3]| SensorOptions { velocity, ..still };
-    let of = |motion| FitOptions {
-        motion,
-        ..FitOptions::default()
+    let planar = |name: &str,
+                  (kind, theta): &(Kind, Vec<f64>),
+                  sensor: &SensorOptions,
+                  options: &FitOptions,
+                  n: usize| {
+        let extra = sensor.velocity[..options.motion.unknowns()].to_vec();
+        let truth = [theta.clone(), extra].concat();
+        table(name, n, runs, |seed| {
+            let made = ranges(kind, theta, [0.1, -0.2], n, sensor, seed);
+            planar_errors(kind, &made.noisy, options, &truth)
+        });
     };
-    planar(
-        "circle moving",
-        &circle,
-        &moving([0.2, -0.1, 0.0]),
-        &of(Motion::Linear),
-        200,
-    );
-    planar(
-        "ellipse moving",
-        &ellipse,
-        &moving([0.2, -0.1, 0.0]),
-        &of(Motion::Linear),
-        200,
-    );
+    let moving = |velocity: [f64; 3]| SensorOptions { velocity, ..still };
+    let of = |motion| FitOptions { motion, ..FitOptions::default() };
+    planar("circle moving", &circle, &moving([0.2, -0.1, 0.0]), &of(Motion::Linear), 200);
+    planar("ellipse moving", &ellipse, &moving([0.2, -0.1, 0.0]), &of(Motion::Linear), 200);
     rigid(runs, &ellipse, &moving([0.2, -0.1, 0.1]));
-    planar(
-        "rectangle moving",
-        &rectangle,
-        &moving([0.2, -0.1, 0.0]),
-        &of(Motion::Linear),
-        200,
-    );
+    planar("rectangle moving", &rectangle, &moving([0.2, -0.1, 0.0]), &of(Motion::Linear), 200);
     let shared = SensorOptions { sweep: 10, ..still };
-    planar(
-        "circle; ten readings a pose",
-        &circle,
-        &shared,
-        &FitOptions::default(),
-        200,
-    );
-    for (name, (kind, theta)) in [
-        ("circle overhead", &circle),
-        ("ellipse overhead", &ellipse),
-        ("rectangle overhead", &rectangle),
-    ] {
+    planar("circle; ten readings a pose", &circle, &shared, &FitOptions::default(), 200);
+    for (name, (kind, theta)) in
+        [("circle overhead", &circle), ("ellipse overhead", &ellipse), ("rectangle overhead", &rectangle)]
+    {
         table(name, 200, runs, |seed| {
             let made = points(kind, theta, 200, 0.02, seed);
             planar_errors(kind, &made.noisy, &FitOptions::default(), theta)
@@ -82,11 +56,7 @@ fn main() {
     for (method, name) in [(Method::Batch, "batch"), (Method::NoiseUpdated, "nuiekf")] {
         for (form, form_name) in [(Form::ActiveFacet, "active facet"), (Form::Product, "product")] {
             for (sensor, noise) in [(&exact, "0.3 of the noise"), (&still, "all of the noise")] {
-                let options = FitOptions {
-                    form,
-                    method,
-                    ..FitOptions::default()
-                };
+                let options = FitOptions { form, method, ..FitOptions::default() };
                 let name = format!("rectangle; {method}; {form_name}; {noise}", method = name);
                 planar(&name, &rectangle, sensor, &options, 200);
             }
@@ -95,12 +65,10 @@ fn main() {
     in_space(runs);
 }
 
-/// The pivot of the turn is the mean of the readings: velocities are compared where the thing turns about the origin.
+/// The pivot of the turn is the mean of the readings: velocities are compared where the thing turns about the
+/// origin.
 fn rigid(runs: u64, (kind, theta): &(Kind, Vec<f64>), sensor: &SensorOptions) {
-    let options = FitOptions {
-        motion: Motion::Rigid,
-        ..FitOptions::default()
-    };
+    let options = FitOptions { motion: Motion::Rigid, ..FitOptions::default() };
     table("ellipse moving and turning (its shape and turn)", 200, runs, |seed| {
         let made = ranges(kind, theta, [0.1, -0.2], 200, sensor, seed);
         let found = fit(kind, &made.noisy, &options).ok()?;
@@ -146,18 +114,10 @@ fn in_space(runs: u64) {
         (Shape::Cylinder, [0.6, 1.6, 0.0]),
         (Shape::Box, [1.4, 1.0, 0.8]),
     ] {
-        let solid = Solid {
-            shape,
-            center: [0.3, -0.2, 0.5],
-            turn: [0.3, -0.5, 0.7],
-            size,
-        };
+        let solid = Solid { shape, center: [0.3, -0.2, 0.5], turn: [0.3, -0.5, 0.7], size };
         let truth = solid.parameters();
         for (method, name) in [(Method::Batch, "batch"), (Method::NoiseUpdated, "nuiekf")] {
-            let options = FitOptions {
-                method,
-                ..FitOptions::default()
-            };
+            let options = FitOptions { method, ..FitOptions::default() };
             table(&format!("{shape} in space; {name}"), 400, runs, |seed| {
                 let made = primitive::rays(&solid, 400, &sensor, seed);
                 let found = primitive::fit(shape, &made.noisy, &options).ok()?;
@@ -173,7 +133,8 @@ fn in_space(runs: u64) {
                     let along: f64 = (first..first + 3).map(|i| found.parameters[i] * truth[i]).sum();
                     along.signum()
                 };
-                let error = |k: usize| (sign(k) * found.parameters[k] - truth[k]) / found.covariance[(k, k)].sqrt();
+                let error =
+                    |k: usize| (sign(k) * found.parameters[k] - truth[k]) / found.covariance[(k, k)].sqrt();
                 Some((first..truth.len()).map(error).collect())
             });
         }

@@ -1,4 +1,5 @@
-//! Readings a second of the recursive filters on one core, and of the batch: `cargo run --release -p planish-solid --example contour_rate`.
+//! Readings a second of the recursive filters on one core, and of the batch:
+//! `cargo run --release -p planish-solid --example contour_rate`.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
@@ -13,11 +14,9 @@ fn main() {
         (Kind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5]),
     ] {
         let made = ranges(&kind, &theta, [0.0; 2], 100_000, &sensor, 1);
-        for (method, correct_bias) in [
-            (Method::NoiseUpdated, true),
-            (Method::NoiseUpdated, false),
-            (Method::Extended, false),
-        ] {
+        for (method, correct_bias) in
+            [(Method::NoiseUpdated, true), (Method::NoiseUpdated, false), (Method::Extended, false)]
+        {
             let options = FitOptions {
                 method,
                 gate: None,

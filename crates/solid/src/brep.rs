@@ -1,7 +1,8 @@
 //! Solids as faces on analytic surfaces.
 //!
-//! Comes in: vertices, edges with curves, faces with surfaces and loops. Goes out: whether they fit together ([`Solid::check`]), and volume, area and
-//! centroid by the divergence theorem ([`Solid::measures`]); where it touches itself ([`Solid::contacts`]), and its bodies ([`Solid::bodies`]).
+//! Comes in: vertices, edges with curves, faces with surfaces and loops. Goes out: whether they fit together
+//! ([`Solid::check`]), and volume, area and centroid by the divergence theorem ([`Solid::measures`]); where
+//! it touches itself ([`Solid::contacts`]), and its bodies ([`Solid::bodies`]).
 
 mod bodies;
 mod check;
@@ -50,12 +51,14 @@ pub struct Face {
     pub surface: Surface,
     /// Whether the surface's normal points out of the solid.
     pub outward: bool,
-    /// Its loops, the face to their left as seen from outside. Loops around a cylinder come in pairs; the first loop of others is the outer one.
+    /// Its loops, the face to their left as seen from outside. Loops around a cylinder come in pairs; the
+    /// first loop of others is the outer one.
     pub loops: Vec<Vec<Coedge>>,
 }
 
 impl Face {
-    /// Whether it is the whole of its sphere or torus: each of its edges is a seam, which the face itself uses twice.
+    /// Whether it is the whole of its sphere or torus: each of its edges is a seam, which the face itself
+    /// uses twice.
     #[must_use]
     pub fn is_whole(&self) -> bool {
         let edges: Vec<usize> = self.loops.iter().flatten().map(|c| c.edge).collect();
@@ -113,9 +116,7 @@ impl Solid {
                     at(center);
                     *radius *= factor;
                 }
-                Surface::Torus {
-                    center, major, minor, ..
-                } => {
+                Surface::Torus { center, major, minor, .. } => {
                     at(center);
                     *major *= factor;
                     *minor *= factor;
@@ -176,7 +177,8 @@ impl Solid {
         shells
     }
 
-    /// Adds the whole of a sphere or torus as a face, with seams where its parameters begin: a meridian of a sphere, both circles of a torus.
+    /// Adds the whole of a sphere or torus as a face, with seams where its parameters begin: a meridian of a
+    /// sphere, both circles of a torus.
     pub(crate) fn add_whole(&mut self, surface: Surface, outward: bool) {
         use std::f64::consts::{FRAC_PI_2, TAU};
         let arc = |center: [f64; 3], p: [f64; 3], q: [f64; 3]| {
@@ -184,12 +186,7 @@ impl Solid {
             Curve::Ellipse { center, a, b }
         };
         let mut add = |curve: Curve, range: [f64; 2], ends: [usize; 2]| {
-            self.edges.push(Edge {
-                curve,
-                range,
-                start: ends[0],
-                end: ends[1],
-            });
+            self.edges.push(Edge { curve, range, start: ends[0], end: ends[1] });
             self.edges.len() - 1
         };
         let first = self.vertices.len();
@@ -216,11 +213,7 @@ impl Solid {
             _ => return,
         };
         let ring = edges.into_iter().map(|(edge, forward)| Coedge { edge, forward });
-        self.faces.push(Face {
-            surface,
-            outward,
-            loops: vec![ring.collect()],
-        });
+        self.faces.push(Face { surface, outward, loops: vec![ring.collect()] });
     }
 
     /// Takes out edges that no loop uses.
@@ -237,7 +230,8 @@ impl Solid {
         self.edges = edges;
     }
 
-    /// Gives every fan of faces around a point its own vertex: where parts of the boundary only touch, they share none.
+    /// Gives every fan of faces around a point its own vertex: where parts of the boundary only touch, they
+    /// share none.
     pub(crate) fn part_vertices(&mut self) {
         // Each edge has two ends; a loop's corner joins two of them.
         let mut fan: Vec<usize> = (0..2 * self.edges.len()).collect();

@@ -1,8 +1,9 @@
 //! Contours of things, seen by a ranging sensor of uncertain pose.
 //!
-//! Comes in: [`Sighting`]s — ranges from a pose, or points — with their σ. Goes out: a [`ContourFit`]: which [`Kind`] of
-//! contour it was, its dimensions and place with their covariance, and what else it could have been. Not guaranteed: a kind
-//! that the noise does not tell from another; `bic_margin` says by how much it was told.
+//! Comes in: [`Sighting`]s — ranges from a pose, or points — with their σ. Goes out: a [`ContourFit`]: which
+//! [`Kind`] of contour it was, its dimensions and place with their covariance, and what else it could have
+//! been. Not guaranteed: a kind that the noise does not tell from another; `bic_margin` says by how much it
+//! was told.
 //!
 //! | module | what |
 //! |---|---|

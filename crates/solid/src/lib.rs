@@ -17,7 +17,8 @@
 //! | [`views`] | every solid that two or three orthographic views can mean |
 //!
 //! # References
-//! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a moving sensor*.
+//! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a
+//! moving sensor*.
 
 pub mod brep;
 pub mod constraint;

@@ -1,9 +1,11 @@
-//! Noisy views of one thing made consistent: contours with covariance, matched by χ² on the coordinates that they share.
+//! Noisy views of one thing made consistent: contours with covariance, matched by χ² on the coordinates that
+//! they share.
 //!
-//! Comes in: two or three [`NoisyView`]s in one frame, each a sketch with what holds in it. Goes out: a [`ConsistentViews`]:
-//! which coordinates of different views are one, with their p-values, and the most likely geometry in which they are, with
-//! the covariance that all views give it; and from it exact views, and sizes in space with σ. Not guaranteed: that
-//! coordinates which the errors hide are one; the p-value and the share of the range that would pass are reported.
+//! Comes in: two or three [`NoisyView`]s in one frame, each a sketch with what holds in it. Goes out: a
+//! [`ConsistentViews`]: which coordinates of different views are one, with their p-values, and the most
+//! likely geometry in which they are, with the covariance that all views give it; and from it exact views,
+//! and sizes in space with σ. Not guaranteed: that coordinates which the errors hide are one; the p-value and
+//! the share of the range that would pass are reported.
 //!
 //! ```text
 //! NoisyView ─┐
@@ -12,8 +14,9 @@
 //! ```
 //!
 //! # References
-//! Weiss-Cohen, Bondarenko and Halevi 2009, section 5 (there, coordinates are compared as numbers); Bar-Shalom, Li and
-//! Kirubarajan 2001, *Estimation with applications to tracking and navigation*, section 8.4 (track-to-track association).
+//! Weiss-Cohen, Bondarenko and Halevi 2009, section 5 (there, coordinates are compared as numbers);
+//! Bar-Shalom, Li and Kirubarajan 2001, *Estimation with applications to tracking and navigation*, section
+//! 8.4 (track-to-track association).
 
 mod levels;
 mod measure;
@@ -46,17 +49,15 @@ pub struct NoisyView {
 pub struct MatchOptions {
     /// The probability with which coordinates that are one are taken for two, over all.
     pub level: f64,
-    /// Coordinates are not matched where more than this share of the thing's extent would pass: agreement means too little.
+    /// Coordinates are not matched where more than this share of the thing's extent would pass: agreement
+    /// means too little.
     pub max_chance: f64,
 }
 
 impl Default for MatchOptions {
     /// A level of 0.01, a chance of 0.2.
     fn default() -> Self {
-        Self {
-            level: crate::constraint::DEFAULT_LEVEL,
-            max_chance: 0.2,
-        }
+        Self { level: crate::constraint::DEFAULT_LEVEL, max_chance: 0.2 }
     }
 }
 
@@ -91,15 +92,17 @@ const FOREIGN: f64 = 0.01;
 
 /// Matches the coordinates of noisy views and makes them one geometry.
 ///
-/// What holds in each view is imposed on all views together, block by block, and that views which share an axis end
-/// together. Coordinates along an axis of space that then are not one already are candidates, in one view or in two; [`constrain_among`] tests and imposes them, the strongest
-/// evidence first, with the range of a coordinate the thing's extent. What comes out is the maximum of the joint likelihood
-/// of all views under everything imposed, with its covariance. Cost: that of `constrain_among` with the squares of the
+/// What holds in each view is imposed on all views together, block by block, and that views which share an
+/// axis end together. Coordinates along an axis of space that then are not one already are candidates, in one
+/// view or in two; [`constrain_among`] tests and imposes them, the strongest evidence first, with the range
+/// of a coordinate the thing's extent. What comes out is the maximum of the joint likelihood of all views
+/// under everything imposed, with its covariance. Cost: that of `constrain_among` with the squares of the
 /// numbers of coordinates.
 ///
 /// # Errors
-/// `Input` when there are fewer than two views or two of one kind, a view has no corner or circle to match, or views that
-/// share an axis do not end together (which and by how much is named); as [`constrain_among`] otherwise.
+/// `Input` when there are fewer than two views or two of one kind, a view has no corner or circle to match,
+/// or views that share an axis do not end together (which and by how much is named); as [`constrain_among`]
+/// otherwise.
 pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<ConsistentViews> {
     check(views)?;
     let mut drawing = Drawing::default();

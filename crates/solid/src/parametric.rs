@@ -1,16 +1,20 @@
 //! Faces of CAD programs, trimmed by edges, as triangles.
 //!
-//! Comes in: vertices, edges with curves, faces with surfaces of any kind and loops of edges, as others wrote them. Goes out: triangles whose corners lie on
-//! the surfaces and along the edges, and for each face whether it could be filled. Every edge is cut into chords once, and all its faces use these: where
-//! faces share an edge their triangles do, too.
+//! Comes in: vertices, edges with curves, faces with surfaces of any kind and loops of edges, as others wrote
+//! them. Goes out: triangles whose corners lie on the surfaces and along the edges, and for each face whether
+//! it could be filled. Every edge is cut into chords once, and all its faces use these: where faces share an
+//! edge their triangles do, too.
 //!
-//! A face is filled in the parameters of its surface. Loops are brought there point by point, each near the one before; a loop that winds around is joined by a
-//! bridge to the other one that does, or to the pole that the face holds.
+//! A face is filled in the parameters of its surface. Loops are brought there point by point, each near the
+//! one before; a loop that winds around is joined by a bridge to the other one that does, or to the pole that
+//! the face holds.
 //!
-//! Not guaranteed: shapes of triangles; that faces do not cross one another; faces whose loops cross themselves are left out, with the reason.
+//! Not guaranteed: shapes of triangles; that faces do not cross one another; faces whose loops cross
+//! themselves are left out, with the reason.
 //!
 //! # References
-//! ISO 10303-42 (curves, surfaces and their parameters, and the sense of loops); Chew 1989, *Constrained Delaunay triangulations*; the crate `spade`.
+//! ISO 10303-42 (curves, surfaces and their parameters, and the sense of loops); Chew 1989, *Constrained
+//! Delaunay triangulations*; the crate `spade`.
 
 mod curve;
 mod lifted;
@@ -57,7 +61,8 @@ pub struct Face {
     pub surface: Surface,
     /// Whether its outer side is that of the surface's normal, `S_u × S_v`.
     pub is_outward: bool,
-    /// Its loops in any order: edges, each with whether it is run along from its beginning, the face to the left as seen from its outer side.
+    /// Its loops in any order: edges, each with whether it is run along from its beginning, the face to the
+    /// left as seen from its outer side.
     pub loops: Vec<Vec<(usize, bool)>>,
 }
 
@@ -76,7 +81,8 @@ pub struct Shape {
 const PROBES: usize = 8;
 
 impl Shape {
-    /// Least and largest coordinates of what edges and whole surfaces reach; the least are above the largest where there is nothing.
+    /// Least and largest coordinates of what edges and whole surfaces reach; the least are above the largest
+    /// where there is nothing.
     #[must_use]
     pub fn bounds(&self) -> [[f64; 3]; 2] {
         let mut bounds = [[f64::MAX; 3], [f64::MIN; 3]];
@@ -88,10 +94,7 @@ impl Shape {
         };
         let share = |k: usize| k as f64 / PROBES as f64;
         for edge in &self.edges {
-            edge.ends
-                .iter()
-                .filter_map(|v| self.vertices.get(*v))
-                .for_each(|p| reach(*p));
+            edge.ends.iter().filter_map(|v| self.vertices.get(*v)).for_each(|p| reach(*p));
             if edge.ends[0] == edge.ends[1] && edge.curve.period().is_some() {
                 let [lo, hi] = edge.curve.domain();
                 (0..PROBES).for_each(|k| reach(edge.curve.point(lo + share(k) * (hi - lo))));

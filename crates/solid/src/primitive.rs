@@ -1,8 +1,9 @@
 //! Planes, spheres, cylinders and boxes, seen by rays in space from uncertain poses.
 //!
-//! Comes in: [`Ray`]s — a pose, a direction, a range — or points, with their σ. Goes out: a [`PrimitiveFit`]: the parameters of
-//! a [`Shape`] with their covariance. The same estimator as of contours (`planish_estimate::implicit`), with six noises a
-//! reading. Not guaranteed: a shape of which too little was seen; a cylinder's ends, which are not looked for.
+//! Comes in: [`Ray`]s — a pose, a direction, a range — or points, with their σ. Goes out: a [`PrimitiveFit`]:
+//! the parameters of a [`Shape`] with their covariance. The same estimator as of contours
+//! (`planish_estimate::implicit`), with six noises a reading. Not guaranteed: a shape of which too little was
+//! seen; a cylinder's ends, which are not looked for.
 //!
 //! | module | what |
 //! |---|---|

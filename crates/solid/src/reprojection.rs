@@ -1,18 +1,24 @@
 //! What a finished solid shows in its views, compared with a drawing: an independent check.
 //!
-//! Comes in: a solid by its boundary, and the drawing that it should mean. Goes out: the lines in which the two differ, none where they agree
-//! within [`CompareOptions`]. Nothing here is shared with the search in [`crate::views`]: no cells, no grid, no tidied curves.
+//! Comes in: a solid by its boundary, and the drawing that it should mean. Goes out: the lines in which the
+//! two differ, none where they agree within [`CompareOptions`]. Nothing here is shared with the search in
+//! [`crate::views`]: no cells, no grid, no tidied curves.
 //!
-//! 1. `outlines`: what can be drawn of the solid in a view: edges where faces meet at an angle, smooth edges at which the boundary turns away
-//!    from the eye, and the lines within curved faces along which the line of sight touches (`n · e = 0`).
-//! 2. Where a ray meets a face: its surface, and whether the point lies within the face's loops (`brep/trimmed`).
-//! 3. `scene`: a point is visible where the ray from the eye that passes it on one side or the other meets no face before it.
-//! 4. `compare`: points along every drawn curve must lie on a line of the solid, a visible one where drawn visible; points along every line of
-//!    the solid must lie on a drawn curve, on a visible one where seen.
+//! 1. `outlines`: what can be drawn of the solid in a view: edges where faces meet at an angle, smooth
+//!    edges at which the boundary turns away from the eye, and the lines within curved faces along which the
+//!    line of sight touches (`n · e = 0`).
+//! 2. Where a ray meets a face: its surface, and whether the point lies within the face's loops
+//!    (`brep/trimmed`).
+//! 3. `scene`: a point is visible where the ray from the eye that passes it on one side or the other meets
+//!    no face before it.
+//! 4. `compare`: points along every drawn curve must lie on a line of the solid, a visible one where drawn
+//!    visible; points along every line of the solid must lie on a drawn curve, on a visible one where seen.
 //!
-//! Optional are edges along which the boundary only touches itself (a cusp, or two edges in one place): some drawings show them.
+//! Optional are edges along which the boundary only touches itself (a cusp, or two edges in one place): some
+//! drawings show them.
 //!
-//! Not guaranteed: differences shorter than [`CompareOptions::shortest`] or between sample points are not found.
+//! Not guaranteed: differences shorter than [`CompareOptions::shortest`] or between sample points are not
+//! found.
 
 mod compare;
 mod nearby;
@@ -36,13 +42,10 @@ pub struct CompareOptions {
 }
 
 impl Default for CompareOptions {
-    /// Lines within 5e-4 are one: exported curves are polygons that miss their curve by up to 3e-4 of the size.
+    /// Lines within 5e-4 are one: exported curves are polygons that miss their curve by up to 3e-4 of the
+    /// size.
     fn default() -> Self {
-        Self {
-            near: 5e-4,
-            shortest: 4e-3,
-            spacing: 1e-2,
-        }
+        Self { near: 5e-4, shortest: 4e-3, spacing: 1e-2 }
     }
 }
 
@@ -61,7 +64,8 @@ pub struct Disagreement {
     pub places: usize,
 }
 
-/// The lines in which a solid's views differ from a drawing; each drawn entity and each line of the solid once a view and reason.
+/// The lines in which a solid's views differ from a drawing; each drawn entity and each line of the solid
+/// once a view and reason.
 ///
 /// Cost: a ray for every point looked at and side of it; points are [`CompareOptions::spacing`] apart.
 #[must_use]

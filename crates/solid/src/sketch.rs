@@ -1,8 +1,9 @@
 //! Estimated contours as one drawing, on which constraints are found and imposed, and back.
 //!
-//! Comes in: [`EstimatedContour`]s, each with the covariance of its own parameters. Goes out: a [`Sketch`]: points, bars
-//! and circles with their covariance, and the constraints that make a rectangle a rectangle ([`Sketch::given`]); from
-//! the drawing that obeys more of them, the contours' parameters again. Not guaranteed: that contours overlap or not.
+//! Comes in: [`EstimatedContour`]s, each with the covariance of its own parameters. Goes out: a [`Sketch`]:
+//! points, bars and circles with their covariance, and the constraints that make a rectangle a rectangle
+//! ([`Sketch::given`]); from the drawing that obeys more of them, the contours' parameters again. Not
+//! guaranteed: that contours overlap or not.
 //!
 //! | kind | drawn as | held by |
 //! |---|---|---|
@@ -76,8 +77,8 @@ pub struct SketchPart {
 pub struct Sketch {
     /// All parts.
     pub drawing: Drawing,
-    /// The covariance of its parameters: that of the estimates along what the kinds allow, and about as much across it,
-    /// where [`Self::given`] leaves nothing.
+    /// The covariance of its parameters: that of the estimates along what the kinds allow, and about as much
+    /// across it, where [`Self::given`] leaves nothing.
     pub covariance: DMatrix<f64>,
     /// The constraints that make every contour one of its kind.
     pub given: Vec<Constraint>,
@@ -91,12 +92,14 @@ const STEP: f64 = 1e-3;
 impl Sketch {
     /// The drawing of contours, with block after block of their covariance.
     ///
-    /// With `x = h(θ)` and `J = ∂h/∂θ` (by central differences), a block is `J Σ Jᵀ + s² (I − Q Qᵀ)`, `Q` an orthonormal
-    /// basis of the columns of `J` and `s²` the largest eigenvalue of the first term. Once the kind's own constraints are
-    /// imposed exactly, the second term is gone, and only what is nonlinear in between depends on it.
+    /// With `x = h(θ)` and `J = ∂h/∂θ` (by central differences), a block is `J Σ Jᵀ + s² (I − Q Qᵀ)`, `Q` an
+    /// orthonormal basis of the columns of `J` and `s²` the largest eigenvalue of the first term. Once the
+    /// kind's own constraints are imposed exactly, the second term is gone, and only what is nonlinear in
+    /// between depends on it.
     ///
     /// # Errors
-    /// `Input` when a contour's parameters or covariance do not fit its kind, or are none; messages count contours from 1.
+    /// `Input` when a contour's parameters or covariance do not fit its kind, or are none; messages count
+    /// contours from 1.
     pub fn new(contours: &[EstimatedContour]) -> Result<Self> {
         let mut sketch = Self::default();
         let mut blocks = Vec::new();
@@ -126,24 +129,22 @@ impl Sketch {
                 "parameters {theta:?} mean no {kind}: sizes must be positive and numbers finite"
             )));
         }
-        if !contour.covariance.iter().all(|c| c.is_finite()) || contour.covariance.diagonal().iter().any(|&d| d < 0.0) {
+        if !contour.covariance.iter().all(|c| c.is_finite())
+            || contour.covariance.diagonal().iter().any(|&d| d < 0.0)
+        {
             return Err(Error::input(
                 "the covariance holds a number that is not finite, or a negative variance",
             ));
         }
         let made = shapes::drawn(kind, theta, contour.seen)?;
         let first = self.drawing.append(&made.drawing, None);
-        self.given
-            .extend(made.given.iter().map(|constraint| constraint.shifted(first)));
+        self.given.extend(made.given.iter().map(|constraint| constraint.shifted(first)));
         self.parts.push(SketchPart {
             kind: kind.clone(),
             theta: theta.clone(),
             first,
             count: made.drawing.counts(),
-            values: [
-                self.drawing.parameters() - made.drawing.parameters(),
-                made.drawing.parameters(),
-            ],
+            values: [self.drawing.parameters() - made.drawing.parameters(), made.drawing.parameters()],
         });
         carried(contour, made.given.is_empty())
     }
@@ -151,7 +152,8 @@ impl Sketch {
     /// A contour's parameters and their covariance, from a drawing that obeys [`Self::given`].
     ///
     /// # Errors
-    /// `Input` when the drawing or its covariance is not one of this sketch, or its parameters mean no contour of the kind.
+    /// `Input` when the drawing or its covariance is not one of this sketch, or its parameters mean no
+    /// contour of the kind.
     ///
     /// # Panics
     /// When there is no such contour.
@@ -169,12 +171,7 @@ impl Sketch {
                 covariance.nrows()
             )));
         }
-        let SketchPart {
-            kind,
-            theta: before,
-            values: [from, count],
-            ..
-        } = &self.parts[part];
+        let SketchPart { kind, theta: before, values: [from, count], .. } = &self.parts[part];
         let values = drawing.values().rows(*from, *count).into_owned();
         let block = covariance.view((*from, *from), (*count, *count)).into_owned();
         let theta = shapes::parameters(kind, values.as_slice(), before);
@@ -194,24 +191,19 @@ impl Sketch {
     }
 }
 
-/// The covariance of a contour's values, and across what its kind allows; not there where nothing holds it together.
+/// The covariance of a contour's values, and across what its kind allows; not there where nothing holds it
+/// together.
 fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
-    let EstimatedContour {
-        kind,
-        theta,
-        covariance,
-        seen,
-    } = contour;
+    let EstimatedContour { kind, theta, covariance, seen } = contour;
     if matches!(kind, Kind::Polygon(_) | Kind::Circle) {
         return Ok(covariance.clone());
     }
     let size = theta.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
-    let steps = covariance
-        .diagonal()
-        .map(|v| STEP * v.sqrt().max(1e-6 * size.max(f64::MIN_POSITIVE)));
+    let steps = covariance.diagonal().map(|v| STEP * v.sqrt().max(1e-6 * size.max(f64::MIN_POSITIVE)));
     let theta = DVector::from_column_slice(theta);
     let jacobian = differences(&theta, &steps, |t| {
-        shapes::drawn(kind, t.as_slice(), *seen).map_or_else(|_| DVector::zeros(0), |made| made.drawing.values())
+        shapes::drawn(kind, t.as_slice(), *seen)
+            .map_or_else(|_| DVector::zeros(0), |made| made.drawing.values())
     });
     if jacobian.nrows() == 0 {
         return Err(Error::input("the contour is too small beside its σ to be drawn"));
@@ -234,18 +226,18 @@ fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
 }
 
 /// `∂f/∂x` by central differences.
-fn differences(x: &DVector<f64>, steps: &DVector<f64>, f: impl Fn(&DVector<f64>) -> DVector<f64>) -> DMatrix<f64> {
+fn differences(
+    x: &DVector<f64>,
+    steps: &DVector<f64>,
+    f: impl Fn(&DVector<f64>) -> DVector<f64>,
+) -> DMatrix<f64> {
     let columns: Vec<DVector<f64>> = (0..x.len())
         .map(|i| {
             let [mut below, mut above] = [x.clone(), x.clone()];
             below[i] -= steps[i];
             above[i] += steps[i];
             let (low, high) = (f(&below), f(&above));
-            if low.len() == high.len() {
-                (high - low) / (above[i] - below[i])
-            } else {
-                DVector::zeros(0)
-            }
+            if low.len() == high.len() { (high - low) / (above[i] - below[i]) } else { DVector::zeros(0) }
         })
         .collect();
     if columns.iter().any(DVector::is_empty) {

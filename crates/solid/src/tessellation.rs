@@ -1,8 +1,10 @@
 //! Triangles of a solid: watertight, within a chord tolerance.
 //!
-//! Comes in: a solid by its boundary. Goes out: a [`TriangleMesh`] that is closed, oriented outwards and manifold, whose vertices lie on the solid's
-//! edges and faces. Every edge is cut into chords once, and both its faces use these; each face is filled between its loops by a constrained
-//! Delaunay triangulation in plane coordinates of its surface (`chart`), with points added within it where a chord misses the surface by more than the tolerance.
+//! Comes in: a solid by its boundary. Goes out: a [`TriangleMesh`] that is closed, oriented outwards and
+//! manifold, whose vertices lie on the solid's edges and faces. Every edge is cut into chords once, and both
+//! its faces use these; each face is filled between its loops by a constrained Delaunay triangulation in
+//! plane coordinates of its surface (`chart`), with points added within it where a chord misses the surface
+//! by more than the tolerance.
 //!
 //! Not guaranteed: shapes of triangles; a torus less a part that goes around neither its axis nor its tube.
 //!
@@ -41,7 +43,8 @@ struct Points {
 impl Points {
     fn of(solid: &Solid, tolerance: f64) -> Self {
         let mut positions = solid.vertices.clone();
-        // Two straight edges between the same vertices, as where a hole touches a wall, need a point each to be told apart.
+        // Two straight edges between the same vertices, as where a hole touches a wall, need a point each to
+        // be told apart.
         let ends = |edge: &Edge| (edge.start.min(edge.end), edge.start.max(edge.end));
         let mut between: HashMap<(usize, usize), usize> = HashMap::new();
         for edge in &solid.edges {
@@ -97,8 +100,7 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
             let miss = (0..pieces)
                 .map(|k| {
                     let at = |share: f64| {
-                        edge.curve
-                            .point(from + (to - from) * (k as f64 + share) / pieces as f64)
+                        edge.curve.point(from + (to - from) * (k as f64 + share) / pieces as f64)
                     };
                     let (a, m, b) = (at(0.0), at(0.5), at(1.0));
                     norm(sub(m, [0, 1, 2].map(|c| (a[c] + b[c]) / 2.0)))
@@ -110,13 +112,16 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
     }
 }
 
-/// Cuts a solid's boundary into triangles that miss it by `tolerance` at most, in the unit of its coordinates.
+/// Cuts a solid's boundary into triangles that miss it by `tolerance` at most, in the unit of its
+/// coordinates.
 ///
-/// The volume differs from the exact one by less than twice the tolerance times the area; that and watertightness are checked.
+/// The volume differs from the exact one by less than twice the tolerance times the area; that and
+/// watertightness are checked.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) for a tolerance that is not positive, or needs more than [`MOST_TRIANGLES`];
-/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, where a face cannot be filled.
+/// [`Input`](planish_estimate::ErrorKind::Input) for a tolerance that is not positive, or needs more than
+/// [`MOST_TRIANGLES`]; [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, where a
+/// face cannot be filled.
 pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     if !(tolerance > 0.0 && tolerance.is_finite()) {
         return Err(Error::input(format!("needed a chord tolerance > 0, found {tolerance}")));

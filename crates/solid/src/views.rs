@@ -1,23 +1,27 @@
 //! Every solid that two or three orthographic views can mean.
 //!
-//! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`], solids with true planes, cylinders, cones,
-//! spheres and tori, best first, and the lines that none of them explains.
+//! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`],
+//! solids with true planes, cylinders, cones, spheres and tori, best first, and the lines that none of them
+//! explains.
 //!
 //! 0. `tidy`: circles that come in pieces or are fitted roughly become one circle.
-//! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is seen edge-on as a line or circle.
-//!    `turned` adds walls: outlines of one view turned about the centre of a circle of another, which no view sees edge-on.
-//!    `oblique` adds planes and cylinders oblique to all views, from points and edges that all three show (`wireframe`, `circles`).
+//! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is
+//!    seen edge-on as a line or circle. `turned` adds walls: outlines of one view turned about the centre of
+//!    a circle of another, which no view sees edge-on. `oblique` adds planes and cylinders oblique to all
+//!    views, from points and edges that all three show (`wireframe`, `circles`).
 //! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
 //! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
 //!    `wall_sight` does so along the outlines of walls and the curves in which they cross other candidates.
-//! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are behind something, and others are not there.
-//!    Smooth (tangent) edges are no edges here, as in drafting; where no solid is found so, a drawn line may be one.
-//!    `preference` says what is tried first.
-//! 5. `boundary`: the faces of what is solid, as large as they can be; `touching` where a hole touches a wall.
+//! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are
+//!    behind something, and others are not there. Smooth (tangent) edges are no edges here, as in drafting;
+//!    where no solid is found so, a drawn line may be one. `preference` says what is tried first.
+//! 5. `boundary`: the faces of what is solid, as large as they can be; `touching` where a hole touches a
+//!    wall.
 //!
 //! [`views_of_sheet`] finds the views where one file holds all of them.
 //!
-//! Not guaranteed: cones, spheres and tori about other axes than lines of sight, or together with faces oblique to all views; freeform faces.
+//! Not guaranteed: cones, spheres and tori about other axes than lines of sight, or together with faces
+//! oblique to all views; freeform faces.
 //!
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
@@ -77,10 +81,12 @@ use std::cmp::Ordering;
 /// Surfaces of revolution are tried where there are so many candidates at most.
 const MOST_WALLS: usize = 24;
 
-/// Drawings of these sizes are looked at as they are; others are brought to a size between 100 and 1000, as some accuracies are fixed lengths.
+/// Drawings of these sizes are looked at as they are; others are brought to a size between 100 and 1000, as
+/// some accuracies are fixed lengths.
 const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
 
-/// Edges and vertices nearer to each other than this share of the drawing's size are in one place; vertices of one place are one within this.
+/// Edges and vertices nearer to each other than this share of the drawing's size are in one place; vertices
+/// of one place are one within this.
 const TOUCHING: f64 = 2e-5;
 
 /// Solids are made of so many assignments at most.
@@ -93,17 +99,19 @@ pub struct Solution {
     pub solid: Solid,
     /// What it measures.
     pub measures: Measures,
-    /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other. Of equally cheap ones those with fewer edges
-    /// come first.
+    /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other.
+    /// Of equally cheap ones those with fewer edges come first.
     pub cost: f64,
-    /// Where its boundary touches itself, in words: such a solid is among the answers only where none is that does not.
+    /// Where its boundary touches itself, in words: such a solid is among the answers only where none is that
+    /// does not.
     pub touches: Option<Rejected>,
     /// Whether two of its bodies touch: no program takes that for a solid, or for two.
     bodies_touch: bool,
 }
 
 impl Solution {
-    /// The better first: one that does not touch itself, then the cheaper one, of equally cheap ones that with fewer edges.
+    /// The better first: one that does not touch itself, then the cheaper one, of equally cheap ones that
+    /// with fewer edges.
     fn compared(&self, other: &Self) -> Ordering {
         let edges = |s: &Self| s.solid.edges.len();
         let contact = |s: &Self| u8::from(s.touches.is_some()) + u8::from(s.bodies_touch);
@@ -178,8 +186,8 @@ pub struct Rejected {
 }
 
 impl Solutions {
-    /// Sorts the solutions, and moves those whose boundary touches itself to the rejected ones: all of them where there are others, else those of which
-    /// bodies touch.
+    /// Sorts the solutions, and moves those whose boundary touches itself to the rejected ones: all of them
+    /// where there are others, else those of which bodies touch.
     fn keep_manifold(&mut self) {
         self.solutions.sort_by(Solution::compared);
         let any = self.solutions.iter().any(|s| s.touches.is_none());
@@ -193,12 +201,13 @@ impl Solutions {
 
 /// Finds every solid whose views are the drawing, or names lines that none explains.
 ///
-/// Where three views show planes or cylinders oblique to all of them, with these first: if that gives a solid, it is the answer. Then with planes and
-/// cylinders along lines of sight only, then with surfaces of revolution as well; the answer with the cheapest solid counts.
+/// Where three views show planes or cylinders oblique to all of them, with these first: if that gives a
+/// solid, it is the answer. Then with planes and cylinders along lines of sight only, then with surfaces of
+/// revolution as well; the answer with the cheapest solid counts.
 ///
 /// # Errors
-/// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too large; `Undetermined` where all lines
-/// can be explained, but no boundary of a solid closes.
+/// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too
+/// large; `Undetermined` where all lines can be explained, but no boundary of a solid closes.
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let size = drawing.size();
@@ -228,7 +237,9 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     let smooth = solve_with(drawing, SmoothEdges::MayBeDrawn, scale);
     // Of two refusals the one that names fewer lines.
     let named = |found: &Result<Solutions>| found.as_ref().map_or(usize::MAX, |f| f.unexplained.len());
-    match best_agreeing(&smooth, drawing).is_some() || best_cost(&plain).is_none() && named(&smooth) < named(&plain) {
+    match best_agreeing(&smooth, drawing).is_some()
+        || best_cost(&plain).is_none() && named(&smooth) < named(&plain)
+    {
         true => smooth,
         false => plain,
     }
@@ -250,17 +261,16 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
     let mut cheapest = best_agreeing(&best, drawing);
     let mut tried = Vec::new();
     for strict in [true, false] {
-        // A refusal with more candidates says more; what is solved is better where it has fewer faces. Candidates that not all views show are tried last.
+        // A refusal with more candidates says more; what is solved is better where it has fewer faces.
+        // Candidates that not all views show are tried last.
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
         // With tangent edges they are not tried: freeform parts would take twice as long to be refused.
         let are_tried = cheapest.is_none() && smooth_edges == SmoothEdges::NotDrawn;
         if is_too_large || !strict && !are_tried {
             break;
         }
-        let walls: Vec<wall::Wall> = turned::walls(&plan, strict)
-            .into_iter()
-            .map(wall::Wall::Turned)
-            .collect();
+        let walls: Vec<wall::Wall> =
+            turned::walls(&plan, strict).into_iter().map(wall::Wall::Turned).collect();
         if walls == tried || walls.len() > MOST_WALLS {
             continue;
         }
@@ -292,7 +302,12 @@ fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solutio
 }
 
 /// Finds the solids whose faces are candidates of a plan.
-fn solve_plan(drawing: &Drawing, plan: &plan::Plan, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
+fn solve_plan(
+    drawing: &Drawing,
+    plan: &plan::Plan,
+    smooth_edges: SmoothEdges,
+    scale: f64,
+) -> Result<Solutions> {
     let cells = cells::Cells::of(plan)?;
     let looks = sight::Looks::at(&cells, drawing);
     let mut solutions = Solutions::default();
@@ -342,12 +357,15 @@ fn solve_plan(drawing: &Drawing, plan: &plan::Plan, smooth_edges: SmoothEdges, s
 }
 
 /// Each line that no solid explains once, with the first place and how many others there are.
-fn unexplained(drawing: &Drawing, found: &[(Option<LineStyle>, sight::LookPlace)], scale: f64) -> Vec<Unexplained> {
+fn unexplained(
+    drawing: &Drawing,
+    found: &[(Option<LineStyle>, sight::LookPlace)],
+    scale: f64,
+) -> Vec<Unexplained> {
     let mut places: Vec<(Option<LineStyle>, &sight::LookPlace, usize)> = Vec::new();
     for (style, place) in found {
-        let same = places
-            .iter_mut()
-            .find(|p| p.0 == *style && p.1.view == place.view && p.1.curve == place.curve);
+        let same =
+            places.iter_mut().find(|p| p.0 == *style && p.1.view == place.view && p.1.curve == place.curve);
         match same {
             Some(same) => same.2 += 1,
             None => places.push((*style, place, 0)),
@@ -393,10 +411,7 @@ fn solution(
     assignment: &search::Assignment,
     scale: f64,
 ) -> std::result::Result<Solution, Rejected> {
-    let does_not_close = |message: String| Rejected {
-        why: Rejection::DoesNotClose,
-        message,
-    };
+    let does_not_close = |message: String| Rejected { why: Rejection::DoesNotClose, message };
     let solid = boundary::boundary(cells, assignment)
         .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
         .map_err(|e| does_not_close(e.to_string()))?;
@@ -409,10 +424,7 @@ fn solution(
             (false, false) => "its boundary touches itself at the point",
         };
         let at = contact.at.map(|c| figure(scale * c)).join(" ");
-        Rejected {
-            why: Rejection::Touches,
-            message: format!("{what} {at}, where it is not manifold"),
-        }
+        Rejected { why: Rejection::Touches, message: format!("{what} {at}, where it is not manifold") }
     });
     let measures = solid.measures();
     if measures.volume <= 0.0 {
@@ -438,10 +450,7 @@ fn check(drawing: &Drawing) -> Result<()> {
         )));
     }
     match drawing.views.iter().find(|v| v.curves.is_empty()) {
-        Some(view) => Err(Error::input(format!(
-            "the {} view: needed lines, found none",
-            view.kind.name()
-        ))),
+        Some(view) => Err(Error::input(format!("the {} view: needed lines, found none", view.kind.name()))),
         None => Ok(()),
     }
 }

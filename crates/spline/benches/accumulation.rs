@@ -1,7 +1,9 @@
-//! Positions with known parameters summed up on one thread: `cargo bench -p planish-spline --bench accumulation`.
+//! Positions with known parameters summed up on one thread:
+//! `cargo bench -p planish-spline --bench accumulation`.
 //!
-//! One row a grid: millions of positions a second, the best of several runs, through the stream of moments (with and without weights) and reading by
-//! reading through the weights themselves, with the same directionless information.
+//! One row a grid: millions of positions a second, the best of several runs, through the stream of moments
+//! (with and without weights) and reading by reading through the weights themselves, with the same
+//! directionless information.
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
@@ -34,17 +36,13 @@ fn rate(runs: usize, mut work: impl FnMut()) -> f64 {
 
 fn main() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    println!(
-        "{:<12} {:>10} {:>10} {:>10}",
-        "cells", "moments", "weighted", "by weights"
-    );
+    println!("{:<12} {:>10} {:>10} {:>10}", "cells", "moments", "weighted", "by weights");
     for across in [8, 61, 200] {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [across, across]).unwrap());
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         let side = across as f64;
-        let at: Vec<[f64; 2]> = (0..POSITIONS)
-            .map(|_| [side * random.random::<f64>(), side * random.random::<f64>()])
-            .collect();
+        let at: Vec<[f64; 2]> =
+            (0..POSITIONS).map(|_| [side * random.random::<f64>(), side * random.random::<f64>()]).collect();
         let z: Vec<[f64; 3]> = at.iter().map(|&[u, v]| [u, v, (u * v).sin()]).collect();
         let w = vec![2.0; POSITIONS];
         let (moments, weighted) = pool.install(|| {
@@ -58,13 +56,14 @@ fn main() {
         let plain = rate(1, || {
             for (&[u, v], z) in at.iter().zip(&z) {
                 let (leaf, local) = space.locate(u, v);
-                cells[leaf].add_vector(&leaf_weights(local[0], local[1]), *z, &[1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+                cells[leaf].add_vector(
+                    &leaf_weights(local[0], local[1]),
+                    *z,
+                    &[1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
+                );
             }
         });
         black_box(&cells);
-        println!(
-            "{:<12} {moments:>10.1} {weighted:>10.1} {plain:>10.1}",
-            format!("{across}x{across}")
-        );
+        println!("{:<12} {moments:>10.1} {weighted:>10.1} {plain:>10.1}", format!("{across}x{across}"));
     }
 }

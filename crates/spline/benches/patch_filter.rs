@@ -1,11 +1,13 @@
 //! Readings taken in by the patch filter on one thread: `cargo bench -p planish-spline --bench patch_filter`.
 //!
-//! One row a layout: updates a second over many readings, the latency of single readings, and what a reconciliation costs.
+//! One row a layout: updates a second over many readings, the latency of single readings, and what a
+//! reconciliation costs.
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
 use planish_spline::{
-    Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SurfaceReading, parameter_plane,
+    Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SurfaceReading,
+    parameter_plane,
 };
 use rand::{RngExt, SeedableRng};
 use std::sync::Arc;
@@ -16,21 +18,13 @@ fn main() {
         "{:<10} {:>8} {:>14} {:>10} {:>10} {:>14} {:>12}",
         "layout", "patches", "updates/s", "p50 / µs", "p99 / µs", "reconcile / ms", "memory / kB"
     );
-    for (layout, readings) in [
-        (StateLayout::Height, 1_000_000),
-        (StateLayout::Isotropic, 1_000_000),
-        (StateLayout::Full, 50_000),
-    ] {
+    for (layout, readings) in
+        [(StateLayout::Height, 1_000_000), (StateLayout::Isotropic, 1_000_000), (StateLayout::Full, 50_000)]
+    {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [16, 16]).unwrap());
         let plane = parameter_plane(&space).unwrap();
-        let prior = SmoothnessPrior {
-            weight: 10.0,
-            hold: 0.01,
-        };
-        let options = PatchFilterOptions {
-            layout,
-            ..PatchFilterOptions::default()
-        };
+        let prior = SmoothnessPrior { weight: 10.0, hold: 0.01 };
+        let options = PatchFilterOptions { layout, ..PatchFilterOptions::default() };
         let mut filter = PatchFilter::new(&plane, &plane, prior, options).unwrap();
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         let mut reading = || {

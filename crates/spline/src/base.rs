@@ -1,9 +1,11 @@
 //! Base shapes: the plane, cylinder, sphere or torus that a surface starts from.
 //!
-//! Comes in: points, with normals where known. Goes out: a [`BaseShape`] with its frame, and from it a [`Surface`] or the
-//! parameters of a point. u runs around the axis, v along it (a ball: from the south pole up), normals point outwards.
+//! Comes in: points, with normals where known. Goes out: a [`BaseShape`] with its frame, and from it a
+//! [`Surface`] or the parameters of a point. u runs around the axis, v along it (a ball: from the south pole
+//! up), normals point outwards.
 //!
-//! Not guaranteed: that the automatic choice suits a shape that is none of the four; every caller lets users override it.
+//! Not guaranteed: that the automatic choice suits a shape that is none of the four; every caller lets users
+//! override it.
 
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::Surface;
@@ -21,8 +23,8 @@ pub struct BaseShape {
     pub centre: [f64; 3],
     /// Right-handed orthonormal frame. Sheet: u, v and normal; others: the third is the axis.
     pub frame: [[f64; 3]; 3],
-    /// Half extents along the frame: sheet `[half u, half v, 0]`; tube `[radius, radius, half length]`; ball `[radii]`;
-    /// torus `[ring radius, ring radius, tube radius]`.
+    /// Half extents along the frame: sheet `[half u, half v, 0]`; tube `[radius, radius, half length]`; ball
+    /// `[radii]`; torus `[ring radius, ring radius, tube radius]`.
     pub size: [f64; 3],
 }
 
@@ -31,36 +33,21 @@ impl BaseShape {
     #[must_use]
     pub fn plane(centre: [f64; 3], directions: [[f64; 3]; 2], half: [f64; 2]) -> Self {
         let frame = [directions[0], directions[1], cross(directions[0], directions[1])];
-        Self {
-            shape: Shape::Sheet,
-            centre,
-            frame,
-            size: [half[0], half[1], 0.0],
-        }
+        Self { shape: Shape::Sheet, centre, frame, size: [half[0], half[1], 0.0] }
     }
 
     /// A sphere with its poles on the axis.
     #[must_use]
     pub fn sphere(centre: [f64; 3], radius: f64, axis: [f64; 3]) -> Self {
         let (e1, e2) = tangents(axis);
-        Self {
-            shape: Shape::Ball,
-            centre,
-            frame: [e1, e2, axis],
-            size: [radius; 3],
-        }
+        Self { shape: Shape::Ball, centre, frame: [e1, e2, axis], size: [radius; 3] }
     }
 
     /// A cylinder about an axis.
     #[must_use]
     pub fn cylinder(centre: [f64; 3], axis: [f64; 3], radius: f64, half_length: f64) -> Self {
         let (e1, e2) = tangents(axis);
-        Self {
-            shape: Shape::Tube,
-            centre,
-            frame: [e1, e2, axis],
-            size: [radius, radius, half_length],
-        }
+        Self { shape: Shape::Tube, centre, frame: [e1, e2, axis], size: [radius, radius, half_length] }
     }
 
     /// A torus about an axis.
@@ -131,7 +118,8 @@ impl BaseShape {
             Shape::Torus => [TAU * self.size[0], TAU * self.size[2]],
         };
         let side = (lengths[0] * lengths[1] / cells as f64).sqrt();
-        let round = |length: f64, least: usize| ((length / side).round() as usize).clamp(least, cells.max(least));
+        let round =
+            |length: f64, least: usize| ((length / side).round() as usize).clamp(least, cells.max(least));
         match self.shape {
             Shape::Sheet => [round(lengths[0], 2), round(lengths[1], 2)],
             Shape::Tube => [round(lengths[0], 6), round(lengths[1], 2)],
@@ -151,12 +139,13 @@ impl BaseShape {
     }
 }
 
-/// The surface of a uniform space that interpolates a smooth function of `(u, v)` at its anchors, up to the space's order.
+/// The surface of a uniform space that interpolates a smooth function of `(u, v)` at its anchors, up to the
+/// space's order.
 ///
-/// `f` takes base-grid units and must be defined one cell past open borders and poles. The collocation equations at the
-/// anchors are solved by Richardson iteration `c ← c + f(ξ) − S(ξ)`, which converges because their matrix (1/6, 4/6, 1/6 in
-/// each direction) has its spectrum in (0, 1]. A ball is interpolated as a tube first; its poles are the polar surface
-/// nearest to that tube.
+/// `f` takes base-grid units and must be defined one cell past open borders and poles. The collocation
+/// equations at the anchors are solved by Richardson iteration `c ← c + f(ξ) − S(ξ)`, which converges because
+/// their matrix (1/6, 4/6, 1/6 in each direction) has its spectrum in (0, 1]. A ball is interpolated as a
+/// tube first; its poles are the polar surface nearest to that tube.
 ///
 /// # Errors
 /// `Undetermined` when a value is not finite.
@@ -204,12 +193,18 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
 
 /// Chooses and fits a base shape to points, with outward unit normals where known.
 ///
-/// A cloud whose normals all face one way is a sheet; one whose normals are all nearly perpendicular to an axis, and go all
-/// around it, is a tube; every other is a ball. `wanted` overrides the choice. Sizes take in every point.
+/// A cloud whose normals all face one way is a sheet; one whose normals are all nearly perpendicular to an
+/// axis, and go all around it, is a tube; every other is a ball. `wanted` overrides the choice. Sizes take in
+/// every point.
 ///
 /// # Errors
-/// `Undetermined` for fewer than 4 points, points at one place or on one line, and points in one plane where `wanted` is no sheet.
-pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Option<Shape>) -> Result<BaseShape> {
+/// `Undetermined` for fewer than 4 points, points at one place or on one line, and points in one plane where
+/// `wanted` is no sheet.
+pub fn choose_base_shape(
+    points: &[[f64; 3]],
+    normals: &[[f64; 3]],
+    wanted: Option<Shape>,
+) -> Result<BaseShape> {
     if points.len() < 4 {
         return Err(Error::undetermined(format!(
             "{} points do not determine a surface: at least 4 are needed",
@@ -218,14 +213,10 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
     }
     let (mean, axes, variances) = principal_axes(points);
     if variances[0] <= 0.0 {
-        return Err(Error::undetermined(
-            "all points lie at one place: they determine no surface",
-        ));
+        return Err(Error::undetermined("all points lie at one place: they determine no surface"));
     }
     if variances[1] <= 1e-12 * variances[0] {
-        return Err(Error::undetermined(
-            "all points lie on one line: they determine no surface",
-        ));
+        return Err(Error::undetermined("all points lie on one line: they determine no surface"));
     }
     let known: Vec<[f64; 3]> = normals.iter().copied().filter(|n| dot(*n, *n) > 0.5).collect();
     let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances));
@@ -284,16 +275,12 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
         Shape::Ball => {
             let (lo, hi) = bounds3(points, axes);
             let centre = (0..3).fold([0.0; 3], |c, d| add_scaled(c, 0.5 * (lo[d] + hi[d]), axes[d]));
-            // Poles lie where the shape is flattest: features (ears, handles) tend to lie along its longer directions.
+            // Poles lie where the shape is flattest: features (ears, handles) tend to lie along its longer
+            // directions.
             let frame = [axes[0], axes[1], cross(axes[0], axes[1])];
             let size = [0, 1, 2].map(|d| 0.5 * (hi[d] - lo[d]));
             let largest = size[0].max(size[1]).max(size[2]);
-            Ok(BaseShape {
-                shape,
-                centre,
-                frame,
-                size: size.map(|s| s.max(0.2 * largest)),
-            })
+            Ok(BaseShape { shape, centre, frame, size: size.map(|s| s.max(0.2 * largest)) })
         }
         Shape::Torus => {
             let axis = axes[2];
@@ -305,16 +292,9 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
                 let d = sub(*p, centre);
                 norm(add_scaled(d, -dot(d, axis), axis))
             };
-            let (near, far) = points
-                .iter()
-                .map(from_axis)
-                .fold((f64::MAX, 0.0_f64), |(a, b), r| (a.min(r), b.max(r)));
-            Ok(BaseShape::torus(
-                centre,
-                axis,
-                0.5 * (near + far),
-                0.5 * (far - near).max(0.05 * far),
-            ))
+            let (near, far) =
+                points.iter().map(from_axis).fold((f64::MAX, 0.0_f64), |(a, b), r| (a.min(r), b.max(r)));
+            Ok(BaseShape::torus(centre, axis, 0.5 * (near + far), 0.5 * (far - near).max(0.05 * far)))
         }
     }
 }
@@ -323,11 +303,7 @@ pub fn choose_base_shape(points: &[[f64; 3]], normals: &[[f64; 3]], wanted: Opti
 fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
     if normals.is_empty() {
         // Nothing but positions: flat clouds are sheets.
-        return if variances[2] < 0.05 * variances[1] {
-            Shape::Sheet
-        } else {
-            Shape::Ball
-        };
+        return if variances[2] < 0.05 * variances[1] { Shape::Sheet } else { Shape::Ball };
     }
     let count = normals.len() as f64;
     let mean = scale(1.0 / count, normals.iter().fold([0.0; 3], |s, n| add(s, *n)));
@@ -382,20 +358,14 @@ pub fn principal_axes(points: &[[f64; 3]]) -> ([f64; 3], [[f64; 3]; 3], [f64; 3]
 }
 
 fn accumulate(m: &mut [f64; 6], d: [f64; 3]) {
-    let outer = [
-        d[0] * d[0],
-        d[0] * d[1],
-        d[0] * d[2],
-        d[1] * d[1],
-        d[1] * d[2],
-        d[2] * d[2],
-    ];
+    let outer = [d[0] * d[0], d[0] * d[1], d[0] * d[2], d[1] * d[1], d[1] * d[2], d[2] * d[2]];
     for (s, o) in m.iter_mut().zip(outer) {
         *s += o;
     }
 }
 
-/// Unit eigenvectors (largest value first) and eigenvalues of a symmetric `[xx, xy, xz, yy, yz, zz]`, by Jacobi rotations.
+/// Unit eigenvectors (largest value first) and eigenvalues of a symmetric `[xx, xy, xz, yy, yz, zz]`, by
+/// Jacobi rotations.
 ///
 /// Signs are fixed (the largest component is positive) so that equal input gives equal frames.
 #[must_use]
@@ -435,10 +405,7 @@ pub fn symmetric_eigen(m: [f64; 6]) -> ([[f64; 3]; 3], [f64; 3]) {
     order.sort_by(|&i, &j| a[j][j].total_cmp(&a[i][i]));
     let axes = order.map(|i| {
         let e = v[i];
-        let largest = e
-            .iter()
-            .copied()
-            .fold(0.0, |m: f64, c| if c.abs() > m.abs() + 1e-12 { c } else { m });
+        let largest = e.iter().copied().fold(0.0, |m: f64, c| if c.abs() > m.abs() + 1e-12 { c } else { m });
         scale(if largest < 0.0 { -1.0 } else { 1.0 }, e)
     });
     (axes, order.map(|i| a[i][i]))
@@ -471,19 +438,16 @@ fn smallest_box(points: &[[f64; 3]], u: [f64; 3], v: [f64; 3]) -> ([f64; 3], [f6
         let (lo, hi) = bounds(&some, [a, b]);
         (hi[0] - lo[0]) * (hi[1] - lo[1])
     };
-    let best = (-14..=15)
-        .map(|k| 3.0 * f64::from(k))
-        .min_by(|a, b| area(*a).total_cmp(&area(*b)))
-        .unwrap_or(0.0);
+    let best =
+        (-14..=15).map(|k| 3.0 * f64::from(k)).min_by(|a, b| area(*a).total_cmp(&area(*b))).unwrap_or(0.0);
     turned(best)
 }
 
-/// Centre of the circle that fits the points' projections best (Kåsa's linear fit), in coordinates of e1 and e2.
+/// Centre of the circle that fits the points' projections best (Kåsa's linear fit), in coordinates of e1 and
+/// e2.
 fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
     let count = points.len() as f64;
-    let mean = points.iter().fold([0.0; 2], |m, p| {
-        [m[0] + dot(*p, e1) / count, m[1] + dot(*p, e2) / count]
-    });
+    let mean = points.iter().fold([0.0; 2], |m, p| [m[0] + dot(*p, e1) / count, m[1] + dot(*p, e2) / count]);
     let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for p in points {
         let (x, y) = (dot(*p, e1) - mean[0], dot(*p, e2) - mean[1]);
@@ -498,10 +462,7 @@ fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
     if determinant <= 1e-12 * xx * yy {
         return mean;
     }
-    [
-        mean[0] + 0.5 * (yy * xr - xy * yr) / determinant,
-        mean[1] + 0.5 * (xx * yr - xy * xr) / determinant,
-    ]
+    [mean[0] + 0.5 * (yy * xr - xy * yr) / determinant, mean[1] + 0.5 * (xx * yr - xy * xr) / determinant]
 }
 
 #[cfg(test)]
@@ -511,9 +472,7 @@ mod tests {
     #[test]
     fn sphere_has_gaussian_curvature_one_over_r_squared_everywhere_poles_included() {
         let r = 2.5;
-        let sphere = BaseShape::sphere([1.0, -2.0, 0.5], r, [0.0, 0.6, 0.8])
-            .surface([64, 32])
-            .unwrap();
+        let sphere = BaseShape::sphere([1.0, -2.0, 0.5], r, [0.0, 0.6, 0.8]).surface([64, 32]).unwrap();
         let mut worst = 0.0_f64;
         for b in 0..=64 {
             for a in 0..32 {
@@ -538,11 +497,7 @@ mod tests {
         ] {
             for (u, v) in [(0.1, 0.2), (0.9, 0.7), (0.5, 0.5)] {
                 let back = base.parameters(base.point(u, v));
-                assert!(
-                    (back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12,
-                    "{:?}",
-                    base.shape
-                );
+                assert!((back[0] - u).abs() < 1e-12 && (back[1] - v).abs() < 1e-12, "{:?}", base.shape);
             }
         }
     }
@@ -572,7 +527,9 @@ mod tests {
             let found = choose_base_shape(&points, &normals, None).unwrap();
             assert_eq!(found.shape, base.shape);
             if base.shape == Shape::Tube {
-                assert!((found.size[0] - 1.0).abs() < 0.01 && dot(found.frame[2], base.frame[2]).abs() > 0.9999);
+                assert!(
+                    (found.size[0] - 1.0).abs() < 0.01 && dot(found.frame[2], base.frame[2]).abs() > 0.9999
+                );
             }
         }
         // A quarter of a cylinder is a bent sheet.
@@ -585,10 +542,7 @@ mod tests {
         use planish_estimate::ErrorKind;
         let line: Vec<[f64; 3]> = (0..50).map(|i| [f64::from(i), 2.0 * f64::from(i), 1.0]).collect();
         for cloud in [&line[..], &line[..3], &[[1.0; 3]; 20][..]] {
-            assert_eq!(
-                choose_base_shape(cloud, &[], None).unwrap_err().kind(),
-                ErrorKind::Undetermined
-            );
+            assert_eq!(choose_base_shape(cloud, &[], None).unwrap_err().kind(), ErrorKind::Undetermined);
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Uniform B-spline bases in one direction.
 //!
-//! Comes in: a degree, a number of unit cells, an end condition. Goes out: values and derivatives of the functions that
-//! live on a cell, the two-scale relation, knots and Greville points. All cells have length one; whoever uses another
-//! spacing scales the derivatives.
+//! Comes in: a degree, a number of unit cells, an end condition. Goes out: values and derivatives of the
+//! functions that live on a cell, the two-scale relation, knots and Greville points. All cells have length
+//! one; whoever uses another spacing scales the derivatives.
 
 use planish_estimate::{Error, Result};
 
@@ -20,7 +20,8 @@ pub enum End {
 
 /// Uniform B-splines `B_i(t) = B(t − i + p)` of degree `p` over `cells` unit cells.
 ///
-/// Function `i` lives on the cells `i − p ..= i`; cell `c` sees the functions `c ..= c + p` (modulo `cells` where periodic).
+/// Function `i` lives on the cells `i − p ..= i`; cell `c` sees the functions `c ..= c + p` (modulo `cells`
+/// where periodic).
 ///
 /// # Examples
 /// ```
@@ -33,7 +34,8 @@ pub enum End {
 /// ```
 ///
 /// # References
-/// de Boor, *A Practical Guide to Splines*, 1978; Riesenfeld, *Homogeneous coordinates and projective planes*, 1981 (two-scale relation).
+/// de Boor, *A Practical Guide to Splines*, 1978; Riesenfeld, *Homogeneous coordinates and projective
+/// planes*, 1981 (two-scale relation).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UniformBasis {
     degree: usize,
@@ -45,13 +47,11 @@ impl UniformBasis {
     /// A basis of the given degree over that many cells.
     ///
     /// # Errors
-    /// `Input` when the degree is above [`MAX_DEGREE`], there is no cell, or a periodic basis has fewer cells than `degree + 1`,
-    /// where a function would meet itself.
+    /// `Input` when the degree is above [`MAX_DEGREE`], there is no cell, or a periodic basis has fewer cells
+    /// than `degree + 1`, where a function would meet itself.
     pub fn new(degree: usize, cells: usize, end: End) -> Result<Self> {
         if degree > MAX_DEGREE {
-            return Err(Error::input(format!(
-                "degree {degree} is above {MAX_DEGREE}, the highest served"
-            )));
+            return Err(Error::input(format!("degree {degree} is above {MAX_DEGREE}, the highest served")));
         }
         let least = if end == End::Periodic { degree + 1 } else { 1 };
         if cells < least {
@@ -92,7 +92,8 @@ impl UniformBasis {
         }
     }
 
-    /// Values at cell-local `t ∈ [0, 1]` of the `degree + 1` functions of any cell; the rest of the array is zero.
+    /// Values at cell-local `t ∈ [0, 1]` of the `degree + 1` functions of any cell; the rest of the array is
+    /// zero.
     ///
     /// Cost: `O(degree²)`; closed form for cubics.
     #[must_use]
@@ -106,7 +107,8 @@ impl UniformBasis {
         values
     }
 
-    /// Derivatives of the given order at cell-local `t`: `B⁽ʳ⁾_p = Δʳ B_{p−r}` (backward differences of lower-degree values).
+    /// Derivatives of the given order at cell-local `t`: `B⁽ʳ⁾_p = Δʳ B_{p−r}` (backward differences of
+    /// lower-degree values).
     #[must_use]
     pub fn derivatives(&self, t: f64, order: usize) -> [f64; MAX_DEGREE + 1] {
         let mut values = [0.0; MAX_DEGREE + 1];
@@ -149,15 +151,8 @@ impl UniformBasis {
     /// When `coefficients` has not one entry for each function.
     #[must_use]
     pub fn refine(&self, coefficients: &[f64]) -> Vec<f64> {
-        assert_eq!(
-            coefficients.len(),
-            self.functions(),
-            "one coefficient for each function"
-        );
-        let fine = Self {
-            cells: 2 * self.cells,
-            ..*self
-        };
+        assert_eq!(coefficients.len(), self.functions(), "one coefficient for each function");
+        let fine = Self { cells: 2 * self.cells, ..*self };
         let mut out = vec![0.0; fine.functions()];
         for (i, &c) in coefficients.iter().enumerate() {
             for (m, w) in self.two_scale().iter().enumerate() {
@@ -213,7 +208,8 @@ pub fn cubic(t: f64) -> [[f64; 4]; 4] {
     ]
 }
 
-/// Cubic coefficients of the first (`half = 0`) or second half of a cell, from the cell's own: exact (de Casteljau–Boehm).
+/// Cubic coefficients of the first (`half = 0`) or second half of a cell, from the cell's own: exact (de
+/// Casteljau–Boehm).
 #[inline]
 #[must_use]
 pub fn cubic_half(c: [f64; 4], half: usize) -> [f64; 4] {
@@ -299,9 +295,7 @@ mod tests {
                 let coefficients: Vec<f64> = (0..basis.functions()).map(|i| ((i * i) as f64).sin()).collect();
                 let refined = basis.refine(&coefficients);
                 let at = |b: &UniformBasis, c: &[f64], cell: usize, t: f64| -> f64 {
-                    (0..=degree)
-                        .map(|k| b.values(t)[k] * c[b.function_on_cell(cell, k)])
-                        .sum()
+                    (0..=degree).map(|k| b.values(t)[k] * c[b.function_on_cell(cell, k)]).sum()
                 };
                 for cell in 0..6 {
                     for (half, t) in [(0, 0.3), (1, 0.8)] {
@@ -321,7 +315,8 @@ mod tests {
             assert!((value(cubic_half(c, 0), t) - value(c, t / 2.0)).abs() < 1e-14);
             assert!((value(cubic_half(c, 1), t) - value(c, (t + 1.0) / 2.0)).abs() < 1e-14);
             let (s, b) = (1.0 - t, cubic_bezier(c));
-            let bezier = b[0] * s * s * s + 3.0 * b[1] * s * s * t + 3.0 * b[2] * s * t * t + b[3] * t * t * t;
+            let bezier =
+                b[0] * s * s * s + 3.0 * b[1] * s * s * t + 3.0 * b[2] * s * t * t + b[3] * t * t * t;
             assert!((bezier - value(c, t)).abs() < 1e-14);
         }
     }

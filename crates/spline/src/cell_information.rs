@@ -1,11 +1,13 @@
 //! Information that measurements in one leaf add to its sixteen coefficients, and its way to the nodes.
 //!
-//! Comes in: rows `Σ_k c_k a·P_k = z` with weights. Goes out: a dense symmetric element over the nodes that act on the
-//! leaf. Accumulation touches only this fixed block, whatever the hierarchy: observations stream, nothing is kept of them.
+//! Comes in: rows `Σ_k c_k a·P_k = z` with weights. Goes out: a dense symmetric element over the nodes that
+//! act on the leaf. Accumulation touches only this fixed block, whatever the hierarchy: observations stream,
+//! nothing is kept of them.
 //!
-//! Layout: one 16 × 16 matrix over pairs `(k, l)` of coefficients for each of the six entries `xx xy xz yy yz zz` of a symmetric 3 × 3
-//! block. A pair's block is symmetric because every row weighs all its coefficients along one and the same direction, and so is
-//! each matrix: of row `k` only the entries up to the end of the diagonal's four are filled, whole fours at a time.
+//! Layout: one 16 × 16 matrix over pairs `(k, l)` of coefficients for each of the six entries
+//! `xx xy xz yy yz zz` of a symmetric 3 × 3 block. A pair's block is symmetric because every row weighs all
+//! its coefficients along one and the same direction, and so is each matrix: of row `k` only the entries up
+//! to the end of the diagonal's four are filled, whole fours at a time.
 
 use crate::hierarchy::Hierarchy;
 
@@ -18,7 +20,8 @@ fn filled(k: usize) -> usize {
     4 * (k / 4 + 1)
 }
 
-/// Adds `w · row` to row `k` of a symmetric matrix whose lower triangle is filled in whole fours; no row is longer than `row`.
+/// Adds `w · row` to row `k` of a symmetric matrix whose lower triangle is filled in whole fours; no row is
+/// longer than `row`.
 #[inline(always)]
 pub(crate) fn add_to_triangle(line: &mut [f64], k: usize, w: f64, row: &[f64]) {
     let filled = filled(k).min(row.len());
@@ -36,10 +39,7 @@ pub struct CellInformation {
 
 impl Default for CellInformation {
     fn default() -> Self {
-        Self {
-            matrix: Box::new([[[0.0; 16]; 16]; 6]),
-            vector: [[0.0; 3]; 16],
-        }
+        Self { matrix: Box::new([[[0.0; 16]; 16]; 6]), vector: [[0.0; 3]; 16] }
     }
 }
 
@@ -52,8 +52,8 @@ impl CellInformation {
 
     /// Adds the scalar measurement `a · Σ_k c_k P_k = value` with the given information (1/variance).
     ///
-    /// A position's normal component has `c` = the B-spline weights and `a` = the normal; a measured normal has `c` =
-    /// derivative weights. Cost: about 1,000 multiply-adds, by fours.
+    /// A position's normal component has `c` = the B-spline weights and `a` = the normal; a measured normal
+    /// has `c` = derivative weights. Cost: about 1,000 multiply-adds, by fours.
     #[inline]
     pub fn add_scalar(&mut self, c: &[f64; 16], a: [f64; 3], value: f64, information: f64) {
         let w = information;
@@ -80,11 +80,7 @@ impl CellInformation {
         self.add_block(c, information);
         let [xx, xy, xz, yy, yz, zz] = *information;
         let [x, y, z] = value;
-        let weighted = [
-            xx * x + xy * y + xz * z,
-            xy * x + yy * y + yz * z,
-            xz * x + yz * y + zz * z,
-        ];
+        let weighted = [xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z];
         for k in 0..16 {
             for d in 0..3 {
                 self.vector[k][d] += c[k] * weighted[d];
@@ -127,10 +123,11 @@ impl CellInformation {
         }
     }
 
-    /// The element over the leaf's nodes: dense symmetric `3n × 3n` (row-major) and `3n`, into the given buffers.
+    /// The element over the leaf's nodes: dense symmetric `3n × 3n` (row-major) and `3n`, into the given
+    /// buffers.
     ///
-    /// With the extraction `P = Eᵀ V` it is `E Λ Eᵀ` and `E η`. Cost: 96 multiply-adds for each weight that is
-    /// not zero, and six more for each node that it is paired with.
+    /// With the extraction `P = Eᵀ V` it is `E Λ Eᵀ` and `E η`. Cost: 96 multiply-adds for each weight that
+    /// is not zero, and six more for each node that it is paired with.
     pub fn element(&self, space: &Hierarchy, leaf: usize, matrix: &mut Vec<f64>, vector: &mut Vec<f64>) {
         let (nodes, weights) = space.extraction(leaf);
         let n = nodes.len();
@@ -184,7 +181,8 @@ impl CellInformation {
     }
 }
 
-/// The scalar element over the leaf's nodes of a symmetric form on its sixteen coefficients: `E K Eᵀ`, dense row-major.
+/// The scalar element over the leaf's nodes of a symmetric form on its sixteen coefficients: `E K Eᵀ`, dense
+/// row-major.
 #[must_use]
 pub fn scalar_element(space: &Hierarchy, leaf: usize, form: &[[f64; 16]; 16]) -> Vec<f64> {
     let (nodes, weights) = space.extraction(leaf);
@@ -223,9 +221,16 @@ pub fn scalar_element(space: &Hierarchy, leaf: usize, form: &[[f64; 16]; 16]) ->
     matrix
 }
 
-/// Covariance of the point `Σ_k c_k P_k` of a leaf along a direction, from the dense covariance (`3n × 3n`) of its nodes.
+/// Covariance of the point `Σ_k c_k P_k` of a leaf along a direction, from the dense covariance (`3n × 3n`)
+/// of its nodes.
 #[must_use]
-pub fn variance_along(space: &Hierarchy, leaf: usize, covariance: &[f64], c: &[f64; 16], direction: [f64; 3]) -> f64 {
+pub fn variance_along(
+    space: &Hierarchy,
+    leaf: usize,
+    covariance: &[f64],
+    c: &[f64; 16],
+    direction: [f64; 3],
+) -> f64 {
     let (nodes, weights) = space.extraction(leaf);
     let n = nodes.len();
     let row: Vec<f64> = weights.iter().map(|w| (0..16).map(|k| w[k] * c[k]).sum()).collect();
@@ -235,7 +240,8 @@ pub fn variance_along(space: &Hierarchy, leaf: usize, covariance: &[f64], c: &[f
             let mut along = 0.0;
             for i in 0..3 {
                 let line = &covariance[(3 * a + i) * 3 * n + 3 * b..][..3];
-                along += direction[i] * (line[0] * direction[0] + line[1] * direction[1] + line[2] * direction[2]);
+                along +=
+                    direction[i] * (line[0] * direction[0] + line[1] * direction[1] + line[2] * direction[2]);
             }
             variance += row[a] * row[b] * along;
         }
@@ -318,9 +324,8 @@ mod tests {
     #[test]
     fn element_equals_the_outer_product_of_the_row_over_the_nodes() {
         let uniform = Hierarchy::uniform(Shape::Ball, [8, 6]).unwrap();
-        let block: Vec<usize> = [(2.5, 2.5), (3.5, 2.5), (2.5, 3.5), (3.5, 3.5)]
-            .map(|(u, v)| uniform.locate(u, v).0)
-            .to_vec();
+        let block: Vec<usize> =
+            [(2.5, 2.5), (3.5, 2.5), (2.5, 3.5), (3.5, 3.5)].map(|(u, v)| uniform.locate(u, v).0).to_vec();
         let space = uniform.refine(&block);
         for (leaf, _) in space.leaves().iter().enumerate().step_by(3) {
             let c = leaf_weights(0.3, 0.8);
@@ -346,9 +351,8 @@ mod tests {
             }
             // And the variance along the row, from a made-up covariance, both ways.
             let covariance: Vec<f64> = (0..n * n).map(|e| if e % (n + 1) == 0 { 2.0 } else { 0.1 }).collect();
-            let direct: f64 = (0..n)
-                .map(|i| (0..n).map(|j| row[i] * covariance[i * n + j] * row[j]).sum::<f64>())
-                .sum();
+            let direct: f64 =
+                (0..n).map(|i| (0..n).map(|j| row[i] * covariance[i * n + j] * row[j]).sum::<f64>()).sum();
             assert!((variance_along(&space, leaf, &covariance, &c, a) - direct).abs() < 1e-12);
             let reduced = CellCovariance::new(&space, leaf, &covariance);
             assert!((reduced.variance_along(&c, a) - direct).abs() < 1e-11);

@@ -1,8 +1,9 @@
 //! Positions measured along one direction each, summed up leaf by leaf as moments.
 //!
-//! Comes in: a stream of scalar readings `a · S(x, y) = z`, leaf by leaf. Goes out: the information about the nodes. What
-//! [`CellInformation::add_scalar`] adds with 960 multiply-adds a reading takes 340 here, and a leaf's sums a quarter of the memory: the way
-//! for clouds that come in many parts. See [`crate::moments`](CellMoments) for the image of the moments.
+//! Comes in: a stream of scalar readings `a · S(x, y) = z`, leaf by leaf. Goes out: the information about the
+//! nodes. What [`CellInformation::add_scalar`] adds with 960 multiply-adds a reading takes 340 here, and a
+//! leaf's sums a quarter of the memory: the way for clouds that come in many parts. See
+//! [`crate::moments`](CellMoments) for the image of the moments.
 
 use crate::cell_information::CellInformation;
 use crate::hierarchy::Hierarchy;
@@ -16,7 +17,8 @@ use std::sync::Arc;
 /// Moments of the readings on one leaf.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DirectedMoments {
-    /// `Σ w a_p a_q sⁱ tʲ` at `[pq][j][i]` for `pq = xx xy xz yy yz zz`, `s, t ∈ [−1, 1]`; the last column stays zero.
+    /// `Σ w a_p a_q sⁱ tʲ` at `[pq][j][i]` for `pq = xx xy xz yy yz zz`, `s, t ∈ [−1, 1]`; the last column
+    /// stays zero.
     gram: [[[f64; 8]; 7]; 6],
     /// `Σ w z a_d sⁱ tʲ` at `[d][j][i]`.
     values: [[[f64; 4]; 4]; 3],
@@ -24,15 +26,13 @@ pub struct DirectedMoments {
 
 impl Default for DirectedMoments {
     fn default() -> Self {
-        Self {
-            gram: [[[0.0; 8]; 7]; 6],
-            values: [[[0.0; 4]; 4]; 3],
-        }
+        Self { gram: [[[0.0; 8]; 7]; 6], values: [[[0.0; 4]; 4]; 3] }
     }
 }
 
 impl DirectedMoments {
-    /// Adds the reading `a · Σ_k b_k P_k = value` at local coordinates in `[0, 1]²`, with information `w` (1/variance).
+    /// Adds the reading `a · Σ_k b_k P_k = value` at local coordinates in `[0, 1]²`, with information `w`
+    /// (1/variance).
     #[inline]
     pub fn add(&mut self, local: [f64; 2], a: [f64; 3], value: f64, information: f64) {
         let [s, t] = local.map(|x| 2.0 * x - 1.0);
@@ -61,10 +61,7 @@ impl DirectedMoments {
     }
 
     fn add_to(&self, cell: &mut CellInformation) {
-        cell.add_triangles(
-            &self.gram.each_ref().map(matrix_of_moments),
-            &vector_of_moments(&self.values),
-        );
+        cell.add_triangles(&self.gram.each_ref().map(matrix_of_moments), &vector_of_moments(&self.values));
     }
 }
 
@@ -100,10 +97,7 @@ impl DirectedSums {
     /// Nothing yet. Memory: 3 KB a leaf.
     #[must_use]
     pub fn new(space: &Arc<Hierarchy>) -> Self {
-        Self {
-            space: Arc::clone(space),
-            leaves: vec![DirectedMoments::default(); space.leaves().len()],
-        }
+        Self { space: Arc::clone(space), leaves: vec![DirectedMoments::default(); space.leaves().len()] }
     }
 
     /// Adds what there is of each leaf: in parallel, the same bytes at any number of threads.

@@ -1,15 +1,17 @@
 //! Smoothness energies of a surface, as quadratic forms on its leaves.
 //!
-//! Comes in: a reference [`Surface`] whose metric is frozen. Goes out: for every leaf, the thin-plate form on its sixteen
-//! coefficients, and the area of the leaf.
+//! Comes in: a reference [`Surface`] whose metric is frozen. Goes out: for every leaf, the thin-plate form on
+//! its sixteen coefficients, and the area of the leaf.
 //!
 //! The thin-plate energy of a function f on the surface is `∫ |∇∇f|² dA` with the covariant Hessian
-//! `∇_a∇_b f = f_ab − Γ^c_ab f_c` of the reference's metric: it does not depend on how the surface is parametrised, so it
-//! stays finite at the poles of a ball and where a chart is stretched, which the parametric `∫ f_uu² + 2 f_uv² + f_vv²` does not.
-//! On a flat reference both are the same. Summed over the three coordinates it is the bending energy `∫ κ1² + κ2² dA` to leading order.
+//! `∇_a∇_b f = f_ab − Γ^c_ab f_c` of the reference's metric: it does not depend on how the surface is
+//! parametrised, so it stays finite at the poles of a ball and where a chart is stretched, which the
+//! parametric `∫ f_uu² + 2 f_uv² + f_vv²` does not. On a flat reference both are the same. Summed over the
+//! three coordinates it is the bending energy `∫ κ1² + κ2² dA` to leading order.
 //!
 //! # References
-//! Duchon, *Splines minimizing rotation-invariant semi-norms in Sobolev spaces*, 1977; do Carmo, *Riemannian Geometry*, 1992, ch. 2.
+//! Duchon, *Splines minimizing rotation-invariant semi-norms in Sobolev spaces*, 1977; do Carmo, *Riemannian
+//! Geometry*, 1992, ch. 2.
 
 use crate::basis::cubic;
 use crate::cell_information::add_to_triangle;
@@ -19,7 +21,8 @@ use planish_estimate::vector3::dot;
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
-/// Gauss–Legendre points and weights on [0, 1], four of them: exact to degree 7, as squares of cubics on a plane need.
+/// Gauss–Legendre points and weights on [0, 1], four of them: exact to degree 7, as squares of cubics on a
+/// plane need.
 const GAUSS: [(f64, f64); 4] = [
     (0.069_431_844_202_973_7, 0.173_927_422_568_726_9),
     (0.330_009_478_207_571_9, 0.326_072_577_431_273_1),
@@ -37,7 +40,8 @@ pub struct LeafEnergy {
 }
 
 impl LeafEnergy {
-    /// The energy of a leaf's sixteen coefficients, summed over the three coordinates: `∫ κ1² + κ2² dA` to leading order.
+    /// The energy of a leaf's sixteen coefficients, summed over the three coordinates: `∫ κ1² + κ2² dA` to
+    /// leading order.
     #[must_use]
     pub fn of(&self, coefficients: &[[f64; 3]; 16]) -> f64 {
         let mut sum = 0.0;
@@ -64,10 +68,7 @@ pub struct QuadraturePoint {
 pub fn quadrature() -> [QuadraturePoint; 16] {
     std::array::from_fn(|n| {
         let ((s, ws), (t, wt)) = (GAUSS[n % 4], GAUSS[n / 4]);
-        QuadraturePoint {
-            local: [s, t],
-            weight: ws * wt,
-        }
+        QuadraturePoint { local: [s, t], weight: ws * wt }
     })
 }
 
@@ -84,7 +85,8 @@ impl Surface {
 
     /// The thin-plate forms of all leaves of `space` in the metric of this surface.
     ///
-    /// `space` is this surface's own or a refinement of it. Cost: 16 jets and about 7,000 multiply-adds a leaf, in parallel.
+    /// `space` is this surface's own or a refinement of it. Cost: 16 jets and about 7,000 multiply-adds a
+    /// leaf, in parallel.
     #[must_use]
     pub fn thin_plate(&self, space: &Hierarchy) -> Vec<LeafEnergy> {
         let bases = quadrature().map(PointBasis::new);
@@ -97,8 +99,7 @@ impl Surface {
 
     /// The thin-plate form of one leaf in the metric of this surface.
     pub(crate) fn leaf_thin_plate(&self, leaf: usize) -> [[f64; 16]; 16] {
-        self.leaf_energy(self.space(), leaf, &quadrature().map(PointBasis::new))
-            .thin_plate
+        self.leaf_energy(self.space(), leaf, &quadrature().map(PointBasis::new)).thin_plate
     }
 
     fn leaf_energy(&self, space: &Hierarchy, leaf: usize, bases: &[PointBasis; 16]) -> LeafEnergy {
@@ -130,10 +131,7 @@ impl Surface {
                 thin_plate[l][k] = thin_plate[k][l];
             }
         }
-        LeafEnergy {
-            thin_plate,
-            area: total_area,
-        }
+        LeafEnergy { thin_plate, area: total_area }
     }
 }
 
@@ -152,8 +150,8 @@ impl PointBasis {
         Self { point, derivatives }
     }
 
-    /// The covariant Hessian of each of the functions, in an orthonormal tangent frame of the jet: rows for 11, √2·12 and 22; and the
-    /// area element.
+    /// The covariant Hessian of each of the functions, in an orthonormal tangent frame of the jet: rows for
+    /// 11, √2·12 and 22; and the area element.
     fn hessian_rows(&self, jet: &Jet, side: f64) -> Option<([[f64; 16]; 3], f64)> {
         let [e, f, g] = jet.first_form();
         let area2 = e * g - f * f;
@@ -182,7 +180,11 @@ impl PointBasis {
             let first = [0, 1].map(|c| -h * (0..3).map(|i| second[i] * gamma[i][c]).sum::<f64>());
             let second = second.map(|x| h * h * x);
             std::array::from_fn(|k| {
-                first[0] * du[k] + first[1] * dv[k] + second[0] * duu[k] + second[1] * duv[k] + second[2] * dvv[k]
+                first[0] * du[k]
+                    + first[1] * dv[k]
+                    + second[0] * duu[k]
+                    + second[1] * duv[k]
+                    + second[2] * dvv[k]
             })
         });
         Some((rows, area2.sqrt()))
@@ -216,25 +218,18 @@ mod tests {
     #[test]
     fn area_and_bending_energy_of_a_sphere_are_analytic() {
         let r = 2.0;
-        let sphere = BaseShape::sphere([0.0; 3], r, [0.0, 0.0, 1.0])
-            .surface([48, 24])
-            .unwrap();
+        let sphere = BaseShape::sphere([0.0; 3], r, [0.0, 0.0, 1.0]).surface([48, 24]).unwrap();
         let area: f64 = sphere.thin_plate(sphere.space()).iter().map(|leaf| leaf.area).sum();
-        assert!(
-            (area / (4.0 * std::f64::consts::PI * r * r) - 1.0).abs() < 1e-4,
-            "area {area}"
-        );
+        assert!((area / (4.0 * std::f64::consts::PI * r * r) - 1.0).abs() < 1e-4, "area {area}");
         // Σ over coordinates of |∇∇x|² = κ1² + κ2² = 2/r²: total 8π.
         let total: f64 = (0..3).map(|d| energy(&sphere, &sphere, d)).sum();
-        assert!(
-            (total / (8.0 * std::f64::consts::PI) - 1.0).abs() < 5e-3,
-            "energy {total}"
-        );
+        assert!((total / (8.0 * std::f64::consts::PI) - 1.0).abs() < 5e-3, "energy {total}");
     }
 
     #[test]
     fn energy_does_not_depend_on_the_parametrisation() {
-        // The same quadratic function over the unit square, once on a straight and once on a bent chart of the plane.
+        // The same quadratic function over the unit square, once on a straight and once on a bent chart of
+        // the plane.
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [24, 24]).unwrap());
         let straight = fit_function(&space, |u, v| [u / 24.0, v / 24.0, 0.0]).unwrap();
         let warp = |u: f64, v: f64| {
@@ -260,9 +255,7 @@ mod tests {
 
     #[test]
     fn refinement_keeps_the_energy() {
-        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0])
-            .surface([16, 8])
-            .unwrap();
+        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([16, 8]).unwrap();
         let fine_space = Arc::new(sphere.space().refine(&[40, 41, 56, 57]));
         let fine = sphere.refined(Arc::clone(&fine_space)).unwrap();
         // Quadrature differs on split cells, hence not to the last digit.

@@ -1,8 +1,8 @@
 //! The extraction of all leaves as one sparse matrix.
 //!
-//! Comes in: a [`Hierarchy`]. Goes out: coefficients of all leaves from control vertices, and the transpose of that map for
-//! right-hand sides. Most coefficients are one vertex each; the dense weights of [`Hierarchy::extraction`] are mostly zeros.
-//! The same bytes at any number of threads.
+//! Comes in: a [`Hierarchy`]. Goes out: coefficients of all leaves from control vertices, and the transpose
+//! of that map for right-hand sides. Most coefficients are one vertex each; the dense weights of
+//! [`Hierarchy::extraction`] are mostly zeros. The same bytes at any number of threads.
 
 use crate::hierarchy::Hierarchy;
 use rayon::prelude::*;
@@ -60,10 +60,7 @@ impl SparseExtraction {
         for node in 0..space.node_count() {
             count[node + 1] += count[node];
         }
-        let mut by_node = Rows {
-            start: count.clone(),
-            entries: vec![(0, 0.0); entries.len()],
-        };
+        let mut by_node = Rows { start: count.clone(), entries: vec![(0, 0.0); entries.len()] };
         let by_coefficient = Rows { start, entries };
         for row in 0..16 * leaves {
             for &(node, w) in by_coefficient.of(row) {
@@ -72,10 +69,7 @@ impl SparseExtraction {
                 *place += 1;
             }
         }
-        Self {
-            by_coefficient,
-            by_node,
-        }
+        Self { by_coefficient, by_node }
     }
 
     /// Sixteen coefficients of every leaf.
@@ -83,7 +77,9 @@ impl SparseExtraction {
         (0..(self.by_coefficient.start.len() - 1) / 16)
             .into_par_iter()
             .with_min_len(512)
-            .map(|leaf| std::array::from_fn(|k| self.by_coefficient.combine(16 * leaf + k, |node| vertices[node])))
+            .map(|leaf| {
+                std::array::from_fn(|k| self.by_coefficient.combine(16 * leaf + k, |node| vertices[node]))
+            })
             .collect()
     }
 

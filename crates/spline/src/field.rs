@@ -1,7 +1,8 @@
 //! Vector fields over a surface, sampled at the 2 × 2 Gauss points of every leaf.
 //!
-//! Comes in: a [`SurfaceSystem`] and values at the points. Goes out: right-hand sides `∫ B_a f dA`, and, on the way there, points and
-//! tangents of the surface where the field is asked for. What depends on the four points alone is worked out once.
+//! Comes in: a [`SurfaceSystem`] and values at the points. Goes out: right-hand sides `∫ B_a f dA`, and, on
+//! the way there, points and tangents of the surface where the field is asked for. What depends on the four
+//! points alone is worked out once.
 
 use crate::basis::cubic;
 use crate::surface::{Surface, coordinates_in_fours};
@@ -22,11 +23,7 @@ impl Default for FieldPoints {
     fn default() -> Self {
         let near = 0.5 - 0.5 / 3.0_f64.sqrt();
         let along = [near, 1.0 - near];
-        Self {
-            along,
-            value: along.map(|s| cubic(s)[0]),
-            slope: along.map(|s| cubic(s)[1]),
-        }
+        Self { along, value: along.map(|s| cubic(s)[0]), slope: along.map(|s| cubic(s)[1]) }
     }
 }
 
@@ -92,7 +89,8 @@ impl FieldPoints {
 }
 
 impl SurfaceSystem {
-    /// Area that each point stands for in the metric of a reference surface, leaf by leaf: for [`Self::project_field`].
+    /// Area that each point stands for in the metric of a reference surface, leaf by leaf: for
+    /// [`Self::project_field`].
     #[must_use]
     pub fn field_weights(&self, points: &FieldPoints, reference: &Surface) -> Vec<[f64; FieldPoints::COUNT]> {
         (0..self.space().leaves().len())
@@ -141,18 +139,14 @@ mod tests {
     /// A ball that grows moves where these say; a wrong tangent bends it.
     #[test]
     fn frames_are_the_jets_of_the_surface_and_projections_integrate_it() {
-        let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0])
-            .surface([12, 8])
-            .unwrap();
+        let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([12, 8]).unwrap();
         let points = FieldPoints::default();
         let system = SurfaceSystem::new(ball.space()).unwrap();
         let weights = system.field_weights(&points, &ball);
         for leaf in [0, 17, 50] {
             let side = ball.space().leaves()[leaf].side();
-            for (n, [point, du, dv]) in points
-                .frames(ball.leaf_coefficients(leaf), side)
-                .into_iter()
-                .enumerate()
+            for (n, [point, du, dv]) in
+                points.frames(ball.leaf_coefficients(leaf), side).into_iter().enumerate()
             {
                 let [s, t] = points.local(n);
                 let jet = ball.leaf_jet(leaf, s, t);
@@ -164,9 +158,7 @@ mod tests {
         }
         // The nodes' functions add up to one: right-hand sides of a constant add up to the area, 16 π.
         let sums = system.project_field(&points, &weights, |_| [[1.0, 0.0, -2.0]; FieldPoints::COUNT]);
-        let total = sums
-            .chunks_exact(3)
-            .fold([0.0; 3], |t, s| [t[0] + s[0], t[1] + s[1], t[2] + s[2]]);
+        let total = sums.chunks_exact(3).fold([0.0; 3], |t, s| [t[0] + s[0], t[1] + s[1], t[2] + s[2]]);
         let area = 16.0 * std::f64::consts::PI;
         assert!((total[0] / area - 1.0).abs() < 2e-3, "{total:?} of {area}");
         assert!(total[1] == 0.0 && (total[2] + 2.0 * total[0]).abs() < 1e-9);

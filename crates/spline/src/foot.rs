@@ -1,10 +1,11 @@
 //! Foot points: the parameters of the surface point nearest to a measured one.
 //!
-//! Comes in: a [`Surface`], a point, and either starting parameters or a [`FootPointSearch`]. Goes out: a [`FootPoint`]
-//! with leaf, local coordinates, jet and signed distance.
+//! Comes in: a [`Surface`], a point, and either starting parameters or a [`FootPointSearch`]. Goes out: a
+//! [`FootPoint`] with leaf, local coordinates, jet and signed distance.
 //!
-//! Not guaranteed: the *global* nearest point. A projection goes downhill from where it starts; the search starts it at the
-//! sample whose position and normal agree best, which tells the two sides of a thin part apart.
+//! Not guaranteed: the *global* nearest point. A projection goes downhill from where it starts; the search
+//! starts it at the sample whose position and normal agree best, which tells the two sides of a thin part
+//! apart.
 
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::{Jet, Surface};
@@ -25,7 +26,8 @@ pub struct FootPoint {
     pub normal: [f64; 3],
     /// Signed distance of the measured point along the normal.
     pub height: f64,
-    /// Distance of the measured point from the normal line: zero up to the tolerance unless the foot point is held at a border.
+    /// Distance of the measured point from the normal line: zero up to the tolerance unless the foot point is
+    /// held at a border.
     pub slip: f64,
     /// Whether the foot point lies on the border of an open surface with the measured point beyond it.
     pub at_border: bool,
@@ -45,29 +47,21 @@ pub struct ProjectionOptions {
 impl Default for ProjectionOptions {
     fn default() -> Self {
         // A foot point off by h changes the height by κh²/2: 1e-5 of a cell is far below every noise.
-        Self {
-            max_steps: 20,
-            relative_tolerance: 1e-5,
-        }
+        Self { max_steps: 20, relative_tolerance: 1e-5 }
     }
 }
 
 impl Surface {
     /// The foot point of `z`, by damped Newton from `(u, v)`.
     ///
-    /// Minimises `|S(u, v) − z|²/2`: full Newton where the Hessian is positive definite, Gauss–Newton elsewhere; each step is
-    /// halved until the distance falls. Cells are crossed freely; open borders hold the foot point.
+    /// Minimises `|S(u, v) − z|²/2`: full Newton where the Hessian is positive definite, Gauss–Newton
+    /// elsewhere; each step is halved until the distance falls. Cells are crossed freely; open borders hold
+    /// the foot point.
     ///
     /// Cost: a few jets; typically 2 or 3 from a neighbouring sample and 1 when the surface has hardly moved.
     #[must_use]
     pub fn project(&self, z: [f64; 3], start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
-        project_onto(
-            self.space(),
-            |leaf, [s, t]| self.leaf_jet(leaf, s, t),
-            z,
-            start,
-            options,
-        )
+        project_onto(self.space(), |leaf, [s, t]| self.leaf_jet(leaf, s, t), z, start, options)
     }
 }
 
@@ -93,7 +87,8 @@ pub(crate) fn project_onto(
         let r = sub(jet.point, z);
         let gradient = [dot(jet.du, r), dot(jet.dv, r)];
         for d in 0..2 {
-            held[d] = open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
+            held[d] =
+                open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
         }
         let step = newton_step(&jet, r, gradient, held);
         // No further than two cells at once: the model of the distance is local.
@@ -104,7 +99,9 @@ pub(crate) fn project_onto(
         }
         // The last step is so short that the jet itself tells where it leads.
         let inside = [0, 1].map(|d| local[d] + step[d] / side);
-        if (longest / side).powi(2) < options.relative_tolerance && inside.iter().all(|c| (0.0..1.0).contains(c)) {
+        if (longest / side).powi(2) < options.relative_tolerance
+            && inside.iter().all(|c| (0.0..1.0).contains(c))
+        {
             (local, jet) = (inside, jet.shifted(step));
             converged = true;
             break;
@@ -135,11 +132,7 @@ pub(crate) fn project_onto(
             share *= 0.35;
         }
         // Newton converges quadratically: after a whole step of share s of a leaf about s² is left.
-        let left = if share < 1.0 {
-            longest * share / side
-        } else {
-            (longest / side).powi(2)
-        };
+        let left = if share < 1.0 { longest * share / side } else { (longest / side).powi(2) };
         if !moved || left < options.relative_tolerance {
             converged = true;
             break;
@@ -195,22 +188,24 @@ fn newton_step(jet: &Jet, r: [f64; 3], g: [f64; 2], held: [bool; 2]) -> [f64; 2]
     }
 }
 
-/// Finds starting parameters for projections: samples of the surface in a tree over position and scaled normal.
+/// Finds starting parameters for projections: samples of the surface in a tree over position and scaled
+/// normal.
 pub struct FootPointSearch {
     tree: SampleTree,
     parameters: Vec<[f64; 2]>,
     normal_scale: f64,
 }
 
-/// The samples: a tree that splits along normals which are all the same finds nothing by it, and takes ten times as long; and over a
-/// plane that a sheet covers but once, no tree is needed.
+/// The samples: a tree that splits along normals which are all the same finds nothing by it, and takes ten
+/// times as long; and over a plane that a sheet covers but once, no tree is needed.
 enum SampleTree {
     Raster(Raster),
     Positions(ImmutableKdTree<f64, 3>),
     WithNormals(ImmutableKdTree<f64, 6>),
 }
 
-/// A sheet seen from above is one layer where no normal leans further than this from the mean: the cosine, of 60°.
+/// A sheet seen from above is one layer where no normal leans further than this from the mean: the cosine, of
+/// 60°.
 const STEEPEST: f64 = 0.5;
 
 /// For each cell of a raster in a plane, the sample that lies nearest to its middle.
@@ -223,7 +218,8 @@ struct Raster {
 }
 
 impl Raster {
-    /// A raster over the mean plane of samples with unit normals; none where they are no single layer above it.
+    /// A raster over the mean plane of samples with unit normals; none where they are no single layer above
+    /// it.
     fn of_layer(samples: &[[f64; 3]], normals: &[[f64; 3]]) -> Option<Self> {
         let mut mean = [0.0; 3];
         for normal in normals {
@@ -263,7 +259,8 @@ impl Raster {
         Some(raster)
     }
 
-    /// Every sample in its own cell; then each cell without any takes the nearest of those that its neighbours have.
+    /// Every sample in its own cell; then each cell without any takes the nearest of those that its
+    /// neighbours have.
     fn fill(&mut self, samples: &[[f64; 3]]) {
         let places: Vec<[f64; 2]> = samples.iter().map(|p| self.place(*p)).collect();
         let [columns, rows] = self.size;
@@ -332,8 +329,8 @@ const NO_SAMPLE: u32 = u32::MAX;
 impl FootPointSearch {
     /// Samples every leaf at `per_side × per_side` points.
     ///
-    /// `normal_scale` is the length that opposite unit vectors are worth: two samples with opposite normals are set
-    /// `2 · normal_scale` apart. Zero searches by position alone.
+    /// `normal_scale` is the length that opposite unit vectors are worth: two samples with opposite normals
+    /// are set `2 · normal_scale` apart. Zero searches by position alone.
     ///
     /// # Errors
     /// `Undetermined` when no sample of the surface is usable.
@@ -371,20 +368,18 @@ impl FootPointSearch {
         } else {
             SampleTree::Positions(ImmutableKdTree::new_from_slice(&samples).map_err(unusable)?)
         };
-        Ok(Self {
-            tree,
-            parameters,
-            normal_scale,
-        })
+        Ok(Self { tree, parameters, normal_scale })
     }
 
-    /// Parameters of the sample nearest to a point with this normal (zero where it is unknown); along the mean normal, where the surface is
-    /// a sheet of one layer and normals do not count.
+    /// Parameters of the sample nearest to a point with this normal (zero where it is unknown); along the
+    /// mean normal, where the surface is a sheet of one layer and normals do not count.
     #[must_use]
     pub fn nearest(&self, z: [f64; 3], normal: [f64; 3]) -> [f64; 2] {
         let item = match &self.tree {
             SampleTree::Raster(raster) => return self.parameters[raster.sample[raster.cell(z)] as usize],
-            SampleTree::Positions(tree) => tree.query(&z).nearest_one::<SquaredEuclidean<f64>>().execute().item,
+            SampleTree::Positions(tree) => {
+                tree.query(&z).nearest_one::<SquaredEuclidean<f64>>().execute().item
+            }
             SampleTree::WithNormals(tree) => {
                 let n = scale(self.normal_scale, normal);
                 let query = [z[0], z[1], z[2], n[0], n[1], n[2]];
@@ -405,30 +400,25 @@ mod tests {
 
     #[test]
     fn projections_onto_a_sphere_point_to_its_centre_poles_included() {
-        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0])
-            .surface([32, 16])
-            .unwrap();
+        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([32, 16]).unwrap();
         let search = FootPointSearch::new(&sphere, 2, 0.5).unwrap();
         for n in 0..500 {
             let z = 1.0 - 2.0 * (n as f64 + 0.5) / 500.0;
             let a = n as f64 * 2.399_963;
             let r = 1.0_f64 - z * z;
             let p = scale(1.1, [r.sqrt() * a.cos(), r.sqrt() * a.sin(), z]);
-            let foot = sphere.project(p, search.nearest(p, scale(1.0 / 1.1, p)), &ProjectionOptions::default());
-            assert!(
-                foot.converged && (foot.height - 0.1).abs() < 1e-4 && foot.slip < 1e-4,
-                "{p:?} {foot:?}"
-            );
+            let foot =
+                sphere.project(p, search.nearest(p, scale(1.0 / 1.1, p)), &ProjectionOptions::default());
+            assert!(foot.converged && (foot.height - 0.1).abs() < 1e-4 && foot.slip < 1e-4, "{p:?} {foot:?}");
         }
     }
 
-    /// Design 4A: curvature lifts naive feet by about `H σ_t²`. At σ = 5 % of the radius that is 0.25 % of it.
+    /// Design 4A: curvature lifts naive feet by about `H σ_t²`. At σ = 5 % of the radius that is 0.25 % of
+    /// it.
     #[test]
     fn noise_along_a_sphere_lifts_no_foot_once_the_bias_is_off() {
         let sigma = 0.05;
-        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0])
-            .surface([32, 16])
-            .unwrap();
+        let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([32, 16]).unwrap();
         let search = FootPointSearch::new(&sphere, 2, 0.0).unwrap();
         let options = ProjectionOptions::default();
         let covariance = [sigma * sigma, 0.0, 0.0, sigma * sigma, 0.0, sigma * sigma];
@@ -454,11 +444,10 @@ mod tests {
 
     #[test]
     fn over_a_sheet_of_one_layer_the_search_begins_as_near_as_a_tree_would() {
-        // Waves on a plane that leans, whose corners are cut off the raster's: some cells have no sample of their own.
+        // Waves on a plane that leans, whose corners are cut off the raster's: some cells have no sample of
+        // their own.
         let along = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0]];
-        let plane = BaseShape::plane([100.0, -50.0, 7.0], along, [2.0, 1.0])
-            .surface([16, 8])
-            .unwrap();
+        let plane = BaseShape::plane([100.0, -50.0, 7.0], along, [2.0, 1.0]).surface([16, 8]).unwrap();
         let vertices = (plane.vertices().iter())
             .map(|p| [p[0], p[1] + 0.3 * p[0], p[2] + 0.02 * (5.0 * p[1]).sin()])
             .collect();
@@ -466,19 +455,14 @@ mod tests {
         let search = FootPointSearch::new(&sheet, 2, 0.0).unwrap();
         assert!(matches!(search.tree, SampleTree::Raster(_)));
         for n in 0..2_000 {
-            let [u, v] = [
-                (f64::from(n) * 0.618_034).fract() * 16.0,
-                (f64::from(n) * 0.754_878).fract() * 8.0,
-            ];
+            let [u, v] =
+                [(f64::from(n) * 0.618_034).fract() * 16.0, (f64::from(n) * 0.754_878).fract() * 8.0];
             let jet = sheet.jet(u, v);
             let normal = jet.normal().unwrap();
             let height = 0.05 * f64::from(n % 7 - 3);
             let p = add(jet.point, scale(height, normal));
             let start = search.nearest(p, [0.0; 3]);
-            assert!(
-                (start[0] - u).abs() < 2.0 && (start[1] - v).abs() < 2.0,
-                "{start:?} {u} {v}"
-            );
+            assert!((start[0] - u).abs() < 2.0 && (start[1] - v).abs() < 2.0, "{start:?} {u} {v}");
             let foot = sheet.project(p, start, &ProjectionOptions::default());
             assert!(foot.converged && (foot.height - height).abs() < 1e-5, "{foot:?}");
         }
@@ -505,7 +489,11 @@ mod tests {
             .surface([4, 4])
             .unwrap();
         let foot = sheet.project([1.4, 0.3, 0.1], [2.0, 2.0], &ProjectionOptions::default());
-        assert!(foot.at_border && (foot.jet.point[0] - 1.0).abs() < 1e-9 && (foot.jet.point[1] - 0.3).abs() < 1e-6);
+        assert!(
+            foot.at_border
+                && (foot.jet.point[0] - 1.0).abs() < 1e-9
+                && (foot.jet.point[1] - 0.3).abs() < 1e-6
+        );
         assert!((foot.slip - 0.4).abs() < 1e-6);
     }
 }

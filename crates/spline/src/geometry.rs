@@ -1,9 +1,10 @@
 //! Differential geometry at a surface point: fundamental forms, normals, curvatures and their directions.
 //!
-//! Comes in: a [`Jet`]. Goes out: normal, forms, principal, Gaussian and mean curvature. Curvature is positive where the
-//! surface bends towards its normal, so a sphere with outward normals has κ = −1/r.
+//! Comes in: a [`Jet`]. Goes out: normal, forms, principal, Gaussian and mean curvature. Curvature is
+//! positive where the surface bends towards its normal, so a sphere with outward normals has κ = −1/r.
 //!
-//! Not guaranteed: values where `S_u × S_v = 0`; on a ball's poles use [`crate::Surface::curvature`], which changes charts.
+//! Not guaranteed: values where `S_u × S_v = 0`; on a ball's poles use [`crate::Surface::curvature`], which
+//! changes charts.
 //!
 //! # References
 //! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, §3.3.
@@ -44,17 +45,13 @@ impl Curvature {
         let angle = 0.5 * b.atan2(half);
         let (s, co) = angle.sin_cos();
         let first = [0, 1, 2].map(|d| co * e1[d] + s * e2[d]);
-        Self {
-            normal,
-            principal: [mean + radius, mean - radius],
-            directions: [first, cross(normal, first)],
-        }
+        Self { normal, principal: [mean + radius, mean - radius], directions: [first, cross(normal, first)] }
     }
 }
 
 impl Jet {
-    /// The jet a short parameter step away, second derivatives taken as constant: the point is off by a sixth of the third derivative
-    /// times the cube of the step.
+    /// The jet a short parameter step away, second derivatives taken as constant: the point is off by a sixth
+    /// of the third derivative times the cube of the step.
     #[inline]
     pub(crate) fn shifted(&self, [u, v]: [f64; 2]) -> Self {
         let mut moved = *self;
@@ -92,8 +89,8 @@ impl Jet {
         [dot(self.duu, normal), dot(self.duv, normal), dot(self.dvv, normal)]
     }
 
-    /// Unit normal, orthonormal tangents `e1`, `e2` and the second fundamental form in them: `[II(e1, e1), II(e1, e2), II(e2, e2)]`;
-    /// none where the parametrisation is singular.
+    /// Unit normal, orthonormal tangents `e1`, `e2` and the second fundamental form in them:
+    /// `[II(e1, e1), II(e1, e2), II(e2, e2)]`; none where the parametrisation is singular.
     #[inline]
     fn orthonormal_form(&self) -> Option<OrthonormalForm> {
         let normal = self.normal()?;
@@ -106,21 +103,13 @@ impl Jet {
         let a = e / (l * l);
         let b = (f / l - m * a) / q;
         let c = (g - 2.0 * m * q * b - m * m * a) / (q * q);
-        Some(OrthonormalForm {
-            normal,
-            tangents: [e1, e2],
-            form: [a, b, c],
-        })
+        Some(OrthonormalForm { normal, tangents: [e1, e2], form: [a, b, c] })
     }
 
     /// Normal, principal curvatures and directions; none where the parametrisation is singular.
     #[must_use]
     pub fn curvature(&self) -> Option<Curvature> {
-        let OrthonormalForm {
-            normal,
-            tangents: [e1, e2],
-            form,
-        } = self.orthonormal_form()?;
+        let OrthonormalForm { normal, tangents: [e1, e2], form } = self.orthonormal_form()?;
         Some(Curvature::from_orthonormal(normal, e1, e2, form))
     }
 
@@ -131,19 +120,16 @@ impl Jet {
         Some(0.5 * (a + c))
     }
 
-    /// `tr(II R_t)/2`: the mean height above the surface that noise of covariance `R` along the tangent plane feigns,
-    /// to second order; none where the parametrisation is singular. `covariance` is `[xx, xy, xz, yy, yz, zz]`.
+    /// `tr(II R_t)/2`: the mean height above the surface that noise of covariance `R` along the tangent plane
+    /// feigns, to second order; none where the parametrisation is singular. `covariance` is
+    /// `[xx, xy, xz, yy, yz, zz]`.
     ///
-    /// On a sphere of radius r and isotropic noise this is `−σ²/r` along the outward normal's curvature sign, so the
-    /// expected signed distance of a noisy point is `−tr(II R_t)/2`.
+    /// On a sphere of radius r and isotropic noise this is `−σ²/r` along the outward normal's curvature sign,
+    /// so the expected signed distance of a noisy point is `−tr(II R_t)/2`.
     #[inline]
     #[must_use]
     pub fn tangential_bias(&self, covariance: &[f64; 6]) -> Option<f64> {
-        let OrthonormalForm {
-            tangents: [e1, e2],
-            form: [a, b, c],
-            ..
-        } = self.orthonormal_form()?;
+        let OrthonormalForm { tangents: [e1, e2], form: [a, b, c], .. } = self.orthonormal_form()?;
         let [xx, xy, xz, yy, yz, zz] = *covariance;
         let times = |d: [f64; 3]| {
             [
@@ -176,8 +162,9 @@ impl Surface {
 
     /// Curvature at `(u, v)`, poles of a ball included; none where the surface is degenerate.
     ///
-    /// A pole is evaluated in the chart of its tangent plane: normal curvatures of the meridians, `S_vv·n/|S_v|²`, give the
-    /// second fundamental form by least squares over directions. A ball is C¹ there, so the form is that of the best quadric.
+    /// A pole is evaluated in the chart of its tangent plane: normal curvatures of the meridians,
+    /// `S_vv·n/|S_v|²`, give the second fundamental form by least squares over directions. A ball is C¹
+    /// there, so the form is that of the best quadric.
     #[must_use]
     pub fn curvature(&self, u: f64, v: f64) -> Option<Curvature> {
         let Some(inward) = self.pole_direction(v) else {
@@ -213,12 +200,7 @@ impl Surface {
             }
             dot(n[0], cross(n[1], n[2])) / determinant
         };
-        Some(Curvature::from_orthonormal(
-            normal,
-            e1,
-            e2,
-            [solve(0), solve(1), solve(2)],
-        ))
+        Some(Curvature::from_orthonormal(normal, e1, e2, [solve(0), solve(1), solve(2)]))
     }
 
     /// +1 or −1: the way of growing distance from the pole, where `v` is at a pole of a ball.
@@ -236,12 +218,14 @@ impl Surface {
         }
     }
 
-    /// The pole's normal from two meridians a quarter turn apart; `S_u ∝ ∂S_v/∂u · distance`, which fixes the side.
+    /// The pole's normal from two meridians a quarter turn apart; `S_u ∝ ∂S_v/∂u · distance`, which fixes the
+    /// side.
     fn pole_normal(&self, v: f64, inward: f64) -> Option<[f64; 3]> {
         let quarter = self.space().extent()[0] / 4.0;
         let (a, b) = (self.jet(0.0, v).dv, self.jet(quarter, v).dv);
-        // Near the bottom pole S_u ≈ (v) ∂_u S_v: S_u × S_v ∥ b × a; near the top the distance is −(v − n): the side flips
-        // twice, once with the distance and once with nothing else, so the sign is that of the way inward.
+        // Near the bottom pole S_u ≈ (v) ∂_u S_v: S_u × S_v ∥ b × a; near the top the distance is −(v − n):
+        // the side flips twice, once with the distance and once with nothing else, so the sign is that of the
+        // way inward.
         unit(scale(inward, cross(b, a)))
     }
 }
@@ -264,7 +248,11 @@ mod tests {
         };
         let curvature = jet.curvature().unwrap();
         assert!((curvature.principal[0] - p).abs() < 1e-12 && (curvature.principal[1] - q).abs() < 1e-12);
-        assert!(curvature.directions[0][0].abs() > 1.0 - 1e-12 && curvature.directions[1][1].abs() > 1.0 - 1e-12);
-        assert!((curvature.gaussian() - p * q).abs() < 1e-12 && (curvature.mean() - 0.5 * (p + q)).abs() < 1e-12);
+        assert!(
+            curvature.directions[0][0].abs() > 1.0 - 1e-12 && curvature.directions[1][1].abs() > 1.0 - 1e-12
+        );
+        assert!(
+            (curvature.gaussian() - p * q).abs() < 1e-12 && (curvature.mean() - 0.5 * (p + q)).abs() < 1e-12
+        );
     }
 }

@@ -1,20 +1,27 @@
 //! Bicubic height fields over scattered points, as smooth as the points bear out.
 //!
-//! Comes in: heights over places of a plane, each with its information. Goes out: a uniform bicubic B-spline (R. Mohr, C. Zhao, G. Koscielny, *Fusion of 3D B-spline surface patches*, 1994, eq. 3)
+//! Comes in: heights over places of a plane, each with its information. Goes out: a uniform bicubic B-spline
+//! (R. Mohr, C. Zhao, G. Koscielny, *Fusion of 3D B-spline surface patches*, 1994, eq. 3)
 //!
-//! `F(x, y) = Σ_ij α_ij B_i(x) B_j(y)`, the least of `Σ w_k (F(x_k, y_k) − z_k)² + τ ∫∫ (∂⁶F/∂x³∂y³)² + ε (F_xx² + 2 F_xy² + F_yy²)` (their eq. 4, and a term of second order), lengths in cells,
+//! `F(x, y) = Σ_ij α_ij B_i(x) B_j(y)`, the least of
+//! `Σ w_k (F(x_k, y_k) − z_k)² + τ ∫∫ (∂⁶F/∂x³∂y³)² + ε (F_xx² + 2 F_xy² + F_yy²)` (their eq. 4, and a term
+//! of second order), lengths in cells,
 //!
-//! with its covariance. Their energy alone is nothing for `3 (m + 3) + 3 (n + 3) − 9` functions: all quadratics of x with any spline of y for coefficients, and the reverse. Where the places leave gaps that makes
-//! the system singular; with the second term only planes are free. τ is the weight that makes the heights most likely (REML).
+//! with its covariance. Their energy alone is nothing for `3 (m + 3) + 3 (n + 3) − 9` functions: all
+//! quadratics of x with any spline of y for coefficients, and the reverse. Where the places leave gaps that
+//! makes the system singular; with the second term only planes are free. τ is the weight that makes the
+//! heights most likely (REML).
 //!
 //! Not guaranteed: anything outside of the places' box; that one cell is fine enough for the shape.
 
 use crate::basis::cubic;
 use planish_estimate::sparse::{
-    BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SelectedInverse, SymbolicFactor,
+    BlockInformation, BlockPattern, CholeskyFactor, ElementScatter, NodeOrdering, SelectedInverse,
+    SymbolicFactor,
 };
 use planish_estimate::{
-    Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, maximize_restricted_likelihood,
+    Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch,
+    maximize_restricted_likelihood,
 };
 use std::sync::Arc;
 
@@ -70,7 +77,8 @@ impl HeightField {
     /// Cost: some twenty sparse factorisations of `(m + 3)(n + 3)` unknowns.
     ///
     /// # Errors
-    /// `Input` for fewer than four readings, what is not finite or not positive, or more than a quarter of a million cells; `Undetermined` where all places lie in a line.
+    /// `Input` for fewer than four readings, what is not finite or not positive, or more than a quarter of a
+    /// million cells; `Undetermined` where all places lie in a line.
     ///
     /// # Examples
     /// ```
@@ -89,9 +97,7 @@ impl HeightField {
     /// ```
     pub fn fit(readings: &[HeightReading], cell: f64, dispersion: Dispersion) -> Result<Self> {
         if !(cell > 0.0 && cell.is_finite()) {
-            return Err(Error::input(format!(
-                "the side of a cell must be positive, found {cell}"
-            )));
+            return Err(Error::input(format!("the side of a cell must be positive, found {cell}")));
         }
         if readings.len() < 4 {
             return Err(Error::input(format!(
@@ -126,11 +132,7 @@ impl HeightField {
             )));
         }
         let cells = sides.map(|s| s as usize);
-        let mut field = Grid {
-            origin: low,
-            cell,
-            cells,
-        };
+        let mut field = Grid { origin: low, cell, cells };
         // Centred, so that the places at both ends are in cells.
         for k in 0..2 {
             field.origin[k] -= 0.5 * (cells[k] as f64 * cell - (high[k] - low[k]));
@@ -173,13 +175,10 @@ impl HeightField {
     fn within(&self, nodes: &[u32; 16], local: [f64; 2], covariance: &[f64]) -> Height {
         let Grid { cell, .. } = self.grid;
         let [x, y] = local.map(cubic);
-        let weights = |ox: usize, oy: usize| -> [f64; 16] { std::array::from_fn(|k| x[ox][k % 4] * y[oy][k / 4]) };
+        let weights =
+            |ox: usize, oy: usize| -> [f64; 16] { std::array::from_fn(|k| x[ox][k % 4] * y[oy][k / 4]) };
         let sum = |w: &[f64; 16]| -> f64 {
-            nodes
-                .iter()
-                .zip(w)
-                .map(|(n, w)| w * self.coefficients[*n as usize])
-                .sum()
+            nodes.iter().zip(w).map(|(n, w)| w * self.coefficients[*n as usize]).sum()
         };
         let value = weights(0, 0);
         let variance: f64 = (value.iter().zip(covariance.chunks_exact(16)))
@@ -230,9 +229,8 @@ impl Grid {
         let ordering = NodeOrdering::nested_dissection(&pattern, &places)?;
         let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
 
-        let scatters: Vec<ElementScatter> = elements()
-            .map(|nodes| ElementScatter::new(&pattern, &nodes))
-            .collect::<Result<_>>()?;
+        let scatters: Vec<ElementScatter> =
+            elements().map(|nodes| ElementScatter::new(&pattern, &nodes)).collect::<Result<_>>()?;
         let mut energy = BlockInformation::zeros(pattern.clone(), 1, 1)?;
         let element = energy_of_cell();
         for scatter in &scatters {
@@ -240,7 +238,8 @@ impl Grid {
         }
         let mut data = BlockInformation::zeros(pattern, 1, 1)?;
         let mut squares = 0.0;
-        let mut of_cell: Vec<Vec<(&HeightReading, [f64; 2])>> = vec![Vec::new(); self.cells[0] * self.cells[1]];
+        let mut of_cell: Vec<Vec<(&HeightReading, [f64; 2])>> =
+            vec![Vec::new(); self.cells[0] * self.cells[1]];
         for r in readings {
             let (first, local) = self.locate(r.place);
             of_cell[first[1] * self.cells[0] + first[0]].push((r, local));
@@ -323,7 +322,8 @@ fn energy_of_cell() -> [f64; 256] {
     let product = |x: usize, y: usize, i: usize, j: usize| gram[x][i % 4][j % 4] * gram[y][i / 4][j / 4];
     std::array::from_fn(|k| {
         let (i, j) = (k / 16, k % 16);
-        product(3, 3, i, j) + SECOND_ORDER * (product(2, 0, i, j) + 2.0 * product(1, 1, i, j) + product(0, 2, i, j))
+        product(3, 3, i, j)
+            + SECOND_ORDER * (product(2, 0, i, j) + 2.0 * product(1, 1, i, j) + product(0, 2, i, j))
     })
 }
 
@@ -379,7 +379,8 @@ mod tests {
 
     #[test]
     fn planes_alone_cost_nothing() {
-        // The printed energy leaves 3 (m + 3) + 3 (n + 3) − 9 functions free: fifteen of sixteen on a single cell.
+        // The printed energy leaves 3 (m + 3) + 3 (n + 3) − 9 functions free: fifteen of sixteen on a single
+        // cell.
         let element = DMatrix::from_row_slice(16, 16, &energy_of_cell());
         let eigen = element.symmetric_eigen().eigenvalues;
         let largest = eigen.iter().copied().fold(0.0, f64::max);
@@ -390,12 +391,10 @@ mod tests {
     fn heights_are_found_with_a_sigma_that_is_true() {
         let (mut squares, mut covered, mut count) = (0.0, 0, 0);
         for seed in 0..6 {
-            let field = HeightField::fit(&noisy(1500, 0.05, seed, false), 1.0, Dispersion::Known(1.0)).unwrap();
+            let field =
+                HeightField::fit(&noisy(1500, 0.05, seed, false), 1.0, Dispersion::Known(1.0)).unwrap();
             for k in 0..400 {
-                let place = [
-                    1.0 + 18.0 * f64::from(k % 20) / 19.0,
-                    1.0 + 12.0 * f64::from(k / 20) / 19.0,
-                ];
+                let place = [1.0 + 18.0 * f64::from(k % 20) / 19.0, 1.0 + 12.0 * f64::from(k / 20) / 19.0];
                 let found = field.at(place).unwrap();
                 let off = (found.height - truth(place)) / found.variance.sqrt();
                 squares += off * off;
@@ -414,11 +413,7 @@ mod tests {
             r.information = 1.0;
         }
         let field = HeightField::fit(&readings, 1.0, Dispersion::Estimated).unwrap();
-        assert!(
-            (field.dispersion.sqrt() / 0.05 - 1.0).abs() < 0.1,
-            "{}",
-            field.dispersion.sqrt()
-        );
+        assert!((field.dispersion.sqrt() / 0.05 - 1.0).abs() < 0.1, "{}", field.dispersion.sqrt());
         let (gap, seen) = (field.at([10.0, 7.0]).unwrap(), field.at([3.0, 3.0]).unwrap());
         assert!(gap.variance > 9.0 * seen.variance, "{gap:?} {seen:?}");
         assert!((gap.height - truth([10.0, 7.0])).abs() < 4.0 * gap.variance.sqrt());
@@ -426,8 +421,8 @@ mod tests {
         let places = [[3.0, 3.0], [30.0, 7.0], [10.0, 7.0], [3.1, 3.0], [f64::NAN, 1.0]];
         assert_eq!(field.at_all(&places), places.map(|p| field.at(p)));
         let step = 1e-6;
-        let [along, across] =
-            [[3.0 + step, 3.0], [3.0, 3.0 + step]].map(|p| (field.at(p).unwrap().height - seen.height) / step);
+        let [along, across] = [[3.0 + step, 3.0], [3.0, 3.0 + step]]
+            .map(|p| (field.at(p).unwrap().height - seen.height) / step);
         assert!((along - seen.slope[0]).abs() < 1e-5 && (across - seen.slope[1]).abs() < 1e-5);
     }
 
@@ -435,9 +430,7 @@ mod tests {
     fn what_makes_no_field_is_named() {
         let readings = noisy(10, 0.1, 1, false);
         let said = |readings: &[HeightReading], cell: f64| {
-            HeightField::fit(readings, cell, Dispersion::Known(1.0))
-                .unwrap_err()
-                .to_string()
+            HeightField::fit(readings, cell, Dispersion::Known(1.0)).unwrap_err().to_string()
         };
         assert!(said(&readings, 0.0).contains("positive"));
         assert!(said(&readings, 1e-6).contains("at most"));

@@ -1,9 +1,9 @@
 //! Truncated hierarchical bicubic B-splines over a quadtree of dyadic levels.
 //!
-//! Comes in: a topology, a base grid, and which cells are split. Goes out: numbered basis functions (*nodes*, each of
-//! which carries one control vertex) and, for every leaf cell, the *extraction*: the weights by which the nodes make up
-//! the sixteen B-spline coefficients of that cell. Everything else (evaluation, observations, energies, export) works on
-//! those sixteen coefficients and never sees the hierarchy.
+//! Comes in: a topology, a base grid, and which cells are split. Goes out: numbered basis functions (*nodes*,
+//! each of which carries one control vertex) and, for every leaf cell, the *extraction*: the weights by which
+//! the nodes make up the sixteen B-spline coefficients of that cell. Everything else (evaluation,
+//! observations, energies, export) works on those sixteen coefficients and never sees the hierarchy.
 //!
 //! The base grid has unit cells: `u ∈ [0, base[0]]`, `v ∈ [0, base[1]]`; a cell of level `l` has side `2^−l`.
 //!
@@ -66,9 +66,7 @@ impl Shape {
     /// The shape of that name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Sheet, Self::Tube, Self::Ball, Self::Torus]
-            .into_iter()
-            .find(|shape| shape.name() == name)
+        [Self::Sheet, Self::Tube, Self::Ball, Self::Torus].into_iter().find(|shape| shape.name() == name)
     }
 }
 
@@ -144,11 +142,7 @@ struct PoleMap {
 }
 
 /// The angles at which the three pole vertices sit.
-const POLE_ANGLES: [f64; 3] = [
-    0.0,
-    2.0 * std::f64::consts::FRAC_PI_3,
-    4.0 * std::f64::consts::FRAC_PI_3,
-];
+const POLE_ANGLES: [f64; 3] = [0.0, 2.0 * std::f64::consts::FRAC_PI_3, 4.0 * std::f64::consts::FRAC_PI_3];
 
 impl PoleMap {
     /// Weights of the three pole nodes in the ring-1 coefficient `β1_i = p + a cos_i + b sin_i`,
@@ -162,12 +156,11 @@ impl Hierarchy {
     /// The unrefined hierarchy over a base grid of `base[0] × base[1]` cells.
     ///
     /// # Errors
-    /// `Input` when a periodic direction has fewer than 4 cells, a ball fewer than 4 rows, or another direction none.
+    /// `Input` when a periodic direction has fewer than 4 cells, a ball fewer than 4 rows, or another
+    /// direction none.
     pub fn uniform(shape: Shape, base: [usize; 2]) -> Result<Self> {
-        let least = [
-            if shape.periodic_u() { 4 } else { 1 },
-            if shape.periodic_v() || shape.polar() { 4 } else { 1 },
-        ];
+        let least =
+            [if shape.periodic_u() { 4 } else { 1 }, if shape.periodic_v() || shape.polar() { 4 } else { 1 }];
         for d in 0..2 {
             if base[d] < least[d] {
                 return Err(Error::input(format!(
@@ -200,9 +193,7 @@ impl Hierarchy {
         for &cell in leaves {
             let [n, m] = grid(base, usize::from(cell.level).min(MAX_LEVEL));
             if usize::from(cell.level) > MAX_LEVEL || cell.i as usize >= n || cell.j as usize >= m {
-                return Err(Error::input(format!(
-                    "cell {cell:?} lies outside the base grid {base:?}"
-                )));
+                return Err(Error::input(format!("cell {cell:?} lies outside the base grid {base:?}")));
             }
             let (mut i, mut j) = (cell.i as usize, cell.j as usize);
             for level in (0..usize::from(cell.level)).rev() {
@@ -230,10 +221,11 @@ impl Hierarchy {
         Ok(built)
     }
 
-    /// The hierarchy with the marked leaves split, and with them what nestedness and grading need: neighbouring leaves differ
-    /// by at most one level, poles are split all around.
+    /// The hierarchy with the marked leaves split, and with them what nestedness and grading need:
+    /// neighbouring leaves differ by at most one level, poles are split all around.
     ///
-    /// A lone split cell activates no bicubic function: mark whole supports, as [`Hierarchy::support_leaves`] gives them.
+    /// A lone split cell activates no bicubic function: mark whole supports, as [`Hierarchy::support_leaves`]
+    /// gives them.
     #[must_use]
     pub fn refine(&self, marked: &[usize]) -> Self {
         Self::build(self.shape, self.base, self.split_also(marked))
@@ -242,9 +234,7 @@ impl Hierarchy {
     /// The nodes that [`Hierarchy::refine`] would give, for a fraction of its cost.
     #[must_use]
     pub fn refined_node_count(&self, marked: &[usize]) -> usize {
-        Layout::new(self.shape, self.base, self.split_also(marked))
-            .hierarchy
-            .node_count()
+        Layout::new(self.shape, self.base, self.split_also(marked)).hierarchy.node_count()
     }
 
     /// Which cells are split when the marked leaves are split too.
@@ -290,11 +280,7 @@ impl Hierarchy {
     /// Number of levels in use, at least 1.
     #[must_use]
     pub fn levels(&self) -> usize {
-        self.leaves
-            .iter()
-            .map(|cell| usize::from(cell.level) + 1)
-            .max()
-            .unwrap_or(1)
+        self.leaves.iter().map(|cell| usize::from(cell.level) + 1).max().unwrap_or(1)
     }
 
     /// The leaf cells, in the order of their numbers.
@@ -315,14 +301,16 @@ impl Hierarchy {
         &self.node_anchors
     }
 
-    /// The nodes that act on a leaf and, for each, its weights in the leaf's sixteen coefficients (`4 · row + column`).
+    /// The nodes that act on a leaf and, for each, its weights in the leaf's sixteen coefficients
+    /// (`4 · row + column`).
     #[must_use]
     pub fn extraction(&self, leaf: usize) -> (&[u32], &[[f64; 16]]) {
         let range = self.offsets[leaf] as usize..self.offsets[leaf + 1] as usize;
         (&self.nodes[range.clone()], &self.weights[range])
     }
 
-    /// The leaf that holds `(u, v)` and the local coordinates in it; periodic parameters wrap, others are clamped.
+    /// The leaf that holds `(u, v)` and the local coordinates in it; periodic parameters wrap, others are
+    /// clamped.
     #[inline]
     #[must_use]
     pub fn locate(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
@@ -342,7 +330,8 @@ impl Hierarchy {
         }
     }
 
-    /// The leaf of one level that holds `(u, v)`, and the local coordinates in it; none where the cell of that level is no leaf.
+    /// The leaf of one level that holds `(u, v)`, and the local coordinates in it; none where the cell of
+    /// that level is no leaf.
     #[inline(always)]
     fn cell_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
         let [columns, rows] = grid(self.base, level);
@@ -355,7 +344,8 @@ impl Hierarchy {
         }
     }
 
-    /// The same parameters inside the domain: wrapped where periodic, clamped where open, carried across the pole on a ball.
+    /// The same parameters inside the domain: wrapped where periodic, clamped where open, carried across the
+    /// pole on a ball.
     #[inline]
     #[must_use]
     pub fn wrap(&self, mut u: f64, mut v: f64) -> [f64; 2] {
@@ -369,10 +359,7 @@ impl Hierarchy {
                 u += nu / 2.0;
             }
         }
-        [
-            wrap_or_clamp(u, nu, self.shape.periodic_u()),
-            wrap_or_clamp(v, nv, self.shape.periodic_v()),
-        ]
+        [wrap_or_clamp(u, nu, self.shape.periodic_u()), wrap_or_clamp(v, nv, self.shape.periodic_v())]
     }
 
     /// Parameters of a leaf-local point.
@@ -380,10 +367,7 @@ impl Hierarchy {
     pub fn parameters(&self, leaf: usize, local: [f64; 2]) -> [f64; 2] {
         let cell = self.leaves[leaf];
         let side = cell.side();
-        [
-            (f64::from(cell.i) + local[0]) * side,
-            (f64::from(cell.j) + local[1]) * side,
-        ]
+        [(f64::from(cell.i) + local[0]) * side, (f64::from(cell.j) + local[1]) * side]
     }
 
     /// The leaf that is this cell or contains it; none where the cell itself is split further.
@@ -427,10 +411,12 @@ impl Hierarchy {
         self.sparse.get_or_init(|| SparseExtraction::new(self))
     }
 
-    /// Control vertices from a function that tells the sixteen coefficients of any cell that lies inside one leaf of the *source*.
+    /// Control vertices from a function that tells the sixteen coefficients of any cell that lies inside one
+    /// leaf of the *source*.
     ///
-    /// `coefficients(cell)` must give the coefficients, on that cell, of one and the same surface in the span of this hierarchy.
-    /// The coefficient of a truncated function equals that of the plain one on any leaf of its own level (preservation of coefficients).
+    /// `coefficients(cell)` must give the coefficients, on that cell, of one and the same surface in the span
+    /// of this hierarchy. The coefficient of a truncated function equals that of the plain one on any leaf of
+    /// its own level (preservation of coefficients).
     pub fn vertices_from(&self, mut coefficients: impl FnMut(Cell) -> [[f64; 3]; 16]) -> Vec<[f64; 3]> {
         let mut of_function: Vec<Option<[f64; 3]>> = vec![None; self.functions.len()];
         let index: HashMap<Cell, usize> = self.functions.iter().enumerate().map(|(n, &f)| (f, n)).collect();
@@ -442,12 +428,7 @@ impl Hierarchy {
                 if let Some(&n) = index.get(&function)
                     && of_function[n].is_none()
                 {
-                    let c = *local.get_or_insert_with(|| {
-                        coefficients(Cell {
-                            level: level as u8,
-                            ..cell
-                        })
-                    });
+                    let c = *local.get_or_insert_with(|| coefficients(Cell { level: level as u8, ..cell }));
                     of_function[n] = Some(c[k]);
                 }
             }
@@ -464,7 +445,8 @@ impl Hierarchy {
                 of_function[n].unwrap_or([0.0; 3])
             };
             let columns = grid(self.base, pole.level)[0];
-            // β1 = (c1 + c2/2)/1.5, then p, a and b by least squares over the ring (exact where the surface is polar).
+            // β1 = (c1 + c2/2)/1.5, then p, a and b by least squares over the ring (exact where the surface
+            // is polar).
             let mut sums = [[0.0; 3]; 3];
             let mut squares = [0.0; 2];
             for i in 0..columns {
@@ -489,7 +471,8 @@ impl Hierarchy {
         vertices
     }
 
-    /// Proves every invariant: leaves tile the domain, weights sum to one on every leaf, every node acts somewhere.
+    /// Proves every invariant: leaves tile the domain, weights sum to one on every leaf, every node acts
+    /// somewhere.
     ///
     /// # Errors
     /// `Input` naming the first invariant that does not hold.
@@ -533,11 +516,7 @@ impl Hierarchy {
     fn ring_function(&self, pole: &PoleMap, r: usize, i: usize) -> Cell {
         let rows = grid(self.base, pole.level)[1];
         let j = if pole.at_top { rows + 2 - r } else { r };
-        Cell {
-            level: pole.level as u8,
-            i: i as u32,
-            j: j as u32,
-        }
+        Cell { level: pole.level as u8, i: i as u32, j: j as u32 }
     }
 
     fn build(shape: Shape, base: [usize; 2], split: Vec<Vec<bool>>) -> Self {
@@ -565,9 +544,7 @@ impl Hierarchy {
                 hierarchy.leaf_number[usize::from(cell.level)][cell.j as usize * columns + cell.i as usize] =
                     hierarchy.leaves.len() as u32;
                 hierarchy.leaves.push(*cell);
-                hierarchy
-                    .offsets
-                    .push(hierarchy.offsets[hierarchy.offsets.len() - 1] + count);
+                hierarchy.offsets.push(hierarchy.offsets[hierarchy.offsets.len() - 1] + count);
             }
             hierarchy.nodes.extend(found.nodes);
             hierarchy.weights.extend(found.weights);
@@ -584,7 +561,8 @@ impl Hierarchy {
         ]
     }
 
-    /// Numbers the nodes: functions in their own order, the two rings at each pole replaced by three pole nodes at the end.
+    /// Numbers the nodes: functions in their own order, the two rings at each pole replaced by three pole
+    /// nodes at the end.
     fn number_nodes(&mut self, exists: &[Vec<bool>]) {
         let mut taken = vec![false; self.functions.len()];
         if self.shape.polar() {
@@ -610,22 +588,13 @@ impl Hierarchy {
                     cosine = basis.refine(&cosine);
                     sine = basis.refine(&sine);
                 }
-                self.poles.push(PoleMap {
-                    level,
-                    at_top,
-                    first_node: 0,
-                    cosine,
-                    sine,
-                });
+                self.poles.push(PoleMap { level, at_top, first_node: 0, cosine, sine });
             }
             for (n, f) in self.functions.iter().enumerate() {
                 for pole in &self.poles {
                     let rows = grid(self.base, pole.level)[1];
-                    let ring = if pole.at_top {
-                        rows + 2 - (f.j as usize).min(rows + 2)
-                    } else {
-                        f.j as usize
-                    };
+                    let ring =
+                        if pole.at_top { rows + 2 - (f.j as usize).min(rows + 2) } else { f.j as usize };
                     taken[n] |= usize::from(f.level) == pole.level && ring < 2;
                 }
             }
@@ -657,8 +626,9 @@ impl Hierarchy {
 
     /// For every tube function near a pole: the nodes it takes its coefficient from, with weights.
     ///
-    /// With clamped coefficients β0, β1, β2 of a meridian, the uniform ones are `c2 = β2`, `c1 = 1.5 β1 − 0.5 β2`,
-    /// `c0 = 6 β0 − 6 β1 + β2` (blossoming); β0 is the pole, β1 the ring that spans its tangent plane.
+    /// With clamped coefficients β0, β1, β2 of a meridian, the uniform ones are `c2 = β2`,
+    /// `c1 = 1.5 β1 − 0.5 β2`, `c0 = 6 β0 − 6 β1 + β2` (blossoming); β0 is the pole, β1 the ring that spans
+    /// its tangent plane.
     fn pole_expansion(&self, active: &[Vec<u32>]) -> HashMap<u32, Vec<(u32, f64)>> {
         let mut expansion = HashMap::new();
         for pole in &self.poles {
@@ -711,9 +681,8 @@ fn close(shape: Shape, base: [usize; 2], split: &mut Vec<Vec<bool>>, max_level: 
             let [columns, rows] = grid(base, level);
             if shape.polar() {
                 for pair in [[0, 1], [rows - 1, rows - 2]] {
-                    let any = pair
-                        .iter()
-                        .any(|&j| split[level][j * columns..(j + 1) * columns].iter().any(|&s| s));
+                    let any =
+                        pair.iter().any(|&j| split[level][j * columns..(j + 1) * columns].iter().any(|&s| s));
                     if any {
                         for j in pair {
                             for s in &mut split[level][j * columns..(j + 1) * columns] {
@@ -749,7 +718,9 @@ fn close(shape: Shape, base: [usize; 2], split: &mut Vec<Vec<bool>>, max_level: 
             }
         }
         // Cells that were split at the last level need room for their children.
-        if split.last().is_some_and(|level| level.iter().any(|&s| s)) && split.len() <= max_level.min(MAX_LEVEL) {
+        if split.last().is_some_and(|level| level.iter().any(|&s| s))
+            && split.len() <= max_level.min(MAX_LEVEL)
+        {
             let level = split.len();
             split.push(vec![false; grid(base, level).iter().product()]);
         }
@@ -792,7 +763,8 @@ impl Layout {
                 let [columns, rows] = grid(base, level);
                 (0..columns * rows)
                     .map(|index| {
-                        level == 0 || split[level - 1][(index / columns / 2) * (columns / 2) + (index % columns) / 2]
+                        level == 0
+                            || split[level - 1][(index / columns / 2) * (columns / 2) + (index % columns) / 2]
                     })
                     .collect()
             })
@@ -820,33 +792,22 @@ impl Layout {
             let mut number = vec![NOT_A_LEAF; fu * fv];
             let mut in_level = vec![false; fu * fv];
             let supports = |count: usize, cells: usize, periodic: bool| -> Vec<Vec<usize>> {
-                let cells_of = |f| {
-                    (0..4)
-                        .filter_map(move |d| support_cell(f, d, cells, periodic))
-                        .collect()
-                };
+                let cells_of = |f| (0..4).filter_map(move |d| support_cell(f, d, cells, periodic)).collect();
                 (0..count).map(cells_of).collect()
             };
-            let (across, along) = (
-                supports(fu, columns, shape.periodic_u()),
-                supports(fv, rows, shape.periodic_v()),
-            );
+            let (across, along) =
+                (supports(fu, columns, shape.periodic_u()), supports(fv, rows, shape.periodic_v()));
             for j in 0..fv {
                 for i in 0..fu {
-                    let mut cells = along[j]
-                        .iter()
-                        .flat_map(|cj| across[i].iter().map(move |ci| cj * columns + ci));
+                    let mut cells =
+                        along[j].iter().flat_map(|cj| across[i].iter().map(move |ci| cj * columns + ci));
                     if !cells.clone().all(|cell| exists[level][cell]) {
                         continue;
                     }
                     in_level[j * fu + i] = true;
                     if !cells.all(|cell| hierarchy.split[level][cell]) {
                         number[j * fu + i] = hierarchy.functions.len() as u32;
-                        hierarchy.functions.push(Cell {
-                            level: level as u8,
-                            i: i as u32,
-                            j: j as u32,
-                        });
+                        hierarchy.functions.push(Cell { level: level as u8, i: i as u32, j: j as u32 });
                     }
                 }
             }
@@ -854,11 +815,7 @@ impl Layout {
             inside.push(in_level);
         }
         hierarchy.number_nodes(&exists);
-        Self {
-            hierarchy,
-            active,
-            inside,
-        }
+        Self { hierarchy, active, inside }
     }
 }
 
@@ -882,7 +839,8 @@ struct Walk<'a> {
 type Coefficients = Vec<(u32, [f64; 16])>;
 
 impl Walk<'_> {
-    /// `list`: functions of coarser levels with their coefficients on this cell, not yet truncated at this level.
+    /// `list`: functions of coarser levels with their coefficients on this cell, not yet truncated at this
+    /// level.
     fn descend(&mut self, cell: Cell, mut list: Coefficients) {
         let level = usize::from(cell.level);
         let hierarchy = &self.layout.hierarchy;
@@ -913,15 +871,9 @@ impl Walk<'_> {
         }
         for half_v in 0..2 {
             for half_u in 0..2 {
-                let child = Cell {
-                    level: cell.level + 1,
-                    i: 2 * cell.i + half_u,
-                    j: 2 * cell.j + half_v,
-                };
-                let halves = list
-                    .iter()
-                    .map(|(f, w)| (*f, quarter(w, half_u as usize, half_v as usize)))
-                    .collect();
+                let child = Cell { level: cell.level + 1, i: 2 * cell.i + half_u, j: 2 * cell.j + half_v };
+                let halves =
+                    list.iter().map(|(f, w)| (*f, quarter(w, half_u as usize, half_v as usize))).collect();
                 self.descend(child, halves);
             }
         }

@@ -1,11 +1,12 @@
 //! Bending without stretch: a surface that keeps the lengths of another one, as measurements of its vertices.
 //!
-//! Comes in: a reference [`Surface`]. Goes out: its [`Metric`], the information that "lengths are as they were" gives about the vertices of another
-//! surface over the same hierarchy, and how far that one's first fundamental form has changed. Points with the same `(u, v)` are the same point of
-//! the sheet.
+//! Comes in: a reference [`Surface`]. Goes out: its [`Metric`], the information that "lengths are as they
+//! were" gives about the vertices of another surface over the same hierarchy, and how far that one's first
+//! fundamental form has changed. Points with the same `(u, v)` are the same point of the sheet.
 //!
-//! An isometry keeps `E, F, G`; that it keeps Gaussian curvature follows, and is not enough: a plane that is stretched stays flat. At every quadrature
-//! point stand three strain gauges, a rosette: tangents `d_j` of unit length in the reference's metric, 60° apart. Each is one measurement,
+//! An isometry keeps `E, F, G`; that it keeps Gaussian curvature follows, and is not enough: a plane that is
+//! stretched stays flat. At every quadrature point stand three strain gauges, a rosette: tangents `d_j` of
+//! unit length in the reference's metric, 60° apart. Each is one measurement,
 //!
 //! ```text
 //! |d_j S|² = 1,      d_j S = a_j S_u + b_j S_v,      linearised: 2 d_jS · d_j(S + δS) = 1 + |d_jS|²
@@ -13,11 +14,12 @@
 //!
 //! and the three know as much as E, F and G: `Σ_j (d_jᵀ ε d_j)² = 3/8 (2 tr ε² + (tr ε)²)` in any frame.
 //!
-//! Not guaranteed: an exact isometry. A spline is one only in the limit of small cells; what is left shows in [`Metric::changes`].
+//! Not guaranteed: an exact isometry. A spline is one only in the limit of small cells; what is left shows in
+//! [`Metric::changes`].
 //!
 //! # References
-//! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 4.2 (isometries keep the first fundamental form); Perry & Lissner, *The Strain
-//! Gage Primer*, 1955 (the delta rosette).
+//! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 4.2 (isometries keep the first
+//! fundamental form); Perry & Lissner, *The Strain Gage Primer*, 1955 (the delta rosette).
 
 use crate::basis::cubic;
 use crate::energy::{QuadraturePoint, quadrature};
@@ -31,11 +33,7 @@ use rayon::prelude::*;
 /// Quadrature points of a leaf.
 const POINTS: usize = 16;
 /// Directions of the gauges in an orthonormal frame.
-const GAUGES: [[f64; 2]; 3] = [
-    [1.0, 0.0],
-    [0.5, 0.866_025_403_784_438_6],
-    [-0.5, 0.866_025_403_784_438_6],
-];
+const GAUGES: [[f64; 2]; 3] = [[1.0, 0.0], [0.5, 0.866_025_403_784_438_6], [-0.5, 0.866_025_403_784_438_6]];
 
 /// The first fundamental form of a surface at the quadrature points of every leaf.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,7 +42,8 @@ pub struct Metric {
     forms: Vec<[[f64; 3]; POINTS]>,
 }
 
-/// How far the first fundamental form of one leaf has changed, over its quadrature points: `δE/E, δF/√(EG), δG/G`.
+/// How far the first fundamental form of one leaf has changed, over its quadrature points:
+/// `δE/E, δF/√(EG), δG/G`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MetricChange {
     /// The mean of each size.
@@ -105,8 +104,9 @@ impl Metric {
 }
 
 impl SurfaceSystem {
-    /// The information that a surface has this metric, linearised at `surface`: each gauge is a measurement of `|d_j S|²`, all points of a leaf together
-    /// with the standard deviation `sigma[leaf]`, a share. (A sheet that stretches by 0.1 % changes it by 0.002.)
+    /// The information that a surface has this metric, linearised at `surface`: each gauge is a measurement
+    /// of `|d_j S|²`, all points of a leaf together with the standard deviation `sigma[leaf]`, a share. (A
+    /// sheet that stretches by 0.1 % changes it by 0.002.)
     ///
     /// Cost: about 50,000 multiply-adds a leaf.
     ///
@@ -223,12 +223,7 @@ mod tests {
         let wider = rolled.vertices().iter().map(|p| p.map(|c| 1.01 * c)).collect();
         let wider = rolled.with_vertices(wider).unwrap();
         let (at_rest, stretched) = (misfit(&rolled).1, misfit(&wider).1);
-        assert!(
-            size(&at_rest) < 0.02 * size(&stretched),
-            "{} {}",
-            size(&at_rest),
-            size(&stretched)
-        );
+        assert!(size(&at_rest) < 0.02 * size(&stretched), "{} {}", size(&at_rest), size(&stretched));
         // One Gauss–Newton step takes the stretch back, bends and rigid motions held by a trace.
         let mut information = misfit(&wider).0;
         let hold = 1e-9 * information.diagonal().iter().sum::<f64>() / information.dimension() as f64;
@@ -238,11 +233,7 @@ mod tests {
             *v += hold * c;
         }
         let mut solution = information.vector().to_vec();
-        system
-            .factorize(&information)
-            .unwrap()
-            .solve_in_place(&mut solution)
-            .unwrap();
+        system.factorize(&information).unwrap().solve_in_place(&mut solution).unwrap();
         let back = system.surface(&solution).unwrap();
         let mean = |surface: &Surface| {
             let all = metric.changes(surface).unwrap();

@@ -1,7 +1,8 @@
 //! B-spline surfaces for Planish: bases, truncated hierarchies, differential geometry, foot points, energies.
 //!
-//! The data flow is: a [`Hierarchy`] says which functions live where; a [`Surface`] adds control vertices; foot points tie
-//! measured points to parameters; energies and observations become sparse information for `planish-estimate`.
+//! The data flow is: a [`Hierarchy`] says which functions live where; a [`Surface`] adds control vertices;
+//! foot points tie measured points to parameters; energies and observations become sparse information for
+//! `planish-estimate`.
 
 mod base;
 mod basis;
@@ -37,14 +38,15 @@ pub use hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape, quarter, quarter3};
 pub use isometry::{Metric, MetricChange};
 pub use moments::{AffineMap, CellMoments, PositionReading, PositionSums};
 pub use patch_filter::{
-    InnovationSum, PATCH_CELLS, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState,
-    PatchState, PatchUpdate, SmoothnessPrior, StateLayout, Subdivision, SubdivisionCriteria, SubdivisionReason,
-    SurfaceReading, VertexSharing, curvature_variation, parameter_plane, patch_hierarchy,
+    InnovationSum, PATCH_CELLS, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions,
+    PatchFilterState, PatchState, PatchUpdate, SmoothnessPrior, StateLayout, Subdivision,
+    SubdivisionCriteria, SubdivisionReason, SurfaceReading, VertexSharing, curvature_variation,
+    parameter_plane, patch_hierarchy,
 };
 pub use planish_estimate::{Error, Result};
 pub use propagation::{
-    Classification, Facet, Facets, FittedPrimitive, FittedSymmetry, Prediction, Primitive, Symmetry, SymmetryKind,
-    classify, fit_symmetry, propose_symmetry,
+    Classification, Facet, Facets, FittedPrimitive, FittedSymmetry, Prediction, Primitive, Symmetry,
+    SymmetryKind, classify, fit_symmetry, propose_symmetry,
 };
 pub use refinement::{detail_covariance, energy_projection, refine_covariance, two_scale_matrix};
 pub use surface::{Jet, Surface, ThirdDerivatives, leaf_weights};

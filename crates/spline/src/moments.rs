@@ -1,11 +1,12 @@
 //! Positions with known parameters, summed up cell by cell as moments.
 //!
-//! Comes in: a stream of `(u, v)`, positions and their information. Goes out: the information about the coefficients, or about the
-//! nodes of a hierarchy. What is kept does not grow with the number of positions.
+//! Comes in: a stream of `(u, v)`, positions and their information. Goes out: the information about the
+//! coefficients, or about the nodes of a hierarchy. What is kept does not grow with the number of positions.
 //!
-//! On one cell every product `b_k b_l` of two cubic weights is a polynomial of degree six in the local coordinate. The sixteen weights'
-//! 16 × 16 information is therefore a linear image of the 7 × 7 moments `Σ w sⁱ tʲ`, and its vector of the 4 × 4 moments `Σ w z sⁱ tʲ`: 97
-//! sums instead of 184. With `s, t ∈ [−1, 1]` the image loses no more than rounding of the sums.
+//! On one cell every product `b_k b_l` of two cubic weights is a polynomial of degree six in the local
+//! coordinate. The sixteen weights' 16 × 16 information is therefore a linear image of the 7 × 7 moments
+//! `Σ w sⁱ tʲ`, and its vector of the 4 × 4 moments `Σ w z sⁱ tʲ`: 97 sums instead of 184. With
+//! `s, t ∈ [−1, 1]` the image loses no more than rounding of the sums.
 //!
 //! Not guaranteed: the same last digit on machines with other instructions.
 
@@ -20,7 +21,8 @@ use std::sync::Arc;
 
 /// Positions of one cell that are gathered before they are summed up.
 const RUN: usize = 64;
-/// Positions that are sorted by cell together, and how many such parts make a batch. Fixed, so that sums do not depend on threads.
+/// Positions that are sorted by cell together, and how many such parts make a batch. Fixed, so that sums do
+/// not depend on threads.
 const PART: usize = 1 << 14;
 const PARTS: usize = 16;
 /// The leaf of a number without a reading.
@@ -28,13 +30,10 @@ const PASSED_OVER: u32 = u32::MAX;
 /// Cells that one task sums up: few enough for all threads to have work, many enough to be worth a task.
 const CELLS_AT_ONCE: usize = 64;
 
-/// The B-spline weights of a cell as polynomials in `s = 2 x − 1`: coefficient of `sⁱ` in weight `k`, times 48.
-const WEIGHTS_48: [[f64; 4]; 4] = [
-    [1.0, -3.0, 3.0, -1.0],
-    [23.0, -15.0, -3.0, 3.0],
-    [23.0, 15.0, -3.0, -3.0],
-    [1.0, 3.0, 3.0, 1.0],
-];
+/// The B-spline weights of a cell as polynomials in `s = 2 x − 1`: coefficient of `sⁱ` in weight `k`, times
+/// 48.
+const WEIGHTS_48: [[f64; 4]; 4] =
+    [[1.0, -3.0, 3.0, -1.0], [23.0, -15.0, -3.0, 3.0], [23.0, 15.0, -3.0, -3.0], [1.0, 3.0, 3.0, 1.0]];
 
 /// Weights of `sᵏ` in `((s ∓ 1)/2)ⁱ` at `[i][k]`, for the lower and the upper half of a cell.
 const POWERS_OF_HALF: [[[f64; 7]; 7]; 2] = [powers_of_half(-1.0), powers_of_half(1.0)];
@@ -84,23 +83,16 @@ fn multiply_add<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
 
 impl Default for CellMoments {
     fn default() -> Self {
-        Self {
-            gram: [[0.0; 8]; 7],
-            values: [[[0.0; 4]; 4]; 3],
-            squares: [0.0; 4],
-        }
+        Self { gram: [[0.0; 8]; 7], values: [[[0.0; 4]; 4]; 3], squares: [0.0; 4] }
     }
 }
 
 impl CellMoments {
-    /// Adds the position `Σ_k b_k P_k = z` at cell-local coordinates in `[0, 1]²`, with information `w` about each coordinate.
+    /// Adds the position `Σ_k b_k P_k = z` at cell-local coordinates in `[0, 1]²`, with information `w` about
+    /// each coordinate.
     pub fn add(&mut self, local: [f64; 2], position: [f64; 3], information: f64) {
         let local = local.map(|x| 2.0 * x - 1.0);
-        self.add_run::<false>(&[Reading {
-            local,
-            position,
-            information,
-        }]);
+        self.add_run::<false>(&[Reading { local, position, information }]);
     }
 
     /// Adds another cell's moments, its information times a factor.
@@ -119,7 +111,8 @@ impl CellMoments {
         self.squares[3] += other.squares[3];
     }
 
-    /// Adds the moments of one quarter of this cell, whose sides are half as long: `quarter` says which along each direction.
+    /// Adds the moments of one quarter of this cell, whose sides are half as long: `quarter` says which along
+    /// each direction.
     ///
     /// With `S = (s ± 1)/2` the moments of `S` are binomial sums of those of `s`.
     fn add_quarter(&mut self, fine: &Self, quarter: [usize; 2]) {
@@ -202,7 +195,8 @@ impl CellMoments {
         self.squares[3] as usize
     }
 
-    /// The information about the sixteen coefficients: the matrix of each coordinate, and the vectors of all three.
+    /// The information about the sixteen coefficients: the matrix of each coordinate, and the vectors of all
+    /// three.
     ///
     /// `Λ_kl = Σ w b_k b_l`, `η_k = Σ w b_k z`. Cost: some 1,500 multiply-adds.
     #[must_use]
@@ -288,7 +282,8 @@ fn weight_products() -> [[[f64; 7]; 4]; 4] {
 pub struct PositionSums {
     space: Arc<Hierarchy>,
     cells: Vec<CellMoments>,
-    /// Positions are summed up relative to this, the first one: squares of far coordinates would drown what differs.
+    /// Positions are summed up relative to this, the first one: squares of far coordinates would drown what
+    /// differs.
     origin: Option<[f64; 3]>,
     count: usize,
     parts: Vec<Part>,
@@ -299,7 +294,8 @@ pub struct PositionSums {
 pub struct AffineMap {
     /// `o`, `a` and `b` of `z = o + u a + v b`.
     pub map: [[f64; 3]; 3],
-    /// For each coordinate, the share of its variance that the map leaves; as exact as squares of coordinates are.
+    /// For each coordinate, the share of its variance that the map leaves; as exact as squares of coordinates
+    /// are.
     pub unexplained_share: [f64; 3],
 }
 
@@ -336,10 +332,8 @@ impl Part {
         let [nu, nv] = space.extent();
         // Where a direction is closed every finite parameter will do.
         let range = |n: f64, closed: bool| if closed { f64::MIN..=f64::MAX } else { 0.0..=n };
-        let (inside_u, inside_v) = (
-            range(nu, space.shape().periodic_u()),
-            range(nv, space.shape().periodic_v()),
-        );
+        let (inside_u, inside_v) =
+            (range(nu, space.shape().periodic_u()), range(nv, space.shape().periodic_v()));
         self.leaves.clear();
         self.start.clear();
         self.start.resize(space.leaves().len() + 1, 0);
@@ -350,7 +344,11 @@ impl Part {
             };
             let ([u, v], z) = (reading.parameters, reading.position);
             let is_weight = (0.0..=f64::MAX).contains(&reading.information);
-            if !(inside_u.contains(&u) && inside_v.contains(&v) && (z[0] + z[1] + z[2]).is_finite() && is_weight) {
+            if !(inside_u.contains(&u)
+                && inside_v.contains(&v)
+                && (z[0] + z[1] + z[2]).is_finite()
+                && is_weight)
+            {
                 return Err(unusable(k, [nu, nv], &reading));
             }
             let (leaf, _) = space.locate(u, v);
@@ -363,7 +361,8 @@ impl Part {
             *start = sum;
         }
         self.sorted.resize(sum as usize, Reading::default());
-        // Filling moves every start to the next leaf's; shifted by one they are what they were. Asking twice is cheaper than keeping.
+        // Filling moves every start to the next leaf's; shifted by one they are what they were. Asking twice
+        // is cheaper than keeping.
         for (&leaf, k) in self.leaves.iter().zip(numbers) {
             if leaf == PASSED_OVER {
                 continue;
@@ -409,16 +408,22 @@ impl PositionSums {
         self.count
     }
 
-    /// Adds positions at parameters `u ∈ [0, extent]`, each with information (1/variance) about every coordinate: 1 where none is given.
+    /// Adds positions at parameters `u ∈ [0, extent]`, each with information (1/variance) about every
+    /// coordinate: 1 where none is given.
     ///
-    /// Call it piece by piece: nothing is kept but the sums. In parallel on the current rayon pool; pieces of a multiple of 262,144
-    /// give the same bytes as one call, at any number of threads.
+    /// Call it piece by piece: nothing is kept but the sums. In parallel on the current rayon pool; pieces of
+    /// a multiple of 262,144 give the same bytes as one call, at any number of threads.
     ///
     /// # Errors
-    /// `Input`, with the number of the reading, when parameters lie outside the domain of an open
-    /// direction, an information is negative, anything is not finite, or the slices differ in length. Readings of whole batches before
-    /// it have been added then.
-    pub fn add(&mut self, parameters: &[[f64; 2]], positions: &[[f64; 3]], information: Option<&[f64]>) -> Result<()> {
+    /// `Input`, with the number of the reading, when parameters lie outside the domain of an open direction,
+    /// an information is negative, anything is not finite, or the slices differ in length. Readings of whole
+    /// batches before it have been added then.
+    pub fn add(
+        &mut self,
+        parameters: &[[f64; 2]],
+        positions: &[[f64; 3]],
+        information: Option<&[f64]>,
+    ) -> Result<()> {
         if positions.len() != parameters.len() || information.is_some_and(|w| w.len() != parameters.len()) {
             return Err(Error::input(format!(
                 "{} parameters, {} positions and {} weights: needed as many of each",
@@ -436,12 +441,16 @@ impl PositionSums {
         })
     }
 
-    /// [`Self::add`] for readings that are asked for one by one, from any thread: `read(k)` for `k` below `size`, none to pass over one. Each is asked
-    /// for twice and has to be the same.
+    /// [`Self::add`] for readings that are asked for one by one, from any thread: `read(k)` for `k` below
+    /// `size`, none to pass over one. Each is asked for twice and has to be the same.
     ///
     /// # Errors
     /// As for [`Self::add`]; the number in messages is `k`.
-    pub fn add_from(&mut self, size: usize, read: impl Fn(usize) -> Option<PositionReading> + Sync) -> Result<()> {
+    pub fn add_from(
+        &mut self,
+        size: usize,
+        read: impl Fn(usize) -> Option<PositionReading> + Sync,
+    ) -> Result<()> {
         let origin = match self.origin {
             Some(origin) => origin,
             None => match (0..size).find_map(|k| Some((k, read(k)?))) {
@@ -477,11 +486,7 @@ impl PositionSums {
         let parts = &*parts;
         let arch = pulp::Arch::new();
         (self.cells.par_chunks_mut(CELLS_AT_ONCE).enumerate()).for_each(|(chunk, cells)| {
-            arch.dispatch(CellsOfBatch {
-                parts,
-                first_leaf: chunk * CELLS_AT_ONCE,
-                cells,
-            });
+            arch.dispatch(CellsOfBatch { parts, first_leaf: chunk * CELLS_AT_ONCE, cells });
         });
         self.count += parts.iter().map(|part| part.sorted.len()).sum::<usize>();
         Ok(())
@@ -519,7 +524,8 @@ impl PositionSums {
         Ok(())
     }
 
-    /// The same positions summed up over cells twice as long and wide; the last row or column may lie half outside the domain.
+    /// The same positions summed up over cells twice as long and wide; the last row or column may lie half
+    /// outside the domain.
     ///
     /// Parameters there are half of those here. As exact as rounding.
     ///
@@ -528,23 +534,19 @@ impl PositionSums {
     pub fn coarsened(&self) -> Result<Self> {
         let [nu, nv] = self.space.base();
         if self.space.shape() != Shape::Sheet || self.space.leaves().len() != nu * nv {
-            return Err(Error::input(
-                "only sums over a uniform grid of a sheet can be coarsened",
-            ));
+            return Err(Error::input("only sums over a uniform grid of a sheet can be coarsened"));
         }
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [nu.div_ceil(2), nv.div_ceil(2)])?);
         let mut coarse = Self::new(&space);
-        (coarse.cells.par_iter_mut().zip(space.leaves()))
-            .with_min_len(16)
-            .for_each(|(cell, leaf)| {
-                for quarter in [[0, 0], [1, 0], [0, 1], [1, 1]] {
-                    let [i, j] = [2 * leaf.i as usize + quarter[0], 2 * leaf.j as usize + quarter[1]];
-                    if i < nu && j < nv {
-                        let (fine, _) = self.space.locate(i as f64, j as f64);
-                        cell.add_quarter(&self.cells[fine], quarter);
-                    }
+        (coarse.cells.par_iter_mut().zip(space.leaves())).with_min_len(16).for_each(|(cell, leaf)| {
+            for quarter in [[0, 0], [1, 0], [0, 1], [1, 1]] {
+                let [i, j] = [2 * leaf.i as usize + quarter[0], 2 * leaf.j as usize + quarter[1]];
+                if i < nu && j < nv {
+                    let (fine, _) = self.space.locate(i as f64, j as f64);
+                    cell.add_quarter(&self.cells[fine], quarter);
                 }
-            });
+            }
+        });
         (coarse.origin, coarse.count) = (self.origin, self.count);
         Ok(coarse)
     }
@@ -567,7 +569,8 @@ impl PositionSums {
         self.cells.iter().map(|cell| cell.count() > 0).collect()
     }
 
-    /// The affine map of the parameters that is nearest to the positions; none where the parameters lie on one line.
+    /// The affine map of the parameters that is nearest to the positions; none where the parameters lie on
+    /// one line.
     ///
     /// Normal equations of `z ≈ o + u a + v b` about the mean, from the lowest moments of the cells.
     #[must_use]
@@ -581,11 +584,8 @@ impl PositionSums {
             // (1, u, v) are these combinations of (1, s, t).
             let rows = [[1.0, 0.0, 0.0], [u0, half, 0.0], [v0, 0.0, half]];
             let m = &cell.gram;
-            let of_cell = [
-                [m[0][0], m[0][1], m[1][0]],
-                [m[0][1], m[0][2], m[1][1]],
-                [m[1][0], m[1][1], m[2][0]],
-            ];
+            let of_cell =
+                [[m[0][0], m[0][1], m[1][0]], [m[0][1], m[0][2], m[1][1]], [m[1][0], m[1][1], m[2][0]]];
             for a in 0..3 {
                 for b in 0..3 {
                     gram[a][b] += (0..3)
@@ -611,24 +611,18 @@ impl PositionSums {
         let squares = self.squares();
         for d in 0..3 {
             let middle = values[0][d] / weight;
-            let (uz, vz) = (
-                values[1][d] - values[0][d] * mean[0],
-                values[2][d] - values[0][d] * mean[1],
-            );
+            let (uz, vz) = (values[1][d] - values[0][d] * mean[0], values[2][d] - values[0][d] * mean[1]);
             let (a, b) = ((vv * uz - uv * vz) / determinant, (uu * vz - uv * uz) / determinant);
             map[0][d] = self.origin()[d] + middle - a * mean[0] - b * mean[1];
             (map[1][d], map[2][d]) = (a, b);
             let total = squares[d] - weight * middle * middle;
-            unexplained_share[d] = if total > 0.0 {
-                (total - a * uz - b * vz) / total
-            } else {
-                0.0
-            };
+            unexplained_share[d] = if total > 0.0 { (total - a * uz - b * vz) / total } else { 0.0 };
         }
         Some(AffineMap { map, unexplained_share })
     }
 
-    /// The information about the nodes: one matrix for each coordinate, three vectors, relative to the origin.
+    /// The information about the nodes: one matrix for each coordinate, three vectors, relative to the
+    /// origin.
     ///
     /// # Errors
     /// `Input` when the system is one of another hierarchy.
@@ -662,11 +656,7 @@ impl CellMoments {
 /// What is wrong with a reading.
 #[cold]
 fn unusable(number: usize, [nu, nv]: [f64; 2], reading: &PositionReading) -> Error {
-    let PositionReading {
-        parameters: [u, v],
-        position,
-        information,
-    } = *reading;
+    let PositionReading { parameters: [u, v], position, information } = *reading;
     Error::input(if !(0.0..=f64::MAX).contains(&information) {
         format!(
             "reading {number}: needed an information (1/variance) that is finite and not negative, found {information}"

@@ -1,12 +1,12 @@
 //! Refinement of a belief: vertices by the two-scale relation, covariance with the detail's own uncertainty.
 //!
-//! Comes in: the covariance of coarse vertices and the smoothness prior of the fine ones. Goes out: the covariance of the
-//! fine vertices, `Σ_f = α Σ αᵀ + Q`.
+//! Comes in: the covariance of coarse vertices and the smoothness prior of the fine ones. Goes out: the
+//! covariance of the fine vertices, `Σ_f = α Σ αᵀ + Q`.
 //!
-//! `α Σ αᵀ` alone (Wang et al., eq. 18) has the rank of the coarse patch: it claims that no detail can exist. Under the
-//! fine prior with precision `K_f`, split the fine vertices into their energy projection on the coarse space,
-//! `c = P f`, `P = (αᵀ K_f α)⁻¹ αᵀ K_f`, and the rest, which is independent of `c`. Coarse data speak of `c` only, so the rest
-//! keeps its prior covariance
+//! `α Σ αᵀ` alone (Wang et al., eq. 18) has the rank of the coarse patch: it claims that no detail can exist.
+//! Under the fine prior with precision `K_f`, split the fine vertices into their energy projection on the
+//! coarse space, `c = P f`, `P = (αᵀ K_f α)⁻¹ αᵀ K_f`, and the rest, which is independent of `c`. Coarse data
+//! speak of `c` only, so the rest keeps its prior covariance
 //!
 //! ```text
 //! Q = K_f⁻¹ − α (αᵀ K_f α)⁻¹ αᵀ,        P Q Pᵀ = 0,      P Σ_f Pᵀ = Σ.
@@ -57,8 +57,9 @@ pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<
 
 /// `Q`: what the fine prior leaves open once the coarse projection is known.
 ///
-/// `prior_fine` is the fine precision `K_f`; its null space (polynomials, constants) must be held by the coarse space, as it is
-/// for every smoothness energy here: it is given a unit precision that cancels in the difference. Cost: `O(n³)` dense.
+/// `prior_fine` is the fine precision `K_f`; its null space (polynomials, constants) must be held by the
+/// coarse space, as it is for every smoothness energy here: it is given a unit precision that cancels in the
+/// difference. Cost: `O(n³)` dense.
 ///
 /// # Errors
 /// `Undetermined` when `prior_fine` has a null space beyond that of the coarse vertices.
@@ -164,7 +165,8 @@ mod tests {
         );
     }
 
-    /// Data known at the coarse level, then refined, equal the same data put straight into the fine prior through the projection.
+    /// Data known at the coarse level, then refined, equal the same data put straight into the fine prior
+    /// through the projection.
     #[test]
     fn carrying_a_belief_equals_conditioning_the_fine_prior_on_the_coarse_data() {
         let coarse = Arc::new(Hierarchy::uniform(Shape::Sheet, [3, 3]).unwrap());

@@ -1,7 +1,7 @@
 //! A hierarchical B-spline surface: a hierarchy and its control vertices.
 //!
-//! Comes in: a [`Hierarchy`] and one vertex for each node. Goes out: points and derivatives at any parameters, by leaf,
-//! exactly refined surfaces. Derivatives are with respect to base-grid units of u and v.
+//! Comes in: a [`Hierarchy`] and one vertex for each node. Goes out: points and derivatives at any
+//! parameters, by leaf, exactly refined surfaces. Derivatives are with respect to base-grid units of u and v.
 //!
 //! Not guaranteed: that the surface is free of folds; `S_u = 0` at the poles of a ball by construction.
 
@@ -99,7 +99,8 @@ impl Surface {
         &self.local[leaf]
     }
 
-    /// The sixteen coefficients on any cell that is a leaf or lies inside one; none where the surface is split further.
+    /// The sixteen coefficients on any cell that is a leaf or lies inside one; none where the surface is
+    /// split further.
     #[must_use]
     pub fn cell_coefficients(&self, cell: Cell) -> Option<[[f64; 3]; 16]> {
         let leaf = self.space.leaf_over(cell)?;
@@ -158,16 +159,13 @@ impl Surface {
     /// The same surface over a finer hierarchy: exact.
     ///
     /// # Errors
-    /// `Input` when the other hierarchy has another shape or base grid, or is somewhere coarser than this one.
+    /// `Input` when the other hierarchy has another shape or base grid, or is somewhere coarser than this
+    /// one.
     pub fn refined(&self, finer: Arc<Hierarchy>) -> Result<Self> {
         if finer.shape() != self.space.shape() || finer.base() != self.space.base() {
             return Err(Error::input("refinement needs the same shape and base grid"));
         }
-        if let Some(cell) = finer
-            .leaves()
-            .iter()
-            .find(|&&cell| self.space.leaf_over(cell).is_none())
-        {
+        if let Some(cell) = finer.leaves().iter().find(|&&cell| self.space.leaf_over(cell).is_none()) {
             return Err(Error::input(format!(
                 "the other hierarchy is coarser at {cell:?}: it cannot hold this surface"
             )));
@@ -185,7 +183,8 @@ impl Surface {
     }
 }
 
-/// Coordinates of a coefficient in a four, which machines add and multiply at once: the fourth is whatever lies next to them.
+/// Coordinates of a coefficient in a four, which machines add and multiply at once: the fourth is whatever
+/// lies next to them.
 #[inline(always)]
 pub(crate) fn coordinates_in_fours(c: &[[f64; 3]; 16], k: usize) -> [f64; 4] {
     let flat = c.as_flattened();
@@ -211,7 +210,9 @@ pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
                 }
             }
         }
-        for (n, (order_u, order_v)) in [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)].into_iter().enumerate() {
+        for (n, (order_u, order_v)) in
+            [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)].into_iter().enumerate()
+        {
             for d in 0..4 {
                 sums[n][d] += bv[order_v][r] * row[order_u][d];
             }
@@ -264,9 +265,8 @@ mod tests {
     #[test]
     fn jets_and_third_derivatives_agree_with_differences() {
         let space = Hierarchy::uniform(Shape::Torus, [5, 6]).unwrap();
-        let vertices = (0..space.node_count())
-            .map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin()))
-            .collect();
+        let vertices =
+            (0..space.node_count()).map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())).collect();
         let surface = Surface::new(space.refine(&[3, 4, 8, 9]).into(), Vec::new());
         assert!(surface.is_err(), "a wrong number of vertices must be refused");
         let surface = Surface::new(space.into(), vertices).unwrap();
@@ -276,8 +276,9 @@ mod tests {
         let jet = at(0.0, 0.0);
         let third = surface.third_derivatives(u, v);
         for d in 0..3 {
-            let diff =
-                |f: &dyn Fn(&Jet) -> [f64; 3], du: f64, dv: f64| (f(&at(du, dv))[d] - f(&at(-du, -dv))[d]) / (2.0 * h);
+            let diff = |f: &dyn Fn(&Jet) -> [f64; 3], du: f64, dv: f64| {
+                (f(&at(du, dv))[d] - f(&at(-du, -dv))[d]) / (2.0 * h)
+            };
             for (exact, estimate) in [
                 (jet.du[d], diff(&|j| j.point, h, 0.0)),
                 (jet.dv[d], diff(&|j| j.point, 0.0, h)),

@@ -1,7 +1,9 @@
-//! The sparse equations of a surface's control vertices: pattern, ordering and symbolic factor of one hierarchy.
+//! The sparse equations of a surface's control vertices: pattern, ordering and symbolic factor of one
+//! hierarchy.
 //!
-//! Comes in: a [`Hierarchy`]. Goes out: places to accumulate information leaf by leaf, the smoothness prior as information,
-//! and factors. Three unknowns a node: the coordinates of its vertex. Made once for a hierarchy and used for every iteration.
+//! Comes in: a [`Hierarchy`]. Goes out: places to accumulate information leaf by leaf, the smoothness prior
+//! as information, and factors. Three unknowns a node: the coordinates of its vertex. Made once for a
+//! hierarchy and used for every iteration.
 
 use crate::cell_information::{CellInformation, add_to_triangle, scalar_element};
 use crate::energy::{LeafEnergy, quadrature};
@@ -15,7 +17,8 @@ use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
-/// Leaves whose elements are made side by side before they are added, one after the other, to the global matrix.
+/// Leaves whose elements are made side by side before they are added, one after the other, to the global
+/// matrix.
 const BATCH: usize = 256;
 
 /// Sparse equations over the nodes of a hierarchy.
@@ -78,13 +81,17 @@ impl SurfaceSystem {
         BlockInformation::zeros(Arc::clone(&self.pattern), 3, 1)
     }
 
-    /// Accumulates information leaf by leaf: `fill(leaf, cell)` adds what is known of that leaf and says whether it added anything.
+    /// Accumulates information leaf by leaf: `fill(leaf, cell)` adds what is known of that leaf and says
+    /// whether it added anything.
     ///
     /// Leaves are filled in parallel and added in order: the same bytes at any number of threads.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
-    pub fn accumulate(&self, fill: impl Fn(usize, &mut CellInformation) -> bool + Sync) -> Result<BlockInformation> {
+    pub fn accumulate(
+        &self,
+        fill: impl Fn(usize, &mut CellInformation) -> bool + Sync,
+    ) -> Result<BlockInformation> {
         let mut information = self.nothing()?;
         self.add_elements(&mut information, CellInformation::default, |cell, leaf| {
             cell.clear();
@@ -97,10 +104,12 @@ impl SurfaceSystem {
         Ok(information)
     }
 
-    /// Accumulates scalar rows over the nodes themselves, one unknown a node: `rows(leaf, add)` calls `add(weights over the
-    /// sixteen coefficients, direction, value, information)` for each measurement, and vertex `a` may move along `directions[a]` only.
+    /// Accumulates scalar rows over the nodes themselves, one unknown a node: `rows(leaf, add)` calls
+    /// `add(weights over the sixteen coefficients, direction, value, information)` for each measurement, and
+    /// vertex `a` may move along `directions[a]` only.
     ///
-    /// The cheaper way where leaves hold few readings: about `n (4 + n/2)` multiply-adds a reading for `n` nodes on its leaf.
+    /// The cheaper way where leaves hold few readings: about `n (4 + n/2)` multiply-adds a reading for `n`
+    /// nodes on its leaf.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
@@ -149,8 +158,8 @@ impl SurfaceSystem {
         Ok(information)
     }
 
-    /// Adds what is known of each leaf, a matrix and a vector over its nodes: made in parallel, a batch at a time, and added in order. `scratch` makes
-    /// what a thread reuses from leaf to leaf.
+    /// Adds what is known of each leaf, a matrix and a vector over its nodes: made in parallel, a batch at a
+    /// time, and added in order. `scratch` makes what a thread reuses from leaf to leaf.
     fn add_elements<S>(
         &self,
         information: &mut BlockInformation,
@@ -172,7 +181,8 @@ impl SurfaceSystem {
         Ok(())
     }
 
-    /// The surface's unit normal at every node's anchor: the direction in which the node's vertex moves the shape.
+    /// The surface's unit normal at every node's anchor: the direction in which the node's vertex moves the
+    /// shape.
     #[must_use]
     pub fn node_normals(&self, surface: &Surface) -> Vec<[f64; 3]> {
         self.space
@@ -186,11 +196,16 @@ impl SurfaceSystem {
             .collect()
     }
 
-    /// Information of three coordinates seen by vertices that move along one direction each: `d_iᵀ Λ_ij d_j` and `d_iᵀ η_i`.
+    /// Information of three coordinates seen by vertices that move along one direction each: `d_iᵀ Λ_ij d_j`
+    /// and `d_iᵀ η_i`.
     ///
     /// # Errors
     /// `Input` when the information has another pattern.
-    pub fn contract(&self, information: &BlockInformation, directions: &[[f64; 3]]) -> Result<BlockInformation> {
+    pub fn contract(
+        &self,
+        information: &BlockInformation,
+        directions: &[[f64; 3]],
+    ) -> Result<BlockInformation> {
         let information = information.on_pattern(&self.pattern)?;
         let mut out = BlockInformation::zeros(Arc::clone(&self.pattern), 1, 1)?;
         let values = information.values();
@@ -203,23 +218,20 @@ impl SurfaceSystem {
                     continue;
                 }
                 let block = &values[9 * position..9 * position + 9];
-                out.values_mut()[position] = (0..3)
-                    .map(|r| a[r] * dot([block[3 * r], block[3 * r + 1], block[3 * r + 2]], b))
-                    .sum();
+                out.values_mut()[position] =
+                    (0..3).map(|r| a[r] * dot([block[3 * r], block[3 * r + 1], block[3 * r + 2]], b)).sum();
             }
         }
-        for ((to, eta), d) in out
-            .vector_mut()
-            .iter_mut()
-            .zip(information.vector().chunks_exact(3))
-            .zip(directions)
+        for ((to, eta), d) in
+            out.vector_mut().iter_mut().zip(information.vector().chunks_exact(3)).zip(directions)
         {
             *to = dot([eta[0], eta[1], eta[2]], *d);
         }
         Ok(out)
     }
 
-    /// The thin-plate energy in the metric of a reference surface, as the matrix `K` of one coordinate: `b = 1`.
+    /// The thin-plate energy in the metric of a reference surface, as the matrix `K` of one coordinate:
+    /// `b = 1`.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
@@ -247,8 +259,8 @@ impl SurfaceSystem {
         self.assemble_forms(|leaf| leaves[leaf].thin_plate)
     }
 
-    /// The information of one unknown a node with three right-hand sides, from that about the sixteen coefficients of every leaf that
-    /// has any.
+    /// The information of one unknown a node with three right-hand sides, from that about the sixteen
+    /// coefficients of every leaf that has any.
     pub(crate) fn assemble_scalar(
         &self,
         form: impl Fn(usize) -> Option<([[f64; 16]; 16], [[f64; 3]; 16])> + Sync,
@@ -288,10 +300,11 @@ impl SurfaceSystem {
         Ok(matrix)
     }
 
-    /// A weak hold on tangential motion: at every point of the reference, information `1/σ²` a leaf about the two tangential
-    /// coordinates, with σ that share of the leaf's size; the normal coordinate is left free.
+    /// A weak hold on tangential motion: at every point of the reference, information `1/σ²` a leaf about the
+    /// two tangential coordinates, with σ that share of the leaf's size; the normal coordinate is left free.
     ///
-    /// Measurements of position say nothing of how vertices slide along the surface; without this they would drift.
+    /// Measurements of position say nothing of how vertices slide along the surface; without this they would
+    /// drift.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
@@ -303,7 +316,8 @@ impl SurfaceSystem {
                 let jet = reference.jet(u, v);
                 let Some(n) = jet.normal() else { continue };
                 let [e, _, g] = jet.first_form();
-                // The shorter side of the leaf on the surface, but for slivers at poles no less than a tenth of the longer.
+                // The shorter side of the leaf on the surface, but for slivers at poles no less than a tenth
+                // of the longer.
                 let size2 = (e.min(g)).max(0.01 * e.max(g)) * side * side;
                 let w = q.weight / (share * share * size2);
                 let information = [
@@ -320,7 +334,8 @@ impl SurfaceSystem {
         })
     }
 
-    /// The mass matrix `∫ B_a B_b dA` in the metric of a reference surface, for one coordinate: `b = 1`, three right-hand sides.
+    /// The mass matrix `∫ B_a B_b dA` in the metric of a reference surface, for one coordinate: `b = 1`,
+    /// three right-hand sides.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.

@@ -1,33 +1,39 @@
-//! What a measured orientation or curvature says of the control vertices: rows of the linearised equations at a surface point.
+//! What a measured orientation or curvature says of the control vertices: rows of the linearised equations at
+//! a surface point.
 //!
-//! Comes in: a surface and a place on it. Goes out: weights over the leaf's sixteen coefficients by which a motion of the vertices along the normal
-//! turns the tangent plane and bends the surface there.
+//! Comes in: a surface and a place on it. Goes out: weights over the leaf's sixteen coefficients by which a
+//! motion of the vertices along the normal turns the tangent plane and bends the surface there.
 //!
-//! With the orthonormal tangents `e_i = M_ia S_a` of the surface as it is, a measured unit normal `m` and a measured second fundamental form `C`
-//! obey, to first order in a displacement `δP`,
+//! With the orthonormal tangents `e_i = M_ia S_a` of the surface as it is, a measured unit normal `m` and a
+//! measured second fundamental form `C` obey, to first order in a displacement `δP`,
 //!
 //! ```text
 //! m·e_i(P + δP) = m·e_i + Σ_k (M_ia ∂_a b_k) n·δP_k = 0
 //! II_ij(P + δP) = II_ij + Σ_k M_ia M_jb (∂_ab b_k − Γ^c_ab ∂_c b_k) n·δP_k = e_iᵀ C e_j
 //! ```
 //!
-//! The tangents have unit length, so a surface gains nothing by collapsing; the covariant derivative is what makes the second line hold for any
-//! parametrisation, where the equations of the paper (6 and 7) ask for unit speed.
+//! The tangents have unit length, so a surface gains nothing by collapsing; the covariant derivative is what
+//! makes the second line hold for any parametrisation, where the equations of the paper (6 and 7) ask for
+//! unit speed.
 //!
-//! The second line holds for vertices that all move along the one normal `n` of the place. Where each moves along its own, as when a ball grows, tangents are
-//! stretched as well, `e_c·δS_i = −II_ic φ`, and the tangents of unit length turn that into curvature (the term `−2 S_aᵀ C δS_b` of the equation `n·S_ab = S_aᵀ C S_b`). With `δ_k` the place of
-//! coefficient `k` from here, where the normal is `n − II δ_k` to first order, its row becomes
+//! The second line holds for vertices that all move along the one normal `n` of the place. Where each moves
+//! along its own, as when a ball grows, tangents are stretched as well, `e_c·δS_i = −II_ic φ`, and the
+//! tangents of unit length turn that into curvature (the term `−2 S_aᵀ C δS_b` of the equation
+//! `n·S_ab = S_aᵀ C S_b`). With `δ_k` the place of coefficient `k` from here, where the normal is
+//! `n − II δ_k` to first order, its row becomes
 //!
 //! ```text
 //! b_k,ij + b_k,i (II² δ_k)_j + b_k,j (II² δ_k)_i
 //! ```
 //!
-//! which for a motion `φ` that is the same everywhere adds up to `2 II² φ`: of a ball of radius R `δII = φ/R²`, where the plain row says `−φ/R²`.
+//! which for a motion `φ` that is the same everywhere adds up to `2 II² φ`: of a ball of radius R
+//! `δII = φ/R²`, where the plain row says `−φ/R²`.
 //!
 //! Not guaranteed: terms of second order in the size of a cell.
 //!
 //! # References
-//! Wang, Wang and Aggarwal, *3D model construction by fusing heterogeneous sensor data*, 1998, eq. 4–7; do Carmo, *Riemannian Geometry*, 1992, §6.
+//! Wang, Wang and Aggarwal, *3D model construction by fusing heterogeneous sensor data*, 1998, eq. 4–7; do
+//! Carmo, *Riemannian Geometry*, 1992, §6.
 
 use crate::basis::cubic;
 use crate::surface::{Jet, Surface};
@@ -46,7 +52,8 @@ pub struct TangentRows {
     pub slopes: [[f64; 16]; 2],
     /// `∇²b_k (e_i, e_j)` for `11, 12, 22`: vertices move along the normal here.
     pub bends: [[f64; 16]; 3],
-    /// The same where every vertex moves along its own normal; weights of the components of these motions along the normal here.
+    /// The same where every vertex moves along its own normal; weights of the components of these motions
+    /// along the normal here.
     pub bends_along_normals: [[f64; 16]; 3],
 }
 
@@ -78,20 +85,18 @@ impl TangentRows {
             std::array::from_fn(|k| scale * bv[order_v][k / 4] * bu[order_u][k % 4])
         };
         let first = [weights(1, 0), weights(0, 1)];
-        // Second derivatives along parameters, what the coordinates' own bending adds taken off: Γ^c_ab S_c is the tangential part of S_ab.
-        let second = [
-            (weights(2, 0), jet.duu),
-            (weights(1, 1), jet.duv),
-            (weights(0, 2), jet.dvv),
-        ]
-        .map(|(mut w, along)| {
-            let by_frame = [dot(along, e1), dot(along, e2)];
-            let christoffel = [0, 1].map(|c| by_frame[0] * frame[0][c] + by_frame[1] * frame[1][c]);
-            for k in 0..16 {
-                w[k] -= christoffel[0] * first[0][k] + christoffel[1] * first[1][k];
-            }
-            w
-        });
+        // Second derivatives along parameters, what the coordinates' own bending adds taken off: Γ^c_ab S_c
+        // is the tangential part of S_ab.
+        let second = [(weights(2, 0), jet.duu), (weights(1, 1), jet.duv), (weights(0, 2), jet.dvv)].map(
+            |(mut w, along)| {
+                let by_frame = [dot(along, e1), dot(along, e2)];
+                let christoffel = [0, 1].map(|c| by_frame[0] * frame[0][c] + by_frame[1] * frame[1][c]);
+                for k in 0..16 {
+                    w[k] -= christoffel[0] * first[0][k] + christoffel[1] * first[1][k];
+                }
+                w
+            },
+        );
         let slopes: [[f64; 16]; 2] =
             [0, 1].map(|i| std::array::from_fn(|k| frame[i][0] * first[0][k] + frame[i][1] * first[1][k]));
         let in_frame = |[uu, uv, vv]: [f64; 3], i: usize, j: usize| {
@@ -100,8 +105,9 @@ impl TangentRows {
         };
         let pairs = [(0, 0), (0, 1), (1, 1)];
         let form = pairs.map(|(i, j)| in_frame(jet.second_form(normal), i, j));
-        let bends: [[f64; 16]; 3] =
-            pairs.map(|(i, j)| std::array::from_fn(|k| in_frame([second[0][k], second[1][k], second[2][k]], i, j)));
+        let bends: [[f64; 16]; 3] = pairs.map(|(i, j)| {
+            std::array::from_fn(|k| in_frame([second[0][k], second[1][k], second[2][k]], i, j))
+        });
         let [a, b, c] = form;
         let squared = [[a * a + b * b, b * (a + c)], [b * (a + c), b * b + c * c]];
         // Coefficients stand at Greville's places, one cell apart from the lower corner's −1.
@@ -114,17 +120,11 @@ impl TangentRows {
             let (i, j) = pairs[n];
             std::array::from_fn(|k| bends[n][k] + slopes[i][k] * bent[k][j] + slopes[j][k] * bent[k][i])
         });
-        Some(Self {
-            normal,
-            tangents: [e1, e2],
-            form,
-            slopes,
-            bends,
-            bends_along_normals,
-        })
+        Some(Self { normal, tangents: [e1, e2], form, slopes, bends, bends_along_normals })
     }
 
-    /// How far the tangents are from the plane that a measured unit normal stands on: `[m·e_1, m·e_2]`, sines of the angles.
+    /// How far the tangents are from the plane that a measured unit normal stands on: `[m·e_1, m·e_2]`, sines
+    /// of the angles.
     #[must_use]
     pub fn tilt(&self, measured: [f64; 3]) -> [f64; 2] {
         self.tangents.map(|e| dot(measured, e))
@@ -143,16 +143,12 @@ impl TangentRows {
         };
         let [e1, e2] = self.tangents;
         let (c1, c2) = (times(e1), times(e2));
-        [
-            dot(e1, c1) - self.form[0],
-            dot(e2, c1) - self.form[1],
-            dot(e2, c2) - self.form[2],
-        ]
+        [dot(e1, c1) - self.form[0], dot(e2, c1) - self.form[1], dot(e2, c2) - self.form[2]]
     }
 }
 
-/// The tensor `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` of principal curvatures, `d2 = n × d1`, as `[xx, xy, xz, yy, yz, zz]`; what of `d1` is not tangential is
-/// taken off. None where nothing is left, or the normal is none.
+/// The tensor `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` of principal curvatures, `d2 = n × d1`, as `[xx, xy, xz, yy, yz, zz]`;
+/// what of `d1` is not tangential is taken off. None where nothing is left, or the normal is none.
 #[must_use]
 pub fn curvature_tensor([k1, k2]: [f64; 2], direction: [f64; 3], normal: [f64; 3]) -> Option<[f64; 6]> {
     let n = unit(normal)?;
@@ -207,7 +203,9 @@ mod tests {
             let tensor = |rows: &TangentRows, e: [f64; 3], f: [f64; 3]| {
                 // II(e, f) of fixed directions, by the frame of the surface as it is.
                 let [a, b] = [e, f].map(|x| rows.tangents.map(|t| dot(t, x)));
-                a[0] * b[0] * rows.form[0] + (a[0] * b[1] + a[1] * b[0]) * rows.form[1] + a[1] * b[1] * rows.form[2]
+                a[0] * b[0] * rows.form[0]
+                    + (a[0] * b[1] + a[1] * b[0]) * rows.form[1]
+                    + a[1] * b[1] * rows.form[2]
             };
             for i in 0..2 {
                 // The frame may spin in its plane; what counts is the tilt along the direction as it was.
@@ -218,10 +216,7 @@ mod tests {
                 };
                 let e = rows.tangents[i];
                 let change = (tilt(&now, e) - tilt(&rows, e)) / step;
-                assert!(
-                    (change - told(&rows.slopes[i])).abs() < 5e-3 * (1.0 + change.abs()),
-                    "{change}"
-                );
+                assert!((change - told(&rows.slopes[i])).abs() < 5e-3 * (1.0 + change.abs()), "{change}");
             }
             for (n, (i, j)) in [(0, 0), (0, 1), (1, 1)].into_iter().enumerate() {
                 let (e, f) = (rows.tangents[i], rows.tangents[j]);
@@ -235,7 +230,8 @@ mod tests {
         }
     }
 
-    /// A ball of radius R that grows by δ has curvatures of `−1/R` that become smaller: `δII = δ/R²` along both tangents. Shifted as a whole it keeps them.
+    /// A ball of radius R that grows by δ has curvatures of `−1/R` that become smaller: `δII = δ/R²` along
+    /// both tangents. Shifted as a whole it keeps them.
     #[test]
     fn a_ball_that_grows_bends_less_and_one_that_is_shifted_does_not() {
         let space = Arc::new(Hierarchy::uniform(Shape::Ball, [32, 16]).unwrap());
@@ -256,19 +252,14 @@ mod tests {
         let unit_change = 1.0 / (radius * radius);
         let told = |motion: &dyn Fn([f64; 3]) -> [f64; 3], row: &[f64; 16]| -> f64 {
             let coefficients = ball.leaf_coefficients(leaf);
-            (row.iter().zip(coefficients))
-                .map(|(w, p)| w * dot(motion(*p), rows.normal))
-                .sum()
+            (row.iter().zip(coefficients)).map(|(w, p)| w * dot(motion(*p), rows.normal)).sum()
         };
         let grown = |p: [f64; 3]| unit(p).unwrap();
         // Shifted along the normal here, each vertex by that part of it that is along its own.
         let shifted = |p: [f64; 3]| scale(dot(grown(p), rows.normal), grown(p));
         for n in [0, 2] {
             let growth = told(&grown, &rows.bends_along_normals[n]);
-            assert!(
-                (growth - unit_change).abs() < 0.06 * unit_change,
-                "{growth} {unit_change}"
-            );
+            assert!((growth - unit_change).abs() < 0.06 * unit_change, "{growth} {unit_change}");
             let shift = told(&shifted, &rows.bends_along_normals[n]);
             assert!(shift.abs() < 0.05 * unit_change, "{shift}");
             // The row of motions along one normal has the wrong sign for growth.
@@ -299,12 +290,10 @@ mod tests {
             let own = unit([moved[0], 0.0, moved[2]]).unwrap();
             *moved = add_scaled(*moved, step, own);
             let after = cylinder.with_vertices(vertices).unwrap();
-            let displaced: Vec<f64> = (after
-                .leaf_coefficients(leaf)
-                .iter()
-                .zip(cylinder.leaf_coefficients(leaf)))
-            .map(|(a, b)| dot(sub(*a, *b), rows.normal))
-            .collect();
+            let displaced: Vec<f64> =
+                (after.leaf_coefficients(leaf).iter().zip(cylinder.leaf_coefficients(leaf)))
+                    .map(|(a, b)| dot(sub(*a, *b), rows.normal))
+                    .collect();
             let told = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
             let now = after.tangent_rows(leaf, local).unwrap();
             for n in 0..3 {
@@ -326,8 +315,10 @@ mod tests {
         assert!(rows.form.iter().all(|k| k.abs() < 1e-12));
         let jet = plane.leaf_jet(5, 0.4, 0.4);
         assert!(norm(jet.duu) > 0.3);
-        // A tilt of the plane as a whole bends nothing: covariant rows say so, plain second derivatives do not.
-        let told = |w: &[f64; 16]| -> f64 { w.iter().zip(plane.leaf_coefficients(5)).map(|(w, c)| w * c[0]).sum() };
+        // A tilt of the plane as a whole bends nothing: covariant rows say so, plain second derivatives do
+        // not.
+        let told =
+            |w: &[f64; 16]| -> f64 { w.iter().zip(plane.leaf_coefficients(5)).map(|(w, c)| w * c[0]).sum() };
         assert!(told(&rows.bends[0]).abs() < 1e-12);
     }
 

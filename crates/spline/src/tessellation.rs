@@ -1,12 +1,14 @@
 //! Triangle meshes of a surface, within a chord error.
 //!
-//! Comes in: a [`Surface`] and a tolerance. Goes out: vertices with their normals and parameters, and triangles that run
-//! counter-clockwise around `S_u × S_v`. Every leaf is divided into a grid of its own, by powers of two; neighbours share
-//! the vertices along their common side, whatever their levels, and the rectangles beside a denser neighbour become fans
-//! around their middle. So there are no cracks and no T-vertices: a ball or torus gives a watertight mesh.
+//! Comes in: a [`Surface`] and a tolerance. Goes out: vertices with their normals and parameters, and
+//! triangles that run counter-clockwise around `S_u × S_v`. Every leaf is divided into a grid of its own, by
+//! powers of two; neighbours share the vertices along their common side, whatever their levels, and the
+//! rectangles beside a denser neighbour become fans around their middle. So there are no cracks and no
+//! T-vertices: a ball or torus gives a watertight mesh.
 //!
-//! Places are counted on one integer lattice, the finest that any leaf asks for, wrapped where the surface closes: two
-//! leaves mean the same vertex when they mean the same lattice point. A pole of a ball is one vertex.
+//! Places are counted on one integer lattice, the finest that any leaf asks for, wrapped where the surface
+//! closes: two leaves mean the same vertex when they mean the same lattice point. A pole of a ball is one
+//! vertex.
 //!
 //! Not guaranteed: that the mesh does not cross itself where the surface folds.
 //!
@@ -37,10 +39,7 @@ pub struct TessellationOptions {
 impl Default for TessellationOptions {
     /// A micrometre where the unit is the millimetre, and up to 64 divisions.
     fn default() -> Self {
-        Self {
-            tolerance: 1e-3,
-            max_divisions: MOST_DIVISIONS,
-        }
+        Self { tolerance: 1e-3, max_divisions: MOST_DIVISIONS }
     }
 }
 
@@ -51,10 +50,11 @@ impl Default for TessellationOptions {
 pub struct Tessellation {
     /// Vertex positions in the model's unit.
     pub positions: Vec<[f64; 3]>,
-    /// Unit normals along `S_u × S_v`; where the surface is degenerate that of the nearest point that has one, zero
-    /// where there is none in the leaf.
+    /// Unit normals along `S_u × S_v`; where the surface is degenerate that of the nearest point that has
+    /// one, zero where there is none in the leaf.
     pub normals: Vec<[f64; 3]>,
-    /// `(u, v)` in base-grid units. A vertex on a seam has the parameters of the side where they start from zero.
+    /// `(u, v)` in base-grid units. A vertex on a seam has the parameters of the side where they start from
+    /// zero.
     pub parameters: Vec<[f64; 2]>,
     /// A leaf that holds the vertex.
     pub leaf: Vec<u32>,
@@ -69,14 +69,15 @@ pub struct Tessellation {
 /// A mesh of the surface whose distance from it is at most the tolerance.
 ///
 /// In a rectangle of `h_u × h_v` the linear interpolant over any triangle is off by at most
-/// `(h_u² |S_uu| + 2 h_u h_v |S_uv| + h_v² |S_vv|)/8`, derivatives bounded over the leaf by differences of its
-/// coefficients. Each leaf takes the fewest divisions that bring this below the tolerance.
+/// `(h_u² |S_uu| + 2 h_u h_v |S_uv| + h_v² |S_vv|)/8`, derivatives bounded over the leaf by differences of
+/// its coefficients. Each leaf takes the fewest divisions that bring this below the tolerance.
 ///
-/// The same bytes at any number of threads. Cost: one jet a vertex, one table look-up for each vertex on a leaf's border.
+/// The same bytes at any number of threads. Cost: one jet a vertex, one table look-up for each vertex on a
+/// leaf's border.
 ///
 /// # Errors
-/// `Input` when the tolerance is not positive, the divisions are not in 1 to 64, or the mesh would have more than 2³¹
-/// triangles.
+/// `Input` when the tolerance is not positive, the divisions are not in 1 to 64, or the mesh would have more
+/// than 2³¹ triangles.
 ///
 /// # Examples
 /// ```
@@ -99,11 +100,8 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
     }
     let limited_leaves = divided.iter().filter(|(_, limited)| *limited).count();
     let lattice = Lattice::new(surface, divided.into_iter().map(|(n, _)| n).collect());
-    let mut plans: Vec<LeafPlan> = (0..count)
-        .into_par_iter()
-        .with_min_len(CHUNK)
-        .map(|leaf| lattice.plan(leaf))
-        .collect();
+    let mut plans: Vec<LeafPlan> =
+        (0..count).into_par_iter().with_min_len(CHUNK).map(|leaf| lattice.plan(leaf)).collect();
     let total = number_vertices(&mut plans)?;
 
     let vertices: Vec<Vec<Vertex>> = (0..count.div_ceil(CHUNK))
@@ -113,10 +111,7 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
             leaves.flat_map(|leaf| plans[leaf].vertices(surface, leaf)).collect()
         })
         .collect();
-    let mut mesh = Tessellation {
-        limited_leaves,
-        ..Tessellation::default()
-    };
+    let mut mesh = Tessellation { limited_leaves, ..Tessellation::default() };
     mesh.positions.reserve_exact(total);
     mesh.normals.reserve_exact(total);
     mesh.parameters.reserve_exact(total);
@@ -125,8 +120,7 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
     for vertex in vertices.iter().flatten() {
         mesh.positions.push(vertex.position);
         mesh.normals.push(vertex.normal);
-        mesh.parameters
-            .push(surface.space().parameters(vertex.leaf as usize, vertex.local));
+        mesh.parameters.push(surface.space().parameters(vertex.leaf as usize, vertex.local));
         mesh.leaf.push(vertex.leaf);
         mesh.local.push(vertex.local);
     }
@@ -144,7 +138,8 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
     Ok(mesh)
 }
 
-/// How many triangles [`tessellate`] makes at least: a few per cent less than it does, for the fans between levels.
+/// How many triangles [`tessellate`] makes at least: a few per cent less than it does, for the fans between
+/// levels.
 ///
 /// Cost: far below that of the mesh; for choosing a tolerance.
 ///
@@ -157,10 +152,7 @@ pub fn least_triangles(surface: &Surface, options: &TessellationOptions) -> Resu
 /// The divisions of every leaf; see [`divisions`].
 fn divide(surface: &Surface, options: &TessellationOptions) -> Result<Vec<([u32; 2], bool)>> {
     if !(options.tolerance > 0.0 && options.tolerance.is_finite()) {
-        return Err(Error::input(format!(
-            "needed a mesh tolerance > 0, found {}",
-            options.tolerance
-        )));
+        return Err(Error::input(format!("needed a mesh tolerance > 0, found {}", options.tolerance)));
     }
     if !(1..=MOST_DIVISIONS).contains(&options.max_divisions) {
         return Err(Error::input(format!(
@@ -187,8 +179,9 @@ fn divisions(c: &[[f64; 3]; 16], tolerance: f64, most: u32) -> ([u32; 2], bool) 
     let (mut uu, mut uv, mut vv) = (0.0_f64, 0.0_f64, 0.0_f64);
     for r in 0..4 {
         for k in 0..2 {
-            let at =
-                |a: usize, b: usize| -> [f64; 3] { [0, 1, 2].map(|d| c[a][d] - 2.0 * c[(a + b) / 2][d] + c[b][d]) };
+            let at = |a: usize, b: usize| -> [f64; 3] {
+                [0, 1, 2].map(|d| c[a][d] - 2.0 * c[(a + b) / 2][d] + c[b][d])
+            };
             uu = uu.max(norm(at(4 * r + k, 4 * r + k + 2)));
             vv = vv.max(norm(at(4 * k + r, 4 * (k + 2) + r)));
         }
@@ -196,9 +189,7 @@ fn divisions(c: &[[f64; 3]; 16], tolerance: f64, most: u32) -> ([u32; 2], bool) 
     for r in 0..3 {
         for k in 0..3 {
             let n = 4 * r + k;
-            uv = uv.max(norm(
-                [0, 1, 2].map(|d| c[n][d] - c[n + 1][d] - c[n + 4][d] + c[n + 5][d]),
-            ));
+            uv = uv.max(norm([0, 1, 2].map(|d| c[n][d] - c[n + 1][d] - c[n + 4][d] + c[n + 5][d])));
         }
     }
     let chord = |a: u32, b: u32| {
@@ -247,12 +238,7 @@ impl<'a> Lattice<'a> {
         let total = levels().map(|(level, n)| level + n[0].max(n[1])).max().unwrap_or(0);
         let total = total.max(finest);
         let steps = levels().map(|(level, n)| n.map(|n| 1 << (total - level - n))).collect();
-        Self {
-            surface,
-            finest,
-            depth: total - finest,
-            steps,
-        }
+        Self { surface, finest, depth: total - finest, steps }
     }
 
     /// The border of a leaf: what both it and its neighbours ask for.
@@ -298,11 +284,7 @@ impl<'a> Lattice<'a> {
             .into_iter()
             .map(|place| {
                 // A pole is one lattice point, whatever its column.
-                let x = if place.at_pole {
-                    0
-                } else {
-                    start[0] + u64::from(place.x)
-                };
+                let x = if place.at_pole { 0 } else { start[0] + u64::from(place.x) };
                 key(x, start[1] + u64::from(place.y))
             })
             .collect();
@@ -338,11 +320,7 @@ impl<'a> Lattice<'a> {
             let (mut end, mut step) = (start + width, own);
             if let Some(across) = across {
                 let (i, j) = if along_u { (at, across) } else { (across, at) };
-                let there = Cell {
-                    level: self.finest as u8,
-                    i: i as u32,
-                    j: j as u32,
-                };
+                let there = Cell { level: self.finest as u8, i: i as u32, j: j as u32 };
                 if let Some(neighbour) = space.leaf_over(there) {
                     let s = self.finest - u32::from(space.leaves()[neighbour].level);
                     end = end.min(((at >> s) + 1) << s);
@@ -358,18 +336,20 @@ impl<'a> Lattice<'a> {
     }
 }
 
-/// The vertices of a leaf, counted: its border ring first, then the inner points of its grid, then the middles of fans.
+/// The vertices of a leaf, counted: its border ring first, then the inner points of its grid, then the
+/// middles of fans.
 struct LeafPlan {
     /// Lattice steps along a side of the leaf.
     length: u32,
     /// Lattice steps between its own grid lines, along u and v.
     steps: [u32; 2],
-    /// Distances along the sides in the order of [`SIDES`], each from its start in u or v, both ends included; a side that
-    /// is a pole has one entry.
+    /// Distances along the sides in the order of [`SIDES`], each from its start in u or v, both ends
+    /// included; a side that is a pole has one entry.
     offsets: Vec<u32>,
     ends: [u32; 4],
     polar: [bool; 4],
-    /// Counter-clockwise from the lower left corner: lattice points at first, vertex numbers after [`number_vertices`].
+    /// Counter-clockwise from the lower left corner: lattice points at first, vertex numbers after
+    /// [`number_vertices`].
     ring: Vec<u64>,
     /// Number of the first vertex that this leaf brings.
     first_own: u32,
@@ -521,7 +501,8 @@ impl LeafPlan {
         polygon.len() > if at_pole { 3 } else { 4 }
     }
 
-    /// Visits the rectangles of the grid in order: column, row, corners, and whether it is a fan around its middle.
+    /// Visits the rectangles of the grid in order: column, row, corners, and whether it is a fan around its
+    /// middle.
     fn for_each_polygon(&self, mut visit: impl FnMut(u32, u32, &[u32], bool)) {
         let [nu, nv] = self.grid();
         let mut polygon = Vec::new();
@@ -583,11 +564,7 @@ impl LeafPlan {
         let ring = self.ring_length() as u32;
         let first_inner = self.first_own + self.own_ring.len() as u32;
         let number = |index: u32| {
-            if index < ring {
-                self.ring[index as usize] as u32
-            } else {
-                first_inner + (index - ring)
-            }
+            if index < ring { self.ring[index as usize] as u32 } else { first_inner + (index - ring) }
         };
         let mut middle = first_inner + self.inner_count();
         self.for_each_polygon(|_, _, polygon, has_middle| {
@@ -612,7 +589,8 @@ impl LeafPlan {
     }
 }
 
-/// Gives every lattice point on a border its number, in the order of the leaves, and each leaf's inner vertices theirs.
+/// Gives every lattice point on a border its number, in the order of the leaves, and each leaf's inner
+/// vertices theirs.
 fn number_vertices(plans: &mut [LeafPlan]) -> Result<usize> {
     let ring: usize = plans.iter().map(|plan| plan.ring.len()).sum();
     let mut known: HashMap<u64, u32> = HashMap::with_capacity(ring / 2);
@@ -636,7 +614,8 @@ fn number_vertices(plans: &mut [LeafPlan]) -> Result<usize> {
     Ok(next as usize)
 }
 
-/// The unit normal at a leaf-local point, or that of the nearest point towards the leaf's middle that has one.
+/// The unit normal at a leaf-local point, or that of the nearest point towards the leaf's middle that has
+/// one.
 fn normal(surface: &Surface, leaf: usize, local: [f64; 2], at_pole: bool) -> [f64; 3] {
     if at_pole {
         let [u, v] = surface.space().parameters(leaf, local);

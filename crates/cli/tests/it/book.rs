@@ -1,9 +1,13 @@
-//! The book (`docs/`, built by mdBook): every command of its chapters runs, prints what the chapter shows, and makes the pictures that it shows; no link is broken.
+//! The book (`docs/`, built by mdBook): every command of its chapters runs, prints what the chapter shows,
+//! and makes the pictures that it shows; no link is broken.
 //!
-//! A block that begins with ```` ```console ```` holds commands (`$ planish …`) and lines of what they print, in their order; `…` stands for any lines. Words have to be the same, numbers within a fifth: a change
-//! of the figures in the last digits is none of the reader's concern. A block ```` ```toml file=NAME ```` is written to that file. Each chapter has a folder of its own, with the repository's `examples` in it.
+//! A block that begins with ```` ```console ```` holds commands (`$ planish
+//! …`) and lines of what they print, in their order; `…` stands for any lines. Words have to be the same, numbers within a fifth: a change of the figures in the last digits is none of the reader's concern. A block ```` ```toml
+//! file=NAME ```` is written to that file. Each chapter has a folder of its own, with the repository's
+//! `examples` in it.
 //!
-//! `PLANISH_WRITE_DOCS=1 cargo test --release -p planish-cli --test it book` writes shown lines and pictures anew.
+//! `PLANISH_WRITE_DOCS=1 cargo test --release -p planish-cli --test it book` writes shown lines and pictures
+//! anew.
 
 use crate::support::{Said, command, repository};
 use rayon::prelude::*;
@@ -26,7 +30,8 @@ fn chapters() -> Vec<Chapter> {
         .into_iter()
         .map(|link| {
             let path = docs.join(link);
-            let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("SUMMARY.md: {}: {e}", path.display()));
+            let text = std::fs::read_to_string(&path)
+                .unwrap_or_else(|e| panic!("SUMMARY.md: {}: {e}", path.display()));
             Chapter { path, text }
         })
         .collect()
@@ -123,12 +128,10 @@ struct Run {
 
 fn run_chapter(chapter: &Chapter, writing: bool) -> Run {
     let folder = tempfile::tempdir().expect("a folder");
-    std::os::unix::fs::symlink(repository().join("examples"), folder.path().join("examples")).expect("a link");
+    std::os::unix::fs::symlink(repository().join("examples"), folder.path().join("examples"))
+        .expect("a link");
     let name = chapter.path.file_name().expect("a name").to_string_lossy().into_owned();
-    let mut run = Run {
-        text: String::new(),
-        wrong: Vec::new(),
-    };
+    let mut run = Run { text: String::new(), wrong: Vec::new() };
     let mut lines = chapter.text.lines().enumerate().peekable();
     while let Some((number, line)) = lines.next() {
         run.text.push_str(line);
@@ -156,13 +159,11 @@ fn run_chapter(chapter: &Chapter, writing: bool) -> Run {
         }
     }
     // Pictures that a command of the chapter made.
-    for picture in links(&chapter.text)
-        .into_iter()
-        .filter_map(|l| l.strip_prefix("images/"))
-    {
+    for picture in links(&chapter.text).into_iter().filter_map(|l| l.strip_prefix("images/")) {
         let made = folder.path().join(picture);
         if writing && made.exists() {
-            std::fs::copy(&made, repository().join("docs/images").join(picture)).expect("a picture is copied");
+            std::fs::copy(&made, repository().join("docs/images").join(picture))
+                .expect("a picture is copied");
         }
     }
     run
@@ -178,10 +179,7 @@ fn commands<'a>(block: &[&'a str]) -> Vec<Part<'a>> {
     let mut parts: Vec<Part> = Vec::new();
     for line in block {
         match (line.strip_prefix("$ "), parts.last_mut()) {
-            (Some(command), _) => parts.push(Part {
-                command,
-                shown: Vec::new(),
-            }),
+            (Some(command), _) => parts.push(Part { command, shown: Vec::new() }),
             (None, Some(part)) => part.shown.push(line),
             (None, None) => panic!("a block of commands begins with one: {line}"),
         }
@@ -195,8 +193,7 @@ fn run_part(part: &Part, folder: &Path, place: &str, run: &mut Run) {
     assert_eq!(words[0], "planish", "{place}: the book runs nothing else");
     let said = Said::new(command(folder, &words[1..]).output().expect("planish runs"));
     if said.code != 0 {
-        run.wrong
-            .push(format!("{place}: exit code {}: {}", said.code, said.stderr));
+        run.wrong.push(format!("{place}: exit code {}: {}", said.code, said.stderr));
     }
     let printed: Vec<&str> = said.stdout.lines().collect();
     let mut next = 0;
@@ -213,8 +210,7 @@ fn run_part(part: &Part, folder: &Path, place: &str, run: &mut Run) {
             None => {
                 run.text.push_str(shown);
                 if *shown != "…" {
-                    run.wrong
-                        .push(format!("{place}: it does not print: {shown}\nbut:\n{}", said.stdout));
+                    run.wrong.push(format!("{place}: it does not print: {shown}\nbut:\n{}", said.stdout));
                 }
             }
         }
@@ -249,7 +245,5 @@ fn tokens(line: &str) -> Vec<String> {
 }
 
 fn number(word: &str) -> Option<f64> {
-    word.trim_matches(|c: char| !c.is_ascii_digit() && c != '-')
-        .parse()
-        .ok()
+    word.trim_matches(|c: char| !c.is_ascii_digit() && c != '-').parse().ok()
 }

@@ -56,17 +56,9 @@ fn relations_are_imposed_sizes_snapped_and_the_rest_counted() {
     let found = &said["constrained"];
     let imposed = texts(&found["relations"], |r| r["outcome"] == "imposed");
     assert_eq!(imposed.len(), 3, "{imposed:?}");
-    assert!(
-        found["relations"]
-            .as_array()
-            .expect("a list")
-            .iter()
-            .all(|r| r["p_value"].as_f64().is_some())
-    );
+    assert!(found["relations"].as_array().expect("a list").iter().all(|r| r["p_value"].as_f64().is_some()));
     // A rectangle: nothing holds that is not true of it.
-    for text in texts(&found["relations"], |r| {
-        r["outcome"] == "imposed" || r["outcome"] == "implied"
-    }) {
+    for text in texts(&found["relations"], |r| r["outcome"] == "imposed" || r["outcome"] == "implied") {
         assert!(!text.contains("horizontal") && !text.contains("vertical"), "{text}");
     }
     let mut sizes: Vec<f64> = found["bars"]
@@ -89,29 +81,18 @@ fn relations_are_imposed_sizes_snapped_and_the_rest_counted() {
     assert_eq!(outcomes.iter().filter(|o| **o == "implied").count(), 2, "{outcomes:?}");
     let free = &found["freedoms"];
     assert_eq!(
-        (
-            &free["parameters"],
-            &free["rank"],
-            &free["free"],
-            &free["rigid_motions"]
-        ),
+        (&free["parameters"], &free["rank"], &free["free"], &free["rigid_motions"]),
         (&8.into(), &5.into(), &3.into(), &3.into())
     );
     // Everything implied names a smallest set it follows from.
-    assert!(
-        found["redundant"].as_array().is_some_and(
-            |sets| !sets.is_empty() && sets.iter().all(|s| !s["with"].as_array().expect("a set").is_empty())
-        )
-    );
+    assert!(found["redundant"].as_array().is_some_and(|sets| {
+        !sets.is_empty() && sets.iter().all(|s| !s["with"].as_array().expect("a set").is_empty())
+    }));
     // With the dimensions, nothing is free, and the graphs match every parameter.
     let graphs: Value =
         serde_json::from_str(&std::fs::read_to_string(at.join("g.json")).expect("a file")).expect("JSON");
     assert_eq!(graphs["views"][0]["matching"].as_array().map(Vec::len), Some(8));
-    assert!(
-        std::fs::read_to_string(at.join("g.dot"))
-            .expect("DOT")
-            .contains("graph contour_bipartite {")
-    );
+    assert!(std::fs::read_to_string(at.join("g.dot")).expect("DOT").contains("graph contour_bipartite {"));
     // The drawing is that of the constrained contour.
     let corner = &found["contours"][0]["parameters"]["x0"]["value"];
     let dxf = std::fs::read_to_string(at.join("c.dxf")).expect("DXF");
@@ -126,10 +107,7 @@ fn a_grid_that_is_too_fine_or_wrong_is_not_imposed() {
     let outcomes = |grid: &str| -> Vec<String> {
         let said = contour(at, &["--kind", "rectangle", "--snap", grid]);
         let sizes = said["constrained"]["sizes"].as_array().expect("sizes").clone();
-        sizes
-            .iter()
-            .map(|s| s["outcome"].as_str().expect("a word").to_owned())
-            .collect()
+        sizes.iter().map(|s| s["outcome"].as_str().expect("a word").to_owned()).collect()
     };
     assert!(outcomes("0.01mm").iter().all(|o| o == "ambiguous"));
     assert!(outcomes("37mm").iter().all(|o| o == "off_grid"));
@@ -151,9 +129,7 @@ fn what_is_known_beforehand_is_imposed_and_judged() {
     // The readings contradict it: told, not hidden.
     let said = contour(at, &["--kind", "rectangle", "--given", "P1P2 is 85 long"]);
     assert!(
-        said["warnings"][0]
-            .as_str()
-            .is_some_and(|w| w.contains("disagrees with the readings")),
+        said["warnings"][0].as_str().is_some_and(|w| w.contains("disagrees with the readings")),
         "{said}"
     );
     // What says nothing new, by what it follows from.
@@ -175,10 +151,7 @@ fn wrong_constraints_are_told_by_name() {
             &["--given", "P1P9 horizontal"][..],
             "constraint `P1P9 horizontal`: the drawing has no point `P9`: it has 4",
         ),
-        (
-            &["--given", "P1P2 over P3P4"],
-            "constraint `P1P2 over P3P4`: needed a sentence such as",
-        ),
+        (&["--given", "P1P2 over P3P4"], "constraint `P1P2 over P3P4`: needed a sentence such as"),
         (
             &["--given", "P1P2 is 90 long", "--given", "P3P4 is 80 long"],
             "`P3P4 is 80 long` cannot hold together with",
@@ -191,51 +164,30 @@ fn wrong_constraints_are_told_by_name() {
     ] {
         let all = [&["contour", "seen/readings.csv", "--kind", "rectangle"], args].concat();
         let said = planish(at, &all);
-        assert!(
-            said.code == 2 && said.stderr.contains(says),
-            "{args:?}: {} {}",
-            said.code,
-            said.stderr
-        );
+        assert!(said.code == 2 && said.stderr.contains(says), "{args:?}: {} {}", said.code, said.stderr);
     }
 }
 
 #[test]
 fn contours_of_every_kind_are_constrained() {
-    for shape in [
-        "circle",
-        "ellipse",
-        "slot",
-        "rounded-rectangle",
-        "regular-polygon-6",
-        "polygon-6",
-    ] {
+    for shape in ["circle", "ellipse", "slot", "rounded-rectangle", "regular-polygon-6", "polygon-6"] {
         let folder = tempfile::tempdir().expect("a folder");
         let at = folder.path();
         planish(
             at,
-            &[
-                "simulate", "scene", "readings", "--shape", shape, "--noise", "0.1", "--out", "seen", "-q",
-            ],
+            &["simulate", "scene", "readings", "--shape", shape, "--noise", "0.1", "--out", "seen", "-q"],
         )
         .ok();
         let said = contour(at, &["--kind", shape, "--constrain"]);
         let found = &said["constrained"];
         let (before, after) = (&said["contours"][0], &found["contours"][0]);
-        assert_eq!(
-            (&before["kind"], &before["order"]),
-            (&after["kind"], &after["order"]),
-            "{shape}"
-        );
+        assert_eq!((&before["kind"], &before["order"]), (&after["kind"], &after["order"]), "{shape}");
         for name in before["order"].as_array().expect("names") {
             let name = name.as_str().expect("a name");
             let value = |of: &Value, what: &str| of["parameters"][name][what].as_f64().expect("a number");
             let off = (value(before, "value") - value(after, "value")).abs();
             assert!(off <= 4.0 * value(before, "sigma"), "{shape} {name}: {off}");
-            assert!(
-                value(after, "sigma") <= 1.0001 * value(before, "sigma") + 1e-9,
-                "{shape} {name}"
-            );
+            assert!(value(after, "sigma") <= 1.0001 * value(before, "sigma") + 1e-9, "{shape} {name}");
         }
         assert!(found["freedoms"]["free"].as_u64() >= Some(3), "{shape}");
     }

@@ -1,4 +1,5 @@
-//! `planish solid` on drawings that mean bodies that touch, nearly fit, or are asked for too finely; and options that readings cannot use.
+//! `planish solid` on drawings that mean bodies that touch, nearly fit, or are asked for too finely; and
+//! options that readings cannot use.
 
 use crate::support::planish;
 use std::fmt::Write;
@@ -11,27 +12,15 @@ fn dxf(lines: &[[f64; 4]], arcs: &[[f64; 5]]) -> String {
         write!(text, "0\nLINE\n5\n{k:X}\n8\n0\n10\n{a}\n20\n{b}\n11\n{c}\n21\n{d}\n").expect("text");
     }
     for (k, [x, y, r, from, to]) in arcs.iter().enumerate() {
-        write!(
-            text,
-            "0\nARC\n5\nA{k:X}\n8\n0\n10\n{x}\n20\n{y}\n40\n{r}\n50\n{from}\n51\n{to}\n"
-        )
-        .expect("text");
+        write!(text, "0\nARC\n5\nA{k:X}\n8\n0\n10\n{x}\n20\n{y}\n40\n{r}\n50\n{from}\n51\n{to}\n")
+            .expect("text");
     }
     text + "0\nENDSEC\n0\nEOF\n"
 }
 
 fn rectangle([x, y]: [f64; 2], [w, h]: [f64; 2]) -> Vec<[f64; 4]> {
     let corners = [[x, y], [x + w, y], [x + w, y + h], [x, y + h]];
-    (0..4)
-        .map(|k| {
-            [
-                corners[k][0],
-                corners[k][1],
-                corners[(k + 1) % 4][0],
-                corners[(k + 1) % 4][1],
-            ]
-        })
-        .collect()
+    (0..4).map(|k| [corners[k][0], corners[k][1], corners[(k + 1) % 4][0], corners[(k + 1) % 4][1]]).collect()
 }
 
 fn put(folder: &Path, name: &str, lines: &[[f64; 4]], arcs: &[[f64; 5]]) {
@@ -40,37 +29,18 @@ fn put(folder: &Path, name: &str, lines: &[[f64; 4]], arcs: &[[f64; 5]]) {
 
 /// A half circle over a circle.
 fn dome(folder: &Path) {
-    put(
-        folder,
-        "front.dxf",
-        &[[-10.0, 0.0, 10.0, 0.0]],
-        &[[0.0, 0.0, 10.0, 0.0, 180.0]],
-    );
-    put(
-        folder,
-        "top.dxf",
-        &[],
-        &[[0.0, 0.0, 10.0, 0.0, 180.0], [0.0, 0.0, 10.0, 180.0, 360.0]],
-    );
+    put(folder, "front.dxf", &[[-10.0, 0.0, 10.0, 0.0]], &[[0.0, 0.0, 10.0, 0.0, 180.0]]);
+    put(folder, "top.dxf", &[], &[[0.0, 0.0, 10.0, 0.0, 180.0], [0.0, 0.0, 10.0, 180.0, 360.0]]);
 }
 
 #[test]
 fn candidates_that_only_touch_themselves_are_counted_and_not_written() {
     let folder = tempfile::tempdir().expect("a folder");
     dome(folder.path());
-    let said = planish(
-        folder.path(),
-        &["solid", "front.dxf", "top.dxf", "--all", "-o", "dome.step"],
-    )
-    .ok();
+    let said = planish(folder.path(), &["solid", "front.dxf", "top.dxf", "--all", "-o", "dome.step"]).ok();
+    assert!(said.stdout.contains("4 solids have these views, best first."), "{}", said.stdout);
     assert!(
-        said.stdout.contains("4 solids have these views, best first."),
-        "{}",
-        said.stdout
-    );
-    assert!(
-        said.stdout
-            .contains("1 more candidate is no solid: two bodies only touch along a line through"),
+        said.stdout.contains("1 more candidate is no solid: two bodies only touch along a line through"),
         "{}",
         said.stdout
     );
@@ -80,20 +50,12 @@ fn candidates_that_only_touch_themselves_are_counted_and_not_written() {
 #[test]
 fn bodies_that_are_apart_are_several_solids_of_one_step_file() {
     let folder = tempfile::tempdir().expect("a folder");
-    for (name, second) in [
-        ("front.dxf", [20.0, 0.0]),
-        ("top.dxf", [20.0, 15.0]),
-        ("side.dxf", [15.0, 0.0]),
-    ] {
+    for (name, second) in [("front.dxf", [20.0, 0.0]), ("top.dxf", [20.0, 15.0]), ("side.dxf", [15.0, 0.0])] {
         let mut lines = rectangle([0.0, 0.0], [10.0, 10.0]);
         lines.extend(rectangle(second, [10.0, 10.0]));
         put(folder.path(), name, &lines, &[]);
     }
-    planish(
-        folder.path(),
-        &["solid", "front.dxf", "top.dxf", "side.dxf", "-o", "two.step"],
-    )
-    .ok();
+    planish(folder.path(), &["solid", "front.dxf", "top.dxf", "side.dxf", "-o", "two.step"]).ok();
     let step = std::fs::read_to_string(folder.path().join("two.step")).expect("the solids");
     assert_eq!(step.matches("MANIFOLD_SOLID_BREP(").count(), 2);
     assert_eq!(step.matches("BREP_WITH_VOIDS(").count(), 0);
@@ -104,24 +66,12 @@ fn a_mesh_tolerance_that_is_too_fine_is_refused_with_one_that_works() {
     let folder = tempfile::tempdir().expect("a folder");
     dome(folder.path());
     let mesh = |tolerance: &str| {
-        let options = [
-            "solid",
-            "front.dxf",
-            "top.dxf",
-            "-o",
-            "dome.ply",
-            "--mesh-tolerance",
-            tolerance,
-        ];
+        let options = ["solid", "front.dxf", "top.dxf", "-o", "dome.ply", "--mesh-tolerance", tolerance];
         planish(folder.path(), &options)
     };
     let refused = mesh("1e-9");
     assert_eq!(refused.code, 2, "{}", refused.stderr);
-    assert!(
-        refused.stderr.contains("--mesh-tolerance 1e-9: such a mesh has about"),
-        "{}",
-        refused.stderr
-    );
+    assert!(refused.stderr.contains("--mesh-tolerance 1e-9: such a mesh has about"), "{}", refused.stderr);
     assert!(!folder.path().join("dome.ply").exists());
     mesh("1e-3").ok();
 }
@@ -139,8 +89,7 @@ fn ends_and_sizes_that_nearly_fit_are_named_and_joined_on_demand() {
     let said = solve(&[]);
     assert_eq!(said.code, 1, "{}", said.stderr);
     assert!(
-        said.stderr
-            .contains("of the front view ends at 39.999900 0.000000, 1.0e-4 from LINE 1"),
+        said.stderr.contains("of the front view ends at 39.999900 0.000000, 1.0e-4 from LINE 1"),
         "{}",
         said.stderr
     );
@@ -149,11 +98,7 @@ fn ends_and_sizes_that_nearly_fit_are_named_and_joined_on_demand() {
     put(folder.path(), "top.dxf", &rectangle([0.0, 0.0], [40.04, 30.03]), &[]);
     let said = solve(&[]);
     assert_eq!(said.code, 1, "{}", said.stderr);
-    assert!(
-        said.stderr.contains("40.000000, 1.001000 times as long"),
-        "{}",
-        said.stderr
-    );
+    assert!(said.stderr.contains("40.000000, 1.001000 times as long"), "{}", said.stderr);
     let joined = solve(&["--tolerance", "0.05"]).ok();
     assert!(joined.stdout.contains("24000"), "{}", joined.stdout);
 }
@@ -168,22 +113,12 @@ fn options_that_the_readings_cannot_use_are_refused_by_name() {
         })
         .collect();
     std::fs::write(folder.path().join("points.csv"), format!("x,y,sigma\n{points}")).expect("readings");
-    for (option, value) in [
-        ("--region", "0,0,4,3"),
-        ("--pixel-size", "0.05"),
-        ("--scan", "3"),
-        ("--sigma-range", "0.1"),
-    ] {
-        let said = planish(
-            folder.path(),
-            &["contour", "points.csv", "--kind", "circle", option, value],
-        );
+    for (option, value) in
+        [("--region", "0,0,4,3"), ("--pixel-size", "0.05"), ("--scan", "3"), ("--sigma-range", "0.1")]
+    {
+        let said = planish(folder.path(), &["contour", "points.csv", "--kind", "circle", option, value]);
         assert_eq!(said.code, 2, "{}", said.stderr);
-        assert!(
-            said.stderr.contains(&format!("points.csv: {option} is for")),
-            "{}",
-            said.stderr
-        );
+        assert!(said.stderr.contains(&format!("points.csv: {option} is for")), "{}", said.stderr);
     }
     planish(folder.path(), &["contour", "points.csv", "--kind", "circle"]).ok();
 }
@@ -191,28 +126,15 @@ fn options_that_the_readings_cannot_use_are_refused_by_name() {
 #[test]
 fn lengths_that_are_given_may_have_units_and_impossible_ones_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
-    planish(
-        folder.path(),
-        &["simulate", "scene", "readings", "--shape", "rectangle", "--out", "seen"],
-    )
-    .ok();
+    planish(folder.path(), &["simulate", "scene", "readings", "--shape", "rectangle", "--out", "seen"]).ok();
     let given = |sentence: &str| {
-        let options = [
-            "contour",
-            "seen/readings.csv",
-            "--kind",
-            "rectangle",
-            "--given",
-            sentence,
-        ];
+        let options = ["contour", "seen/readings.csv", "--kind", "rectangle", "--given", sentence];
         planish(folder.path(), &options)
     };
     let empty = given("P1P2 is 0 long");
     assert_eq!(empty.code, 2, "{}", empty.stderr);
     assert!(
-        empty
-            .stderr
-            .contains("`P1P2 is 0 long` cannot hold of these contours at all"),
+        empty.stderr.contains("`P1P2 is 0 long` cannot hold of these contours at all"),
         "{}",
         empty.stderr
     );
@@ -221,9 +143,5 @@ fn lengths_that_are_given_may_have_units_and_impossible_ones_are_named() {
     given("P1P2 is 100mm long").ok();
     let unknown = given("P1P2 is 100km long");
     assert_eq!(unknown.code, 2);
-    assert!(
-        unknown.stderr.contains("needed `mm`, `m`, `in` or `ft`"),
-        "{}",
-        unknown.stderr
-    );
+    assert!(unknown.stderr.contains("needed `mm`, `m`, `in` or `ft`"), "{}", unknown.stderr);
 }

@@ -8,15 +8,8 @@ fn fit_then_info_then_compare() {
     let run = |args: &[&str]| planish(folder.path(), args).ok();
     let job = pebble("job.toml");
     let said = run(&["fit", &job, "-o", "p.step", "-o", "p.ply", "-o", "p.planish"]);
-    for words in [
-        "Fitted a ball",
-        "set aside",
-        "outlier",
-        "laser",
-        "held out",
-        "Wrote p.step",
-        "Wrote p.ply",
-    ] {
+    for words in ["Fitted a ball", "set aside", "outlier", "laser", "held out", "Wrote p.step", "Wrote p.ply"]
+    {
         assert!(said.stdout.contains(words), "{words}: {}", said.stdout);
     }
     assert!(said.stderr.contains("sensor \"old\" states σ"), "{}", said.stderr);
@@ -29,24 +22,16 @@ fn fit_then_info_then_compare() {
     assert_eq!((&mesh["watertight"], &mesh["components"]), (&true.into(), &1.into()));
     let model = run(&["info", "p.planish", "--json"]).json();
     assert_eq!(model["sessions"][0]["inputs"].as_array().map(Vec::len), Some(6));
-    let (area, of_mesh) = (
-        model["area"].as_f64().expect("a number"),
-        mesh["area"].as_f64().expect("a number"),
-    );
+    let (area, of_mesh) =
+        (model["area"].as_f64().expect("a number"), mesh["area"].as_f64().expect("a number"));
     assert!((area / of_mesh - 1.0).abs() < 1e-3, "{area} {of_mesh}");
 
     // True σ: 0.1 mm and less; the facets of the truth leave it by 0.12 mm.
     for model in ["p.planish", "p.ply"] {
         let found = run(&["compare", model, &pebble("truth.ply"), "--json"]).json();
         let backward = &found["backward"];
-        assert!(
-            backward["rms"].as_f64().is_some_and(|rms| rms < 0.06),
-            "{model}: {found:#}"
-        );
-        assert!(
-            backward["mean"].as_f64().is_some_and(|mean| mean.abs() < 0.01),
-            "{model}: {found:#}"
-        );
+        assert!(backward["rms"].as_f64().is_some_and(|rms| rms < 0.06), "{model}: {found:#}");
+        assert!(backward["mean"].as_f64().is_some_and(|mean| mean.abs() < 0.01), "{model}: {found:#}");
         let coverage = found["coverage95"].as_f64().expect("a number");
         assert!((0.9..=1.0).contains(&coverage), "{model}: {coverage}");
     }
@@ -62,15 +47,7 @@ fn a_second_session_adds_to_the_first() {
     write("second.toml", &["laser-3.ply"]);
     let run = |args: &[&str]| planish(folder.path(), args).ok().json();
     let first = run(&["fit", "first.toml", "-o", "first.planish", "--json"]);
-    let both = run(&[
-        "fit",
-        "second.toml",
-        "--update",
-        "first.planish",
-        "-o",
-        "both.planish",
-        "--json",
-    ]);
+    let both = run(&["fit", "second.toml", "--update", "first.planish", "-o", "both.planish", "--json"]);
     assert_eq!(both["coefficients"], first["coefficients"], "the grid stays");
     let count = |object: &serde_json::Value, key: &str| object[key].as_u64().expect("a count");
     assert_eq!(
@@ -87,11 +64,7 @@ fn a_second_session_adds_to_the_first() {
     // The same scan twice is likely a mistake.
     let again = run(&["fit", "second.toml", "--update", "both.planish", "--json"]);
     let warnings = again["warnings"].as_array().expect("a list");
-    assert!(
-        warnings
-            .iter()
-            .any(|w| w.as_str().is_some_and(|w| w.contains("count twice")))
-    );
+    assert!(warnings.iter().any(|w| w.as_str().is_some_and(|w| w.contains("count twice"))));
 }
 
 #[test]
@@ -100,10 +73,8 @@ fn readings_far_from_the_model_are_no_update() {
     std::fs::write(folder.path().join("first.toml"), part_of_pebble(&["laser-1.ply"])).expect("a job");
     std::fs::write(folder.path().join("far.xyz"), far_points()).expect("points");
     planish(folder.path(), &["fit", "first.toml", "-o", "first.planish", "--quiet"]).ok();
-    let said = planish(
-        folder.path(),
-        &["fit", "far.xyz", "--update", "first.planish", "-o", "second.planish"],
-    );
+    let said =
+        planish(folder.path(), &["fit", "far.xyz", "--update", "first.planish", "-o", "second.planish"]);
     assert_eq!(said.code, 1, "{}", said.stdout);
     assert!(said.stderr.contains("far.xyz: the readings lie"), "{}", said.stderr);
     assert!(!folder.path().join("second.planish").exists());
@@ -111,9 +82,7 @@ fn readings_far_from_the_model_are_no_update() {
 
 /// A plane beside everything.
 fn far_points() -> String {
-    (0..400)
-        .map(|k| format!("{} {} 9000\n", 9000 + k % 20, 9000 + k / 20))
-        .collect()
+    (0..400).map(|k| format!("{} {} 9000\n", 9000 + k % 20, 9000 + k / 20)).collect()
 }
 
 #[test]
@@ -135,27 +104,14 @@ fn runs_and_threads_give_the_same_bytes() {
         assert!(runs[1][k] == runs[2][k], "{name}: two runs differ");
     }
     let text = String::from_utf8_lossy(&runs[0][2]);
-    assert!(
-        !text.contains("--threads") && !text.contains("--quiet"),
-        "the model names how it was run"
-    );
+    assert!(!text.contains("--threads") && !text.contains("--quiet"), "the model names how it was run");
 }
 
 #[test]
 fn simulated_scenes_are_the_same_bytes_at_any_number_of_threads() {
     let runs = ["1", "2"].map(|threads| {
         let folder = tempfile::tempdir().expect("a folder");
-        let args = [
-            "simulate",
-            "scene",
-            "scans",
-            "--readings",
-            "500",
-            "--out",
-            "s",
-            "--threads",
-            threads,
-        ];
+        let args = ["simulate", "scene", "scans", "--readings", "500", "--out", "s", "--threads", threads];
         planish(folder.path(), &args).ok();
         let scene = folder.path().join("s");
         let read = |name: String| (std::fs::read(scene.join(&name)).expect("a file"), name);
@@ -193,38 +149,20 @@ fn ctrl_c_leaves_nothing_behind() {
     use std::process::Stdio;
     use std::time::Duration;
     let folder = tempfile::tempdir().expect("a folder");
-    planish(
-        folder.path(),
-        &[
-            "simulate",
-            "scene",
-            "scans",
-            "--out",
-            "s",
-            "--readings",
-            "60000",
-            "--quiet",
-        ],
-    )
-    .ok();
+    planish(folder.path(), &["simulate", "scene", "scans", "--out", "s", "--readings", "60000", "--quiet"])
+        .ok();
     let before = names(folder.path());
-    let child = crate::support::command(folder.path(), &["fit", "s/job.toml", "-o", "p.ply", "-o", "p.planish"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("planish runs");
+    let child =
+        crate::support::command(folder.path(), &["fit", "s/job.toml", "-o", "p.ply", "-o", "p.planish"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("planish runs");
     std::thread::sleep(Duration::from_millis(700));
-    let kill = std::process::Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
-        .status();
+    let kill = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status();
     assert!(kill.expect("kill runs").success());
     let output = child.wait_with_output().expect("it ends");
-    assert_eq!(
-        output.status.code(),
-        Some(130),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert_eq!(output.status.code(), Some(130), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(String::from_utf8_lossy(&output.stderr).contains("interrupted: nothing was written"));
     assert_eq!(names(folder.path()), before);
 }
@@ -233,17 +171,15 @@ fn ctrl_c_leaves_nothing_behind() {
 #[test]
 fn a_reader_that_has_seen_enough_is_no_error() {
     use std::process::Stdio;
-    let mut child = crate::support::command(&repository(), &["info", "examples/data/pebble/job.toml", "--json"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("planish runs");
+    let mut child =
+        crate::support::command(&repository(), &["info", "examples/data/pebble/job.toml", "--json"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("planish runs");
     drop(child.stdout.take());
     let output = child.wait_with_output().expect("it ends");
-    assert_eq!(
-        (output.status.code(), String::from_utf8_lossy(&output.stderr).as_ref()),
-        (Some(0), "")
-    );
+    assert_eq!((output.status.code(), String::from_utf8_lossy(&output.stderr).as_ref()), (Some(0), ""));
 }
 
 #[test]
@@ -267,10 +203,7 @@ fn a_vessel_seen_from_one_side_is_completed_and_says_so() {
     ])
     .json();
     let symmetry = &found["propagation"]["symmetry"];
-    assert_eq!(
-        (&symmetry["kind"], &symmetry["proposed"]),
-        (&"rotation".into(), &true.into())
-    );
+    assert_eq!((&symmetry["kind"], &symmetry["proposed"]), (&"rotation".into(), &true.into()));
     let share = |value: &serde_json::Value| value.as_f64().expect("a number");
     assert!(share(&found["propagation"]["invented_area_fraction"]) > 0.4);
     let info = run(&["info", "v.planish", "--json"]).json();
@@ -285,22 +218,9 @@ fn a_vessel_seen_from_one_side_is_completed_and_says_so() {
 fn a_turning_thing_is_followed() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| planish(folder.path(), args).ok();
-    run(&[
-        "simulate",
-        "scene",
-        "turning",
-        "--readings",
-        "16000",
-        "--views",
-        "4",
-        "--out",
-        "t",
-    ]);
+    run(&["simulate", "scene", "turning", "--readings", "16000", "--views", "4", "--out", "t"]);
     let found = run(&["fit", "t/job.toml", "--motion", "rigid", "-o", "t.planish", "--json"]).json();
-    let rate = found["propagation"]["motion"]["rate_deg_per_s"]
-        .as_array()
-        .expect("two numbers")
-        .clone();
+    let rate = found["propagation"]["motion"]["rate_deg_per_s"].as_array().expect("two numbers").clone();
     let [rate, sigma] = [0, 1].map(|k: usize| rate[k].as_f64().expect("a number"));
     assert!((rate - 6.0).abs() < 4.0 * sigma && sigma < 0.3, "{rate} ± {sigma}");
 }
@@ -309,29 +229,10 @@ fn a_turning_thing_is_followed() {
 fn a_bending_sheet_is_followed_and_its_forming_is_drawn() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| planish(folder.path(), args).ok();
-    run(&[
-        "simulate",
-        "scene",
-        "bending",
-        "--readings",
-        "8000",
-        "--states",
-        "3",
-        "--out",
-        "b",
-    ]);
-    let found = run(&[
-        "fit",
-        "b/job.toml",
-        "--motion",
-        "bend",
-        "--states",
-        "states",
-        "-o",
-        "b.planish",
-        "--json",
-    ])
-    .json();
+    run(&["simulate", "scene", "bending", "--readings", "8000", "--states", "3", "--out", "b"]);
+    let found =
+        run(&["fit", "b/job.toml", "--motion", "bend", "--states", "states", "-o", "b.planish", "--json"])
+            .json();
     let bending = &found["propagation"]["bending"];
     assert_eq!(bending["isometric"], true, "{bending:#}");
     assert_eq!(bending["states"].as_array().expect("states").len(), 3);
@@ -347,14 +248,8 @@ fn a_bending_sheet_is_followed_and_its_forming_is_drawn() {
     let told = run(&["info", "forming.glb"]).stdout;
     assert!(told.contains("triangles"), "{told}");
     run(&["fit", "b/laser-3.ply", "--filter", "patch", "--animate", "frames"]);
-    let frames = std::fs::read_dir(folder.path().join("frames"))
-        .expect("a folder")
-        .count();
+    let frames = std::fs::read_dir(folder.path().join("frames")).expect("a folder").count();
     assert!((12..=25).contains(&frames), "{frames}");
     let refused = planish(folder.path(), &["fit", "b/laser-3.ply", "--animate", "frames"]);
-    assert!(
-        refused.stderr.contains("needed a new or an empty folder"),
-        "{}",
-        refused.stderr
-    );
+    assert!(refused.stderr.contains("needed a new or an empty folder"), "{}", refused.stderr);
 }

@@ -1,4 +1,5 @@
-//! Hostile inputs and wrong use: a message that names what is wrong, the right exit code, and nothing half-written.
+//! Hostile inputs and wrong use: a message that names what is wrong, the right exit code, and nothing
+//! half-written.
 
 use crate::support::{names, part_of_pebble, pebble, planish};
 use std::path::Path;
@@ -20,10 +21,7 @@ fn hostile(folder: &Path) {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).expect("a file");
     let laser = std::fs::read(pebble("laser-1.ply")).expect("a scan");
     let xyz = |point: fn(usize) -> String| (0..200).map(|k| point(k) + "\n").collect::<String>();
-    write(
-        "good.xyz",
-        xyz(|k| format!("{} {} 0.0{}", k % 20, k / 20, (7 * k) % 10)).as_bytes(),
-    );
+    write("good.xyz", xyz(|k| format!("{} {} 0.0{}", k % 20, k / 20, (7 * k) % 10)).as_bytes());
     write("empty.ply", b"");
     write("empty.xyz", b"");
     write("empty.planish", b"");
@@ -43,23 +41,14 @@ fn hostile(folder: &Path) {
         b"unit = \"mm\"\n[sensor.a]\nkind = \"range\"\nsigma = -0.1\n[[scan]]\nfile = \"good.xyz\"\n",
     );
     write("unit.toml", b"unit = \"cm\"\n[[scan]]\nfile = \"good.xyz\"\n");
-    write(
-        "misspelt.toml",
-        b"[sensor.a]\nkind = \"range\"\nsigm = 0.1\n[[scan]]\nfile = \"good.xyz\"\n",
-    );
+    write("misspelt.toml", b"[sensor.a]\nkind = \"range\"\nsigm = 0.1\n[[scan]]\nfile = \"good.xyz\"\n");
     write("syntax.toml", b"unit = mm\n");
     write("no_scan.toml", b"unit = \"mm\"\n");
     write("missing.toml", b"unit = \"mm\"\n\n[[scan]]\nfile = \"gone.ply\"\n");
     write("missing.conf", b"camera 0 0 0 0 0 0 1\nbmesh gone.ply 0 0 0 0 0 0 1\n");
     write("short.conf", b"bmesh good.xyz 0 0 0\n");
     write("quaternion.conf", b"bmesh good.xyz 0 0 0 0 0 0 2\n");
-    for name in [
-        "garbage.ply",
-        "garbage.xyz",
-        "garbage.toml",
-        "garbage.conf",
-        "garbage.planish",
-    ] {
+    for name in ["garbage.ply", "garbage.xyz", "garbage.toml", "garbage.conf", "garbage.planish"] {
         write(name, &garbage(5000));
     }
     write(
@@ -80,12 +69,7 @@ fn hostile(folder: &Path) {
 fn refused(folder: &Path, line: &str) -> (i32, String) {
     let before = names(folder);
     let said = planish(folder, &line.split(' ').collect::<Vec<_>>());
-    assert!(
-        said.code != 0 && said.code != 101,
-        "{line}: {} {}",
-        said.code,
-        said.stderr
-    );
+    assert!(said.code != 0 && said.code != 101, "{line}: {} {}", said.code, said.stderr);
     assert_eq!(said.stdout, "", "{line}");
     assert_eq!(names(folder), before, "{line}");
     (said.code, said.stderr)
@@ -276,9 +260,6 @@ fn a_model_cut_anywhere_is_refused() {
         let length = (bytes.len() as f64 * share) as usize;
         std::fs::write(folder.path().join("cut.planish"), &bytes[..length]).expect("a file");
         let (code, stderr) = refused(folder.path(), "info cut.planish");
-        assert!(
-            code == 2 && stderr.starts_with("planish: cut.planish: "),
-            "{code} {stderr}"
-        );
+        assert!(code == 2 && stderr.starts_with("planish: cut.planish: "), "{code} {stderr}");
     }
 }

@@ -57,7 +57,8 @@ fn the_version_is_that_of_the_package() {
 
 #[test]
 fn examples_of_the_help_are_commands_that_parse() {
-    // Files that do not exist are file trouble (3), and so is what stands in the way of what would be written; what does not parse is wrong use (2).
+    // Files that do not exist are file trouble (3), and so is what stands in the way of what would be
+    // written; what does not parse is wrong use (2).
     for command in [
         "fit",
         "compare",
@@ -89,10 +90,7 @@ fn examples_of_the_help_are_commands_that_parse() {
         let mut args: Vec<&str> = command.split(' ').collect();
         args.push("--help");
         let text = help(&args);
-        let examples: Vec<&str> = text
-            .lines()
-            .filter_map(|line| line.strip_prefix("  planish "))
-            .collect();
+        let examples: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("  planish ")).collect();
         assert!(!examples.is_empty(), "{command} shows no example");
         for example in examples {
             let folder = tempfile::tempdir().expect("a folder");

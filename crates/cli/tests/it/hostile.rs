@@ -1,6 +1,8 @@
-//! Inputs that want to break the command: each has its message, its exit code, and leaves every file as it was.
+//! Inputs that want to break the command: each has its message, its exit code, and leaves every file as it
+//! was.
 //!
-//! What is said is kept in `docs/hostile-inputs.md`; `PLANISH_WRITE_DOCS=1 cargo test -p planish-cli --test it hostile` writes it anew.
+//! What is said is kept in `docs/hostile-inputs.md`;
+//! `PLANISH_WRITE_DOCS=1 cargo test -p planish-cli --test it hostile` writes it anew.
 
 #![cfg(target_os = "linux")]
 
@@ -12,30 +14,15 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// What it is, the command line, and the exit code. `%` stands for a byte that is no text; what follows `limit` may write two blocks.
+/// What it is, the command line, and the exit code. `%` stands for a byte that is no text; what follows
+/// `limit` may write two blocks.
 const INPUTS: &[(&str, &str, i32)] = &[
-    (
-        "A header that promises a billion vertices",
-        "fit bomb.ply -o old.ply",
-        2,
-    ),
-    (
-        "A cloud whose header promises a billion points",
-        "fit bomb.pcd -o old.ply",
-        2,
-    ),
-    (
-        "A small compressed file that unpacks to gigabytes",
-        "fit bomb.xyz.gz -o old.ply",
-        2,
-    ),
+    ("A header that promises a billion vertices", "fit bomb.ply -o old.ply", 2),
+    ("A cloud whose header promises a billion points", "fit bomb.pcd -o old.ply", 2),
+    ("A small compressed file that unpacks to gigabytes", "fit bomb.xyz.gz -o old.ply", 2),
     ("A compressed file that is cut off", "fit cut.xyz.gz -o old.ply", 2),
     ("A scan that is cut off", "fit half.ply -o old.ply", 2),
-    (
-        "A header that promises fewer points than the file holds",
-        "fit more.ply -o old.ply",
-        2,
-    ),
+    ("A header that promises fewer points than the file holds", "fit more.ply -o old.ply", 2),
     ("An empty file", "fit empty.xyz -o old.ply", 2),
     ("A folder", "fit folder.ply -o old.ply", 3),
     ("Bytes at random", "fit garbage.las -o old.ply", 2),
@@ -43,26 +30,14 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("A PLY file that is called a PCD file", "fit named.pcd -o old.ply", 2),
     ("Decimal commas between semicolons", "fit semicolons.csv -o old.ply", 2),
     ("Decimal commas between blanks", "fit blanks.txt -o old.ply", 2),
-    (
-        "Lines that end in CR LF, after a byte order mark",
-        "fit crlf.csv -o old.ply",
-        0,
-    ),
+    ("Lines that end in CR LF, after a byte order mark", "fit crlf.csv -o old.ply", 0),
     ("Names that are no text", "fit caf%.xyz -o caf%.ply --json", 0),
-    (
-        "A covariance that is not positive definite",
-        "fit covariance.csv -o old.ply",
-        2,
-    ),
+    ("A covariance that is not positive definite", "fit covariance.csv -o old.ply", 2),
     ("A σ of zero, of one reading", "fit zero.csv -o old.ply", 2),
     ("A σ of NaN, of one reading", "fit nan_sigma.csv -o old.ply", 2),
     ("A negative σ, of a sensor", "fit negative.toml -o old.ply", 2),
     ("A σ of 1e300, of a sensor", "fit enormous.toml -o old.ply", 2),
-    (
-        "A quaternion of another length than 1",
-        "fit quaternion.toml -o old.ply",
-        2,
-    ),
+    ("A quaternion of another length than 1", "fit quaternion.toml -o old.ply", 2),
     ("An infinite pose in a job", "fit infinite.toml -o old.ply", 2),
     ("An infinite pose in a list of scans", "fit infinite.conf -o old.ply", 2),
     ("A pose light years away", "fit away.toml -o old.ply", 2),
@@ -74,174 +49,54 @@ const INPUTS: &[(&str, &str, i32)] = &[
     ("Coordinates of 1e-12", "fit tiny.xyz -o old.ply --unit mm", 0),
     ("Coordinates of 1e12", "fit huge.xyz -o old.ply --unit mm", 0),
     ("NaN in the middle", "fit nan.xyz -o old.ply --unit mm", 0),
-    (
-        "Every point written fifty times",
-        "fit repeated.xyz -o old.ply --unit mm",
-        0,
-    ),
+    ("Every point written fifty times", "fit repeated.xyz -o old.ply --unit mm", 0),
     ("One point, five thousand times", "fit same.xyz -o old.ply", 1),
     ("Points on a line", "fit line.xyz -o old.ply", 1),
-    (
-        "A ball asked of points in a plane",
-        "fit plane.xyz --shape ball -o old.ply",
-        1,
-    ),
+    ("A ball asked of points in a plane", "fit plane.xyz --shape ball -o old.ply", 1),
     ("Two points", "fit two.xyz -o old.ply", 1),
-    (
-        "Scans that lie far apart",
-        "fit good.xyz far.xyz --shape sheet -o old.ply --unit mm",
-        0,
-    ),
+    ("Scans that lie far apart", "fit good.xyz far.xyz --shape sheet -o old.ply --unit mm", 0),
     ("A disk that is full from the first byte", "fit good.xyz -o full.ply", 3),
-    (
-        "A disk that fills up while files are written",
-        "limit fit good.xyz -o old.ply -o old.planish",
-        3,
-    ),
+    ("A disk that fills up while files are written", "limit fit good.xyz -o old.ply -o old.planish", 3),
     ("A folder that does not exist", "fit good.xyz -o gone/new.ply", 3),
     ("A folder that takes no files", "fit good.xyz -o /sys/new.ply", 3),
     ("A protected file", "fit good.xyz -o protected.ply", 3),
     ("The input as output", "fit half.ply -o half.ply", 2),
     ("A STEP file that is cut off", "compare half.step good.xyz", 2),
-    (
-        "A STEP face whose bound is its own loop",
-        "view itself.step -o old.png",
-        2,
-    ),
-    (
-        "A STEP spline that promises a billion knots",
-        "merge knots.step knots.step -o old.ply",
-        2,
-    ),
+    ("A STEP face whose bound is its own loop", "view itself.step -o old.png", 2),
+    ("A STEP spline that promises a billion knots", "merge knots.step knots.step -o old.ply", 2),
     ("Assemblies of ten of the next, ten deep", "info parts.step", 2),
-    (
-        "Blocks that hold ten of the next, ten deep",
-        "solid blocks.dxf top.dxf -o old.step",
-        2,
-    ),
-    (
-        "A block that is not there",
-        "solid gone_block.dxf top.dxf -o old.step",
-        2,
-    ),
-    (
-        "An SVG file whose entities multiply",
-        "solid laughs.svg top.dxf -o old.step",
-        2,
-    ),
+    ("Blocks that hold ten of the next, ten deep", "solid blocks.dxf top.dxf -o old.step", 2),
+    ("A block that is not there", "solid gone_block.dxf top.dxf -o old.step", 2),
+    ("An SVG file whose entities multiply", "solid laughs.svg top.dxf -o old.step", 2),
     ("Groups in groups in groups", "solid groups.svg top.dxf -o old.step", 2),
-    (
-        "A path that ends in the middle of a number",
-        "solid path.svg top.dxf -o old.step",
-        2,
-    ),
-    (
-        "A drawing that is a picture",
-        "solid picture.dxf top.dxf -o old.step",
-        2,
-    ),
+    ("A path that ends in the middle of a number", "solid path.svg top.dxf -o old.step", 2),
+    ("A drawing that is a picture", "solid picture.dxf top.dxf -o old.step", 2),
     ("A view that is not there", "solid front.dxf gone.dxf -o old.step", 3),
     ("One view alone", "solid front.dxf -o old.step", 2),
-    (
-        "Views of different scale",
-        "solid double.dxf top.dxf side.dxf -o old.step",
-        2,
-    ),
-    (
-        "An outline with a gap",
-        "solid open.dxf top.dxf side.dxf -o old.step",
-        1,
-    ),
+    ("Views of different scale", "solid double.dxf top.dxf side.dxf -o old.step", 2),
+    ("An outline with a gap", "solid open.dxf top.dxf side.dxf -o old.step", 1),
     (
         "Lines drawn twice, lines without length, texts, hatches, and a dimension that says something else",
         "solid messy.dxf top.dxf side.dxf",
         0,
     ),
-    (
-        "Contours whose JSON is cut off",
-        "solid cut.json cut.json -o old.step",
-        2,
-    ),
-    (
-        "A mesh tolerance of nothing",
-        "solid front.dxf top.dxf side.dxf --mesh-tolerance 0 -o old.ply",
-        2,
-    ),
-    (
-        "A camera whose focal length is nothing",
-        "shell fit ball.obj --silhouettes flat.toml -o old.ply",
-        2,
-    ),
-    (
-        "A camera that is turned and mirrored",
-        "shell fit ball.obj --silhouettes mirrored.toml -o old.ply",
-        2,
-    ),
-    (
-        "A key that no view has",
-        "shell fit ball.obj --silhouettes unknown_view.toml -o old.ply",
-        2,
-    ),
-    (
-        "Two views of one name",
-        "shell fit ball.obj --silhouettes twice.toml -o old.ply",
-        2,
-    ),
-    (
-        "A pose with half of its σ",
-        "shell fit ball.obj --silhouettes half_sigma.toml -o old.ply",
-        2,
-    ),
-    (
-        "A feature in a view that is not there",
-        "shell fit ball.obj --silhouettes tracks.toml -o old.ply",
-        2,
-    ),
-    (
-        "A mask that is not there",
-        "shell fit ball.obj --silhouettes no_mask.toml -o old.ply",
-        3,
-    ),
-    (
-        "A mask of one colour",
-        "shell fit ball.obj --silhouettes white.toml -o old.ply",
-        1,
-    ),
-    (
-        "A view of nothing",
-        "shell fit ball.obj --silhouettes nothing.toml -o old.ply",
-        1,
-    ),
-    (
-        "Pictures of somewhere else",
-        "shell texture ball.obj --views away_view.toml -o old.ply",
-        1,
-    ),
-    (
-        "A control that is not there",
-        "shell pose ball.obj --poses control.toml -o old.ply",
-        2,
-    ),
-    (
-        "Keyframes that go back in time",
-        "shell pose ball.obj --poses back.toml -o old.ply",
-        2,
-    ),
-    (
-        "A keyframe of a pose that is not there",
-        "shell pose ball.obj --poses gone_pose.toml -o old.ply",
-        2,
-    ),
-    (
-        "A move to infinity",
-        "shell pose ball.obj --poses infinite_move.toml -o old.ply",
-        2,
-    ),
-    (
-        "A hundred million controls",
-        "shell pose ball.obj --poses many.toml -o old.ply",
-        2,
-    ),
+    ("Contours whose JSON is cut off", "solid cut.json cut.json -o old.step", 2),
+    ("A mesh tolerance of nothing", "solid front.dxf top.dxf side.dxf --mesh-tolerance 0 -o old.ply", 2),
+    ("A camera whose focal length is nothing", "shell fit ball.obj --silhouettes flat.toml -o old.ply", 2),
+    ("A camera that is turned and mirrored", "shell fit ball.obj --silhouettes mirrored.toml -o old.ply", 2),
+    ("A key that no view has", "shell fit ball.obj --silhouettes unknown_view.toml -o old.ply", 2),
+    ("Two views of one name", "shell fit ball.obj --silhouettes twice.toml -o old.ply", 2),
+    ("A pose with half of its σ", "shell fit ball.obj --silhouettes half_sigma.toml -o old.ply", 2),
+    ("A feature in a view that is not there", "shell fit ball.obj --silhouettes tracks.toml -o old.ply", 2),
+    ("A mask that is not there", "shell fit ball.obj --silhouettes no_mask.toml -o old.ply", 3),
+    ("A mask of one colour", "shell fit ball.obj --silhouettes white.toml -o old.ply", 1),
+    ("A view of nothing", "shell fit ball.obj --silhouettes nothing.toml -o old.ply", 1),
+    ("Pictures of somewhere else", "shell texture ball.obj --views away_view.toml -o old.ply", 1),
+    ("A control that is not there", "shell pose ball.obj --poses control.toml -o old.ply", 2),
+    ("Keyframes that go back in time", "shell pose ball.obj --poses back.toml -o old.ply", 2),
+    ("A keyframe of a pose that is not there", "shell pose ball.obj --poses gone_pose.toml -o old.ply", 2),
+    ("A move to infinity", "shell pose ball.obj --poses infinite_move.toml -o old.ply", 2),
+    ("A hundred million controls", "shell pose ball.obj --poses many.toml -o old.ply", 2),
     ("A wrong command line, in JSON", "fit good.xyz --gate 0 --json", 2),
 ];
 
@@ -257,7 +112,9 @@ fn fill(folder: &Path) {
     let job = |name: &str, sensor: &str, scan: &str| {
         text(
             name,
-            &format!("unit = \"mm\"\n[sensor.a]\nkind = \"range\"\n{sensor}\n[[scan]]\nfile = \"good.xyz\"\n{scan}\n"),
+            &format!(
+                "unit = \"mm\"\n[sensor.a]\nkind = \"range\"\n{sensor}\n[[scan]]\nfile = \"good.xyz\"\n{scan}\n"
+            ),
         );
     };
     let spaced = |scale: f64| plane(|x, y, z| format!("{:e} {:e} {:e}", scale * x, scale * y, scale * z));
@@ -269,10 +126,7 @@ fn fill(folder: &Path) {
     let good = spaced(1.0);
     let laser = std::fs::read(pebble("laser-1.ply")).expect("a scan");
     text("good.xyz", &good);
-    text(
-        "bomb.ply",
-        &ply(1_000_000_000, "0 0 0\n").replace("ascii", "binary_little_endian"),
-    );
+    text("bomb.ply", &ply(1_000_000_000, "0 0 0\n").replace("ascii", "binary_little_endian"));
     text(
         "bomb.pcd",
         "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1000000000\nHEIGHT 1\nPOINTS 1000000000\nDATA binary\nabc",
@@ -289,36 +143,22 @@ fn fill(folder: &Path) {
     std::fs::create_dir(folder.join("folder.ply")).expect("a folder");
     write(
         "garbage.las",
-        &(0..4000_u32)
-            .map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8)
-            .collect::<Vec<_>>(),
+        &(0..4000_u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8).collect::<Vec<_>>(),
     );
     std::os::unix::fs::symlink("/dev/zero", folder.join("endless.xyz")).expect("a link");
     text("named.pcd", &ply(1, "0 0 0\n"));
     text("semicolons.csv", "x;y;z\n1,5;2,5;3,5\n");
     text("blanks.txt", "1,5 2,5 3,5\n2,5 2,5 3,5\n");
-    text(
-        "crlf.csv",
-        &format!("\u{feff}x,y,z\n{}", good.replace(' ', ",")).replace('\n', "\r\n"),
-    );
+    text("crlf.csv", &format!("\u{feff}x,y,z\n{}", good.replace(' ', ",")).replace('\n', "\r\n"));
     std::fs::write(folder.join(OsStr::from_bytes(b"caf\xe9.xyz")), &good).expect("a file");
-    let with_covariance = plane(|x, y, _| format!("{x},{y},0,1,{},0,1,0,1", if (x, y) == (3.0, 2.0) { 2 } else { 0 }));
-    text(
-        "covariance.csv",
-        &format!("x,y,z,cxx,cxy,cxz,cyy,cyz,czz\n{with_covariance}"),
-    );
+    let with_covariance =
+        plane(|x, y, _| format!("{x},{y},0,1,{},0,1,0,1", if (x, y) == (3.0, 2.0) { 2 } else { 0 }));
+    text("covariance.csv", &format!("x,y,z,cxx,cxy,cxz,cyy,cyz,czz\n{with_covariance}"));
     let with_sigma = |odd: &str| {
         let sigma = |x: f64, y: f64| {
-            if (x, y) == (3.0, 2.0) {
-                odd.to_owned()
-            } else {
-                "0.1".to_owned()
-            }
+            if (x, y) == (3.0, 2.0) { odd.to_owned() } else { "0.1".to_owned() }
         };
-        format!(
-            "x,y,z,sigma\n{}",
-            plane(|x, y, z| format!("{x},{y},{z},{}", sigma(x, y)))
-        )
+        format!("x,y,z,sigma\n{}", plane(|x, y, z| format!("{x},{y},{z},{}", sigma(x, y))))
     };
     text("zero.csv", &with_sigma("0"));
     text("nan_sigma.csv", &with_sigma("nan"));
@@ -344,9 +184,7 @@ fn fill(folder: &Path) {
     text("far.xyz", &plane(|x, y, z| format!("{} {y} {z}", x + 1000.0)));
     std::os::unix::fs::symlink("/dev/full", folder.join("full.ply")).expect("a link");
     text("protected.ply", OLD);
-    let mut permissions = std::fs::metadata(folder.join("protected.ply"))
-        .expect("a file")
-        .permissions();
+    let mut permissions = std::fs::metadata(folder.join("protected.ply")).expect("a file").permissions();
     permissions.set_readonly(true);
     std::fs::set_permissions(folder.join("protected.ply"), permissions).expect("permissions");
 }
@@ -362,19 +200,14 @@ fn fill_shells(folder: &Path) {
     let row = |values: [&str; 4]| format!("P2 4 4 255\n{}\n", values.join("\n"));
     text("mask.pgm", &row(["0 0 0 0", "0 255 255 0", "0 255 255 0", "0 0 0 0"]));
     text("white.pgm", &row(["255 255 255 255"; 4]));
-    let camera = |more: &str, k: &str, r: &str, t: &str| format!("[[view]]\n{more}\nK = {k}\nR = {r}\nt = {t}\n");
+    let camera =
+        |more: &str, k: &str, r: &str, t: &str| format!("[[view]]\n{more}\nK = {k}\nR = {r}\nt = {t}\n");
     let k = "[[4, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]";
     let r = "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]";
     let usual = |more: &str| camera(more, k, r, "[0, 0, 5]");
     let mask = "mask = \"mask.pgm\"";
-    text(
-        "flat.toml",
-        &camera(mask, "[[0, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]", r, "[0, 0, 5]"),
-    );
-    text(
-        "mirrored.toml",
-        &camera(mask, k, "[[-1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[0, 0, 5]"),
-    );
+    text("flat.toml", &camera(mask, "[[0, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]", r, "[0, 0, 5]"));
+    text("mirrored.toml", &camera(mask, k, "[[-1, 0, 0], [0, 1, 0], [0, 0, 1]]", "[0, 0, 5]"));
     text("unknown_view.toml", &usual("mask = \"mask.pgm\"\nlens = 3"));
     text("twice.toml", &(usual(mask) + &usual(mask)));
     text("half_sigma.toml", &usual("mask = \"mask.pgm\"\nsigma_rotation_deg = 1"));
@@ -387,16 +220,11 @@ fn fill_shells(folder: &Path) {
     let pose = |head: &str, by: &str, rest: &str| {
         format!("{head}\n[[pose]]\nname = \"up\"\nmove = [{{ control = 0, by = {by} }}]\n{rest}\n")
     };
-    let frame = |seconds: u32, name: &str| format!("[[keyframe]]\nseconds = {seconds}\nweights = {{ {name} = 1 }}\n");
+    let frame =
+        |seconds: u32, name: &str| format!("[[keyframe]]\nseconds = {seconds}\nweights = {{ {name} = 1 }}\n");
     let up = "[0, 0, 1]";
-    text(
-        "control.toml",
-        &pose("controls = 4", up, "").replace("control = 0", "control = 4"),
-    );
-    text(
-        "back.toml",
-        &pose("controls = 4", up, &(frame(2, "up") + &frame(1, "up"))),
-    );
+    text("control.toml", &pose("controls = 4", up, "").replace("control = 0", "control = 4"));
+    text("back.toml", &pose("controls = 4", up, &(frame(2, "up") + &frame(1, "up"))));
     text("gone_pose.toml", &pose("controls = 4", up, &frame(0, "down")));
     text("infinite_move.toml", &pose("controls = 4", "[0, 0, inf]", ""));
     text("many.toml", &pose("controls = 100000000", up, ""));
@@ -406,16 +234,13 @@ fn fill_drawings(folder: &Path) {
     let text = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file");
     // Codes and values between blanks.
     let dxf = |name: &str, blocks: &str, entities: &str| {
-        let all = format!("0 SECTION 2 BLOCKS {blocks} 0 ENDSEC 0 SECTION 2 ENTITIES {entities} 0 ENDSEC 0 EOF");
-        text(
-            name,
-            &all.split_whitespace()
-                .map(|word| format!("{word}\n"))
-                .collect::<String>(),
-        );
+        let all =
+            format!("0 SECTION 2 BLOCKS {blocks} 0 ENDSEC 0 SECTION 2 ENTITIES {entities} 0 ENDSEC 0 EOF");
+        text(name, &all.split_whitespace().map(|word| format!("{word}\n")).collect::<String>());
     };
     let line = |[a, b, c, d]: [f64; 4]| format!("0 LINE 8 VISIBLE 10 {a} 20 {b} 11 {c} 21 {d} ");
-    let sides = |w: f64, h: f64| [[0.0, 0.0, w, 0.0], [w, 0.0, w, h], [w, h, 0.0, h], [0.0, h, 0.0, 0.0]].map(line);
+    let sides =
+        |w: f64, h: f64| [[0.0, 0.0, w, 0.0], [w, 0.0, w, h], [w, h, 0.0, h], [0.0, h, 0.0, 0.0]].map(line);
     let rectangle = |w: f64, h: f64| sides(w, h).concat();
     dxf("front.dxf", "", &rectangle(40.0, 20.0));
     dxf("top.dxf", "", &rectangle(40.0, 30.0));
@@ -440,10 +265,7 @@ fn fill_drawings(folder: &Path) {
         laughs += &format!("<!ENTITY a{k} '{}'>", format!("&a{};", k - 1).repeat(10));
     }
     text("laughs.svg", &format!("{laughs}]><svg><text>&a11;</text></svg>"));
-    text(
-        "groups.svg",
-        &format!("<svg>{}{}</svg>", "<g>".repeat(1000), "</g>".repeat(1000)),
-    );
+    text("groups.svg", &format!("<svg>{}{}</svg>", "<g>".repeat(1000), "</g>".repeat(1000)));
     text("path.svg", "<svg>\n<path id='rim' d='M0 0 L 3 4e'/></svg>");
     std::fs::write(folder.join("picture.dxf"), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR").expect("a file");
     steps(folder);
@@ -468,7 +290,9 @@ fn steps(folder: &Path) {
     let shape = "#8=SHAPE_REPRESENTATION('',(#5),#2);\n";
     step(
         "itself.step",
-        &format!("{whole}{shape}#7=ADVANCED_FACE('',(#9),#10,.T.);\n#9=FACE_BOUND('',#9,.T.);\n#10=PLANE('',#4);\n"),
+        &format!(
+            "{whole}{shape}#7=ADVANCED_FACE('',(#9),#10,.T.);\n#9=FACE_BOUND('',#9,.T.);\n#10=PLANE('',#4);\n"
+        ),
     );
     step(
         "knots.step",
@@ -476,8 +300,9 @@ fn steps(folder: &Path) {
             "{whole}{shape}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=B_SPLINE_SURFACE_WITH_KNOTS('',3,3,((#3,#3),(#3,#3)),.UNSPECIFIED.,.F.,.F.,.F.,(1000000000,4),(4,4),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
         ),
     );
-    let mut parts =
-        format!("{whole}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=PLANE('',#4);\n#20=SHAPE_REPRESENTATION('',(#5),#2);\n");
+    let mut parts = format!(
+        "{whole}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=PLANE('',#4);\n#20=SHAPE_REPRESENTATION('',(#5),#2);\n"
+    );
     for k in 1..=10 {
         let (map, inner) = (100 * k, if k == 1 { 20 } else { 100 * k - 99 });
         let items: Vec<String> = (2..12).map(|i| format!("#{}", map + i)).collect();
@@ -500,24 +325,15 @@ fn said(folder: &Path, line: &str) -> (String, i32, String, String) {
     let words: Vec<OsString> = line
         .split(' ')
         .map(|word| {
-            OsStr::from_bytes(
-                &word
-                    .bytes()
-                    .map(|b| if b == b'%' { 0xe9 } else { b })
-                    .collect::<Vec<u8>>(),
-            )
-            .to_owned()
+            OsStr::from_bytes(&word.bytes().map(|b| if b == b'%' { 0xe9 } else { b }).collect::<Vec<u8>>())
+                .to_owned()
         })
         .collect();
     let (shown, output) = match words.split_first() {
         Some((first, rest)) if first == "limit" => {
             // The signal that comes before the error is ignored, as by most who start programs.
             let mut shell = Command::new("sh");
-            shell.args([
-                "-c",
-                "trap '' 25; ulimit -f 2; exec \"$0\" \"$@\"",
-                env!("CARGO_BIN_EXE_planish"),
-            ]);
+            shell.args(["-c", "trap '' 25; ulimit -f 2; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_planish")]);
             let output = shell.args(rest).current_dir(folder).env("COLUMNS", "100").output();
             (format!("ulimit -f 2; planish {}", &line[6..]), output)
         }
@@ -526,12 +342,7 @@ fn said(folder: &Path, line: &str) -> (String, i32, String, String) {
     let output = output.expect("planish runs");
     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).expect("text");
     let code = output.status.code().expect("an exit code");
-    (
-        shown.replace('%', "\u{fffd}"),
-        code,
-        text(&output.stdout),
-        text(&output.stderr),
-    )
+    (shown.replace('%', "\u{fffd}"), code, text(&output.stdout), text(&output.stderr))
 }
 
 #[test]
@@ -540,9 +351,7 @@ fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
     fill(folder.path());
     fill_shells(folder.path());
     fill_drawings(folder.path());
-    let kept: Vec<_> = ["old.ply", "old.planish", "old.step"]
-        .map(|name| folder.path().join(name))
-        .to_vec();
+    let kept: Vec<_> = ["old.ply", "old.planish", "old.step"].map(|name| folder.path().join(name)).to_vec();
     let mut page = String::from(
         "# Hostile inputs\n\nWhat `planish` says to inputs that want to break it, and with which exit code it ends: 0 done, 1 the data do not \
          determine the answer,\n2 wrong use or input, 3 file trouble. Wherever it fails, no file is begun and older files are as they were. A \
@@ -558,22 +367,17 @@ fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
         if code != 0 {
             assert_eq!(names(folder.path()), before, "{line}");
             for path in &kept {
-                assert_eq!(
-                    std::fs::read_to_string(path).expect("a file"),
-                    OLD,
-                    "{line}: {}",
-                    path.display()
-                );
+                assert_eq!(std::fs::read_to_string(path).expect("a file"), OLD, "{line}: {}", path.display());
             }
         }
         let _ = write!(page, "\n## {what}\n\n    $ {shown}\n");
         // How good the fit is depends on the machine, in its last digits; that there is one does not.
         let summary = match stdout.starts_with('{') {
-            true if code != 0 => stdout.replace(&format!("\"threads\": {}", threads(&stdout)), "\"threads\": 2"),
+            true if code != 0 => {
+                stdout.replace(&format!("\"threads\": {}", threads(&stdout)), "\"threads\": 2")
+            }
             true => "{ …\n".to_owned(),
-            false => stdout
-                .split_once(" of ")
-                .map_or(String::new(), |(fitted, _)| format!("{fitted} …\n")),
+            false => stdout.split_once(" of ").map_or(String::new(), |(fitted, _)| format!("{fitted} …\n")),
         };
         // Where the folder of the system's devices may not be written to, or is mounted so that nobody may.
         let stderr = stderr.replace("read-only filesystem or storage medium", "permission denied");
@@ -588,10 +392,7 @@ fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
     }
     let written = std::fs::read_to_string(&path).unwrap_or_default();
     for (now, then) in page.lines().zip(written.lines()) {
-        assert_eq!(
-            now, then,
-            "docs/hostile-inputs.md says otherwise: see the head of this file"
-        );
+        assert_eq!(now, then, "docs/hostile-inputs.md says otherwise: see the head of this file");
     }
     assert_eq!(page.lines().count(), written.lines().count());
 }
@@ -607,17 +408,7 @@ fn threads(json: &str) -> u64 {
 fn whoever_is_ended_while_writing_leaves_old_files_or_new_ones_never_halves() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("a.xyz"), plane(|x, y, z| format!("{x} {y} {z}"))).expect("a file");
-    let args = [
-        "fit",
-        "a.xyz",
-        "-o",
-        "a.planish",
-        "-o",
-        "a.ply",
-        "-o",
-        "a.step",
-        "--quiet",
-    ];
+    let args = ["fit", "a.xyz", "-o", "a.planish", "-o", "a.ply", "-o", "a.step", "--quiet"];
     let outputs = ["a.planish", "a.ply", "a.step"].map(|name| folder.path().join(name));
     let begun = Instant::now();
     planish(folder.path(), &args).ok();
@@ -625,9 +416,7 @@ fn whoever_is_ended_while_writing_leaves_old_files_or_new_ones_never_halves() {
     let new = outputs.clone().map(|path| std::fs::read(path).expect("an output"));
     let mut state = 7_u64;
     let mut random = || {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 40) as u32
     };
     for run in 0..24 {
@@ -635,18 +424,15 @@ fn whoever_is_ended_while_writing_leaves_old_files_or_new_ones_never_halves() {
             std::fs::write(path, OLD).expect("a file");
         }
         let before = names(folder.path());
-        let mut child = command(folder.path(), &args)
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("planish runs");
+        let mut child = command(folder.path(), &args).stderr(Stdio::null()).spawn().expect("planish runs");
         // Files are written near the end.
-        std::thread::sleep(whole.mul_f64(0.5 + 0.6 * f64::from(random() % 1000) / 1000.0) - Duration::from_millis(1));
+        std::thread::sleep(
+            whole.mul_f64(0.5 + 0.6 * f64::from(random() % 1000) / 1000.0) - Duration::from_millis(1),
+        );
         let interrupted = run % 2 == 0;
         if interrupted {
-            let sent = Command::new("kill")
-                .args(["-INT", &child.id().to_string()])
-                .stderr(Stdio::null())
-                .status();
+            let sent =
+                Command::new("kill").args(["-INT", &child.id().to_string()]).stderr(Stdio::null()).status();
             // Whoever is done already cannot be interrupted.
             assert!(sent.is_ok());
         } else {
@@ -655,11 +441,7 @@ fn whoever_is_ended_while_writing_leaves_old_files_or_new_ones_never_halves() {
         let code = child.wait().expect("it ends").code();
         for (path, new) in outputs.iter().zip(&new) {
             let found = std::fs::read(path).expect("a file");
-            assert!(
-                found == OLD.as_bytes() || found == *new,
-                "run {run}: {} is half",
-                path.display()
-            );
+            assert!(found == OLD.as_bytes() || found == *new, "run {run}: {} is half", path.display());
         }
         if interrupted {
             // None: it had not begun to listen.

@@ -30,10 +30,7 @@ fn has_common(object: &Value, command: &str) {
     assert_eq!(object["version"], env!("CARGO_PKG_VERSION"));
     assert!(object["seconds"].as_f64().is_some_and(|s| s > 0.0));
     for list in ["inputs", "outputs", "warnings"] {
-        assert!(
-            object[list].as_array().is_some_and(|l| l.iter().all(Value::is_string)),
-            "{list}"
-        );
+        assert!(object[list].as_array().is_some_and(|l| l.iter().all(Value::is_string)), "{list}");
     }
     let endings = ["converged", "reached_tolerance", "limit", "undetermined"];
     assert!(endings.contains(&object["termination"].as_str().unwrap_or_default()));
@@ -51,26 +48,10 @@ fn proposes_points_and_views(folder: &std::path::Path) {
     has(&next["random"], &["draws", "worst_sigma_median"]);
 
     let sensor = repository().join("examples/data/camera.toml").display().to_string();
-    let line = [
-        "next",
-        "p.planish",
-        "--views",
-        "2",
-        "--sensor",
-        &sensor,
-        "-o",
-        "views.toml",
-        "--json",
-    ];
+    let line = ["next", "p.planish", "--views", "2", "--sensor", &sensor, "-o", "views.toml", "--json"];
     let views = run(&line);
     has_common(&views, "next");
-    let keys = [
-        "translation",
-        "quaternion_xyzw",
-        "readings",
-        "seen",
-        "worst_sigma_after",
-    ];
+    let keys = ["translation", "quaternion_xyzw", "readings", "seen", "worst_sigma_after"];
     has(&views["views"][1], &keys);
     has(&views, &["worst_sigma", "mean_sigma", "unseen", "candidates"]);
     let after = |k: &str| views["worst_sigma"][k].as_f64().expect("a number");
@@ -88,24 +69,10 @@ fn proposes_points_and_views(folder: &std::path::Path) {
 fn every_command_prints_one_object_with_the_keys_of_the_contract() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| planish(folder.path(), args).ok();
-    std::fs::write(
-        folder.path().join("job.toml"),
-        part_of_pebble(&["laser-1.ply", "old-1.ply"]),
-    )
-    .expect("a job");
+    std::fs::write(folder.path().join("job.toml"), part_of_pebble(&["laser-1.ply", "old-1.ply"]))
+        .expect("a job");
 
-    let fit = run(&[
-        "fit",
-        "job.toml",
-        "-o",
-        "p.planish",
-        "--json",
-        "--threads",
-        "1",
-        "--seed",
-        "3",
-    ])
-    .json();
+    let fit = run(&["fit", "job.toml", "-o", "p.planish", "--json", "--threads", "1", "--seed", "3"]).json();
     has_common(&fit, "fit");
     has(
         &fit,
@@ -127,29 +94,13 @@ fn every_command_prints_one_object_with_the_keys_of_the_contract() {
             "held_out",
         ],
     );
-    has(
-        &fit["sensors"][0],
-        &["name", "observations", "sigma_stated", "sigma_estimated", "rms"],
-    );
-    let pose = [
-        "scan",
-        "translation",
-        "quaternion_xyzw",
-        "sigma_translation",
-        "sigma_rotation_deg",
-    ];
+    has(&fit["sensors"][0], &["name", "observations", "sigma_stated", "sigma_estimated", "rms"]);
+    let pose = ["scan", "translation", "quaternion_xyzw", "sigma_translation", "sigma_rotation_deg"];
     has(&fit["poses"][0], &pose);
     has(&fit["sigma"], &["median", "p95", "max"]);
     has(&fit["held_out"], &["n", "rms_normalised"]);
-    assert!(
-        fit["rejected"]
-            .as_object()
-            .is_some_and(|r| r.values().all(Value::is_u64))
-    );
-    assert_eq!(
-        (&fit["threads"], &fit["seed"], &fit["unit"]),
-        (&1.into(), &3.into(), &"mm".into())
-    );
+    assert!(fit["rejected"].as_object().is_some_and(|r| r.values().all(Value::is_u64)));
+    assert_eq!((&fit["threads"], &fit["seed"], &fit["unit"]), (&1.into(), &3.into(), &"mm".into()));
     assert_eq!(fit["outputs"], serde_json::json!(["p.planish"]));
     assert_eq!(fit["inputs"].as_array().map(Vec::len), Some(3), "the job and its scans");
 
@@ -165,16 +116,8 @@ fn every_command_prints_one_object_with_the_keys_of_the_contract() {
     for (file, kind, keys) in [
         ("job.toml", "scans", &["points", "box", "sensors", "scans"][..]),
         (&pebble("laser-1.ply"), "scan", &["points", "columns", "box", "grid"]),
-        (
-            &pebble("truth.ply"),
-            "mesh",
-            &["vertices", "triangles", "watertight", "box"],
-        ),
-        (
-            "p.planish",
-            "model",
-            &["shape", "coefficients", "levels", "sensors", "sessions", "sigma"],
-        ),
+        (&pebble("truth.ply"), "mesh", &["vertices", "triangles", "watertight", "box"]),
+        ("p.planish", "model", &["shape", "coefficients", "levels", "sensors", "sessions", "sigma"]),
     ] {
         let info = run(&["info", file, "--json"]).json();
         has_common(&info, "info");
@@ -182,17 +125,7 @@ fn every_command_prints_one_object_with_the_keys_of_the_contract() {
         has(&info, keys);
     }
 
-    let scene = run(&[
-        "simulate",
-        "scene",
-        "scans",
-        "--readings",
-        "400",
-        "--out",
-        "scene",
-        "--json",
-    ])
-    .json();
+    let scene = run(&["simulate", "scene", "scans", "--readings", "400", "--out", "scene", "--json"]).json();
     has_common(&scene, "simulate scene scans");
     has(&scene, &["rows", "columns"]);
 }
@@ -200,20 +133,11 @@ fn every_command_prints_one_object_with_the_keys_of_the_contract() {
 #[test]
 fn json_stands_alone_on_stdout_and_stderr_keeps_the_warnings() {
     let folder = tempfile::tempdir().expect("a folder");
-    let xyz: String = (0..400)
-        .map(|k| format!("{} {} 0.0{}\n", k % 20, k / 20, (7 * k) % 10))
-        .collect();
+    let xyz: String = (0..400).map(|k| format!("{} {} 0.0{}\n", k % 20, k / 20, (7 * k) % 10)).collect();
     std::fs::write(folder.path().join("a.xyz"), xyz).expect("points");
     let said = planish(folder.path(), &["fit", "a.xyz", "--json"]).ok();
-    assert!(
-        said.json()["warnings"][0]
-            .as_str()
-            .is_some_and(|w| w.contains("unit of length"))
-    );
-    assert!(
-        said.stderr
-            .contains("planish: warning: no file names its unit of length")
-    );
+    assert!(said.json()["warnings"][0].as_str().is_some_and(|w| w.contains("unit of length")));
+    assert!(said.stderr.contains("planish: warning: no file names its unit of length"));
     let said = planish(folder.path(), &["fit", "a.xyz", "--json", "--quiet", "--unit", "m"]).ok();
     assert_eq!((said.json()["unit"].as_str(), said.stderr.as_str()), (Some("m"), ""));
     let said = planish(folder.path(), &["fit", "a.xyz", "--quiet"]).ok();
@@ -233,10 +157,7 @@ fn a_command_line_that_is_not_understood_is_an_object_too() {
         assert_eq!(said.code, 2, "{line}");
         let object = said.json();
         has(&object, &COMMON);
-        assert_eq!(
-            (&object["command"], &object["termination"]),
-            (&command.into(), &Value::Null)
-        );
+        assert_eq!((&object["command"], &object["termination"]), (&command.into(), &Value::Null));
         assert_eq!(object["error"]["kind"], "input");
         let message = object["error"]["message"].as_str().unwrap_or_default();
         assert!(message.contains(words) && !message.starts_with("error"), "{message}");
@@ -259,13 +180,6 @@ fn a_failure_is_an_object_too() {
         (&"undetermined".into(), &"undetermined".into())
     );
     let object = planish(folder.path(), &["fit", "gone.xyz", "--json"]).json();
-    assert_eq!(
-        (&object["termination"], &object["error"]["kind"]),
-        (&Value::Null, &"io".into())
-    );
-    assert!(
-        object["error"]["message"]
-            .as_str()
-            .is_some_and(|m| m.contains("gone.xyz"))
-    );
+    assert_eq!((&object["termination"], &object["error"]["kind"]), (&Value::Null, &"io".into()));
+    assert!(object["error"]["message"].as_str().is_some_and(|m| m.contains("gone.xyz")));
 }

@@ -72,9 +72,7 @@ fn an_arrow_that_points_up_or_sideways_is_found() {
         ("planish", "planish-cli"),
     ] {
         let mut uses = workspace();
-        uses.get_mut(user)
-            .expect("a crate of the workspace")
-            .push(used.to_owned());
+        uses.get_mut(user).expect("a crate of the workspace").push(used.to_owned());
         assert_eq!(complaints(&uses), [format!("{user} must not use {used}")]);
     }
     let mut uses = workspace();
@@ -88,10 +86,7 @@ fn only_the_exchange_crate_touches_files() {
     for name in ["estimate", "spline", "mesh", "sense", "report", "planish"] {
         let mut folders = vec![crates.join(name).join("src")];
         while let Some(folder) = folders.pop() {
-            for entry in std::fs::read_dir(&folder)
-                .expect("a folder")
-                .map(|e| e.expect("an entry").path())
-            {
+            for entry in std::fs::read_dir(&folder).expect("a folder").map(|e| e.expect("an entry").path()) {
                 if entry.is_dir() {
                     folders.push(entry);
                 } else if entry.extension().is_some_and(|e| e == "rs") && !entry.ends_with("tests.rs") {

@@ -4,7 +4,8 @@ use crate::support::planish;
 use std::fmt::Write;
 use std::path::Path;
 
-/// A part of a ball of radius 10 between two latitudes as OBJ, its rows turned by some degrees, facing inwards where asked for.
+/// A part of a ball of radius 10 between two latitudes as OBJ, its rows turned by some degrees, facing
+/// inwards where asked for.
 fn zone(path: &Path, from_deg: f64, to_deg: f64, turn_deg: f64, scale: f64, inwards: bool) {
     const AROUND: usize = 72;
     const ROWS: usize = 30;
@@ -37,11 +38,7 @@ fn two_zones_of_a_ball_become_one_whichever_way_they_face() {
     let folder = tempfile::tempdir().expect("a folder");
     zone(&folder.path().join("low.obj"), -80.0, 20.0, 0.0, 1.0, false);
     zone(&folder.path().join("high.obj"), -10.0, 80.0, 2.3, 1.0, true);
-    let said = planish(
-        folder.path(),
-        &["merge", "low.obj", "high.obj", "-o", "whole.ply", "--json"],
-    )
-    .ok();
+    let said = planish(folder.path(), &["merge", "low.obj", "high.obj", "-o", "whole.ply", "--json"]).ok();
     let found = said.json();
     // The two poles stay open: nobody saw them.
     assert_eq!(found["boundary_edges"], 144, "{found:#}");
@@ -49,28 +46,14 @@ fn two_zones_of_a_ball_become_one_whichever_way_they_face() {
     assert_eq!(found["regions"].as_array().map(Vec::len), Some(1));
     assert!(said.stderr.contains("turned over"), "{}", said.stderr);
     let read = planish(folder.path(), &["info", "whole.ply", "--json"]).ok().json();
-    assert_eq!(
-        (&read["manifold"], &read["components"]),
-        (&true.into(), &1.into()),
-        "{read:#}"
-    );
+    assert_eq!((&read["manifold"], &read["components"]), (&true.into(), &1.into()), "{read:#}");
     let area = read["area"].as_f64().expect("a number");
     let exact = 2.0 * std::f64::consts::PI * 100.0 * 2.0 * 80_f64.to_radians().sin();
     assert!((area / exact - 1.0).abs() < 0.01, "{area}, {exact}");
     // Asked for, the poles are filled as the ball goes on, flagged; holes with more edges stay.
     let filled = planish(
         folder.path(),
-        &[
-            "merge",
-            "low.obj",
-            "high.obj",
-            "--fill",
-            "72",
-            "--curvature",
-            "-o",
-            "filled.ply",
-            "--json",
-        ],
+        &["merge", "low.obj", "high.obj", "--fill", "72", "--curvature", "-o", "filled.ply", "--json"],
     )
     .ok()
     .json();
@@ -83,20 +66,10 @@ fn two_zones_of_a_ball_become_one_whichever_way_they_face() {
     assert!(lids["vertices"].as_u64() > Some(100), "{filled:#}");
     let read = planish(folder.path(), &["info", "filled.ply", "--json"]).ok().json();
     let columns = read["columns"].to_string();
-    assert!(
-        columns.contains("mean_curvature") && columns.contains("border"),
-        "{read:#}"
-    );
-    let left = planish(
-        folder.path(),
-        &["merge", "low.obj", "high.obj", "--fill", "71", "--json"],
-    )
-    .ok()
-    .json();
-    assert_eq!(
-        (&left["filled"]["holes"], &left["filled"]["left_open"]),
-        (&0.into(), &2.into())
-    );
+    assert!(columns.contains("mean_curvature") && columns.contains("border"), "{read:#}");
+    let left =
+        planish(folder.path(), &["merge", "low.obj", "high.obj", "--fill", "71", "--json"]).ok().json();
+    assert_eq!((&left["filled"]["holes"], &left["filled"]["left_open"]), (&0.into(), &2.into()));
 }
 
 #[test]
@@ -109,11 +82,7 @@ fn sigma_of_a_column_is_believed_and_less_where_two_patches_say_the_same() {
         let faces: Vec<Vec<usize>> = text
             .lines()
             .filter_map(|l| l.strip_prefix("f "))
-            .map(|l| {
-                l.split(' ')
-                    .map(|k| k.parse::<usize>().expect("a number") - 1)
-                    .collect()
-            })
+            .map(|l| l.split(' ').map(|k| k.parse::<usize>().expect("a number") - 1).collect())
             .collect();
         let mut ply = format!(
             "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nproperty double sigma\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
@@ -128,9 +97,7 @@ fn sigma_of_a_column_is_believed_and_less_where_two_patches_say_the_same() {
         }
         std::fs::write(folder.path().join(format!("{name}.ply")), ply).expect("a file");
     }
-    let found = planish(folder.path(), &["merge", "a.ply", "b.ply", "--json"])
-        .ok()
-        .json();
+    let found = planish(folder.path(), &["merge", "a.ply", "b.ply", "--json"]).ok().json();
     assert_eq!(found["sigma_estimated"], false);
     let sigma = |key: &str| found["sigma"][key].as_f64().expect("a number");
     assert!((sigma("max") - 0.02).abs() < 1e-12, "{found:#}");
@@ -145,16 +112,7 @@ fn a_whole_is_written_as_a_spline() {
     zone(&folder.path().join("high.obj"), -10.0, 60.0, 2.3, 1.0, false);
     let found = planish(
         folder.path(),
-        &[
-            "merge",
-            "low.obj",
-            "high.obj",
-            "-o",
-            "whole.step",
-            "-o",
-            "whole.planish",
-            "--json",
-        ],
+        &["merge", "low.obj", "high.obj", "-o", "whole.step", "-o", "whole.planish", "--json"],
     )
     .ok()
     .json();
@@ -199,22 +157,10 @@ fn what_cannot_be_merged_is_named() {
         ("merge a.obj nan.obj -o w.ply", 2, "nan.obj: line 2"),
         ("merge a.obj line.obj -o w.ply", 1, "overlap"),
         ("merge a.obj zero.ply -o w.ply", 2, "zero.ply: vertex 1 has σ = 0"),
-        (
-            "merge a.obj part.step -o w.ply",
-            2,
-            "part.step: line 1: the file ends before `END-ISO-10303-21;`",
-        ),
-        (
-            "merge a.obj part.iges -o w.ply",
-            2,
-            "found IGES, which is not read: write it as STEP",
-        ),
+        ("merge a.obj part.step -o w.ply", 2, "part.step: line 1: the file ends before `END-ISO-10303-21;`"),
+        ("merge a.obj part.iges -o w.ply", 2, "found IGES, which is not read: write it as STEP"),
         ("merge a.obj --align -o w.ply", 2, "two patches"),
-        (
-            "merge a.obj copy.obj -o w.ply",
-            2,
-            "copy.obj has the same vertices as a.obj",
-        ),
+        ("merge a.obj copy.obj -o w.ply", 2, "copy.obj has the same vertices as a.obj"),
         ("merge a.obj copy.obj --align -o w.ply", 2, "counts once"),
         ("merge a.obj far.obj --epsilon 1yd", 2, "yd"),
         ("merge a.obj far.obj --theta 120", 2, "90"),
@@ -227,7 +173,8 @@ fn what_cannot_be_merged_is_named() {
     }
 }
 
-/// Surfaces that pass one another by chance are merged where they are near, as nothing says how well they are known: it is said, and --epsilon keeps them apart.
+/// Surfaces that pass one another by chance are merged where they are near, as nothing says how well they are
+/// known: it is said, and --epsilon keeps them apart.
 #[test]
 fn patches_that_are_not_of_one_thing_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -246,11 +193,7 @@ fn patches_that_are_not_of_one_thing_are_named() {
     sheet("slanted.obj", 0.3);
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
     let said = run("merge flat.obj slanted.obj -o whole.ply --unit mm");
-    assert!(
-        said.stderr.contains("flat.obj: other patches near it differ by σ = "),
-        "{}",
-        said.stderr
-    );
+    assert!(said.stderr.contains("flat.obj: other patches near it differ by σ = "), "{}", said.stderr);
     let said = run("merge flat.obj slanted.obj -o whole.ply --unit mm --epsilon 0.2");
     assert!(!said.stderr.contains("differ by"), "{}", said.stderr);
     sheet("near.obj", 0.001);
@@ -276,17 +219,11 @@ fn faces_of_step_files_are_patches() {
     }
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
     for name in ["left", "right"] {
-        run(&format!(
-            "fit {name}.xyz -o {name}.step -o {name}.ply --tolerance 0.002mm --unit mm"
-        ));
+        run(&format!("fit {name}.xyz -o {name}.step -o {name}.ply --tolerance 0.002mm --unit mm"));
     }
     for pair in ["left.step right.step", "left.step right.ply"] {
         let found = run(&format!("merge {pair} -o whole.obj --json")).json();
-        assert_eq!(
-            (&found["unit"], &found["parts"]),
-            (&"mm".into(), &1.into()),
-            "{pair}: {found:#}"
-        );
+        assert_eq!((&found["unit"], &found["parts"]), (&"mm".into(), &1.into()), "{pair}: {found:#}");
         assert_eq!(found["nonmanifold_edges"], 0);
         let text = std::fs::read_to_string(folder.path().join("whole.obj")).expect("a mesh");
         let (mut square, mut n) = (0.0, 0.0_f64);
@@ -297,11 +234,7 @@ fn faces_of_step_files_are_patches() {
                 n += 1.0;
             }
         }
-        assert!(
-            n > 1000.0 && (square / n).sqrt() < 0.01,
-            "{pair}: {}",
-            (square / n).sqrt()
-        );
+        assert!(n > 1000.0 && (square / n).sqrt() < 0.01, "{pair}: {}", (square / n).sqrt());
     }
     // The same file as what readings are compared with.
     let compared = run("compare left.step left.xyz --json").json();
@@ -321,8 +254,7 @@ fn a_copy_is_left_out() {
     run("merge a.obj b.obj -o two.ply");
     let said = run("merge a.obj b.obj copy.obj -o three.ply");
     assert!(
-        said.stderr
-            .contains("copy.obj has the same vertices as a.obj: it was left out"),
+        said.stderr.contains("copy.obj has the same vertices as a.obj: it was left out"),
         "{}",
         said.stderr
     );
@@ -330,7 +262,8 @@ fn a_copy_is_left_out() {
     assert_eq!(read("two.ply"), read("three.ply"));
 }
 
-/// The same surface with numbers that differ by rounding: nothing is left between the patches, and that is no failure.
+/// The same surface with numbers that differ by rounding: nothing is left between the patches, and that is no
+/// failure.
 #[test]
 fn what_differs_by_rounding_is_aligned() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -364,11 +297,7 @@ fn units_of_files_and_lengths_are_kept_apart() {
     assert_eq!(run("info named.obj --json").ok().json()["unit"], "mm");
     let said = run("merge named.obj inches.obj --unit in --epsilon 0.01in --json").ok();
     let found = said.json();
-    assert_eq!(
-        (&found["unit"], &found["parts"]),
-        (&"mm".into(), &1.into()),
-        "{found:#}"
-    );
+    assert_eq!((&found["unit"], &found["parts"]), (&"mm".into(), &1.into()), "{found:#}");
     assert!(said.stderr.contains("turned from in into mm"), "{}", said.stderr);
     let left = run("merge named.obj inches.obj");
     assert_eq!(left.code, 1, "{}", left.stderr);
@@ -384,25 +313,13 @@ fn a_patch_that_crosses_itself_is_named() {
     let mut text = std::fs::read_to_string(path("b.obj")).expect("text");
     // A spike through the zone, the last triangle of the file.
     let (vertices, faces) = (text.matches("\nv ").count() + 1, text.matches("\nf ").count());
-    text += &format!(
-        "v 5 0 5\nv 12 0.3 9\nv 12 0.1 8.5\nf {} {} {}\n",
-        vertices + 1,
-        vertices + 2,
-        vertices + 3
-    );
+    text +=
+        &format!("v 5 0 5\nv 12 0.3 9\nv 12 0.1 8.5\nf {} {} {}\n", vertices + 1, vertices + 2, vertices + 3);
     std::fs::write(path("b.obj"), text).expect("a file");
     let said = planish(folder.path(), &["merge", "a.obj", "b.obj"]).ok();
     assert!(said.stderr.contains("b.obj crosses itself"), "{}", said.stderr);
-    assert!(
-        said.stderr.contains(&format!("and {faces} (counted from 0)")),
-        "{}",
-        said.stderr
-    );
-    assert!(
-        said.stderr.contains("the merged mesh crosses itself"),
-        "{}",
-        said.stderr
-    );
+    assert!(said.stderr.contains(&format!("and {faces} (counted from 0)")), "{}", said.stderr);
+    assert!(said.stderr.contains("the merged mesh crosses itself"), "{}", said.stderr);
 }
 
 /// A thing of kilometres, and one of nanometres, is merged as one of millimetres.
@@ -412,9 +329,7 @@ fn the_scale_of_a_thing_does_not_matter() {
     let merged = [1.0, 1e6, 1e-6].map(|scale| {
         zone(&folder.path().join("a.obj"), -60.0, 20.0, 0.0, scale, false);
         zone(&folder.path().join("b.obj"), -20.0, 60.0, 2.3, scale, false);
-        let found = planish(folder.path(), &["merge", "a.obj", "b.obj", "-o", "w.ply", "--json"])
-            .ok()
-            .json();
+        let found = planish(folder.path(), &["merge", "a.obj", "b.obj", "-o", "w.ply", "--json"]).ok().json();
         assert_eq!(found["parts"], 1, "{found:#}");
         assert_eq!(found["boundary_edges"], 144, "{found:#}");
         found["triangles"].as_f64().expect("a number")
@@ -434,21 +349,13 @@ fn a_bound_stands_where_no_patch_is() {
     zone(&path("b.obj"), -20.0, 60.0, 2.3, 1.0, false);
     zone(&path("bound.obj"), -89.0, 89.0, 1.1, 1.01, false);
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
-    let found = run("merge a.obj b.obj --complete bound.obj -o w.ply --json")
-        .ok()
-        .json();
+    let found = run("merge a.obj b.obj --complete bound.obj -o w.ply --json").ok().json();
     let of_bound = found["completed"]["vertices"].as_u64().expect("a number");
-    assert!(
-        of_bound > 100 && found["nonmanifold_edges"] == 0 && found["parts"] == 1,
-        "{found:#}"
-    );
+    assert!(of_bound > 100 && found["nonmanifold_edges"] == 0 && found["parts"] == 1, "{found:#}");
     // Two holes at the poles of the bound.
     assert_eq!(found["boundary_edges"], 144, "{found:#}");
     let read = run("info w.ply --json").ok().json();
-    assert!(
-        read["area"].as_f64().expect("a number") > 0.99 * 400.0 * std::f64::consts::PI,
-        "{read:#}"
-    );
+    assert!(read["area"].as_f64().expect("a number") > 0.99 * 400.0 * std::f64::consts::PI, "{read:#}");
     // Patches that face inwards are turned over.
     zone(&path("a_in.obj"), -60.0, 20.0, 0.0, 1.0, true);
     zone(&path("b_in.obj"), -20.0, 60.0, 2.3, 1.0, true);
@@ -457,10 +364,6 @@ fn a_bound_stands_where_no_patch_is() {
     assert_eq!(turned["completed"]["vertices"].as_u64(), Some(of_bound), "{turned:#}");
     assert!(turned.to_string().contains("faced inwards"), "{turned:#}");
     let refused = run("merge a.obj b.obj --complete none.obj -o x.ply");
-    assert!(
-        refused.code == 3 && refused.stderr.contains("none.obj"),
-        "{}",
-        refused.stderr
-    );
+    assert!(refused.code == 3 && refused.stderr.contains("none.obj"), "{}", refused.stderr);
     assert_eq!(run("merge a.obj b.obj --complete bound.obj -o bound.obj").code, 2);
 }

@@ -6,14 +6,10 @@ use crate::support::planish;
 #[test]
 fn the_commands_that_the_scene_prints_make_the_whole_thing() {
     let folder = tempfile::tempdir().expect("a folder");
-    let said = planish(
-        folder.path(),
-        &["simulate", "scene", "contours", "--views", "21", "--out", "scene"],
-    )
-    .ok();
-    let commands: Vec<&str> = (said.stdout.lines())
-        .filter_map(|line| line.strip_prefix("  planish "))
-        .collect();
+    let said =
+        planish(folder.path(), &["simulate", "scene", "contours", "--views", "21", "--out", "scene"]).ok();
+    let commands: Vec<&str> =
+        (said.stdout.lines()).filter_map(|line| line.strip_prefix("  planish ")).collect();
     assert_eq!(commands.len(), 4, "{}", said.stdout);
     let mut last = None;
     for command in commands {
@@ -22,10 +18,7 @@ fn the_commands_that_the_scene_prints_make_the_whole_thing() {
         let found = planish(folder.path(), &args).ok().json();
         if args[..2] == ["sense", "contours"] {
             assert_eq!(found["patches"].as_array().map(Vec::len), Some(2), "{found:#}");
-            assert!(
-                (found["chi2"].as_f64().expect("a number") - 1.0).abs() < 0.1,
-                "{found:#}"
-            );
+            assert!((found["chi2"].as_f64().expect("a number") - 1.0).abs() < 0.1, "{found:#}");
             let left_out: u64 = (found["left_out"].as_object().expect("causes").values())
                 .map(|n| n.as_u64().expect("a count"))
                 .sum();
@@ -60,11 +53,7 @@ fn views_that_say_too_little_are_refused() {
     };
     write(&(0..3).map(view).collect::<String>());
     let said = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.ply"]);
-    assert!(
-        said.stderr.contains("view `v0`") && said.stderr.contains("needed a mask"),
-        "{}",
-        said.stderr
-    );
+    assert!(said.stderr.contains("view `v0`") && said.stderr.contains("needed a mask"), "{}", said.stderr);
     let said = planish(folder.path(), &["sense", "contours", "views.toml", "-o", "points.las"]);
     assert!(said.stderr.contains(".ply"), "{}", said.stderr);
     std::fs::write(folder.path().join("few.csv"), "x,y\n1,2\n3,4\n").expect("a file");

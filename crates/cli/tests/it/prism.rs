@@ -1,4 +1,5 @@
-//! The paper's prism from readings to STEP: contours, constraints, graphs, one geometry, a solid with sizes and σ.
+//! The paper's prism from readings to STEP: contours, constraints, graphs, one geometry, a solid with sizes
+//! and σ.
 
 use crate::support::planish;
 use serde_json::Value;
@@ -10,28 +11,11 @@ const SIZE: [f64; 3] = [80.0, 100.0, 60.0];
 /// Readings of the prism's views, and their contours.
 fn contours(folder: &Path, seed: u64) {
     let seed = seed.to_string();
-    planish(
-        folder,
-        &["simulate", "scene", "views", "--out", "prism", "--seed", &seed, "-q"],
-    )
-    .ok();
+    planish(folder, &["simulate", "scene", "views", "--out", "prism", "--seed", &seed, "-q"]).ok();
     for (view, kind) in [("front", "polygon-3"), ("top", "polygon-4"), ("side", "polygon-4")] {
         let readings = format!("prism/{view}/readings.csv");
         let written = format!("{view}.json");
-        planish(
-            folder,
-            &[
-                "contour",
-                &readings,
-                "--kind",
-                kind,
-                "--constrain",
-                "-o",
-                &written,
-                "-q",
-            ],
-        )
-        .ok();
+        planish(folder, &["contour", &readings, "--kind", kind, "--constrain", "-o", &written, "-q"]).ok();
     }
 }
 
@@ -44,17 +28,7 @@ fn readings_of_the_prisms_views_become_a_solid_with_sizes_that_cover_the_truth()
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     contours(at, 2);
-    let args = [
-        "solid",
-        "front.json",
-        "top.json",
-        "side.json",
-        "-o",
-        "p.step",
-        "-o",
-        "p.json",
-        "--json",
-    ];
+    let args = ["solid", "front.json", "top.json", "side.json", "-o", "p.step", "-o", "p.json", "--json"];
     let said = planish(at, &args).ok().json();
     assert_eq!(said["solutions"][0]["faces"]["plane"], 5);
     assert_eq!(json(&at.join("p.json"))["geometry"], said["geometry"]);
@@ -64,18 +38,14 @@ fn readings_of_the_prisms_views_become_a_solid_with_sizes_that_cover_the_truth()
     assert_eq!(dimensions.len(), 3 + 9);
     let truths = [SIZE[0], SIZE[1], SIZE[2], SIZE[0].hypot(SIZE[2])];
     for dimension in dimensions {
-        let (value, sigma) = (
-            dimension["value"].as_f64().expect("a value"),
-            dimension["sigma"].as_f64().expect("σ"),
-        );
+        let (value, sigma) =
+            (dimension["value"].as_f64().expect("a value"), dimension["sigma"].as_f64().expect("σ"));
         let off = truths.iter().map(|t| (t - value).abs()).fold(f64::INFINITY, f64::min);
         assert!(off < 4.0 * sigma && sigma > 0.01 && sigma < 0.3, "{dimension}");
     }
     for vertex in said["geometry"]["vertices"].as_array().expect("vertices") {
         assert!(
-            vertex["sigma"]
-                .as_array()
-                .is_some_and(|s| s.iter().all(|s| s.as_f64() > Some(0.0))),
+            vertex["sigma"].as_array().is_some_and(|s| s.iter().all(|s| s.as_f64() > Some(0.0))),
             "{vertex}"
         );
     }
@@ -156,22 +126,13 @@ fn views_that_cannot_be_put_together_are_told_by_name() {
     std::fs::write(at.join("a.dxf"), "0\nEOF\n").expect("a file");
     for (args, says) in [
         (&["front.json"][..], "found 1"),
-        (
-            &["front.json", "top.json", "scaled.json"],
-            "needed views of one thing, at one scale, in one frame",
-        ),
+        (&["front.json", "top.json", "scaled.json"], "needed views of one thing, at one scale, in one frame"),
         (&["front.json", "top.json", "inches.json"], "inches.json: is in in"),
         (&["front.json", "broken.json"], "broken.json: needed contours as"),
         (&["front.json", "a.dxf"], "a.dxf: is no contour"),
         (&["front.json", "side.json"], "the front view ends at x"),
-        (
-            &["front.json", "side.json", "--as", "front"],
-            "needed one name for each of the 2 views",
-        ),
-        (
-            &["front.json", "side.json", "--as", "side,side"],
-            "each once, found side,side",
-        ),
+        (&["front.json", "side.json", "--as", "front"], "needed one name for each of the 2 views"),
+        (&["front.json", "side.json", "--as", "side,side"], "each once, found side,side"),
         (
             &["front.json", "side.json", "--as", "front,side", "--graphs", "g.png"],
             "g.png: graphs are written as .json or .dot",
@@ -183,11 +144,6 @@ fn views_that_cannot_be_put_together_are_told_by_name() {
         (&["a.dxf", "a.dxf", "--graphs", "g.dot"], "graphs are made of contours"),
     ] {
         let said = planish(at, &[&["solid"], args].concat());
-        assert!(
-            said.code == 2 && said.stderr.contains(says),
-            "{args:?}: {} {}",
-            said.code,
-            said.stderr
-        );
+        assert!(said.code == 2 && said.stderr.contains(says), "{args:?}: {} {}", said.code, said.stderr);
     }
 }

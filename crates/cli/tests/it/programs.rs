@@ -25,20 +25,13 @@ fn progress_for_programs_is_an_object_a_line() {
         .map(|line| serde_json::from_str(line).expect("an object"))
         .collect();
     let (last, progress) = events.split_last().expect("events");
-    assert_eq!(
-        (last["event"].as_str(), last["exit_code"].as_u64()),
-        (Some("finished"), Some(0))
-    );
+    assert_eq!((last["event"].as_str(), last["exit_code"].as_u64()), (Some("finished"), Some(0)));
     assert!(progress.iter().all(|event| event["event"] == "progress"));
     let stages: Vec<&str> = progress.iter().filter_map(|event| event["stage"].as_str()).collect();
     assert!(stages.contains(&"reading") && stages.contains(&"writing"), "{stages:?}");
     let seconds: Vec<f64> = events.iter().filter_map(|event| event["seconds"].as_f64()).collect();
     assert!(seconds.is_sorted() && seconds.len() == events.len());
-    assert!(
-        progress
-            .iter()
-            .all(|event| event["share"].as_f64().is_some_and(|s| (0.0..=1.0).contains(&s)))
-    );
+    assert!(progress.iter().all(|event| event["share"].as_f64().is_some_and(|s| (0.0..=1.0).contains(&s))));
     // The residuals of the pebble's readings, in the unit of the job: 0.157 mm in the end.
     let rms = progress.iter().filter_map(|event| event["rms"].as_f64()).next_back();
     assert!(rms.is_some_and(|rms| (0.1..0.4).contains(&rms)), "{rms:?}");
@@ -54,10 +47,7 @@ fn into_pipes_no_progress_is_written_unless_asked_for() {
     let failed = planish(folder.path(), &["info", "gone.ply", "--progress", "json"]);
     let last = failed.stderr.lines().last().expect("a line");
     let event: Value = serde_json::from_str(last).expect("an object");
-    assert_eq!(
-        (event["event"].as_str(), event["exit_code"].as_u64()),
-        (Some("finished"), Some(3))
-    );
+    assert_eq!((event["event"].as_str(), event["exit_code"].as_u64()), (Some("finished"), Some(3)));
 }
 
 #[test]
@@ -70,18 +60,10 @@ fn completions_and_manual_name_every_command() {
         }
     }
     let page = planish(folder.path(), &["man"]).ok().stdout;
-    assert!(
-        page.contains(".TH planish 1") && page.contains("planish\\-fit(1)"),
-        "{page}"
-    );
+    assert!(page.contains(".TH planish 1") && page.contains("planish\\-fit(1)"), "{page}");
     planish(folder.path(), &["man", "--out", "man1"]).ok();
     let pages = names(&folder.path().join("man1"));
-    for name in [
-        "planish.1",
-        "planish-fit.1",
-        "planish-simulate-scene-scans.1",
-        "planish-view.1",
-    ] {
+    for name in ["planish.1", "planish-fit.1", "planish-simulate-scene-scans.1", "planish-view.1"] {
         assert!(pages.iter().any(|page| page == name), "{name} is not among {pages:?}");
     }
     let fit = std::fs::read_to_string(folder.path().join("man1/planish-fit.1")).expect("a page");

@@ -1,4 +1,5 @@
-//! Reports of the jobs that move meshes, plan views, and find shapes in space: each opens alone and shows what the command says.
+//! Reports of the jobs that move meshes, plan views, and find shapes in space: each opens alone and shows
+//! what the command says.
 
 use crate::support::{pebble, planish, repository};
 use serde_json::Value;
@@ -9,10 +10,7 @@ use std::path::Path;
 fn read(folder: &Path, name: &str) -> (String, Value) {
     let page = std::fs::read_to_string(folder.join(name)).expect("a report");
     assert!(page.contains("default-src 'none'"), "{name} may load from elsewhere");
-    let scene = page
-        .split("id=\"scene\">")
-        .nth(1)
-        .and_then(|rest| rest.split("</script>").next());
+    let scene = page.split("id=\"scene\">").nth(1).and_then(|rest| rest.split("</script>").next());
     let scene = scene.map_or(Value::Null, |scene| serde_json::from_str(scene).expect("a scene"));
     (page, scene)
 }
@@ -35,31 +33,13 @@ fn views_to_take_are_marked_on_the_model() {
     let folder = tempfile::tempdir().expect("a folder");
     planish(
         folder.path(),
-        &[
-            "fit",
-            &pebble("job.toml"),
-            "-o",
-            "a.planish",
-            "--max-coefficients",
-            "300",
-            "--quiet",
-        ],
+        &["fit", &pebble("job.toml"), "-o", "a.planish", "--max-coefficients", "300", "--quiet"],
     )
     .ok();
     let sensor = repository().join("examples/data/camera.toml").display().to_string();
     let said = planish(
         folder.path(),
-        &[
-            "next",
-            "a.planish",
-            "--views",
-            "2",
-            "--sensor",
-            &sensor,
-            "--report",
-            "a.html",
-            "--json",
-        ],
+        &["next", "a.planish", "--views", "2", "--sensor", &sensor, "--report", "a.html", "--json"],
     )
     .ok()
     .json();
@@ -67,13 +47,10 @@ fn views_to_take_are_marked_on_the_model() {
     let views = said["views"].as_array().expect("views");
     assert_eq!(scene["marks"].as_array().map(Vec::len), Some(views.len()));
     assert!(page.contains("fields of view") && page.contains("Views to take, in this order"));
-    // Each line of sight begins on the surface and leads to the sensor: both ends and the sensor are in one line.
+    // Each line of sight begins on the surface and leads to the sensor: both ends and the sensor are in one
+    // line.
     let lines = scene["lines"].as_array().expect("lines");
-    assert!(
-        lines
-            .iter()
-            .any(|line| line["name"] == "towards the sensor" && line["hidden"] == false)
-    );
+    assert!(lines.iter().any(|line| line["name"] == "towards the sensor" && line["hidden"] == false));
     let number = |value: &Value| value.as_f64().expect("a number");
     for (mark, view) in scene["marks"].as_array().expect("marks").iter().zip(views) {
         let off: Vec<f64> = (0..3)
@@ -96,15 +73,7 @@ fn a_shape_in_space_is_drawn_on_its_readings() {
     std::fs::write(folder.path().join("points.csv"), readings).expect("a file");
     let said = planish(
         folder.path(),
-        &[
-            "contour",
-            "points.csv",
-            "--kind",
-            "sphere",
-            "--report",
-            "a.html",
-            "--json",
-        ],
+        &["contour", "points.csv", "--kind", "sphere", "--report", "a.html", "--json"],
     );
     assert_eq!(said.code, 0, "{}", said.stderr);
     let (page, scene) = read(folder.path(), "a.html");
@@ -175,11 +144,7 @@ fn a_simulated_sphere_shows_its_curves() {
     let (page, scene) = read(folder.path(), "a.html");
     assert!(scene.is_null());
     let rows = said["rows"].as_array().expect("rows").len();
-    let table = page
-        .split("<tbody>")
-        .nth(1)
-        .and_then(|rest| rest.split("</tbody>").next())
-        .expect("a table");
+    let table = page.split("<tbody>").nth(1).and_then(|rest| rest.split("</tbody>").next()).expect("a table");
     assert_eq!(table.matches("<tr>").count(), rows);
     assert!(page.contains("<svg") && page.contains("<polyline"));
 }

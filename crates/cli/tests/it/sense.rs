@@ -14,7 +14,9 @@ fn pgm(from: usize) -> Vec<u8> {
     for y in 0..ROWS {
         for x in from..from + COLUMNS {
             let (x, y) = (x as f64, y as f64);
-            let wave = (0.9 * x + 0.31 * y).sin() + (0.47 * x - 0.8 * y + 1.0).sin() + (0.013 * x * y + 0.21 * x).sin();
+            let wave = (0.9 * x + 0.31 * y).sin()
+                + (0.47 * x - 0.8 * y + 1.0).sin()
+                + (0.013 * x * y + 0.21 * x).sin();
             bytes.push((128.0 + 40.0 * wave) as u8);
         }
     }
@@ -43,27 +45,19 @@ fn a_stereo_pair_becomes_points_and_disparities() {
     };
     let said = run("1", "a.ply");
     run("2", "b.ply");
-    assert_eq!(
-        (said["command"].as_str(), said["unit"].as_str()),
-        (Some("sense stereo"), Some("mm"))
-    );
+    assert_eq!((said["command"].as_str(), said["unit"].as_str()), (Some("sense stereo"), Some("mm")));
     assert_eq!(said["termination"], "converged");
     let points = said["observations"].as_u64().expect("a count") as usize;
     assert!(points > COLUMNS * ROWS / 2, "{points}");
     let read = |name: &str| std::fs::read(folder.path().join(name)).expect("a file");
     assert!(read("a.ply") == read("b.ply"), "threads change the points");
     let head = String::from_utf8_lossy(&read("a.ply")[..600]).into_owned();
-    assert!(
-        head.contains("property double czz") && head.contains("comment unit mm"),
-        "{head}"
-    );
+    assert!(head.contains("property double czz") && head.contains("comment unit mm"), "{head}");
     // Disparity and σ, pixel by pixel, behind the header.
     let array = read("d.npy");
     let body = &array[array.len() - COLUMNS * ROWS * 8..];
     let value = |k: usize| f32::from_le_bytes([body[k], body[k + 1], body[k + 2], body[k + 3]]);
-    let errors = (0..COLUMNS * ROWS)
-        .map(|k| value(8 * k) - SHIFT as f32)
-        .filter(|e| e.is_finite());
+    let errors = (0..COLUMNS * ROWS).map(|k| value(8 * k) - SHIFT as f32).filter(|e| e.is_finite());
     let far = errors.filter(|e| e.abs() > 0.2).count();
     assert!(far * 25 < points, "{far} of {points} are off");
     // What it writes is what `fit` reads.
@@ -89,15 +83,9 @@ fn a_picture_of_normals_and_a_depth_image_become_points() {
     depth.extend(header.as_bytes());
     depth.extend((0..20_u16).flat_map(|k| (if k == 3 { 0 } else { 1000 + k }).to_le_bytes()));
     write("d.npy", &depth);
-    write(
-        "d.toml",
-        b"unit = \"m\"\nfx = 500\nfy = 500\ncx = 10\ncy = 0\nscale = 0.001\nsigma_a = 0.002\n",
-    );
+    write("d.toml", b"unit = \"m\"\nfx = 500\nfy = 500\ncx = 10\ncy = 0\nscale = 0.001\nsigma_a = 0.002\n");
     let said = run("sense depth d.npy -o d.ply --json");
-    assert_eq!(
-        (said["observations"].as_u64(), said["rejected"]["no_reading"].as_u64()),
-        (Some(19), Some(1))
-    );
+    assert_eq!((said["observations"].as_u64(), said["rejected"]["no_reading"].as_u64()), (Some(19), Some(1)));
     assert_eq!(said["inputs"].as_array().map(Vec::len), Some(2));
 }
 
@@ -111,7 +99,8 @@ fn a_simulated_grid_becomes_points_normals_and_curvatures() {
         (Some("simulate scene grid"), Some("mm"))
     );
     let said =
-        run("sense grid s/stripes-1.png --plain s/plain-1.png --calib s/grid.toml -o s/grid-1.ply --json").json();
+        run("sense grid s/stripes-1.png --plain s/plain-1.png --calib s/grid.toml -o s/grid-1.ply --json")
+            .json();
     let found = said["observations"].as_u64().expect("a count");
     assert!(found > 40, "{found}");
     assert!(said["sigma_px"]["median"].as_f64().expect("a number") < 0.3);
@@ -122,71 +111,33 @@ fn a_simulated_grid_becomes_points_normals_and_curvatures() {
     assert!(job.contains("kind = \"curvature\""), "{job}");
     // The job that the scene wrote names what was sensed, in the frame of the truth.
     let near = run("compare s/truth.ply s/job.toml --json").json();
-    assert!(
-        near["backward"]["p95"].as_f64().expect("a number").abs() < 1.0,
-        "{near}"
-    );
-    let wrong = planish(
-        folder.path(),
-        &[
-            "sense",
-            "grid",
-            "s/plain-1.png",
-            "--calib",
-            "s/grid.toml",
-            "-o",
-            "p.ply",
-        ],
-    );
-    assert!(
-        wrong.code == 1 && wrong.stderr.contains("cannot be told"),
-        "{} {}",
-        wrong.code,
-        wrong.stderr
-    );
+    assert!(near["backward"]["p95"].as_f64().expect("a number").abs() < 1.0, "{near}");
+    let wrong =
+        planish(folder.path(), &["sense", "grid", "s/plain-1.png", "--calib", "s/grid.toml", "-o", "p.ply"]);
+    assert!(wrong.code == 1 && wrong.stderr.contains("cannot be told"), "{} {}", wrong.code, wrong.stderr);
 }
 
 #[test]
 fn mistakes_are_told_before_anything_is_written() {
     let folder = tempfile::tempdir().expect("a folder");
     pair(folder.path());
-    std::fs::write(
-        folder.path().join("misspelt.toml"),
-        "f = 400\ncx = 1\ncy = 1\nbase = 70\n",
-    )
-    .expect("a file");
+    std::fs::write(folder.path().join("misspelt.toml"), "f = 400\ncx = 1\ncy = 1\nbase = 70\n")
+        .expect("a file");
     let before = names(folder.path());
     for (line, code, words) in [
         ("sense stereo left.pgm right.pgm -o p.ply", 2, "--calib"),
-        (
-            "sense stereo left.pgm right.pgm --calib misspelt.toml -o p.ply",
-            2,
-            "misspelt.toml: line 4",
-        ),
+        ("sense stereo left.pgm right.pgm --calib misspelt.toml -o p.ply", 2, "misspelt.toml: line 4"),
         ("sense stereo left.pgm gone.pgm -o d.npy", 3, "gone.pgm"),
         ("sense stereo left.pgm right.pgm -o d.step", 2, "found `step`"),
         ("sense stereo left.pgm right.pgm --disparities 9..3", 2, "as in 0..127"),
         ("sense stereo left.pgm cameras.toml -o d.npy", 2, "extension `toml`"),
         ("sense photometric left.pgm", 2, "--calib with the lights"),
-        (
-            "sense grid left.pgm --calib misspelt.toml -o p.ply",
-            2,
-            "misspelt.toml: line 4",
-        ),
+        ("sense grid left.pgm --calib misspelt.toml -o p.ply", 2, "misspelt.toml: line 4"),
         ("sense grid left.pgm -o p.ply", 2, "--calib"),
-        (
-            "sense depth left.pgm --calib misspelt.toml -o p.ply",
-            2,
-            "misspelt.toml",
-        ),
+        ("sense depth left.pgm --calib misspelt.toml -o p.ply", 2, "misspelt.toml"),
     ] {
         let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>());
-        assert!(
-            said.code == code && said.stderr.contains(words),
-            "{line}: {} {}",
-            said.code,
-            said.stderr
-        );
+        assert!(said.code == code && said.stderr.contains(words), "{line}: {} {}", said.code, said.stderr);
         assert_eq!(names(folder.path()), before, "{line}");
     }
 }
@@ -197,10 +148,13 @@ fn two_views_become_points_in_the_frame_of_their_calibration() {
     pair(folder.path());
     // The same rectified pair, stated as two views, the first of which stands at (1000, 0, 0).
     let view = "[[view]]\nK = [[400, 0, 47.5], [0, 400, 23.5], [0, 0, 1]]\n";
-    let text = format!("unit = \"mm\"\nsigma_disparity_px = 0.05\n{view}t = [-1000, 0, 0]\n{view}t = [-1070, 0, 0]\n");
+    let text = format!(
+        "unit = \"mm\"\nsigma_disparity_px = 0.05\n{view}t = [-1000, 0, 0]\n{view}t = [-1070, 0, 0]\n"
+    );
     std::fs::write(folder.path().join("views.toml"), &text).expect("a file");
     let run = |calibration: &str, out: &str| {
-        let line = format!("sense stereo left.pgm right.pgm --calib {calibration} -o {out} --speckle 1 --json");
+        let line =
+            format!("sense stereo left.pgm right.pgm --calib {calibration} -o {out} --speckle 1 --json");
         planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok().json()
     };
     let (level, views) = (run("cameras.toml", "a.ply"), run("views.toml", "b.ply"));
@@ -212,17 +166,9 @@ fn two_views_become_points_in_the_frame_of_their_calibration() {
     assert!((n - 1.0).abs() < 0.02 && (sigma - 1.0).abs() < 0.05, "{n} {sigma}");
     let x = |file: &str| {
         let info = planish(folder.path(), &["info", file, "--json"]).ok().json();
-        info["box"]["max"][0]
-            .as_f64()
-            .or(info["box"][0][0].as_f64())
-            .expect("a corner")
+        info["box"]["max"][0].as_f64().or(info["box"][0][0].as_f64()).expect("a corner")
     };
-    assert!(
-        (x("b.ply") - x("a.ply") - 1000.0).abs() < 1e-3,
-        "{} {}",
-        x("a.ply"),
-        x("b.ply")
-    );
+    assert!((x("b.ply") - x("a.ply") - 1000.0).abs() < 1e-3, "{} {}", x("a.ply"), x("b.ply"));
     let behind = text.replace("[-1070, 0, 0]", "[-1000, 0, -70]");
     std::fs::write(folder.path().join("views.toml"), behind).expect("a file");
     let line = "sense stereo left.pgm right.pgm --calib views.toml -o c.ply";

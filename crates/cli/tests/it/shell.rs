@@ -6,10 +6,7 @@ use std::path::Path;
 /// Lines of a text file that begin with a word.
 fn lines(folder: &Path, name: &str, word: &str) -> Vec<String> {
     let text = std::fs::read_to_string(folder.join(name)).expect("a file");
-    text.lines()
-        .filter(|line| line.split(' ').next() == Some(word))
-        .map(str::to_owned)
-        .collect()
+    text.lines().filter(|line| line.split(' ').next() == Some(word)).map(str::to_owned).collect()
 }
 
 /// Numbers of the lines that begin with a word.
@@ -40,26 +37,13 @@ fn an_open_mesh_has_a_closed_shell_and_no_offset() {
         "--json",
     ];
     let said = planish(folder.path(), &args).ok().json();
-    assert!(
-        said["watertight"] == true && said["manifold"] == true && said["components"] == 1,
-        "{said}"
-    );
+    assert!(said["watertight"] == true && said["manifold"] == true && said["components"] == 1, "{said}");
     assert!(said["deviation_max"].as_f64().expect("a number") < 0.2, "{said}");
     let faces = lines(folder.path(), "s.off", "3").len() as u64;
     assert_eq!(faces, said["triangles"].as_u64().expect("a number"));
     let said = planish(
         folder.path(),
-        &[
-            "shell",
-            "mesh",
-            "a.obj",
-            "--surface",
-            "offset",
-            "--offset",
-            "1",
-            "-o",
-            "o.ply",
-        ],
+        &["shell", "mesh", "a.obj", "--surface", "offset", "--offset", "1", "-o", "o.ply"],
     );
     assert!(
         said.code == 1 && said.stderr.contains("a.obj") && said.stderr.contains("open edges"),
@@ -79,46 +63,32 @@ fn poses_keep_texture_coordinates_and_rigid_parts() {
         "controls = 4\nblend = 0\n[[pose]]\nname = \"up\"\nmove = [{ near = [0, 0, 10], by = [0, 0, 5] }]\n[[keyframe]]\nseconds = 0\nweights = { up = 1 }\n",
     );
     let args = [
-        "shell", "pose", "a.obj", "--poses", "p.toml", "--rigid", "bottom", "-o", "b.obj", "-o", "b.glb", "--json",
+        "shell", "pose", "a.obj", "--poses", "p.toml", "--rigid", "bottom", "-o", "b.obj", "-o", "b.glb",
+        "--json",
     ];
     let said = planish(folder.path(), &args).ok().json();
-    assert!(
-        said["poses"][0]["moved"] == 1 && said["rigid"][0]["vertices"] == 3,
-        "{said}"
-    );
+    assert!(said["poses"][0]["moved"] == 1 && said["rigid"][0]["vertices"] == 3, "{said}");
     let of = |name: &str, word: &str| numbers(folder.path(), name, word);
     assert_eq!(of("a.obj", "vt"), of("b.obj", "vt"));
     assert_eq!(lines(folder.path(), "a.obj", "f"), lines(folder.path(), "b.obj", "f"));
     let (before, after) = (of("a.obj", "v"), of("b.obj", "v"));
     assert_eq!(after[3], [0.0, 0.0, 15.0]);
-    let length = |points: &[Vec<f64>]| {
-        (0..3)
-            .map(|k| (points[0][k] - points[1][k]).powi(2))
-            .sum::<f64>()
-            .sqrt()
-    };
+    let length =
+        |points: &[Vec<f64>]| (0..3).map(|k| (points[0][k] - points[1][k]).powi(2)).sum::<f64>().sqrt();
     assert!((length(&before) - length(&after)).abs() < 1e-9);
     let glb = std::fs::read(folder.path().join("b.glb")).expect("a file");
     assert!(glb.starts_with(b"glTF"));
     let said = planish(
         folder.path(),
-        &[
-            "shell", "pose", "a.obj", "--poses", "p.toml", "--rigid", "head", "-o", "c.glb",
-        ],
+        &["shell", "pose", "a.obj", "--poses", "p.toml", "--rigid", "head", "-o", "c.glb"],
     );
     assert!(
         said.code == 2 && said.stderr.contains("`head`") && said.stderr.contains("bottom, sides"),
         "{}",
         said.stderr
     );
-    write(
-        "p.toml",
-        "[[pose]]\nname = \"up\"\nmove = [{ control = 99, by = [0, 0, 5] }]\n",
-    );
-    let said = planish(
-        folder.path(),
-        &["shell", "pose", "a.obj", "--poses", "p.toml", "-o", "c.glb"],
-    );
+    write("p.toml", "[[pose]]\nname = \"up\"\nmove = [{ control = 99, by = [0, 0, 5] }]\n");
+    let said = planish(folder.path(), &["shell", "pose", "a.obj", "--poses", "p.toml", "-o", "c.glb"]);
     assert!(
         said.code == 2 && said.stderr.contains("pose `up`") && said.stderr.contains("found 99"),
         "{}",
@@ -129,20 +99,12 @@ fn poses_keep_texture_coordinates_and_rigid_parts() {
 #[test]
 fn the_scene_has_what_shells_are_fitted_to() {
     let folder = tempfile::tempdir().expect("a folder");
-    let args = [
-        "simulate", "scene", "shell", "--out", "bent", "--points", "500", "--views", "2", "--json",
-    ];
+    let args = ["simulate", "scene", "shell", "--out", "bent", "--points", "500", "--views", "2", "--json"];
     let said = planish(folder.path(), &args).ok().json();
     assert_eq!(said["rows"], 500);
-    for name in [
-        "mesh.obj",
-        "points.ply",
-        "truth.ply",
-        "truth.json",
-        "views.toml",
-        "mask01.png",
-        "mask02.png",
-    ] {
+    for name in
+        ["mesh.obj", "points.ply", "truth.ply", "truth.json", "views.toml", "mask01.png", "mask02.png"]
+    {
         assert!(folder.path().join("bent").join(name).is_file(), "{name}");
     }
 }
@@ -198,20 +160,9 @@ fn a_sequence_is_followed_frame_by_frame() {
     assert!(frames[0]["surprise"].is_null() && frames[1]["surprise"].as_f64().is_some_and(|s| s > 0.0));
     std::fs::create_dir(folder.path().join("frames/c")).expect("a folder");
     let said = planish(folder.path(), &args);
-    assert!(
-        said.code == 2 && said.stderr.contains("needed views.toml or points.*"),
-        "{}",
-        said.stderr
-    );
-    let args = [
-        "shell",
-        "fit",
-        "frames/a/mesh.obj",
-        "--sequence",
-        "frames",
-        "--points",
-        "frames/a/points.ply",
-    ];
+    assert!(said.code == 2 && said.stderr.contains("needed views.toml or points.*"), "{}", said.stderr);
+    let args =
+        ["shell", "fit", "frames/a/mesh.obj", "--sequence", "frames", "--points", "frames/a/points.ply"];
     assert_eq!(planish(folder.path(), &args).code, 2);
 }
 
@@ -219,7 +170,8 @@ fn a_sequence_is_followed_frame_by_frame() {
 fn a_mesh_is_coloured_from_pictures() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
-    // Two sheets that are seen from above and from below; the picture is red to the left and blue to the right.
+    // Two sheets that are seen from above and from below; the picture is red to the left and blue to the
+    // right.
     let mut sheet = String::from("# unit mm\n");
     for y in 0..9 {
         for x in 0..9 {
@@ -258,21 +210,11 @@ fn a_mesh_is_coloured_from_pictures() {
         said["vertices"] == 81 && said["seen"] == 49 && said["filled"] == 32 && said["texture"].is_null(),
         "{said}"
     );
-    assert!(
-        said["views"][0]["view"] == "p" && said["views"][0]["seen"] == 49,
-        "{said}"
-    );
+    assert!(said["views"][0]["view"] == "p" && said["views"][0]["seen"] == 49, "{said}");
     let said = planish(folder.path(), &["info", "c.ply"]).ok();
     assert!(said.stdout.contains("81"), "{}", said.stdout);
-    let said = planish(
-        folder.path(),
-        &["shell", "texture", "a.obj", "--views", "views.toml", "-o", "c.stl"],
-    );
-    assert!(
-        said.code == 2 && said.stderr.contains(".obj (with a texture)"),
-        "{}",
-        said.stderr
-    );
+    let said = planish(folder.path(), &["shell", "texture", "a.obj", "--views", "views.toml", "-o", "c.stl"]);
+    assert!(said.code == 2 && said.stderr.contains(".obj (with a texture)"), "{}", said.stderr);
 }
 
 /// A text of a file with its vertices scaled and moved.
@@ -289,28 +231,22 @@ fn placed(folder: &Path, from: &str, to: &str, by: f64, shift: f64) {
     std::fs::write(folder.join(to), lines.join("\n")).expect("written");
 }
 
-/// Meshes in another unit or far away are refused; what is odd of a view is named; and what no one meant changes little: a vertex far away that no face has, faces that are there twice.
+/// Meshes in another unit or far away are refused; what is odd of a view is named; and what no one meant
+/// changes little: a vertex far away that no face has, faces that are there twice.
 #[test]
 fn what_cannot_be_meant_is_said() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
-    planish(
-        at,
-        &[
-            "simulate", "scene", "shell", "--out", "bent", "--points", "3000", "--views", "3",
-        ],
-    )
-    .ok();
+    planish(at, &["simulate", "scene", "shell", "--out", "bent", "--points", "3000", "--views", "3"]).ok();
     placed(at, "bent/mesh.obj", "bent/metres.obj", 1e-3, 0.0);
     placed(at, "bent/mesh.obj", "bent/far.obj", 1.0, 300.0);
     let fit = |mesh: &str, more: &[&str]| {
         let args = [&["shell", "fit", mesh, "--points", "bent/points.ply", "--json"], more].concat();
         planish(at, &args)
     };
-    for (mesh, words) in [
-        ("bent/metres.obj", "needed one unit"),
-        ("bent/far.obj", "bring both into one frame"),
-    ] {
+    for (mesh, words) in
+        [("bent/metres.obj", "needed one unit"), ("bent/far.obj", "bring both into one frame")]
+    {
         let said = fit(mesh, &[]);
         assert!(said.code == 1 && said.stderr.contains(words), "{mesh}: {}", said.stderr);
     }
@@ -336,31 +272,11 @@ fn what_cannot_be_meant_is_said() {
     assert_ne!(larger, views);
     std::fs::write(at.join("bent/larger.toml"), larger).expect("written");
     let said = fit("bent/mesh.obj", &["--silhouettes", "bent/larger.toml"]).ok();
-    assert!(
-        said.stderr.contains("The camera's axis meets the picture at 1278, 958"),
-        "{}",
-        said.stderr
-    );
-    assert!(
-        said.stderr.contains("view mask01: the mesh shows next to nowhere"),
-        "{}",
-        said.stderr
-    );
+    assert!(said.stderr.contains("The camera's axis meets the picture at 1278, 958"), "{}", said.stderr);
+    assert!(said.stderr.contains("view mask01: the mesh shows next to nowhere"), "{}", said.stderr);
     let odd = planish(
         at,
-        &[
-            "shell",
-            "fit",
-            "bent/mesh.obj",
-            "--points",
-            "bent/points.ply",
-            "--family",
-            "stray.obj",
-        ],
+        &["shell", "fit", "bent/mesh.obj", "--points", "bent/points.ply", "--family", "stray.obj"],
     );
-    assert!(
-        odd.code == 2 && odd.stderr.contains("--deformation modes"),
-        "{}",
-        odd.stderr
-    );
+    assert!(odd.code == 2 && odd.stderr.contains("--deformation modes"), "{}", odd.stderr);
 }

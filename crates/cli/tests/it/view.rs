@@ -11,26 +11,13 @@ fn a_picture_is_written_and_described() {
     let folder = tempfile::tempdir().expect("a folder");
     let said = planish(
         folder.path(),
-        &[
-            "view",
-            &pebble("truth.ply"),
-            "-o",
-            "a.png",
-            "--camera=-30,20",
-            "--size",
-            "200x150",
-            "--json",
-        ],
+        &["view", &pebble("truth.ply"), "-o", "a.png", "--camera=-30,20", "--size", "200x150", "--json"],
     )
     .ok()
     .json();
     assert_eq!(said["color"], "plain");
     assert_eq!(said["size"], serde_json::json!([200, 150]));
-    assert!(
-        said["covered"]
-            .as_f64()
-            .is_some_and(|covered| (0.2..0.8).contains(&covered))
-    );
+    assert!(said["covered"].as_f64().is_some_and(|covered| (0.2..0.8).contains(&covered)));
     assert_eq!(names(folder.path()), ["a.png"]);
     let bytes = std::fs::read(folder.path().join("a.png")).expect("a picture");
     assert!(bytes.starts_with(b"\x89PNG"));
@@ -56,11 +43,7 @@ fn a_picture_is_written_and_described() {
 #[test]
 fn a_page_is_written_where_that_is_asked_for() {
     let folder = tempfile::tempdir().expect("a folder");
-    planish(
-        folder.path(),
-        &["view", &pebble("truth.ply"), "-o", "a.html", "--quiet"],
-    )
-    .ok();
+    planish(folder.path(), &["view", &pebble("truth.ply"), "-o", "a.html", "--quiet"]).ok();
     let page = std::fs::read_to_string(folder.path().join("a.html")).expect("a page");
     assert!(page.contains("A mesh of 5120 triangles") && page.contains("id=\"scene\""));
 }
@@ -79,8 +62,8 @@ fn wrong_use_is_named() {
         let args: Vec<&str> = ["view", &truth].into_iter().chain(args.iter().copied()).collect();
         let said = planish(folder.path(), &args);
         assert_eq!(said.code, 2, "{args:?}: {}", said.stderr);
-        let is_named =
-            said.stderr.contains(words) || words == "--color" && said.stderr.contains("no sigma to colour by");
+        let is_named = said.stderr.contains(words)
+            || words == "--color" && said.stderr.contains("no sigma to colour by");
         assert!(is_named, "{args:?}: {}", said.stderr);
     }
     assert!(names(folder.path()).is_empty());
@@ -118,22 +101,17 @@ fn the_page_is_served_on_this_computer_until_ctrl_c() {
     let mut served = Served(child);
     let mut line = String::new();
     BufReader::new(stderr).read_line(&mut line).expect("a line");
-    let address = line
-        .split("http://")
-        .nth(1)
-        .and_then(|rest| rest.split('/').next())
-        .expect("an address");
+    let address = line.split("http://").nth(1).and_then(|rest| rest.split('/').next()).expect("an address");
     assert!(address.starts_with("127.0.0.1:"), "{line}");
     let page = ask(address, &format!("GET / HTTP/1.1\r\nHost: {address}\r\n\r\n"));
     assert!(page.starts_with("HTTP/1.1 200 OK\r\n") && page.contains("A mesh of 5120 triangles"));
-    let length = page
-        .split("Content-Length: ")
-        .nth(1)
-        .and_then(|rest| rest.split('\r').next())
-        .expect("a length");
+    let length =
+        page.split("Content-Length: ").nth(1).and_then(|rest| rest.split('\r').next()).expect("a length");
     let body = page.split_once("\r\n\r\n").expect("a body").1;
     assert_eq!(body.len().to_string(), length);
-    assert!(ask(address, &format!("GET /other HTTP/1.1\r\nHost: {address}\r\n\r\n")).starts_with("HTTP/1.1 404"));
+    assert!(
+        ask(address, &format!("GET /other HTTP/1.1\r\nHost: {address}\r\n\r\n")).starts_with("HTTP/1.1 404")
+    );
     // A page from elsewhere that has this computer's address under its own name reads nothing.
     assert!(ask(address, "GET / HTTP/1.1\r\nHost: elsewhere.example\r\n\r\n").starts_with("HTTP/1.1 403"));
     #[cfg(unix)]
@@ -158,14 +136,7 @@ fn a_port_that_is_taken_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let port = taken.local_addr().expect("a port").port().to_string();
-    let said = planish(
-        folder.path(),
-        &["view", &pebble("truth.ply"), "--no-open", "--port", &port],
-    );
+    let said = planish(folder.path(), &["view", &pebble("truth.ply"), "--no-open", "--port", &port]);
     assert_eq!(said.code, 3, "{}", said.stderr);
-    assert!(
-        said.stderr.contains(&port) && said.stderr.contains("--port"),
-        "{}",
-        said.stderr
-    );
+    assert!(said.stderr.contains(&port) && said.stderr.contains("--port"), "{}", said.stderr);
 }

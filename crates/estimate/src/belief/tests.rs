@@ -80,7 +80,8 @@ fn linearising_a_linear_equation_elsewhere_gives_the_same_information() {
 
 #[test]
 fn a_null_direction_is_reported_with_its_largest_component() {
-    // Only x0 + x1 is read: the null direction is (1, −1, 0), and with x1 in units a thousand times finer it is x1 that moves.
+    // Only x0 + x1 is read: the null direction is (1, −1, 0), and with x1 in units a thousand times finer it
+    // is x1 that moves.
     let data = Information::from_rows(
         &dmatrix![1.0, 1e-3, 0.0; 0.0, 0.0, 1.0],
         &DMatrix::identity(2, 2),
@@ -93,13 +94,7 @@ fn a_null_direction_is_reported_with_its_largest_component() {
     assert!(error.to_string().contains("1 of 3 directions"), "{error}");
 
     let never_read = Belief::from_information(Information::zero(2), Information::zero(2)).unwrap();
-    assert!(
-        never_read
-            .covariance()
-            .unwrap_err()
-            .to_string()
-            .contains("2 of 2 directions")
-    );
+    assert!(never_read.covariance().unwrap_err().to_string().contains("2 of 2 directions"));
 }
 
 #[test]
@@ -107,9 +102,7 @@ fn rank_does_not_depend_on_units() {
     let covariance = dmatrix![1e-14, 0.0; 0.0, 1e14];
     let belief = Belief::from_covariance(dvector![1e-7, 1e7], covariance.clone()).unwrap();
     assert!(
-        (belief.covariance().unwrap() - &covariance)
-            .component_div(&covariance.map(|c| c.max(1.0)))
-            .amax()
+        (belief.covariance().unwrap() - &covariance).component_div(&covariance.map(|c| c.max(1.0))).amax()
             < 1e-12
     );
     assert!((belief.mean().unwrap()[0] - 1e-7).abs() < 1e-19);
@@ -141,7 +134,9 @@ fn a_marginal_has_the_rows_of_the_covariance_and_keeps_the_prior_apart() {
     assert!((marginal.mean().unwrap() - dvector![mean[3], mean[0]]).amax() < 1e-12);
     let of_prior = prior.marginal(&kept).unwrap();
     assert!(marginal.has_same_prior(&of_prior));
-    assert!(smallest_scaled_eigenvalue(&marginal.data().matrix, &marginal.information().matrix).unwrap() > -1e-12);
+    assert!(
+        smallest_scaled_eigenvalue(&marginal.data().matrix, &marginal.information().matrix).unwrap() > -1e-12
+    );
 }
 
 #[test]
@@ -175,23 +170,19 @@ fn children_of_one_parent_count_the_parents_data_once() {
     let (first, second) = (updated(&parent, &readings[1]), updated(&parent, &readings[2]));
     let fused = first.merge(&second.subtract_common(parent.data()).unwrap()).unwrap();
     assert_same(&fused, &updated(&prior, &readings.concat()), 1e-12);
-    assert_eq!(
-        prior.subtract_common(parent.data()).unwrap_err().kind(),
-        ErrorKind::Input
-    );
+    assert_eq!(prior.subtract_common(parent.data()).unwrap_err().kind(), ErrorKind::Input);
 }
 
 #[test]
 fn covariance_intersection_is_never_overconfident_whatever_is_shared() {
     // Two beliefs that share a fraction of their data: the fused covariance must bound the true mean square.
     let (a, b) = (dmatrix![1.0, 0.2; 0.2, 4.0], dmatrix![3.0, -0.4; -0.4, 0.8]);
-    let beliefs = [&a, &b].map(|covariance| Belief::from_covariance(dvector![0.0, 0.0], covariance.clone()).unwrap());
+    let beliefs =
+        [&a, &b].map(|covariance| Belief::from_covariance(dvector![0.0, 0.0], covariance.clone()).unwrap());
     let (fused, weight) = beliefs[0].covariance_intersection(&beliefs[1]).unwrap();
     let stated = fused.covariance().unwrap();
-    let (ia, ib) = (
-        a.clone().try_inverse().unwrap() * weight,
-        b.clone().try_inverse().unwrap() * (1.0 - weight),
-    );
+    let (ia, ib) =
+        (a.clone().try_inverse().unwrap() * weight, b.clone().try_inverse().unwrap() * (1.0 - weight));
     let (ga, gb) = (&stated * ia, &stated * ib);
     let (la, lb) = (a.clone().cholesky().unwrap().l(), b.clone().cholesky().unwrap().l());
     for angle in 0..12 {
@@ -202,8 +193,9 @@ fn covariance_intersection_is_never_overconfident_whatever_is_shared() {
         assert!((&stated - actual).symmetric_eigenvalues().min() > -1e-9);
     }
     // The weight is the best one, and the same belief fused with itself gains nothing.
-    let det =
-        |w: f64| (a.clone().try_inverse().unwrap() * w + b.clone().try_inverse().unwrap() * (1.0 - w)).determinant();
+    let det = |w: f64| {
+        (a.clone().try_inverse().unwrap() * w + b.clone().try_inverse().unwrap() * (1.0 - w)).determinant()
+    };
     assert!(det(weight) >= det(weight + 1e-3) && det(weight) >= det(weight - 1e-3));
     let (same, _) = beliefs[0].covariance_intersection(&beliefs[0]).unwrap();
     assert_same(&same, &beliefs[0], 1e-14);

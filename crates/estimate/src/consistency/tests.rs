@@ -6,11 +6,9 @@ use crate::{Belief, Linear, MeasurementEquation};
 #[test]
 fn bands_are_the_published_quantiles() {
     // χ² tables: 0.025 and 0.975 points.
-    for (degrees, lower, upper) in [
-        (1.0, 0.000_982, 5.0239),
-        (10.0, 3.2470, 20.4832),
-        (100.0, 74.2219, 129.5612),
-    ] {
+    for (degrees, lower, upper) in
+        [(1.0, 0.000_982, 5.0239), (10.0, 3.2470, 20.4832), (100.0, 74.2219, 129.5612)]
+    {
         let band = ChiSquareBand::of_sum(degrees, 0.95).unwrap();
         assert!(
             (band.lower / lower - 1.0).abs() < 1e-3 && (band.upper / upper - 1.0).abs() < 1e-4,
@@ -28,7 +26,8 @@ fn bands_are_the_published_quantiles() {
 fn nees_of_simulated_linear_problems_lies_in_its_band_and_tells_overconfidence() {
     let mut random = Gaussian::seeded(61);
     let n = 4;
-    let (mut honest, mut overconfident) = (ChiSquareMean::new(4.0).unwrap(), ChiSquareMean::new(4.0).unwrap());
+    let (mut honest, mut overconfident) =
+        (ChiSquareMean::new(4.0).unwrap(), ChiSquareMean::new(4.0).unwrap());
     for _ in 0..300 {
         let prior = random.covariance(n);
         let truth = random.draw(&prior);
@@ -43,19 +42,10 @@ fn nees_of_simulated_linear_problems_lies_in_its_band_and_tells_overconfidence()
             belief.update(&at, &noise).unwrap();
         }
         let (deviation, covariance) = (belief.mean().unwrap() - truth, belief.covariance().unwrap());
-        honest
-            .add(normalized_squared(&deviation, &covariance).unwrap())
-            .unwrap();
-        overconfident
-            .add(normalized_squared(&deviation, &(covariance * 0.8)).unwrap())
-            .unwrap();
+        honest.add(normalized_squared(&deviation, &covariance).unwrap()).unwrap();
+        overconfident.add(normalized_squared(&deviation, &(covariance * 0.8)).unwrap()).unwrap();
     }
-    assert!(
-        honest.is_consistent(0.99).unwrap(),
-        "{} {:?}",
-        honest.mean(),
-        honest.band(0.99)
-    );
+    assert!(honest.is_consistent(0.99).unwrap(), "{} {:?}", honest.mean(), honest.band(0.99));
     assert!(!overconfident.is_consistent(0.99).unwrap());
     assert!((honest.reduced() - 1.0).abs() < 0.15);
 }
@@ -82,11 +72,7 @@ fn coverage_of_right_sigmas_lies_in_its_band_and_of_wrong_ones_does_not() {
     }
     let (lower, upper) = right.band(0.99).unwrap();
     assert!(lower < 0.95 && 0.95 < upper && upper - lower < 0.009);
-    assert!(
-        (lower..=upper).contains(&right.share()),
-        "{} {lower} {upper}",
-        right.share()
-    );
+    assert!((lower..=upper).contains(&right.share()), "{} {lower} {upper}", right.share());
     assert!(understated.share() < lower);
 }
 
@@ -117,10 +103,7 @@ fn coverage_is_weighted_by_area_and_adds_up() {
     assert_eq!((coverage.share(), coverage.count()), (0.75, 2));
     assert!(coverage.merge(&Coverage::of_interval(0.9).unwrap()).is_err());
     assert!(coverage.add(f64::NAN, 1.0).is_err() && coverage.add(0.0, -1.0).is_err());
-    assert_eq!(
-        Coverage::of_interval(0.95).unwrap().band(0.95).unwrap_err().kind(),
-        ErrorKind::Undetermined
-    );
+    assert_eq!(Coverage::of_interval(0.95).unwrap().band(0.95).unwrap_err().kind(), ErrorKind::Undetermined);
 }
 
 #[test]

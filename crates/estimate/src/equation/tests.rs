@@ -2,23 +2,15 @@ use super::*;
 use crate::ErrorKind;
 use crate::test_support::{Gaussian, dmatrix, dvector, relative_difference};
 
-/// A point on a circle (centre, radius) read with noise in both coordinates; `mistake` spoils one entry of a Jacobian.
+/// A point on a circle (centre, radius) read with noise in both coordinates; `mistake` spoils one entry of a
+/// Jacobian.
 fn circle(z: [f64; 2], mistake: f64) -> impl MeasurementEquation {
-    Implicit::new(
-        Dimensions {
-            state: 3,
-            noise: 2,
-            equations: 1,
-        },
-        move |x, v, out| {
-            let p = [z[0] - v[0] - x[0], z[1] - v[1] - x[1]];
-            out.misclosure[0] = p[0] * p[0] + p[1] * p[1] - x[2] * x[2];
-            out.state_jacobian
-                .copy_from_slice(&[-2.0 * p[0], -2.0 * p[1], -2.0 * x[2]]);
-            out.noise_jacobian
-                .copy_from_slice(&[-2.0 * p[0], -2.0 * p[1] * (1.0 + mistake)]);
-        },
-    )
+    Implicit::new(Dimensions { state: 3, noise: 2, equations: 1 }, move |x, v, out| {
+        let p = [z[0] - v[0] - x[0], z[1] - v[1] - x[1]];
+        out.misclosure[0] = p[0] * p[0] + p[1] * p[1] - x[2] * x[2];
+        out.state_jacobian.copy_from_slice(&[-2.0 * p[0], -2.0 * p[1], -2.0 * x[2]]);
+        out.noise_jacobian.copy_from_slice(&[-2.0 * p[0], -2.0 * p[1] * (1.0 + mistake)]);
+    })
 }
 
 #[test]
@@ -54,38 +46,34 @@ fn explicit_and_linear_agree() {
     assert_eq!(linear.linearized(&x, &v).unwrap(), explicit.linearized(&x, &v).unwrap());
     assert!(check_jacobians(&linear, &x, &v, 1e-2).unwrap() < 1e-10);
     let a = linear.linearized(&x, &v).unwrap().information(&covariance).unwrap();
-    let b = linear
-        .linearized(&random.vector(3), &random.vector(2))
-        .unwrap()
-        .information(&covariance)
-        .unwrap();
+    let b =
+        linear.linearized(&random.vector(3), &random.vector(2)).unwrap().information(&covariance).unwrap();
     assert!(relative_difference(&a.matrix, &b.matrix) < 1e-14);
 }
 
 #[test]
 fn the_noise_estimate_makes_the_linearised_equation_hold_and_is_the_smallest() {
     let mut random = Gaussian::seeded(12);
-    let at = circle([1.0, 1.2], 0.0)
-        .linearized(&dvector![0.3, -0.2, 1.0], &dvector![0.1, -0.1])
-        .unwrap();
+    let at = circle([1.0, 1.2], 0.0).linearized(&dvector![0.3, -0.2, 1.0], &dvector![0.1, -0.1]).unwrap();
     let covariance = random.covariance(2);
     let x = dvector![0.31, -0.25, 1.1];
     let v = at.noise_estimate(&covariance, &x).unwrap();
-    let misclosure = &at.misclosure + &at.state_jacobian * (&x - &at.state) + &at.noise_jacobian * (&v - &at.noise);
+    let misclosure =
+        &at.misclosure + &at.state_jacobian * (&x - &at.state) + &at.noise_jacobian * (&v - &at.noise);
     assert!(misclosure.amax() < 1e-14);
     let cost = |v: &DVector<f64>| v.dot(&covariance.clone().cholesky().unwrap().solve(v));
     let along = dvector![-at.noise_jacobian[1], at.noise_jacobian[0]] * 1e-2;
     assert!(cost(&v) < cost(&(&v + &along)) && cost(&v) < cost(&(&v - &along)));
     // The same square as the normalised misclosure.
     let left = at.unexplained() - &at.state_jacobian * (&x - &at.state);
-    assert!((cost(&v) - left[0] * left[0] / at.reading_covariance(&covariance).unwrap()[(0, 0)]).abs() < 1e-12);
+    assert!(
+        (cost(&v) - left[0] * left[0] / at.reading_covariance(&covariance).unwrap()[(0, 0)]).abs() < 1e-12
+    );
 }
 
 #[test]
 fn a_constraint_without_noise_is_no_measurement() {
-    let at = circle([0.3, -0.2], 0.0)
-        .linearized(&dvector![0.3, -0.2, 1.0], &dvector![0.0, 0.0])
-        .unwrap();
+    let at = circle([0.3, -0.2], 0.0).linearized(&dvector![0.3, -0.2, 1.0], &dvector![0.0, 0.0]).unwrap();
     let error = at.information(&DMatrix::identity(2, 2)).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Undetermined);
     assert_eq!(at.information(&dmatrix![1.0]).unwrap_err().kind(), ErrorKind::Input);
@@ -97,12 +85,6 @@ fn an_equation_that_is_not_defined_is_an_error_and_not_a_silent_nan() {
         prediction[0] = x[0].sqrt();
         jacobian[(0, 0)] = 0.5 / x[0].sqrt();
     });
-    assert_eq!(
-        root.linearized(&dvector![-1.0], &dvector![0.0]).unwrap_err().kind(),
-        ErrorKind::Input
-    );
-    assert_eq!(
-        root.linearized(&dvector![1.0, 2.0], &dvector![0.0]).unwrap_err().kind(),
-        ErrorKind::Input
-    );
+    assert_eq!(root.linearized(&dvector![-1.0], &dvector![0.0]).unwrap_err().kind(), ErrorKind::Input);
+    assert_eq!(root.linearized(&dvector![1.0, 2.0], &dvector![0.0]).unwrap_err().kind(), ErrorKind::Input);
 }

@@ -1,9 +1,12 @@
-//! All implicit readings at once: Gauss–Helmert with corrected misclosures, shared noise, bias correction and losses.
+//! All implicit readings at once: Gauss–Helmert with corrected misclosures, shared noise, bias correction and
+//! losses.
 //!
-//! Beside [`least_squares`](crate::least_squares), which takes any equations, this one takes tens of thousands of single ones
-//! a second, chooses facets, and corrects the bias.
+//! Beside [`least_squares`](crate::least_squares), which takes any equations, this one takes tens of
+//! thousands of single ones a second, chooses facets, and corrects the bias.
 
-use super::{ImplicitReading, MOST_NOISE, MOST_STATE, Normalized, best_branch, curvature_bias, signed_distance};
+use super::{
+    ImplicitReading, MOST_NOISE, MOST_STATE, Normalized, best_branch, curvature_bias, signed_distance,
+};
 use crate::dense::ScaledCholesky;
 use crate::{Error, Loss, Result, Termination};
 use nalgebra::{DMatrix, DVector};
@@ -13,7 +16,8 @@ use nalgebra::{DMatrix, DVector};
 pub struct SharedNoise<'a> {
     /// How many unknowns at the end of each reading's state are whitened shared noise.
     pub size: usize,
-    /// The group of each reading; readings of one group share their noise. Groups are numbered from 0 without gaps.
+    /// The group of each reading; readings of one group share their noise. Groups are numbered from 0 without
+    /// gaps.
     pub groups: &'a [usize],
 }
 
@@ -24,8 +28,8 @@ pub struct ImplicitOptions {
     pub loss: Loss,
     /// Whether the mean that curvature causes is taken off each distance at the end.
     pub correct_bias: bool,
-    /// Readings nearer to the ends of their branch than so many standard deviations, at the optimum of all, are then left
-    /// out: which branch they are of is not certain, and the likelier one is a biased choice.
+    /// Readings nearer to the ends of their branch than so many standard deviations, at the optimum of all,
+    /// are then left out: which branch they are of is not certain, and the likelier one is a biased choice.
     pub margin: Option<f64>,
     /// The most steps tried.
     pub max_iterations: usize,
@@ -60,7 +64,8 @@ pub struct ImplicitFit {
     pub weights: Vec<f64>,
     /// Whitened shared noise of each group.
     pub shared: Vec<DVector<f64>>,
-    /// `Σ ρ(s) + ½ Σ |shared|²` of all readings, before the bias correction and before any are left out near ends.
+    /// `Σ ρ(s) + ½ Σ |shared|²` of all readings, before the bias correction and before any are left out near
+    /// ends.
     pub loss: f64,
     /// Steps tried.
     pub iterations: usize,
@@ -68,19 +73,21 @@ pub struct ImplicitFit {
     pub termination: Termination,
 }
 
-/// The state that minimises `Σ ρ(s_i(x)) + ½ Σ |shared|²`: most likely readings on the equation, each at its own place.
+/// The state that minimises `Σ ρ(s_i(x)) + ½ Σ |shared|²`: most likely readings on the equation, each at its
+/// own place.
 ///
-/// `s_i` is the [`signed_distance`] at `x`, so that misclosures are those at the corrected readings. Levenberg–Marquardt with the
-/// shared noise eliminated group by group; then, where asked, solves `Σ w (hᵀ (s − b) − c) = 0` with [`curvature_bias`]'s `b` and `c`. That second equation has no
-/// objective: its few steps are taken as they come, and given up where they grow. Bias from *shared* noise is not corrected.
-/// Cost a step: four gradients and `n²` a reading.
+/// `s_i` is the [`signed_distance`] at `x`, so that misclosures are those at the corrected readings.
+/// Levenberg–Marquardt with the shared noise eliminated group by group; then, where asked, solves
+/// `Σ w (hᵀ (s − b) − c) = 0` with [`curvature_bias`]'s `b` and `c`. That second equation has no objective:
+/// its few steps are taken as they come, and given up where they grow. Bias from *shared* noise is not
+/// corrected. Cost a step: four gradients and `n²` a reading.
 ///
 /// # Errors
 /// `Input` when shapes differ, or when no reading has a distance at the start.
 ///
 /// # References
-/// Helmert 1907; Pope 1972, as [`least_squares`](crate::least_squares); Kanatani and Rangarajan 2011, *Hyper least squares
-/// fitting of circles and ellipses* (second-order bias).
+/// Helmert 1907; Pope 1972, as [`least_squares`](crate::least_squares); Kanatani and Rangarajan 2011, *Hyper
+/// least squares fitting of circles and ellipses* (second-order bias).
 pub fn fit_implicit<R: ImplicitReading>(
     readings: &[R],
     shared: Option<SharedNoise<'_>>,
@@ -91,9 +98,7 @@ pub fn fit_implicit<R: ImplicitReading>(
     let mut point = batch.point(start.clone());
     batch.evaluate(&mut point, None);
     if point.used == 0 || !point.loss.is_finite() {
-        return Err(Error::input(
-            "no reading has a distance to the start: give one nearer to the readings",
-        ));
+        return Err(Error::input("no reading has a distance to the start: give one nearer to the readings"));
     }
     let (iterations, mut termination) = batch.descend(&mut point);
     let loss = point.loss;
@@ -122,8 +127,8 @@ pub fn fit_implicit<R: ImplicitReading>(
     })
 }
 
-/// The Kanatani–Cramér–Rao bound: `(Σ hᵀ h)⁻¹` at the true state and true readings, which bounds every unbiased estimate to
-/// first order when the true places of the readings are unknown.
+/// The Kanatani–Cramér–Rao bound: `(Σ hᵀ h)⁻¹` at the true state and true readings, which bounds every
+/// unbiased estimate to first order when the true places of the readings are unknown.
 ///
 /// `readings` are noise-free ones, with the σ of the noisy ones.
 ///
@@ -131,8 +136,8 @@ pub fn fit_implicit<R: ImplicitReading>(
 /// `Input` when shapes differ; `Undetermined` when the readings leave a direction of the state free.
 ///
 /// # References
-/// Kanatani 1998, *Cramér–Rao lower bounds for curve fitting*; Chernov and Lesort 2004, *Statistical efficiency of curve
-/// fitting algorithms*.
+/// Kanatani 1998, *Cramér–Rao lower bounds for curve fitting*; Chernov and Lesort 2004, *Statistical
+/// efficiency of curve fitting algorithms*.
 pub fn kanatani_cramer_rao<R: ImplicitReading>(
     readings: &[R],
     shared: Option<SharedNoise<'_>>,
@@ -281,16 +286,25 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                     noise.fill(0.0);
                 }
                 point.branches[i] = branch;
-                let mut found = signed_distance(reading, branch, &x[..m], &origin[..p], &mut noise[..p], &mut self.at);
+                let mut found =
+                    signed_distance(reading, branch, &x[..m], &origin[..p], &mut noise[..p], &mut self.at);
                 if !found {
                     // A foot of an earlier state may be a bad start.
                     noise.fill(0.0);
-                    found = signed_distance(reading, branch, &x[..m], &origin[..p], &mut noise[..p], &mut self.at);
+                    found = signed_distance(
+                        reading,
+                        branch,
+                        &x[..m],
+                        &origin[..p],
+                        &mut noise[..p],
+                        &mut self.at,
+                    );
                 }
                 if !found {
                     noise.fill(0.0);
                     (point.distances[i], point.weights[i]) = (f64::NAN, 0.0);
-                    // As far as a gate would ever look: a reading without a foot must not look like a good one.
+                    // As far as a gate would ever look: a reading without a foot must not look like a good
+                    // one.
                     point.loss += self.options.loss.rho(30.0);
                     continue;
                 }
@@ -390,8 +404,8 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         (self.options.max_iterations, Termination::Limit)
     }
 
-    /// Leaves out readings near the ends of their branches, and searches anew; all stay where the rest does not determine
-    /// the state.
+    /// Leaves out readings near the ends of their branches, and searches anew; all stay where the rest does
+    /// not determine the state.
     fn leave_out(&mut self, point: &mut Point, margin: f64) {
         let m = self.dimension + self.size;
         let mut x = [0.0; MOST_STATE];
@@ -403,8 +417,8 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 for &i in members {
                     let reading = &self.readings[i];
                     let noise = &point.noises[i][..reading.noise()];
-                    next[i] =
-                        point.distances[i].is_finite() && reading.margin(point.branches[i], &x[..m], noise) < margin;
+                    next[i] = point.distances[i].is_finite()
+                        && reading.margin(point.branches[i], &x[..m], noise) < margin;
                 }
             }
             if next == self.left_out {
@@ -439,8 +453,10 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 let reading = &self.readings[i];
                 let p = reading.noise();
                 let (branch, noise) = (point.branches[i], &point.noises[i][..p]);
-                if point.distances[i].is_finite() && self.at.at(reading, branch, &x[..m], noise, &origin[..p]) {
-                    biases.distances[i] = curvature_bias(reading, branch, &x[..m], noise, &self.at, &mut row_bias[..m]);
+                if point.distances[i].is_finite() && self.at.at(reading, branch, &x[..m], noise, &origin[..p])
+                {
+                    biases.distances[i] =
+                        curvature_bias(reading, branch, &x[..m], noise, &self.at, &mut row_bias[..m]);
                     for (sum, value) in biases.rows[group].iter_mut().zip(&row_bias[..m]) {
                         *sum += point.weights[i] * value;
                     }

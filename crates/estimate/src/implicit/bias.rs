@@ -5,32 +5,17 @@ use std::f64::consts::FRAC_PI_2;
 
 /// Spacing of differences, in standard deviations: the noise itself is one.
 const SPACING: f64 = 0.05;
-/// Below this curvature (one over standard deviations) the second order is all there is, to 2e-4 standard deviations.
+/// Below this curvature (one over standard deviations) the second order is all there is, to 2e-4 standard
+/// deviations.
 const BENT: f64 = 0.1;
 /// How far along the most curved direction its changes are looked for, in standard deviations.
 const REACH: f64 = 1.2;
-/// Where one expansion of the modified Bessel functions gives way to the other, and both for orders 0 and 1: of `I₀` and `I₁/z` in `(z/3.75)²`,
-/// and of `√z e^{−z} I` in `3.75/z`.
+/// Where one expansion of the modified Bessel functions gives way to the other, and both for orders 0 and 1:
+/// of `I₀` and `I₁/z` in `(z/3.75)²`, and of `√z e^{−z} I` in `3.75/z`.
 const BESSEL_SPLIT: f64 = 3.75;
 const BESSEL_NEAR: [[f64; 7]; 2] = [
-    [
-        1.0,
-        3.515_622_9,
-        3.089_942_4,
-        1.206_749_2,
-        0.265_973_2,
-        0.036_076_8,
-        0.004_581_3,
-    ],
-    [
-        0.5,
-        0.878_905_94,
-        0.514_988_69,
-        0.150_849_34,
-        0.026_587_33,
-        0.003_015_32,
-        0.000_324_11,
-    ],
+    [1.0, 3.515_622_9, 3.089_942_4, 1.206_749_2, 0.265_973_2, 0.036_076_8, 0.004_581_3],
+    [0.5, 0.878_905_94, 0.514_988_69, 0.150_849_34, 0.026_587_33, 0.003_015_32, 0.000_324_11],
 ];
 const BESSEL_FAR: [[f64; 9]; 2] = [
     [
@@ -60,30 +45,33 @@ const BESSEL_FAR: [[f64; 9]; 2] = [
 /// Second derivatives by the noise.
 pub type NoiseHessian = [[f64; MOST_NOISE]; MOST_NOISE];
 
-/// The mean of a reading's score `hᵀ s`, as its corrected reading shows it: returns `b` and fills `c`, so that `hᵀ (s − b) − c`
-/// has no mean to fourth order in the noise.
+/// The mean of a reading's score `hᵀ s`, as its corrected reading shows it: returns `b` and fills `c`, so
+/// that `hᵀ (s − b) − c` has no mean to fourth order in the noise.
 ///
-/// The equation is a hypersurface in whitened noise; a reading is a standard normal step from its true place on it, and all
-/// that is known of that place is the foot `u` of the reading. With the second fundamental form `K = T g_uu T / |g_u|` (`T`
-/// the projector on the tangents), `κ` the curvature of the most curved direction, primes derivatives along it, and `R(κ)` the
-/// mean of a distance to a circle of that curvature, which is Rice's, `½κ + ⅛κ³ + …`:
+/// The equation is a hypersurface in whitened noise; a reading is a standard normal step from its true place
+/// on it, and all that is known of that place is the foot `u` of the reading. With the second fundamental
+/// form `K = T g_uu T / |g_u|` (`T` the projector on the tangents), `κ` the curvature of the most curved
+/// direction, primes derivatives along it, and `R(κ)` the mean of a distance to a circle of that curvature,
+/// which is Rice's, `½κ + ⅛κ³ + …`:
 ///
 /// ```text
 /// b = −R(κ) − ½ (tr K − κ) + ⅛ κ''
 /// c = ½ (κ h')'
 /// ```
 ///
-/// Both follow from `E F = F + ½ ΔF + ⅛ Δ²F` for functions of a standard normal step. At the true place itself the mean of `s`
-/// has `−⅛ κ''`; the other quarter, and `c`, make up for taking `K` and `h` at a foot that is itself uncertain by one standard
-/// deviation. `at` is the linearisation at `u`. Nothing is corrected where the reading states a variance of second order.
+/// Both follow from `E F = F + ½ ΔF + ⅛ Δ²F` for functions of a standard normal step. At the true place
+/// itself the mean of `s` has `−⅛ κ''`; the other quarter, and `c`, make up for taking `K` and `h` at a foot
+/// that is itself uncertain by one standard deviation. `at` is the linearisation at `u`. Nothing is corrected
+/// where the reading states a variance of second order.
 ///
-/// Cost: one set of second derivatives, and where `|K|` exceeds 0.1 two gradients and two sets more. Assumes that curvature
-/// changes little within a standard deviation; where the noise is half of the radius of curvature some 5 % of `b` are left.
+/// Cost: one set of second derivatives, and where `|K|` exceeds 0.1 two gradients and two sets more. Assumes
+/// that curvature changes little within a standard deviation; where the noise is half of the radius of
+/// curvature some 5 % of `b` are left.
 ///
 /// # References
-/// Kanatani 1998, *Cramér–Rao lower bounds for curve fitting*; Okatani and Kanatani 2009, *On bias correction for geometric
-/// parameter estimation in computer vision*; Al-Sharadqah and Chernov 2009, *Error analysis for circle fitting algorithms*
-/// (the essential bias σ²/2R); Rice 1944, *Mathematical analysis of random noise*.
+/// Kanatani 1998, *Cramér–Rao lower bounds for curve fitting*; Okatani and Kanatani 2009, *On bias correction
+/// for geometric parameter estimation in computer vision*; Al-Sharadqah and Chernov 2009, *Error analysis for
+/// circle fitting algorithms* (the essential bias σ²/2R); Rice 1944, *Mathematical analysis of random noise*.
 pub fn curvature_bias<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -124,8 +112,8 @@ pub fn curvature_bias<R: ImplicitReading + ?Sized>(
     }
     let squared = REACH * REACH;
     // Beyond twice the curvature itself the series means nothing.
-    let change =
-        ((sides[0] - 2.0 * curvature + sides[1]) / squared).clamp(-2.0 * curvature.abs(), 2.0 * curvature.abs());
+    let change = ((sides[0] - 2.0 * curvature + sides[1]) / squared)
+        .clamp(-2.0 * curvature.abs(), 2.0 * curvature.abs());
     let (ahead, behind) = (0.5 * (curvature + sides[0]), 0.5 * (curvature + sides[1]));
     for k in 0..n {
         let (here, forth, back) = (at.row[k], nodes[0].row[k], nodes[1].row[k]);
@@ -157,7 +145,8 @@ pub(super) fn second_form<R: ImplicitReading + ?Sized>(
     let scale = 1.0 / at.slope;
     for i in 0..p {
         for j in 0..p {
-            let tangent = hessian[i][j] - normal[i] * image[j] - image[i] * normal[j] + twice * normal[i] * normal[j];
+            let tangent =
+                hessian[i][j] - normal[i] * image[j] - image[i] * normal[j] + twice * normal[i] * normal[j];
             hessian[i][j] = scale * tangent;
         }
     }
@@ -213,8 +202,8 @@ fn principal(form: &NoiseHessian, p: usize) -> (f64, [f64; MOST_NOISE]) {
     (value, vector.map(|component| component / length))
 }
 
-/// `E |(r + n, t)| − r` with `r = 1/κ` and standard normal `n`, `t`: the mean of a distance to a circle, odd in `κ`. Rice's,
-/// `√(π/2) L(−r²/2) − r` with `L(−2z) = e^{−z} ((1 + 2z) I₀(z) + 2z I₁(z))`.
+/// `E |(r + n, t)| − r` with `r = 1/κ` and standard normal `n`, `t`: the mean of a distance to a circle, odd
+/// in `κ`. Rice's, `√(π/2) L(−r²/2) − r` with `L(−2z) = e^{−z} ((1 + 2z) I₀(z) + 2z I₁(z))`.
 fn rice(curvature: f64) -> f64 {
     let squared = curvature * curvature;
     if squared < 0.04 {
@@ -227,15 +216,13 @@ fn rice(curvature: f64) -> f64 {
     (mean - radius) * curvature.signum()
 }
 
-/// `e^{−z} I₀(z)` and `e^{−z} I₁(z)` for `z ≥ 0`, to 2e-7 of their size (Abramowitz and Stegun 1964, 9.8.1 to 9.8.4).
+/// `e^{−z} I₀(z)` and `e^{−z} I₁(z)` for `z ≥ 0`, to 2e-7 of their size (Abramowitz and Stegun 1964, 9.8.1 to
+/// 9.8.4).
 fn scaled_bessel(z: f64) -> [f64; 2] {
     let polynomial = |t: f64, factors: &[f64]| factors.iter().rev().fold(0.0, |sum, f| sum * t + f);
     if z < BESSEL_SPLIT {
         let (t, scale) = ((z / BESSEL_SPLIT).powi(2), (-z).exp());
-        [
-            scale * polynomial(t, &BESSEL_NEAR[0]),
-            scale * z * polynomial(t, &BESSEL_NEAR[1]),
-        ]
+        [scale * polynomial(t, &BESSEL_NEAR[0]), scale * z * polynomial(t, &BESSEL_NEAR[1])]
     } else {
         BESSEL_FAR.map(|factors| polynomial(BESSEL_SPLIT / z, &factors) / z.sqrt())
     }

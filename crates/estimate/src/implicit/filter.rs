@@ -9,7 +9,8 @@ use crate::{KalmanFilter, Loss, Relinearization, Result};
 pub struct ImplicitUpdate {
     /// Where to linearise.
     pub relinearization: Relinearization,
-    /// Whether the mean distance that curvature causes is taken off. Only where the noise is relinearised is that the bias.
+    /// Whether the mean distance that curvature causes is taken off. Only where the noise is relinearised is
+    /// that the bias.
     pub correct_bias: bool,
     /// The most linearisations.
     pub max_iterations: usize,
@@ -17,7 +18,8 @@ pub struct ImplicitUpdate {
     pub tolerance: f64,
     /// A reading whose innovation exceeds this many standard deviations is left out.
     pub gate: Option<f64>,
-    /// A reading nearer to the end of its branch than so many standard deviations is left out: it may be of the next one.
+    /// A reading nearer to the end of its branch than so many standard deviations is left out: it may be of
+    /// the next one.
     pub margin: Option<f64>,
     /// What an innovation is charged; its weight divides the reading's variance.
     pub loss: Loss,
@@ -41,21 +43,13 @@ impl ImplicitUpdate {
     /// Linearised anew in the state (IEKF).
     #[must_use]
     pub fn iterated() -> Self {
-        Self {
-            relinearization: Relinearization::State,
-            max_iterations: 30,
-            ..Self::extended()
-        }
+        Self { relinearization: Relinearization::State, max_iterations: 30, ..Self::extended() }
     }
 
     /// Linearised anew in state and noise (NUIEKF), corrected for curvature.
     #[must_use]
     pub fn noise_updated() -> Self {
-        Self {
-            relinearization: Relinearization::StateAndNoise,
-            correct_bias: true,
-            ..Self::iterated()
-        }
+        Self { relinearization: Relinearization::StateAndNoise, correct_bias: true, ..Self::iterated() }
     }
 }
 
@@ -79,13 +73,14 @@ pub struct ImplicitInnovation {
 impl KalmanFilter {
     /// Takes in a reading `g(z − L u, x) = 0`, `u ~ N(0, I)`.
     ///
-    /// With `h = g_x/|g_u|`, `n = g_u/|g_u|` and `s = n·u − g/|g_u|` at `(x_i, u_i)`: `e = s − h (x̂ − x_i)`, `S = 1 + h P hᵀ`,
-    /// `x_{i+1} = x̂ + P hᵀ e / S`, `u_{i+1} = n e / S`. At the end the mean of the score by
-    /// [`curvature_bias`] is taken off.
-    /// The facet is chosen at the prediction. Cost: about `n²` an iteration.
+    /// With `h = g_x/|g_u|`, `n = g_u/|g_u|` and `s = n·u − g/|g_u|` at `(x_i, u_i)`: `e = s − h (x̂ − x_i)`,
+    /// `S = 1 + h P hᵀ`, `x_{i+1} = x̂ + P hᵀ e / S`, `u_{i+1} = n e / S`. At the end the mean of the score
+    /// by [`curvature_bias`] is taken off. The facet is chosen at the prediction. Cost: about `n²` an
+    /// iteration.
     ///
     /// # Errors
-    /// `Input` when the state has another dimension, or when the equation is not defined there. The filter then stays as it was.
+    /// `Input` when the state has another dimension, or when the equation is not defined there. The filter
+    /// then stays as it was.
     ///
     /// # References
     /// Bondarenko, Halevi, Shpitalni 2004; Weiss-Cohen, Bondarenko, Halevi 2009, eq. 2.17.
@@ -171,28 +166,23 @@ impl KalmanFilter {
                 u[k] = at.normal[k] * at.distance;
             }
         }
-        let near_end = options
-            .margin
-            .is_some_and(|m| reading.margin(branch, &x[..n], &u[..p]) < m);
+        let near_end = options.margin.is_some_and(|m| reading.margin(branch, &x[..n], &u[..p]) < m);
         let weight = options.loss.weight(length);
         if near_end || weight <= 0.0 || !innovation.residual.is_finite() {
             innovation.accepted = false;
             return Ok(innovation);
         }
-        self.absorb(
-            &spread[..n],
-            innovation.residual,
-            innovation.variance - 1.0 + 1.0 / weight,
-        );
+        self.absorb(&spread[..n], innovation.residual, innovation.variance - 1.0 + 1.0 / weight);
         if row_bias[..n].iter().any(|c| *c != 0.0) {
-            // What the score has beyond its mean distance moves the state by the covariance after the reading.
+            // What the score has beyond its mean distance moves the state by the covariance after the
+            // reading.
             self.shift(&row_bias[..n], -weight);
         }
         Ok(innovation)
     }
 
-    /// Takes in a scalar reading of known `P hᵀ` and `S = h P hᵀ + R`, with `R` of one or more: `P − P hᵀ h P / S`, which then
-    /// loses no digits that matter, and stays symmetric bit by bit.
+    /// Takes in a scalar reading of known `P hᵀ` and `S = h P hᵀ + R`, with `R` of one or more:
+    /// `P − P hᵀ h P / S`, which then loses no digits that matter, and stays symmetric bit by bit.
     fn absorb(&mut self, spread: &[f64], residual: f64, total: f64) {
         let n = spread.len();
         let (mean, covariance) = self.parts_mut();

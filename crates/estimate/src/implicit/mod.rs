@@ -1,12 +1,13 @@
 //! Readings of one implicit equation each: `g(z − L u, x) = 0` with whitened noise `u ~ N(0, I)`.
 //!
-//! Comes in: readings of a curve or surface, whose places on it are unknown. Goes out: their signed distances to it in
-//! standard deviations, filters that take them one at a time, a batch, the bias of both and the bound for both. Not
-//! guaranteed: the global optimum, nor anything where noise is larger than the radius of curvature.
+//! Comes in: readings of a curve or surface, whose places on it are unknown. Goes out: their signed distances
+//! to it in standard deviations, filters that take them one at a time, a batch, the bias of both and the
+//! bound for both. Not guaranteed: the global optimum, nor anything where noise is larger than the radius of
+//! curvature.
 //!
-//! This is [`MeasurementEquation`](crate::MeasurementEquation) for the frequent case of a single equation a reading, without
-//! allocation: `v = L u` with `R = L Lᵀ`. All readings of a batch that share noise (a sweep from one pose) have it as
-//! unknowns behind the state, with a unit prior: [`SharedNoise`].
+//! This is [`MeasurementEquation`](crate::MeasurementEquation) for the frequent case of a single equation a
+//! reading, without allocation: `v = L u` with `R = L Lᵀ`. All readings of a batch that share noise (a sweep
+//! from one pose) have it as unknowns behind the state, with a unit prior: [`SharedNoise`].
 //!
 //! ```text
 //! ImplicitReading ─► signed_distance ─┬─► KalmanFilter::update_implicit     EKF, IEKF, NUIEKF
@@ -31,8 +32,9 @@ pub const MOST_STATE: usize = 96;
 
 /// A reading with one equation, `g(z − L u, x) = 0`, in whitened noise `u`.
 ///
-/// The equation may have branches (the facets of a polygon); each is smooth. Laws: `gradient` fills `∂g/∂x` and `∂g/∂u` of
-/// the branch; no call keeps anything from an earlier one. A point where `g` is not defined is told by NaN.
+/// The equation may have branches (the facets of a polygon); each is smooth. Laws: `gradient` fills `∂g/∂x`
+/// and `∂g/∂u` of the branch; no call keeps anything from an earlier one. A point where `g` is not defined is
+/// told by NaN.
 pub trait ImplicitReading {
     /// Components of the state, shared noise included; at most [`MOST_STATE`].
     fn state(&self) -> usize;
@@ -40,29 +42,38 @@ pub trait ImplicitReading {
     /// Components of the whitened noise; at most [`MOST_NOISE`].
     fn noise(&self) -> usize;
 
-    /// `g`, with `∂g/∂x` and `∂g/∂u` of a branch. The slices have the lengths of `x` and `u` and unspecified contents.
-    fn gradient(&self, branch: usize, x: &[f64], u: &[f64], by_state: &mut [f64], by_noise: &mut [f64]) -> f64;
+    /// `g`, with `∂g/∂x` and `∂g/∂u` of a branch. The slices have the lengths of `x` and `u` and unspecified
+    /// contents.
+    fn gradient(
+        &self,
+        branch: usize,
+        x: &[f64],
+        u: &[f64],
+        by_state: &mut [f64],
+        by_noise: &mut [f64],
+    ) -> f64;
 
     /// How many branches there are.
     fn branches(&self) -> usize {
         1
     }
 
-    /// What it costs, as a squared number of standard deviations, that the corrected reading `z − L u` lies beyond the ends of
-    /// the branch.
+    /// What it costs, as a squared number of standard deviations, that the corrected reading `z − L u` lies
+    /// beyond the ends of the branch.
     fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let _ = (branch, x, u);
         0.0
     }
 
-    /// The branch that explains the reading best at no noise, where a reading knows a shorter way to it than [`best_branch`].
+    /// The branch that explains the reading best at no noise, where a reading knows a shorter way to it than
+    /// [`best_branch`].
     fn nearest_branch(&self, x: &[f64]) -> Option<usize> {
         let _ = x;
         None
     }
 
-    /// How many standard deviations the corrected reading `z − L u` lies within the ends of the branch, where it meets
-    /// another at an angle: less than none beyond them, infinitely many where nothing ends.
+    /// How many standard deviations the corrected reading `z − L u` lies within the ends of the branch, where
+    /// it meets another at an angle: less than none beyond them, infinitely many where nothing ends.
     fn margin(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let _ = (branch, x, u);
         f64::INFINITY
@@ -74,8 +85,8 @@ pub trait ImplicitReading {
         false
     }
 
-    /// Variance of `g` beyond `|∂g/∂u|²`, where its second derivatives matter: what bounds the weight of a product of facets
-    /// at a corner, whose gradient vanishes there.
+    /// Variance of `g` beyond `|∂g/∂u|²`, where its second derivatives matter: what bounds the weight of a
+    /// product of facets at a corner, whose gradient vanishes there.
     fn second_order_variance(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let _ = (branch, x, u);
         0.0
@@ -85,7 +96,8 @@ pub trait ImplicitReading {
 /// An equation made linear and divided by its standard deviation: `n·u = s − h (x − x0)` with `|n| = 1`.
 #[derive(Debug, Clone, Copy)]
 pub struct Normalized {
-    /// `s`: the signed distance from the origin of the noise to the linearised equation, in standard deviations.
+    /// `s`: the signed distance from the origin of the noise to the linearised equation, in standard
+    /// deviations.
     pub distance: f64,
     /// `h = ∂g/∂x / |∂g/∂u|`; the first `state` are used.
     pub row: [f64; MOST_STATE],
@@ -97,12 +109,7 @@ pub struct Normalized {
 
 impl Normalized {
     pub(crate) fn new() -> Self {
-        Self {
-            distance: 0.0,
-            row: [0.0; MOST_STATE],
-            normal: [0.0; MOST_NOISE],
-            slope: 1.0,
-        }
+        Self { distance: 0.0, row: [0.0; MOST_STATE], normal: [0.0; MOST_NOISE], slope: 1.0 }
     }
 
     /// Linearises at `(x, u)`; the distance is from `origin`. False where the equation is not defined.
@@ -138,11 +145,13 @@ impl Normalized {
     }
 }
 
-/// Moves `u` to the nearest noise that explains the reading at `x`: the foot of `origin` on `g(z − L u, x) = 0`.
+/// Moves `u` to the nearest noise that explains the reading at `x`: the foot of `origin` on
+/// `g(z − L u, x) = 0`.
 ///
-/// On return `at` is the linearisation there and `at.distance` the signed distance. Fixed point: `u = origin + n s`.
-/// Converges at once for distances below the radius of curvature; beyond, steps are shortened until they descend. False where the
-/// equation is not defined or does not settle. Cost: three or four gradients, some dozens beyond the radius of curvature.
+/// On return `at` is the linearisation there and `at.distance` the signed distance. Fixed point:
+/// `u = origin + n s`. Converges at once for distances below the radius of curvature; beyond, steps are
+/// shortened until they descend. False where the equation is not defined or does not settle. Cost: three or
+/// four gradients, some dozens beyond the radius of curvature.
 pub fn signed_distance<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -188,9 +197,11 @@ pub fn signed_distance<R: ImplicitReading + ?Sized>(
     is_near && at.at(reading, branch, x, u, origin)
 }
 
-/// [`signed_distance`] beyond the radius of curvature, where its fixed point repels: the nearest place on the equation by Newton's steps along it,
-/// `(I − s B) t = −P (u − o)` with the form `B` of second derivatives (made definite where it is not), each followed by the way back onto the equation and as
-/// long as it brings `u` nearer to the origin (Absil, Mahony and Sepulchre 2008, *Optimization Algorithms on Matrix Manifolds*, chapter 6).
+/// [`signed_distance`] beyond the radius of curvature, where its fixed point repels: the nearest place on the
+/// equation by Newton's steps along it, `(I − s B) t = −P (u − o)` with the form `B` of second derivatives
+/// (made definite where it is not), each followed by the way back onto the equation and as long as it brings
+/// `u` nearer to the origin (Absil, Mahony and Sepulchre 2008, *Optimization Algorithms on Matrix Manifolds*,
+/// chapter 6).
 fn descend<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -223,7 +234,8 @@ fn descend<R: ImplicitReading + ?Sized>(
             for k in 0..p {
                 u[k] = begun[k] + share * step[k];
             }
-            onto_equation(reading, branch, x, origin, u, at) && squared(u) <= before + DECREASE * share * slope
+            onto_equation(reading, branch, x, origin, u, at)
+                && squared(u) <= before + DECREASE * share * slope
         });
         if !nearer {
             u.copy_from_slice(&begun[..p]);
@@ -233,8 +245,8 @@ fn descend<R: ImplicitReading + ?Sized>(
     false
 }
 
-/// Moves `u` along the gradients until it fulfils the equation, each step as long as it lessens `|g|`, and linearises there. False where it does not get
-/// there.
+/// Moves `u` along the gradients until it fulfils the equation, each step as long as it lessens `|g|`, and
+/// linearises there. False where it does not get there.
 fn onto_equation<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -272,7 +284,8 @@ fn onto_equation<R: ImplicitReading + ?Sized>(
     false
 }
 
-/// The step of [`descend`] from `u`, where `at` is the linearisation, and the derivative of `|u − o|²` along it.
+/// The step of [`descend`] from `u`, where `at` is the linearisation, and the derivative of `|u − o|²` along
+/// it.
 fn tangent_step<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,

@@ -1,7 +1,9 @@
 //! Laws: circles of which everything is known in closed form.
 
 use super::*;
-use crate::{ChiSquareMean, Dimensions, Implicit, Information, KalmanFilter, LeastSquaresOptions, Loss, Measurement};
+use crate::{
+    ChiSquareMean, Dimensions, Implicit, Information, KalmanFilter, LeastSquaresOptions, Loss, Measurement,
+};
 use crate::{least_squares, normalized_squared};
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
@@ -43,10 +45,8 @@ fn points(count: usize, sigma: f64, seed: u64) -> Vec<OnCircle> {
         .map(|i| {
             let angle = std::f64::consts::TAU * (i as f64 * 0.618_033_988_75).fract();
             let mut noise = || sigma * random.sample::<f64, _>(StandardNormal);
-            let point = [
-                TRUTH[0] + TRUTH[2] * angle.cos() + noise(),
-                TRUTH[1] + TRUTH[2] * angle.sin() + noise(),
-            ];
+            let point =
+                [TRUTH[0] + TRUTH[2] * angle.cos() + noise(), TRUTH[1] + TRUTH[2] * angle.sin() + noise()];
             OnCircle { point, sigma }
         })
         .collect()
@@ -60,10 +60,7 @@ fn start() -> DVector<f64> {
 fn the_mean_of_a_distance_is_that_of_the_rice_distribution() {
     // E|z| − R for z at distance R from the centre: σ √(π/2) L½(−R²/2σ²) − R; values by SciPy.
     for (ratio, mean) in [(2.5, 0.211_201_5), (3.0, 0.172_577_3), (5.0, 0.101_069_6)] {
-        let reading = OnCircle {
-            point: [0.0, ratio],
-            sigma: 1.0,
-        };
+        let reading = OnCircle { point: [0.0, ratio], sigma: 1.0 };
         let x = [0.0, 0.0, ratio];
         let mut at = Normalized::new();
         let mut u = [0.0; 2];
@@ -88,7 +85,8 @@ fn a_foot_is_the_nearest_point_from_inside_and_outside() {
     }
 }
 
-/// A point near the unit circle, far less sure along x than along y: beyond the radius of curvature in standard deviations.
+/// A point near the unit circle, far less sure along x than along y: beyond the radius of curvature in
+/// standard deviations.
 struct Uneven {
     point: [f64; 2],
 }
@@ -123,10 +121,7 @@ fn feet_beyond_the_radius_of_curvature_are_found() {
         let point = [random.random_range(-1.5..1.5), random.random_range(-1.1..1.1)];
         let reading = Uneven { point };
         let (mut u, mut at) = ([0.0; 2], Normalized::new());
-        assert!(
-            signed_distance(&reading, 0, &[1.0], &[0.0; 2], &mut u, &mut at),
-            "{point:?}"
-        );
+        assert!(signed_distance(&reading, 0, &[1.0], &[0.0; 2], &mut u, &mut at), "{point:?}");
         let squared = |angle: f64| {
             let foot = [angle.cos(), angle.sin()];
             (0..2).map(|k| ((point[k] - foot[k]) / UNEVEN[k]).powi(2)).sum::<f64>()
@@ -134,14 +129,8 @@ fn feet_beyond_the_radius_of_curvature_are_found() {
         let found = u.iter().map(|u| u * u).sum::<f64>();
         let angle = (point[1] - UNEVEN[1] * u[1]).atan2(point[0] - UNEVEN[0] * u[0]);
         // On the circle, as near as its neighbours, and as far as the distance says.
-        assert!(
-            (found - squared(angle)).abs() < 1e-4 * (1.0 + found),
-            "{point:?}: {u:?}"
-        );
-        assert!(
-            (found.sqrt() - at.distance.abs()).abs() < 1e-2 * (1.0 + found.sqrt()),
-            "{point:?}"
-        );
+        assert!((found - squared(angle)).abs() < 1e-4 * (1.0 + found), "{point:?}: {u:?}");
+        assert!((found.sqrt() - at.distance.abs()).abs() < 1e-2 * (1.0 + found.sqrt()), "{point:?}");
         for step in [-0.01, 0.01] {
             assert!(found < squared(angle + step) + 1e-2 * (1.0 + found), "{point:?}: {u:?}");
         }
@@ -149,10 +138,7 @@ fn feet_beyond_the_radius_of_curvature_are_found() {
         if is_outside {
             let least = (0..20_000).map(|k| squared(std::f64::consts::TAU * f64::from(k) / 20_000.0));
             let least = least.fold(f64::INFINITY, f64::min);
-            assert!(
-                (found - least).abs() < 1e-2 * (1.0 + least),
-                "{point:?}: {found}, {least}"
-            );
+            assert!((found - least).abs() < 1e-2 * (1.0 + least), "{point:?}: {found}, {least}");
         }
         repelled += usize::from(found.sqrt() * (UNEVEN[0] * angle.sin()).powi(2) > UNEVEN[1]);
     }
@@ -162,17 +148,9 @@ fn feet_beyond_the_radius_of_curvature_are_found() {
 #[test]
 fn the_batch_is_that_of_least_squares() {
     let readings = points(40, 0.1, 3);
-    let options = ImplicitOptions {
-        correct_bias: false,
-        step_tolerance: 1e-9,
-        ..ImplicitOptions::default()
-    };
+    let options = ImplicitOptions { correct_bias: false, step_tolerance: 1e-9, ..ImplicitOptions::default() };
     let fit = fit_implicit(&readings, None, &start(), &options).expect("a fit");
-    let dimensions = Dimensions {
-        state: 3,
-        noise: 2,
-        equations: 1,
-    };
+    let dimensions = Dimensions { state: 3, noise: 2, equations: 1 };
     let equations: Vec<_> = readings
         .iter()
         .map(|reading| {
@@ -189,17 +167,11 @@ fn the_batch_is_that_of_least_squares() {
             })
         })
         .collect();
-    let measurements: Vec<_> = equations
-        .iter()
-        .map(|e| Measurement::new(e, DMatrix::identity(2, 2) * 0.01))
-        .collect();
-    let reference = least_squares(
-        &measurements,
-        &Information::zero(3),
-        &start(),
-        &LeastSquaresOptions::default(),
-    )
-    .expect("a reference");
+    let measurements: Vec<_> =
+        equations.iter().map(|e| Measurement::new(e, DMatrix::identity(2, 2) * 0.01)).collect();
+    let reference =
+        least_squares(&measurements, &Information::zero(3), &start(), &LeastSquaresOptions::default())
+            .expect("a reference");
     assert!((&fit.state - &reference.state).amax() < 1e-7);
     assert!((fit.loss - reference.loss).abs() < 1e-8);
     let covariance = fit.covariance.expect("determined");
@@ -215,10 +187,7 @@ fn correction_takes_off_the_essential_bias_of_the_radius() {
     for run in 0..runs {
         let readings = points(100, sigma, run);
         for (k, correct_bias) in [false, true].into_iter().enumerate() {
-            let options = ImplicitOptions {
-                correct_bias,
-                ..ImplicitOptions::default()
-            };
+            let options = ImplicitOptions { correct_bias, ..ImplicitOptions::default() };
             let fit = fit_implicit(&readings, None, &start(), &options).expect("a fit");
             radius[k] += (fit.state[2] - TRUTH[2]) / runs as f64;
             if correct_bias {
@@ -241,9 +210,7 @@ fn the_noise_updated_filter_does_what_the_batch_does() {
     let first = fit_implicit(&readings[..20], None, &start(), &ImplicitOptions::default()).expect("a fit");
     let mut filter = KalmanFilter::new(first.state, first.covariance.expect("determined")).expect("a filter");
     for reading in &readings[20..] {
-        filter
-            .update_implicit(reading, &ImplicitUpdate::noise_updated())
-            .expect("an update");
+        filter.update_implicit(reading, &ImplicitUpdate::noise_updated()).expect("an update");
     }
     let covariance = batch.covariance.expect("determined");
     let off = filter.mean() - &batch.state;
@@ -254,17 +221,11 @@ fn the_noise_updated_filter_does_what_the_batch_does() {
 
 #[test]
 fn a_gate_leaves_the_filter_as_it_was() {
-    let mut filter =
-        KalmanFilter::new(DVector::from_column_slice(&TRUTH), DMatrix::identity(3, 3) * 1e-4).expect("a filter");
+    let mut filter = KalmanFilter::new(DVector::from_column_slice(&TRUTH), DMatrix::identity(3, 3) * 1e-4)
+        .expect("a filter");
     let before = filter.clone();
-    let wild = OnCircle {
-        point: [9.0, 9.0],
-        sigma: 0.1,
-    };
-    let options = ImplicitUpdate {
-        gate: Some(4.0),
-        ..ImplicitUpdate::noise_updated()
-    };
+    let wild = OnCircle { point: [9.0, 9.0], sigma: 0.1 };
+    let options = ImplicitUpdate { gate: Some(4.0), ..ImplicitUpdate::noise_updated() };
     let said = filter.update_implicit(&wild, &options).expect("an update");
     assert!(!said.accepted && said.normalized_squared > 16.0);
     assert_eq!(filter, before);
@@ -276,10 +237,7 @@ fn a_loss_bounds_what_outliers_do() {
     for k in 0..20 {
         readings[10 * k].point[0] += 1.5;
     }
-    let options = ImplicitOptions {
-        loss: Loss::tukey(),
-        ..ImplicitOptions::default()
-    };
+    let options = ImplicitOptions { loss: Loss::tukey(), ..ImplicitOptions::default() };
     let fit = fit_implicit(&readings, None, &start(), &options).expect("a fit");
     let off = &fit.state - DVector::from_column_slice(&TRUTH);
     assert!(off.amax() < 0.03, "{off}");
@@ -309,7 +267,8 @@ impl ImplicitReading for Shifted {
 
 #[test]
 fn shared_noise_is_one_unknown_of_its_group() {
-    // Every group has shifts of σ = 0.3 in x: the centre is known to 0.3/√groups there, however many readings there are.
+    // Every group has shifts of σ = 0.3 in x: the centre is known to 0.3/√groups there, however many readings
+    // there are.
     let mut nees = ChiSquareMean::new(3.0).expect("degrees");
     let mut random = ChaCha8Rng::seed_from_u64(2);
     for run in 0..60 {
@@ -319,16 +278,13 @@ fn shared_noise_is_one_unknown_of_its_group() {
         for (reading, &group) in readings.iter_mut().zip(&groups) {
             reading.0.point[0] += shifts[group];
         }
-        let shared = SharedNoise {
-            size: 1,
-            groups: &groups,
-        };
-        let fit = fit_implicit(&readings, Some(shared), &start(), &ImplicitOptions::default()).expect("a fit");
+        let shared = SharedNoise { size: 1, groups: &groups };
+        let fit =
+            fit_implicit(&readings, Some(shared), &start(), &ImplicitOptions::default()).expect("a fit");
         let covariance = fit.covariance.expect("determined");
         assert!((covariance[(0, 0)].sqrt() / 0.15 - 1.0).abs() < 0.1);
         let off = fit.state - DVector::from_column_slice(&TRUTH);
-        nees.add(normalized_squared(&off, &covariance).expect("a value"))
-            .expect("finite");
+        nees.add(normalized_squared(&off, &covariance).expect("a value")).expect("finite");
     }
     assert!(nees.is_consistent(0.999).expect("a band"), "{}", nees.reduced());
 }

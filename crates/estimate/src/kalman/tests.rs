@@ -13,20 +13,14 @@ fn one_by_one_in_any_order_equals_the_batch_and_the_information_form() {
 
     let start = KalmanFilter::new(mean.clone(), covariance.clone()).unwrap();
     let mut batch = start.clone();
-    batch
-        .update(&design, &reading, &DMatrix::from_diagonal(&variances.clone().into()))
-        .unwrap();
+    batch.update(&design, &reading, &DMatrix::from_diagonal(&variances.clone().into())).unwrap();
     let mut belief = Belief::from_covariance(mean, covariance).unwrap();
-    for order in [
-        (0..12).collect::<Vec<_>>(),
-        (0..12).rev().collect(),
-        vec![3, 7, 11, 0, 2, 1, 5, 4, 6, 10, 9, 8],
-    ] {
+    for order in
+        [(0..12).collect::<Vec<_>>(), (0..12).rev().collect(), vec![3, 7, 11, 0, 2, 1, 5, 4, 6, 10, 9, 8]]
+    {
         let mut sequential = start.clone();
         for i in order {
-            sequential
-                .update_scalar(&design.row(i).transpose(), reading[i], variances[i])
-                .unwrap();
+            sequential.update_scalar(&design.row(i).transpose(), reading[i], variances[i]).unwrap();
         }
         assert!((sequential.mean() - batch.mean()).amax() < 1e-11);
         assert!(relative_difference(sequential.covariance(), batch.covariance()) < 1e-11);
@@ -34,10 +28,7 @@ fn one_by_one_in_any_order_equals_the_batch_and_the_information_form() {
     for i in 0..12 {
         let equation = Linear::new(design.rows(i, 1).into_owned(), dvector![reading[i]]).unwrap();
         belief
-            .update(
-                &equation.linearized(&DVector::zeros(n), &dvector![0.0]).unwrap(),
-                &scalar(variances[i]),
-            )
+            .update(&equation.linearized(&DVector::zeros(n), &dvector![0.0]).unwrap(), &scalar(variances[i]))
             .unwrap();
     }
     assert!((belief.mean().unwrap() - batch.mean()).amax() < 1e-11);
@@ -53,9 +44,7 @@ fn scalar_and_vector_updates_agree() {
     let row = random.vector(4);
     let (mut a, mut b) = (start.clone(), start);
     let scalar_innovation = a.update_scalar(&row, 0.7, 0.2).unwrap();
-    let innovation = b
-        .update(&DMatrix::from_rows(&[row.transpose()]), &dvector![0.7], &scalar(0.2))
-        .unwrap();
+    let innovation = b.update(&DMatrix::from_rows(&[row.transpose()]), &dvector![0.7], &scalar(0.2)).unwrap();
     assert!((a.mean() - b.mean()).amax() < 1e-14);
     assert!(relative_difference(a.covariance(), b.covariance()) < 1e-14);
     assert!((scalar_innovation.normalized_squared - innovation.normalized_squared).abs() < 1e-13);
@@ -64,16 +53,14 @@ fn scalar_and_vector_updates_agree() {
 
 #[test]
 fn joseph_form_stays_symmetric_and_positive_for_extreme_ratios() {
-    // Variances of a million against these: thirteen orders of magnitude leave no eigenvalue below zero, and beyond what
-    // doubles hold the largest variance's rounding is all that may be missing.
+    // Variances of a million against these: thirteen orders of magnitude leave no eigenvalue below zero, and
+    // beyond what doubles hold the largest variance's rounding is all that may be missing.
     for (variance, rounding) in [(1e-7, 0.0), (1e-12, 1e-8), (1e-20, 1e-8), (0.0, 1e-8)] {
         for seed in 0..20 {
             let mut random = Gaussian::seeded(230 + seed);
             let mut filter = KalmanFilter::new(DVector::zeros(5), random.covariance(5) * 1e6).unwrap();
             for _ in 0..if rounding > 0.0 { 4 } else { 200 } {
-                filter
-                    .update_scalar(&random.vector(5), random.number(), variance)
-                    .unwrap();
+                filter.update_scalar(&random.vector(5), random.number(), variance).unwrap();
                 let covariance = filter.covariance();
                 assert_eq!(*covariance, covariance.transpose());
                 let smallest = covariance.clone().symmetric_eigenvalues().min();
@@ -117,42 +104,30 @@ fn nees_and_nis_of_a_tracked_state_lie_in_their_bands() {
             let reading = &design * &truth + random.draw(&noise);
             last = filter.update(&design, &reading, &noise).unwrap().normalized_squared;
         }
-        nees.add(normalized_squared(&(filter.mean() - truth), filter.covariance()).unwrap())
-            .unwrap();
+        nees.add(normalized_squared(&(filter.mean() - truth), filter.covariance()).unwrap()).unwrap();
         nis.add(last).unwrap();
     }
-    assert!(
-        nees.is_consistent(0.99).unwrap(),
-        "{} {:?}",
-        nees.mean(),
-        nees.band(0.99)
-    );
+    assert!(nees.is_consistent(0.99).unwrap(), "{} {:?}", nees.mean(), nees.band(0.99));
     assert!(nis.is_consistent(0.99).unwrap(), "{} {:?}", nis.mean(), nis.band(0.99));
 }
 
-/// Ranges at uncertain bearings from the origin to a circle; all readings as one equation of `m` rows and `2 m` noises.
+/// Ranges at uncertain bearings from the origin to a circle; all readings as one equation of `m` rows and
+/// `2 m` noises.
 fn circle_by_range(readings: Vec<[f64; 2]>) -> impl MeasurementEquation {
     let m = readings.len();
-    Implicit::new(
-        Dimensions {
-            state: 3,
-            noise: 2 * m,
-            equations: m,
-        },
-        move |x, v, out| {
-            for (i, [range, bearing]) in readings.iter().enumerate() {
-                let (rho, phi) = (range - v[2 * i], bearing - v[2 * i + 1]);
-                let (sine, cosine) = phi.sin_cos();
-                let p = [rho * cosine - x[0], rho * sine - x[1]];
-                out.misclosure[i] = p[0] * p[0] + p[1] * p[1] - x[2] * x[2];
-                for (j, value) in [-2.0 * p[0], -2.0 * p[1], -2.0 * x[2]].into_iter().enumerate() {
-                    out.state_jacobian[(i, j)] = value;
-                }
-                out.noise_jacobian[(i, 2 * i)] = -2.0 * (p[0] * cosine + p[1] * sine);
-                out.noise_jacobian[(i, 2 * i + 1)] = -2.0 * rho * (p[1] * cosine - p[0] * sine);
+    Implicit::new(Dimensions { state: 3, noise: 2 * m, equations: m }, move |x, v, out| {
+        for (i, [range, bearing]) in readings.iter().enumerate() {
+            let (rho, phi) = (range - v[2 * i], bearing - v[2 * i + 1]);
+            let (sine, cosine) = phi.sin_cos();
+            let p = [rho * cosine - x[0], rho * sine - x[1]];
+            out.misclosure[i] = p[0] * p[0] + p[1] * p[1] - x[2] * x[2];
+            for (j, value) in [-2.0 * p[0], -2.0 * p[1], -2.0 * x[2]].into_iter().enumerate() {
+                out.state_jacobian[(i, j)] = value;
             }
-        },
-    )
+            out.noise_jacobian[(i, 2 * i)] = -2.0 * (p[0] * cosine + p[1] * sine);
+            out.noise_jacobian[(i, 2 * i + 1)] = -2.0 * rho * (p[1] * cosine - p[0] * sine);
+        }
+    })
 }
 
 struct CircleCase {
@@ -173,30 +148,17 @@ fn circle_case(random: &mut Gaussian) -> CircleCase {
             let angle = 1.6 + 0.28 * f64::from(i); // the side that faces the sensor
             let p = [truth[0] + truth[2] * angle.cos(), truth[1] + truth[2] * angle.sin()];
             let (range, bearing) = (p[0].hypot(p[1]), p[1].atan2(p[0]));
-            [
-                range + sigma_range * random.number(),
-                bearing + sigma_bearing * random.number(),
-            ]
+            [range + sigma_range * random.number(), bearing + sigma_bearing * random.number()]
         })
         .collect::<Vec<_>>();
     let variances = DVector::from_fn(24, |i, _| if i % 2 == 0 { sigma_range } else { sigma_bearing }.powi(2));
-    CircleCase {
-        truth,
-        prior_mean,
-        prior,
-        readings,
-        noise: DMatrix::from_diagonal(&variances),
-    }
+    CircleCase { truth, prior_mean, prior, readings, noise: DMatrix::from_diagonal(&variances) }
 }
 
 #[test]
 fn noise_updated_filter_beats_the_extended_one_on_a_circle() {
     let mut random = Gaussian::seeded(26);
-    let schemes = [
-        EquationUpdate::extended(),
-        EquationUpdate::iterated(),
-        EquationUpdate::noise_updated(),
-    ];
+    let schemes = [EquationUpdate::extended(), EquationUpdate::iterated(), EquationUpdate::noise_updated()];
     let mut squares = [0.0; 3];
     let mut nees = [0.0; 3];
     let runs = 300;
@@ -226,9 +188,8 @@ fn noise_updated_filter_rests_where_gauss_helmert_does() {
         let equation = circle_by_range(case.readings.clone());
         assert!(crate::check_jacobians(&equation, &case.truth, &DVector::zeros(24), 1e-3).unwrap() < 1e-8);
         let mut filter = KalmanFilter::new(case.prior_mean.clone(), case.prior.clone()).unwrap();
-        let innovation = filter
-            .update_equation(&equation, &case.noise, &EquationUpdate::noise_updated())
-            .unwrap();
+        let innovation =
+            filter.update_equation(&equation, &case.noise, &EquationUpdate::noise_updated()).unwrap();
         assert_eq!(innovation.termination, Termination::Converged);
 
         let prior = Information::from_covariance(&case.prior_mean, &case.prior).unwrap();
@@ -240,12 +201,7 @@ fn noise_updated_filter_rests_where_gauss_helmert_does() {
             &options,
         );
         let fit = fit.unwrap();
-        assert!(
-            (&fit.state - filter.mean()).amax() < 1e-7,
-            "{} {}",
-            fit.state,
-            filter.mean()
-        );
+        assert!((&fit.state - filter.mean()).amax() < 1e-7, "{} {}", fit.state, filter.mean());
         assert!(relative_difference(fit.covariance.as_ref().unwrap(), filter.covariance()) < 1e-6);
         // The normalised innovation there is twice the objective: prior and noise.
         let moved = &fit.state - &case.prior_mean;
@@ -262,11 +218,7 @@ fn all_schemes_agree_on_linear_equations() {
     let equation = Linear::new(design.clone(), reading.clone()).unwrap();
     let mut expected = start.clone();
     expected.update(&design, &reading, &noise).unwrap();
-    for scheme in [
-        EquationUpdate::extended(),
-        EquationUpdate::iterated(),
-        EquationUpdate::noise_updated(),
-    ] {
+    for scheme in [EquationUpdate::extended(), EquationUpdate::iterated(), EquationUpdate::noise_updated()] {
         let mut filter = start.clone();
         filter.update_equation(&equation, &noise, &scheme).unwrap();
         assert!((filter.mean() - expected.mean()).amax() < 1e-13);
@@ -283,26 +235,12 @@ fn an_iteration_that_does_not_settle_is_told_and_a_bad_input_changes_nothing() {
     let mut filter = KalmanFilter::new(dvector![0.5], scalar(1.0)).unwrap();
     let before = filter.clone();
     assert!(filter.update_scalar(&dvector![1.0], f64::NAN, 1.0).is_err());
-    assert!(
-        filter
-            .update(&dmatrix![1.0, 0.0], &dvector![1.0], &scalar(1.0))
-            .is_err()
-    );
-    assert!(
-        filter
-            .update_equation(&equation, &scalar(-1.0), &EquationUpdate::extended())
-            .is_err()
-    );
+    assert!(filter.update(&dmatrix![1.0, 0.0], &dvector![1.0], &scalar(1.0)).is_err());
+    assert!(filter.update_equation(&equation, &scalar(-1.0), &EquationUpdate::extended()).is_err());
     assert_eq!(filter, before);
-    let twice = EquationUpdate {
-        max_iterations: 2,
-        ..EquationUpdate::iterated()
-    };
+    let twice = EquationUpdate { max_iterations: 2, ..EquationUpdate::iterated() };
     let innovation = filter.update_equation(&equation, &scalar(1e-4), &twice).unwrap();
     assert_eq!((innovation.termination, innovation.iterations), (Termination::Limit, 2));
     let mut certain = KalmanFilter::new(dvector![0.5], scalar(0.0)).unwrap();
-    assert_eq!(
-        certain.update_scalar(&dvector![1.0], 1.0, 0.0).unwrap_err().kind(),
-        ErrorKind::Undetermined
-    );
+    assert_eq!(certain.update_scalar(&dvector![1.0], 1.0, 0.0).unwrap_err().kind(), ErrorKind::Undetermined);
 }

@@ -13,20 +13,12 @@ fn line_readings(random: &mut Gaussian, truth: &DVector<f64>, count: usize, sigm
 }
 
 fn with_loss<'a>(equations: &'a [Linear], sigma: f64, loss: Loss) -> Vec<Measurement<'a>> {
-    equations
-        .iter()
-        .map(|z| Measurement::new(z, scalar(sigma * sigma)).with_loss(loss))
-        .collect()
+    equations.iter().map(|z| Measurement::new(z, scalar(sigma * sigma)).with_loss(loss)).collect()
 }
 
 fn solve(measurements: &[Measurement<'_>], start: &DVector<f64>) -> LeastSquaresFit {
-    least_squares(
-        measurements,
-        &Information::zero(start.len()),
-        start,
-        &LeastSquaresOptions::default(),
-    )
-    .unwrap()
+    least_squares(measurements, &Information::zero(start.len()), start, &LeastSquaresOptions::default())
+        .unwrap()
 }
 
 #[test]
@@ -37,18 +29,11 @@ fn a_linear_batch_is_the_belief_and_its_leverages_add_up() {
     let prior = Information::from_covariance(&random.vector(4), &random.covariance(4)).unwrap();
     let mut belief = Belief::from_information(prior.clone(), Information::zero(4)).unwrap();
     for equation in &equations {
-        belief
-            .update(&equation.linearized(&truth, &dvector![0.0]).unwrap(), &scalar(0.01))
-            .unwrap();
+        belief.update(&equation.linearized(&truth, &dvector![0.0]).unwrap(), &scalar(0.01)).unwrap();
     }
     let measurements = with_loss(&equations, 0.1, Loss::Gaussian);
-    let fit = least_squares(
-        &measurements,
-        &prior,
-        &DVector::zeros(4),
-        &LeastSquaresOptions::default(),
-    )
-    .unwrap();
+    let fit =
+        least_squares(&measurements, &prior, &DVector::zeros(4), &LeastSquaresOptions::default()).unwrap();
     assert_eq!(fit.termination, Termination::Converged);
     assert!(fit.iterations <= 3);
     assert!((&fit.state - belief.mean().unwrap()).amax() < 1e-11);
@@ -61,20 +46,13 @@ fn a_linear_batch_is_the_belief_and_its_leverages_add_up() {
 
 /// A point on a circle of unknown centre and radius.
 fn circle(z: [f64; 2]) -> impl MeasurementEquation {
-    Implicit::new(
-        Dimensions {
-            state: 3,
-            noise: 2,
-            equations: 1,
-        },
-        move |x, v, out| {
-            let p = [z[0] - v[0] - x[0], z[1] - v[1] - x[1]];
-            let r = p[0].hypot(p[1]);
-            out.misclosure[0] = r - x[2];
-            out.state_jacobian.copy_from_slice(&[-p[0] / r, -p[1] / r, -1.0]);
-            out.noise_jacobian.copy_from_slice(&[-p[0] / r, -p[1] / r]);
-        },
-    )
+    Implicit::new(Dimensions { state: 3, noise: 2, equations: 1 }, move |x, v, out| {
+        let p = [z[0] - v[0] - x[0], z[1] - v[1] - x[1]];
+        let r = p[0].hypot(p[1]);
+        out.misclosure[0] = r - x[2];
+        out.state_jacobian.copy_from_slice(&[-p[0] / r, -p[1] / r, -1.0]);
+        out.noise_jacobian.copy_from_slice(&[-p[0] / r, -p[1] / r]);
+    })
 }
 
 #[test]
@@ -88,17 +66,15 @@ fn corrected_readings_lie_on_the_fitted_circle_and_the_objective_is_at_its_least
         })
         .collect();
     let equations: Vec<_> = points.iter().map(|&z| circle(z)).collect();
-    let measurements: Vec<_> = equations
-        .iter()
-        .map(|z| Measurement::new(z, covariance.clone()))
-        .collect();
+    let measurements: Vec<_> = equations.iter().map(|z| Measurement::new(z, covariance.clone())).collect();
     let fit = solve(&measurements, &dvector![0.5, 0.5, 1.0]);
     assert_eq!(fit.termination, Termination::Converged);
     for (z, v) in points.iter().zip(&fit.residuals) {
         let distance = (z[0] - v[0] - fit.state[0]).hypot(z[1] - v[1] - fit.state[1]);
         assert!((distance - fit.state[2]).abs() < 1e-8);
     }
-    // Brute force: the nearest point of the circle in the metric of the covariance, by search along the circle.
+    // Brute force: the nearest point of the circle in the metric of the covariance, by search along the
+    // circle.
     let inverse = covariance.clone().try_inverse().unwrap();
     let objective = |x: &DVector<f64>| -> f64 {
         points
@@ -110,7 +86,9 @@ fn corrected_readings_lie_on_the_fitted_circle_and_the_objective_is_at_its_least
                 };
                 let middle = (z[1] - x[1]).atan2(z[0] - x[0]);
                 let found =
-                    crate::line_search::maximize_between(middle - 1.0, middle + 1.0, 1e-9, 200, |a| Ok(-squared(a)));
+                    crate::line_search::maximize_between(middle - 1.0, middle + 1.0, 1e-9, 200, |a| {
+                        Ok(-squared(a))
+                    });
                 -0.5 * found.unwrap().best.value
             })
             .sum()
@@ -134,10 +112,7 @@ fn a_far_start_that_defeats_undamped_steps_still_arrives() {
         jacobian[(0, 0)] = 1.0 / (1.0 + x[0] * x[0]);
     });
     for initial_damping in [0.0, 1e-3] {
-        let options = LeastSquaresOptions {
-            initial_damping,
-            ..LeastSquaresOptions::default()
-        };
+        let options = LeastSquaresOptions { initial_damping, ..LeastSquaresOptions::default() };
         let measurement = Measurement::new(&equation, scalar(1.0));
         let fit = least_squares(&[measurement], &Information::zero(1), &dvector![2.0], &options).unwrap();
         assert_eq!(fit.termination, Termination::Converged);
@@ -147,18 +122,10 @@ fn a_far_start_that_defeats_undamped_steps_still_arrives() {
 
 #[test]
 fn large_offsets_and_small_sigmas_end_by_tolerance_and_not_by_error() {
-    let equations: Vec<_> = [
-        [1e4 + 2.0, 1e4],
-        [1e4, 1e4 + 2.0],
-        [1e4 - 2.0, 1e4],
-        [1e4 + 1e-6, 1e4 - 2.0],
-    ]
-    .map(circle)
-    .into();
-    let readings: Vec<_> = equations
-        .iter()
-        .map(|z| Measurement::new(z, DMatrix::identity(2, 2) * 1e-14))
-        .collect();
+    let equations: Vec<_> =
+        [[1e4 + 2.0, 1e4], [1e4, 1e4 + 2.0], [1e4 - 2.0, 1e4], [1e4 + 1e-6, 1e4 - 2.0]].map(circle).into();
+    let readings: Vec<_> =
+        equations.iter().map(|z| Measurement::new(z, DMatrix::identity(2, 2) * 1e-14)).collect();
     let fit = solve(&readings, &dvector![1e4 + 0.3, 1e4 - 0.2, 1.5]);
     assert!(
         matches!(fit.termination, Termination::Converged | Termination::ReachedTolerance),
@@ -182,14 +149,8 @@ fn what_the_data_do_not_determine_is_data_and_not_a_guess() {
 #[test]
 fn running_out_of_steps_is_told() {
     let equations: Vec<_> = [[2.0, 0.1], [0.0, 2.1], [-1.9, 0.0], [0.1, -2.0]].map(circle).into();
-    let readings: Vec<_> = equations
-        .iter()
-        .map(|z| Measurement::new(z, DMatrix::identity(2, 2)))
-        .collect();
-    let options = LeastSquaresOptions {
-        max_iterations: 1,
-        ..LeastSquaresOptions::default()
-    };
+    let readings: Vec<_> = equations.iter().map(|z| Measurement::new(z, DMatrix::identity(2, 2))).collect();
+    let options = LeastSquaresOptions { max_iterations: 1, ..LeastSquaresOptions::default() };
     let fit = least_squares(&readings, &Information::zero(3), &dvector![0.5, 0.5, 1.0], &options).unwrap();
     assert_eq!((fit.termination, fit.iterations), (Termination::Limit, 1));
 }
@@ -201,10 +162,7 @@ fn wrong_shapes_are_input_errors_that_name_the_measurement() {
     let cases = [
         (Measurement::new(&equation, DMatrix::identity(2, 2)), 2),
         (Measurement::new(&equation, scalar(1.0)), 3),
-        (
-            Measurement::new(&equation, scalar(1.0)).with_loss(Loss::Huber { threshold: 0.0 }),
-            2,
-        ),
+        (Measurement::new(&equation, scalar(1.0)).with_loss(Loss::Huber { threshold: 0.0 }), 2),
     ];
     for (measurement, n) in cases {
         let refused = least_squares(&[measurement], &Information::zero(n), &DVector::zeros(n), &options);
@@ -215,11 +173,7 @@ fn wrong_shapes_are_input_errors_that_name_the_measurement() {
 #[test]
 fn stated_covariance_of_robust_fits_is_that_of_many_runs() {
     let sigma = 0.2;
-    for (loss, seed) in [
-        (Loss::huber(), 33),
-        (Loss::tukey(), 34),
-        (Loss::Huber { threshold: 0.5 }, 35),
-    ] {
+    for (loss, seed) in [(Loss::huber(), 33), (Loss::tukey(), 34), (Loss::Huber { threshold: 0.5 }, 35)] {
         let mut random = Gaussian::seeded(seed);
         let mut nees = ChiSquareMean::new(2.0).unwrap();
         for _ in 0..300 {
@@ -229,12 +183,7 @@ fn stated_covariance_of_robust_fits_is_that_of_many_runs() {
             nees.add(normalized_squared(&(&fit.state - truth), fit.covariance.as_ref().unwrap()).unwrap())
                 .unwrap();
         }
-        assert!(
-            nees.is_consistent(0.99).unwrap(),
-            "{loss:?}: {} {:?}",
-            nees.mean(),
-            nees.band(0.99)
-        );
+        assert!(nees.is_consistent(0.99).unwrap(), "{loss:?}: {} {:?}", nees.mean(), nees.band(0.99));
     }
 }
 
@@ -257,10 +206,5 @@ fn gross_outliers_move_a_gaussian_fit_but_not_a_redescending_one() {
         assert!(tukey.weights[76..].iter().all(|&w| w < 0.5));
     }
     assert!(squares[1] < 0.01 * squares[0], "{squares:?}");
-    assert!(
-        nees.is_consistent(0.99).unwrap(),
-        "{} {:?}",
-        nees.mean(),
-        nees.band(0.99)
-    );
+    assert!(nees.is_consistent(0.99).unwrap(), "{} {:?}", nees.mean(), nees.band(0.99));
 }

@@ -30,25 +30,13 @@ fn smoothing(seed: u64, sigma: f64, stated: f64) -> Smoothing {
     });
     let penalty = differences.transpose() * differences;
     let information = Information::from_rows(&design, &weight, &reading).unwrap();
-    Smoothing {
-        design,
-        weight,
-        reading,
-        penalty,
-        information,
-    }
+    Smoothing { design, weight, reading, penalty, information }
 }
 
 impl Smoothing {
     fn model(&self, dispersion: Dispersion) -> SmoothnessModel {
         let (rank, log_pseudo_determinant) = log_pseudo_determinant(&self.penalty, 1e-10).unwrap();
-        SmoothnessModel {
-            rank,
-            unknowns: 16,
-            equations: 50,
-            log_pseudo_determinant,
-            dispersion,
-        }
+        SmoothnessModel { rank, unknowns: 16, equations: 50, log_pseudo_determinant, dispersion }
     }
 
     fn evaluate(&self, weight: f64) -> Result<SmoothnessEvaluation> {
@@ -64,13 +52,13 @@ impl Smoothing {
         })
     }
 
-    /// The density of contrasts that the null space does not touch, with their full covariance: no shortcut shared.
+    /// The density of contrasts that the null space does not touch, with their full covariance: no shortcut
+    /// shared.
     fn brute_force(&self, weight: f64, dispersion: Dispersion) -> f64 {
         let eigen = self.penalty.clone().symmetric_eigen();
-        let inverted = eigen
-            .eigenvalues
-            .map(|value| if value > 1e-9 { 1.0 / value } else { 0.0 });
-        let prior = &eigen.eigenvectors * DMatrix::from_diagonal(&inverted) * eigen.eigenvectors.transpose() / weight;
+        let inverted = eigen.eigenvalues.map(|value| if value > 1e-9 { 1.0 / value } else { 0.0 });
+        let prior =
+            &eigen.eigenvectors * DMatrix::from_diagonal(&inverted) * eigen.eigenvectors.transpose() / weight;
         let line = DMatrix::from_fn(16, 2, |i, j| if j == 0 { 1.0 } else { i as f64 });
         let fixed = (&self.design * line).qr().q();
         // An orthonormal basis of what is orthogonal to the fixed part.
@@ -82,7 +70,8 @@ impl Smoothing {
             .collect();
         let contrasts = DMatrix::from_columns(&columns);
         let noise = self.weight.clone().try_inverse().unwrap();
-        let covariance = contrasts.transpose() * (noise + &self.design * prior * self.design.transpose()) * &contrasts;
+        let covariance =
+            contrasts.transpose() * (noise + &self.design * prior * self.design.transpose()) * &contrasts;
         let factor = covariance.cholesky().unwrap();
         let reading = contrasts.transpose() * &self.reading;
         let squared = reading.dot(&factor.solve(&reading));
@@ -145,11 +134,9 @@ fn a_start_near_the_answer_needs_few_solutions() {
     let problem = smoothing(73, 0.2, 0.2);
     let model = problem.model(Dispersion::Known(1.0));
     let best =
-        maximize_restricted_likelihood(&model, &SmoothnessSearch::from_start(1.0), |w| problem.evaluate(w)).unwrap();
-    let near = SmoothnessSearch {
-        tolerance: 0.05,
-        ..SmoothnessSearch::from_start(3.0 * best.weight)
-    };
+        maximize_restricted_likelihood(&model, &SmoothnessSearch::from_start(1.0), |w| problem.evaluate(w))
+            .unwrap();
+    let near = SmoothnessSearch { tolerance: 0.05, ..SmoothnessSearch::from_start(3.0 * best.weight) };
     let again = maximize_restricted_likelihood(&model, &near, |w| problem.evaluate(w)).unwrap();
     assert!(again.evaluations <= 10, "{}", again.evaluations);
     assert!((again.weight / best.weight).ln().abs() < 0.1);
@@ -162,7 +149,9 @@ fn estimated_dispersion_recovers_a_wrongly_stated_sigma() {
     for seed in 0..runs {
         let problem = smoothing(100 + seed, 0.2, 0.05);
         let model = problem.model(Dispersion::Estimated);
-        let found = maximize_restricted_likelihood(&model, &SmoothnessSearch::from_start(1.0), |w| problem.evaluate(w));
+        let found = maximize_restricted_likelihood(&model, &SmoothnessSearch::from_start(1.0), |w| {
+            problem.evaluate(w)
+        });
         ratio += found.unwrap().dispersion.sqrt() / runs as f64;
     }
     assert!((ratio / 4.0 - 1.0).abs() < 0.05, "{ratio}");
@@ -174,10 +163,7 @@ fn data_without_roughness_send_the_weight_to_its_bound() {
     problem.reading = &problem.design * DVector::from_fn(16, |i, _| 1.0 + 0.25 * i as f64);
     problem.information = Information::from_rows(&problem.design, &problem.weight, &problem.reading).unwrap();
     let model = problem.model(Dispersion::Known(1.0));
-    let search = SmoothnessSearch {
-        bounds: (1e-3, 1e5),
-        ..SmoothnessSearch::from_start(1.0)
-    };
+    let search = SmoothnessSearch { bounds: (1e-3, 1e5), ..SmoothnessSearch::from_start(1.0) };
     let found = maximize_restricted_likelihood(&model, &search, |w| problem.evaluate(w)).unwrap();
     assert!(found.at_bound && found.weight > 9e4, "{found:?}");
     let found = fellner_schall(&model, &search, |w| problem.evaluate(w)).unwrap();
@@ -188,23 +174,13 @@ fn data_without_roughness_send_the_weight_to_its_bound() {
 fn a_maximum_next_to_a_bound_and_a_start_on_it_are_found() {
     let problem = smoothing(72, 0.2, 0.2);
     let model = problem.model(Dispersion::Known(1.0));
-    let free = SmoothnessSearch {
-        tolerance: 1e-4,
-        ..SmoothnessSearch::from_start(1.0)
-    };
-    let best = maximize_restricted_likelihood(&model, &free, |w| problem.evaluate(w))
-        .unwrap()
-        .weight;
-    for (start, bounds) in [
-        (0.01 * best, (0.01 * best, 1.1 * best)),
-        (1.1 * best, (0.01 * best, 1.1 * best)),
-    ] {
+    let free = SmoothnessSearch { tolerance: 1e-4, ..SmoothnessSearch::from_start(1.0) };
+    let best = maximize_restricted_likelihood(&model, &free, |w| problem.evaluate(w)).unwrap().weight;
+    for (start, bounds) in [(0.01 * best, (0.01 * best, 1.1 * best)), (1.1 * best, (0.01 * best, 1.1 * best))]
+    {
         let tight = SmoothnessSearch { start, bounds, ..free };
         let found = maximize_restricted_likelihood(&model, &tight, |w| problem.evaluate(w)).unwrap();
-        assert!(
-            (found.weight / best).ln().abs() < 1e-3 && !found.at_bound,
-            "{found:?} {best}"
-        );
+        assert!((found.weight / best).ln().abs() < 1e-3 && !found.at_bound, "{found:?} {best}");
     }
 }
 
@@ -226,23 +202,14 @@ fn models_and_searches_that_make_no_sense_are_refused() {
         SmoothnessModel { rank: 0, ..good },
         SmoothnessModel { rank: 17, ..good },
         SmoothnessModel { equations: 2, ..good },
-        SmoothnessModel {
-            dispersion: Dispersion::Known(0.0),
-            ..good
-        },
+        SmoothnessModel { dispersion: Dispersion::Known(0.0), ..good },
     ];
     for model in models {
         let refused = maximize_restricted_likelihood(&model, &search, |w| problem.evaluate(w));
         assert_eq!(refused.unwrap_err().kind(), ErrorKind::Input);
     }
-    let backwards = SmoothnessSearch {
-        bounds: (2.0, 3.0),
-        ..search
-    };
+    let backwards = SmoothnessSearch { bounds: (2.0, 3.0), ..search };
     assert!(maximize_restricted_likelihood(&good, &backwards, |w| problem.evaluate(w)).is_err());
     let traceless = |w| problem.evaluate(w).map(|e| SmoothnessEvaluation { trace: None, ..e });
-    assert_eq!(
-        fellner_schall(&good, &search, traceless).unwrap_err().kind(),
-        ErrorKind::Input
-    );
+    assert_eq!(fellner_schall(&good, &search, traceless).unwrap_err().kind(), ErrorKind::Input);
 }

@@ -45,7 +45,8 @@ fn losses_take_distances_and_not_their_squares() {
 
 #[test]
 fn tuning_constants_have_their_published_efficiency() {
-    // Holland, Welsch 1977: 95 % at 1.345, 2.385, 4.685. The median's is 2/π, the limit of a narrow Huber loss.
+    // Holland, Welsch 1977: 95 % at 1.345, 2.385, 4.685. The median's is 2/π, the limit of a narrow Huber
+    // loss.
     for loss in [Loss::huber(), Loss::cauchy(), Loss::tukey()] {
         assert!((loss.efficiency().unwrap() - 0.95).abs() < 5e-4, "{loss:?}");
     }
@@ -62,11 +63,9 @@ fn tuning_constants_have_their_published_efficiency() {
 
 #[test]
 fn losses_without_a_positive_constant_are_refused() {
-    for loss in [
-        Loss::Huber { threshold: 0.0 },
-        Loss::Cauchy { scale: f64::NAN },
-        Loss::StudentT { degrees: -1.0 },
-    ] {
+    for loss in
+        [Loss::Huber { threshold: 0.0 }, Loss::Cauchy { scale: f64::NAN }, Loss::StudentT { degrees: -1.0 }]
+    {
         assert_eq!(loss.moments(1).unwrap_err().kind(), ErrorKind::Input);
     }
     assert!(Loss::Gaussian.moments(0).is_err());
@@ -78,15 +77,9 @@ fn sandwich_of_gaussian_residuals_is_the_inverse_efficiency() {
     let residuals: Vec<f64> = (0..100_000).map(|_| random.number()).collect();
     for loss in losses() {
         let factor = sandwich_factor(&loss, &residuals).unwrap();
-        assert!(
-            (factor * loss.efficiency().unwrap() - 1.0).abs() < 0.02,
-            "{loss:?} {factor}"
-        );
+        assert!((factor * loss.efficiency().unwrap() - 1.0).abs() < 0.02, "{loss:?} {factor}");
     }
-    assert_eq!(
-        sandwich_factor(&Loss::huber(), &[]).unwrap_err().kind(),
-        ErrorKind::Undetermined
-    );
+    assert_eq!(sandwich_factor(&Loss::huber(), &[]).unwrap_err().kind(), ErrorKind::Undetermined);
 }
 
 #[test]
@@ -95,15 +88,10 @@ fn gated_variance_is_unbiased_after_the_correction() {
     for (gate, seed) in [(1.0, 42), (2.0, 43), (2.5, 44), (3.0, 45)] {
         let mut random = Gaussian::seeded(seed);
         let truncated = TruncatedNormal::new(gate).unwrap();
-        let kept: Vec<f64> = (0..400_000)
-            .map(|_| sigma * random.number())
-            .filter(|r| r.abs() <= gate * sigma)
-            .collect();
+        let kept: Vec<f64> =
+            (0..400_000).map(|_| sigma * random.number()).filter(|r| r.abs() <= gate * sigma).collect();
         let sample = (kept.iter().map(|r| r * r).sum::<f64>() / kept.len() as f64).sqrt();
-        assert!(
-            (truncated.corrected_sigma(sample) / sigma - 1.0).abs() < 0.005,
-            "{gate}"
-        );
+        assert!((truncated.corrected_sigma(sample) / sigma - 1.0).abs() < 0.005, "{gate}");
         assert!((kept.len() as f64 / 400_000.0 - truncated.share_kept()).abs() < 0.003);
     }
 }
@@ -156,10 +144,7 @@ fn student_t_scale_and_degrees_are_recovered() {
     let residuals: Vec<f64> = (0..40_000).map(|_| 0.2 * law.sample(&mut random)).collect();
     let fit = StudentTScale::fit(&residuals, None).unwrap();
     assert_eq!(fit.termination, Termination::Converged);
-    assert!(
-        (fit.sigma / 0.2 - 1.0).abs() < 0.02 && (fit.degrees - 4.0).abs() < 0.3,
-        "{fit:?}"
-    );
+    assert!((fit.sigma / 0.2 - 1.0).abs() < 0.02 && (fit.degrees - 4.0).abs() < 0.3, "{fit:?}");
     let given = StudentTScale::fit(&residuals, Some(4.0)).unwrap();
     assert!((given.sigma / 0.2 - 1.0).abs() < 0.015 && given.degrees == 4.0);
     assert!((given.weight(0.0) - 1.25).abs() < 1e-12);
@@ -168,8 +153,5 @@ fn student_t_scale_and_degrees_are_recovered() {
     let plain: Vec<f64> = (0..20_000).map(|_| gaussian.number()).collect();
     let fit = StudentTScale::fit(&plain, None).unwrap();
     assert!(fit.degrees > 30.0 && (fit.sigma - 1.0).abs() < 0.04, "{fit:?}");
-    assert_eq!(
-        StudentTScale::fit(&[0.0, 0.0, 1.0], None).unwrap_err().kind(),
-        ErrorKind::Undetermined
-    );
+    assert_eq!(StudentTScale::fit(&[0.0, 0.0, 1.0], None).unwrap_err().kind(), ErrorKind::Undetermined);
 }

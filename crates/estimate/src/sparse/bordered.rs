@@ -1,15 +1,17 @@
 //! A few unknowns that many readings share, beside the sparse ones: an arrow of equations.
 //!
-//! Comes in: the factor of the sparse part `A`, its coupling `C` with few further unknowns, and their own information `P`. Goes out: solutions
-//! of the whole, the covariance of the few, and what their uncertainty adds to the covariance of the many:
+//! Comes in: the factor of the sparse part `A`, its coupling `C` with few further unknowns, and their own
+//! information `P`. Goes out: solutions of the whole, the covariance of the few, and what their uncertainty
+//! adds to the covariance of the many:
 //!
 //! ```text
 //! [ A   C ] [x]   [g]        S = P − Cᵀ A⁻¹ C        Σ_pp = S⁻¹
 //! [ Cᵀ  P ] [p] = [h]                                Σ_xx = A⁻¹ + (A⁻¹C) S⁻¹ (A⁻¹C)ᵀ
 //! ```
 //!
-//! The second term of `Σ_xx` has the rank of `p`: correlated errors are kept as a low-rank term, and no sparse matrix fills in.
-//! Not guaranteed: digits of unknowns of `p` that the whole determines only by differences of much larger numbers; give each a prior.
+//! The second term of `Σ_xx` has the rank of `p`: correlated errors are kept as a low-rank term, and no
+//! sparse matrix fills in. Not guaranteed: digits of unknowns of `p` that the whole determines only by
+//! differences of much larger numbers; give each a prior.
 
 use std::ops::Range;
 
@@ -18,7 +20,8 @@ use nalgebra::{Cholesky, DMatrix, Dyn};
 use super::CholeskyFactor;
 use crate::{Error, Result};
 
-/// Directions of which a larger share of the information than the first is noise count as known less, of the second as unknown.
+/// Directions of which a larger share of the information than the first is noise count as known less, of the
+/// second as unknown.
 const MOST_NOISE: (f64, f64) = (0.25, 0.75);
 
 /// The reduced equations of the few unknowns, factored.
@@ -36,11 +39,12 @@ impl Bordered {
     /// Cost: `m` solutions with the factor, `n m²` and `m³/3`; memory `n m`.
     ///
     /// # Errors
-    /// `Input` when the sizes do not fit; `Undetermined` when `S` is not positive definite: the few unknowns are not determined by
-    /// readings and their own prior together.
+    /// `Input` when the sizes do not fit; `Undetermined` when `S` is not positive definite: the few unknowns
+    /// are not determined by readings and their own prior together.
     ///
     /// # Examples
-    /// One unknown read as 3 with information 4, by a sensor whose offset has information 4, too: half of the information is left.
+    /// One unknown read as 3 with information 4, by a sensor whose offset has information 4, too: half of the
+    /// information is left.
     /// ```
     /// use planish_estimate::sparse::{BlockInformation, BlockPattern, Bordered, CholeskyFactor, NodeOrdering, SymbolicFactor};
     /// use std::sync::Arc;
@@ -62,7 +66,9 @@ impl Bordered {
     pub fn new(factor: &CholeskyFactor, coupling: &[f64], corner: &[f64]) -> Result<Self> {
         let (solved, symmetric) = reduce(factor, coupling, corner)?;
         let complement = Cholesky::new(symmetric).ok_or_else(|| {
-            Error::undetermined("what readings share is determined neither by them nor by what was known before")
+            Error::undetermined(
+                "what readings share is determined neither by them nor by what was known before",
+            )
         })?;
         Ok(Self { solved, complement })
     }
@@ -134,9 +140,7 @@ impl Bordered {
         if p.len() != m {
             return Err(Error::input(format!("needed {m} shared unknowns, found {}", p.len())));
         }
-        Ok((0..m)
-            .map(|column| (column..m).map(|row| l[(row, column)] * p[row]).sum::<f64>().powi(2))
-            .sum())
+        Ok((0..m).map(|column| (column..m).map(|row| l[(row, column)] * p[row]).sum::<f64>().powi(2)).sum())
     }
 
     /// `S`, the information about the shared unknowns when all others are left open, `m × m`.
@@ -146,11 +150,13 @@ impl Bordered {
         (&l * l.transpose()).as_slice().to_vec()
     }
 
-    /// The same without the information about the shared unknowns that is only `noise`, but never below what `least` says, and by how much
-    /// their corner `P` has changed. All are `m × m`.
+    /// The same without the information about the shared unknowns that is only `noise`, but never below what
+    /// `least` says, and by how much their corner `P` has changed. All are `m × m`.
     ///
-    /// Along the common eigenvectors of `noise` and `S`, with `μ` the share of noise in `S`, `1 − μ` of `S` is kept where `μ` is less than a quarter; of more an ever smaller
-    /// part, and nothing from three quarters on, as noise scatters about its mean. In the metric of `least` no eigenvalue of what is left may fall below one.
+    /// Along the common eigenvectors of `noise` and `S`, with `μ` the share of noise in `S`, `1 − μ` of `S`
+    /// is kept where `μ` is less than a quarter; of more an ever smaller part, and nothing from three
+    /// quarters on, as noise scatters about its mean. In the metric of `least` no eigenvalue of what is left
+    /// may fall below one.
     ///
     /// # Errors
     /// `Input` when `least` is not positive definite, or a size does not fit.
@@ -167,17 +173,19 @@ impl Bordered {
             (1.0 - share).max(0.0) * believed.clamp(0.0, 1.0)
         });
         let least = Cholesky::new(DMatrix::from_column_slice(m, m, least)).ok_or_else(wrong)?;
-        let after =
-            (kept.and_then(|kept| with_eigenvalues(&least.l(), &kept, |value| value.max(1.0)))).ok_or_else(wrong)?;
+        let after = (kept.and_then(|kept| with_eigenvalues(&least.l(), &kept, |value| value.max(1.0))))
+            .ok_or_else(wrong)?;
         let change = (&after - before).as_slice().to_vec();
         self.complement = Cholesky::new(after).ok_or_else(wrong)?;
         Ok((self, change))
     }
 
-    /// Directions of some of the shared unknowns of which the readings took away less than a `share` of what variance `prior`, the information
-    /// about them alone, leaves them: each as long as one σ of the prior, orthogonal in its metric.
+    /// Directions of some of the shared unknowns of which the readings took away less than a `share` of what
+    /// variance `prior`, the information about them alone, leaves them: each as long as one σ of the prior,
+    /// orthogonal in its metric.
     ///
-    /// Eigenvectors of `L₀ᵀ Σ L₀` with eigenvalues above `1 − share`, where `L₀ L₀ᵀ` is the prior and `Σ` their part of `S⁻¹`.
+    /// Eigenvectors of `L₀ᵀ Σ L₀` with eigenvalues above `1 − share`, where `L₀ L₀ᵀ` is the prior and `Σ`
+    /// their part of `S⁻¹`.
     ///
     /// # Errors
     /// `Input` when the prior is not positive definite or of another size.
@@ -187,14 +195,8 @@ impl Bordered {
         if prior.len() != m * m || of.end > self.shared() {
             return Err(wrong());
         }
-        let l = Cholesky::new(DMatrix::from_column_slice(m, m, prior))
-            .ok_or_else(wrong)?
-            .l();
-        let covariance = self
-            .complement
-            .inverse()
-            .view((of.start, of.start), (m, m))
-            .into_owned();
+        let l = Cholesky::new(DMatrix::from_column_slice(m, m, prior)).ok_or_else(wrong)?.l();
+        let covariance = self.complement.inverse().view((of.start, of.start), (m, m)).into_owned();
         let whitened = l.transpose() * covariance * &l;
         let eigen = (0.5 * (&whitened + whitened.transpose())).symmetric_eigen();
         let upper = l.transpose();
@@ -212,8 +214,7 @@ impl Bordered {
         let rows = DMatrix::from_column_slice(m, self.solved.len() / m.max(1), &self.solved);
         // Gᵀ = L⁻¹ (A⁻¹C)ᵀ.
         let l = self.complement.l();
-        l.solve_lower_triangular(&rows)
-            .map_or_else(Vec::new, |g| g.as_slice().to_vec())
+        l.solve_lower_triangular(&rows).map_or_else(Vec::new, |g| g.as_slice().to_vec())
     }
 }
 
@@ -243,10 +244,7 @@ fn reduce(factor: &CholeskyFactor, coupling: &[f64], corner: &[f64]) -> Result<(
         factor.solve_in_place(&mut solved)?;
     }
     // Both have their rows one after the other: as columns they are transposed.
-    let (c, f) = (
-        DMatrix::from_column_slice(m, n, coupling),
-        DMatrix::from_column_slice(m, n, &solved),
-    );
+    let (c, f) = (DMatrix::from_column_slice(m, n, coupling), DMatrix::from_column_slice(m, n, &solved));
     let reduced = DMatrix::from_column_slice(m, m, corner) - &c * f.transpose();
     let symmetric = 0.5 * (&reduced + reduced.transpose());
     Ok((solved, symmetric))
@@ -263,7 +261,8 @@ mod tests {
 
     /// A chain of unknowns, of which every reading `x_i − x_{i+1} + row · p` shares three offsets.
     fn whole() -> (CholeskyFactor, Vec<f64>, Vec<f64>, DMatrix<f64>) {
-        let pattern = Arc::new(BlockPattern::from_elements(N, (0..N as u32 - 1).map(|i| [i, i + 1])).unwrap());
+        let pattern =
+            Arc::new(BlockPattern::from_elements(N, (0..N as u32 - 1).map(|i| [i, i + 1])).unwrap());
         let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &NodeOrdering::natural(N), 1).unwrap());
         let mut information = BlockInformation::zeros(pattern, 1, 1).unwrap();
         let mut dense = DMatrix::<f64>::zeros(N + M, N + M);
@@ -276,9 +275,7 @@ mod tests {
             }
             let element = [row[i], row[i + 1]];
             let matrix: Vec<f64> = (element.iter().flat_map(|a| element.map(|b| w * a * b))).collect();
-            information
-                .add_element(&[i as u32, i as u32 + 1], &matrix, &[0.0, 0.0])
-                .unwrap();
+            information.add_element(&[i as u32, i as u32 + 1], &matrix, &[0.0, 0.0]).unwrap();
             let row = nalgebra::DVector::from_vec(row);
             dense += w * &row * row.transpose();
         }
@@ -289,17 +286,9 @@ mod tests {
         for k in 0..M {
             dense[(N + k, N + k)] += 0.2;
         }
-        let coupling = (0..N)
-            .flat_map(|i| (0..M).map(move |k| (i, N + k)))
-            .map(|at| dense[at])
-            .collect();
+        let coupling = (0..N).flat_map(|i| (0..M).map(move |k| (i, N + k))).map(|at| dense[at]).collect();
         let corner = dense.view((N, N), (M, M)).into_owned().as_slice().to_vec();
-        (
-            CholeskyFactor::factorize(&symbolic, &information).unwrap(),
-            coupling,
-            corner,
-            dense,
-        )
+        (CholeskyFactor::factorize(&symbolic, &information).unwrap(), coupling, corner, dense)
     }
 
     #[test]
@@ -323,10 +312,8 @@ mod tests {
                 assert!((covariance[a * M + b] - inverse[(N + a, N + b)]).abs() < 1e-11);
             }
         }
-        let (rows, conditional) = (
-            bordered.shared_rows(),
-            dense.view((0, 0), (N, N)).into_owned().try_inverse().unwrap(),
-        );
+        let (rows, conditional) =
+            (bordered.shared_rows(), dense.view((0, 0), (N, N)).into_owned().try_inverse().unwrap());
         for a in 0..N {
             for b in 0..N {
                 let shared: f64 = (0..M).map(|k| rows[a * M + k] * rows[b * M + k]).sum();
@@ -339,10 +326,8 @@ mod tests {
     fn directions_that_readings_leave_as_they_were_are_found() {
         let (factor, coupling, corner, _) = whole();
         // A fourth unknown that no reading has.
-        let coupling: Vec<f64> = coupling
-            .chunks_exact(M)
-            .flat_map(|row| [row[0], row[1], row[2], 0.0])
-            .collect();
+        let coupling: Vec<f64> =
+            coupling.chunks_exact(M).flat_map(|row| [row[0], row[1], row[2], 0.0]).collect();
         let (mut corner4, mut prior) = ([0.0; 16], [0.0; 16]);
         for a in 0..M {
             for b in 0..M {
@@ -354,10 +339,7 @@ mod tests {
         let bordered = Bordered::new(&factor, &coupling, &corner4).unwrap();
         let found = bordered.undetermined(0..4, &prior, 0.1).unwrap();
         let only = found.iter().find(|v| v[3].abs() > 1.0).unwrap();
-        assert!(
-            (only[3].abs() - 2.0).abs() < 1e-9 && only[..3].iter().all(|c| c.abs() < 1e-9),
-            "{found:?}"
-        );
+        assert!((only[3].abs() - 2.0).abs() < 1e-9 && only[..3].iter().all(|c| c.abs() < 1e-9), "{found:?}");
         assert!(bordered.undetermined(0..4, &prior[1..], 0.1).is_err());
         // The fourth alone is a direction as well, one σ long.
         let alone = bordered.undetermined(3..4, &[0.25], 0.1).unwrap();
@@ -384,11 +366,7 @@ mod tests {
         // A tenth is taken off, as far as the least allows; of what is mostly noise only the least is left.
         for (k, s) in of_noise(0.1).iter().enumerate() {
             let floor = if least[k] > 0.0 { least[k] } else { f64::NEG_INFINITY };
-            assert!(
-                *s > floor - 1e-12 && (0.9 * before[k] - s).abs() < 0.2,
-                "{s} {}",
-                before[k]
-            );
+            assert!(*s > floor - 1e-12 && (0.9 * before[k] - s).abs() < 0.2, "{s} {}", before[k]);
         }
         for (s, least) in of_noise(0.9).iter().zip(&least) {
             assert!((s - least).abs() < 1e-12);

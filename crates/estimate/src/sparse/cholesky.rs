@@ -1,9 +1,9 @@
 //! The sparse Cholesky factor of an information matrix.
 //!
-//! Comes in: a symbolic analysis and numbers. Goes out: `P Λ Pᵀ = L Lᵀ`, solutions, samples and the log-determinant.
-//! The method is multifrontal: each supernode's dense front takes up its children's updates, is factored by dense
-//! kernels, and leaves an update to its parent. Not guaranteed: a factor of a matrix that is singular to working
-//! precision; that is an error which names the node.
+//! Comes in: a symbolic analysis and numbers. Goes out: `P Λ Pᵀ = L Lᵀ`, solutions, samples and the
+//! log-determinant. The method is multifrontal: each supernode's dense front takes up its children's updates,
+//! is factored by dense kernels, and leaves an update to its parent. Not guaranteed: a factor of a matrix
+//! that is singular to working precision; that is an error which names the node.
 
 use std::sync::Arc;
 
@@ -56,15 +56,12 @@ impl CholeskyFactor {
     /// Cost: [`SymbolicFactor::flops`], dense; memory: the factor, plus updates on their way to parents.
     ///
     /// # Errors
-    /// `Undetermined` when the matrix is not positive definite, or singular to working precision; the message names the
-    /// node at which elimination broke down. `Input` when the information has another pattern or block size than the
-    /// analysis, or entries that are not finite.
+    /// `Undetermined` when the matrix is not positive definite, or singular to working precision; the message
+    /// names the node at which elimination broke down. `Input` when the information has another pattern or
+    /// block size than the analysis, or entries that are not finite.
     pub fn factorize(symbolic: &Arc<SymbolicFactor>, information: &BlockInformation) -> Result<Self> {
-        Self {
-            symbolic: Arc::clone(symbolic),
-            values: vec![0.0; symbolic.stored_values()],
-        }
-        .refactorize(information)
+        Self { symbolic: Arc::clone(symbolic), values: vec![0.0; symbolic.stored_values()] }
+            .refactorize(information)
     }
 
     /// Factors other information of the same pattern in the memory of this factor. Gives the same bytes as
@@ -174,8 +171,8 @@ impl CholeskyFactor {
         let (symbolic, vectors) = (&*self.symbolic, x.vectors);
         let work = |s: usize| 2.0 * (symbolic.tree_values(s) * vectors) as f64;
         let simd = pulp::Arch::new();
-        let done: std::result::Result<(), std::convert::Infallible> =
-            Walk::new(symbolic, &x.start, &work).ascend(&mut x.values, &|s, own, parts, spare| {
+        let done: std::result::Result<(), std::convert::Infallible> = Walk::new(symbolic, &x.start, &work)
+            .ascend(&mut x.values, &|s, own, parts, spare| {
                 let (columns, height) = (symbolic.columns(s), symbolic.height(s));
                 let mut below = spare.take(height * vectors);
                 below[..height * vectors].fill(0.0);
@@ -227,10 +224,8 @@ impl CholeskyFactor {
                     let size = symbolic.height(child as usize);
                     let mut part = spare.take(size * vectors);
                     for v in 0..vectors {
-                        let (own, known) = (
-                            &own[v * columns..(v + 1) * columns],
-                            &known[v * height..(v + 1) * height],
-                        );
+                        let (own, known) =
+                            (&own[v * columns..(v + 1) * columns], &known[v * height..(v + 1) * height]);
                         let part = &mut part[v * size..(v + 1) * size];
                         for &run in symbolic.runs(child as usize) {
                             let [(from, to, n), (rest, on, m)] = run.split(columns);
@@ -254,15 +249,13 @@ struct SupernodeVectors {
 }
 
 impl SupernodeVectors {
-    /// Takes rows of `x`, each of as many numbers as there are vectors: unknown `i` of the elimination is row `row_of(i)`.
+    /// Takes rows of `x`, each of as many numbers as there are vectors: unknown `i` of the elimination is row
+    /// `row_of(i)`.
     fn take(symbolic: &SymbolicFactor, x: &[f64], row_of: impl Fn(usize) -> usize) -> Result<Self> {
         let vectors = columns_of("a vector", symbolic.dimension(), x.len())?;
         let b = symbolic.block_size();
-        let start: Vec<usize> = symbolic
-            .supernode_start
-            .iter()
-            .map(|&first| first as usize * b * vectors)
-            .collect();
+        let start: Vec<usize> =
+            symbolic.supernode_start.iter().map(|&first| first as usize * b * vectors).collect();
         let mut values = vec![0.0; x.len()];
         Self::each_place(&start, vectors, |unknown, vector, place| {
             values[place] = x[row_of(unknown) * vectors + vector];
@@ -291,9 +284,7 @@ impl SupernodeVectors {
 
 impl std::fmt::Debug for CholeskyFactor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("CholeskyFactor")
-            .field("symbolic", &self.symbolic)
-            .finish_non_exhaustive()
+        f.debug_struct("CholeskyFactor").field("symbolic", &self.symbolic).finish_non_exhaustive()
     }
 }
 
@@ -312,11 +303,7 @@ fn assemble(symbolic: &SymbolicFactor, s: usize, information: &BlockInformation,
         for column in 0..b {
             let target = &mut panel[slot.offset - start + column * slot.stride()..][..b];
             for (row, to) in target.iter_mut().enumerate() {
-                *to = if slot.transposed() {
-                    values[column * b + row]
-                } else {
-                    values[row * b + column]
-                };
+                *to = if slot.transposed() { values[column * b + row] } else { values[row * b + column] };
             }
         }
     }
@@ -334,11 +321,7 @@ impl Breakdown {
         }
         let b = symbolic.block_size();
         let node = symbolic.old_from_new[self.unknown / b];
-        let of = if b == 1 {
-            String::new()
-        } else {
-            format!(" (unknown {} of {b})", self.unknown % b)
-        };
+        let of = if b == 1 { String::new() } else { format!(" (unknown {} of {b})", self.unknown % b) };
         Error::undetermined(format!(
             "the information is not positive definite: elimination breaks down at node {node}{of}, which the data and the \
              prior leave undetermined; add data there or a stronger prior"
@@ -357,11 +340,7 @@ fn eliminate(
     Walk::new(symbolic, &symbolic.value_start, &work).ascend(panels, &|s, panel, updates, spare| {
         let (columns, height) = (symbolic.columns(s), symbolic.height(s));
         assemble(symbolic, s, information, panel);
-        let children = || {
-            updates
-                .iter()
-                .zip(symbolic.children(s).iter().map(|&child| child as usize))
-        };
+        let children = || updates.iter().zip(symbolic.children(s).iter().map(|&child| child as usize));
         for (update, child) in children() {
             let here = |to| to < columns;
             extend_add(
@@ -380,14 +359,8 @@ fn eliminate(
         let (mut top, mut below) = front.split_at_row_mut(columns);
         let params = faer::Spec::default();
         let mut scratch = MemBuffer::new(cholesky_in_place_scratch::<f64>(columns, Par::Seq, params));
-        cholesky_in_place(
-            top.rb_mut(),
-            Default::default(),
-            Par::Seq,
-            MemStack::new(&mut scratch),
-            params,
-        )
-        .map_err(|LltError::NonPositivePivot { index }| Breakdown { unknown: first + index })?;
+        cholesky_in_place(top.rb_mut(), Default::default(), Par::Seq, MemStack::new(&mut scratch), params)
+            .map_err(|LltError::NonPositivePivot { index }| Breakdown { unknown: first + index })?;
         for k in 0..columns {
             let unknown = first + k;
             let old = symbolic.old_from_new[unknown / b] as usize * b + unknown % b;
@@ -418,7 +391,8 @@ fn eliminate(
     })
 }
 
-/// Columns of an update that are computed together. On bicubic grids 32 to 128 differ by less than 15 % in time.
+/// Columns of an update that are computed together. On bicubic grids 32 to 128 differ by less than 15 % in
+/// time.
 const SQUARE_COLUMNS: usize = 64;
 /// Rows of a panel that are solved together: fixed, so that threads change nothing.
 const SOLVED_ROWS: usize = 192;
@@ -434,12 +408,14 @@ fn solve_rows(top: MatRef<'_, f64>, mut below: MatMut<'_, f64>) {
     }
 }
 
-/// `U ← −B Bᵀ` in the lower triangle. Blocks on the diagonal are computed whole: that is faster than to spare half.
+/// `U ← −B Bᵀ` in the lower triangle. Blocks on the diagonal are computed whole: that is faster than to spare
+/// half.
 fn minus_square(below: MatRef<'_, f64>, update: &mut [f64]) {
     let height = below.nrows();
     by_columns(update, height, SQUARE_COLUMNS, |from, columns| {
         let width = columns.len() / height;
-        let part = MatMut::from_column_major_slice_mut(columns, height, width).subrows_mut(from, height - from);
+        let part =
+            MatMut::from_column_major_slice_mut(columns, height, width).subrows_mut(from, height - from);
         matmul(
             part,
             Accum::Replace,
@@ -471,16 +447,10 @@ fn extend_add(
             }
             let source = &child[(from + k) * size..(from + k + 1) * size];
             let target = &mut target[(to + k - shift) * stride..(to + k - shift + 1) * stride];
-            add(
-                &mut target[to + k - shift..to + length - shift],
-                &source[from + k..from + length],
-            );
+            add(&mut target[to + k - shift..to + length - shift], &source[from + k..from + length]);
             for below in &runs[at + 1..] {
                 let (from, to, length) = (below.from as usize, below.to as usize, below.length as usize);
-                add(
-                    &mut target[to - shift..to + length - shift],
-                    &source[from..from + length],
-                );
+                add(&mut target[to - shift..to + length - shift], &source[from..from + length]);
             }
         }
     }

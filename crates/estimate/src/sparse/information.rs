@@ -1,7 +1,8 @@
 //! An information matrix and its vectors over the nodes of a pattern.
 //!
 //! Comes in: dense information of single elements, or whole information to merge. Goes out: `Λ` and `η` of
-//! `p(x) ∝ exp(−½ xᵀΛx + ηᵀx)`. Not guaranteed: that `Λ` is positive definite; [`super::CholeskyFactor`] finds out.
+//! `p(x) ∝ exp(−½ xᵀΛx + ηᵀx)`. Not guaranteed: that `Λ` is positive definite; [`super::CholeskyFactor`]
+//! finds out.
 
 use std::sync::Arc;
 
@@ -25,7 +26,8 @@ pub struct ElementScatter {
 
 /// The dense block `(a, c)` belongs to the upper triangle: it is stored transposed.
 const TRANSPOSED: u32 = 1 << 31;
-/// Two different places of the element hold the same node: block and transposed block both go to its diagonal.
+/// Two different places of the element hold the same node: block and transposed block both go to its
+/// diagonal.
 const REPEATED: u32 = 1 << 30;
 const POSITION: u32 = REPEATED - 1;
 
@@ -44,7 +46,11 @@ impl ElementScatter {
                 let position = pattern.position(row, column).ok_or_else(|| not_coupled(row, column))? as u32;
                 let repeated = a != c && row == column;
                 repeats |= repeated;
-                slots.push(position | if row < column { TRANSPOSED } else { 0 } | if repeated { REPEATED } else { 0 });
+                slots.push(
+                    position
+                        | if row < column { TRANSPOSED } else { 0 }
+                        | if repeated { REPEATED } else { 0 },
+                );
             }
         }
         Ok(Self {
@@ -71,8 +77,9 @@ fn not_coupled(i: u32, j: u32) -> Error {
 
 /// Information over the nodes of a shared pattern: the matrix `Λ` in `b × b` blocks and the vectors `η`.
 ///
-/// Shapes: `Λ` is `n·b × n·b` for n nodes; `η` is `n·b × columns`, node-major (row-major). With `b = 1` and three columns,
-/// the coordinates x, y, z share one matrix; with `b = 3` and one column they couple. Both keep `η` in the same layout.
+/// Shapes: `Λ` is `n·b × n·b` for n nodes; `η` is `n·b × columns`, node-major (row-major). With `b = 1` and
+/// three columns, the coordinates x, y, z share one matrix; with `b = 3` and one column they couple. Both
+/// keep `η` in the same layout.
 ///
 /// # Examples
 /// ```
@@ -107,13 +114,7 @@ impl BlockInformation {
         }
         let values = vec![0.0; pattern.entries() * block * block];
         let vector = vec![0.0; pattern.nodes() * block * columns];
-        Ok(Self {
-            pattern,
-            block,
-            columns,
-            values,
-            vector,
-        })
+        Ok(Self { pattern, block, columns, values, vector })
     }
 
     /// The shared pattern.
@@ -183,9 +184,9 @@ impl BlockInformation {
 
     /// Adds one element's information, with a search for its entries.
     ///
-    /// `matrix` is the dense symmetric `k·b × k·b` information, row-major, of which the lower triangle is read (and the
-    /// whole diagonal blocks); `vector` is `k·b × columns`, node-major. Prefer [`Self::add_scattered`] for elements that
-    /// come again.
+    /// `matrix` is the dense symmetric `k·b × k·b` information, row-major, of which the lower triangle is
+    /// read (and the whole diagonal blocks); `vector` is `k·b × columns`, node-major. Prefer
+    /// [`Self::add_scattered`] for elements that come again.
     ///
     /// # Errors
     /// `Input` when nodes are not coupled in the pattern or when a length is wrong; nothing is added then.
@@ -202,7 +203,8 @@ impl BlockInformation {
     /// `Input` when the map belongs to another pattern or when a length is wrong; nothing is added then.
     pub fn add_scattered(&mut self, scatter: &ElementScatter, matrix: &[f64], vector: &[f64]) -> Result<()> {
         let (b, columns, k) = (self.block, self.columns, scatter.nodes.len());
-        if scatter.pattern_nodes != self.pattern.nodes() || scatter.pattern_entries != self.pattern.entries() {
+        if scatter.pattern_nodes != self.pattern.nodes() || scatter.pattern_entries != self.pattern.entries()
+        {
             return Err(Error::input("the element's scatter map was made for another pattern"));
         }
         expect_length("an element's matrix", k * b * k * b, matrix.len())?;
@@ -283,20 +285,16 @@ impl BlockInformation {
     /// `Input` when the wider pattern lacks an entry of this one.
     pub fn on_pattern(&self, wider: &Arc<BlockPattern>) -> Result<Self> {
         if BlockPattern::same(&self.pattern, wider) {
-            return Ok(Self {
-                pattern: Arc::clone(wider),
-                ..self.clone()
-            });
+            return Ok(Self { pattern: Arc::clone(wider), ..self.clone() });
         }
         expect_length("a wider pattern", self.pattern.nodes(), wider.nodes())?;
         let mut spread = Self::zeros(Arc::clone(wider), self.block, self.columns)?;
         let size = self.block * self.block;
         for node in 0..self.pattern.nodes() {
             for (from, &row) in self.pattern.column_range(node).zip(self.pattern.column(node)) {
-                let to = wider
-                    .position(row, node as u32)
-                    .ok_or_else(|| not_coupled(row, node as u32))?;
-                spread.values[to * size..(to + 1) * size].copy_from_slice(&self.values[from * size..(from + 1) * size]);
+                let to = wider.position(row, node as u32).ok_or_else(|| not_coupled(row, node as u32))?;
+                spread.values[to * size..(to + 1) * size]
+                    .copy_from_slice(&self.values[from * size..(from + 1) * size]);
             }
         }
         spread.vector.copy_from_slice(&self.vector);
@@ -398,7 +396,8 @@ impl BlockInformation {
         }
     }
 
-    /// The same information about `x + by`: `η ← η + Λ by`, `Λ` as it is; `by` is node-major, of the vector's own length.
+    /// The same information about `x + by`: `η ← η + Λ by`, `Λ` as it is; `by` is node-major, of the vector's
+    /// own length.
     ///
     /// # Errors
     /// `Input` when `by` has another length.
@@ -424,10 +423,12 @@ impl BlockInformation {
 
     /// `Λ ⊗ I_b` on the same pattern: one unknown per node becomes `block` independent ones.
     ///
-    /// The vectors keep their layout: `columns` must be a multiple of `block`, as 3 columns become 1 column of 3.
+    /// The vectors keep their layout: `columns` must be a multiple of `block`, as 3 columns become 1 column
+    /// of 3.
     ///
     /// # Errors
-    /// `Input` when this information already has more than one unknown per node, or when the columns do not divide.
+    /// `Input` when this information already has more than one unknown per node, or when the columns do not
+    /// divide.
     pub fn expanded(&self, block: usize) -> Result<Self> {
         if self.block != 1 || block == 0 || !self.columns.is_multiple_of(block) {
             return Err(Error::input(format!(
@@ -469,9 +470,7 @@ pub(super) fn expect_length(what: &str, expected: usize, found: usize) -> Result
     if expected == found {
         Ok(())
     } else {
-        Err(Error::input(format!(
-            "{what} needs {expected} entries, {found} were given"
-        )))
+        Err(Error::input(format!("{what} needs {expected} entries, {found} were given")))
     }
 }
 
@@ -482,8 +481,6 @@ pub(super) fn columns_of(what: &str, dimension: usize, length: usize) -> Result<
     } else if dimension > 0 && length.is_multiple_of(dimension) {
         Ok(length / dimension)
     } else {
-        Err(Error::input(format!(
-            "{what} needs a multiple of {dimension} entries, {length} were given"
-        )))
+        Err(Error::input(format!("{what} needs a multiple of {dimension} entries, {length} were given")))
     }
 }

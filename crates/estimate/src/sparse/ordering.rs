@@ -1,7 +1,7 @@
 //! In which order the nodes are eliminated.
 //!
-//! Comes in: a pattern, and for the geometric ordering a point in the parameter plane for each node. Goes out: a
-//! permutation of nodes that keeps the factor sparse. Not guaranteed: least fill, which is NP-hard.
+//! Comes in: a pattern, and for the geometric ordering a point in the parameter plane for each node. Goes
+//! out: a permutation of nodes that keeps the factor sparse. Not guaranteed: least fill, which is NP-hard.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::SymbolicSparseColMatRef;
@@ -15,7 +15,8 @@ use crate::{Error, Result};
 ///
 /// On bicubic grids (7 × 7 stencil) 20 to 100 differ by less than 10 % in the time of the factorisation.
 const LEAF_NODES: usize = 40;
-/// A piece that is smaller than this part of its parent counts as a failed cut by value; the cut goes by rank instead.
+/// A piece that is smaller than this part of its parent counts as a failed cut by value; the cut goes by rank
+/// instead.
 const LEAST_SHARE: f64 = 0.3;
 
 /// A permutation of nodes for elimination.
@@ -28,9 +29,7 @@ impl NodeOrdering {
     /// The order in which the nodes are numbered.
     #[must_use]
     pub fn natural(nodes: usize) -> Self {
-        Self {
-            old_from_new: (0..nodes as u32).collect(),
-        }
+        Self { old_from_new: (0..nodes as u32).collect() }
     }
 
     /// A given permutation: `old_from_new[k]` is the node that is eliminated as the k-th.
@@ -62,8 +61,8 @@ impl NodeOrdering {
     pub fn amd(pattern: &BlockPattern) -> Result<Self> {
         let nodes = pattern.nodes();
         let too_large = |_| Error::unsupported("the pattern is too large for the minimum-degree ordering");
-        // The lower triangle by columns, read as the upper triangle by columns of the transposed, is what AMD takes;
-        // it looks at the pattern of A + Aᵀ, so either triangle serves.
+        // The lower triangle by columns, read as the upper triangle by columns of the transposed, is what AMD
+        // takes; it looks at the pattern of A + Aᵀ, so either triangle serves.
         let mut starts: Vec<u64> = Vec::with_capacity(nodes + 1);
         let mut rows: Vec<u64> = Vec::with_capacity(pattern.entries());
         starts.push(0);
@@ -75,23 +74,18 @@ impl NodeOrdering {
         let mut memory = MemBuffer::try_new(amd::order_scratch::<u64>(nodes, rows.len()))
             .map_err(|_| Error::unsupported("not enough memory for the minimum-degree ordering"))?;
         let (mut forward, mut inverse) = (vec![0_u64; nodes], vec![0_u64; nodes]);
-        amd::order(
-            &mut forward,
-            &mut inverse,
-            matrix,
-            amd::Control::default(),
-            MemStack::new(&mut memory),
-        )
-        .map_err(too_large)?;
+        amd::order(&mut forward, &mut inverse, matrix, amd::Control::default(), MemStack::new(&mut memory))
+            .map_err(too_large)?;
         Self::from_permutation(forward.into_iter().map(|node| node as u32).collect())
     }
 
-    /// Geometric nested dissection: pieces are halved at a coordinate, the nodes between the halves come last.
+    /// Geometric nested dissection: pieces are halved at a coordinate, the nodes between the halves come
+    /// last.
     ///
-    /// `coordinates[node]` is a point in the parameter plane, in any unit. Both directions are tried at every piece, and
-    /// the cut with the smaller separator for its balance is taken. The separator is found in the graph: the nodes of
-    /// one half that are coupled with the other. So periodic directions and nested levels of refinement need no care.
-    /// Cost: O(e log n) for e entries of the pattern.
+    /// `coordinates[node]` is a point in the parameter plane, in any unit. Both directions are tried at every
+    /// piece, and the cut with the smaller separator for its balance is taken. The separator is found in the
+    /// graph: the nodes of one half that are coupled with the other. So periodic directions and nested levels
+    /// of refinement need no care. Cost: O(e log n) for e entries of the pattern.
     ///
     /// # Errors
     /// `Input` when coordinates are missing or not finite.
@@ -106,9 +100,7 @@ impl NodeOrdering {
                 coordinates.len()
             )));
         }
-        if let Some(node) = coordinates
-            .iter()
-            .position(|point| !point.iter().all(|value| value.is_finite()))
+        if let Some(node) = coordinates.iter().position(|point| !point.iter().all(|value| value.is_finite()))
         {
             return Err(Error::input(format!("the coordinates of node {node} are not finite")));
         }
@@ -119,9 +111,7 @@ impl NodeOrdering {
             order: Vec::with_capacity(pattern.nodes()),
         };
         dissection.dissect((0..pattern.nodes() as u32).collect());
-        Ok(Self {
-            old_from_new: dissection.order,
-        })
+        Ok(Self { old_from_new: dissection.order })
     }
 
     /// The nodes in the order of elimination.
@@ -167,11 +157,7 @@ impl Dissection<'_> {
             return;
         }
         let (first, second) = (self.cut(&piece, 0), self.cut(&piece, 1));
-        let (mut cut, along) = if second.cost() < first.cost() {
-            (second, 0)
-        } else {
-            (first, 1)
-        };
+        let (mut cut, along) = if second.cost() < first.cost() { (second, 0) } else { (first, 1) };
         if cut.low.is_empty() && cut.high.is_empty() {
             // Everything is coupled with everything.
             piece.sort_unstable();
@@ -235,11 +221,7 @@ impl Dissection<'_> {
         // Of two equally small borders, that of the larger half.
         let from_low = count[0] < count[1] || (count[0] == count[1] && size[0] >= size[1]);
         let giving = if from_low { LOW } else { HIGH };
-        let mut cut = Cut {
-            low: Vec::new(),
-            high: Vec::new(),
-            separator: Vec::new(),
-        };
+        let mut cut = Cut { low: Vec::new(), high: Vec::new(), separator: Vec::new() };
         for (&node, &at_border) in piece.iter().zip(&border) {
             let side = self.side[node as usize];
             if at_border && side == giving {

@@ -1,13 +1,15 @@
 //! A supernode's panel applied to a few vectors, in the widest instructions the machine has.
 //!
-//! Comes in: a column-major panel `L_CC` over `L_RC` and vectors that lie one after the other. Goes out: the vectors, changed in
-//! place. General kernels for products of matrices lose most of their time on so few vectors.
+//! Comes in: a column-major panel `L_CC` over `L_RC` and vectors that lie one after the other. Goes out: the
+//! vectors, changed in place. General kernels for products of matrices lose most of their time on so few
+//! vectors.
 //!
 //! Not guaranteed: the same last digit on machines with other instructions.
 
 use pulp::{Simd, WithSimd};
 
-/// Columns of a panel that are applied to a vector together: the vector is read and written once for all of them.
+/// Columns of a panel that are applied to a vector together: the vector is read and written once for all of
+/// them.
 const TOGETHER: usize = 4;
 
 /// `own ← L_CC⁻¹ own`, then `below ← below − L_RC own`.
@@ -25,13 +27,7 @@ impl WithSimd for Elimination<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self {
-            panel,
-            stride,
-            vectors,
-            own,
-            below,
-        } = self;
+        let Self { panel, stride, vectors, own, below } = self;
         let columns = own.len() / vectors.max(1);
         let height = stride - columns;
         for k in (0..columns).step_by(TOGETHER) {
@@ -48,14 +44,7 @@ impl WithSimd for Elimination<'_> {
                     }
                 }
                 subtract_product(simd, panel, stride, k + width, x, rest);
-                subtract_product(
-                    simd,
-                    panel,
-                    stride,
-                    columns,
-                    x,
-                    &mut below[v * height..(v + 1) * height],
-                );
+                subtract_product(simd, panel, stride, columns, x, &mut below[v * height..(v + 1) * height]);
             }
         }
     }
@@ -76,13 +65,7 @@ impl WithSimd for BackSubstitution<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self {
-            panel,
-            stride,
-            vectors,
-            own,
-            known,
-        } = self;
+        let Self { panel, stride, vectors, own, known } = self;
         let columns = own.len() / vectors.max(1);
         let height = stride - columns;
         for k in (0..columns).step_by(TOGETHER).rev() {
@@ -107,7 +90,14 @@ impl WithSimd for BackSubstitution<'_> {
 
 /// `y ← y − A x` for the rows from `first` on of at most [`TOGETHER`] columns.
 #[inline(always)]
-fn subtract_product<S: Simd>(simd: S, columns: &[f64], stride: usize, first: usize, x: &[f64], y: &mut [f64]) {
+fn subtract_product<S: Simd>(
+    simd: S,
+    columns: &[f64],
+    stride: usize,
+    first: usize,
+    x: &[f64],
+    y: &mut [f64],
+) {
     let n = y.len();
     let part = |j: usize| S::as_simd_f64s(&columns[j * stride + first..][..n]);
     let (y, y_rest) = S::as_mut_simd_f64s(y);
@@ -137,7 +127,14 @@ fn subtract_product<S: Simd>(simd: S, columns: &[f64], stride: usize, first: usi
 
 /// `x ← x − Aᵀ y` for the rows from `first` on of at most [`TOGETHER`] columns.
 #[inline(always)]
-fn subtract_products<S: Simd>(simd: S, columns: &[f64], stride: usize, first: usize, y: &[f64], x: &mut [f64]) {
+fn subtract_products<S: Simd>(
+    simd: S,
+    columns: &[f64],
+    stride: usize,
+    first: usize,
+    y: &[f64],
+    x: &mut [f64],
+) {
     let n = y.len();
     let part = |j: usize| S::as_simd_f64s(&columns[j * stride + first..][..n]);
     let (y, y_rest) = S::as_simd_f64s(y);

@@ -1,8 +1,8 @@
 //! Which nodes are coupled.
 //!
-//! Comes in: elements, each a list of nodes that couple with one another. Goes out: the lower triangle, with the
-//! diagonal, column by column with sorted rows. Not guaranteed: that every node is in an element; its diagonal entry is
-//! there all the same.
+//! Comes in: elements, each a list of nodes that couple with one another. Goes out: the lower triangle, with
+//! the diagonal, column by column with sorted rows. Not guaranteed: that every node is in an element; its
+//! diagonal entry is there all the same.
 
 use crate::{Error, Result};
 
@@ -11,7 +11,8 @@ const MAX_ENTRIES: usize = (1 << 30) - 1;
 
 /// The symmetric sparsity pattern of an information matrix over nodes.
 ///
-/// Only entries `(i, j)` with `i ≥ j` are stored, by column, rows ascending; the diagonal comes first in each column.
+/// Only entries `(i, j)` with `i ≥ j` are stored, by column, rows ascending; the diagonal comes first in each
+/// column.
 ///
 /// # Examples
 /// ```
@@ -34,7 +35,8 @@ impl BlockPattern {
     /// Nodes of an element may come in any order and may repeat. Cost: O(Σ k²) for elements of k nodes.
     ///
     /// # Errors
-    /// `Input` when an element names a node that does not exist, or when the pattern is too large for 30-bit positions.
+    /// `Input` when an element names a node that does not exist, or when the pattern is too large for 30-bit
+    /// positions.
     pub fn from_elements<E>(nodes: usize, elements: impl IntoIterator<Item = E>) -> Result<Self>
     where
         E: AsRef<[u32]>,
@@ -170,7 +172,8 @@ impl BlockPattern {
         self.column_start[node] as usize..self.column_start[node + 1] as usize
     }
 
-    /// The position of the entry that couples nodes `i` and `j`, in either order; `None` when they are not coupled.
+    /// The position of the entry that couples nodes `i` and `j`, in either order; `None` when they are not
+    /// coupled.
     ///
     /// Cost: a binary search in one column.
     #[must_use]
@@ -180,10 +183,7 @@ impl BlockPattern {
             return None;
         }
         let range = self.column_range(column);
-        self.rows[range.clone()]
-            .binary_search(&row)
-            .ok()
-            .map(|at| range.start + at)
+        self.rows[range.clone()].binary_search(&row).ok().map(|at| range.start + at)
     }
 
     /// Whether both are the same pattern; quick when they are the same object.
@@ -199,7 +199,8 @@ pub(super) struct Graph {
 }
 
 impl Graph {
-    /// The graph of a pattern with node `old` renamed `new_from_old[old]`. Neighbours come in no particular order.
+    /// The graph of a pattern with node `old` renamed `new_from_old[old]`. Neighbours come in no particular
+    /// order.
     pub(super) fn renamed(pattern: &BlockPattern, new_from_old: impl Fn(u32) -> u32) -> Self {
         let nodes = pattern.nodes();
         let mut start = vec![0_usize; nodes + 1];

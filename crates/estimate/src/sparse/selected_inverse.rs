@@ -1,7 +1,8 @@
 //! The covariance where the factor has entries.
 //!
-//! Comes in: a Cholesky factor. Goes out: the entries of `Λ⁻¹` on the pattern of `L + Lᵀ`, which holds every pair of
-//! nodes that share an element. Not guaranteed: covariances of nodes far from each other; solve for those.
+//! Comes in: a Cholesky factor. Goes out: the entries of `Λ⁻¹` on the pattern of `L + Lᵀ`, which holds every
+//! pair of nodes that share an element. Not guaranteed: covariances of nodes far from each other; solve for
+//! those.
 
 use std::sync::Arc;
 
@@ -27,12 +28,13 @@ const TOGETHER: usize = 64;
 /// Z_RC = −Z_RR Y        Z_CC = L_CC⁻ᵀ L_CC⁻¹ − Yᵀ Z_RC
 /// ```
 ///
-/// `Z_RR` is known by then: R is coupled in the parent's front. Cost: about twice the operations of the factorisation.
+/// `Z_RR` is known by then: R is coupled in the parent's front. Cost: about twice the operations of the
+/// factorisation.
 ///
 /// # References
-/// Takahashi, Fagan, Chin, *Formation of a sparse bus impedance matrix*, 1973; Erisman and Tinney, *On computing certain
-/// elements of the inverse of a sparse matrix*, 1975; Rue and Martino, *Approximate Bayesian inference for hierarchical
-/// Gaussian Markov random field models*, 2007.
+/// Takahashi, Fagan, Chin, *Formation of a sparse bus impedance matrix*, 1973; Erisman and Tinney, *On
+/// computing certain elements of the inverse of a sparse matrix*, 1975; Rue and Martino, *Approximate
+/// Bayesian inference for hierarchical Gaussian Markov random field models*, 2007.
 #[derive(Clone)]
 pub struct SelectedInverse {
     symbolic: Arc<SymbolicFactor>,
@@ -44,14 +46,12 @@ impl SelectedInverse {
     /// The selected inverse behind a factor.
     #[must_use]
     pub fn new(factor: &CholeskyFactor) -> Self {
-        Self {
-            symbolic: Arc::clone(factor.symbolic()),
-            values: vec![0.0; factor.symbolic().stored_values()],
-        }
-        .refresh(factor)
+        Self { symbolic: Arc::clone(factor.symbolic()), values: vec![0.0; factor.symbolic().stored_values()] }
+            .refresh(factor)
     }
 
-    /// The selected inverse behind another factor, in the memory of this one. Gives the same bytes as [`Self::new`].
+    /// The selected inverse behind another factor, in the memory of this one. Gives the same bytes as
+    /// [`Self::new`].
     #[must_use]
     pub fn refresh(self, factor: &CholeskyFactor) -> Self {
         let symbolic = factor.symbolic();
@@ -79,10 +79,7 @@ impl SelectedInverse {
                 })
                 .collect()
         });
-        Self {
-            symbolic: Arc::clone(symbolic),
-            values,
-        }
+        Self { symbolic: Arc::clone(symbolic), values }
     }
 
     /// The analysis behind the selected inverse.
@@ -107,7 +104,8 @@ impl SelectedInverse {
         self.copy_block(i, j, &mut block, b).then_some(block)
     }
 
-    /// Copies block `(i, j)` to a row-major target whose rows are `stride` apart; false when the pair is not there.
+    /// Copies block `(i, j)` to a row-major target whose rows are `stride` apart; false when the pair is not
+    /// there.
     fn copy_block(&self, i: u32, j: u32, target: &mut [f64], stride: usize) -> bool {
         let symbolic = &*self.symbolic;
         let nodes = symbolic.new_from_old.len() as u32;
@@ -163,9 +161,8 @@ impl SelectedInverse {
         if nodes.iter().any(|&node| node as usize >= symbolic.new_from_old.len()) {
             return false;
         }
-        let mut order: Vec<(u32, usize)> = (nodes.iter().enumerate())
-            .map(|(a, &node)| (symbolic.new_from_old[node as usize], a))
-            .collect();
+        let mut order: Vec<(u32, usize)> =
+            (nodes.iter().enumerate()).map(|(a, &node)| (symbolic.new_from_old[node as usize], a)).collect();
         order.sort_unstable();
         // Columns of one supernode have their rows at the same places: they are looked for once.
         let mut places = vec![0; order.len()];
@@ -206,7 +203,8 @@ impl SelectedInverse {
 
     /// `tr(Λ⁻¹ K)` for a matrix `K` on the same pattern.
     ///
-    /// `K` may have one unknown per node where `Λ` has b: it is then meant as `K ⊗ I_b`. Cost: O(entries of K).
+    /// `K` may have one unknown per node where `Λ` has b: it is then meant as `K ⊗ I_b`. Cost: O(entries of
+    /// K).
     ///
     /// # Errors
     /// `Input` when `K` has another pattern or block size.
@@ -215,9 +213,7 @@ impl SelectedInverse {
         let b = symbolic.block_size();
         let own = matrix.block_size();
         if !BlockPattern::same(matrix.pattern(), symbolic.pattern()) || (own != b && own != 1) {
-            return Err(Error::input(
-                "the matrix has another pattern or block size than the covariance",
-            ));
+            return Err(Error::input("the matrix has another pattern or block size than the covariance"));
         }
         let pattern = symbolic.pattern();
         let mut is_diagonal = vec![false; pattern.entries()];
@@ -227,11 +223,7 @@ impl SelectedInverse {
         let mut trace = 0.0;
         for slot in symbolic.all_slots() {
             let covariance = |row: usize, column: usize| {
-                let (row, column) = if slot.transposed() {
-                    (column, row)
-                } else {
-                    (row, column)
-                };
+                let (row, column) = if slot.transposed() { (column, row) } else { (row, column) };
                 self.values[slot.offset + column * slot.stride() + row]
             };
             let values = &matrix.values()[slot.entry() * own * own..(slot.entry() + 1) * own * own];
@@ -256,9 +248,7 @@ impl SelectedInverse {
 
 impl std::fmt::Debug for SelectedInverse {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SelectedInverse")
-            .field("symbolic", &self.symbolic)
-            .finish_non_exhaustive()
+        f.debug_struct("SelectedInverse").field("symbolic", &self.symbolic).finish_non_exhaustive()
     }
 }
 
@@ -269,7 +259,8 @@ fn invert_panel(factor: &CholeskyFactor, s: usize, panel: &mut [f64], z_rows: &[
     let (top, below) = factor.panel(s);
     let mut inverse_values = spare.take(columns * columns);
     inverse_values[..columns * columns].fill(0.0);
-    let mut inverse = MatMut::from_column_major_slice_mut(&mut inverse_values[..columns * columns], columns, columns);
+    let mut inverse =
+        MatMut::from_column_major_slice_mut(&mut inverse_values[..columns * columns], columns, columns);
     invert_lower_triangular(inverse.rb_mut(), top, Par::Seq);
     let inverse = inverse.rb();
     let (mut z_own, mut z_below) =
@@ -320,20 +311,22 @@ fn invert_panel(factor: &CholeskyFactor, s: usize, panel: &mut [f64], z_rows: &[
 }
 
 /// `Z_RR` of a child, both triangles, from its parent's front.
-fn gather(runs: &[Run], size: usize, panel: &[f64], columns: usize, height: usize, z_rows: &[f64], part: &mut [f64]) {
+fn gather(
+    runs: &[Run],
+    size: usize,
+    panel: &[f64],
+    columns: usize,
+    height: usize,
+    z_rows: &[f64],
+    part: &mut [f64],
+) {
     for (at, run) in runs.iter().enumerate() {
         let (from, to, length) = (run.from as usize, run.to as usize, run.length as usize);
         for k in 0..length {
             let (source, shift) = if to + k < columns {
-                (
-                    &panel[(to + k) * (columns + height)..(to + k + 1) * (columns + height)],
-                    0,
-                )
+                (&panel[(to + k) * (columns + height)..(to + k + 1) * (columns + height)], 0)
             } else {
-                (
-                    &z_rows[(to + k - columns) * height..(to + k - columns + 1) * height],
-                    columns,
-                )
+                (&z_rows[(to + k - columns) * height..(to + k - columns + 1) * height], columns)
             };
             let target = &mut part[(from + k) * size..(from + k + 1) * size];
             target[from + k..from + length].copy_from_slice(&source[to + k - shift..to + length - shift]);
@@ -358,7 +351,8 @@ fn minus_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, c: MatMut<'_, f64>) {
     }
 }
 
-/// Copies the lower triangle of the first `columns` rows and columns to the upper, tile by tile for the cache.
+/// Copies the lower triangle of the first `columns` rows and columns to the upper, tile by tile for the
+/// cache.
 fn mirror(values: &mut [f64], stride: usize, columns: usize) {
     const TILE: usize = 16;
     for left in (0..columns).step_by(TILE) {

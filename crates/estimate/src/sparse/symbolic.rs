@@ -1,9 +1,9 @@
 //! What a factorisation needs to know before it sees numbers.
 //!
-//! Comes in: a pattern, an ordering and the unknowns per node. Goes out: supernodes (groups of columns with the same
-//! rows), their tree, where each entry of the information goes, and where each update goes in its parent.
-//! The analysis is made once per pattern; every refit reuses it. Not guaranteed: that stored entries are nonzero;
-//! supernodes are merged when a few stored zeros make the dense work faster.
+//! Comes in: a pattern, an ordering and the unknowns per node. Goes out: supernodes (groups of columns with
+//! the same rows), their tree, where each entry of the information goes, and where each update goes in its
+//! parent. The analysis is made once per pattern; every refit reuses it. Not guaranteed: that stored entries
+//! are nonzero; supernodes are merged when a few stored zeros make the dense work faster.
 
 use std::sync::Arc;
 
@@ -13,9 +13,10 @@ use crate::{Error, Result};
 
 pub(super) const NONE: u32 = u32::MAX;
 
-/// A child is merged into its parent when the merged supernode has at most so many columns (unknowns) and at most this
-/// part of its entries are stored zeros. The optimum is flat: half or twice the numbers of columns cost at most 15 % of
-/// the time of the factorisation on bicubic grids (200 × 200 with b = 1, 64 × 64 with b = 3), other parts less.
+/// A child is merged into its parent when the merged supernode has at most so many columns (unknowns) and at
+/// most this part of its entries are stored zeros. The optimum is flat: half or twice the numbers of columns
+/// cost at most 15 % of the time of the factorisation on bicubic grids (200 × 200 with b = 1, 64 × 64 with b
+/// = 3), other parts less.
 const MERGE_COLUMNS_AND_ZEROS: [(usize, f64); 3] = [(32, 0.6), (128, 0.2), (usize::MAX, 0.05)];
 
 /// Where a block of the information lies in the values of the factor.
@@ -67,15 +68,12 @@ pub(super) struct Run {
 }
 
 impl Run {
-    /// The part that lies in the parent's columns and the part in its rows, each as (from, to, length); `to` counts from the
-    /// first column or row.
+    /// The part that lies in the parent's columns and the part in its rows, each as (from, to, length); `to`
+    /// counts from the first column or row.
     pub(super) fn split(self, columns: usize) -> [(usize, usize, usize); 2] {
         let (from, to, length) = (self.from as usize, self.to as usize, self.length as usize);
         let own = columns.saturating_sub(to).min(length);
-        [
-            (from, to.min(columns - own), own),
-            (from + own, (to + own).saturating_sub(columns), length - own),
-        ]
+        [(from, to.min(columns - own), own), (from + own, (to + own).saturating_sub(columns), length - own)]
     }
 }
 
@@ -84,8 +82,8 @@ impl Run {
 /// The permutation is the given ordering, postordered along the elimination tree.
 ///
 /// # References
-/// Liu, *The role of elimination trees in sparse factorization*, 1990; Ashcraft and Grimes, *The influence of relaxed
-/// supernode partitions on the multifrontal method*, 1989.
+/// Liu, *The role of elimination trees in sparse factorization*, 1990; Ashcraft and Grimes, *The influence of
+/// relaxed supernode partitions on the multifrontal method*, 1989.
 pub struct SymbolicFactor {
     pattern: Arc<BlockPattern>,
     block: usize,
@@ -185,9 +183,7 @@ impl SymbolicFactor {
             }
         }
         self.child_start = start;
-        self.roots = (0..supernodes as u32)
-            .filter(|&s| self.parent[s as usize] == NONE)
-            .collect();
+        self.roots = (0..supernodes as u32).filter(|&s| self.parent[s as usize] == NONE).collect();
         self.first_below = (0..supernodes as u32).collect();
         for s in 0..supernodes {
             if let Some(&first) = self.children(s).first() {
@@ -203,7 +199,8 @@ impl SymbolicFactor {
         }
     }
 
-    /// The rows of each supernode: those of its columns in the matrix, and those of its children that it keeps.
+    /// The rows of each supernode: those of its columns in the matrix, and those of its children that it
+    /// keeps.
     fn find_rows(&mut self, graph: &Graph) {
         let mut seen_by = vec![NONE; self.old_from_new.len()];
         for s in 0..self.supernodes() {
@@ -256,11 +253,7 @@ impl SymbolicFactor {
                     };
                     match self.runs[first..].last_mut() {
                         Some(run) if run.to + run.length == to * b => run.length += b,
-                        _ => self.runs.push(Run {
-                            from: from * b,
-                            to: to * b,
-                            length: b,
-                        }),
+                        _ => self.runs.push(Run { from: from * b, to: to * b, length: b }),
                     }
                 }
             }
@@ -270,7 +263,8 @@ impl SymbolicFactor {
 
     fn find_slots(&mut self) {
         let mut start = vec![0_usize; self.supernodes() + 1];
-        let column_of = |node: u32, row: u32| self.new_from_old[node as usize].min(self.new_from_old[row as usize]);
+        let column_of =
+            |node: u32, row: u32| self.new_from_old[node as usize].min(self.new_from_old[row as usize]);
         for node in 0..self.pattern.nodes() {
             for &row in self.pattern.column(node) {
                 start[self.supernode_of[column_of(node as u32, row) as usize] as usize + 1] += 1;
@@ -280,14 +274,7 @@ impl SymbolicFactor {
             start[s + 1] += start[s];
         }
         let mut fill = start.clone();
-        let mut slots = vec![
-            EntrySlot {
-                offset: 0,
-                stride: 0,
-                entry: 0
-            };
-            self.pattern.entries()
-        ];
+        let mut slots = vec![EntrySlot { offset: 0, stride: 0, entry: 0 }; self.pattern.entries()];
         for node in 0..self.pattern.nodes() {
             let j = self.new_from_old[node];
             for (entry, &row) in self.pattern.column_range(node).zip(self.pattern.column(node)) {
@@ -297,11 +284,8 @@ impl SymbolicFactor {
                 };
                 let place = &mut fill[self.supernode_of[i.min(j) as usize] as usize];
                 let flag = if i < j { TRANSPOSED } else { 0 };
-                slots[*place] = EntrySlot {
-                    offset: slot.offset,
-                    stride: slot.stride as u32,
-                    entry: entry as u32 | flag,
-                };
+                slots[*place] =
+                    EntrySlot { offset: slot.offset, stride: slot.stride as u32, entry: entry as u32 | flag };
                 *place += 1;
             }
         }
@@ -499,7 +483,8 @@ struct Groups {
 fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
     let nodes = parent.len();
     let order = postorder(parent);
-    // Fundamental supernodes: runs of the postorder in which each column is the parent of the one before and has its rows.
+    // Fundamental supernodes: runs of the postorder in which each column is the parent of the one before and
+    // has its rows.
     let mut group_of = vec![0_u32; nodes];
     let mut top = Vec::new();
     for (k, &node) in order.iter().enumerate() {
@@ -541,10 +526,7 @@ fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
                 let merged = trapezoid(columns[g] + columns[child], rows[g]);
                 (merged - entries[g] - entries[child], merged)
             };
-            let best = children[g]
-                .iter()
-                .enumerate()
-                .min_by_key(|&(_, &child)| zeros_with(child as usize).0);
+            let best = children[g].iter().enumerate().min_by_key(|&(_, &child)| zeros_with(child as usize).0);
             let Some((at, &child)) = best else { break };
             let child = child as usize;
             let (zeros, merged) = zeros_with(child);
@@ -578,13 +560,7 @@ fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
     let mut final_of = vec![NONE; groups];
     let (mut final_order, mut start, mut survivors) = (Vec::with_capacity(nodes), vec![0_u32], Vec::new());
     let tree: Vec<u32> = (0..groups)
-        .map(|g| {
-            if merged_into[g] == g as u32 {
-                group_parent[g]
-            } else {
-                merged_into[g]
-            }
-        })
+        .map(|g| if merged_into[g] == g as u32 { group_parent[g] } else { merged_into[g] })
         .collect();
     for g in postorder(&tree) {
         if merged_into[g as usize] == g {
@@ -601,11 +577,7 @@ fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
             above => final_of[merged_into[above as usize] as usize],
         })
         .collect();
-    Groups {
-        order: final_order,
-        start,
-        parent,
-    }
+    Groups { order: final_order, start, parent }
 }
 
 fn trapezoid(columns: usize, rows: usize) -> usize {

@@ -16,21 +16,23 @@ struct Problem {
 }
 
 impl Problem {
-    /// A grid of `across × along` nodes with elements of `degree + 1` nodes each way, periodic in u when asked.
+    /// A grid of `across × along` nodes with elements of `degree + 1` nodes each way, periodic in u when
+    /// asked.
     fn grid(across: usize, along: usize, degree: usize, periodic: bool) -> Self {
         let mut elements = Vec::new();
         for v in 0..along - degree {
             for u in 0..if periodic { across } else { across - degree } {
                 elements.push(
                     (0..=degree)
-                        .flat_map(|dv| (0..=degree).map(move |du| (((v + dv) * across) + (u + du) % across) as u32))
+                        .flat_map(|dv| {
+                            (0..=degree).map(move |du| (((v + dv) * across) + (u + du) % across) as u32)
+                        })
                         .collect(),
                 );
             }
         }
-        let coordinates = (0..across * along)
-            .map(|node| [(node % across) as f64, (node / across) as f64])
-            .collect();
+        let coordinates =
+            (0..across * along).map(|node| [(node % across) as f64, (node / across) as f64]).collect();
         Self { elements, coordinates }
     }
 
@@ -62,7 +64,13 @@ impl Problem {
     }
 
     /// `Σ GᵀG` over the elements plus a small prior, with random vectors.
-    fn information(&self, pattern: &Arc<BlockPattern>, b: usize, columns: usize, seed: u64) -> BlockInformation {
+    fn information(
+        &self,
+        pattern: &Arc<BlockPattern>,
+        b: usize,
+        columns: usize,
+        seed: u64,
+    ) -> BlockInformation {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut information = BlockInformation::zeros(Arc::clone(pattern), b, columns).unwrap();
         for element in &self.elements {
@@ -94,20 +102,8 @@ fn problems() -> Vec<(&'static str, Problem)> {
         ("tightly periodic grid", Problem::grid(4, 30, 3, true)),
         ("scattered", Problem::scattered(160, 7)),
         ("scattered, sparse", Problem::scattered(90, 8)),
-        (
-            "one node",
-            Problem {
-                elements: vec![vec![0]],
-                coordinates: vec![[0.0, 0.0]],
-            },
-        ),
-        (
-            "no elements",
-            Problem {
-                elements: Vec::new(),
-                coordinates: vec![[1.0, 1.0]; 70],
-            },
-        ),
+        ("one node", Problem { elements: vec![vec![0]], coordinates: vec![[0.0, 0.0]] }),
+        ("no elements", Problem { elements: Vec::new(), coordinates: vec![[1.0, 1.0]; 70] }),
     ]
 }
 
@@ -115,17 +111,15 @@ fn assert_close(what: &str, found: &[f64], expected: &[f64], relative: f64) {
     assert_eq!(found.len(), expected.len(), "{what}");
     let scale = expected.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     for (at, (a, b)) in found.iter().zip(expected).enumerate() {
-        assert!(
-            (a - b).abs() <= relative * scale,
-            "{what}: entry {at} is {a}, expected {b}"
-        );
+        assert!((a - b).abs() <= relative * scale, "{what}: entry {at} is {a}, expected {b}");
     }
 }
 
 #[test]
 fn accumulation_equals_the_dense_sum() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    // Unsorted nodes, and one that comes twice, as on a periodic surface with fewer columns than the degree wants.
+    // Unsorted nodes, and one that comes twice, as on a periodic surface with fewer columns than the degree
+    // wants.
     let elements: [&[u32]; 4] = [&[4, 1, 2], &[0, 3], &[2, 5, 2], &[5]];
     let pattern = Arc::new(BlockPattern::from_elements(6, elements).unwrap());
     for (b, columns) in [(1, 3), (3, 1), (2, 2)] {
@@ -186,15 +180,8 @@ fn solutions_agree_with_dense_algebra() {
             factor.solve_in_place(&mut x).unwrap();
             assert_close(name, &x, expected.as_slice(), 1e-9);
 
-            let log_determinant: f64 = 2.0
-                * dense
-                    .cholesky()
-                    .unwrap()
-                    .l()
-                    .diagonal()
-                    .iter()
-                    .map(|value| value.ln())
-                    .sum::<f64>();
+            let log_determinant: f64 =
+                2.0 * dense.cholesky().unwrap().l().diagonal().iter().map(|value| value.ln()).sum::<f64>();
             let scale = log_determinant.abs().max(1.0);
             assert!(
                 (factor.log_determinant() - log_determinant).abs() < 1e-10 * scale,
@@ -223,18 +210,10 @@ fn samples_have_the_covariance() {
     let information = problem.information(&problem.pattern(), 3, 1, 4);
     let n = information.dimension();
     let mut identity = DMatrix::<f64>::identity(n, n);
-    problem
-        .factor(&information)
-        .solve_lower_transpose_in_place(identity.as_mut_slice())
-        .unwrap();
+    problem.factor(&information).solve_lower_transpose_in_place(identity.as_mut_slice()).unwrap();
     let root = identity.transpose();
     let covariance = information.to_dense().try_inverse().unwrap();
-    assert_close(
-        "covariance",
-        (&root * root.transpose()).as_slice(),
-        covariance.as_slice(),
-        1e-10,
-    );
+    assert_close("covariance", (&root * root.transpose()).as_slice(), covariance.as_slice(), 1e-10);
 }
 
 #[test]
@@ -267,10 +246,8 @@ fn selected_inverse_agrees_with_the_dense_inverse() {
             }
             assert!(found >= 2 * information.pattern().entries() - nodes as usize);
             for element in &problem.elements {
-                let unknowns: Vec<usize> = element
-                    .iter()
-                    .flat_map(|&node| (0..b).map(move |k| node as usize * b + k))
-                    .collect();
+                let unknowns: Vec<usize> =
+                    element.iter().flat_map(|&node| (0..b).map(move |k| node as usize * b + k)).collect();
                 let expected = inverse.select_rows(&unknowns).select_columns(&unknowns);
                 assert_close(name, &selected.dense(element).unwrap(), expected.as_slice(), 1e-9);
             }
@@ -287,19 +264,12 @@ fn traces_agree_with_dense_algebra() {
     for b in [1, 3] {
         let information = problem.information(&pattern, b, 0, 7);
         let factor = problem.factor(&information);
-        let wide = if b == 1 {
-            penalty.clone()
-        } else {
-            penalty.expanded(b).unwrap()
-        };
+        let wide = if b == 1 { penalty.clone() } else { penalty.expanded(b).unwrap() };
         let exact = (information.to_dense().try_inverse().unwrap() * wide.to_dense()).trace();
         let selected = SelectedInverse::new(&factor);
         for matrix in [&wide, &penalty] {
             let trace = selected.trace_with(matrix).unwrap();
-            assert!(
-                (trace - exact).abs() < 1e-10 * exact,
-                "b = {b}: {trace} instead of {exact}"
-            );
+            assert!((trace - exact).abs() < 1e-10 * exact, "b = {b}: {trace} instead of {exact}");
         }
         let estimate = stochastic_trace(&factor, &wide, 60, 11).unwrap();
         assert!(
@@ -398,10 +368,7 @@ fn merging_commutes_and_associates() {
 fn symbolic_reuse_gives_the_same_bytes() {
     let problem = Problem::grid(20, 15, 3, true);
     let pattern = problem.pattern();
-    let (first, second) = (
-        problem.information(&pattern, 3, 1, 16),
-        problem.information(&pattern, 3, 1, 17),
-    );
+    let (first, second) = (problem.information(&pattern, 3, 1, 16), problem.information(&pattern, 3, 1, 17));
     let ordering = NodeOrdering::nested_dissection(&pattern, &problem.coordinates).unwrap();
     let shared = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 3).unwrap());
     let solved = |factor: &CholeskyFactor| {
@@ -425,11 +392,8 @@ fn the_number_of_threads_does_not_change_a_byte() {
     let problem = Problem::grid(70, 50, 3, true);
     let pattern = problem.pattern();
     let dissected = NodeOrdering::nested_dissection(&pattern, &problem.coordinates).unwrap();
-    for (b, ordering) in [
-        (1, dissected.clone()),
-        (3, dissected),
-        (1, NodeOrdering::natural(pattern.nodes())),
-    ] {
+    for (b, ordering) in [(1, dissected.clone()), (3, dissected), (1, NodeOrdering::natural(pattern.nodes()))]
+    {
         let information = problem.information(&pattern, b, 2, 7);
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -454,11 +418,8 @@ fn scatter_maps_give_the_same_bytes_as_a_search() {
     let problem = Problem::scattered(50, 18);
     let pattern = problem.pattern();
     let by_search = problem.information(&pattern, 3, 1, 19);
-    let maps: Vec<_> = problem
-        .elements
-        .iter()
-        .map(|nodes| ElementScatter::new(&pattern, nodes).unwrap())
-        .collect();
+    let maps: Vec<_> =
+        problem.elements.iter().map(|nodes| ElementScatter::new(&pattern, nodes).unwrap()).collect();
     let mut random = ChaCha8Rng::seed_from_u64(19);
     let mut by_map = BlockInformation::zeros(Arc::clone(&pattern), 3, 1).unwrap();
     for map in &maps {
@@ -483,7 +444,8 @@ fn three_columns_of_one_unknown_equal_one_column_of_three() {
     problem.factor(&narrow).solve_in_place(&mut x).unwrap();
     problem.factor(&wide).solve_in_place(&mut y).unwrap();
     assert_close("solution", &x, &y, 1e-11);
-    let difference = 3.0 * problem.factor(&narrow).log_determinant() - problem.factor(&wide).log_determinant();
+    let difference =
+        3.0 * problem.factor(&narrow).log_determinant() - problem.factor(&wide).log_determinant();
     assert!(difference.abs() < 1e-10);
 }
 
@@ -509,10 +471,7 @@ fn an_undetermined_node_is_named() {
     let mut information = BlockInformation::zeros(loose, 1, 0).unwrap();
     information.add_element(&[0, 1], &[2.0, 1.0, 1.0, 2.0], &[]).unwrap();
     let failure = factor_with(&information, &NodeOrdering::natural(3)).unwrap_err();
-    assert!(
-        failure.kind() == ErrorKind::Undetermined && failure.to_string().contains("node 2"),
-        "{failure}"
-    );
+    assert!(failure.kind() == ErrorKind::Undetermined && failure.to_string().contains("node 2"), "{failure}");
 }
 
 #[test]
@@ -537,9 +496,7 @@ fn weak_priors_are_not_refused() {
     // Twelve orders of magnitude between data and prior still determine the answer.
     let pattern = Arc::new(BlockPattern::from_elements(2, [[0, 1]]).unwrap());
     let mut information = BlockInformation::zeros(pattern, 1, 1).unwrap();
-    information
-        .add_element(&[0, 1], &[1.0, -1.0, -1.0, 1.0], &[1.0, -1.0])
-        .unwrap();
+    information.add_element(&[0, 1], &[1.0, -1.0, -1.0, 1.0], &[1.0, -1.0]).unwrap();
     information.add_diagonal(1e-12);
     assert!(factor_with(&information, &NodeOrdering::natural(2)).is_ok());
 }
@@ -566,10 +523,7 @@ fn wrong_use_is_an_input_error() {
     assert_eq!(failure.kind(), ErrorKind::Input);
     information.values_mut()[1] = 0.0;
     let factor = factor_with(&information, &NodeOrdering::natural(4)).unwrap();
-    assert_eq!(
-        factor.solve_in_place(&mut [0.0; 5]).unwrap_err().kind(),
-        ErrorKind::Input
-    );
+    assert_eq!(factor.solve_in_place(&mut [0.0; 5]).unwrap_err().kind(), ErrorKind::Input);
     let other = BlockInformation::zeros(Arc::clone(&pattern), 3, 1).unwrap();
     assert_eq!(factor.refactorize(&other).unwrap_err().kind(), ErrorKind::Input);
 }
@@ -581,9 +535,7 @@ fn solution_of_a_chain_is_analytic() {
     let pattern = Arc::new(BlockPattern::from_elements(n, (0..n as u32 - 1).map(|i| [i, i + 1])).unwrap());
     let mut information = BlockInformation::zeros(Arc::clone(&pattern), 1, 1).unwrap();
     for i in 0..n as u32 - 1 {
-        information
-            .add_element(&[i, i + 1], &[1.0, -1.0, -1.0, 1.0], &[0.0, 0.0])
-            .unwrap();
+        information.add_element(&[i, i + 1], &[1.0, -1.0, -1.0, 1.0], &[0.0, 0.0]).unwrap();
     }
     information.add_to_diagonal_block(0, &[1.0]).unwrap();
     information.add_to_diagonal_block(n as u32 - 1, &[1.0]).unwrap();

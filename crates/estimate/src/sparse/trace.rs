@@ -1,6 +1,7 @@
 //! The trace of a covariance times a matrix by random probes, for when the selected inverse is not wanted.
 //!
-//! Comes in: a factor, a matrix, a seed. Goes out: an estimate with its own standard error, the same for the same seed.
+//! Comes in: a factor, a matrix, a seed. Goes out: an estimate with its own standard error, the same for the
+//! same seed.
 
 use super::{BlockInformation, CholeskyFactor};
 use crate::{Error, Result};
@@ -27,7 +28,8 @@ pub struct TraceEstimate {
 /// `Input` when the dimensions differ or when no probes are asked for.
 ///
 /// # References
-/// Hutchinson, *A stochastic estimator of the trace of the influence matrix for Laplacian smoothing splines*, 1989.
+/// Hutchinson, *A stochastic estimator of the trace of the influence matrix for Laplacian smoothing splines*,
+/// 1989.
 pub fn stochastic_trace(
     factor: &CholeskyFactor,
     matrix: &BlockInformation,
@@ -41,11 +43,7 @@ pub fn stochastic_trace(
             matrix.dimension()
         )));
     }
-    let mut signs = Signs {
-        state: seed,
-        bits: 0,
-        left: 0,
-    };
+    let mut signs = Signs { state: seed, bits: 0, left: 0 };
     let mut samples: Vec<f64> = Vec::with_capacity(probes);
     while samples.len() < probes {
         let columns = BATCH.min(probes - samples.len());
@@ -61,20 +59,14 @@ pub fn stochastic_trace(
         factor.solve_in_place(&mut product)?;
         for column in 0..columns {
             samples.push(
-                (0..dimension)
-                    .map(|row| z[row * columns + column] * product[row * columns + column])
-                    .sum(),
+                (0..dimension).map(|row| z[row * columns + column] * product[row * columns + column]).sum(),
             );
         }
     }
     let count = probes as f64;
     let value = samples.iter().sum::<f64>() / count;
     let spread: f64 = samples.iter().map(|sample| (sample - value) * (sample - value)).sum();
-    Ok(TraceEstimate {
-        value,
-        standard_error: (spread / (count - 1.0) / count).sqrt(),
-        probes,
-    })
+    Ok(TraceEstimate { value, standard_error: (spread / (count - 1.0) / count).sqrt(), probes })
 }
 
 /// Random signs from SplitMix64 (Steele, Lea, Flood, *Fast splittable pseudorandom number generators*, 2014).

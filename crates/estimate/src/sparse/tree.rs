@@ -1,18 +1,20 @@
 //! Walks along the tree of supernodes, independent subtrees side by side.
 //!
-//! Comes in: a symbolic analysis, data that lie in the order of the supernodes, and what is to be done at each of them. Goes
-//! out: the data, changed in place. Upwards each supernode takes what its children leave, downwards what its parent leaves it.
+//! Comes in: a symbolic analysis, data that lie in the order of the supernodes, and what is to be done at
+//! each of them. Goes out: the data, changed in place. Upwards each supernode takes what its children leave,
+//! downwards what its parent leaves it.
 //!
-//! A supernode's result depends on its children or its parent only, never on who works beside it: the same bytes at any number
-//! of threads. Subtrees with little work are walked by one thread in one loop. What passes between supernodes lies on a stack
-//! there: in a postorder the children's parts are always the topmost.
+//! A supernode's result depends on its children or its parent only, never on who works beside it: the same
+//! bytes at any number of threads. Subtrees with little work are walked by one thread in one loop. What
+//! passes between supernodes lies on a stack there: in a postorder the children's parts are always the
+//! topmost.
 
 use rayon::prelude::*;
 
 use super::SymbolicFactor;
 
-/// Subtrees of less work than this share of the whole are walked by one thread, as are trees of less work than
-/// [`LEAST_WORK`] operations.
+/// Subtrees of less work than this share of the whole are walked by one thread, as are trees of less work
+/// than [`LEAST_WORK`] operations.
 const SERIAL_SHARE: f64 = 1.0 / 48.0;
 /// Waking a second thread costs some 10 µs.
 const LEAST_WORK: f64 = 2e5;
@@ -54,15 +56,11 @@ impl<'a> Walk<'a> {
         work: &'a (dyn Fn(usize) -> f64 + Sync),
     ) -> Self {
         let total: f64 = symbolic.roots().iter().map(|&root| work(root as usize)).sum();
-        Self {
-            symbolic,
-            start,
-            work,
-            grain: (SERIAL_SHARE * total).max(LEAST_WORK),
-        }
+        Self { symbolic, start, work, grain: (SERIAL_SHARE * total).max(LEAST_WORK) }
     }
 
-    /// From the leaves to the roots: `visit(supernode, own data, parts of its children, memory)` gives the part for its parent.
+    /// From the leaves to the roots: `visit(supernode, own data, parts of its children, memory)` gives the
+    /// part for its parent.
     ///
     /// # Errors
     /// That of the first supernode, in the order of elimination, of those that were visited.
@@ -86,7 +84,12 @@ impl<'a> Walk<'a> {
         };
         let work: f64 = siblings.iter().map(|&s| (self.work)(s as usize)).sum();
         if work <= self.grain {
-            return self.ascend_serially(self.symbolic.first_below(first as usize), last as usize, data, visit);
+            return self.ascend_serially(
+                self.symbolic.first_below(first as usize),
+                last as usize,
+                data,
+                visit,
+            );
         }
         if siblings.len() > 1 {
             let (left, right) = siblings.split_at(siblings.len() / 2);
@@ -134,8 +137,8 @@ impl<'a> Walk<'a> {
         Ok(parts)
     }
 
-    /// From the roots to the leaves: `visit(supernode, own data, part from its parent, memory)` gives the parts for its children,
-    /// in their order. Roots get an empty part.
+    /// From the roots to the leaves: `visit(supernode, own data, part from its parent, memory)` gives the
+    /// parts for its children, in their order. Roots get an empty part.
     pub(super) fn descend(
         &self,
         data: &mut [f64],
@@ -225,9 +228,14 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// Calls `work(first, part)` for pieces of `piece` columns each of a column-major matrix with columns of `stride` numbers, side
-/// by side where there are several.
-pub(super) fn by_columns(values: &mut [f64], stride: usize, piece: usize, work: impl Fn(usize, &mut [f64]) + Sync) {
+/// Calls `work(first, part)` for pieces of `piece` columns each of a column-major matrix with columns of
+/// `stride` numbers, side by side where there are several.
+pub(super) fn by_columns(
+    values: &mut [f64],
+    stride: usize,
+    piece: usize,
+    work: impl Fn(usize, &mut [f64]) + Sync,
+) {
     if stride == 0 {
         return;
     }
@@ -235,8 +243,5 @@ pub(super) fn by_columns(values: &mut [f64], stride: usize, piece: usize, work: 
         work(0, values);
         return;
     }
-    values
-        .par_chunks_mut(piece * stride)
-        .enumerate()
-        .for_each(|(at, part)| work(at * piece, part));
+    values.par_chunks_mut(piece * stride).enumerate().for_each(|(at, part)| work(at * piece, part));
 }

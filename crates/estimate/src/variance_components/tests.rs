@@ -14,9 +14,7 @@ fn two_sensors(random: &mut Gaussian, counts: [usize; 2], truth: [f64; 2]) -> Tw
     let n = counts[0] + counts[1];
     let group: Vec<usize> = (0..n).map(|i| usize::from(i >= counts[0])).collect();
     let (design, state) = (random.matrix(n, 6), random.vector(6));
-    let reading = DVector::from_fn(n, |i, _| {
-        (design.row(i) * &state)[0] + truth[group[i]] * random.number()
-    });
+    let reading = DVector::from_fn(n, |i, _| (design.row(i) * &state)[0] + truth[group[i]] * random.number());
     TwoSensors { design, reading, group }
 }
 
@@ -65,10 +63,7 @@ fn leverages_keep_small_groups_unbiased_and_the_standard_error_true() {
         contradicted += u32::from(component.contradicts_stated(0.95).unwrap());
     }
     assert!((squares - 1.0).abs() < 0.04, "{squares}");
-    assert!(
-        (f64::from(contradicted) / f64::from(runs) - 0.05).abs() < 0.015,
-        "{contradicted}"
-    );
+    assert!((f64::from(contradicted) / f64::from(runs) - 0.05).abs() < 0.015, "{contradicted}");
     let mean = factors.iter().sum::<f64>() / f64::from(runs);
     let spread = (factors.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / f64::from(runs)).sqrt();
     assert!((spread * 12.0_f64.sqrt() - 1.0).abs() < 0.1, "{spread}");
@@ -91,11 +86,8 @@ fn gated_readings_count_as_if_nothing_had_been_cut() {
 fn sums_of_parts_are_the_sums_of_the_whole() {
     let mut random = Gaussian::seeded(54);
     let values: Vec<f64> = (0..100).map(|_| random.number().powi(2)).collect();
-    let (mut whole, mut a, mut b) = (
-        VarianceComponents::new(1),
-        VarianceComponents::new(1),
-        VarianceComponents::new(1),
-    );
+    let (mut whole, mut a, mut b) =
+        (VarianceComponents::new(1), VarianceComponents::new(1), VarianceComponents::new(1));
     for (i, &square) in values.iter().enumerate() {
         whole.add(0, square, 0.1).unwrap();
         if i < 50 { &mut a } else { &mut b }.add(0, square, 0.1).unwrap();
@@ -111,7 +103,11 @@ fn groups_without_redundancy_are_undetermined_and_keep_their_sigma() {
     sums.add(0, 0.0, 1.0).unwrap();
     assert_eq!(sums.component(0).unwrap_err().kind(), ErrorKind::Undetermined);
     assert_eq!(sums.component(2).unwrap_err().kind(), ErrorKind::Input);
-    assert!(sums.add(0, -1.0, 0.0).is_err() && sums.add(0, f64::NAN, 0.0).is_err() && sums.add(2, 1.0, 0.0).is_err());
+    assert!(
+        sums.add(0, -1.0, 0.0).is_err()
+            && sums.add(0, f64::NAN, 0.0).is_err()
+            && sums.add(2, 1.0, 0.0).is_err()
+    );
     let found = iterate_variance_components(2, 1e-6, 5, |factors| {
         assert_eq!(factors, [1.0, 1.0]);
         Ok(sums.clone())

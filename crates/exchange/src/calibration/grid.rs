@@ -109,10 +109,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
         sigma_px,
     };
     grid.pattern.sanity_check().map_err(|e| e.in_context("stripes"))?;
-    Ok(GridCalibration {
-        grid,
-        unit: t.unit.map(|name| name.parse()).transpose()?,
-    })
+    Ok(GridCalibration { grid, unit: t.unit.map(|name| name.parse()).transpose()? })
 }
 
 pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
@@ -121,13 +118,7 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
         r: view.r.unwrap_or([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
         t: view.t.unwrap_or([0.0; 3]),
     };
-    let finite = made
-        .k
-        .iter()
-        .chain(&made.r)
-        .flatten()
-        .chain(&made.t)
-        .all(|c| c.is_finite());
+    let finite = made.k.iter().chain(&made.r).flatten().chain(&made.t).all(|c| c.is_finite());
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
         return Err(Error::input(format!(
@@ -136,18 +127,9 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
         )));
     }
     let [a, b, c] = made.r;
-    let off = [
-        dot(a, a) - 1.0,
-        dot(b, b) - 1.0,
-        dot(a, b),
-        dot(cross(a, b), c) - 1.0,
-        dot(c, c) - 1.0,
-    ];
+    let off = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(a, b), dot(cross(a, b), c) - 1.0, dot(c, c) - 1.0];
     match off.iter().find(|o| o.abs() > ROTATION_WITHIN) {
-        Some(_) => Err(Error::input(format!(
-            "needed a rotation in {name}.R, found {:?}",
-            made.r
-        ))),
+        Some(_) => Err(Error::input(format!("needed a rotation in {name}.R, found {:?}", made.r))),
         None => Ok(made),
     }
 }

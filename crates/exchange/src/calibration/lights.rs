@@ -102,18 +102,8 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
     )?;
     let sigma = t.sigma_brightness;
     check_numbers(&[
-        (
-            "pixel_size",
-            t.pixel_size,
-            t.pixel_size > 0.0,
-            "a finite number above 0",
-        ),
-        (
-            "sigma_brightness",
-            sigma.unwrap_or(1.0),
-            sigma.is_none_or(|s| s > 0.0),
-            "a finite number above 0",
-        ),
+        ("pixel_size", t.pixel_size, t.pixel_size > 0.0, "a finite number above 0"),
+        ("sigma_brightness", sigma.unwrap_or(1.0), sigma.is_none_or(|s| s > 0.0), "a finite number above 0"),
         (
             "sigma_light_deg",
             t.sigma_light_deg,
@@ -159,7 +149,9 @@ fn directions(lights: &[[f64; 3]], frame: Frame) -> Result<Vec<[f64; 3]>> {
                 Frame::Camera => [x, y, z],
                 Frame::Viewer => [x, -y, -z],
             })
-            .ok_or_else(|| Error::input(format!("needed a direction for light {k} of `lights`, found {light:?}")))
+            .ok_or_else(|| {
+                Error::input(format!("needed a direction for light {k} of `lights`, found {light:?}"))
+            })
     };
     lights.iter().enumerate().map(unit).collect()
 }
@@ -172,9 +164,7 @@ mod tests {
     fn lights_are_turned_into_the_cameras_frame() {
         let text = "frame = \"viewer\"\nlights = [[0, 0, 2], [0.6, 0, 0.8], [0, 0.6, 0.8]]\n";
         let found = parse(text, Path::new("")).unwrap();
-        let LightSource::Directions(lights) = found.source else {
-            panic!("needed directions")
-        };
+        let LightSource::Directions(lights) = found.source else { panic!("needed directions") };
         assert_eq!(lights[0], [0.0, -0.0, -1.0]);
         assert_eq!(lights[2], [0.0, -0.6, -0.8]);
         assert_eq!((found.pixel_size, found.sigma_brightness), (1.0, None));
@@ -184,7 +174,9 @@ mod tests {
     fn mistakes_are_named() {
         let said = |text: &str| parse(text, Path::new("")).unwrap_err().to_string();
         assert!(said("").contains("found neither"));
-        assert!(said("lights = [[0, 0, 1], [1, 0, 0]]").contains("three directions in `lights` or more, found 2"));
+        assert!(
+            said("lights = [[0, 0, 1], [1, 0, 0]]").contains("three directions in `lights` or more, found 2")
+        );
         assert!(said("lights = [[0, 0, 1], [1, 0, 0], [0, 0, 0]]").contains("light 2"));
         assert!(said("ligths = 3").contains("line 1"));
         assert!(said("frame = \"up\"").contains("viewer"));

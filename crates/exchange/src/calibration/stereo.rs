@@ -93,11 +93,7 @@ struct LensView {
 
 impl LensView {
     fn camera(&self, name: &str) -> Result<LensCamera> {
-        let view = View {
-            k: self.k,
-            r: self.r,
-            t: self.t,
-        };
+        let view = View { k: self.k, r: self.r, t: self.t };
         let mut distortion = [0.0; 5];
         if let Some(stated) = &self.distortion {
             if !(4..=5).contains(&stated.len()) || stated.iter().any(|k| !k.is_finite()) {
@@ -107,10 +103,7 @@ impl LensView {
             }
             distortion.iter_mut().zip(stated).for_each(|(to, from)| *to = *from);
         }
-        Ok(LensCamera {
-            pinhole: pinhole(name, &view)?,
-            distortion,
-        })
+        Ok(LensCamera { pinhole: pinhole(name, &view)?, distortion })
     }
 }
 
@@ -125,11 +118,7 @@ pub fn read_stereo_calibration(path: &Path) -> Result<StereoCalibration> {
 
 fn parse(text: &str) -> Result<StereoCalibration> {
     let views = text.parse::<toml::Table>().is_ok_and(|t| t.contains_key("view"));
-    if views {
-        parse_views(text)
-    } else {
-        parse_rectified(text)
-    }
+    if views { parse_views(text) } else { parse_rectified(text) }
 }
 
 fn check_sigma(sigma: f64) -> Result<()> {
@@ -161,36 +150,16 @@ fn parse_rectified(text: &str) -> Result<StereoCalibration> {
         "two rectified cameras need f cx cy baseline, and may have doffs, sigma_disparity_px and unit; others need two [[view]] with K, R and t",
     )?;
     check_numbers(&[
-        (
-            "f",
-            t.f,
-            t.f > 0.0 && t.f < MOST_PIXELS,
-            "a finite number of pixels above 0 and below 1e7",
-        ),
-        (
-            "cx",
-            t.cx,
-            t.cx.abs() < MOST_PIXELS,
-            "a finite number of pixels within ±1e7",
-        ),
-        (
-            "cy",
-            t.cy,
-            t.cy.abs() < MOST_PIXELS,
-            "a finite number of pixels within ±1e7",
-        ),
+        ("f", t.f, t.f > 0.0 && t.f < MOST_PIXELS, "a finite number of pixels above 0 and below 1e7"),
+        ("cx", t.cx, t.cx.abs() < MOST_PIXELS, "a finite number of pixels within ±1e7"),
+        ("cy", t.cy, t.cy.abs() < MOST_PIXELS, "a finite number of pixels within ±1e7"),
         (
             "baseline",
             t.baseline,
             t.baseline > 0.0 && t.baseline < 1e12,
             "a finite number above 0 and below 1e12",
         ),
-        (
-            "doffs",
-            t.doffs,
-            t.doffs.abs() < MOST_PIXELS,
-            "a finite number of pixels within ±1e7",
-        ),
+        ("doffs", t.doffs, t.doffs.abs() < MOST_PIXELS, "a finite number of pixels within ±1e7"),
     ])?;
     check_sigma(t.sigma_disparity_px)?;
     Ok(StereoCalibration {
@@ -216,26 +185,21 @@ mod tests {
         let StereoCameras::Rectified(camera) = found.cameras else {
             panic!("{found:?}");
         };
-        assert_eq!(
-            (camera.focal, camera.doffs, found.unit),
-            (3740.0, 0.0, Some(Unit::Millimetre))
-        );
+        assert_eq!((camera.focal, camera.doffs, found.unit), (3740.0, 0.0, Some(Unit::Millimetre)));
         let e = parse(&format!("{text}dofs = 2\n")).unwrap_err().to_string();
         assert!(e.contains("line 6") && e.contains("doffs"), "{e}");
         let e = parse(&text.replace("160", "-160")).unwrap_err().to_string();
         assert!(e.contains("for baseline, found -160"), "{e}");
         let e = parse("f = 1\n").unwrap_err().to_string();
-        assert!(
-            e.contains("missing field `cx`") && e.contains("need f cx cy baseline"),
-            "{e}"
-        );
+        assert!(e.contains("missing field `cx`") && e.contains("need f cx cy baseline"), "{e}");
     }
 
     #[test]
     fn two_views_are_read_with_their_lenses() {
         let view = "[[view]]\nK = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]\n";
-        let text =
-            format!("sigma_disparity_px = 0.2\n{view}distortion = [-0.2, 0.1, 0.001, 0.002]\n{view}t = [-150, 0, 0]\n");
+        let text = format!(
+            "sigma_disparity_px = 0.2\n{view}distortion = [-0.2, 0.1, 0.001, 0.002]\n{view}t = [-150, 0, 0]\n"
+        );
         let StereoCameras::Views(rig) = parse(&text).unwrap().cameras else {
             panic!("not two views");
         };

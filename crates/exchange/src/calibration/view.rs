@@ -73,8 +73,9 @@ fn parse(text: &str) -> Result<ViewCalibration> {
     )?;
     let sensor = ViewSensor {
         borders: borders(&t)?,
-        rays: (t.rays.or(t.size))
-            .ok_or_else(|| Error::input("needed rays = [along x, along y]: with fov_deg nothing else says how many"))?,
+        rays: (t.rays.or(t.size)).ok_or_else(|| {
+            Error::input("needed rays = [along x, along y]: with fov_deg nothing else says how many")
+        })?,
         range: [t.near, t.far],
         max_incidence_rad: t.max_incidence_deg.unwrap_or(USUAL_INCIDENCE_DEG).to_radians(),
         sigma_along: t.sigma_along,
@@ -83,10 +84,7 @@ fn parse(text: &str) -> Result<ViewCalibration> {
         over_cosine: t.sigma_over_cos,
     };
     sensor.sanity_check()?;
-    Ok(ViewCalibration {
-        sensor,
-        unit: t.unit.map(|name| name.parse()).transpose()?,
-    })
+    Ok(ViewCalibration { sensor, unit: t.unit.map(|name| name.parse()).transpose()? })
 }
 
 fn borders(t: &Table) -> Result<[[f64; 2]; 2]> {

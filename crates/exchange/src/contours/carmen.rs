@@ -21,30 +21,22 @@ pub struct CarmenOptions {
 
 impl Default for CarmenOptions {
     fn default() -> Self {
-        Self {
-            first: 0,
-            count: 1,
-            range: [0.05, 20.0],
-            region: None,
-        }
+        Self { first: 0, count: 1, range: [0.05, 20.0], region: None }
     }
 }
 
 /// σ of a range where none is stated, in metres: what makers of these scanners state.
 const SIGMA_RANGE: f64 = 0.03;
 
-/// Reads the scans that the options ask for, of which the first line may be one; beam `i` of `n` looks at `θ − 90° + i·180°/n`. Beams of a scan share a pose.
+/// Reads the scans that the options ask for, of which the first line may be one; beam `i` of `n` looks at
+/// `θ − 90° + i·180°/n`. Beams of a scan share a pose.
 pub(crate) fn read_carmen<R: Read>(
     source: &mut Source<R>,
     first: &[u8],
     defaults: &SigmaDefaults,
     options: &CarmenOptions,
 ) -> Result<ContourReadings> {
-    let mut read = ContourReadings {
-        has_times: true,
-        in_metres: true,
-        ..ContourReadings::default()
-    };
+    let mut read = ContourReadings { has_times: true, in_metres: true, ..ContourReadings::default() };
     let mut scans = 0;
     let mut begun = Some((source.line_number(), first.to_vec()));
     loop {
@@ -79,11 +71,7 @@ pub(crate) fn read_carmen<R: Read>(
         };
         let origin = [value(beams + 2)?, value(beams + 3)?];
         let heading = value(beams + 4)?;
-        let time_s = if words.len() > beams + 8 {
-            value(beams + 8)?
-        } else {
-            0.0
-        };
+        let time_s = if words.len() > beams + 8 { value(beams + 8)? } else { 0.0 };
         for beam in 0..beams {
             let range = value(2 + beam)?;
             if range < options.range[0] || range > options.range[1] {

@@ -9,7 +9,8 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 
-/// Writes contours to layer VISIBLE: circles and ellipses as such, lines as LINE, all others as LWPOLYLINE with bulges.
+/// Writes contours to layer VISIBLE: circles and ellipses as such, lines as LINE, all others as LWPOLYLINE
+/// with bulges.
 ///
 /// # Errors
 /// `Io` when the file cannot be written.
@@ -30,13 +31,7 @@ fn drawing(contours: &[DrawnContour], unit: Option<Unit>) -> String {
     let mut put = |group: i32, value: &str| {
         let _ = writeln!(text, "{group}\n{value}");
     };
-    for (group, value) in [
-        (0, "SECTION"),
-        (2, "HEADER"),
-        (9, "$ACADVER"),
-        (1, "AC1015"),
-        (9, "$INSUNITS"),
-    ] {
+    for (group, value) in [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1015"), (9, "$INSUNITS")] {
         put(group, value);
     }
     put(70, &code.to_string());
@@ -63,10 +58,7 @@ fn entity(contour: &DrawnContour, put: &mut impl FnMut(i32, &str)) {
         Kind::Line => {
             let Some([a, b]) = contour.seen else { return };
             begin("LINE", "AcDbLine");
-            numbers(
-                put,
-                &[(10, a[0]), (20, a[1]), (30, 0.0), (11, b[0]), (21, b[1]), (31, 0.0)],
-            );
+            numbers(put, &[(10, a[0]), (20, a[1]), (30, 0.0), (11, b[0]), (21, b[1]), (31, 0.0)]);
         }
         Kind::Circle => {
             begin("CIRCLE", "AcDbCircle");
@@ -79,10 +71,7 @@ fn entity(contour: &DrawnContour, put: &mut impl FnMut(i32, &str)) {
             numbers(put, &[(10, theta[0]), (20, theta[1]), (30, 0.0)]);
             numbers(put, &major);
             numbers(put, &[(210, 0.0), (220, 0.0), (230, 1.0)]);
-            numbers(
-                put,
-                &[(40, theta[3] / theta[2]), (41, 0.0), (42, std::f64::consts::TAU)],
-            );
+            numbers(put, &[(40, theta[3] / theta[2]), (41, 0.0), (42, std::f64::consts::TAU)]);
         }
         _ => {
             let Some(outline) = contour.kind.outline(theta) else {

@@ -1,8 +1,8 @@
 //! `contour.json`: contours with their covariance, and what holds between them, in.
 //!
-//! Comes in: what `planish contour -o contour.json` writes; or `kind`, `parameters`, `order` and `covariance` alone. Goes
-//! out: kinds, parameters in radians and the file's unit, covariance, constraints. Not guaranteed: that the covariance is
-//! positive; estimators test that.
+//! Comes in: what `planish contour -o contour.json` writes; or `kind`, `parameters`, `order` and `covariance`
+//! alone. Goes out: kinds, parameters in radians and the file's unit, covariance, constraints. Not
+//! guaranteed: that the covariance is positive; estimators test that.
 
 use crate::source::read_text;
 use crate::unit::Unit;
@@ -77,19 +77,16 @@ struct WrittenConstraint {
 /// Reads contours with their covariance.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input`, naming the contour, for JSON that holds none, a kind that is not known, and
-/// parameters or a covariance that do not fit it.
+/// `Io` when the file cannot be read; `Input`, naming the contour, for JSON that holds none, a kind that is
+/// not known, and parameters or a covariance that do not fit it.
 pub fn read_contour_json(path: &Path) -> Result<ContourFile> {
-    read_text(path)
-        .and_then(|text| parse(&text))
-        .map_err(|e| e.in_context(path.display()))
+    read_text(path).and_then(|text| parse(&text)).map_err(|e| e.in_context(path.display()))
 }
 
 fn parse(text: &str) -> Result<ContourFile> {
-    let needed =
-        "needed contours as `planish contour -o contour.json` writes them (kind, parameters, order, covariance)";
-    let written: Written =
-        serde_json::from_str(text).map_err(|e| Error::input(format!("{needed}, found: {e}")).with_source(e))?;
+    let needed = "needed contours as `planish contour -o contour.json` writes them (kind, parameters, order, covariance)";
+    let written: Written = serde_json::from_str(text)
+        .map_err(|e| Error::input(format!("{needed}, found: {e}")).with_source(e))?;
     let contours = match (written.contours, written.main) {
         (Some(contours), _) if !contours.is_empty() => contours,
         (_, Some(main)) => vec![main],
@@ -110,10 +107,7 @@ fn parse(text: &str) -> Result<ContourFile> {
         hole_of: contours.iter().map(|contour| contour.hole_of).collect(),
         levels: contours.iter().map(|contour| contour.level).collect(),
         constraints: written.constrained.map(|constrained| {
-            let own = constrained
-                .constraints
-                .into_iter()
-                .filter(|written| written.from != "kind");
+            let own = constrained.constraints.into_iter().filter(|written| written.from != "kind");
             own.map(|written| written.constraint).collect()
         }),
         unit,
@@ -125,7 +119,8 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
     let names = kind.names();
     let count = names.len();
     // A moving contour has its velocity behind the contour itself.
-    if contour.order.len() < count || contour.order.iter().zip(&names).any(|(order, (name, _))| order != name) {
+    if contour.order.len() < count || contour.order.iter().zip(&names).any(|(order, (name, _))| order != name)
+    {
         let wanted: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
         return Err(Error::input(format!(
             "needed an order of {}, found {}",
@@ -159,11 +154,7 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
 /// A kind by its name; of a chain, which pieces are arcs stands in the names of its parameters.
 fn kind_of(name: &str, order: &[String], closed: bool) -> Result<Kind> {
     if name == "chain" {
-        let corners = order
-            .iter()
-            .filter(|name| name.starts_with('x'))
-            .count()
-            .min(MOST_CORNERS);
+        let corners = order.iter().filter(|name| name.starts_with('x')).count().min(MOST_CORNERS);
         let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
         let pieces = corners.saturating_sub(usize::from(!closed));
         return Ok(Kind::Chain {
@@ -190,10 +181,7 @@ mod tests {
     fn a_contour_alone_is_read() {
         let file = parse(CIRCLE).unwrap();
         assert_eq!(file.contours[0].theta, [1.0, 2.0, 3.0]);
-        assert_eq!(
-            (file.contours[0].covariance[(2, 2)], file.unit),
-            (0.04, Some(Unit::Millimetre))
-        );
+        assert_eq!((file.contours[0].covariance[(2, 2)], file.unit), (0.04, Some(Unit::Millimetre)));
         assert!(file.constraints.is_none());
     }
 
@@ -220,11 +208,7 @@ mod tests {
         for (from, to, says) in [
             ("\"circle\"", "\"blob\"", "kind `blob`"),
             ("\"circle\"", "\"polygon-2\"", "kind `polygon-2`"),
-            (
-                "\"circle\"",
-                "\"ellipse\"",
-                "needed an order of center_x center_y semi_major",
-            ),
+            ("\"circle\"", "\"ellipse\"", "needed an order of center_x center_y semi_major"),
             ("[0, 0.01, 0], ", "", "needed a covariance of 3 × 3, found 2 rows"),
             ("\"radius\": {", "\"size\": {", "needed the parameter `radius`"),
             ("\"mm\"", "\"cubit\"", "unit `cubit`"),

@@ -23,12 +23,12 @@ pub const RAY_COLUMNS: [&str; 13] = [
     "sigma",
 ];
 
-/// Reads a CSV with a header: ranges `x,y,z,azimuth_deg,elevation_deg,range` with their σ, or points `x,y,z` with `sigma`. It
-/// may be compressed by gzip. The default σ of a heading is that of both angles.
+/// Reads a CSV with a header: ranges `x,y,z,azimuth_deg,elevation_deg,range` with their σ, or points `x,y,z`
+/// with `sigma`. It may be compressed by gzip. The default σ of a heading is that of both angles.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input` with the line for a word that is no number, a σ that is not positive, a missing
-/// column, or a σ that neither file nor `defaults` state.
+/// `Io` when the file cannot be read; `Input` with the line for a word that is no number, a σ that is not
+/// positive, a missing column, or a σ that neither file nor `defaults` state.
 pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ray>> {
     read_file(path, |mut source, _| {
         let mut header = None;
@@ -83,16 +83,11 @@ fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) ->
     }
     let range = row.needed("range")?;
     if range <= 0.0 {
-        return Err(Error::input(format!(
-            "line {number}: needed a positive range, found {range}"
-        )));
+        return Err(Error::input(format!("line {number}: needed a positive range, found {range}")));
     }
     Ok(Seen::Range {
         origin: place,
-        direction_rad: [
-            row.needed("azimuth_deg")?.to_radians(),
-            row.needed("elevation_deg")?.to_radians(),
-        ],
+        direction_rad: [row.needed("azimuth_deg")?.to_radians(), row.needed("elevation_deg")?.to_radians()],
         range,
         sigma: [
             row.sigma("sigma_x", defaults.position, "")?,

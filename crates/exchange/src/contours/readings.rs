@@ -53,12 +53,17 @@ pub const COLUMNS: [&str; 13] = [
     "sigma_point",
 ];
 
-/// Reads a CSV with a header, or a CARMEN log, by what the first line holds. Either may be compressed by gzip.
+/// Reads a CSV with a header, or a CARMEN log, by what the first line holds. Either may be compressed by
+/// gzip.
 ///
 /// # Errors
-/// `Io` when the file cannot be read; `Input` with the line for a word that is no number, a σ that is not positive, a missing
-/// column, or a σ that neither file nor `defaults` state.
-pub fn read_contour_readings(path: &Path, defaults: &SigmaDefaults, carmen: &CarmenOptions) -> Result<ContourReadings> {
+/// `Io` when the file cannot be read; `Input` with the line for a word that is no number, a σ that is not
+/// positive, a missing column, or a σ that neither file nor `defaults` state.
+pub fn read_contour_readings(
+    path: &Path,
+    defaults: &SigmaDefaults,
+    carmen: &CarmenOptions,
+) -> Result<ContourReadings> {
     read_file(path, |mut source, _| {
         let first = loop {
             let Some(line) = source.line()? else {
@@ -95,15 +100,10 @@ impl Header {
             if let Some(&name) = columns.iter().find(|c| *c == field)
                 && index.insert(name, k).is_some()
             {
-                return Err(Error::input(format!(
-                    "line {number}: the column `{name}` is named twice"
-                )));
+                return Err(Error::input(format!("line {number}: the column `{name}` is named twice")));
             }
         }
-        Ok(Self {
-            index,
-            width: fields.len(),
-        })
+        Ok(Self { index, width: fields.len() })
     }
 
     pub(super) fn has(&self, name: &str) -> bool {
@@ -134,12 +134,14 @@ impl Header {
     }
 }
 
-fn table<R: Read>(source: &mut Source<R>, header: &[u8], defaults: &SigmaDefaults) -> Result<ContourReadings> {
+fn table<R: Read>(
+    source: &mut Source<R>,
+    header: &[u8],
+    defaults: &SigmaDefaults,
+) -> Result<ContourReadings> {
     let header = Header::of(header, source.line_number())?;
-    let mut read = ContourReadings {
-        has_times: header.index.contains_key("time"),
-        ..ContourReadings::default()
-    };
+    let mut read =
+        ContourReadings { has_times: header.index.contains_key("time"), ..ContourReadings::default() };
     let mut levels = header.index.contains_key("level").then(Vec::new);
     let mut poses = BTreeMap::new();
     loop {

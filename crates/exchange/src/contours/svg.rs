@@ -46,10 +46,7 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
             (None, None) => None,
         })
         .collect();
-    let all = outlines
-        .iter()
-        .flat_map(|o| o.0.iter())
-        .chain(points.iter().map(|p| &p.0));
+    let all = outlines.iter().flat_map(|o| o.0.iter()).chain(points.iter().map(|p| &p.0));
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for p in all {
         for k in 0..2 {
@@ -61,21 +58,15 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
     let scale = (WIDTH - 2.0 * MARGIN) / extent;
     let [beside, above] = LABEL_ROOM.map(|room| MARGIN + if labels.is_empty() { 0.0 } else { room });
     let place = |p: [f64; 2]| [beside + scale * (p[0] - low[0]), above + scale * (high[1] - p[1])];
-    let (width, height) = (
-        2.0 * beside + scale * (high[0] - low[0]),
-        2.0 * above + scale * (high[1] - low[1]),
-    );
+    let (width, height) =
+        (2.0 * beside + scale * (high[0] - low[0]), 2.0 * above + scale * (high[1] - low[1]));
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {width:.1} {height:.1}\">\n\
          <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
     );
     for (p, used) in points {
         let [x, y] = place(*p);
-        let look = if *used {
-            "fill=\"#888\""
-        } else {
-            "fill=\"none\" stroke=\"#c33\""
-        };
+        let look = if *used { "fill=\"#888\"" } else { "fill=\"none\" stroke=\"#c33\"" };
         let _ = writeln!(text, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.6\" {look}/>");
     }
     for (vertices, bulges, closed) in &outlines {

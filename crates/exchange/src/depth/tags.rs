@@ -1,7 +1,8 @@
 //! What the tags of a TIFF image promise, against what the file can hold.
 //!
-//! Comes in: a file that can be rewound. Goes out: nothing, or an error before anything is decoded; the file stands at its beginning again.
-//! Not guaranteed: that the image can be decoded. What cannot be understood here is left to the decoder, which says why.
+//! Comes in: a file that can be rewound. Goes out: nothing, or an error before anything is decoded; the file
+//! stands at its beginning again. Not guaranteed: that the image can be decoded. What cannot be understood
+//! here is left to the decoder, which says why.
 //!
 //! # References
 //! Adobe, *TIFF 6.0*, 1992; *BigTIFF*, 2007: the same with counts and places of eight bytes.

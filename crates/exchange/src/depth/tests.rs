@@ -33,10 +33,7 @@ fn png16() -> Vec<u8> {
 fn tiff32() -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let depths = DEPTHS.map(|d| if d == 0 { f32::NAN } else { f32::from(d) });
-    TiffEncoder::new(&mut bytes)
-        .unwrap()
-        .write_image::<colortype::Gray32Float>(3, 2, &depths)
-        .unwrap();
+    TiffEncoder::new(&mut bytes).unwrap().write_image::<colortype::Gray32Float>(3, 2, &depths).unwrap();
     bytes.into_inner()
 }
 
@@ -70,10 +67,7 @@ fn every_format_gives_the_same_organised_scan() {
         assert_eq!(grid.cells, [0, 1, RangeGrid::EMPTY, 2, 3, 4]);
         // Column 0, row 1: half a unit left of the axis and a quarter below it, at 1.5 m.
         let p = scan.points[2];
-        assert!(
-            p.iter().zip([-0.75, 0.375, 1.5]).all(|(a, b)| (a - b).abs() < 1e-12),
-            "{name} {p:?}"
-        );
+        assert!(p.iter().zip([-0.75, 0.375, 1.5]).all(|(a, b)| (a - b).abs() < 1e-12), "{name} {p:?}");
         let sigma = variance_along(
             &scan.covariance.as_ref().unwrap()[2],
             [-0.75, 0.375, 1.5].map(|c| c / 2.953_125_f64.sqrt()),
@@ -89,17 +83,11 @@ fn the_calibration_may_lie_beside_the_image() {
     let path = folder.path().join("depth.png");
     fs::write(&path, png16()).unwrap();
     let e = read_inputs(&[&path], None).unwrap_err().to_string();
-    assert!(
-        e.contains("depth.png: a depth image needs") && e.contains("depth.toml with fx fy cx cy"),
-        "{e}"
-    );
+    assert!(e.contains("depth.png: a depth image needs") && e.contains("depth.toml with fx fy cx cy"), "{e}");
     fs::write(folder.path().join("depth.toml"), CAMERA).unwrap();
     assert_eq!(read_inputs(&[&path], None).unwrap().scans[0].scan.points.len(), 5);
     let e = read_inputs(&[folder.path().join("gone.png")], None).unwrap_err();
-    assert!(
-        e.kind() == ErrorKind::Io && e.to_string().contains("does not exist"),
-        "{e}"
-    );
+    assert!(e.kind() == ErrorKind::Io && e.to_string().contains("does not exist"), "{e}");
     let job = folder.path().join("job.toml");
     fs::write(&job, "[[scan]]\nfile = \"depth.png\"\ncalibration = \"gone.toml\"\n").unwrap();
     let e = read_inputs(&[&job], None).unwrap_err().to_string();
@@ -121,10 +109,7 @@ fn image(name: &str, bytes: &[u8]) -> Result<Image> {
 fn pictures_and_damaged_files_are_refused() {
     let picture = png(png::ColorType::Rgb, png::BitDepth::Eight, &[0; 18]);
     let e = image("a.png", &picture).err().unwrap();
-    assert!(
-        e.kind() == ErrorKind::Unsupported && e.to_string().contains("Rgb"),
-        "{e}"
-    );
+    assert!(e.kind() == ErrorKind::Unsupported && e.to_string().contains("Rgb"), "{e}");
     let eight = png(png::ColorType::Grayscale, png::BitDepth::Eight, &[1, 2, 3, 4, 5, 6]);
     assert_eq!(image("a.png", &eight).unwrap().readings, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
     assert!(image("a.tif", b"II*\0").is_err() && image("a.png", b"no image").is_err());
@@ -176,16 +161,10 @@ fn tags_and_sizes_that_a_tiff_cannot_hold_are_refused_before_they_take_memory() 
         let mut bomb = whole.clone();
         bomb[at + 4..at + 8].copy_from_slice(&8_000_000_u32.to_le_bytes());
         let e = read(&bomb).err().expect("a damaged tag");
-        assert!(
-            e.kind() == ErrorKind::Input && e.to_string().contains("promises 8000000 values"),
-            "{e}"
-        );
+        assert!(e.kind() == ErrorKind::Input && e.to_string().contains("promises 8000000 values"), "{e}");
     }
     let mut bomb = whole.clone();
-    let rows = (0..tags)
-        .map(|k| first + 2 + 12 * k)
-        .find(|&at| whole[at..at + 2] == [1, 1])
-        .unwrap();
+    let rows = (0..tags).map(|k| first + 2 + 12 * k).find(|&at| whole[at..at + 2] == [1, 1]).unwrap();
     bomb[rows + 8..rows + 12].copy_from_slice(&80_000_u32.to_le_bytes());
     assert!(read(&bomb).is_err());
 }

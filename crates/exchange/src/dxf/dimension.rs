@@ -1,10 +1,11 @@
 //! Dimensions that contradict what is drawn.
 //!
-//! Comes in: `DIMENSION`s, linear, aligned, of diameters and radii, and the drawing's curves. Goes out: in words that name the entity, those whose
-//! number is another than the distance of the points that they measure, and those whose points lie on no line (the drawing was changed after them).
+//! Comes in: `DIMENSION`s, linear, aligned, of diameters and radii, and the drawing's curves. Goes out: in
+//! words that name the entity, those whose number is another than the distance of the points that they
+//! measure, and those whose points lie on no line (the drawing was changed after them).
 //!
-//! Not guaranteed: angles, ordinates, and texts without a number are not looked at; dimension styles that scale lengths are taken at their word
-//! where the file holds the measurement beside the text.
+//! Not guaranteed: angles, ordinates, and texts without a number are not looked at; dimension styles that
+//! scale lengths are taken at their word where the file holds the measurement beside the text.
 
 use super::groups::Record;
 use planish_estimate::Result;
@@ -73,30 +74,13 @@ impl Measured {
             0 | 1 => {
                 let angle = record.number(50)?.unwrap_or(0.0).to_radians();
                 let along = (kind == 0).then(|| [angle.cos(), angle.sin()]);
-                (
-                    point(13)?,
-                    point(14)?,
-                    along,
-                    true,
-                    "the points that it measures are apart by",
-                )
+                (point(13)?, point(14)?, along, true, "the points that it measures are apart by")
             }
-            3 => (
-                point(10)?,
-                point(15)?,
-                None,
-                true,
-                "its two points of the circle are apart by",
-            ),
+            3 => (point(10)?, point(15)?, None, true, "its two points of the circle are apart by"),
             4 => (point(10)?, point(15)?, None, false, "its point is from its centre by"),
             _ => return Ok(None),
         };
-        Ok(first.zip(second).map(|(a, b)| Self {
-            points: [a, b],
-            along,
-            both,
-            what,
-        }))
+        Ok(first.zip(second).map(|(a, b)| Self { points: [a, b], along, both, what }))
     }
 
     fn length(&self) -> f64 {
@@ -116,7 +100,8 @@ impl Measured {
 
 /// The number of a dimension's text and half of its last digit; none where it has none of its own.
 fn stated(text: &str) -> Option<(f64, f64)> {
-    // `<>` stands for the measurement; what stands before and behind it is no number of its own. `\\A1;` and the like are codes of fonts.
+    // `<>` stands for the measurement; what stands before and behind it is no number of its own. `\\A1;` and
+    // the like are codes of fonts.
     if text.contains("<>") {
         return None;
     }
@@ -140,10 +125,7 @@ fn stated(text: &str) -> Option<(f64, f64)> {
         .replace("%%P", "±")
         .replace(',', ".");
     let begin = plain.find(|c: char| c.is_ascii_digit())?;
-    let number: String = plain[begin..]
-        .chars()
-        .take_while(|c| c.is_ascii_digit() || *c == '.')
-        .collect();
+    let number: String = plain[begin..].chars().take_while(|c| c.is_ascii_digit() || *c == '.').collect();
     let number = number.trim_end_matches('.');
     // Counts (`4x 5`), fractions, angles and threads are no lengths to compare.
     let behind = plain[begin + number.len()..].trim_start();

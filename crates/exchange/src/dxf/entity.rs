@@ -25,11 +25,10 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
         _ => return Ok(None),
     };
     if !flat {
-        return Err(Error::input(
-            "needed an entity in the xy plane, found another extrusion direction",
-        ));
+        return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
     }
-    // An extrusion direction of −z mirrors x (the arbitrary axis algorithm); lines, ellipses and splines are in world coordinates.
+    // An extrusion direction of −z mirrors x (the arbitrary axis algorithm); lines, ellipses and splines are
+    // in world coordinates.
     let planar = matches!(record.kind.as_str(), "CIRCLE" | "ARC" | "LWPOLYLINE");
     Ok(Some(match turned && planar {
         true => curves.iter().map(|curve| curve.moved(|[x, y]| [-x, y], true)).collect(),
@@ -57,12 +56,7 @@ fn points(record: &Record, code: i32) -> Result<Vec<[f64; 2]>> {
 }
 
 fn numbers(record: &Record, code: i32) -> Result<Vec<f64>> {
-    record
-        .groups
-        .iter()
-        .filter(|g| g.code == code)
-        .map(|g| g.number())
-        .collect()
+    record.groups.iter().filter(|g| g.code == code).map(|g| g.number()).collect()
 }
 
 fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
@@ -90,11 +84,7 @@ fn ellipse(record: &Record) -> Result<Curve2> {
     let from = record.number(41)?.unwrap_or(0.0);
     let sweep = (record.number(42)?.unwrap_or(TAU) - from).rem_euclid(TAU);
     let sweep = if sweep < 1e-9 { TAU } else { sweep };
-    let turned = if record.number(230)?.is_some_and(|z| z < 0.0) {
-        -1.0
-    } else {
-        1.0
-    };
+    let turned = if record.number(230)?.is_some_and(|z| z < 0.0) { -1.0 } else { 1.0 };
     let minor = [-major[1] * ratio * turned, major[0] * ratio * turned];
     Ok(Curve2::Chain(
         (0..=CHAIN)
@@ -124,13 +114,7 @@ fn polyline(record: &Record) -> Result<Vec<Curve2>> {
     let closed = record.number(70)?.unwrap_or(0.0) as i64 & 1 == 1;
     let spans = if closed { n } else { n.saturating_sub(1) };
     Ok((0..spans)
-        .map(|k| {
-            span(
-                vertices[k],
-                vertices[(k + 1) % n],
-                bulges.get(k).copied().unwrap_or(0.0),
-            )
-        })
+        .map(|k| span(vertices[k], vertices[(k + 1) % n], bulges.get(k).copied().unwrap_or(0.0)))
         .collect())
 }
 
@@ -141,9 +125,7 @@ pub(super) fn polyline_curves(record: &Record, vertices: &[Record]) -> Result<Op
         return Ok(None);
     }
     if record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() > 1e-9 {
-        return Err(Error::input(
-            "needed an entity in the xy plane, found another extrusion direction",
-        ));
+        return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
     }
     let mut corners: Vec<([f64; 2], f64)> = Vec::with_capacity(vertices.len());
     for vertex in vertices {
@@ -170,10 +152,7 @@ fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
     }
     let chord = [b[0] - a[0], b[1] - a[1]];
     let off = (1.0 - bulge * bulge) / (4.0 * bulge);
-    let center = [
-        (a[0] + b[0]) / 2.0 - chord[1] * off,
-        (a[1] + b[1]) / 2.0 + chord[0] * off,
-    ];
+    let center = [(a[0] + b[0]) / 2.0 - chord[1] * off, (a[1] + b[1]) / 2.0 + chord[0] * off];
     let begin = if bulge > 0.0 { a } else { b };
     Curve2::Arc {
         center,
@@ -194,7 +173,11 @@ fn spline(record: &Record) -> Result<Curve2> {
     let weights = numbers(record, 41)?;
     let degree = record.needed(71, "a degree")? as usize;
     let ascending = knots.windows(2).all(|k| k[0] <= k[1]);
-    if !(1..=15).contains(&degree) || poles.len() <= degree || knots.len() != poles.len() + degree + 1 || !ascending {
+    if !(1..=15).contains(&degree)
+        || poles.len() <= degree
+        || knots.len() != poles.len() + degree + 1
+        || !ascending
+    {
         return Err(Error::input(format!(
             "needed ascending knots as many as poles + degree + 1, found degree {degree}, {} poles, {} knots",
             poles.len(),
@@ -221,7 +204,14 @@ fn spline(record: &Record) -> Result<Curve2> {
     Ok(Curve2::Chain(chain))
 }
 
-fn de_boor(poles: &[[f64; 2]], knots: &[f64], weights: &[f64], degree: usize, span: usize, t: f64) -> [f64; 2] {
+fn de_boor(
+    poles: &[[f64; 2]],
+    knots: &[f64],
+    weights: &[f64],
+    degree: usize,
+    span: usize,
+    t: f64,
+) -> [f64; 2] {
     let mut d: Vec<[f64; 3]> = (0..=degree)
         .map(|i| {
             let at = span - degree + i;

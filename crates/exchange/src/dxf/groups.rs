@@ -30,17 +30,12 @@ impl Record {
 
     /// The number of the first group of a code.
     pub(super) fn number(&self, code: i32) -> Result<Option<f64>> {
-        self.groups
-            .iter()
-            .find(|g| g.code == code)
-            .map(Group::number)
-            .transpose()
+        self.groups.iter().find(|g| g.code == code).map(Group::number).transpose()
     }
 
     /// The number of a code that must be there.
     pub(super) fn needed(&self, code: i32, what: &str) -> Result<f64> {
-        self.number(code)?
-            .ok_or_else(|| Error::input(format!("needed {what} (group {code}), found none")))
+        self.number(code)?.ok_or_else(|| Error::input(format!("needed {what} (group {code}), found none")))
     }
 
     /// The entity in words: kind, handle, line.
@@ -54,17 +49,13 @@ impl Record {
 
 impl Group {
     pub(super) fn number(&self) -> Result<f64> {
-        self.value
-            .parse()
-            .ok()
-            .filter(|x: &f64| x.is_finite() && x.abs() < 1e15)
-            .ok_or_else(|| {
-                let found: String = self.value.chars().take(40).collect();
-                Error::input(format!(
-                    "line {}: needed a number (group {}), found `{found}`",
-                    self.line, self.code
-                ))
-            })
+        self.value.parse().ok().filter(|x: &f64| x.is_finite() && x.abs() < 1e15).ok_or_else(|| {
+            let found: String = self.value.chars().take(40).collect();
+            Error::input(format!(
+                "line {}: needed a number (group {}), found `{found}`",
+                self.line, self.code
+            ))
+        })
     }
 }
 
@@ -77,18 +68,11 @@ pub(super) struct Groups<'a, R> {
 
 impl<'a, R: Read> Groups<'a, R> {
     pub(super) fn new(source: &'a mut Source<R>) -> Self {
-        Self {
-            source,
-            line: 0,
-            ahead: None,
-        }
+        Self { source, line: 0, ahead: None }
     }
 
     fn next_line(&mut self) -> Result<Option<String>> {
-        let line = self
-            .source
-            .line()?
-            .map(|l| String::from_utf8_lossy(l).trim().to_owned());
+        let line = self.source.line()?.map(|l| String::from_utf8_lossy(l).trim().to_owned());
         self.line += u64::from(line.is_some());
         Ok(line)
     }
@@ -97,7 +81,9 @@ impl<'a, R: Read> Groups<'a, R> {
         if let Some(group) = self.ahead.take() {
             return Ok(Some(group));
         }
-        let Some(code) = self.next_line()? else { return Ok(None) };
+        let Some(code) = self.next_line()? else {
+            return Ok(None);
+        };
         let at = self.line;
         let Ok(code) = code.parse::<i32>() else {
             if code.is_empty() {
@@ -113,11 +99,7 @@ impl<'a, R: Read> Groups<'a, R> {
                 "line {at}: the file ends after group code {code}, before its value"
             )));
         };
-        Ok(Some(Group {
-            code,
-            value,
-            line: self.line,
-        }))
+        Ok(Some(Group { code, value, line: self.line }))
     }
 
     /// The next record; what comes before the first code 0 is passed over.
@@ -129,21 +111,14 @@ impl<'a, R: Read> Groups<'a, R> {
                 Some(_) => {}
             }
         };
-        let mut record = Record {
-            kind: first.value,
-            line: first.line,
-            groups: Vec::new(),
-        };
+        let mut record = Record { kind: first.value, line: first.line, groups: Vec::new() };
         while let Some(group) = self.next_group()? {
             if group.code == 0 {
                 self.ahead = Some(group);
                 break;
             }
             if record.groups.len() >= MOST_GROUPS {
-                return Err(Error::input(format!(
-                    "line {}: one entity has too many groups",
-                    group.line
-                )));
+                return Err(Error::input(format!("line {}: one entity has too many groups", group.line)));
             }
             record.groups.push(group);
         }

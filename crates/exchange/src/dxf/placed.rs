@@ -1,7 +1,8 @@
 //! Entities where they are drawn: as they are, or by blocks that `INSERT`s place.
 //!
-//! A block's point p stands at `P + R S (p − b)`: b the block's base point, S the insert's scales along x and y, R its rotation, P its own point. Blocks
-//! may hold inserts. On layer 0 a block's entity takes the layer of its insert, and with line type `BYBLOCK` its line type.
+//! A block's point p stands at `P + R S (p − b)`: b the block's base point, S the insert's scales along x and
+//! y, R its rotation, P its own point. Blocks may hold inserts. On layer 0 a block's entity takes the layer
+//! of its insert, and with line type `BYBLOCK` its line type.
 
 use super::entity::{curves_of, polyline_curves};
 use super::groups::Record;
@@ -63,18 +64,19 @@ pub(super) struct Place {
 
 impl Default for Place {
     fn default() -> Self {
-        Self {
-            map: Affine::IDENTITY,
-            outer: None,
-            named: String::new(),
-            depth: 0,
-        }
+        Self { map: Affine::IDENTITY, outer: None, named: String::new(), depth: 0 }
     }
 }
 
 impl Place {
     /// The place of what a block holds that is inserted here, `shift` away in the insert's own directions.
-    fn of_insert(&self, record: &Record, block: &Block, shift: [f64; 2], style: (String, String)) -> Result<Self> {
+    fn of_insert(
+        &self,
+        record: &Record,
+        block: &Block,
+        shift: [f64; 2],
+        style: (String, String),
+    ) -> Result<Self> {
         let number = |code: i32, default: f64| Ok::<f64, Error>(record.number(code)?.unwrap_or(default));
         let (sin, cos) = number(50, 0.0)?.to_radians().sin_cos();
         let (sx, sy) = (number(41, 1.0)?, number(42, 1.0)?);
@@ -119,13 +121,7 @@ pub(super) struct Drawer<'a> {
 
 impl<'a> Drawer<'a> {
     pub(super) fn new(sheet: &'a Sheet, drawing: DxfDrawing) -> Self {
-        Self {
-            sheet,
-            drawing,
-            dimensions: Vec::new(),
-            passed_over: PassedOver::new(),
-            drawn: 0,
-        }
+        Self { sheet, drawing, dimensions: Vec::new(), passed_over: PassedOver::new(), drawn: 0 }
     }
 
     /// The drawing, the dimensions outside blocks, and what draws no edges.
@@ -169,17 +165,11 @@ impl<'a> Drawer<'a> {
         };
         for curve in curves {
             if curve.length() <= 0.0 {
-                self.drawing
-                    .warnings
-                    .push(format!("{name} has no length: it is left out"));
+                self.drawing.warnings.push(format!("{name} has no length: it is left out"));
                 continue;
             }
             self.drawing.curves.push(DrawnCurve {
-                curve: if place.depth == 0 {
-                    curve
-                } else {
-                    place.map.curve(&curve)
-                },
+                curve: if place.depth == 0 { curve } else { place.map.curve(&curve) },
                 style,
                 entity: name.clone(),
             });
@@ -191,9 +181,7 @@ impl<'a> Drawer<'a> {
         let name = record.text(2).unwrap_or_default();
         let sheet: &'a Sheet = self.sheet;
         let Some(block) = sheet.blocks.get(&name.to_uppercase()) else {
-            return Err(Error::input(format!(
-                "needed the block `{name}` in the section BLOCKS, found none"
-            )));
+            return Err(Error::input(format!("needed the block `{name}` in the section BLOCKS, found none")));
         };
         if place.depth >= DEEPEST {
             return Err(Error::input(format!(
@@ -201,9 +189,7 @@ impl<'a> Drawer<'a> {
             )));
         }
         if record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() > 1e-9 {
-            return Err(Error::input(
-                "needed an entity in the xy plane, found another extrusion direction",
-            ));
+            return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
         }
         let count = |code: i32| Ok::<usize, Error>((record.number(code)?.unwrap_or(1.0).max(1.0)) as usize);
         let (columns, rows) = (count(70)?, count(71)?);
@@ -245,7 +231,11 @@ fn outer_style(
 }
 
 /// The style by line type, else by the layer's name or line type; none for centre lines.
-fn style_of(record: &Record, layers: &BTreeMap<String, String>, outer: Option<&(String, String)>) -> Option<LineStyle> {
+fn style_of(
+    record: &Record,
+    layers: &BTreeMap<String, String>,
+    outer: Option<&(String, String)>,
+) -> Option<LineStyle> {
     let (layer, line_type) = outer_style(record, layers, outer);
     let says = |words: &[&str]| words.iter().any(|w| line_type.contains(w) || layer.contains(w));
     if says(&["CENTER", "CENTRE", "DASHDOT", "CHAIN", "PHANTOM", "DIVIDE"]) {

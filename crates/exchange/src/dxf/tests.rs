@@ -16,43 +16,29 @@ fn drawn(blocks: &str, entities: &str) -> Result<DxfDrawing> {
     read_dxf(&path)
 }
 
-const LINE_BLOCK: &str =
-    "0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 0 0 ARC 8 HIDDEN 10 1 20 0 40 2 50 0 51 90 0 ENDBLK";
+const LINE_BLOCK: &str = "0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 0 0 ARC 8 HIDDEN 10 1 20 0 40 2 50 0 51 90 0 ENDBLK";
 
 #[test]
 fn a_block_is_drawn_where_its_insert_places_it() {
     let found = drawn(LINE_BLOCK, "0 INSERT 5 2A 8 DASHED 2 PART 10 10 20 20 41 2 42 2 50 90").unwrap();
-    let Curve2::Segment(a, b) = found.curves[0].curve else {
-        panic!()
-    };
+    let Curve2::Segment(a, b) = found.curves[0].curve else { panic!() };
     // The base point is (1, 0); twice as large, turned by 90°.
     for (found, wanted) in [(a, [10.0, 20.0]), (b, [10.0, 24.0])] {
-        assert!(
-            (found[0] - wanted[0]).abs() < 1e-12 && (found[1] - wanted[1]).abs() < 1e-12,
-            "{found:?}"
-        );
+        assert!((found[0] - wanted[0]).abs() < 1e-12 && (found[1] - wanted[1]).abs() < 1e-12, "{found:?}");
     }
     // What is on layer 0 takes the layer of the insert.
     assert!(found.curves.iter().all(|c| c.style == LineStyle::Hidden));
-    assert_eq!(
-        found.curves[0].entity,
-        "LINE (line 14) in block PART by INSERT 2A (line 48)"
+    assert_eq!(found.curves[0].entity, "LINE (line 14) in block PART by INSERT 2A (line 48)");
+    let Curve2::Arc { radius, start, sweep, .. } = found.curves[1].curve else { panic!() };
+    assert!(
+        (radius - 4.0).abs() < 1e-12 && (start - PI / 2.0).abs() < 1e-12 && (sweep - PI / 2.0).abs() < 1e-12
     );
-    let Curve2::Arc {
-        radius, start, sweep, ..
-    } = found.curves[1].curve
-    else {
-        panic!()
-    };
-    assert!((radius - 4.0).abs() < 1e-12 && (start - PI / 2.0).abs() < 1e-12 && (sweep - PI / 2.0).abs() < 1e-12);
 }
 
 #[test]
 fn a_mirrored_insert_runs_arcs_the_other_way_and_an_uneven_one_makes_ellipses() {
     let mirrored = drawn(LINE_BLOCK, "0 INSERT 2 part 10 0 20 0 41 -1").unwrap();
-    let Curve2::Arc { start, sweep, .. } = mirrored.curves[1].curve else {
-        panic!()
-    };
+    let Curve2::Arc { start, sweep, .. } = mirrored.curves[1].curve else { panic!() };
     assert!((start.rem_euclid(TAU) - PI / 2.0).abs() < 1e-12 && (sweep - PI / 2.0).abs() < 1e-12);
     let uneven = drawn(LINE_BLOCK, "0 INSERT 2 part 10 0 20 0 41 2 42 1").unwrap();
     assert!(matches!(uneven.curves[1].curve, Curve2::Chain(_)));
@@ -62,9 +48,7 @@ fn a_mirrored_insert_runs_arcs_the_other_way_and_an_uneven_one_makes_ellipses() 
 fn rows_and_columns_of_an_insert_are_drawn() {
     let found = drawn(LINE_BLOCK, "0 INSERT 2 part 10 0 20 0 70 3 71 2 44 10 45 20").unwrap();
     assert_eq!(found.curves.len(), 12);
-    let Curve2::Segment(a, _) = found.curves[10].curve else {
-        panic!()
-    };
+    let Curve2::Segment(a, _) = found.curves[10].curve else { panic!() };
     assert_eq!(a, [20.0, 20.0]);
 }
 
@@ -95,12 +79,7 @@ fn an_old_polyline_has_lines_and_arcs() {
     )
     .unwrap();
     assert_eq!(found.curves.len(), 5);
-    let Curve2::Arc {
-        center, radius, sweep, ..
-    } = found.curves[1].curve
-    else {
-        panic!()
-    };
+    let Curve2::Arc { center, radius, sweep, .. } = found.curves[1].curve else { panic!() };
     assert_eq!((center, radius), ([4.0, 1.0], 1.0));
     assert!((sweep - PI).abs() < 1e-12);
     assert!(found.warnings.is_empty(), "{:?}", found.warnings);

@@ -8,20 +8,15 @@ use super::*;
 use crate::{Unit, read_inputs};
 
 fn double(name: RecordName) -> Record {
-    Record {
-        name,
-        data_type: RecordDataType::F64,
-    }
+    Record { name, data_type: RecordDataType::F64 }
 }
 
 fn whole(name: RecordName, max: i64) -> Record {
-    Record {
-        name,
-        data_type: RecordDataType::Integer { min: 0, max },
-    }
+    Record { name, data_type: RecordDataType::Integer { min: 0, max } }
 }
 
-/// A Cartesian cloud with a pose, one point of which is invalid; an organised spherical one; and one without points.
+/// A Cartesian cloud with a pose, one point of which is invalid; an organised spherical one; and one without
+/// points.
 fn file(folder: &Path) -> PathBuf {
     let path = folder.join("a.e57");
     let mut writer = E57Writer::from_file(&path, "file").unwrap();
@@ -36,17 +31,8 @@ fn file(folder: &Path) -> PathBuf {
     // A quarter turn about z.
     let h = 0.5_f64.sqrt();
     cloud.set_transform(Some(Transform {
-        rotation: Quaternion {
-            w: h,
-            x: 0.0,
-            y: 0.0,
-            z: h,
-        },
-        translation: Translation {
-            x: 10.0,
-            y: 20.0,
-            z: 30.0,
-        },
+        rotation: Quaternion { w: h, x: 0.0, y: 0.0, z: h },
+        translation: Translation { x: 10.0, y: 20.0, z: 30.0 },
     }));
     for (k, state) in [(0, 0), (1, 2), (2, 0)] {
         let [x, y, z] = [f64::from(k), 0.5, -1.0].map(RecordValue::Double);
@@ -67,12 +53,9 @@ fn file(folder: &Path) -> PathBuf {
         cloud.add_point([&numbers[..], &indices[..]].concat()).unwrap();
     }
     cloud.finalize().unwrap();
-    let empty = ["X", "Y", "Z"]
-        .iter()
-        .zip([RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ]);
-    let mut cloud = writer
-        .add_pointcloud("third", empty.map(|(_, name)| double(name)).collect())
-        .unwrap();
+    let empty =
+        ["X", "Y", "Z"].iter().zip([RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ]);
+    let mut cloud = writer.add_pointcloud("third", empty.map(|(_, name)| double(name)).collect()).unwrap();
     cloud.finalize().unwrap();
     writer.finalize().unwrap();
     path
@@ -83,31 +66,17 @@ fn every_point_cloud_is_a_scan_with_its_pose() {
     let folder = tempfile::tempdir().unwrap();
     let path = file(folder.path());
     let scans = read_e57(&path).unwrap();
-    let [door, dome] = &scans[..] else {
-        panic!("{}", scans.len())
-    };
+    let [door, dome] = &scans[..] else { panic!("{}", scans.len()) };
     assert_eq!((door.name.as_str(), dome.name.as_str()), ("a.e57 1 (door)", "a.e57 2"));
-    assert_eq!(
-        (&door.points[..], door.dropped_not_finite),
-        (&[[0.0, 0.5, -1.0], [2.0, 0.5, -1.0]][..], 1)
-    );
+    assert_eq!((&door.points[..], door.dropped_not_finite), (&[[0.0, 0.5, -1.0], [2.0, 0.5, -1.0]][..], 1));
     assert!(door.grid.is_none() && door.viewing == Viewing::Origin([0.0; 3]));
     let p = door.world_from_scanner.apply(door.points[1]);
-    assert!(
-        p.iter().zip([9.5, 22.0, 29.0]).all(|(a, b)| (a - b).abs() < 1e-12),
-        "{p:?}"
-    );
-    let expected = [
-        2.0 * 0.2_f64.cos() * 0.3_f64.cos(),
-        2.0 * 0.2_f64.cos() * 0.3_f64.sin(),
-        2.0 * 0.2_f64.sin(),
-    ];
+    assert!(p.iter().zip([9.5, 22.0, 29.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{p:?}");
+    let expected =
+        [2.0 * 0.2_f64.cos() * 0.3_f64.cos(), 2.0 * 0.2_f64.cos() * 0.3_f64.sin(), 2.0 * 0.2_f64.sin()];
     assert!(dome.points[3].iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12));
     let grid = dome.grid.as_ref().unwrap();
-    assert_eq!(
-        (grid.columns, grid.rows, &grid.cells[..]),
-        (3, 2, &[0, 1, 2, 3, 4, RangeGrid::EMPTY][..])
-    );
+    assert_eq!((grid.columns, grid.rows, &grid.cells[..]), (3, 2, &[0, 1, 2, 3, 4, RangeGrid::EMPTY][..]));
     assert_eq!(dome.viewing, Viewing::Origin([0.0; 3]));
 }
 

@@ -1,9 +1,11 @@
 //! A mesh that changes its shape and its colours in time, as one GLB file.
 //!
-//! The file holds the last frame as a mesh, every frame before it as a morph target (differences of positions, normals and colours), and one
-//! animation whose weights lead from target to target. Viewers that do not animate show the last frame.
+//! The file holds the last frame as a mesh, every frame before it as a morph target (differences of
+//! positions, normals and colours), and one animation whose weights lead from target to target. Viewers that
+//! do not animate show the last frame.
 //!
-//! Not guaranteed: that a viewer animates colours. glTF 2.0 allows morph targets of `COLOR_0` (section 3.7.2.2), but asks no viewer to show them.
+//! Not guaranteed: that a viewer animates colours. glTF 2.0 allows morph targets of `COLOR_0` (section
+//! 3.7.2.2), but asks no viewer to show them.
 
 use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
@@ -31,12 +33,14 @@ pub struct MeshFrame {
 /// Columns of a frame, as they are written.
 type Column = Vec<[f32; 3]>;
 
-/// Writes frames that share their triangles as one animated mesh, a frame every `seconds_per_frame`. Lengths without a unit are taken for metres.
+/// Writes frames that share their triangles as one animated mesh, a frame every `seconds_per_frame`. Lengths
+/// without a unit are taken for metres.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) for fewer than two frames, frames of unequal length, corners beyond the points or a time that is not
-/// positive; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB; [`Io`](planish_estimate::ErrorKind::Io) when the file
-/// cannot be written; nothing is left half-written.
+/// [`Input`](planish_estimate::ErrorKind::Input) for fewer than two frames, frames of unequal length, corners
+/// beyond the points or a time that is not positive;
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB;
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
 pub fn write_animation(
     path: &Path,
     frames: &[MeshFrame],
@@ -44,8 +48,8 @@ pub fn write_animation(
     unit: Option<Unit>,
     seconds_per_frame: f64,
 ) -> Result<()> {
-    let animation =
-        Animation::of(frames, triangles, unit, seconds_per_frame).map_err(|e| e.in_context(path.display()))?;
+    let animation = Animation::of(frames, triangles, unit, seconds_per_frame)
+        .map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| animation.write_to(&mut writer, triangles))
 }
 
@@ -68,17 +72,13 @@ impl Animation {
         let n = last.points.len();
         let fits = |f: &MeshFrame| f.points.len() == n && f.normals.len() == n && f.colours.len() == n;
         if n == 0 || triangles.is_empty() || !frames.iter().all(fits) {
-            return Err(Error::input(
-                "needed frames of one mesh with as many normals and colours as points",
-            ));
+            return Err(Error::input("needed frames of one mesh with as many normals and colours as points"));
         }
         if triangles.iter().flatten().any(|&corner| corner as usize >= n) {
             return Err(Error::input(format!("a triangle has a corner beyond the {n} points")));
         }
         if !(seconds > 0.0 && seconds.is_finite()) {
-            return Err(Error::input(format!(
-                "needed a positive time of each frame, found {seconds} s"
-            )));
+            return Err(Error::input(format!("needed a positive time of each frame, found {seconds} s")));
         }
         let (low, high) = bounds(&last.points);
         let centre: [f64; 3] = std::array::from_fn(|k| low[k] + 0.5 * (high[k] - low[k]));
@@ -88,10 +88,7 @@ impl Animation {
             last.colours.iter().map(|c| c.map(|c| c as f32)).collect(),
         ];
         let differences = |from: &[[f64; 3]], to: &[[f64; 3]]| -> Column {
-            to.iter()
-                .zip(from)
-                .map(|(to, from)| sub(*to, *from).map(|c| c as f32))
-                .collect()
+            to.iter().zip(from).map(|(to, from)| sub(*to, *from).map(|c| c as f32)).collect()
         };
         for frame in earlier {
             columns.push(differences(&last.points, &frame.points));
@@ -152,12 +149,7 @@ impl Animation {
         let head = Head::of(&document, sections.length).map_err(|total| {
             Error::unsupported(format!("GLB holds at most 4 GiB, this animation takes {total} bytes"))
         })?;
-        Ok(Self {
-            head,
-            columns,
-            times,
-            weights,
-        })
+        Ok(Self { head, columns, times, weights })
     }
 
     fn write_to(&self, writer: &mut impl Write, triangles: &[[u32; 3]]) -> io::Result<()> {
@@ -177,10 +169,7 @@ impl Animation {
 
 fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
     points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(low, high), p| {
-        (
-            std::array::from_fn(|k| low[k].min(p[k])),
-            std::array::from_fn(|k| high[k].max(p[k])),
-        )
+        (std::array::from_fn(|k| low[k].min(p[k])), std::array::from_fn(|k| high[k].max(p[k])))
     })
 }
 
@@ -212,7 +201,8 @@ mod tests {
         let frames = [frame(0.0), frame(0.25), frame(0.5)];
         write_animation(&path, &frames, &[[0, 1, 2]], Some(Unit::Millimetre), 0.5).unwrap();
         let bytes = std::fs::read(&path).unwrap();
-        let number = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]) as usize;
+        let number =
+            |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]) as usize;
         assert_eq!(number(8), bytes.len());
         let json: Value = serde_json::from_slice(&bytes[20..20 + number(12)]).unwrap();
         let binary = 20 + number(12) + 8;

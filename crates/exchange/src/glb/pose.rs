@@ -1,6 +1,7 @@
 //! A mesh with a texture that can be posed, as one GLB file.
 //!
-//! The file holds the mesh at rest, a morph target for each pose (differences of positions and normals), and, where there are keyframes, an animation of their weights. The picture is in the file.
+//! The file holds the mesh at rest, a morph target for each pose (differences of positions and normals), and,
+//! where there are keyframes, an animation of their weights. The picture is in the file.
 //!
 //! Not guaranteed: that two poses at once look like anything: targets add up.
 
@@ -63,12 +64,14 @@ pub struct PosedMesh<'a> {
 /// Writes a mesh that can be posed.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points, keyframes that do not follow each other or have another number of weights than there are targets, and a picture that is neither PNG nor JPEG;
-/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points,
+/// keyframes that do not follow each other or have another number of weights than there are targets, and a
+/// picture that is neither PNG nor JPEG; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more
+/// than 4 GiB; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
+/// half-written.
 pub fn write_posed(path: &Path, mesh: &PosedMesh<'_>) -> Result<()> {
-    let (head, bytes) = check(mesh)
-        .and_then(|kind| pack(mesh, kind))
-        .map_err(|e| e.in_context(path.display()))?;
+    let (head, bytes) =
+        check(mesh).and_then(|kind| pack(mesh, kind)).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| {
         head.write_to(&mut writer)?;
         writer.write_all(&bytes)
@@ -95,7 +98,8 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
     let mut last = f64::NEG_INFINITY;
     for (k, frame) in mesh.keyframes.iter().enumerate() {
         let later = frame.seconds.is_finite() && frame.seconds >= 0.0 && frame.seconds > last;
-        let weights = frame.weights.len() == mesh.targets.len() && frame.weights.iter().all(|w| w.is_finite());
+        let weights =
+            frame.weights.len() == mesh.targets.len() && frame.weights.iter().all(|w| w.is_finite());
         if !(later && weights) {
             return Err(Error::input(format!(
                 "keyframe {}: needed a time after {last} s and {} weights, found {} s and {}",
@@ -125,8 +129,7 @@ struct Chunk {
 impl Chunk {
     fn floats<const N: usize>(&mut self, values: &[[f32; N]], target: Option<u64>, more: Value) -> usize {
         let kind = ["SCALAR", "VEC2", "VEC3"][N - 1];
-        self.bytes
-            .extend(values.iter().flatten().flat_map(|value| value.to_le_bytes()));
+        self.bytes.extend(values.iter().flatten().flat_map(|value| value.to_le_bytes()));
         self.sections.add(values.len(), 4 * N as u64, target, FLOAT, kind, more)
     }
 
@@ -144,23 +147,15 @@ impl Chunk {
 
 fn extremes<const N: usize>(values: &[[f32; N]]) -> Value {
     let pick = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
-        (0..N)
-            .map(|k| values.iter().map(|v| v[k]).reduce(pick).unwrap_or_default())
-            .collect()
+        (0..N).map(|k| values.iter().map(|v| v[k]).reduce(pick).unwrap_or_default()).collect()
     };
     json!({"min": pick(f32::min), "max": pick(f32::max)})
 }
 
 fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u8>)> {
     let single = |p: &[f64; 3]| p.map(|x| x as f32);
-    let low = mesh
-        .points
-        .iter()
-        .fold([f64::MAX; 3], |m, p| [0, 1, 2].map(|k| m[k].min(p[k])));
-    let high = mesh
-        .points
-        .iter()
-        .fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
+    let low = mesh.points.iter().fold([f64::MAX; 3], |m, p| [0, 1, 2].map(|k| m[k].min(p[k])));
+    let high = mesh.points.iter().fold([f64::MIN; 3], |m, p| [0, 1, 2].map(|k| m[k].max(p[k])));
     let center: [f64; 3] = [0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k]));
     let mut chunk = Chunk::default();
     let points: Vec<[f32; 3]> = mesh.points.iter().map(|p| single(&sub(*p, center))).collect();
@@ -200,14 +195,15 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
         let normal = chunk.floats(&turned, Some(ATTRIBUTES), json!({}));
         targets.push(json!({"POSITION": position, "NORMAL": normal}));
     }
-    chunk
-        .bytes
-        .extend(mesh.triangles.iter().flatten().flat_map(|corner| corner.to_le_bytes()));
-    let indices = (chunk.sections).add(3 * mesh.triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
+    chunk.bytes.extend(mesh.triangles.iter().flatten().flat_map(|corner| corner.to_le_bytes()));
+    let indices =
+        (chunk.sections).add(3 * mesh.triangles.len(), 4, Some(INDICES), INTEGER, "SCALAR", json!({}));
     let scale = mesh.unit.map_or(1.0, |unit| unit.millimetres() / 1000.0);
     let names: Vec<&str> = mesh.targets.iter().map(|target| target.name.as_str()).collect();
-    let mut primitive = json!({"attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0});
-    let mut shape = json!({"extras": {"targetNames": names, "unit": mesh.unit.unwrap_or(Unit::Metre).name()}});
+    let mut primitive =
+        json!({"attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0});
+    let mut shape =
+        json!({"extras": {"targetNames": names, "unit": mesh.unit.unwrap_or(Unit::Metre).name()}});
     if !targets.is_empty() {
         primitive["targets"] = json!(targets);
         shape["weights"] = json!(vec![0.0; targets.len()]);
@@ -231,9 +227,8 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     document["materials"] = json!([{"pbrMetallicRoughness": surface, "doubleSided": true}]);
     if !mesh.keyframes.is_empty() {
         let times: Vec<[f32; 1]> = mesh.keyframes.iter().map(|frame| [frame.seconds as f32]).collect();
-        let weights: Vec<[f32; 1]> = (mesh.keyframes.iter())
-            .flat_map(|frame| frame.weights.iter().map(|w| [*w as f32]))
-            .collect();
+        let weights: Vec<[f32; 1]> =
+            (mesh.keyframes.iter()).flat_map(|frame| frame.weights.iter().map(|w| [*w as f32])).collect();
         let input = chunk.floats(&times, None, extremes(&times));
         let output = chunk.floats(&weights, None, json!({}));
         document["animations"] = json!([{
@@ -245,8 +240,9 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     document["accessors"] = json!(chunk.sections.accessors);
     document["bufferViews"] = json!(chunk.sections.views);
     document["buffers"] = json!([{"byteLength": chunk.sections.length}]);
-    let head = Head::of(&document, chunk.sections.length)
-        .map_err(|total| Error::unsupported(format!("GLB holds at most 4 GiB, this mesh takes {total} bytes")))?;
+    let head = Head::of(&document, chunk.sections.length).map_err(|total| {
+        Error::unsupported(format!("GLB holds at most 4 GiB, this mesh takes {total} bytes"))
+    })?;
     Ok((head, chunk.bytes))
 }
 
@@ -269,10 +265,7 @@ mod tests {
             points: POINTS.map(|p| [p[0], p[1], p[2] + 2.0]).to_vec(),
             normals: NORMALS.to_vec(),
         }];
-        let keyframes = [0.0, 1.5].map(|seconds| Keyframe {
-            seconds,
-            weights: vec![seconds; weights],
-        });
+        let keyframes = [0.0, 1.5].map(|seconds| Keyframe { seconds, weights: vec![seconds; weights] });
         let made = write_posed(
             &path,
             &PosedMesh {
@@ -289,11 +282,7 @@ mod tests {
                 ..PosedMesh::default()
             },
         );
-        (
-            made,
-            std::fs::read(&path).unwrap_or_default(),
-            super::super::read_mesh(&path),
-        )
+        (made, std::fs::read(&path).unwrap_or_default(), super::super::read_mesh(&path))
     }
 
     /// The mesh at rest is read back; sections are where the document says, with the picture among them.
@@ -323,7 +312,9 @@ mod tests {
         let target = &document["meshes"][0]["primitives"][0]["targets"][0]["POSITION"];
         let moved = section(&accessor(target)["bufferView"]);
         assert_eq!(f32::from_le_bytes(moved[8..12].try_into().unwrap()), 2.0);
-        let uv = section(&accessor(&document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"])["bufferView"]);
+        let uv = section(
+            &accessor(&document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"])["bufferView"],
+        );
         assert_eq!(f32::from_le_bytes(uv[20..24].try_into().unwrap()), 0.75);
         let times = accessor(&document["animations"][0]["samplers"][0]["input"]);
         assert_eq!((&times["min"][0], &times["max"][0]), (&json!(0.0), &json!(1.5)));
@@ -331,19 +322,7 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_refused() {
-        assert!(
-            posed(Some(b"GIF89a"), 1)
-                .0
-                .unwrap_err()
-                .to_string()
-                .contains("PNG or JPEG")
-        );
-        assert!(
-            posed(None, 2)
-                .0
-                .unwrap_err()
-                .to_string()
-                .contains("keyframe 1: needed a time")
-        );
+        assert!(posed(Some(b"GIF89a"), 1).0.unwrap_err().to_string().contains("PNG or JPEG"));
+        assert!(posed(None, 2).0.unwrap_err().to_string().contains("keyframe 1: needed a time"));
     }
 }

@@ -18,7 +18,8 @@ use crate::textured::TexturedMesh;
 
 /// A scene's tree of nodes is not deeper than this.
 const DEEPEST: usize = 64;
-/// More nodes than this in a scene are one node that stands in many places: the geometry would be copied so often.
+/// More nodes than this in a scene are one node that stands in many places: the geometry would be copied so
+/// often.
 const MOST_NODES: usize = 100_000;
 
 /// Nodes may show one mesh in many places; more copies than so many times what the file holds are a trap.
@@ -29,14 +30,16 @@ const FEW_VERTICES: usize = 1 << 20;
 /// Reads all triangles of the file's scene, in metres.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable; [`Input`](planish_estimate::ErrorKind::Input)
-/// when it is malformed, cut off, or names what is not there: with the file and the accessor or node;
-/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for geometry in other files, compressed, sparse or quantised.
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, or names what is not there:
+/// with the file and the accessor or node; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for
+/// geometry in other files, compressed, sparse or quantised.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
-/// Reads all triangles with their texture coordinates (`TEXCOORD_0`) and the picture of the base colour that most of them have. Vertices at one place are one, as they were before a seam of the texture parted them.
+/// Reads all triangles with their texture coordinates (`TEXCOORD_0`) and the picture of the base colour that
+/// most of them have. Vertices at one place are one, as they were before a seam of the texture parted them.
 pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     let (mesh, picture) = read_file(path, |mut source, _| textured_from(&mut source))?;
     Ok(welded(mesh, picture))
@@ -46,12 +49,10 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
 pub(crate) fn read_scan(path: &Path) -> Result<(Scan, Option<Unit>)> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let mesh = read_mesh(path)?;
-    let normals: Vec<(String, Vec<f64>)> = mesh
-        .columns
-        .into_iter()
-        .filter(|(name, _)| name.starts_with('n'))
-        .collect();
-    let scan = scan_of_vertices(mesh.points.into_iter(), &normals, &name).map_err(|e| e.in_context(path.display()))?;
+    let normals: Vec<(String, Vec<f64>)> =
+        mesh.columns.into_iter().filter(|(name, _)| name.starts_with('n')).collect();
+    let scan = scan_of_vertices(mesh.points.into_iter(), &normals, &name)
+        .map_err(|e| e.in_context(path.display()))?;
     Ok((scan, mesh.unit))
 }
 
@@ -105,9 +106,7 @@ fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
         uv,
         uv_triangles: mesh.triangles,
         picture,
-        columns: (mesh.columns.iter())
-            .map(|(name, column)| (name.clone(), of(column)))
-            .collect(),
+        columns: (mesh.columns.iter()).map(|(name, column)| (name.clone(), of(column))).collect(),
         unit: mesh.unit,
         ..TexturedMesh::default()
     }
@@ -116,24 +115,17 @@ fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
 fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> Result<T>) -> Result<T> {
     let header = source.bytes(12)?.map(<[u8]>::to_vec).unwrap_or_default();
     if !header.starts_with(&MAGIC) {
-        return Err(Error::input(
-            "byte 0: needed `glTF`: this is no GLB file, or it is cut off",
-        ));
+        return Err(Error::input("byte 0: needed `glTF`: this is no GLB file, or it is cut off"));
     }
     let version = NumberType::U32.decode::<false>(&header[4..8]);
     if version != 2.0 {
-        return Err(Error::unsupported(format!(
-            "byte 4: needed version 2 of glTF, found {version}"
-        )));
+        return Err(Error::unsupported(format!("byte 4: needed version 2 of glTF, found {version}")));
     }
     let json = chunk(source, JSON_CHUNK)?;
     let document: Value = serde_json::from_slice(&json)
         .map_err(|e| Error::input(format!("the JSON chunk is malformed (its line {}): {e}", e.line())))?;
     drop(json);
-    if let Some(needed) = document["extensionsRequired"]
-        .as_array()
-        .and_then(|names| names.first())
-    {
+    if let Some(needed) = document["extensionsRequired"].as_array().and_then(|names| names.first()) {
         return Err(Error::unsupported(format!(
             "the file needs the extension {needed}: write it again without compression or quantisation"
         )));
@@ -142,26 +134,18 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
         true => Vec::new(),
         false => chunk(source, BINARY_CHUNK)?,
     };
-    take(File {
-        document: &document,
-        binary: &binary,
-    })
+    take(File { document: &document, binary: &binary })
 }
 
 /// The next chunk, which must be of a type.
 fn chunk<R: Read>(source: &mut Source<R>, wanted: [u8; 4]) -> Result<Vec<u8>> {
     let byte = source.offset();
     let name = String::from_utf8_lossy(&wanted[..3]).into_owned();
-    let cut_off = |n: u64| {
-        Error::input(format!(
-            "byte {byte}: the file ends within {n} bytes of its {name} chunk"
-        ))
-    };
+    let cut_off =
+        |n: u64| Error::input(format!("byte {byte}: the file ends within {n} bytes of its {name} chunk"));
     let head = source.bytes(8)?.ok_or_else(|| cut_off(8))?;
     if head[4..8] != wanted {
-        return Err(Error::input(format!(
-            "byte {byte}: needed a {name} chunk, found another"
-        )));
+        return Err(Error::input(format!("byte {byte}: needed a {name} chunk, found another")));
     }
     let length = NumberType::U32.decode::<false>(&head[..4]) as u64;
     source.check_promise(length, format_args!("bytes in its {name} chunk"), length)?;
@@ -176,10 +160,8 @@ struct Transform {
 }
 
 impl Transform {
-    const IDENTITY: Self = Self {
-        columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        translation: [0.0; 3],
-    };
+    const IDENTITY: Self =
+        Self { columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] };
 
     fn rotate(&self, v: [f64; 3]) -> [f64; 3] {
         let [a, b, c] = self.columns;
@@ -193,10 +175,7 @@ impl Transform {
 
     /// First `inner`, then this one.
     fn after(&self, inner: &Self) -> Self {
-        Self {
-            columns: inner.columns.map(|c| self.rotate(c)),
-            translation: self.apply(inner.translation),
-        }
+        Self { columns: inner.columns.map(|c| self.rotate(c)), translation: self.apply(inner.translation) }
     }
 
     fn determinant(&self) -> f64 {
@@ -236,22 +215,17 @@ fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
 }
 
 impl File<'_> {
-    /// The mesh, with the columns [`UV`] where texture coordinates are wanted, and how many triangles each material has.
+    /// The mesh, with the columns [`UV`] where texture coordinates are wanted, and how many triangles each
+    /// material has.
     fn mesh(&self, with_uv: bool) -> Result<(PolygonMesh, BTreeMap<usize, usize>)> {
         let mut materials = BTreeMap::new();
-        let mut mesh = PolygonMesh {
-            unit: Some(Unit::Metre),
-            ..PolygonMesh::default()
-        };
+        let mut mesh = PolygonMesh { unit: Some(Unit::Metre), ..PolygonMesh::default() };
         let scene = index(&self.document["scene"]).unwrap_or(0);
-        let mut stack: Vec<(usize, Transform, usize)> = match self.document["scenes"][scene]["nodes"].as_array() {
-            Some(nodes) => nodes
-                .iter()
-                .filter_map(index)
-                .map(|n| (n, Transform::IDENTITY, 0))
-                .collect(),
-            None => return Err(Error::input(format!("scene {scene}: needed nodes, found none"))),
-        };
+        let mut stack: Vec<(usize, Transform, usize)> =
+            match self.document["scenes"][scene]["nodes"].as_array() {
+                Some(nodes) => nodes.iter().filter_map(index).map(|n| (n, Transform::IDENTITY, 0)).collect(),
+                None => return Err(Error::input(format!("scene {scene}: needed nodes, found none"))),
+            };
         stack.reverse();
         let mut visited = 0;
         while let Some((node, parent, depth)) = stack.pop() {
@@ -281,7 +255,8 @@ impl File<'_> {
         Ok((mesh, materials))
     }
 
-    /// The bytes of the picture of a material's base colour, where it stands in the file, is PNG or JPEG, and lies on the first texture coordinates.
+    /// The bytes of the picture of a material's base colour, where it stands in the file, is PNG or JPEG, and
+    /// lies on the first texture coordinates.
     fn picture(&self, material: usize) -> Option<&[u8]> {
         let texture = &self.document["materials"][material]["pbrMetallicRoughness"]["baseColorTexture"];
         if texture["texCoord"].as_u64().unwrap_or(0) != 0 {
@@ -290,9 +265,7 @@ impl File<'_> {
         let source = index(&self.document["textures"][index(&texture["index"])?]["source"])?;
         let view = &self.document["bufferViews"][index(&self.document["images"][source]["bufferView"])?];
         let start = index(&view["byteOffset"]).unwrap_or(0);
-        let bytes = self
-            .binary
-            .get(start..start.checked_add(index(&view["byteLength"])?)?)?;
+        let bytes = self.binary.get(start..start.checked_add(index(&view["byteLength"])?)?)?;
         let known = bytes.starts_with(b"\x89PNG") || crate::textured::is_jpeg(bytes);
         (known && index(&view["buffer"]) == Some(0)).then_some(bytes)
     }
@@ -315,9 +288,7 @@ impl File<'_> {
                 TRIANGLES => {}
                 0..TRIANGLES => continue,
                 _ => {
-                    return Err(Error::unsupported(
-                        "strips and fans of triangles: write separate triangles",
-                    ));
+                    return Err(Error::unsupported("strips and fans of triangles: write separate triangles"));
                 }
             }
             let attributes = &primitive["attributes"];
@@ -378,7 +349,9 @@ impl File<'_> {
                     _ => 1.0,
                 };
                 for (k, name) in UV.iter().enumerate() {
-                    if let Some(vertex) = (0..found.count).find(|vertex| !found.number(*vertex, k).is_finite()) {
+                    if let Some(vertex) =
+                        (0..found.count).find(|vertex| !found.number(*vertex, k).is_finite())
+                    {
                         return Err(Error::input(format!(
                             "TEXCOORD_0: needed finite numbers, found {} at vertex {vertex}",
                             found.number(vertex, k)
@@ -396,7 +369,13 @@ impl File<'_> {
         Ok(())
     }
 
-    fn add_triangles(&self, mesh: &mut PolygonMesh, indices: &Value, first: usize, mirrored: bool) -> Result<()> {
+    fn add_triangles(
+        &self,
+        mesh: &mut PolygonMesh,
+        indices: &Value,
+        first: usize,
+        mirrored: bool,
+    ) -> Result<()> {
         let vertices = mesh.points.len() - first;
         u32::try_from(mesh.points.len()).map_err(|_| Error::unsupported("more than 2³² vertices"))?;
         let indices = match indices.is_null() {
@@ -405,9 +384,7 @@ impl File<'_> {
         };
         let corners = indices.as_ref().map_or(vertices, |i| i.count);
         if corners % 3 != 0 {
-            return Err(Error::input(format!(
-                "needed three corners a triangle, found {corners} in all"
-            )));
+            return Err(Error::input(format!("needed three corners a triangle, found {corners} in all")));
         }
         for triangle in 0..corners / 3 {
             let mut made = [0; 3];
@@ -450,9 +427,7 @@ impl File<'_> {
             )));
         }
         if accessor["sparse"].is_object() || accessor["bufferView"].is_null() {
-            return Err(Error::unsupported(format!(
-                "accessor {number}: is sparse or has no bufferView"
-            )));
+            return Err(Error::unsupported(format!("accessor {number}: is sparse or has no bufferView")));
         }
         let type_ = match component {
             BYTE => NumberType::U8,
@@ -490,12 +465,7 @@ impl File<'_> {
                 0 => 0,
                 n => (n - 1).checked_mul(stride)?.checked_add(size)?,
             };
-            (stride >= size && needed <= bytes.len()).then_some(Accessor {
-                bytes,
-                type_,
-                stride,
-                count,
-            })
+            (stride >= size && needed <= bytes.len()).then_some(Accessor { bytes, type_, stride, count })
         };
         place().ok_or_else(|| {
             wrong(format!(
@@ -538,7 +508,8 @@ fn node_transform(node: &Value) -> Result<Transform> {
     let mut made = Transform::IDENTITY;
     if stated("rotation") {
         let q: [f64; 4] = numbers(&node["rotation"]).ok_or_else(|| wrong("rotation", 4))?;
-        let pose = planish_sense::Pose::from_quaternion_xyzw(q, [0.0; 3]).ok_or_else(|| wrong("rotation", 4))?;
+        let pose =
+            planish_sense::Pose::from_quaternion_xyzw(q, [0.0; 3]).ok_or_else(|| wrong("rotation", 4))?;
         made.columns = made.columns.map(|axis| pose.rotate(axis));
     }
     if stated("scale") {

@@ -64,9 +64,7 @@ fn what_was_read_is_written_to_the_same_bytes() {
     let again = MeshColumns {
         points: &mesh.points,
         normals: Some(&normals),
-        columns: ["sigma", "observed"]
-            .map(|name| (name, Column::F64(mesh.column(name).unwrap())))
-            .to_vec(),
+        columns: ["sigma", "observed"].map(|name| (name, Column::F64(mesh.column(name).unwrap()))).to_vec(),
         triangles: &mesh.triangles,
         unit: mesh.unit,
     };
@@ -101,16 +99,8 @@ const NUMBERS: [f32; 18] = [0., 0., 0., 0., 0., 1., 1., 0., 0., 0., 0., 1., 0., 
 fn nodes_turn_stretch_and_mirror_what_they_hold() {
     let mesh = read(&glb(SCENE, &NUMBERS)).unwrap();
     let near = |v: usize, expected: [f64; 3]| (0..3).all(|k| (mesh.points[v][k] - expected[k]).abs() < 1e-9);
-    assert!(
-        near(1, [10.0, 1.0, 0.0]) && near(2, [9.0, 0.0, 0.0]),
-        "{:?}",
-        mesh.points
-    );
-    assert!(
-        near(4, [10.0, -2.0, 0.0]) && near(5, [8.0, 0.0, 0.0]),
-        "{:?}",
-        mesh.points
-    );
+    assert!(near(1, [10.0, 1.0, 0.0]) && near(2, [9.0, 0.0, 0.0]), "{:?}", mesh.points);
+    assert!(near(4, [10.0, -2.0, 0.0]) && near(5, [8.0, 0.0, 0.0]), "{:?}", mesh.points);
     // The mirrored triangle is turned over, so that its normal stays what it states.
     assert_eq!(mesh.triangles, [[0, 1, 2], [3, 5, 4]]);
     assert!(mesh.column("nz").unwrap().iter().all(|&z| (z - 1.0).abs() < 1e-12));
@@ -124,35 +114,20 @@ fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
         ("\"count\":3", "\"count\":1000000000", ErrorKind::Input, "accessor 0"),
         ("\"count\":3", "\"count\":-3", ErrorKind::Input, "accessor 0"),
         ("\"count\":3", "\"count\":2", ErrorKind::Input, "NORMAL: needed 2"),
-        (
-            "\"byteLength\":72",
-            "\"byteLength\":9e9",
-            ErrorKind::Input,
-            "accessor 0",
-        ),
+        ("\"byteLength\":72", "\"byteLength\":9e9", ErrorKind::Input, "accessor 0"),
         (
             "\"byteLength\":72",
             "\"byteOffset\":18446744073709551615,\"byteLength\":72",
             ErrorKind::Input,
             "accessor 0",
         ),
-        (
-            "\"byteStride\":24",
-            "\"byteStride\":18446744073709551615",
-            ErrorKind::Input,
-            "accessor 0",
-        ),
+        ("\"byteStride\":24", "\"byteStride\":18446744073709551615", ErrorKind::Input, "accessor 0"),
         ("\"byteStride\":24", "\"byteStride\":0", ErrorKind::Input, "accessor 0"),
         ("5126", "5121", ErrorKind::Unsupported, "accessor 0: needed VEC3"),
         ("\"mesh\":0", "\"mesh\":7", ErrorKind::Input, "mesh 7"),
         ("[1,2]", "[1,0]", ErrorKind::Input, "does not end"),
         ("[1,2]", "[1,9]", ErrorKind::Input, "needed the node 9"),
-        (
-            "[10,0,0]",
-            "[10,0]",
-            ErrorKind::Input,
-            "node 0: needed 3 finite numbers for its translation",
-        ),
+        ("[10,0,0]", "[10,0]", ErrorKind::Input, "node 0: needed 3 finite numbers for its translation"),
         (
             "{\"asset\"",
             "{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\"",

@@ -23,18 +23,16 @@ const RAMP: [[f64; 3]; 5] = [
 /// Where nothing was measured.
 const GREY: [f64; 3] = [0.3, 0.3, 0.3];
 
-/// Writes a mesh with its normals, the columns `sigma` and `observed` and colours made of them; other columns have no place.
-/// Lengths without a unit are taken for metres.
+/// Writes a mesh with its normals, the columns `sigma` and `observed` and colours made of them; other columns
+/// have no place. Lengths without a unit are taken for metres.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points, or no points;
-/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB; [`Io`](planish_estimate::ErrorKind::Io) when
-/// the file cannot be written; nothing is left half-written.
+/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points, or
+/// no points; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB;
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
 pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
-    let layout = mesh
-        .check(true)
-        .and_then(|()| Layout::of(mesh))
-        .map_err(|e| e.in_context(path.display()))?;
+    let layout =
+        mesh.check(true).and_then(|()| Layout::of(mesh)).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| write_to(&mut writer, mesh, &layout))
 }
 
@@ -57,11 +55,7 @@ impl Head {
         let mut json = document.to_string().into_bytes();
         json.resize(json.len().next_multiple_of(4), b' ');
         let total = 12 + 8 + json.len() as u64 + 8 + binary;
-        Ok(Self {
-            json,
-            binary: binary as u32,
-            total: u32::try_from(total).map_err(|_| total)?,
-        })
+        Ok(Self { json, binary: binary as u32, total: u32::try_from(total).map_err(|_| total)? })
     }
 
     pub(super) fn write_to(&self, writer: &mut impl Write) -> io::Result<()> {
@@ -85,7 +79,8 @@ pub(super) struct Sections {
 }
 
 impl Sections {
-    /// Adds a section of `count` elements, for `target` where it is of a mesh; gives the number of its accessor.
+    /// Adds a section of `count` elements, for `target` where it is of a mesh; gives the number of its
+    /// accessor.
     pub(super) fn add(
         &mut self,
         count: usize,
@@ -101,8 +96,7 @@ impl Sections {
             view.insert("target".to_owned(), json!(target));
         }
         self.views.push(view);
-        let mut accessor =
-            json!({"bufferView": self.views.len() - 1, "componentType": number, "count": count, "type": kind});
+        let mut accessor = json!({"bufferView": self.views.len() - 1, "componentType": number, "count": count, "type": kind});
         if let (Some(accessor), Value::Object(more)) = (accessor.as_object_mut(), more) {
             accessor.extend(more);
         }
@@ -128,19 +122,13 @@ impl Layout {
         }
         let extreme = |pick: fn(f64, f64) -> f64| {
             let first = mesh.points[0];
-            mesh.points
-                .iter()
-                .fold(first, |m, p| [0, 1, 2].map(|k| pick(m[k], p[k])))
+            mesh.points.iter().fold(first, |m, p| [0, 1, 2].map(|k| pick(m[k], p[k])))
         };
         let (low, high) = (extreme(f64::min), extreme(f64::max));
         let center = [0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k]));
         // Rounding keeps order: the bounds of what is written.
         let bounds = json!({"min": local(low, center), "max": local(high, center)});
-        if local(low, center)
-            .iter()
-            .chain(&local(high, center))
-            .any(|c| !c.is_finite())
-        {
+        if local(low, center).iter().chain(&local(high, center)).any(|c| !c.is_finite()) {
             return Err(Error::input("needed finite coordinates that float32 can hold"));
         }
         let n = mesh.points.len();
@@ -183,9 +171,7 @@ impl Layout {
             "buffers": [{"byteLength": sections.length}],
         });
         let head = Head::of(&document, sections.length).map_err(|total| {
-            Error::unsupported(format!(
-                "GLB holds at most 4 GiB, this mesh takes {total} bytes: write PLY"
-            ))
+            Error::unsupported(format!("GLB holds at most 4 GiB, this mesh takes {total} bytes: write PLY"))
         })?;
         Ok(Self { center, head })
     }
@@ -236,7 +222,8 @@ fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
     })
 }
 
-/// The colour at a share of the way from dark violet to yellow, linear; shares outside 0 to 1 have the colours of the ends.
+/// The colour at a share of the way from dark violet to yellow, linear; shares outside 0 to 1 have the
+/// colours of the ends.
 #[must_use]
 pub fn ramp(share: f64) -> [f64; 3] {
     let place = share.clamp(0.0, 1.0);

@@ -1,8 +1,9 @@
 //! What a LAS or LAZ file promises, against what it can hold.
 //!
-//! Comes in: a file that can be rewound. Goes out: nothing, or an error before anything is decoded; the file stands at its beginning again.
-//! Checked is every number that the decoder takes memory for: records of metadata, points, chunks, and the layers of each chunk.
-//! Not guaranteed: that the file can be decoded. A header that cannot be understood is left to the decoder, which says why.
+//! Comes in: a file that can be rewound. Goes out: nothing, or an error before anything is decoded; the file
+//! stands at its beginning again. Checked is every number that the decoder takes memory for: records of
+//! metadata, points, chunks, and the layers of each chunk. Not guaranteed: that the file can be decoded. A
+//! header that cannot be understood is left to the decoder, which says why.
 //!
 //! # References
 //! ASPRS, *LAS Specification 1.4-R15*, 2019; M. Isenburg, *LASzip: lossless compression of LiDAR data*, 2013.
@@ -16,7 +17,8 @@ use planish_estimate::{Error, Result};
 use crate::foreign::guarded;
 use crate::source::check_expansion;
 
-/// Longer records of points are no points: a decoder keeps tables of several kilobytes for every byte of a record.
+/// Longer records of points are no points: a decoder keeps tables of several kilobytes for every byte of a
+/// record.
 const LONGEST_RECORD: u64 = 4096;
 /// Bytes of an extended record before its data.
 const EXTENDED_HEAD: u64 = 60;
@@ -49,10 +51,8 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
                 Ok(size)
             })
             .map_err(|e| {
-                Error::input(format!(
-                    "byte {start}: needed an extended record, found the end of the file"
-                ))
-                .with_source(e)
+                Error::input(format!("byte {start}: needed an extended record, found the end of the file"))
+                    .with_source(e)
             })?;
         if start.saturating_add(EXTENDED_HEAD).saturating_add(size) > length {
             return Err(Error::input(format!(
@@ -110,8 +110,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
         layers: description.items().iter().map(|item| item_sizes(item).1).sum(),
         description: &description,
     };
-    file.seek(SeekFrom::Start(offset))
-        .map_err(|e| Error::io("could not be read").with_source(e))?;
+    file.seek(SeekFrom::Start(offset)).map_err(|e| Error::io("could not be read").with_source(e))?;
     match bytes.starts_with(&ONE_CHUNK) {
         true => chunks.check_one(file, 0, offset).map(drop),
         false => chunks.check(file),
@@ -164,9 +163,11 @@ impl Chunks<'_> {
         Error::input(format!("{what}: the file is cut off or damaged"))
     }
 
-    /// Checks the table of the chunks, and each chunk that is in layers; the file stands where the points begin.
+    /// Checks the table of the chunks, and each chunk that is in layers; the file stands where the points
+    /// begin.
     fn check<R: Read + Seek>(&self, file: &mut R) -> Result<()> {
-        let failed = |e: std::io::Error| self.damaged("the table of the chunks cannot be read").with_source(e);
+        let failed =
+            |e: std::io::Error| self.damaged("the table of the chunks cannot be read").with_source(e);
         let start = file.stream_position().map_err(failed)?;
         let mut table = i64_from(file).map_err(failed)?;
         if table <= start as i64 {
@@ -216,8 +217,7 @@ impl Chunks<'_> {
             return Ok(byte);
         }
         let early = |e: std::io::Error| {
-            self.damaged(format_args!("byte {byte}: chunk {chunk} ends early"))
-                .with_source(e)
+            self.damaged(format_args!("byte {byte}: chunk {chunk} ends early")).with_source(e)
         };
         // The first point as it is, a count, the sizes of the layers, the layers.
         file.seek(SeekFrom::Start(byte + self.record + 4)).map_err(early)?;

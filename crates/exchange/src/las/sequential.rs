@@ -1,8 +1,9 @@
 //! The points of LAZ files up to version 1.3: compressed one after the other, in chunks.
 //!
-//! Comes in: a file that stands where its points begin, and the description of its compression. Goes out: records, whose times are left
-//! zero. Times are decoded here because the decoder of the `laz` crate calls itself as often as damaged bytes say, and runs out of stack.
-//! Not guaranteed: that the chunks are as long as their table says; see [`super::limits`].
+//! Comes in: a file that stands where its points begin, and the description of its compression. Goes out:
+//! records, whose times are left zero. Times are decoded here because the decoder of the `laz` crate calls
+//! itself as often as damaged bytes say, and runs out of stack. Not guaranteed: that the chunks are as long
+//! as their table says; see [`super::limits`].
 //!
 //! # References
 //! M. Isenburg, *LASzip: lossless compression of LiDAR data*, 2013; items of version 2.
@@ -46,11 +47,7 @@ impl<R: Read + Seek> Sequential<R> {
     /// Reads the next record.
     pub(super) fn read(&mut self, record: &mut [u8]) -> laz::Result<()> {
         if self.left == 0 {
-            self.left = self
-                .chunks
-                .next()
-                .ok_or(io::ErrorKind::UnexpectedEof)
-                .map_err(io::Error::from)?;
+            self.left = self.chunks.next().ok_or(io::ErrorKind::UnexpectedEof).map_err(io::Error::from)?;
             self.decompressor.reset();
             for item in &self.items {
                 match (item.item_type(), item.version()) {
@@ -64,7 +61,8 @@ impl<R: Read + Seek> Sequential<R> {
     }
 }
 
-/// Differences from one time to the next are stated as a multiple of the last one, up to this and down to [`LEAST_MULTIPLE`].
+/// Differences from one time to the next are stated as a multiple of the last one, up to this and down to
+/// [`LEAST_MULTIPLE`].
 const MOST_MULTIPLE: i32 = 500;
 const LEAST_MULTIPLE: i32 = -10;
 /// The symbol of a time that is the last one.
@@ -78,7 +76,8 @@ const MOST_SWITCHES: usize = 4;
 
 /// Passes over times: what they say is not kept, but how many bytes they take depends on it.
 ///
-/// Four series of times are told apart. Of each the last difference is known, and how often in a row a difference did not fit.
+/// Four series of times are told apart. Of each the last difference is known, and how often in a row a
+/// difference did not fit.
 struct Times {
     /// Symbols after a difference of zero, and after every other.
     after_zero: ArithmeticModel,
@@ -96,10 +95,7 @@ impl Default for Times {
         Self {
             after_zero: ArithmeticModelBuilder::new(6).build(),
             after_other: ArithmeticModelBuilder::new(SYMBOLS).build(),
-            integers: IntegerDecompressorBuilder::new()
-                .bits(32)
-                .contexts(9)
-                .build_initialized(),
+            integers: IntegerDecompressorBuilder::new().bits(32).contexts(9).build_initialized(),
             differences: [0; 4],
             misfits: [0; 4],
             series: 0,
@@ -137,9 +133,7 @@ impl Times {
             ANOTHER => return self.begin(decoder).map(|()| true),
             _ => return Ok(self.switch((symbol - ANOTHER) as usize)),
         };
-        let found = self
-            .integers
-            .decompress(decoder, last.wrapping_mul(multiple), context)?;
+        let found = self.integers.decompress(decoder, last.wrapping_mul(multiple), context)?;
         match context {
             1 => self.misfits[self.series] = 0,
             // At the ends of what multiples reach.
@@ -156,7 +150,12 @@ impl Times {
     }
 
     /// The next difference of a series, as it is.
-    fn keep<R: Read>(&mut self, series: usize, decoder: &mut ArithmeticDecoder<R>, context: u32) -> io::Result<()> {
+    fn keep<R: Read>(
+        &mut self,
+        series: usize,
+        decoder: &mut ArithmeticDecoder<R>,
+        context: u32,
+    ) -> io::Result<()> {
         self.differences[series] = self.integers.decompress(decoder, 0, context)?;
         self.misfits[series] = 0;
         Ok(())
@@ -193,9 +192,6 @@ impl<R: Read> FieldDecompressor<R> for Times {
                 return Ok(());
             }
         }
-        Err(io::Error::new(
-            io::ErrorKind::InvalidData,
-            "times that go from series to series without end",
-        ))
+        Err(io::Error::new(io::ErrorKind::InvalidData, "times that go from series to series without end"))
     }
 }

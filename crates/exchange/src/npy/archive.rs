@@ -22,7 +22,8 @@ type Archive = ZipArchive<BufReader<File>>;
 /// Reads the points of an archive.
 ///
 /// # Errors
-/// As [`read_npy`](super::read_npy); [`Input`](planish_estimate::ErrorKind::Input) also for an archive without points, and for arrays of different lengths.
+/// As [`read_npy`](super::read_npy); [`Input`](planish_estimate::ErrorKind::Input) also for an archive
+/// without points, and for arrays of different lengths.
 pub fn read_npz(path: &Path) -> Result<Scan> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     archive_scan(path, &name).map_err(|e| e.in_context(path.display()))
@@ -72,8 +73,8 @@ fn role(name: &str) -> Role {
         "points" | "xyz" => Role::Family(POSITIONS),
         "normals" => Role::Family(&["nx", "ny", "nz"]),
         "covariance" => Role::Family(&["cxx", "cxy", "cxz", "cyy", "cyz", "czz"]),
-        "x" | "y" | "z" | "nx" | "ny" | "nz" | "sigma" | "sigma_n_deg" | "cxx" | "cxy" | "cxz" | "cyy" | "cyz"
-        | "czz" => Role::Column,
+        "x" | "y" | "z" | "nx" | "ny" | "nz" | "sigma" | "sigma_n_deg" | "cxx" | "cxy" | "cxz" | "cyy"
+        | "cyz" | "czz" => Role::Column,
         "viewpoint" => Role::Viewpoint,
         _ => Role::Nothing,
     }
@@ -83,12 +84,7 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
     let mut archive = open_archive(path)?;
     let mut entries: Vec<(usize, String)> = Vec::new();
     for number in 0..archive.len() {
-        let name = archive
-            .by_index_raw(number)
-            .map_err(damaged)?
-            .name()
-            .map_err(damaged)?
-            .into_owned();
+        let name = archive.by_index_raw(number).map_err(damaged)?.name().map_err(damaged)?.into_owned();
         if let Some(name) = name.strip_suffix(".npy") {
             entries.push((number, name.to_owned()));
         }
@@ -131,7 +127,10 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
         let opened = entry(archive, *number).and_then(|source| {
             let opened = Array::open(source, inner)?;
             let last = opened.shape().last().copied().unwrap_or(0);
-            if opened.is_structured() || (inner == 1 && last != width) || !matches!(opened.outer().len(), 1 | 2) {
+            if opened.is_structured()
+                || (inner == 1 && last != width)
+                || !matches!(opened.outer().len(), 1 | 2)
+            {
                 return Err(opened.wrong_shape(&match inner {
                     1 => format!("(n, {width}) or (h, w, {width})"),
                     _ => "(n,) or (h, w)".to_owned(),

@@ -24,13 +24,7 @@ impl<R: Read> Array<R> {
     /// Reads the header; the last `inner` axes make a record.
     pub(super) fn open(mut source: Source<R>, inner: usize) -> Result<Self> {
         let header = read_header(&mut source)?;
-        let mut made = Self {
-            header,
-            source,
-            loaded: None,
-            inner,
-            next: 0,
-        };
+        let mut made = Self { header, source, loaded: None, inner, next: 0 };
         made.inner = inner.min(made.header.shape.len());
         let (elements, bytes) = made.header.extent();
         made.source.check_promise(elements, "elements", bytes)?;
@@ -40,16 +34,15 @@ impl<R: Read> Array<R> {
             let size = usize::try_from(bytes)
                 .map_err(|_| Error::unsupported("an array larger than the memory's addresses"))?;
             let all = made.source.bytes(size)?.ok_or_else(|| {
-                Error::input(format!(
-                    "byte {byte}: the file ends within {bytes} bytes: it is cut off"
-                ))
+                Error::input(format!("byte {byte}: the file ends within {bytes} bytes: it is cut off"))
             })?;
             made.loaded = Some(all.to_vec());
         }
         Ok(made)
     }
 
-    /// Reads the header of an array of points: plain with three to [`MOST_COLUMNS`] numbers a point, or structured.
+    /// Reads the header of an array of points: plain with three to [`MOST_COLUMNS`] numbers a point, or
+    /// structured.
     pub(super) fn open_points(source: Source<R>) -> Result<Self> {
         let mut made = Self::open(source, 0)?;
         let axes = made.header.shape.len();
@@ -71,10 +64,7 @@ impl<R: Read> Array<R> {
     pub(super) fn wrong_shape(&self, needed: &str) -> Error {
         let shape: Vec<String> = self.header.shape.iter().map(u64::to_string).collect();
         let kind = if self.header.structured { " structured" } else { "" };
-        Error::input(format!(
-            "needed an array {needed}, found a{kind} shape ({})",
-            shape.join(", ")
-        ))
+        Error::input(format!("needed an array {needed}, found a{kind} shape ({})", shape.join(", ")))
     }
 
     pub(super) fn shape(&self) -> &[u64] {
@@ -92,11 +82,7 @@ impl<R: Read> Array<R> {
 
     /// Numbers of elements in a record.
     fn width(&self) -> u64 {
-        if self.inner == 0 {
-            1
-        } else {
-            self.header.shape.last().copied().unwrap_or(1)
-        }
+        if self.inner == 0 { 1 } else { self.header.shape.last().copied().unwrap_or(1) }
     }
 
     pub(super) fn records(&self) -> u64 {

@@ -39,7 +39,8 @@ pub(super) struct Header {
 }
 
 pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
-    let no_npy = || Error::input("byte 0: needed `\\x93NUMPY` and a version: this is no NPY file, or it is cut off");
+    let no_npy =
+        || Error::input("byte 0: needed `\\x93NUMPY` and a version: this is no NPY file, or it is cut off");
     let start = source.bytes(8)?.ok_or_else(no_npy)?;
     if !start.starts_with(b"\x93NUMPY") {
         return Err(no_npy());
@@ -49,24 +50,19 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         1 => 2,
         2 | 3 => 4,
         _ => {
-            return Err(Error::unsupported(format!(
-                "byte 6: needed version 1, 2 or 3, found {version}"
-            )));
+            return Err(Error::unsupported(format!("byte 6: needed version 1, 2 or 3, found {version}")));
         }
     };
-    let cut_off = |byte: u64| Error::input(format!("byte {byte}: the file ends within its header: it is cut off"));
+    let cut_off =
+        |byte: u64| Error::input(format!("byte {byte}: the file ends within its header: it is cut off"));
     let length = source
         .bytes(width)?
         .map(|bytes| bytes.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b)))
         .ok_or_else(|| cut_off(8))?;
     if length > LONGEST {
-        return Err(Error::input(format!(
-            "byte 8: a header of {length} bytes: the file is damaged"
-        )));
+        return Err(Error::input(format!("byte 8: a header of {length} bytes: the file is damaged")));
     }
-    let text = source
-        .bytes(length as usize)?
-        .ok_or_else(|| cut_off(8 + width as u64))?;
+    let text = source.bytes(length as usize)?.ok_or_else(|| cut_off(8 + width as u64))?;
     let mut parser = Parser { text, at: 0 };
     parser
         .literal(0)
@@ -81,21 +77,14 @@ impl Header {
                 return Err(Error::input("needed a dictionary"));
             };
             let found = entries.iter().find(|(name, _)| name == key);
-            found
-                .map(|(_, value)| value)
-                .ok_or_else(|| Error::input(format!("needed the key '{key}'")))
+            found.map(|(_, value)| value).ok_or_else(|| Error::input(format!("needed the key '{key}'")))
         };
         let Literal::Flag(columns_first) = entry("fortran_order")? else {
             return Err(Error::input("needed True or False for 'fortran_order'"));
         };
         let shape = shape(entry("shape")?)?;
-        let mut made = Self {
-            shape,
-            columns_first: *columns_first,
-            fields: Vec::new(),
-            size: 0,
-            structured: false,
-        };
+        let mut made =
+            Self { shape, columns_first: *columns_first, fields: Vec::new(), size: 0, structured: false };
         match entry("descr")? {
             Literal::Text(kind) => made.add(vec![String::new()], kind)?,
             Literal::List(fields) => {
@@ -128,20 +117,18 @@ impl Header {
             Literal::List(both) => both.last().unwrap_or(name),
             _ => name,
         };
-        let Literal::Text(name) = name else { return Err(wrong()) };
+        let Literal::Text(name) = name else {
+            return Err(wrong());
+        };
         let Literal::Text(kind) = kind else {
             return Err(Error::unsupported(format!(
                 "the field '{name}' is structured itself: write its fields beside the others"
             )));
         };
         let count = shape.iter().try_fold(1_u64, |n, &side| n.checked_mul(side));
-        let count = count
-            .filter(|&n| n + self.fields.len() as u64 <= MOST_NUMBERS)
-            .ok_or_else(|| {
-                Error::input(format!(
-                    "the field '{name}': an element of more than {MOST_NUMBERS} numbers"
-                ))
-            })?;
+        let count = count.filter(|&n| n + self.fields.len() as u64 <= MOST_NUMBERS).ok_or_else(|| {
+            Error::input(format!("the field '{name}': an element of more than {MOST_NUMBERS} numbers"))
+        })?;
         let lower = name.to_ascii_lowercase();
         let family: &[&str] = match (count, lower.as_str()) {
             (3, "xyz" | "points" | "position") => &["x", "y", "z"],
@@ -160,9 +147,7 @@ impl Header {
     /// Numbers of a type, behind those that were added before; of other types only the bytes count.
     fn add(&mut self, names: Vec<String>, kind: &str) -> Result<()> {
         let unknown = || {
-            Error::unsupported(format!(
-                "needed integers or floating-point numbers, found the type '{kind}'"
-            ))
+            Error::unsupported(format!("needed integers or floating-point numbers, found the type '{kind}'"))
         };
         let (order, rest) = match kind.as_bytes() {
             [order @ (b'<' | b'>' | b'|' | b'='), rest @ ..] => (*order, rest),
@@ -172,11 +157,7 @@ impl Header {
         let digits = std::str::from_utf8(digits).map_err(|_| unknown())?;
         // Dates have their unit behind: <M8[ns].
         let digits = digits.split('[').next().unwrap_or_default();
-        let stated: usize = digits
-            .parse()
-            .ok()
-            .filter(|&n: &usize| n <= 1 << 20)
-            .ok_or_else(unknown)?;
+        let stated: usize = digits.parse().ok().filter(|&n: &usize| n <= 1 << 20).ok_or_else(unknown)?;
         let number = match letter {
             b'b' => NumberType::of_kind("U", "1").filter(|_| stated == 1),
             b'f' => NumberType::of_kind("F", digits),
@@ -200,18 +181,14 @@ impl Header {
             if !name.is_empty() && self.fields.iter().any(|f| f.name == name) {
                 return Err(Error::input(format!("the column `{name}` is there twice")));
             }
-            self.fields.push(Field {
-                name,
-                number,
-                big: order == b'>',
-                offset: self.size,
-            });
+            self.fields.push(Field { name, number, big: order == b'>', offset: self.size });
             self.size += bytes;
         }
         Ok(())
     }
 
-    /// How many elements, and how many bytes they take; as many as there can be where that is too many to count.
+    /// How many elements, and how many bytes they take; as many as there can be where that is too many to
+    /// count.
     pub(super) fn extent(&self) -> (u64, u64) {
         let elements = self.shape.iter().fold(1_u64, |n, &side| n.saturating_mul(side));
         (elements, elements.saturating_mul(self.size as u64))
@@ -287,9 +264,7 @@ impl Parser<'_> {
     fn number(&mut self) -> Result<Literal> {
         let mut value = 0_u64;
         while let Some(digit @ b'0'..=b'9') = self.text.get(self.at) {
-            let next = value
-                .checked_mul(10)
-                .and_then(|v| v.checked_add(u64::from(digit - b'0')));
+            let next = value.checked_mul(10).and_then(|v| v.checked_add(u64::from(digit - b'0')));
             value = next.ok_or_else(|| self.wrong("a smaller number"))?;
             self.at += 1;
         }

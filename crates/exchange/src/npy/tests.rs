@@ -35,10 +35,7 @@ fn every_type_order_and_side_gives_the_same_points() {
     let columns = [1.0, 4.0, 2.0, 5.0, -3.0, 6.0];
     macro_rules! body {
         ($type:ty, $to:ident, $numbers:expr) => {
-            $numbers
-                .iter()
-                .flat_map(|&n| (n as $type).$to())
-                .collect::<Vec<u8>>()
+            $numbers.iter().flat_map(|&n| (n as $type).$to()).collect::<Vec<u8>>()
         };
     }
     let files = [
@@ -96,13 +93,7 @@ fn fields_of_structured_arrays_are_columns() {
 #[test]
 fn six_columns_are_normals_only_when_all_have_unit_length() {
     let with = |n: [f64; 3]| {
-        read(&file(
-            "'<f8'",
-            false,
-            "(1, 6)",
-            &doubles(&[1.0, 2.0, 3.0, n[0], n[1], n[2]]),
-        ))
-        .unwrap()
+        read(&file("'<f8'", false, "(1, 6)", &doubles(&[1.0, 2.0, 3.0, n[0], n[1], n[2]]))).unwrap()
     };
     assert_eq!(with([0.6, 0.0, 0.8]).normals.unwrap(), [[0.6, 0.0, 0.8]]);
     assert!(with([255.0, 0.0, 8.0]).normals.is_none());
@@ -114,11 +105,7 @@ fn six_columns_are_normals_only_when_all_have_unit_length() {
 fn organised_arrays_have_their_grid() {
     // Two rows of three, one of them empty; the same with columns first.
     let cell = |row: usize, column: usize| {
-        [
-            column as f64,
-            row as f64,
-            if (row, column) == (0, 1) { f64::NAN } else { 9.0 },
-        ]
+        [column as f64, row as f64, if (row, column) == (0, 1) { f64::NAN } else { 9.0 }]
     };
     let rows: Vec<f64> = (0..6).flat_map(|k| cell(k / 3, k % 3)).collect();
     let columns: Vec<f64> = (0..3)
@@ -128,13 +115,7 @@ fn organised_arrays_have_their_grid() {
         let scan = read(&file("'<f8'", columns_first, "(2, 3, 3)", &doubles(numbers))).unwrap();
         assert_eq!(
             scan.points,
-            [
-                [0.0, 0.0, 9.0],
-                [2.0, 0.0, 9.0],
-                [0.0, 1.0, 9.0],
-                [1.0, 1.0, 9.0],
-                [2.0, 1.0, 9.0]
-            ]
+            [[0.0, 0.0, 9.0], [2.0, 0.0, 9.0], [0.0, 1.0, 9.0], [1.0, 1.0, 9.0], [2.0, 1.0, 9.0]]
         );
         let grid = scan.grid.unwrap();
         assert_eq!((grid.columns, grid.rows), (3, 2));
@@ -147,63 +128,30 @@ fn organised_arrays_have_their_grid() {
 fn mistakes_are_named_and_promises_are_not_believed() {
     let numbers = doubles(&[1.0; 6]);
     for (bytes, words) in [
-        (
-            file("'<f8'", false, "(1000000000, 3)", &numbers),
-            "promises 3000000000 elements",
-        ),
-        (
-            file("'<f8'", true, "(1000000000, 3)", &numbers),
-            "promises 3000000000 elements",
-        ),
+        (file("'<f8'", false, "(1000000000, 3)", &numbers), "promises 3000000000 elements"),
+        (file("'<f8'", true, "(1000000000, 3)", &numbers), "promises 3000000000 elements"),
         (file("'<f8'", false, "(18446744073709551615, 3)", &numbers), "promises"),
-        (
-            file("'<f8'", false, "(99999999999999999999, 3)", &numbers),
-            "a smaller number",
-        ),
+        (file("'<f8'", false, "(99999999999999999999, 3)", &numbers), "a smaller number"),
         (file("'<f8'", false, "(3, 2)", &numbers), "found a shape (3, 2)"),
         (file("'<f8'", false, "(6,)", &numbers), "needed an array (n, 3)"),
         (file("'<f8'", false, "()", &numbers), "found a shape ()"),
-        (
-            file("'<f8'", false, "(1, 1, 2, 3)", &numbers),
-            "found a shape (1, 1, 2, 3)",
-        ),
+        (file("'<f8'", false, "(1, 1, 2, 3)", &numbers), "found a shape (1, 1, 2, 3)"),
         (file("'<f8'", false, "(-2, 3)", &numbers), "header"),
         (file("'<f2'", false, "(2, 3)", &numbers), "found the type '<f2'"),
         (file("'|O'", false, "(2, 3)", &numbers), "found the type '|O'"),
         (file("'<c16'", false, "(1, 3)", &numbers), "found the type '<c16'"),
-        (
-            file("[('x', '<f8'), ('y', '<f8')]", false, "(3,)", &numbers),
-            "found no z",
-        ),
-        (
-            file("[('x', '<f8'), ('y', '<f8'), ('z', '|S8')]", false, "(2,)", &numbers),
-            "found the type '|S8'",
-        ),
-        (
-            file("[('x', '<f8'), ('y', '<f8'), ('x', '<f8')]", false, "(2,)", &numbers),
-            "`x` is there twice",
-        ),
-        (
-            file("[('p', [('x', '<f8')])]", false, "(2,)", &numbers),
-            "is structured itself",
-        ),
-        (
-            file("[('x', '<f8', (99999999999,))]", false, "(2,)", &numbers),
-            "more than 65536 numbers",
-        ),
+        (file("[('x', '<f8'), ('y', '<f8')]", false, "(3,)", &numbers), "found no z"),
+        (file("[('x', '<f8'), ('y', '<f8'), ('z', '|S8')]", false, "(2,)", &numbers), "found the type '|S8'"),
+        (file("[('x', '<f8'), ('y', '<f8'), ('x', '<f8')]", false, "(2,)", &numbers), "`x` is there twice"),
+        (file("[('p', [('x', '<f8')])]", false, "(2,)", &numbers), "is structured itself"),
+        (file("[('x', '<f8', (99999999999,))]", false, "(2,)", &numbers), "more than 65536 numbers"),
         (file("[]", false, "(2,)", &numbers), "at least one byte"),
         (file("7", false, "(2,)", &numbers), "'descr'"),
         (b"\x93NUMPY\x01\x00\x04\x00{}\n ".to_vec(), "needed a key"),
         (b"\x93NUMPY\x09\x00\x04\x00{}\n ".to_vec(), "needed version 1, 2 or 3"),
-        (
-            b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}".to_vec(),
-            "a header of 4294967295 bytes",
-        ),
+        (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}".to_vec(), "a header of 4294967295 bytes"),
         (b"PK\x03\x04 an archive".to_vec(), "no NPY file"),
-        (
-            [&b"\x93NUMPY\x01\x00\xe8\x03"[..], &[b'['; 1000]].concat(),
-            "fewer lists in lists",
-        ),
+        ([&b"\x93NUMPY\x01\x00\xe8\x03"[..], &[b'['; 1000]].concat(), "fewer lists in lists"),
     ] {
         let found = message(&bytes);
         assert!(found.contains(words), "{words}: {found}");
@@ -216,10 +164,7 @@ fn a_file_cut_off_anywhere_is_an_error() {
         let whole = file("'<f4'", columns_first, "(2, 3)", &[0; 24]);
         for end in 0..whole.len() {
             assert!(read(&whole[..end]).is_err(), "{end}");
-            assert!(
-                scan_from(Source::new(&whole[..end], None), "a").is_err(),
-                "{end}, of unknown length"
-            );
+            assert!(scan_from(Source::new(&whole[..end], None), "a").is_err(), "{end}, of unknown length");
         }
     }
 }
@@ -262,16 +207,10 @@ fn points() -> Vec<u8> {
 #[test]
 fn archives_join_their_arrays() {
     let arrays = [
-        (
-            "sigma",
-            file("'<f4'", false, "(2,)", &[0.5_f32, 0.25].map(f32::to_le_bytes).concat()),
-        ),
+        ("sigma", file("'<f4'", false, "(2,)", &[0.5_f32, 0.25].map(f32::to_le_bytes).concat())),
         ("colours", file("'|u1'", false, "(7, 3)", &[0; 21])),
         // Columns first, beside rows first.
-        (
-            "normals",
-            file("'<f8'", true, "(2, 3)", &doubles(&[0.0, 0.6, 0.0, 0.8, 1.0, 0.0])),
-        ),
+        ("normals", file("'<f8'", true, "(2, 3)", &doubles(&[0.0, 0.6, 0.0, 0.8, 1.0, 0.0]))),
         ("points", points()),
         ("viewpoint", file("'<f8'", false, "(3,)", &doubles(&[0.0, 0.0, 5.0]))),
     ];
@@ -284,7 +223,8 @@ fn archives_join_their_arrays() {
         let single = read_archive(&archive(&[("arr_0", points())], method)).unwrap();
         assert_eq!(single.points, TWO);
         let axis = |k: usize| file("'<f8'", false, "(2,)", &doubles(&[TWO[0][k], TWO[1][k]]));
-        let apart = read_archive(&archive(&[("z", axis(2)), ("x", axis(0)), ("y", axis(1))], method)).unwrap();
+        let apart =
+            read_archive(&archive(&[("z", axis(2)), ("x", axis(0)), ("y", axis(1))], method)).unwrap();
         assert_eq!(apart.points, TWO);
     }
 }
@@ -305,21 +245,16 @@ fn archives_that_hold_no_points_say_so() {
             .contains("array `points`: needed an array (n, 3)")
     );
     assert!(stored(&[("points", points()), ("x", three.clone())]).contains("`x` is there twice"));
-    assert!(stored(&[("points", points()), ("viewpoint", points()), ("b", three)]).contains("three finite numbers"));
     assert!(
-        read_archive(b"PK\x03\x04 no more")
-            .unwrap_err()
-            .to_string()
-            .contains("no NPZ archive")
+        stored(&[("points", points()), ("viewpoint", points()), ("b", three)])
+            .contains("three finite numbers")
     );
+    assert!(read_archive(b"PK\x03\x04 no more").unwrap_err().to_string().contains("no NPZ archive"));
 }
 
 #[test]
 fn an_archive_cut_off_anywhere_is_an_error() {
-    let whole = archive(
-        &[("points", points()), ("sigma", points())],
-        CompressionMethod::Deflated,
-    );
+    let whole = archive(&[("points", points()), ("sigma", points())], CompressionMethod::Deflated);
     for end in 0..whole.len() {
         assert!(read_archive(&whole[..end]).is_err(), "{end}");
     }

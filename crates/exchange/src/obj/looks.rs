@@ -32,8 +32,9 @@ impl Looks {
             b"vt" => {
                 let mut uv = [0.0; 2];
                 for (found, x) in uv.iter_mut().enumerate() {
-                    let word = next_word(&mut rest)
-                        .ok_or_else(|| Error::input(format!("line {line}: needed 2 numbers, found {found}")))?;
+                    let word = next_word(&mut rest).ok_or_else(|| {
+                        Error::input(format!("line {line}: needed 2 numbers, found {found}"))
+                    })?;
                     *x = parse_number(word).filter(|x| x.is_finite()).ok_or_else(|| {
                         Error::input(format!("line {line}: needed a finite number, found {}", shown(word)))
                     })?;
@@ -58,11 +59,7 @@ impl Looks {
         for name in names {
             let parts = &mut self.parts;
             let at = *self.index.entry((own as u8, name.clone())).or_insert_with(|| {
-                parts.push(MeshPart {
-                    kind,
-                    name,
-                    triangles: Vec::new(),
-                });
+                parts.push(MeshPart { kind, name, triangles: Vec::new() });
                 parts.len() - 1
             });
             self.current[own].push(at);
@@ -84,8 +81,7 @@ impl Looks {
     pub fn finish_face(&mut self, triangles: usize) {
         let first = self.triangles.len() as u32;
         if let [corner, rest @ ..] = &self.face[..] {
-            self.triangles
-                .extend(rest.windows(2).map(|pair| [*corner, pair[0], pair[1]]));
+            self.triangles.extend(rest.windows(2).map(|pair| [*corner, pair[0], pair[1]]));
         }
         for part in self.current.iter().flatten() {
             self.parts[*part].triangles.extend(first..triangles as u32);
@@ -104,17 +100,9 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     let mut made = TexturedMesh {
         points: mesh.points,
         triangles: mesh.triangles,
-        uv_triangles: if looks.uv.is_empty() {
-            Vec::new()
-        } else {
-            looks.triangles
-        },
+        uv_triangles: if looks.uv.is_empty() { Vec::new() } else { looks.triangles },
         uv: looks.uv,
-        parts: looks
-            .parts
-            .into_iter()
-            .filter(|part| !part.triangles.is_empty())
-            .collect(),
+        parts: looks.parts.into_iter().filter(|part| !part.triangles.is_empty()).collect(),
         unit: mesh.unit,
         ..TexturedMesh::default()
     };
@@ -145,15 +133,10 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
             .filter(|part| part.kind == PartKind::Material)
             .filter_map(|part| pictures.get(&part.name).map(|picture| (part.triangles.len(), picture)))
     };
-    made.texture = textured()
-        .max_by_key(|(count, _)| *count)
-        .map(|(_, picture)| picture.clone());
+    made.texture = textured().max_by_key(|(count, _)| *count).map(|(_, picture)| picture.clone());
     if let Some(other) = textured().find(|(_, picture)| Some(*picture) != made.texture.as_ref()) {
         let other = other.1.display().to_string();
-        made.warnings.push(format!(
-            "{}: of several textures one is used, not {other}",
-            path.display()
-        ));
+        made.warnings.push(format!("{}: of several textures one is used, not {other}", path.display()));
     }
     Ok(made)
 }

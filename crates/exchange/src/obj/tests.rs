@@ -72,10 +72,7 @@ fn normals_belong_to_the_vertices_that_faces_give_them() {
     assert_eq!(mesh(&text).unwrap().column("nz").unwrap(), [2.0, 2.0, 0.0, 0.0]);
     // A cloud: as many normals as vertices.
     let cloud = "vn 0 0 1\nv 1 2 3\nvn 0 1 0\nv 4 5 6\n";
-    assert_eq!(
-        scan(cloud).unwrap().normals.unwrap(),
-        [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]
-    );
+    assert_eq!(scan(cloud).unwrap().normals.unwrap(), [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]);
     assert!(scan("v 1 2 3\nvn 0 1 0\nv 4 5 6\n").unwrap().normals.is_none());
 }
 

@@ -1,9 +1,9 @@
 //! Bodies of PLY files: one element after the other, as rows of numbers.
 //!
-//! Comes in: a source that stands at an element's first row. Goes out: each row as `f64` (which holds every PLY type
-//! exactly) and at most one of its lists. Nothing is reserved for a promised count; what is promised is compared with
-//! what the file can hold before the first row is read.
-//! What follows the last promised row is refused, if it is more than blanks: a count that is too small would lose measurements.
+//! Comes in: a source that stands at an element's first row. Goes out: each row as `f64` (which holds every
+//! PLY type exactly) and at most one of its lists. Nothing is reserved for a promised count; what is promised
+//! is compared with what the file can hold before the first row is read. What follows the last promised row
+//! is refused, if it is more than blanks: a count that is too small would lose measurements.
 
 use std::fmt;
 use std::io::Read;
@@ -24,12 +24,7 @@ pub(crate) struct Place<'a> {
 
 impl fmt::Display for Place<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            element,
-            row,
-            line,
-            byte,
-        } = self;
+        let Self { element, row, line, byte } = self;
         match line {
             Some(line) => write!(f, "line {line} ({element} {row})"),
             None => write!(f, "byte {byte} ({element} {row})"),
@@ -64,13 +59,14 @@ fn least_row(element: &Element, encoding: Encoding) -> u64 {
 }
 
 /// Refuses a count that the rest of the file cannot hold.
-pub(crate) fn check_count<R: Read>(source: &Source<R>, element: &Element, encoding: Encoding) -> Result<usize> {
+pub(crate) fn check_count<R: Read>(
+    source: &Source<R>,
+    element: &Element,
+    encoding: Encoding,
+) -> Result<usize> {
     let least = least_row(element, encoding);
     // The last line of a text may lack its end.
-    let needed = element
-        .count
-        .saturating_mul(least)
-        .saturating_sub(u64::from(encoding == Encoding::Ascii));
+    let needed = element.count.saturating_mul(least).saturating_sub(u64::from(encoding == Encoding::Ascii));
     source.check_promise(element.count, format_args!("records of `{}`", element.name), needed)?;
     Ok(source.reserve(element.count, least))
 }
@@ -95,18 +91,17 @@ pub(crate) fn read_rows<R: Read>(
 }
 
 /// Passes over an element that nobody asked for.
-pub(crate) fn skip_rows<R: Read>(source: &mut Source<R>, element: &Element, encoding: Encoding) -> Result<()> {
+pub(crate) fn skip_rows<R: Read>(
+    source: &mut Source<R>,
+    element: &Element,
+    encoding: Encoding,
+) -> Result<()> {
     let has_lists = element.properties.iter().any(|p| p.length.is_some());
     if encoding == Encoding::Ascii || has_lists {
         return read_rows(source, element, encoding, None, |_| Ok(()));
     }
     check_count(source, element, encoding)?;
-    let place = Place {
-        element: &element.name,
-        row: 0,
-        line: None,
-        byte: source.offset(),
-    };
+    let place = Place { element: &element.name, row: 0, line: None, byte: source.offset() };
     match source.skip(element.count.saturating_mul(least_row(element, encoding)))? {
         true => Ok(()),
         false => Err(cut_off(place, element.count)),
@@ -118,9 +113,7 @@ pub(crate) fn refuse_more<R: Read>(source: &mut Source<R>) -> Result<()> {
     let Some(byte) = source.more_than_blanks()? else {
         return Ok(());
     };
-    let more = source
-        .remaining()
-        .map_or("more".to_owned(), |n| format!("{n} more bytes"));
+    let more = source.remaining().map_or("more".to_owned(), |n| format!("{n} more bytes"));
     Err(Error::input(format!(
         "byte {byte}: needed the end of the file, found {more}: the header promises less than the file holds; correct its counts, or cut \
          the file there"
@@ -142,12 +135,7 @@ fn read_text_rows<R: Read>(
     let mut list = Vec::new();
     for index in 0..element.count {
         let (number, byte) = (source.line_number() + 1, source.offset());
-        let mut place = Place {
-            element: &element.name,
-            row: index,
-            line: Some(number),
-            byte,
-        };
+        let mut place = Place { element: &element.name, row: index, line: Some(number), byte };
         let mut line = loop {
             let skipped = source.line_number() + 1;
             place.line = Some(skipped);
@@ -160,10 +148,7 @@ fn read_text_rows<R: Read>(
         };
         let too_short = |property: &str| Error::input(format!("{place}: the line ends before `{property}`"));
         let wrong = |property: &str, needed: &str, word: &[u8]| {
-            Error::input(format!(
-                "{place}: needed {needed} for `{property}`, found {}",
-                shown(word)
-            ))
+            Error::input(format!("{place}: needed {needed} for `{property}`, found {}", shown(word)))
         };
         for (k, property) in element.properties.iter().enumerate() {
             let name = property.name.as_str();
@@ -190,11 +175,7 @@ fn read_text_rows<R: Read>(
                 shown(word)
             )));
         }
-        row(&Row {
-            values: &values,
-            list: &list,
-            place,
-        })?;
+        row(&Row { values: &values, list: &list, place })?;
     }
     Ok(())
 }
@@ -211,12 +192,7 @@ fn read_binary_rows<R: Read, const BIG: bool>(
     let flat = element.properties.iter().all(|p| p.length.is_none());
     let row_size = element.properties.iter().map(|p| p.number.size()).sum();
     for index in 0..element.count {
-        let place = Place {
-            element: &element.name,
-            row: index,
-            line: None,
-            byte: source.offset(),
-        };
+        let place = Place { element: &element.name, row: index, line: None, byte: source.offset() };
         let ends = || cut_off(place, element.count);
         if flat {
             let mut bytes = source.bytes(row_size)?.ok_or_else(ends)?;
@@ -251,11 +227,7 @@ fn read_binary_rows<R: Read, const BIG: bool>(
                 }
             }
         }
-        row(&Row {
-            values: &values,
-            list: &list,
-            place,
-        })?;
+        row(&Row { values: &values, list: &list, place })?;
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! Headers of PLY files.
 //!
-//! Comes in: the first lines of a file, up to `end_header`. Goes out: what the rest of the file promises to hold.
-//! Not guaranteed: that the file holds it; [`super::body`] finds out.
+//! Comes in: the first lines of a file, up to `end_header`. Goes out: what the rest of the file promises to
+//! hold. Not guaranteed: that the file holds it; [`super::body`] finds out.
 
 use std::io::Read;
 
@@ -65,11 +65,11 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         None => return Err(Error::input("the file is empty")),
         Some(b"ply") => {}
         Some(line) if line.starts_with(b"ply\r") => {
-            return Err(Error::input(
-                "line 1: lines end in a lone carriage return, needed LF or CRLF",
-            ));
+            return Err(Error::input("line 1: lines end in a lone carriage return, needed LF or CRLF"));
         }
-        Some(line) => return Err(Error::input(format!("line 1: needed `ply`, found {}", shown(line)))),
+        Some(line) => {
+            return Err(Error::input(format!("line 1: needed `ply`, found {}", shown(line))));
+        }
     }
     let mut encoding = None;
     let mut header = Header {
@@ -90,7 +90,8 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         // Comments may be in any encoding; names are compared as text.
         let text = String::from_utf8_lossy(line);
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
-        let wrong = |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
+        let wrong =
+            |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
         match words[..] {
             ["end_header"] => break,
             ["comment", "unit", name] => header.unit = name.parse().ok(),
@@ -98,7 +99,9 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
             ["obj_info", "num_cols", n] => {
                 header.grid_columns = Some(n.parse().map_err(|_| wrong("a number of columns"))?)
             }
-            ["obj_info", "num_rows", n] => header.grid_rows = Some(n.parse().map_err(|_| wrong("a number of rows"))?),
+            ["obj_info", "num_rows", n] => {
+                header.grid_rows = Some(n.parse().map_err(|_| wrong("a number of rows"))?)
+            }
             ["obj_info", "is_cyberware_data", flag] => header.cyberware = flag == "1",
             ["obj_info", ..] => {}
             ["format", name, version] => {
@@ -123,17 +126,13 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 if header.elements.len() == MOST_NAMES {
                     return Err(wrong(&format!("at most {MOST_NAMES} elements")));
                 }
-                header.elements.push(Element {
-                    name: name.to_owned(),
-                    count,
-                    properties: Vec::new(),
-                });
+                header.elements.push(Element { name: name.to_owned(), count, properties: Vec::new() });
             }
             ["property", ..] => {
                 let (name, length, number) = match words[1..] {
                     ["list", length, item, name] => {
-                        let length =
-                            NumberType::parse(length).filter(|t| !matches!(t, NumberType::F32 | NumberType::F64));
+                        let length = NumberType::parse(length)
+                            .filter(|t| !matches!(t, NumberType::F32 | NumberType::F64));
                         let length = length.ok_or_else(|| wrong("a list length of an integer type"))?;
                         (name, Some(length), NumberType::parse(item))
                     }
@@ -150,16 +149,10 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 if element.properties.iter().any(|p| p.name == name) {
                     return Err(wrong("a name that no other property of the element has"));
                 }
-                element.properties.push(Property {
-                    name: name.to_owned(),
-                    length,
-                    number,
-                });
+                element.properties.push(Property { name: name.to_owned(), length, number });
             }
             _ => {
-                return Err(wrong(
-                    "`format`, `comment`, `obj_info`, `element`, `property` or `end_header`",
-                ));
+                return Err(wrong("`format`, `comment`, `obj_info`, `element`, `property` or `end_header`"));
             }
         }
     }

@@ -15,15 +15,17 @@ use crate::source::{Source, read_file};
 
 /// Reads the points of a scan and what the file says about their errors.
 ///
-/// Vertex properties: `x y z`; `sigma` or `cxx cxy cxz cyy cyz czz`; `nx ny nz`; `sigma_n_deg`. An element `range_grid`
-/// (a list `vertex_indices` of none or one vertex per cell, row by row, with `obj_info num_cols` and `num_rows`) gives
-/// the sampling grid. `obj_info is_cyberware_data 1` says that the scanner looked along −z of its own frame. Vertices
-/// whose coordinates are not finite are dropped and counted, and the grid renumbered. The pose is the identity.
+/// Vertex properties: `x y z`; `sigma` or `cxx cxy cxz cyy cyz czz`; `nx ny nz`; `sigma_n_deg`. An element
+/// `range_grid` (a list `vertex_indices` of none or one vertex per cell, row by row, with `obj_info num_cols`
+/// and `num_rows`) gives the sampling grid. `obj_info is_cyberware_data 1` says that the scanner looked along
+/// −z of its own frame. Vertices whose coordinates are not finite are dropped and counted, and the grid
+/// renumbered. The pose is the identity.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable, [`Input`](planish_estimate::ErrorKind::Input)
-/// when it is malformed, cut off, longer than its header promises, or states a σ or covariance that is not positive: with the file and
-/// the line (ASCII) or byte and index (binary).
+/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, longer than its header
+/// promises, or states a σ or covariance that is not positive: with the file and the line (ASCII) or byte and
+/// index (binary).
 pub fn read_scan(path: &Path) -> Result<Scan> {
     read_scan_and_unit(path).map(|(scan, _)| scan)
 }
@@ -35,12 +37,12 @@ pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
 
 /// Reads a mesh.
 ///
-/// Vertex properties `x y z` are needed; the element `face` with its list `vertex_indices` (or `vertex_index`) may be
-/// missing: the mesh then has no triangles.
+/// Vertex properties `x y z` are needed; the element `face` with its list `vertex_indices` (or
+/// `vertex_index`) may be missing: the mesh then has no triangles.
 ///
 /// # Errors
-/// As [`read_scan`]; also for a coordinate that is not finite, an index beyond the vertices, and a face of fewer than
-/// three corners.
+/// As [`read_scan`]; also for a coordinate that is not finite, an index beyond the vertices, and a face of
+/// fewer than three corners.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
@@ -111,9 +113,7 @@ fn index_below(value: f64, count: u64, place: Place) -> Result<u32> {
     if value >= 0.0 && value < count as f64 && value.fract() == 0.0 && value <= f64::from(u32::MAX) {
         return Ok(value as u32);
     }
-    Err(Error::input(format!(
-        "{place}: needed a vertex index below {count}, found {value}"
-    )))
+    Err(Error::input(format!("{place}: needed a vertex index below {count}, found {value}")))
 }
 
 /// The list `vertex_indices` of an element.
@@ -123,10 +123,7 @@ fn index_list(element: &Element) -> Result<usize> {
         .iter()
         .position(|p| p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index"));
     found.ok_or_else(|| {
-        Error::input(format!(
-            "the element `{}` has no list property `vertex_indices`",
-            element.name
-        ))
+        Error::input(format!("the element `{}` has no list property `vertex_indices`", element.name))
     })
 }
 
@@ -164,7 +161,12 @@ pub(super) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(
     Ok((scan, header.unit))
 }
 
-fn range_grid<R: Read>(source: &mut Source<R>, header: &Header, element: &Element, vertices: u64) -> Result<RangeGrid> {
+fn range_grid<R: Read>(
+    source: &mut Source<R>,
+    header: &Header,
+    element: &Element,
+    vertices: u64,
+) -> Result<RangeGrid> {
     let (Some(columns), Some(rows)) = (header.grid_columns, header.grid_rows) else {
         return Err(Error::input(
             "the element `range_grid` needs `obj_info num_cols` and `obj_info num_rows`",
@@ -210,9 +212,8 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
             names.join(" ")
         )));
     };
-    let others: Vec<usize> = (0..names.len())
-        .filter(|&k| !names[k].is_empty() && ![x, y, z].contains(&k))
-        .collect();
+    let others: Vec<usize> =
+        (0..names.len()).filter(|&k| !names[k].is_empty() && ![x, y, z].contains(&k)).collect();
     let mut mesh = PolygonMesh {
         columns: others.iter().map(|&k| (names[k].to_owned(), Vec::new())).collect(),
         unit: header.unit,

@@ -31,11 +31,7 @@ fn mesh_message(bytes: &[u8]) -> String {
 
 /// A header for the format, then the body.
 fn file(format: &str, lines: &str, body: &[u8]) -> Vec<u8> {
-    [
-        format!("ply\nformat {format} 1.0\n{lines}\nend_header\n").as_bytes(),
-        body,
-    ]
-    .concat()
+    [format!("ply\nformat {format} 1.0\n{lines}\nend_header\n").as_bytes(), body].concat()
 }
 
 const XYZ: &str = "property float x\nproperty float y\nproperty float z";
@@ -59,10 +55,7 @@ fn range_scan() -> Vec<u8> {
 fn a_range_scan_has_its_grid_and_its_direction_of_view() {
     for bytes in [
         range_scan(),
-        String::from_utf8(range_scan())
-            .unwrap()
-            .replace('\n', "\r\n")
-            .into_bytes(),
+        String::from_utf8(range_scan()).unwrap().replace('\n', "\r\n").into_bytes(),
         range_scan().strip_suffix(b"\n").unwrap().to_vec(),
     ] {
         let scan = scan(&bytes).unwrap();
@@ -71,14 +64,7 @@ fn a_range_scan_has_its_grid_and_its_direction_of_view() {
         assert_eq!(scan.viewing, Viewing::Direction([0.0, 0.0, -1.0]));
         let no = RangeGrid::EMPTY;
         // The vertex that is not finite leaves its cell, and the one behind it moves up.
-        assert_eq!(
-            scan.grid,
-            Some(RangeGrid {
-                columns: 3,
-                rows: 2,
-                cells: vec![no, 1, no, 0, no, no]
-            })
-        );
+        assert_eq!(scan.grid, Some(RangeGrid { columns: 3, rows: 2, cells: vec![no, 1, no, 0, no, no] }));
     }
 }
 
@@ -132,38 +118,18 @@ fn every_type_reads_the_same_in_every_encoding() {
     assert_eq!(expected.points, [[0.5, 0.1, 1e-300]]);
     assert_eq!(expected.triangles, [[0, 0, 0]; 2]);
     let columns: Vec<_> = expected.columns.iter().map(|(n, c)| (n.as_str(), c[0])).collect();
-    let numbers = [
-        ("a", -1.0),
-        ("b", 200.0),
-        ("c", -300.0),
-        ("d", 6e4),
-        ("e", -7e4),
-        ("f", 4e9),
-    ];
+    let numbers = [("a", -1.0), ("b", 200.0), ("c", -300.0), ("d", 6e4), ("e", -7e4), ("f", 4e9)];
     assert_eq!(columns, numbers);
-    assert_eq!(
-        mesh(&file("binary_little_endian", elements, &body(false))).unwrap(),
-        expected
-    );
-    assert_eq!(
-        mesh(&file("binary_big_endian", elements, &body(true))).unwrap(),
-        expected
-    );
-    assert_eq!(
-        scan(&file("binary_big_endian", elements, &body(true))).unwrap().points,
-        expected.points
-    );
+    assert_eq!(mesh(&file("binary_little_endian", elements, &body(false))).unwrap(), expected);
+    assert_eq!(mesh(&file("binary_big_endian", elements, &body(true))).unwrap(), expected);
+    assert_eq!(scan(&file("binary_big_endian", elements, &body(true))).unwrap().points, expected.points);
 }
 
 #[test]
 fn binary_files_cut_anywhere_are_refused() {
     for format in ["binary_little_endian", "binary_big_endian"] {
         let one = |v: f64| {
-            if format == "binary_big_endian" {
-                v.to_be_bytes()
-            } else {
-                v.to_le_bytes()
-            }
+            if format == "binary_big_endian" { v.to_be_bytes() } else { v.to_le_bytes() }
         };
         let vertices: Vec<u8> = (0..30).flat_map(|k| one(f64::from(k))).collect();
         let faces = vec![3_u8, 0, 1, 2, 4, 9, 8, 7, 6];
@@ -201,19 +167,13 @@ fn a_file_cut_off_says_where_and_how_much_is_missing() {
         "{message}"
     );
     let message = scan_message(b"ply\nformat ascii 1.0\n");
-    assert!(
-        message.contains("line 3: the file ends before `end_header`"),
-        "{message}"
-    );
+    assert!(message.contains("line 3: the file ends before `end_header`"), "{message}");
     assert!(scan_message(b"").contains("empty"));
 }
 
 #[test]
 fn a_header_that_promises_less_than_the_file_holds_loses_no_points() {
-    let more = ascii(
-        "element vertex 1\nproperty float x\nproperty float y\nproperty float z",
-        "0 0 0\n",
-    );
+    let more = ascii("element vertex 1\nproperty float x\nproperty float y\nproperty float z", "0 0 0\n");
     let at = more.len();
     for (end, bytes) in [("\n \r\n", None), ("1 0 0\n", Some(6)), ("\n\nx", Some(1))] {
         let bytes_left = bytes;
@@ -234,7 +194,10 @@ fn a_header_that_promises_less_than_the_file_holds_loses_no_points() {
 fn headers_of_a_million_names_are_refused_at_once() {
     let properties: String = (0..1_000_000).map(|k| format!("property float p{k}\n")).collect();
     let elements: String = (0..1_000_000).map(|k| format!("element e{k} 0\n")).collect();
-    assert!(scan_message(&ascii(&format!("element vertex 1\n{properties}"), "")).contains("at most 4096 properties"));
+    assert!(
+        scan_message(&ascii(&format!("element vertex 1\n{properties}"), ""))
+            .contains("at most 4096 properties")
+    );
     assert!(scan_message(&ascii(&elements, "")).contains("at most 4096 elements"));
 }
 
@@ -244,7 +207,9 @@ fn promised_counts_are_compared_with_the_file_before_anything_is_reserved() {
         for format in ["ascii", "binary_little_endian"] {
             for elements in [
                 format!("element vertex {count}\n{XYZ}"),
-                format!("element vertex 1\n{XYZ}\nelement face {count}\nproperty list uchar int vertex_indices"),
+                format!(
+                    "element vertex 1\n{XYZ}\nelement face {count}\nproperty list uchar int vertex_indices"
+                ),
             ] {
                 let bytes = file(format, &elements, b"1 2 3 4 5 6 7 8\n");
                 let wrong = mesh_message(&bytes);
@@ -259,11 +224,7 @@ fn promised_counts_are_compared_with_the_file_before_anything_is_reserved() {
     }
     // A list that promises four thousand million corners.
     let elements = format!("element vertex 1\n{XYZ}\nelement face 1\nproperty list uint int vertex_indices");
-    let bytes = file(
-        "binary_little_endian",
-        &elements,
-        &[&[0; 12][..], &[255; 4], &[0; 64]].concat(),
-    );
+    let bytes = file("binary_little_endian", &elements, &[&[0; 12][..], &[255; 4], &[0; 64]].concat());
     assert!(mesh_message(&bytes).contains("cut off"));
 }
 
@@ -284,7 +245,8 @@ fn lists_may_come_before_the_vertices_and_properties_in_any_order() {
 #[test]
 fn headers_with_bytes_that_are_no_text_and_blank_lines_are_read() {
     let mut bytes =
-        b"ply\nformat ascii 1.0\ncomment J\xf6rg, comment unit\nobj_info \xff\xfe\n\ncomment unit in\n".to_vec();
+        b"ply\nformat ascii 1.0\ncomment J\xf6rg, comment unit\nobj_info \xff\xfe\n\ncomment unit in\n"
+            .to_vec();
     bytes.extend_from_slice(b"element \xff 1\nproperty int \xfe\nelement vertex 1\n");
     bytes.extend_from_slice(format!("{XYZ}\nend_header\n\n7\n\n 1\t2  3 \n").as_bytes());
     let mesh = mesh(&bytes).unwrap();
@@ -300,19 +262,10 @@ fn wrong_headers_are_named_by_line() {
         ("element vertex many", "line 3: needed a count"),
         ("property float x", "line 3: needed an `element` line"),
         ("element vertex 1\nproperty quaternion q", "line 4: needed a type among"),
-        (
-            "element vertex 1\nproperty list float int i",
-            "line 4: needed a list length of an integer type",
-        ),
+        ("element vertex 1\nproperty list float int i", "line 4: needed a list length of an integer type"),
         ("element vertex 1\nproperty x", "line 4: needed `property TYPE NAME`"),
-        (
-            "element vertex 1\nelement vertex 2",
-            "line 4: needed a name that no other element",
-        ),
-        (
-            "element vertex 1\nproperty int x\nproperty int x",
-            "line 5: needed a name that no other property",
-        ),
+        ("element vertex 1\nelement vertex 2", "line 4: needed a name that no other element"),
+        ("element vertex 1\nproperty int x\nproperty int x", "line 5: needed a name that no other property"),
         ("element vertex 1\nproperty int x", "found no y z"),
         ("element face 1", "needed an element `vertex`, found [face]"),
         ("format ascii 1.0", "line 3: needed one `format`"),
@@ -326,11 +279,8 @@ fn wrong_headers_are_named_by_line() {
     assert!(scan_message(b"solid part\n").contains("line 1: needed `ply`, found `solid part`"));
     assert!(scan_message(b"ply\rformat ascii 1.0\r").contains("lone carriage return"));
     assert!(
-        scan_message(&ascii(
-            &format!("{vertex}\nproperty float sigma\nproperty float cxx"),
-            ""
-        ))
-        .contains("found no cxy")
+        scan_message(&ascii(&format!("{vertex}\nproperty float sigma\nproperty float cxx"), ""))
+            .contains("found no cxy")
     );
 }
 
@@ -340,18 +290,9 @@ fn wrong_bodies_are_named_by_line_and_record() {
     let start = "1 2 3 0.5\n";
     for (row, words) in [
         ("1 2 3\n", "line 10 (vertex 1): the line ends before `sigma`"),
-        (
-            "1 2 three 1\n",
-            "line 10 (vertex 1): needed a number for `z`, found `three`",
-        ),
-        (
-            "1 2 3 4 5\n",
-            "line 10 (vertex 1): needed the end of the line, found `5`",
-        ),
-        (
-            "1 2 3 -0.5\n",
-            "line 10 (vertex 1): needed sigma > 0, found -0.5 (point 1)",
-        ),
+        ("1 2 three 1\n", "line 10 (vertex 1): needed a number for `z`, found `three`"),
+        ("1 2 3 4 5\n", "line 10 (vertex 1): needed the end of the line, found `5`"),
+        ("1 2 3 -0.5\n", "line 10 (vertex 1): needed sigma > 0, found -0.5 (point 1)"),
         ("1 2 3 nan\n", "needed sigma > 0, found NaN"),
     ] {
         let message = scan_message(&ascii(&vertex, &format!("{start}{row}")));
@@ -372,7 +313,8 @@ fn wrong_bodies_are_named_by_line_and_record() {
         assert!(message.contains(words), "{message}");
     }
     assert!(
-        mesh_message(&ascii(&faces, "0 0 0\nnan 0 0\n0 1 0\n3 0 1 2\n")).contains("line 11 (vertex 1): needed finite")
+        mesh_message(&ascii(&faces, "0 0 0\nnan 0 0\n0 1 0\n3 0 1 2\n"))
+            .contains("line 11 (vertex 1): needed finite")
     );
     let negative = file(
         "binary_little_endian",
@@ -380,10 +322,7 @@ fn wrong_bodies_are_named_by_line_and_record() {
         &[&[0; 12][..], &[0xfd], &[0; 12]].concat(),
     );
     let message = mesh_message(&negative);
-    assert!(
-        message.contains("(face 0): needed a length for `vertex_indices`, found -3"),
-        "{message}"
-    );
+    assert!(message.contains("(face 0): needed a length for `vertex_indices`, found -3"), "{message}");
 }
 
 #[test]
@@ -421,22 +360,15 @@ fn write_read_write_gives_the_same_numbers_and_bytes() {
     let read = read_mesh(&path).unwrap();
     assert_eq!(read.points.as_slice(), points);
     assert_eq!(read.triangles.as_slice(), triangles);
-    assert_eq!(
-        (read.column("sigma"), read.unit),
-        (Some(&sigma[..]), Some(Unit::Millimetre))
-    );
+    assert_eq!((read.column("sigma"), read.unit), (Some(&sigma[..]), Some(Unit::Millimetre)));
     let column = |name: &str| read.column(name).unwrap();
-    let normals: Vec<[f64; 3]> = (0..3)
-        .map(|i| [column("nx")[i], column("ny")[i], column("nz")[i]])
-        .collect();
+    let normals: Vec<[f64; 3]> =
+        (0..3).map(|i| [column("nx")[i], column("ny")[i], column("nz")[i]]).collect();
     let observed: Vec<u8> = column("observed").iter().map(|&o| o as u8).collect();
     let again = MeshColumns {
         points: &read.points,
         normals: Some(&normals),
-        columns: vec![
-            ("sigma", Column::F64(column("sigma"))),
-            ("observed", Column::U8(&observed)),
-        ],
+        columns: vec![("sigma", Column::F64(column("sigma"))), ("observed", Column::U8(&observed))],
         triangles: &read.triangles,
         unit: read.unit,
     };
@@ -452,47 +384,19 @@ fn meshes_that_do_not_fit_together_are_not_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
     let points = [[0.0; 3]; 3];
-    let good = MeshColumns {
-        points: &points,
-        triangles: &[[0, 1, 2]],
-        ..MeshColumns::default()
-    };
+    let good = MeshColumns { points: &points, triangles: &[[0, 1, 2]], ..MeshColumns::default() };
     for (mesh, words) in [
         (
-            MeshColumns {
-                triangles: &[[0, 1, 2], [0, 1, 3]],
-                ..good.clone()
-            },
+            MeshColumns { triangles: &[[0, 1, 2], [0, 1, 3]], ..good.clone() },
             "triangle 1: needed indices below 3",
         ),
         (
-            MeshColumns {
-                normals: Some(&[]),
-                ..good.clone()
-            },
+            MeshColumns { normals: Some(&[]), ..good.clone() },
             "needed 3 entries in the column `normals`, found 0",
         ),
-        (
-            MeshColumns {
-                columns: vec![("x", Column::U8(&[0; 3]))],
-                ..good.clone()
-            },
-            "no other column",
-        ),
-        (
-            MeshColumns {
-                columns: vec![("a b", Column::U8(&[0; 3]))],
-                ..good.clone()
-            },
-            "one word",
-        ),
-        (
-            MeshColumns {
-                columns: vec![("a", Column::F64(&[0.0]))],
-                ..good
-            },
-            "column `a`, found 1",
-        ),
+        (MeshColumns { columns: vec![("x", Column::U8(&[0; 3]))], ..good.clone() }, "no other column"),
+        (MeshColumns { columns: vec![("a b", Column::U8(&[0; 3]))], ..good.clone() }, "one word"),
+        (MeshColumns { columns: vec![("a", Column::F64(&[0.0]))], ..good }, "column `a`, found 1"),
     ] {
         let e = write_mesh(&path, &mesh).unwrap_err();
         assert!(e.kind() == ErrorKind::Input && e.to_string().contains(words), "{e}");
@@ -505,22 +409,13 @@ fn file_trouble_is_told_from_malformed_files() {
     let folder = tempfile::tempdir().unwrap();
     let trouble = |path: &Path| read_scan(path).unwrap_err();
     let e = trouble(&folder.path().join("gone.ply"));
-    assert!(
-        e.kind() == ErrorKind::Io && e.to_string().contains("gone.ply: does not exist"),
-        "{e}"
-    );
+    assert!(e.kind() == ErrorKind::Io && e.to_string().contains("gone.ply: does not exist"), "{e}");
     let e = trouble(folder.path());
-    assert!(
-        e.kind() == ErrorKind::Io && e.to_string().contains("is a folder"),
-        "{e}"
-    );
+    assert!(e.kind() == ErrorKind::Io && e.to_string().contains("is a folder"), "{e}");
     let empty = folder.path().join("empty.ply");
     std::fs::write(&empty, "").unwrap();
     let e = trouble(&empty);
-    assert!(
-        e.kind() == ErrorKind::Input && e.to_string().contains("empty.ply: the file is empty"),
-        "{e}"
-    );
+    assert!(e.kind() == ErrorKind::Input && e.to_string().contains("empty.ply: the file is empty"), "{e}");
 }
 
 proptest! {

@@ -1,7 +1,7 @@
 //! Meshes and points as binary little-endian PLY files.
 //!
-//! Comes in: positions with named columns. Goes out: `float64 x y z`, then the columns in the given order, then faces as
-//! `list uchar int vertex_indices`. The same input gives the same bytes.
+//! Comes in: positions with named columns. Goes out: `float64 x y z`, then the columns in the given order,
+//! then faces as `list uchar int vertex_indices`. The same input gives the same bytes.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -14,8 +14,9 @@ use crate::mesh::{Column, MeshColumns};
 /// Writes a mesh; [`read_mesh`](super::read_mesh) gives back the same numbers.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, bad names, or corners beyond the points;
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+/// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, bad names, or corners beyond
+/// the points; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
+/// half-written.
 ///
 /// # Examples
 /// ```
@@ -54,11 +55,7 @@ pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, faces: bool)
         writeln!(writer, "comment unit {unit}")?;
     }
     writeln!(writer, "element vertex {}", mesh.points.len())?;
-    let normals: &[&str] = if mesh.normals.is_some() {
-        &["nx", "ny", "nz"]
-    } else {
-        &[]
-    };
+    let normals: &[&str] = if mesh.normals.is_some() { &["nx", "ny", "nz"] } else { &[] };
     for name in ["x", "y", "z"].iter().chain(normals) {
         writeln!(writer, "property double {name}")?;
     }

@@ -1,7 +1,7 @@
 //! Scans as binary little-endian PLY files.
 //!
-//! Comes in: a [`Scan`]. Goes out: `float64 x y z`, whatever the points state about their errors, and the sampling grid of
-//! an organised scan. Poses and directions of view belong into the job.
+//! Comes in: a [`Scan`]. Goes out: `float64 x y z`, whatever the points state about their errors, and the
+//! sampling grid of an organised scan. Poses and directions of view belong into the job.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -14,8 +14,9 @@ use crate::atomic::write_atomically;
 
 /// Writes a scan; [`read_scan`](super::read_scan) gives back the same numbers.
 ///
-/// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; `k1 k2 d1x d1y d1z`, `sigma_k`; the covariance `cxx cxy cxz cyy cyz czz`, else `sigma`; the element
-/// `range_grid`. Readings that were dropped are gone, and so are pose and viewing.
+/// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; `k1 k2 d1x d1y d1z`, `sigma_k`; the covariance
+/// `cxx cxy cxz cyy cyz czz`, else `sigma`; the element `range_grid`. Readings that were dropped are gone,
+/// and so are pose and viewing.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length or a grid that names no point;
@@ -81,11 +82,7 @@ fn write_to(writer: &mut impl Write, scan: &Scan, unit: Option<Unit>) -> io::Res
         writeln!(writer, "comment unit {unit}")?;
     }
     if let Some(grid) = &scan.grid {
-        writeln!(
-            writer,
-            "obj_info num_cols {}\nobj_info num_rows {}",
-            grid.columns, grid.rows
-        )?;
+        writeln!(writer, "obj_info num_cols {}\nobj_info num_rows {}", grid.columns, grid.rows)?;
     }
     writeln!(writer, "element vertex {}", scan.points.len())?;
     let mut names = vec!["x", "y", "z"];
@@ -162,11 +159,7 @@ mod tests {
             covariance: Some(vec![[1.0, 0.1, 0.0, 2.0, 0.0, 3.0], [0.5, 0.0, 0.0, 0.5, 0.0, 0.5]]),
             normals: Some(vec![[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]]),
             sigma_normal_deg: Some(vec![2.0, 0.5]),
-            grid: Some(RangeGrid {
-                columns: 3,
-                rows: 1,
-                cells: vec![1, RangeGrid::EMPTY, 0],
-            }),
+            grid: Some(RangeGrid { columns: 3, rows: 1, cells: vec![1, RangeGrid::EMPTY, 0] }),
             ..Scan::default()
         };
         let plain = Scan {
@@ -190,36 +183,15 @@ mod tests {
     #[test]
     fn columns_that_do_not_fit_the_points_are_refused() {
         let points = vec![[0.0; 3]];
-        let grid = |columns, cells| {
-            Some(RangeGrid {
-                columns,
-                rows: 1,
-                cells,
-            })
-        };
+        let grid = |columns, cells| Some(RangeGrid { columns, rows: 1, cells });
         for (scan, words) in [
             (
-                Scan {
-                    sigma: Some(vec![]),
-                    points: points.clone(),
-                    ..Scan::default()
-                },
+                Scan { sigma: Some(vec![]), points: points.clone(), ..Scan::default() },
                 "column `sigma`, found 0",
             ),
+            (Scan { grid: grid(2, vec![0]), points: points.clone(), ..Scan::default() }, "2 x 1 cells"),
             (
-                Scan {
-                    grid: grid(2, vec![0]),
-                    points: points.clone(),
-                    ..Scan::default()
-                },
-                "2 x 1 cells",
-            ),
-            (
-                Scan {
-                    grid: grid(1, vec![1]),
-                    points,
-                    ..Scan::default()
-                },
+                Scan { grid: grid(1, vec![1]), points, ..Scan::default() },
                 "below 1 in the grid's cells, found 1",
             ),
         ] {

@@ -1,7 +1,7 @@
 //! Boundary representations made of B-spline faces: plain data, and what must hold of it.
 //!
-//! Comes in: vertices, edges with curves, faces with surfaces and loops. Goes out: [`Brep::check`]'s word on whether they
-//! fit together. Not guaranteed: that curves lie on the surfaces.
+//! Comes in: vertices, edges with curves, faces with surfaces and loops. Goes out: [`Brep::check`]'s word on
+//! whether they fit together. Not guaranteed: that curves lie on the surfaces.
 
 use std::fmt::Display;
 
@@ -12,7 +12,8 @@ use planish_estimate::{Error, Result};
 pub struct BsplineCurve {
     /// Polynomial degree, at least 1.
     pub degree: usize,
-    /// Knots in ascending order, each with its multiplicity; the multiplicities sum to `poles.len() + degree + 1`.
+    /// Knots in ascending order, each with its multiplicity; the multiplicities sum to
+    /// `poles.len() + degree + 1`.
     pub knots: Vec<(f64, usize)>,
     /// Control points.
     pub poles: Vec<[f64; 3]>,
@@ -53,8 +54,8 @@ pub struct BrepEdge {
 pub struct BrepFace {
     /// Its surface.
     pub surface: BsplineSurface,
-    /// The loop: edges by index, and whether each runs forward; counter-clockwise seen from the face's outer side. Sides
-    /// that collapse to a point are left out.
+    /// The loop: edges by index, and whether each runs forward; counter-clockwise seen from the face's outer
+    /// side. Sides that collapse to a point are left out.
     pub edges: Vec<(usize, bool)>,
     /// Whether the face's outer side is the one that `S_u × S_v` points to.
     pub same_sense: bool,
@@ -75,10 +76,9 @@ pub struct Brep {
 
 fn finite(points: &[[f64; 3]]) -> Result<()> {
     match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
-        Some(at) => Err(Error::input(format!(
-            "needed finite coordinates, found {:?} at point {at}",
-            points[at]
-        ))),
+        Some(at) => {
+            Err(Error::input(format!("needed finite coordinates, found {:?} at point {at}", points[at])))
+        }
         None => Ok(()),
     }
 }
@@ -129,9 +129,9 @@ impl BsplineSurface {
 impl Brep {
     /// Checks that everything fits together.
     ///
-    /// Indices exist; knots fit their poles; numbers are finite; clamped curves end at their vertices within `uncertainty`;
-    /// every loop is connected; no edge is used more than twice or twice in the same direction, and in a closed shell
-    /// every edge is used twice.
+    /// Indices exist; knots fit their poles; numbers are finite; clamped curves end at their vertices within
+    /// `uncertainty`; every loop is connected; no edge is used more than twice or twice in the same
+    /// direction, and in a closed shell every edge is used twice.
     ///
     /// # Errors
     /// [`Input`](planish_estimate::ErrorKind::Input), naming the first face or edge that does not fit.
@@ -145,20 +145,13 @@ impl Brep {
         named(finite(&self.vertices), "vertices", "")?;
         for (index, edge) in self.edges.iter().enumerate() {
             named(edge.curve.check(), "edge", index)?;
-            let ends = [
-                (edge.start, edge.curve.poles.first()),
-                (edge.end, edge.curve.poles.last()),
-            ];
+            let ends = [(edge.start, edge.curve.poles.first()), (edge.end, edge.curve.poles.last())];
             for (vertex, pole) in ends {
                 let Some(vertex_at) = self.vertices.get(vertex) else {
                     return named(Err(Error::input(format!("there is no vertex {vertex}"))), "edge", index);
                 };
                 let apart = pole.map_or(0.0, |p| {
-                    p.iter()
-                        .zip(vertex_at)
-                        .map(|(a, b)| (a - b) * (a - b))
-                        .sum::<f64>()
-                        .sqrt()
+                    p.iter().zip(vertex_at).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
                 });
                 if is_clamped(edge.curve.degree, &edge.curve.knots) && apart > uncertainty {
                     let message = format!("its curve ends {apart} away from vertex {vertex}");
@@ -182,15 +175,9 @@ impl Brep {
 
     fn check_loop(&self, face: &BrepFace, used: &mut [[bool; 2]]) -> Result<()> {
         let ends = |&(edge, forward): &(usize, bool)| {
-            let found = self
-                .edges
-                .get(edge)
-                .ok_or_else(|| Error::input(format!("there is no edge {edge}")))?;
-            Ok(if forward {
-                (found.start, found.end)
-            } else {
-                (found.end, found.start)
-            })
+            let found =
+                self.edges.get(edge).ok_or_else(|| Error::input(format!("there is no edge {edge}")))?;
+            Ok(if forward { (found.start, found.end) } else { (found.end, found.start) })
         };
         let Some(last) = face.edges.last() else {
             return Err(Error::input("needed a loop of edges, found none"));
@@ -205,7 +192,8 @@ impl Brep {
                 )));
             }
             at = end;
-            // A face whose sense is reversed runs its loop as seen from its own outer side: nothing to turn here.
+            // A face whose sense is reversed runs its loop as seen from its own outer side: nothing to turn
+            // here.
             if std::mem::replace(&mut used[edge][usize::from(forward)], true) {
                 return Err(Error::input(format!(
                     "edge {edge} is used twice in the same direction: neighbours must agree on the outer side"

@@ -93,11 +93,9 @@ pub(super) fn real(f: &mut fmt::Formatter<'_>, value: f64) -> fmt::Result {
     match shortest.split_once('e') {
         Some((mantissa, exponent)) if mantissa.contains('.') => write!(f, "{mantissa}E{exponent}"),
         Some((mantissa, exponent)) => write!(f, "{mantissa}.E{exponent}"),
-        None => f.write_str(
-            shortest
-                .strip_suffix(".0")
-                .map_or(&shortest, |_| &shortest[..shortest.len() - 1]),
-        ),
+        None => {
+            f.write_str(shortest.strip_suffix(".0").map_or(&shortest, |_| &shortest[..shortest.len() - 1]))
+        }
     }
 }
 

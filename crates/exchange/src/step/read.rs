@@ -1,8 +1,11 @@
-//! Faces of STEP files as triangles: bodies, shells and bare surfaces of AP203, AP214 and AP242, where assemblies put them.
+//! Faces of STEP files as triangles: bodies, shells and bare surfaces of AP203, AP214 and AP242, where
+//! assemblies put them.
 //!
-//! Comes in: a file. Goes out: for every set of faces that share edges a mesh; the faces that could not be read or filled, each with the reason.
+//! Comes in: a file. Goes out: for every set of faces that share edges a mesh; the faces that could not be
+//! read or filled, each with the reason.
 //!
-//! Not guaranteed: geometry of other kinds (wires, tessellations, annotations), which is passed over, and what edges say of parameters of their surfaces: edges are projected.
+//! Not guaranteed: geometry of other kinds (wires, tessellations, annotations), which is passed over, and
+//! what edges say of parameters of their surfaces: edges are projected.
 //!
 //! # References
 //! ISO 10303-21, -41 to -44; the recommended practices of MBx-IF for assemblies and units.
@@ -64,8 +67,9 @@ pub struct StepMesh {
 /// Reads the faces of a STEP file, maybe behind gzip.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input), naming file, line and instance, for what is no STEP file or is damaged where a shape is described, and for one without faces;
-/// [`Io`](planish_estimate::ErrorKind::Io) when it cannot be read. A face that is not as it must be is no error: [`StepMesh::left_out`] names it.
+/// [`Input`](planish_estimate::ErrorKind::Input), naming file, line and instance, for what is no STEP file or
+/// is damaged where a shape is described, and for one without faces; [`Io`](planish_estimate::ErrorKind::Io)
+/// when it cannot be read. A face that is not as it must be is no error: [`StepMesh::left_out`] names it.
 pub fn read_step(path: &Path) -> Result<StepFaces> {
     let read = || -> Result<StepFaces> {
         let bytes = open(path)?.rest()?;
@@ -82,7 +86,8 @@ const LONGEST: f64 = 1.0 / 64.0;
 /// The triangles of all faces as one mesh.
 ///
 /// # Errors
-/// As [`read_step`]; `Unsupported` where a face cannot be read or filled: a mesh that lacks faces would be taken for the whole.
+/// As [`read_step`]; `Unsupported` where a face cannot be read or filled: a mesh that lacks faces would be
+/// taken for the whole.
 pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     let faces = read_step(path)?;
     let named = |e: Error| e.in_context(path.display());
@@ -94,16 +99,11 @@ pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
             mesh.left_out.len() + mesh.faces
         ))));
     }
-    let mut whole = PolygonMesh {
-        unit: faces.unit(),
-        ..PolygonMesh::default()
-    };
+    let mut whole = PolygonMesh { unit: faces.unit(), ..PolygonMesh::default() };
     for part in mesh.parts {
         let first = whole.points.len() as u32;
         whole.points.extend(part.points);
-        whole
-            .triangles
-            .extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
+        whole.triangles.extend(part.triangles.iter().map(|t| t.map(|v| first + v)));
     }
     Ok(whole)
 }
@@ -112,7 +112,8 @@ pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 type PassedOver = BTreeMap<String, usize>;
 
 impl StepFaces {
-    /// The unit of every length, where the file names one; one that is none of ours is turned into millimetres.
+    /// The unit of every length, where the file names one; one that is none of ours is turned into
+    /// millimetres.
     #[must_use]
     pub fn unit(&self) -> Option<Unit> {
         self.unit
@@ -124,13 +125,11 @@ impl StepFaces {
         self.size
     }
 
-    /// Triangles that miss the faces by `chord` at most, or a ten thousandth of the size, with sides of a sixty-fourth of the size at most.
+    /// Triangles that miss the faces by `chord` at most, or a ten thousandth of the size, with sides of a
+    /// sixty-fourth of the size at most.
     #[must_use]
     pub fn fineness(&self, chord: Option<f64>) -> Fineness {
-        Fineness {
-            chord: chord.unwrap_or(CHORD * self.size),
-            longest: LONGEST * self.size,
-        }
+        Fineness { chord: chord.unwrap_or(CHORD * self.size), longest: LONGEST * self.size }
     }
 
     fn of_bytes(bytes: &[u8]) -> Result<Self> {
@@ -147,12 +146,8 @@ impl StepFaces {
         let mut passed_over = PassedOver::new();
         let mut is_taken: HashSet<u64> = HashSet::new();
         for (id, representation) in products.most_special_first() {
-            let items: Vec<u64> = representation
-                .items
-                .iter()
-                .copied()
-                .filter(|i| is_taken.insert(*i))
-                .collect();
+            let items: Vec<u64> =
+                representation.items.iter().copied().filter(|i| is_taken.insert(*i)).collect();
             let geometry = Geometry {
                 index: &index,
                 length: length(&representation.units),
@@ -166,11 +161,7 @@ impl StepFaces {
             }
         }
         if shapes.is_empty() {
-            let geometry = Geometry {
-                index: &index,
-                length: 1.0,
-                angle: 1.0,
-            };
+            let geometry = Geometry { index: &index, length: 1.0, angle: 1.0 };
             for read in loose_shells(geometry)? {
                 let motions = vec![Motion::NONE];
                 shapes.push(Placed { read, motions });
@@ -190,7 +181,8 @@ impl StepFaces {
     /// Cuts all faces into triangles.
     ///
     /// # Errors
-    /// As [`Shape::triangles`](planish_solid::parametric::Shape::triangles); `Input` where no face can be filled.
+    /// As [`Shape::triangles`](planish_solid::parametric::Shape::triangles); `Input` where no face can be
+    /// filled.
     pub fn triangles(&self, fineness: &Fineness) -> Result<StepMesh> {
         let mut mesh = StepMesh::default();
         for placed in &self.shapes {
@@ -203,13 +195,8 @@ impl StepFaces {
                 let face = &shape.faces[l.face];
                 format!("face {} ({}): {}", face.name, face.surface.kind(), l.reason)
             });
-            mesh.left_out.extend(
-                placed
-                    .read
-                    .left_out
-                    .iter()
-                    .map(|(name, reason)| format!("face {name}: {reason}")),
-            );
+            mesh.left_out
+                .extend(placed.read.left_out.iter().map(|(name, reason)| format!("face {name}: {reason}")));
             mesh.left_out.extend(failed);
             for motion in &placed.motions {
                 for part in &made.parts {
@@ -229,10 +216,9 @@ impl StepFaces {
         }
         match (mesh.parts.is_empty(), mesh.left_out.first()) {
             (false, _) => Ok(mesh),
-            (true, Some(first)) => Err(Error::input(format!(
-                "none of its {} faces could be read: {first}",
-                mesh.left_out.len()
-            ))),
+            (true, Some(first)) => {
+                Err(Error::input(format!("none of its {} faces could be read: {first}", mesh.left_out.len())))
+            }
             (true, None) => Err(Error::input("its assembly places no faces")),
         }
     }
@@ -306,9 +292,5 @@ fn size_of(shapes: &[Placed]) -> f64 {
             }
         }
     }
-    if bounds[0][0] <= bounds[1][0] {
-        distance(bounds[0], bounds[1])
-    } else {
-        0.0
-    }
+    if bounds[0][0] <= bounds[1][0] { distance(bounds[0], bounds[1]) } else { 0.0 }
 }

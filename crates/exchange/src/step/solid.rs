@@ -1,4 +1,5 @@
-//! Solids on analytic surfaces: `PLANE`, `CYLINDRICAL_SURFACE`, `CONICAL_SURFACE`, `SPHERICAL_SURFACE`, `TOROIDAL_SURFACE`, bounded by `LINE`, `CIRCLE`, `ELLIPSE` and cubic splines.
+//! Solids on analytic surfaces: `PLANE`, `CYLINDRICAL_SURFACE`, `CONICAL_SURFACE`, `SPHERICAL_SURFACE`,
+//! `TOROIDAL_SURFACE`, bounded by `LINE`, `CIRCLE`, `ELLIPSE` and cubic splines.
 
 use super::part21::{Id, Part21};
 use super::{BsplineCurve, write_curve, write_point};
@@ -25,42 +26,20 @@ fn write_surface<W: Write>(out: &mut Part21<W>, surface: &Surface) -> io::Result
             let frame = write_frame(out, *origin, *normal, *x)?;
             out.add(format_args!("PLANE('',{frame})"))
         }
-        Surface::Cylinder {
-            origin,
-            axis,
-            x,
-            radius,
-        } => {
+        Surface::Cylinder { origin, axis, x, radius } => {
             let frame = write_frame(out, *origin, *axis, *x)?;
             out.add(format_args!("CYLINDRICAL_SURFACE('',{frame},{})", reals(&[*radius])))
         }
-        Surface::Cone {
-            origin,
-            axis,
-            x,
-            radius,
-            half_angle_rad,
-        } => {
+        Surface::Cone { origin, axis, x, radius, half_angle_rad } => {
             let frame = write_frame(out, *origin, *axis, *x)?;
             let sizes = [*radius, *half_angle_rad];
             out.add(format_args!("CONICAL_SURFACE('',{frame},{})", reals(&sizes)))
         }
-        Surface::Sphere {
-            center,
-            axis,
-            x,
-            radius,
-        } => {
+        Surface::Sphere { center, axis, x, radius } => {
             let frame = write_frame(out, *center, *axis, *x)?;
             out.add(format_args!("SPHERICAL_SURFACE('',{frame},{})", reals(&[*radius])))
         }
-        Surface::Torus {
-            center,
-            axis,
-            x,
-            major,
-            minor,
-        } => {
+        Surface::Torus { center, axis, x, major, minor } => {
             let frame = write_frame(out, *center, *axis, *x)?;
             let sizes = [*major, *minor];
             out.add(format_args!("TOROIDAL_SURFACE('',{frame},{})", reals(&sizes)))
@@ -101,11 +80,7 @@ fn bspline(points: &[[f64; 3]], derivatives: &[[f64; 3]]) -> BsplineCurve {
     }
     poles.push(points[last]);
     let multiplicity = |k: usize| if k == 0 || k == last { 4 } else { 2 };
-    BsplineCurve {
-        degree: 3,
-        knots: (0..=last).map(|k| (k as f64, multiplicity(k))).collect(),
-        poles,
-    }
+    BsplineCurve { degree: 3, knots: (0..=last).map(|k| (k as f64, multiplicity(k))).collect(), poles }
 }
 
 /// Points of an edge at which it is asked around which angles of a cylinder it runs.
@@ -113,16 +88,11 @@ const AROUND: usize = 64;
 /// Where no edge runs around this much of a cylinder, the face does not reach (edges are looked at every 6°).
 const FREE: f64 = TAU / 24.0;
 
-/// A face's surface, its seam turned to where the face does not reach, if it reaches over the seam and not all the way around: some readers take the
-/// other part of the cylinder for a face of more than half of it that crosses the seam (Open Cascade 7.9 does).
+/// A face's surface, its seam turned to where the face does not reach, if it reaches over the seam and not
+/// all the way around: some readers take the other part of the cylinder for a face of more than half of it
+/// that crosses the seam (Open Cascade 7.9 does).
 fn seam_aside(solid: &Solid, face: &Face) -> Surface {
-    let Surface::Cylinder {
-        origin,
-        axis,
-        x,
-        radius,
-    } = face.surface
-    else {
+    let Surface::Cylinder { origin, axis, x, radius } = face.surface else {
         return face.surface;
     };
     let mut angles: Vec<f64> = face
@@ -152,16 +122,11 @@ fn seam_aside(solid: &Solid, face: &Face) -> Surface {
         return face.surface;
     }
     let (sin, cos) = (begins + width / 2.0).sin_cos();
-    Surface::Cylinder {
-        origin,
-        axis,
-        x: add_scaled(scale(cos, x), sin, cross(axis, x)),
-        radius,
-    }
+    Surface::Cylinder { origin, axis, x: add_scaled(scale(cos, x), sin, cross(axis, x)), radius }
 }
 
-/// The middle of an arc of more than half a turn that is not closed: it is written in two parts, since some readers take the other arc between its ends
-/// (Open Cascade 7.9 does, for one of 184.7°).
+/// The middle of an arc of more than half a turn that is not closed: it is written in two parts, since some
+/// readers take the other arc between its ends (Open Cascade 7.9 does, for one of 184.7°).
 fn middle_of_long_arc(edge: &Edge) -> Option<[f64; 3]> {
     let [from, to] = edge.range;
     let is_long = matches!(edge.curve, Curve::Ellipse { .. }) && to - from > PI * (1.0 + 1e-9);
@@ -203,7 +168,12 @@ pub(super) fn write_bodies<W: Write>(out: &mut Part21<W>, solid: &Solid) -> io::
 }
 
 /// A closed shell, by its faces.
-fn write_shell<W: Write>(out: &mut Part21<W>, solid: &Solid, edges: &[Vec<Id>], shell: &[usize]) -> io::Result<Id> {
+fn write_shell<W: Write>(
+    out: &mut Part21<W>,
+    solid: &Solid,
+    edges: &[Vec<Id>],
+    shell: &[usize],
+) -> io::Result<Id> {
     let mut faces = Vec::with_capacity(shell.len());
     for &index in shell {
         let face = &solid.faces[index];
@@ -245,28 +215,17 @@ mod tests {
 
     /// A face of a cylinder between two angles, from z = 0 to 5.
     fn part(from: f64, to: f64) -> Solid {
-        let surface = Surface::Cylinder {
-            origin: [0.0; 3],
-            axis: [0.0, 0.0, 1.0],
-            x: [1.0, 0.0, 0.0],
-            radius: 2.0,
-        };
+        let surface =
+            Surface::Cylinder { origin: [0.0; 3], axis: [0.0, 0.0, 1.0], x: [1.0, 0.0, 0.0], radius: 2.0 };
         let at = |angle: f64, z: f64| surface.point([angle, z]);
         let arc = |z: f64, [start, end]: [usize; 2]| Edge {
-            curve: Curve::Ellipse {
-                center: [0.0, 0.0, z],
-                a: [2.0, 0.0, 0.0],
-                b: [0.0, 2.0, 0.0],
-            },
+            curve: Curve::Ellipse { center: [0.0, 0.0, z], a: [2.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] },
             range: [from, to],
             start,
             end,
         };
         let line = |angle: f64, [start, end]: [usize; 2]| Edge {
-            curve: Curve::Line {
-                origin: at(angle, 0.0),
-                direction: [0.0, 0.0, 1.0],
-            },
+            curve: Curve::Line { origin: at(angle, 0.0), direction: [0.0, 0.0, 1.0] },
             range: [0.0, 5.0],
             start,
             end,
@@ -303,7 +262,9 @@ mod tests {
         let long = part(0.0, 190_f64.to_radians());
         let middle = middle_of_long_arc(&long.edges[0]).expect("longer than half a turn");
         let angle = 95_f64.to_radians();
-        assert!((middle[0] - 2.0 * angle.cos()).abs() < 1e-12 && (middle[1] - 2.0 * angle.sin()).abs() < 1e-12);
+        assert!(
+            (middle[0] - 2.0 * angle.cos()).abs() < 1e-12 && (middle[1] - 2.0 * angle.sin()).abs() < 1e-12
+        );
         assert_eq!(middle_of_long_arc(&long.edges[1]), None);
         assert_eq!(middle_of_long_arc(&part(0.0, PI).edges[0]), None);
         let mut written = Vec::new();

@@ -15,10 +15,7 @@ fn arc(from: f64, to: f64, spans: usize, radius: f64) -> (Vec<[f64; 2]>, Vec<(f6
     let mut poles = Vec::new();
     for k in 0..=spans {
         let angle = from + k as f64 * step;
-        let (p, t) = (
-            [radius * angle.cos(), radius * angle.sin()],
-            [-angle.sin(), angle.cos()],
-        );
+        let (p, t) = ([radius * angle.cos(), radius * angle.sin()], [-angle.sin(), angle.cos()]);
         if k > 0 {
             poles.push([p[0] - handle * t[0], p[1] - handle * t[1]]);
         }
@@ -33,14 +30,15 @@ fn arc(from: f64, to: f64, spans: usize, radius: f64) -> (Vec<[f64; 2]>, Vec<(f6
 }
 
 fn curve(knots: &[(f64, usize)], poles: Vec<[f64; 3]>) -> BsplineCurve {
-    BsplineCurve {
-        degree: 3,
-        knots: knots.to_vec(),
-        poles,
-    }
+    BsplineCurve { degree: 3, knots: knots.to_vec(), poles }
 }
 
-fn surface(knots_u: &[(f64, usize)], knots_v: &[(f64, usize)], n_u: usize, poles: Vec<[f64; 3]>) -> BsplineSurface {
+fn surface(
+    knots_u: &[(f64, usize)],
+    knots_v: &[(f64, usize)],
+    n_u: usize,
+    poles: Vec<[f64; 3]>,
+) -> BsplineSurface {
     BsplineSurface {
         degree_u: 3,
         degree_v: 3,
@@ -68,18 +66,12 @@ fn ends(poles: &[[f64; 3]]) -> [[f64; 3]; 2] {
 fn sheet() -> Brep {
     let k = knots(3, 4, 1);
     let greville = |i: usize| [0.0, 1.0 / 12.0, 0.25, 0.5, 0.75, 11.0 / 12.0, 1.0][i];
-    let poles = (0..49)
-        .map(|n| [3.0 * greville(n / 7), 2.0 * greville(n % 7), 0.0])
-        .collect();
+    let poles = (0..49).map(|n| [3.0 * greville(n / 7), 2.0 * greville(n % 7), 0.0]).collect();
     let s = surface(&k, &k, 7, poles);
     let sides = [column(&s, 0), row(&s, 6), column(&s, 6), row(&s, 0)];
     let [a, b] = ends(&sides[0]);
     let [d, c] = ends(&sides[2]);
-    let edge = |side: usize, start, end| BrepEdge {
-        curve: curve(&k, sides[side].clone()),
-        start,
-        end,
-    };
+    let edge = |side: usize, start, end| BrepEdge { curve: curve(&k, sides[side].clone()), start, end };
     Brep {
         vertices: vec![a, b, c, d],
         edges: vec![edge(0, 0, 1), edge(1, 1, 2), edge(2, 3, 2), edge(3, 0, 3)],
@@ -102,11 +94,7 @@ fn tube() -> Brep {
         surface(&k_u, &k_v, arc.len(), poles)
     };
     let halves = [half(0.0), half(PI)];
-    let seam = |h: usize, start, end| BrepEdge {
-        curve: curve(&k_v, row(&halves[h], 0)),
-        start,
-        end,
-    };
+    let seam = |h: usize, start, end| BrepEdge { curve: curve(&k_v, row(&halves[h], 0)), start, end };
     let ring = |h: usize, j: usize, start, end| BrepEdge {
         curve: curve(&halves[h].knots_u, column(&halves[h], j)),
         start,
@@ -151,10 +139,7 @@ fn ball() -> Brep {
             let r = if j == 0 || j == n_v - 1 { 0.0 } else { profile[j][0] };
             [r * u[0], r * u[1], profile[j][1]]
         };
-        let poles = arc
-            .iter()
-            .flat_map(|u| (0..n_v).map(move |j| pole(u, j)).collect::<Vec<_>>())
-            .collect();
+        let poles = arc.iter().flat_map(|u| (0..n_v).map(move |j| pole(u, j)).collect::<Vec<_>>()).collect();
         surface(&k_u, &k_v, arc.len(), poles)
     };
     ball_of([half(0.0), half(PI)])
@@ -162,11 +147,8 @@ fn ball() -> Brep {
 
 /// Two halves that share the meridians at their first rows.
 fn ball_of(halves: [BsplineSurface; 2]) -> Brep {
-    let meridian = |h: usize| BrepEdge {
-        curve: curve(&halves[h].knots_v, row(&halves[h], 0)),
-        start: 0,
-        end: 1,
-    };
+    let meridian =
+        |h: usize| BrepEdge { curve: curve(&halves[h].knots_v, row(&halves[h], 0)), start: 0, end: 1 };
     let face = |h: usize| BrepFace {
         surface: halves[h].clone(),
         edges: vec![(1 - h, true), (h, false)],
@@ -219,21 +201,14 @@ fn written(brep: &Brep, options: &StepOptions) -> String {
 #[test]
 fn numbers_read_back_as_the_same_bits_and_look_like_part_21() {
     let shown = |v: f64| reals(&[v]).to_string();
-    for (value, expected) in [
-        (0.0, "0."),
-        (-0.0, "0."),
-        (1.0, "1."),
-        (-2.5, "-2.5"),
-        (1e-7, "1.E-7"),
-        (1.5e300, "1.5E300"),
-    ] {
+    for (value, expected) in
+        [(0.0, "0."), (-0.0, "0."), (1.0, "1."), (-2.5, "-2.5"), (1e-7, "1.E-7"), (1.5e300, "1.5E300")]
+    {
         assert_eq!(shown(value), expected);
     }
     let mut bits = 0x9e37_79b9_7f4a_7c15_u64;
     for _ in 0..2000 {
-        bits = bits
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let value = f64::from_bits(bits);
         if value.is_finite() {
             let text = shown(value);
@@ -245,10 +220,7 @@ fn numbers_read_back_as_the_same_bits_and_look_like_part_21() {
 
 #[test]
 fn names_are_quoted_for_any_reader() {
-    assert_eq!(
-        text("it's a \\ läser 🙂"),
-        "'it''s a \\\\ l\\X2\\00E4\\X0\\ser \\X2\\D83DDE42\\X0\\'"
-    );
+    assert_eq!(text("it's a \\ läser 🙂"), "'it''s a \\\\ l\\X2\\00E4\\X0\\ser \\X2\\D83DDE42\\X0\\'");
 }
 
 #[test]
@@ -263,10 +235,7 @@ fn the_same_shape_gives_the_same_bytes_without_clock_or_host() {
 fn every_reference_names_an_instance_that_exists() {
     for brep in [sheet(), tube(), ball(), turned_ball(), bumpy_ball()] {
         for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch] {
-            let options = StepOptions {
-                unit,
-                ..StepOptions::default()
-            };
+            let options = StepOptions { unit, ..StepOptions::default() };
             let text = written(&brep, &options);
             let instances = text.lines().filter(|l| l.starts_with('#')).count() as u64;
             for reference in text.split('#').skip(1) {
@@ -319,12 +288,8 @@ fn shapes_for_open_cascade() {
     ] {
         for schema in [Schema::Ap214, Schema::Ap242] {
             for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch] {
-                let options = StepOptions {
-                    name: format!("{name} ä"),
-                    unit,
-                    schema,
-                    ..StepOptions::default()
-                };
+                let options =
+                    StepOptions { name: format!("{name} ä"), unit, schema, ..StepOptions::default() };
                 let file = format!("{name}.{unit}.{schema:?}.step");
                 write_step(&folder.join(file), &brep, &options).unwrap();
             }

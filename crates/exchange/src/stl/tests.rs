@@ -20,12 +20,7 @@ const POINTS: [[f64; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.5, 0.0], [0.0,
 const TRIANGLES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
 
 fn tetrahedron() -> MeshColumns<'static> {
-    MeshColumns {
-        points: &POINTS,
-        triangles: &TRIANGLES,
-        unit: Some(Unit::Metre),
-        ..MeshColumns::default()
-    }
+    MeshColumns { points: &POINTS, triangles: &TRIANGLES, unit: Some(Unit::Metre), ..MeshColumns::default() }
 }
 
 fn binary() -> Vec<u8> {
@@ -49,10 +44,7 @@ fn ascii() -> String {
 
 /// The corners of the triangles, whatever the vertices' numbers.
 fn corners(mesh: &PolygonMesh) -> Vec<[[f64; 3]; 3]> {
-    mesh.triangles
-        .iter()
-        .map(|t| t.map(|v| mesh.points[v as usize]))
-        .collect()
+    mesh.triangles.iter().map(|t| t.map(|v| mesh.points[v as usize])).collect()
 }
 
 #[test]
@@ -111,25 +103,23 @@ fn a_corner_that_is_not_finite_is_no_point_of_a_scan_and_no_part_of_a_mesh() {
 fn mistakes_are_named_by_line_or_byte() {
     let text = ascii();
     assert!(message(text.replacen("vertex 0", "vortex 0", 1).as_bytes()).contains("line 4"));
-    assert!(message(text.replacen("vertex 0 0 0", "vertex 0 0", 1).as_bytes()).contains("line 4: needed 3 numbers"));
+    assert!(
+        message(text.replacen("vertex 0 0 0", "vertex 0 0", 1).as_bytes())
+            .contains("line 4: needed 3 numbers")
+    );
     assert!(message(text.replacen("vertex 0 0 0", "vertex 0 0,5 0", 1).as_bytes()).contains("found `0,5`"));
-    assert!(message(text.replacen("vertex 0 0 0\n", "\n", 1).as_bytes()).contains("line 7: needed three corners"));
+    assert!(
+        message(text.replacen("vertex 0 0 0\n", "\n", 1).as_bytes()).contains("line 7: needed three corners")
+    );
     assert!(message(b"solid a\nendsolid a\n").contains("needed triangles, found none"));
     assert!(message(b"solid a\n").contains("cut off"));
     assert!(message(b"ply\n").contains("no STL file"));
     let mut bomb = binary();
     bomb[HEADER..HEADER + 4].copy_from_slice(&4_000_000_000_u32.to_le_bytes());
     assert!(message(&bomb).contains("promises 4000000000 triangles"));
-    assert!(
-        mesh_from(&mut Source::new(&bomb[..], None)).is_err(),
-        "through gzip, too"
-    );
+    assert!(mesh_from(&mut Source::new(&bomb[..], None)).is_err(), "through gzip, too");
     let far = [[1e300, 0.0, 0.0]; 3];
-    let mesh = MeshColumns {
-        points: &far,
-        triangles: &[[0, 1, 2]],
-        ..MeshColumns::default()
-    };
+    let mesh = MeshColumns { points: &far, triangles: &[[0, 1, 2]], ..MeshColumns::default() };
     assert!(check_size(&mesh).unwrap_err().to_string().contains("vertex 0"));
 }
 

@@ -16,9 +16,7 @@ struct Words<'a> {
 
 impl<'a> Words<'a> {
     fn skip(&mut self) {
-        self.left = self
-            .left
-            .trim_start_matches(|c: char| c.is_ascii_whitespace() || c == ',');
+        self.left = self.left.trim_start_matches(|c: char| c.is_ascii_whitespace() || c == ',');
     }
 
     fn letter(&mut self) -> Option<char> {
@@ -30,8 +28,7 @@ impl<'a> Words<'a> {
 
     fn is_at_number(&mut self) -> bool {
         self.skip();
-        self.left
-            .starts_with(|c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
+        self.left.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
     }
 
     /// Numbers may follow each other without a gap: `1-2`, `.5.5`.
@@ -87,7 +84,8 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
     loop {
         let is_relative = letter.is_ascii_lowercase();
         let from = if is_relative { at } else { [0.0; 2] };
-        let point = |words: &mut Words<'_>| Ok::<_, Error>([words.number()? + from[0], words.number()? + from[1]]);
+        let point =
+            |words: &mut Words<'_>| Ok::<_, Error>([words.number()? + from[0], words.number()? + from[1]]);
         let mirrored = |kind: char| match handle {
             Some((last, h)) if last == kind => [2.0 * at[0] - h[0], 2.0 * at[1] - h[1]],
             _ => at,
@@ -131,9 +129,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
                 end
             }
             other => {
-                return Err(Error::input(format!(
-                    "needed a letter of paths (MLHVCSQTAZ), found `{other}`"
-                )));
+                return Err(Error::input(format!("needed a letter of paths (MLHVCSQTAZ), found `{other}`")));
             }
         };
         at = end;
@@ -167,10 +163,7 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
     let at = |t: f64| {
         let mut p: Vec<[f64; 2]> = poles.to_vec();
         while p.len() > 1 {
-            p = p
-                .windows(2)
-                .map(|q| [0, 1].map(|k| q[0][k] + t * (q[1][k] - q[0][k])))
-                .collect();
+            p = p.windows(2).map(|q| [0, 1].map(|k| q[0][k] + t * (q[1][k] - q[0][k]))).collect();
         }
         p[0]
     };
@@ -194,17 +187,13 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
         a[1] + (sb * (m[0] - a[0]) - sm * (b[0] - a[0])) / (2.0 * cross),
     ];
     let radius = (a[0] - center[0]).hypot(a[1] - center[1]);
-    let follows = |p: &[f64; 2]| ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs() <= FOLLOWS * radius;
+    let follows =
+        |p: &[f64; 2]| ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs() <= FOLLOWS * radius;
     if radius.is_finite() && radius > 0.0 && points.iter().all(follows) {
         let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
         let sweeps: f64 = points.windows(2).map(|p| turn(angle(p[1]) - angle(p[0]))).sum();
         let start = angle(if sweeps > 0.0 { a } else { b });
-        return Curve2::Arc {
-            center,
-            radius,
-            start,
-            sweep: sweeps.abs().min(TAU),
-        };
+        return Curve2::Arc { center, radius, start, sweep: sweeps.abs().min(TAU) };
     }
     Curve2::Chain(points)
 }
@@ -213,7 +202,8 @@ fn turn(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }
 
-/// An elliptical arc between two points (SVG 1.1, F.6.5): the centre from the ends; radii that are too short are enlarged.
+/// An elliptical arc between two points (SVG 1.1, F.6.5): the centre from the ends; radii that are too short
+/// are enlarged.
 fn arc(
     from: [f64; 2],
     to: [f64; 2],
@@ -231,12 +221,8 @@ fn arc(
     let (sin, cos) = angle.sin_cos();
     let half = [(from[0] - to[0]) / 2.0, (from[1] - to[1]) / 2.0];
     // In the frame where the ellipse is a unit circle.
-    let into = |p: [f64; 2], s: f64| {
-        [
-            (cos * p[0] + sin * p[1]) / (s * rx),
-            (cos * p[1] - sin * p[0]) / (s * ry),
-        ]
-    };
+    let into =
+        |p: [f64; 2], s: f64| [(cos * p[0] + sin * p[1]) / (s * rx), (cos * p[1] - sin * p[0]) / (s * ry)];
     let p = into(half, 1.0);
     let length = p[0].hypot(p[1]);
     let enlarged = length.max(1.0);
@@ -253,14 +239,9 @@ fn arc(
     let sweep = if sweep < 1e-12 { PI } else { sweep };
     let scale = [rx * enlarged, ry * enlarged];
     let columns = [[cos * scale[0], sin * scale[0]], [-sin * scale[1], cos * scale[1]]];
-    let place = Affine {
-        columns,
-        origin: [0.0; 2],
-    };
+    let place = Affine { columns, origin: [0.0; 2] };
     let off = place.point(center);
-    let place = Affine {
-        columns,
-        origin: [(from[0] + to[0]) / 2.0 + off[0], (from[1] + to[1]) / 2.0 + off[1]],
-    };
+    let place =
+        Affine { columns, origin: [(from[0] + to[0]) / 2.0 + off[0], (from[1] + to[1]) / 2.0 + off[1]] };
     Some(place.curve(&unit_arc(if is_clockwise { begin } else { end }, sweep)))
 }

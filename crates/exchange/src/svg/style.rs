@@ -11,10 +11,8 @@ pub(super) struct Sheet(Vec<(String, String)>);
 
 impl Sheet {
     pub(super) fn of(document: &Document<'_>) -> Self {
-        let texts = document
-            .descendants()
-            .filter(|n| n.tag_name().name() == "style")
-            .filter_map(|n| n.text());
+        let texts =
+            document.descendants().filter(|n| n.tag_name().name() == "style").filter_map(|n| n.text());
         let mut rules = Vec::new();
         for text in texts {
             for rule in text.split('}') {
@@ -40,29 +38,19 @@ pub(super) struct Style {
 
 impl Default for Style {
     fn default() -> Self {
-        Self {
-            line: Some(LineStyle::Visible),
-            is_shown: true,
-        }
+        Self { line: Some(LineStyle::Visible), is_shown: true }
     }
 }
 
 impl Style {
     /// The style of an element in one of this style.
     pub(super) fn of(mut self, node: &Node<'_, '_>, sheet: &Sheet) -> Self {
-        let classes: Vec<&str> = node
-            .attribute("class")
-            .unwrap_or_default()
-            .split_ascii_whitespace()
-            .collect();
+        let classes: Vec<&str> =
+            node.attribute("class").unwrap_or_default().split_ascii_whitespace().collect();
         // Names of groups and layers, as of layers in DXF.
-        let label = node
-            .attributes()
-            .find(|a| a.name() == "label")
-            .map_or("", |a| a.value());
-        let names = [node.attribute("id").unwrap_or_default(), label]
-            .into_iter()
-            .chain(classes.iter().copied());
+        let label = node.attributes().find(|a| a.name() == "label").map_or("", |a| a.value());
+        let names =
+            [node.attribute("id").unwrap_or_default(), label].into_iter().chain(classes.iter().copied());
         for name in names {
             let name = name.to_uppercase();
             let says = |words: &[&str]| words.iter().any(|w| name.contains(w));
@@ -109,16 +97,10 @@ impl Style {
 fn dashed(value: &str) -> Option<LineStyle> {
     let separates = |c: char| c.is_ascii_whitespace() || c == ',';
     let length = |text: &str| {
-        let end = text
-            .find(|c: char| c.is_ascii_alphabetic() || c == '%')
-            .unwrap_or(text.len());
+        let end = text.find(|c: char| c.is_ascii_alphabetic() || c == '%').unwrap_or(text.len());
         text[..end].parse::<f64>().ok()
     };
-    let mut all: Vec<f64> = value
-        .split(separates)
-        .filter(|t| !t.is_empty())
-        .filter_map(length)
-        .collect();
+    let mut all: Vec<f64> = value.split(separates).filter(|t| !t.is_empty()).filter_map(length).collect();
     if all.iter().all(|x| *x <= 0.0) {
         return Some(LineStyle::Visible);
     }

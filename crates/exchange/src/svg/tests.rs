@@ -1,8 +1,9 @@
 use super::*;
 
 fn drawn(body: &str) -> DxfDrawing {
-    let text =
-        format!("<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"200mm\" viewBox=\"0 0 100 100\">\n{body}\n</svg>");
+    let text = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"200mm\" viewBox=\"0 0 100 100\">\n{body}\n</svg>"
+    );
     read(&text).unwrap()
 }
 
@@ -23,9 +24,7 @@ fn one(body: &str) -> Curve2 {
 fn lengths_are_millimetres_and_y_runs_up() {
     let drawing = drawn("<line x1='1' y1='2' x2='3' y2='5'/>");
     assert_eq!(drawing.unit, Some(Unit::Millimetre));
-    let Curve2::Segment(a, b) = drawing.curves[0].curve else {
-        panic!()
-    };
+    let Curve2::Segment(a, b) = drawing.curves[0].curve else { panic!() };
     assert_near(a, [2.0, -4.0]);
     assert_near(b, [6.0, -10.0]);
     assert_eq!(drawing.curves[0].entity, "line (line 2)");
@@ -34,37 +33,22 @@ fn lengths_are_millimetres_and_y_runs_up() {
 #[test]
 fn a_circle_stays_one_under_a_rotation_and_becomes_an_ellipse_under_a_stretch() {
     let circle = one("<g transform='translate(10 20) rotate(30)'><circle cx='5' r='4'/></g>");
-    let Curve2::Arc {
-        center, radius, sweep, ..
-    } = circle
-    else {
-        panic!()
-    };
+    let Curve2::Arc { center, radius, sweep, .. } = circle else { panic!() };
     let (sin, cos) = 30_f64.to_radians().sin_cos();
     assert_near(center, [2.0 * (10.0 + 5.0 * cos), -2.0 * (20.0 + 5.0 * sin)]);
     assert!((radius - 8.0).abs() < 1e-12 && (sweep - TAU).abs() < 1e-12);
-    assert!(matches!(
-        one("<circle r='4' transform='scale(2 1)'/>"),
-        Curve2::Chain(_)
-    ));
+    assert!(matches!(one("<circle r='4' transform='scale(2 1)'/>"), Curve2::Chain(_)));
 }
 
 #[test]
 fn arcs_of_paths_pass_where_their_flags_say() {
     // From (0, 0) to (2, 0) with radius 2: four ways; the middle of each.
     let h = 3_f64.sqrt();
-    for (flags, middle) in [
-        ("0 1", [1.0, h - 2.0]),
-        ("0 0", [1.0, 2.0 - h]),
-        ("1 1", [1.0, -h - 2.0]),
-        ("1 0", [1.0, h + 2.0]),
-    ] {
-        let Curve2::Arc {
-            center,
-            radius,
-            start,
-            sweep,
-        } = one(&format!("<path d='M0 0A2 2 0 {flags} 2 0'/>"))
+    for (flags, middle) in
+        [("0 1", [1.0, h - 2.0]), ("0 0", [1.0, 2.0 - h]), ("1 1", [1.0, -h - 2.0]), ("1 0", [1.0, h + 2.0])]
+    {
+        let Curve2::Arc { center, radius, start, sweep } =
+            one(&format!("<path d='M0 0A2 2 0 {flags} 2 0'/>"))
         else {
             panic!()
         };
@@ -100,9 +84,8 @@ fn a_path_has_lines_relative_and_absolute_and_closes() {
 #[test]
 fn a_cubic_that_follows_a_circle_is_an_arc_and_another_is_not() {
     let k = 4.0 / 3.0 * (2_f64.sqrt() - 1.0);
-    let Curve2::Arc {
-        center, radius, sweep, ..
-    } = one(&format!("<path d='M5 0C5 {} {} 5 0 5'/>", 5.0 * k, 5.0 * k))
+    let Curve2::Arc { center, radius, sweep, .. } =
+        one(&format!("<path d='M5 0C5 {} {} 5 0 5'/>", 5.0 * k, 5.0 * k))
     else {
         panic!()
     };
@@ -134,20 +117,13 @@ fn texts_are_named_and_lines_without_length_are_left_out() {
     assert_eq!(drawing.curves.len(), 1);
     let all = drawing.warnings.join("\n");
     assert!(all.contains("line dot (line 2) has no length"), "{all}");
-    assert!(
-        all.contains("passed over 1 of text, the first text t7 (line 2)"),
-        "{all}"
-    );
+    assert!(all.contains("passed over 1 of text, the first text t7 (line 2)"), "{all}");
 }
 
 #[test]
 fn a_rounded_rectangle_has_four_lines_and_four_arcs() {
     let drawing = drawn("<rect width='20' height='10' rx='2'/>");
-    let arcs = drawing
-        .curves
-        .iter()
-        .filter(|c| matches!(c.curve, Curve2::Arc { .. }))
-        .count();
+    let arcs = drawing.curves.iter().filter(|c| matches!(c.curve, Curve2::Arc { .. })).count();
     assert_eq!((drawing.curves.len(), arcs), (8, 4));
     let length: f64 = drawing.curves.iter().map(|c| c.curve.length()).sum();
     let exact = 2.0 * (2.0 * 16.0 + 2.0 * 6.0 + 4.0 * PI);
@@ -157,10 +133,7 @@ fn a_rounded_rectangle_has_four_lines_and_four_arcs() {
 #[test]
 fn what_is_wrong_is_named_with_its_line() {
     for (body, wanted) in [
-        (
-            "<path id='p' d='M0 0 L1'/>",
-            "path p (line 2): needed a number in the path",
-        ),
+        ("<path id='p' d='M0 0 L1'/>", "path p (line 2): needed a number in the path"),
         ("<path d='L0 0'/>", "needed a path that begins with M"),
         ("<circle r='-1'/>", "circle (line 2): needed radii > 0"),
         ("<line x1='1e300'/>", "line (line 2): x1: needed a number"),
@@ -172,10 +145,7 @@ fn what_is_wrong_is_named_with_its_line() {
         assert!(e.contains(wanted), "{e}");
     }
     assert!(
-        read("<html/>")
-            .unwrap_err()
-            .to_string()
-            .contains("needed an SVG file, found the element `html`")
+        read("<html/>").unwrap_err().to_string().contains("needed an SVG file, found the element `html`")
     );
     let deep = format!("<svg>{}{}</svg>", "<g>".repeat(500), "</g>".repeat(500));
     assert!(read(&deep).unwrap_err().to_string().contains("deep"));

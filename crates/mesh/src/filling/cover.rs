@@ -1,8 +1,9 @@
 //! A loop covered with triangles between its vertices.
 //!
-//! Comes in: a loop of a border, the normals beside it, and the edges in use. Goes out: triangles of least area (G. Barequet, M. Sharir, *Filling gaps in the boundary of a polyhedron*, 1995), turned against the loop. Cost O(n³) for up to
-//! [`LONG`] edges; a longer loop is parted by short chords first.
-//! Not guaranteed: that the triangles cross nothing; least area for long loops.
+//! Comes in: a loop of a border, the normals beside it, and the edges in use. Goes out: triangles of least
+//! area (G. Barequet, M. Sharir, *Filling gaps in the boundary of a polyhedron*, 1995), turned against the
+//! loop. Cost O(n³) for up to [`LONG`] edges; a longer loop is parted by short chords first. Not guaranteed:
+//! that the triangles cross nothing; least area for long loops.
 
 use crate::edges::edge;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
@@ -23,7 +24,8 @@ pub(super) struct Surroundings<'a> {
     pub edges: &'a HashSet<[u32; 2]>,
 }
 
-/// The triangulation of a loop of least area whose inner edges are not in use, turned against the loop; none where there is none.
+/// The triangulation of a loop of least area whose inner edges are not in use, turned against the loop; none
+/// where there is none.
 pub(super) fn least_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
     let mut cover = Vec::with_capacity(vertices.len());
     let mut parts = vec![vertices.to_vec()];
@@ -66,10 +68,7 @@ fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u3
     let cost = |i: usize, j: usize, k: usize| {
         // Seen against the loop: k, j, i.
         let up = cross(sub(at(j), at(k)), sub(at(i), at(k)));
-        let facing: f64 = [i, j, k]
-            .iter()
-            .map(|v| dot(around.normals[vertices[*v] as usize], up))
-            .sum();
+        let facing: f64 = [i, j, k].iter().map(|v| dot(around.normals[vertices[*v] as usize], up)).sum();
         norm(up) * if facing > 0.0 { 1.0 } else { FOLDED }
     };
     // Fans that were parted have vertices in one place.

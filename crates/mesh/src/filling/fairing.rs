@@ -1,14 +1,22 @@
 //! The vertices of a hole's cover moved so that it carries on what lies around it.
 //!
 //! Comes in: triangles of a cover and those around its loop. Goes out: places of its inner vertices by which
-//! `E = Σ_v |Σ_j w_vj (x_j − x_v) − 2 H A_v n_v|² / A_v` is least, the sum over the inner vertices and those of the loop. With `H = 0` it is the bending of a thin plate (M. Botsch, L. Kobbelt, *An intuitive framework for real-time freeform modeling*, 2004, equation 3 with k = 2), which keeps the
-//! tangent planes of the loop but does not leave a ball a ball; with the mean curvature of what lies around, it does (R. Schneider, L. Kobbelt, *Geometric fairing of irregular meshes for free-form surface design*, 2001, where `H` is interpolated). `w_vj` are half the sums of the cotangents across an edge and `A_v` the area nearest to a vertex (M. Meyer, M. Desbrun, P. Schröder, A. Barr, *Discrete differential-geometry operators for triangulated 2-manifolds*, 2003, section 3.3); before
-//! there is a shape to take them from, all are one. Normals, weights and areas are those before: the places are solved for again until they rest.
+//! `E = Σ_v |Σ_j w_vj (x_j − x_v) − 2 H A_v n_v|² / A_v` is least, the sum over the inner vertices and those
+//! of the loop. With `H = 0` it is the bending of a thin plate (M. Botsch, L. Kobbelt, *An intuitive
+//! framework for real-time freeform modeling*, 2004, equation 3 with k = 2), which keeps the tangent planes
+//! of the loop but does not leave a ball a ball; with the mean curvature of what lies around, it does (R.
+//! Schneider, L. Kobbelt, *Geometric fairing of irregular meshes for free-form surface design*, 2001, where
+//! `H` is interpolated). `w_vj` are half the sums of the cotangents across an edge and `A_v` the area nearest
+//! to a vertex (M. Meyer, M. Desbrun, P. Schröder, A. Barr, *Discrete differential-geometry operators for
+//! triangulated 2-manifolds*, 2003, section 3.3); before there is a shape to take them from, all are one.
+//! Normals, weights and areas are those before: the places are solved for again until they rest.
 //!
 //! Not guaranteed: that the cover crosses nothing.
 
 use planish_estimate::Result;
-use planish_estimate::sparse::{BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SymbolicFactor};
+use planish_estimate::sparse::{
+    BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SymbolicFactor,
+};
 use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -37,7 +45,8 @@ struct Row {
     up: [f64; 3],
 }
 
-/// Moves the vertices from `first` on; `triangles` are those of the cover and all that meet a vertex of its loop, over `positions`, and `rim` the vertices of the loop.
+/// Moves the vertices from `first` on; `triangles` are those of the cover and all that meet a vertex of its
+/// loop, over `positions`, and `rim` the vertices of the loop.
 pub(super) fn fair(
     positions: &mut [[f64; 3]],
     triangles: &[[u32; 3]],
@@ -56,24 +65,16 @@ pub(super) fn fair(
         .map(|row| {
             let sum: f64 = row.neighbours.values().sum();
             let own = (row.vertex, -sum);
-            std::iter::once(own)
-                .chain(row.neighbours.iter().map(|(v, w)| (*v, *w)))
-                .collect()
+            std::iter::once(own).chain(row.neighbours.iter().map(|(v, w)| (*v, *w))).collect()
         })
         .collect();
-    let nodes = |element: &[(u32, f64)]| -> Vec<u32> { element.iter().filter_map(|(v, _)| inner(*v)).collect() };
-    let pattern = Arc::new(BlockPattern::from_elements(
-        unknowns,
-        elements.iter().map(|e| nodes(e)),
-    )?);
+    let nodes =
+        |element: &[(u32, f64)]| -> Vec<u32> { element.iter().filter_map(|(v, _)| inner(*v)).collect() };
+    let pattern = Arc::new(BlockPattern::from_elements(unknowns, elements.iter().map(|e| nodes(e)))?);
     let mut information = BlockInformation::zeros(Arc::clone(&pattern), 1, 3)?;
     for (row, element) in rows.iter().zip(&elements) {
         let nodes = nodes(element);
-        let ours: Vec<f64> = element
-            .iter()
-            .filter(|(v, _)| inner(*v).is_some())
-            .map(|e| e.1)
-            .collect();
+        let ours: Vec<f64> = element.iter().filter(|(v, _)| inner(*v).is_some()).map(|e| e.1).collect();
         let (mut known, area) = match goal {
             Goal::Even => ([0.0; 3], 1.0),
             Goal::MeanCurvature(h) => {
@@ -86,10 +87,7 @@ pub(super) fn fair(
                 *sum += w * x;
             }
         }
-        let matrix: Vec<f64> = ours
-            .iter()
-            .flat_map(|a| ours.iter().map(move |b| a * b / area))
-            .collect();
+        let matrix: Vec<f64> = ours.iter().flat_map(|a| ours.iter().map(move |b| a * b / area)).collect();
         let vector: Vec<f64> = ours.iter().flat_map(|a| known.map(|x| -a * x / area)).collect();
         information.add_element(&nodes, &matrix, &vector)?;
     }
@@ -108,18 +106,14 @@ pub(super) fn fair(
     Ok(())
 }
 
-/// The rows of all vertices whose triangles go all the way round: the inner ones, and those of the loop that no other hole meets.
+/// The rows of all vertices whose triangles go all the way round: the inner ones, and those of the loop that
+/// no other hole meets.
 fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usize, goal: Goal) -> Vec<Row> {
     let mut at = vec![usize::MAX; positions.len()];
     let mut rows: Vec<Row> = Vec::new();
     for v in rim.iter().copied().chain(first as u32..positions.len() as u32) {
         at[v as usize] = rows.len();
-        rows.push(Row {
-            vertex: v,
-            neighbours: BTreeMap::new(),
-            area: 0.0,
-            up: [0.0; 3],
-        });
+        rows.push(Row { vertex: v, neighbours: BTreeMap::new(), area: 0.0, up: [0.0; 3] });
     }
     let mut around = vec![0; rows.len()];
     for t in triangles {
@@ -139,7 +133,8 @@ fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usiz
                 let weight = match goal {
                     Goal::Even => 0.5,
                     Goal::MeanCurvature(_) => {
-                        let sides = [(across + 1) % 3, (across + 2) % 3].map(|s| sub(corner[s], corner[across]));
+                        let sides =
+                            [(across + 1) % 3, (across + 2) % 3].map(|s| sub(corner[s], corner[across]));
                         let cotangent = dot(sides[0], sides[1]) / doubled.max(f64::MIN_POSITIVE);
                         0.5 * cotangent.clamp(LEAST_COTANGENT, LARGEST_COTANGENT)
                     }

@@ -1,6 +1,7 @@
 //! Loops of a border, and those of a seam closed without new vertices.
 //!
-//! Comes in: triangles whose edges are manifold. Goes out: the loops of their border; triangles over those that may be closed ([`least_cover`]). Not guaranteed: that the new triangles cross nothing.
+//! Comes in: triangles whose edges are manifold. Goes out: the loops of their border; triangles over those
+//! that may be closed ([`least_cover`]). Not guaranteed: that the new triangles cross nothing.
 
 use super::cover::{Surroundings, least_cover};
 use crate::edges::edge;
@@ -64,10 +65,8 @@ pub(crate) fn close_loops(
     longest: usize,
     may_close: impl Fn(&[u32]) -> bool,
 ) -> usize {
-    let loops: Vec<Vec<u32>> = border_loops(triangles)
-        .into_iter()
-        .filter(|l| l.len() <= longest && may_close(l))
-        .collect();
+    let loops: Vec<Vec<u32>> =
+        border_loops(triangles).into_iter().filter(|l| l.len() <= longest && may_close(l)).collect();
     let mut on_loop = vec![false; positions.len()];
     for v in loops.iter().flatten() {
         on_loop[*v as usize] = true;
@@ -82,22 +81,15 @@ pub(crate) fn close_loops(
         }
     }
     // The border of a lone triangle is no hole.
-    let alone: HashSet<[u32; 3]> = triangles
-        .iter()
-        .filter(|t| t.iter().all(|v| on_loop[*v as usize]))
-        .map(|t| sorted(*t))
-        .collect();
+    let alone: HashSet<[u32; 3]> =
+        triangles.iter().filter(|t| t.iter().all(|v| on_loop[*v as usize])).map(|t| sorted(*t)).collect();
     let mut closed = 0;
     for vertices in loops {
         let lone = vertices.len() == 3 && alone.contains(&sorted([vertices[0], vertices[1], vertices[2]]));
         if lone {
             continue;
         }
-        let around = Surroundings {
-            positions,
-            normals,
-            edges: &edges,
-        };
+        let around = Surroundings { positions, normals, edges: &edges };
         if let Some(cover) = least_cover(&around, &vertices) {
             for t in &cover {
                 for k in 0..3 {

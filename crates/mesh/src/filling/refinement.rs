@@ -1,7 +1,10 @@
 //! The cover of a hole cut into triangles like those beside it.
 //!
-//! Comes in: triangles between the vertices of a loop, and the length of edges at each. Goes out: triangles over more vertices, with edges as long as those of the loop beside it and by [`GRADE`] of the way longer farther in, so that a large hole takes few
-//! (P. Liepa, *Filling holes in meshes*, 2003, section 4, without the grading: triangles are divided in their middle, and edges turned). Not guaranteed: that vertices lie where a surface would have them.
+//! Comes in: triangles between the vertices of a loop, and the length of edges at each. Goes out: triangles
+//! over more vertices, with edges as long as those of the loop beside it and by [`GRADE`] of the way longer
+//! farther in, so that a large hole takes few (P. Liepa, *Filling holes in meshes*, 2003, section 4, without
+//! the grading: triangles are divided in their middle, and edges turned). Not guaranteed: that vertices lie
+//! where a surface would have them.
 
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, divide, opposites, turn};
@@ -33,18 +36,14 @@ pub(super) struct Lid {
 }
 
 impl Lid {
-    /// A cover with its vertices numbered along the loop; `taken` are the edges between those that are not its own.
+    /// A cover with its vertices numbered along the loop; `taken` are the edges between those that are not
+    /// its own.
     pub fn new(triangles: Vec<[u32; 3]>, positions: Vec<[f64; 3]>, taken: HashSet<[u32; 2]>) -> Self {
         let mut edges = taken;
         for t in &triangles {
             edges.extend([edge(t[0], t[1]), edge(t[1], t[2]), edge(t[2], t[0])]);
         }
-        Self {
-            opposite: opposites(&triangles),
-            triangles,
-            positions,
-            edges,
-        }
+        Self { opposite: opposites(&triangles), triangles, positions, edges }
     }
 
     /// Divides triangles until their edges are so long as `lengths` says at the loop, graded within.
@@ -90,7 +89,8 @@ impl Lid {
         }
     }
 
-    /// Moves inner vertices along the surface towards the middle of their neighbours, so that triangles become even.
+    /// Moves inner vertices along the surface towards the middle of their neighbours, so that triangles
+    /// become even.
     pub fn spread(&mut self, rim: usize) {
         for _ in 0..SPREADS {
             let n = self.positions.len();

@@ -20,7 +20,8 @@ fn filled(mesh: &TriangleMesh, longest: usize) -> Filled {
     fill_holes(mesh, &vec![0.001; mesh.positions.len()], longest, &mut |_| Ok(())).unwrap()
 }
 
-/// A lid carries on the curvature around it: a ball stays a ball, where a flat lid would be off by 1 − cos θ (0.1, 0.3, 0.7) and a thin plate by a fifth of that; σ says by how much it may be off.
+/// A lid carries on the curvature around it: a ball stays a ball, where a flat lid would be off by 1 − cos θ
+/// (0.1, 0.3, 0.7) and a thin plate by a fifth of that; σ says by how much it may be off.
 #[test]
 fn a_ball_stays_a_ball() {
     for (below, most) in [(0.9, 0.001), (0.7, 0.005), (0.3, 0.02)] {
@@ -28,10 +29,7 @@ fn a_ball_stays_a_ball() {
         let n = ball.positions.len();
         let done = filled(&ball, 10_000);
         let check = done.mesh.check();
-        assert!(
-            check.watertight && check.oriented && check.manifold,
-            "{below}: {check:?}"
-        );
+        assert!(check.watertight && check.oriented && check.manifold, "{below}: {check:?}");
         assert_eq!((done.holes, done.rims, done.larger, done.uncovered), (1, 0, 0, 0));
         assert_eq!(&done.mesh.positions[..n], &ball.positions[..]);
         let (mut worst, mut over) = (0.0_f64, 0.0_f64);
@@ -49,10 +47,7 @@ fn a_ball_stays_a_ball() {
             done.mesh.positions.len() - n,
             angles.len()
         );
-        assert!(
-            done.mesh.positions.len() > n + 20 && worst < most && over < 1.0,
-            "{below}: {worst}, {over}"
-        );
+        assert!(done.mesh.positions.len() > n + 20 && worst < most && over < 1.0, "{below}: {worst}, {over}");
         assert!(20 * small < angles.len(), "{small} of {}", angles.len());
     }
 }
@@ -82,13 +77,12 @@ fn sigma_of_a_lid_covers_noise() {
     assert!(20 * outside <= count, "{outside} of {count}");
 }
 
-/// The rim of a sheet and of a shallow dome is no hole; one in the sheet is, and stays flat; the ends of a tube are.
+/// The rim of a sheet and of a shallow dome is no hole; one in the sheet is, and stays flat; the ends of a
+/// tube are.
 #[test]
 fn outer_rims_stay_open() {
     let mut sheet = grid_sheet(2.0, 2.0, 41, 41);
-    sheet
-        .triangles
-        .retain(|t| t.iter().any(|v| norm(sheet.positions[*v as usize]) > 0.5));
+    sheet.triangles.retain(|t| t.iter().any(|v| norm(sheet.positions[*v as usize]) > 0.5));
     let sheet = crate::Patch::tidy(&sheet, &[]).unwrap().patch.mesh;
     let done = filled(&sheet, 10_000);
     assert_eq!((done.holes, done.rims), (1, 1));
@@ -104,7 +98,8 @@ fn outer_rims_stay_open() {
     assert!(tube.mesh.check().watertight && tube.holes == 2);
     assert_eq!(filled(&cylinder(1.0, 3.0, 40, 20, false), 39).larger, 2);
     // The border of a lone triangle is no hole.
-    let lone = TriangleMesh::try_new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
+    let lone =
+        TriangleMesh::try_new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
     assert_eq!((filled(&lone, 10).holes, filled(&lone, 10).rims), (0, 1));
 }
 

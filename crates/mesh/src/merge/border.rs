@@ -7,7 +7,8 @@ use planish_estimate::vector3::distance;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// For each vertex, the length of the shortest way along edges to an open border; infinite where there is none. Ways longer than `limit` are not followed: what is farther has `limit`.
+/// For each vertex, the length of the shortest way along edges to an open border; infinite where there is
+/// none. Ways longer than `limit` are not followed: what is farther has `limit`.
 ///
 /// Cost: O(n log n) for the part within the limit (Dijkstra from all border vertices at once).
 pub(super) fn distance_to_border(mesh: &TriangleMesh, limit: f64) -> Vec<f64> {
@@ -61,10 +62,6 @@ mod tests {
             assert!((d - straight).abs() < 1e-9, "{p:?}: {d}, {straight}");
         }
         assert!(distance_to_border(&sheet, 0.3).iter().all(|d| *d <= 0.3));
-        assert!(
-            distance_to_border(&icosphere(1.0, 1), 1.0)
-                .iter()
-                .all(|d| d.is_infinite())
-        );
+        assert!(distance_to_border(&icosphere(1.0, 1), 1.0).iter().all(|d| d.is_infinite()));
     }
 }

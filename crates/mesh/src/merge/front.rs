@@ -1,11 +1,14 @@
 //! Sewing pieces of surface together: triangles between their borders, one after the other.
 //!
-//! Comes in: pieces whose edges and vertices are manifold, with gaps of a few edges between them. Goes out: more triangles over the same vertices. At every open edge `a → b` the candidate is the border vertex that
-//! sees the edge under the largest angle (Delaunay's choice in the plane of the edge: no other border vertex lies in the circle), with nothing of the border between. The smallest circles come first
-//! (F. Bernardini and others, *The ball-pivoting algorithm*, 1999, with balls as large as each triangle needs).
+//! Comes in: pieces whose edges and vertices are manifold, with gaps of a few edges between them. Goes out:
+//! more triangles over the same vertices. At every open edge `a → b` the candidate is the border vertex that
+//! sees the edge under the largest angle (Delaunay's choice in the plane of the edge: no other border vertex
+//! lies in the circle), with nothing of the border between. The smallest circles come first (F. Bernardini
+//! and others, *The ball-pivoting algorithm*, 1999, with balls as large as each triangle needs).
 //!
-//! The border is kept as corners, each the end of one open edge and the beginning of another; a vertex touched by a triangle from afar has two corners, one on either side. So every step glues
-//! one triangle to a surface with a border and gives one again, whatever the vertices' places are.
+//! The border is kept as corners, each the end of one open edge and the beginning of another; a vertex
+//! touched by a triangle from afar has two corners, one on either side. So every step glues one triangle to a
+//! surface with a border and gives one again, whatever the vertices' places are.
 //!
 //! Not guaranteed: that a gap is closed, or that triangles of pieces which fold over each other do not cross.
 
@@ -69,18 +72,11 @@ pub(super) fn sew(cloth: &Cloth<'_>, triangles: &mut Vec<[u32; 3]>) {
             queue.push(Reverse((best.radius.to_bits(), edge)));
             continue;
         }
-        let (a, b, c) = (
-            border.from[edge as usize],
-            border.to[edge as usize],
-            border.from[best.leaving as usize],
-        );
+        let (a, b, c) =
+            (border.from[edge as usize], border.to[edge as usize], border.from[best.leaving as usize]);
         triangles.push([b, a, c]);
         for changed in border.glue(edge, best.leaving).into_iter().flatten() {
-            for around in [
-                border.previous[changed as usize],
-                changed,
-                border.next[changed as usize],
-            ] {
+            for around in [border.previous[changed as usize], changed, border.next[changed as usize]] {
                 if let Some(best) = candidate(cloth, &border, &grid, around) {
                     queue.push(Reverse((best.radius.to_bits(), around)));
                 }
@@ -236,9 +232,7 @@ fn candidate(cloth: &Cloth<'_>, border: &Border, grid: &Grid, edge: u32) -> Opti
             continue;
         }
         let (to_a, to_b) = (distance(at(a), at(c)), distance(at(b), at(c)));
-        let reach = cloth.reach[c as usize]
-            .max(cloth.reach[a as usize])
-            .max(cloth.reach[b as usize]);
+        let reach = cloth.reach[c as usize].max(cloth.reach[a as usize]).max(cloth.reach[b as usize]);
         if to_a > reach || to_b > reach {
             continue;
         }
@@ -287,16 +281,14 @@ fn candidate(cloth: &Cloth<'_>, border: &Border, grid: &Grid, edge: u32) -> Opti
                 continue;
             }
             let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
-            return Some(Candidate {
-                leaving,
-                radius: length / (2.0 * sine).max(1e-12),
-            });
+            return Some(Candidate { leaving, radius: length / (2.0 * sine).max(1e-12) });
         }
     }
     None
 }
 
-/// Whether the directions from a vertex to four others come in this order, counter-clockwise about its normal; the first two and the last two may be one.
+/// Whether the directions from a vertex to four others come in this order, counter-clockwise about its
+/// normal; the first two and the last two may be one.
 fn within(cloth: &Cloth<'_>, vertex: u32, order: [u32; 4]) -> bool {
     let (at, normal) = (cloth.positions[vertex as usize], cloth.normals[vertex as usize]);
     let direction = |v: u32| sub(cloth.positions[v as usize], at);
@@ -307,26 +299,19 @@ fn within(cloth: &Cloth<'_>, vertex: u32, order: [u32; 4]) -> bool {
     let turn = |v: u32| {
         let d = direction(v);
         let angle = dot(d, y).atan2(dot(d, x));
-        if angle < 0.0 {
-            angle + std::f64::consts::TAU
-        } else {
-            angle
-        }
+        if angle < 0.0 { angle + std::f64::consts::TAU } else { angle }
     };
     let second = if order[1] == order[0] { 0.0 } else { turn(order[1]) };
     let third = turn(order[2]);
     // A border that turns back on itself leaves all directions open.
-    let last = if order[3] == order[0] {
-        std::f64::consts::TAU
-    } else {
-        turn(order[3])
-    };
+    let last = if order[3] == order[0] { std::f64::consts::TAU } else { turn(order[3]) };
     second < third && third <= last
 }
 
 /// Whether two segments of a plane cross in their insides.
 fn cross_in_plane(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
-    let side = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
+    let side =
+        |p: [f64; 2], q: [f64; 2], r: [f64; 2]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
     side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
 }
 
@@ -344,11 +329,7 @@ impl Grid {
         all.sort_unstable();
         all.dedup();
         let reach = all.iter().map(|v| cloth.reach[*v as usize]).fold(0.0, f64::max);
-        let mut grid = Self {
-            cubes: HashMap::new(),
-            size: reach.max(f64::MIN_POSITIVE),
-            reach,
-        };
+        let mut grid = Self { cubes: HashMap::new(), size: reach.max(f64::MIN_POSITIVE), reach };
         for v in all {
             let place = cloth.positions[v as usize];
             let cube = grid.cube(place);

@@ -1,7 +1,8 @@
 //! The part of a mesh that is a surface: at most two triangles at an edge, one fan at a vertex.
 //!
-//! Comes in: any triangles. Goes out: those that can be kept, first come first, vertices of several fans once for each fan, and where each vertex came from. Not guaranteed: that nothing crosses, or that
-//! what was left out is small.
+//! Comes in: any triangles. Goes out: those that can be kept, first come first, vertices of several fans once
+//! for each fan, and where each vertex came from. Not guaranteed: that nothing crosses, or that what was left
+//! out is small.
 
 use crate::edges::{EdgeTable, is_collapsed};
 use crate::half_edges::{NONE, next_in_triangle, opposites, opposites_of, previous_in_triangle};
@@ -17,12 +18,11 @@ pub(super) struct Manifold {
     pub triangles: Vec<u32>,
 }
 
-/// Keeps, at every edge, the first triangle that runs along it each way; then takes fans apart. Unused vertices are left out.
+/// Keeps, at every edge, the first triangle that runs along it each way; then takes fans apart. Unused
+/// vertices are left out.
 pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
-    let (mut numbers, mut triangles): (Vec<u32>, Vec<[u32; 3]>) = (0..)
-        .zip(mesh.triangles.iter().copied())
-        .filter(|(_, t)| !is_collapsed(*t))
-        .unzip();
+    let (mut numbers, mut triangles): (Vec<u32>, Vec<[u32; 3]>) =
+        (0..).zip(mesh.triangles.iter().copied()).filter(|(_, t)| !is_collapsed(*t)).unzip();
     let table = loop {
         let table = EdgeTable::of(&triangles);
         let mut drop = vec![false; triangles.len()];
@@ -48,11 +48,7 @@ pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
     let opposite = opposites_of(&table, triangles.len());
     let (triangles, source) = parted(triangles, &opposite, mesh.positions.len());
     let positions = source.iter().map(|&v| mesh.positions[v as usize]).collect();
-    Manifold {
-        mesh: TriangleMesh { positions, triangles },
-        source,
-        triangles: numbers,
-    }
+    Manifold { mesh: TriangleMesh { positions, triangles }, source, triangles: numbers }
 }
 
 /// Triangles over new vertices, one for each fan, and the old vertex of each.
@@ -115,11 +111,10 @@ mod tests {
 
     #[test]
     fn fins_are_left_out_and_cones_tip_to_tip_are_parted() {
-        let positions = (0..8)
-            .map(|i| [f64::from(i), f64::from(i * i), f64::from(i * i * i)])
-            .collect();
+        let positions = (0..8).map(|i| [f64::from(i), f64::from(i * i), f64::from(i * i * i)]).collect();
         let mesh =
-            TriangleMesh::try_new(positions, vec![[0, 1, 2], [1, 0, 3], [0, 1, 4], [2, 5, 6], [6, 6, 7]]).unwrap();
+            TriangleMesh::try_new(positions, vec![[0, 1, 2], [1, 0, 3], [0, 1, 4], [2, 5, 6], [6, 6, 7]])
+                .unwrap();
         let kept = manifold(&mesh);
         let check = kept.mesh.check();
         assert!(check.manifold && check.oriented, "{check:?}");

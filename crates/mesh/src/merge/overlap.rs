@@ -1,9 +1,12 @@
 //! Where patches lie on one another.
 //!
-//! Comes in: patches with σ. Goes out: for every vertex, its feet on the other patches that agree in place and direction (R. Mohr, C. Zhao, G. Koscielny 1994, eq. 1: `|a − b| ≤ ε`, `∠(N_a, N_b) ≤ θ`),
-//! and the common regions. The paper takes the nearest vertex and one ε for all; here it is the nearest point of the other surface, and ε follows from both σ there, unless it is given.
+//! Comes in: patches with σ. Goes out: for every vertex, its feet on the other patches that agree in place
+//! and direction (R. Mohr, C. Zhao, G. Koscielny 1994, eq. 1: `|a − b| ≤ ε`, `∠(N_a, N_b) ≤ θ`), and the
+//! common regions. The paper takes the nearest vertex and one ε for all; here it is the nearest point of the
+//! other surface, and ε follows from both σ there, unless it is given.
 //!
-//! Not guaranteed: that what lies on one another is one surface; two sides of a sheet thinner than ε are told apart by their normals alone.
+//! Not guaranteed: that what lies on one another is one surface; two sides of a sheet thinner than ε are told
+//! apart by their normals alone.
 
 use super::Patch;
 use super::border::distance_to_border;
@@ -14,7 +17,9 @@ use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// So many σ: 99 % of two measurements of one place are nearer (χ² of one degree of freedom, 6.63). Farther ones are rarely three to a triangle, so that next to nothing is left of them; with 99.7 % scans that err by more than their σ says are drawn together over more than one sheet.
+/// So many σ: 99 % of two measurements of one place are nearer (χ² of one degree of freedom, 6.63). Farther
+/// ones are rarely three to a triangle, so that next to nothing is left of them; with 99.7 % scans that err
+/// by more than their σ says are drawn together over more than one sheet.
 const GATE: f64 = 2.576;
 /// The angle that shapes may turn by between two samplings, beside what noise does.
 const SHAPE_ANGLE_RAD: f64 = 0.5;
@@ -98,7 +103,8 @@ impl Overlap {
     /// Finds what patches share. Cost O(n log n) for n vertices in all.
     ///
     /// # Errors
-    /// `Input` for fewer than two patches, one without triangles, σ of another number than vertices, not finite or not positive.
+    /// `Input` for fewer than two patches, one without triangles, σ of another number than vertices, not
+    /// finite or not positive.
     pub fn find(patches: &[Patch], options: &OverlapOptions) -> Result<Self> {
         check(patches, options)?;
         Self::find_with(patches, &searches_of(patches)?, options)
@@ -129,19 +135,14 @@ impl Overlap {
             })
         };
         let thetas: Vec<f64> = known.iter().map(theta).collect();
-        let found: Vec<(Vec<u32>, Vec<OverlapFoot>)> = (0..patches.len())
-            .map(|i| feet_of(i, patches, searches, &known, &thetas, options))
-            .collect();
+        let found: Vec<(Vec<u32>, Vec<OverlapFoot>)> =
+            (0..patches.len()).map(|i| feet_of(i, patches, searches, &known, &thetas, options)).collect();
         for (known, (starts, feet)) in known.iter_mut().zip(found) {
             known.starts = starts;
             known.feet = feet;
         }
         let regions = common_regions(patches, &known);
-        Ok(Self {
-            patches: known,
-            regions,
-            sigma_estimated: estimated,
-        })
+        Ok(Self { patches: known, regions, sigma_estimated: estimated })
     }
 
     fn alone(patch: &Patch) -> PatchOverlap {
@@ -157,11 +158,7 @@ impl Overlap {
                 }
             }
         }
-        let spacing: Vec<f64> = sum
-            .iter()
-            .zip(&count)
-            .map(|(s, n)| s / f64::from((*n).max(1)))
-            .collect();
+        let spacing: Vec<f64> = sum.iter().zip(&count).map(|(s, n)| s / f64::from((*n).max(1))).collect();
         let limit = FAR * median(&spacing);
         PatchOverlap {
             normals: mesh.vertex_normals(),
@@ -184,20 +181,12 @@ pub fn searches_of(patches: &[Patch]) -> Result<Vec<MeshSearch>> {
 
 fn check(patches: &[Patch], options: &OverlapOptions) -> Result<()> {
     if patches.len() < 2 {
-        return Err(Error::input(format!(
-            "merging takes two patches or more, found {}",
-            patches.len()
-        )));
+        return Err(Error::input(format!("merging takes two patches or more, found {}", patches.len())));
     }
     for (at, patch) in patches.iter().enumerate() {
-        patch
-            .mesh
-            .sanity_check()
-            .map_err(|e| Error::input(format!("patch {at}: {e}")))?;
+        patch.mesh.sanity_check().map_err(|e| Error::input(format!("patch {at}: {e}")))?;
         if patch.mesh.triangles.is_empty() {
-            return Err(Error::input(format!(
-                "patch {at} has no triangles: there is nothing to merge"
-            )));
+            return Err(Error::input(format!("patch {at} has no triangles: there is nothing to merge")));
         }
         if !patch.sigma.is_empty() && patch.sigma.len() != patch.mesh.positions.len() {
             return Err(Error::input(format!(
@@ -213,14 +202,11 @@ fn check(patches: &[Patch], options: &OverlapOptions) -> Result<()> {
             )));
         }
     }
-    for (name, value, largest) in [
-        ("epsilon", options.epsilon, f64::MAX),
-        ("theta", options.theta_rad, std::f64::consts::FRAC_PI_2),
-    ] {
+    for (name, value, largest) in
+        [("epsilon", options.epsilon, f64::MAX), ("theta", options.theta_rad, std::f64::consts::FRAC_PI_2)]
+    {
         if value.is_some_and(|x| !(x > 0.0 && x <= largest)) {
-            return Err(Error::input(format!(
-                "{name} must be positive (theta at most 90 degrees)"
-            )));
+            return Err(Error::input(format!("{name} must be positive (theta at most 90 degrees)")));
         }
     }
     Ok(())
@@ -228,7 +214,9 @@ fn check(patches: &[Patch], options: &OverlapOptions) -> Result<()> {
 
 /// One σ for all vertices of patches without, by what the heights between neighbours show.
 ///
-/// A height is to a mean of three corners with weights `b`: its variance is `σ² + Σ b² σ_k²`, of which the other patch's part is taken off where it is known, and has the same σ where it is not. σ is that by which half of the heights are below their median of 0.6745.
+/// A height is to a mean of three corners with weights `b`: its variance is `σ² + Σ b² σ_k²`, of which the
+/// other patch's part is taken off where it is known, and has the same σ where it is not. σ is that by which
+/// half of the heights are below their median of 0.6745.
 fn estimate_sigma(patches: &[Patch], searches: &[MeshSearch], known: &mut [PatchOverlap]) {
     const MOST: usize = 20_000;
     const MEDIAN: f64 = 0.6745;
@@ -245,8 +233,12 @@ fn estimate_sigma(patches: &[Patch], searches: &[MeshSearch], known: &mut [Patch
             .flat_map_iter(|v| {
                 let (mine, p) = (&known[i], patches[i].mesh.positions[v]);
                 (0..patches.len()).filter(move |j| *j != i).filter_map(move |j| {
-                    let foot =
-                        searches[j].closest_compatible_within(p, mine.normals[v], SHAPE_ANGLE_RAD, 2.0 * spacing)?;
+                    let foot = searches[j].closest_compatible_within(
+                        p,
+                        mine.normals[v],
+                        SHAPE_ANGLE_RAD,
+                        2.0 * spacing,
+                    )?;
                     if foot.on_boundary {
                         return None;
                     }
@@ -264,13 +256,10 @@ fn estimate_sigma(patches: &[Patch], searches: &[MeshSearch], known: &mut [Patch
             })
             .collect();
         let size = patches[i].mesh.bounding_box().map_or(1.0, |b| b.diagonal());
-        // A hundred millionth of the size, some rounding of a float, keeps σ above nothing; so does a tenth of what the others are known by.
+        // A hundred millionth of the size, some rounding of a float, keeps σ above nothing; so does a tenth
+        // of what the others are known by.
         let of_others: Vec<f64> = heights.iter().map(|[.., known]| known.sqrt()).collect();
-        let least = (1e-8 * size).max(if heights.is_empty() {
-            0.0
-        } else {
-            0.1 * median(&of_others)
-        });
+        let least = (1e-8 * size).max(if heights.is_empty() { 0.0 } else { 0.1 * median(&of_others) });
         let sigma = if heights.is_empty() {
             0.1 * spacing / 2.0_f64.sqrt()
         } else {
@@ -303,10 +292,7 @@ fn feet_of(
     thetas: &[f64],
     options: &OverlapOptions,
 ) -> (Vec<u32>, Vec<OverlapFoot>) {
-    let largest: Vec<f64> = known
-        .iter()
-        .map(|k| k.sigma.iter().copied().fold(0.0, f64::max))
-        .collect();
+    let largest: Vec<f64> = known.iter().map(|k| k.sigma.iter().copied().fold(0.0, f64::max)).collect();
     let boxes: Vec<Option<BoundingBox>> = patches.iter().map(|p| p.mesh.bounding_box()).collect();
     let mine = &known[i];
     let of_vertex = |v: usize| -> Vec<OverlapFoot> {
@@ -316,7 +302,8 @@ fn feet_of(
             let beside = BESIDE * mine.spacing[v];
             let most = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
             let reach = most.max(beside);
-            let inside = boxes[j].is_some_and(|b| (0..3).all(|k| p[k] >= b.min[k] - reach && p[k] <= b.max[k] + reach));
+            let inside = boxes[j]
+                .is_some_and(|b| (0..3).all(|k| p[k] >= b.min[k] - reach && p[k] <= b.max[k] + reach));
             if !inside {
                 continue;
             }
@@ -324,9 +311,8 @@ fn feet_of(
             let Some(foot) = searches[j].closest_compatible_within(p, n, theta, most.hypot(beside)) else {
                 continue;
             };
-            let sigma_there = patches[j]
-                .mesh
-                .interpolate(&known[j].sigma, foot.triangle as usize, foot.barycentric);
+            let sigma_there =
+                patches[j].mesh.interpolate(&known[j].sigma, foot.triangle as usize, foot.barycentric);
             let epsilon = options.epsilon.unwrap_or(GATE * sigma.hypot(sigma_there));
             let to = sub(foot.point, p);
             let height = dot(to, n);
@@ -348,10 +334,8 @@ fn feet_of(
         }
         feet
     };
-    let all: Vec<Vec<OverlapFoot>> = (0..patches[i].mesh.positions.len())
-        .into_par_iter()
-        .map(of_vertex)
-        .collect();
+    let all: Vec<Vec<OverlapFoot>> =
+        (0..patches[i].mesh.positions.len()).into_par_iter().map(of_vertex).collect();
     let mut starts = Vec::with_capacity(all.len() + 1);
     let mut feet = Vec::with_capacity(all.iter().map(Vec::len).sum());
     starts.push(0);
@@ -362,7 +346,8 @@ fn feet_of(
     (starts, feet)
 }
 
-/// Regions that two patches share, connected along the edges of the lower one: between vertices that lie on the higher one, and corners of triangles that vertices of the higher one lie on.
+/// Regions that two patches share, connected along the edges of the lower one: between vertices that lie on
+/// the higher one, and corners of triangles that vertices of the higher one lie on.
 fn common_regions(patches: &[Patch], known: &[PatchOverlap]) -> Vec<CommonRegion> {
     let mut regions = Vec::new();
     for i in 0..patches.len() {

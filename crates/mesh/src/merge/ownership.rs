@@ -1,10 +1,15 @@
 //! Which patch has which place.
 //!
-//! Comes in: patches and where they lie on one another. Goes out: the triangles of each that are kept: those whose corners have a higher score than what they lie on has there, and of these none that lies on a kept one of an earlier patch or beside it. So a
-//! gap of an edge or two is left along every seam.
+//! Comes in: patches and where they lie on one another. Goes out: the triangles of each that are kept: those
+//! whose corners have a higher score than what they lie on has there, and of these none that lies on a kept
+//! one of an earlier patch or beside it. So a gap of an edge or two is left along every seam.
 //!
-//! The score is how far a place is within its patch, in edges of that patch and up to [`FAR`] of them, so that a seam runs where both are as far within. Where vertices of a patch are nearer together than another's by [`FINER`] the finer one has what is within it
-//! by the edges over which it gains its weight in a mean: what it shows between the other's vertices stays. Of scores that are all but equal the earlier patch has the higher one, by a share of an edge; a score is a number of its own, so that of three patches one always has a place.
+//! The score is how far a place is within its patch, in edges of that patch and up to [`FAR`] of them, so
+//! that a seam runs where both are as far within. Where vertices of a patch are nearer together than
+//! another's by [`FINER`] the finer one has what is within it by the edges over which it gains its weight in
+//! a mean: what it shows between the other's vertices stays. Of scores that are all but equal the earlier
+//! patch has the higher one, by a share of an edge; a score is a number of its own, so that of three patches
+//! one always has a place.
 
 use super::overlap::{FAR, median};
 use super::{Overlap, Patch, TAPER};
@@ -55,7 +60,8 @@ impl Score {
             .collect()
     }
 
-    /// The score at a distance from the border; that of a patch without a border, at an infinite one, is above those of its kind that have one.
+    /// The score at a distance from the border; that of a patch without a border, at an infinite one, is
+    /// above those of its kind that have one.
     fn at(&self, to_border: f64) -> f64 {
         let within = to_border / self.edge;
         let finer = if within >= TAPER { self.finer } else { 0.0 };

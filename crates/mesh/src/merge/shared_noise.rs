@@ -1,14 +1,20 @@
 //! How alike the noise of neighbours is.
 //!
-//! Comes in: patches and where they lie on one another. Goes out: for each patch, what share of the variance the mean of some neighbours keeps.
+//! Comes in: patches and where they lie on one another. Goes out: for each patch, what share of the variance
+//! the mean of some neighbours keeps.
 //!
-//! σ of a patch says how far a vertex is off, not whether its neighbours are off with it: those of a smooth model are, of a scan whose pose is a little wrong all are. What two patches of one place differ by has the noise of both, so that the
-//! products of differences at neighbouring places tell: with `h = n_j − n_i`, `E[h_a h_b] = ρ (σ_i² + σ_j²)` ([`NestedBatches`]). A mean of `m` of them has the variance `σ² (1/m + (1 − 1/m) ρ)`.
+//! σ of a patch says how far a vertex is off, not whether its neighbours are off with it: those of a smooth
+//! model are, of a scan whose pose is a little wrong all are. What two patches of one place differ by has the
+//! noise of both, so that the products of differences at neighbouring places tell: with `h = n_j − n_i`,
+//! `E[h_a h_b] = ρ (σ_i² + σ_j²)` ([`NestedBatches`]). A mean of `m` of them has the variance
+//! `σ² (1/m + (1 − 1/m) ρ)`.
 //!
-//! A difference is to a foot, whose height is a mean of three corners. Feet that share corners are alike of white noise too; that is known from the weights, and taken off. Places are where both patches together say, by
-//! their information: those errors are independent of the differences.
+//! A difference is to a foot, whose height is a mean of three corners. Feet that share corners are alike of
+//! white noise too; that is known from the weights, and taken off. Places are where both patches together
+//! say, by their information: those errors are independent of the differences.
 //!
-//! Not guaranteed: which of two patches it is whose neighbours are alike; both are taken to be. What all patches have in common shows in no difference.
+//! Not guaranteed: which of two patches it is whose neighbours are alike; both are taken to be. What all
+//! patches have in common shows in no difference.
 
 use super::{Overlap, Patch};
 use planish_estimate::NestedBatches;
@@ -48,15 +54,15 @@ struct Difference {
 }
 
 impl NoiseLikeness {
-    /// `ρ` of the mean of so many neighbours: nothing for white noise, one where all are off together. Nothing where nothing tells.
+    /// `ρ` of the mean of so many neighbours: nothing for white noise, one where all are off together.
+    /// Nothing where nothing tells.
     #[must_use]
     pub fn of(&self, neighbours: f64) -> f64 {
         let x = neighbours.max(1.0).ln();
         let next = self.curve.partition_point(|(at, _)| *at < x);
-        let (Some(below), Some(above)) = (
-            self.curve.get(next.saturating_sub(1)),
-            self.curve.get(next).or(self.curve.last()),
-        ) else {
+        let (Some(below), Some(above)) =
+            (self.curve.get(next.saturating_sub(1)), self.curve.get(next).or(self.curve.last()))
+        else {
             return 0.0;
         };
         if above.0 <= below.0 {
@@ -174,7 +180,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Two sheets with unit edges and noise of the given σ: a share of its variance is waves that are longer than the sheet is cut into.
+    /// Two sheets with unit edges and noise of the given σ: a share of its variance is waves that are longer
+    /// than the sheet is cut into.
     fn sheets(smooth: f64) -> Vec<Patch> {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         [0.0, 0.37]
@@ -200,7 +207,8 @@ mod tests {
             .collect()
     }
 
-    /// White noise has nothing in common though feet share corners; the smooth share is found in small batches, and less in those that are longer than the waves.
+    /// White noise has nothing in common though feet share corners; the smooth share is found in small
+    /// batches, and less in those that are longer than the waves.
     #[test]
     fn the_smooth_share_of_noise_is_found() {
         for smooth in [0.0, 0.3, 1.0] {

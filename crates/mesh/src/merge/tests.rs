@@ -15,17 +15,14 @@ fn cap(turn: f64, axis: [f64; 3], least: f64, subdivisions: u32) -> TriangleMesh
         *p = [x, c * y - s * z, s * y + c * z];
     }
     ball.triangles.retain(|t| {
-        t.iter()
-            .all(|v| planish_estimate::vector3::dot(ball.positions[*v as usize], axis) >= least)
+        t.iter().all(|v| planish_estimate::vector3::dot(ball.positions[*v as usize], axis) >= least)
     });
     ball
 }
 
 fn merge(meshes: &[TriangleMesh], sigma: f64, options: &OverlapOptions) -> (Overlap, Zipped) {
-    let patches: Vec<Patch> = meshes
-        .iter()
-        .map(|m| Patch::tidy(m, &vec![sigma; m.positions.len()]).unwrap().patch)
-        .collect();
+    let patches: Vec<Patch> =
+        meshes.iter().map(|m| Patch::tidy(m, &vec![sigma; m.positions.len()]).unwrap().patch).collect();
     let overlap = Overlap::find(&patches, options).unwrap();
     let fused = fused(&patches, &overlap);
     let zipped = zipped(&patches, &overlap, &fused, &ZipOptions::default()).unwrap();
@@ -43,11 +40,7 @@ fn two_caps_of_a_ball_close_it() {
     for p in &zipped.mesh.positions {
         assert!((norm(*p) - 10.0).abs() < 0.02, "{p:?}");
     }
-    assert!(
-        zipped.valence.iter().skip(8).sum::<usize>() == 0,
-        "{:?}",
-        zipped.valence
-    );
+    assert!(zipped.valence.iter().skip(8).sum::<usize>() == 0, "{:?}", zipped.valence);
 }
 
 #[test]
@@ -62,11 +55,8 @@ fn six_noisy_patches_of_a_ball_close_it_and_sigma_is_true() {
         [0.0, 0.0, 1.0],
         [0.0, 0.0, -1.0],
     ];
-    let mut meshes: Vec<TriangleMesh> = axes
-        .iter()
-        .enumerate()
-        .map(|(k, axis)| cap(0.2 + 0.37 * k as f64, *axis, 4.0, 5))
-        .collect();
+    let mut meshes: Vec<TriangleMesh> =
+        axes.iter().enumerate().map(|(k, axis)| cap(0.2 + 0.37 * k as f64, *axis, 4.0, 5)).collect();
     for mesh in &mut meshes {
         for p in &mut mesh.positions {
             let noise: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
@@ -122,15 +112,9 @@ fn a_patch_twice_or_inside_another_changes_nothing() {
 
 #[test]
 fn bad_patches_are_named() {
-    let patch = |sigma: Vec<f64>| Patch {
-        mesh: grid_sheet(1.0, 1.0, 3, 3),
-        sigma,
-    };
-    let said = |patches: &[Patch]| {
-        Overlap::find(patches, &OverlapOptions::default())
-            .unwrap_err()
-            .to_string()
-    };
+    let patch = |sigma: Vec<f64>| Patch { mesh: grid_sheet(1.0, 1.0, 3, 3), sigma };
+    let said =
+        |patches: &[Patch]| Overlap::find(patches, &OverlapOptions::default()).unwrap_err().to_string();
     assert!(said(&[patch(vec![])]).contains("two patches"));
     assert!(said(&[patch(vec![]), patch(vec![0.1; 3])]).contains("patch 1"));
     let mut sigma = vec![0.1; patch(vec![]).mesh.positions.len()];
@@ -153,10 +137,7 @@ fn an_unstated_sigma_is_told_from_differences() {
     };
     let (exact, rough) = (sheet(0.0, 0.05), sheet(0.4, 0.2));
     let alike = [sheet(0.1, 0.1), sheet(0.55, 0.1)];
-    let patch = |mesh: &TriangleMesh, sigma: &[f64]| Patch {
-        mesh: mesh.clone(),
-        sigma: sigma.to_vec(),
-    };
+    let patch = |mesh: &TriangleMesh, sigma: &[f64]| Patch { mesh: mesh.clone(), sigma: sigma.to_vec() };
     let found = |patches: [Patch; 2]| {
         let overlap = Overlap::find(&patches, &OverlapOptions::default()).unwrap();
         overlap.patches.iter().map(|p| p.sigma[0]).collect::<Vec<_>>()
@@ -176,7 +157,8 @@ fn moved(mut mesh: TriangleMesh, by: [f64; 3]) -> TriangleMesh {
     mesh
 }
 
-/// Where two sheets are equally far within, the same one has all of a place, whatever its numbers are rounded to: a whole without holes, of the same triangles at every scale.
+/// Where two sheets are equally far within, the same one has all of a place, whatever its numbers are rounded
+/// to: a whole without holes, of the same triangles at every scale.
 #[test]
 fn a_seam_does_not_hang_on_rounding() {
     for scale in [1.0, 0.7, 0.01, 0.001] {
@@ -210,7 +192,8 @@ fn two_scans_from_one_place_leave_no_holes() {
     }
 }
 
-/// What a fine patch shows between the vertices of a coarse one stays, and what is told of the coarse one's cells holds where a fine patch lies within one of them.
+/// What a fine patch shows between the vertices of a coarse one stays, and what is told of the coarse one's
+/// cells holds where a fine patch lies within one of them.
 #[test]
 fn a_fine_patch_keeps_its_detail_within_a_coarse_one() {
     let coarse = grid_sheet(100.0, 100.0, 20, 20);

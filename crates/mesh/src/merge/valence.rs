@@ -1,7 +1,8 @@
 //! Edges turned until vertices have six neighbours.
 //!
-//! Comes in: a surface and the vertices that may change. Goes out: the same vertices with as many triangles, each turn of an edge lessening `Σ (valence − 6)²` (4 on the border) without folding the surface. Not guaranteed: six everywhere, which the
-//! topology does not allow.
+//! Comes in: a surface and the vertices that may change. Goes out: the same vertices with as many triangles,
+//! each turn of an edge lessening `Σ (valence − 6)²` (4 on the border) without folding the surface. Not
+//! guaranteed: six everywhere, which the topology does not allow.
 
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, next_in_triangle, opposites, previous_in_triangle, turn};
@@ -22,32 +23,13 @@ struct Limits {
     in_a_row: usize,
 }
 
-/// First nothing that would show; where vertices keep too many edges, more; what is left is carried farther away, at last over what is rough.
+/// First nothing that would show; where vertices keep too many edges, more; what is left is carried farther
+/// away, at last over what is rough.
 const LIMITS: [Limits; 4] = [
-    Limits {
-        flat: 0.7,
-        well_shaped_rad: 0.35,
-        worse: 0.4,
-        in_a_row: 3,
-    },
-    Limits {
-        flat: 0.5,
-        well_shaped_rad: 0.17,
-        worse: 0.3,
-        in_a_row: 4,
-    },
-    Limits {
-        flat: 0.5,
-        well_shaped_rad: 0.17,
-        worse: 0.3,
-        in_a_row: 9,
-    },
-    Limits {
-        flat: 0.2,
-        well_shaped_rad: 0.1,
-        worse: 0.2,
-        in_a_row: 9,
-    },
+    Limits { flat: 0.7, well_shaped_rad: 0.35, worse: 0.4, in_a_row: 3 },
+    Limits { flat: 0.5, well_shaped_rad: 0.17, worse: 0.3, in_a_row: 4 },
+    Limits { flat: 0.5, well_shaped_rad: 0.17, worse: 0.3, in_a_row: 9 },
+    Limits { flat: 0.2, well_shaped_rad: 0.1, worse: 0.2, in_a_row: 9 },
 ];
 /// What lies so many edges away is near.
 const NEAR: usize = 3;
@@ -69,7 +51,9 @@ fn valences(triangles: &[[u32; 3]], opposite: &[u32], vertices: usize) -> Vec<u3
     valence
 }
 
-/// Turns edges near vertices for which `wanted` holds, up to so many steps away: those are to have six edges at most, the others as near six as can be. Gives how many turns were made, and how many edges meet in every vertex then.
+/// Turns edges near vertices for which `wanted` holds, up to so many steps away: those are to have six edges
+/// at most, the others as near six as can be. Gives how many turns were made, and how many edges meet in
+/// every vertex then.
 pub(super) fn even_out(
     positions: &[[f64; 3]],
     triangles: &mut [[u32; 3]],
@@ -86,7 +70,8 @@ pub(super) fn even_out(
             queue.extend([3 * t, 3 * t + 1, 3 * t + 2, 3 * s, 3 * s + 1, 3 * s + 2]);
         }
     }
-    // What no single turn betters, some in a row may. Where they do not, they are tried again once something near has changed.
+    // What no single turn betters, some in a row may. Where they do not, they are tried again once something
+    // near has changed.
     for limits in LIMITS {
         net.limits = limits;
         let mut changes = 1;
@@ -139,12 +124,18 @@ struct Net<'a> {
     tried: usize,
     /// The vertices of turns in a row that were not taken back.
     trail: Vec<[u32; 4]>,
-    /// How many edges away there is room for one edge more, of the vertices near the one that was begun with, before that.
+    /// How many edges away there is room for one edge more, of the vertices near the one that was begun with,
+    /// before that.
     room: HashMap<u32, usize>,
 }
 
 impl<'a> Net<'a> {
-    fn new(positions: &'a [[f64; 3]], triangles: &'a mut [[u32; 3]], wanted: &'a [bool], steps: usize) -> Self {
+    fn new(
+        positions: &'a [[f64; 3]],
+        triangles: &'a mut [[u32; 3]],
+        wanted: &'a [bool],
+        steps: usize,
+    ) -> Self {
         let mut free = wanted.to_vec();
         for _ in 0..steps {
             let before = free.clone();
@@ -197,7 +188,8 @@ impl<'a> Net<'a> {
         self.corner(next_in_triangle(half))
     }
 
-    /// How the sum changes when an edge is turned, and the vertices of its triangles ([`around`]); none where it cannot be. Whether it may be is for [`Self::may_turn`] to say, which takes longer.
+    /// How the sum changes when an edge is turned, and the vertices of its triangles ([`around`]); none where
+    /// it cannot be. Whether it may be is for [`Self::may_turn`] to say, which takes longer.
     fn change(&self, half: u32) -> Option<(i64, [u32; 4])> {
         let over = self.opposite[half as usize];
         if over == NONE {
@@ -224,7 +216,8 @@ impl<'a> Net<'a> {
         Some((after - before, around))
     }
 
-    /// Whether an edge among such vertices may be turned: there is none yet where it would come to lie, and nothing folds.
+    /// Whether an edge among such vertices may be turned: there is none yet where it would come to lie, and
+    /// nothing folds.
     fn may_turn(&self, around: [u32; 4]) -> bool {
         let [_, _, c, d] = around;
         !self.edges.contains(&edge(c, d)) && self.stays_flat(around)
@@ -321,10 +314,8 @@ impl<'a> Net<'a> {
         self.room = ring.iter().map(|v| (*v, 0)).collect();
         for far in 1..=turns {
             let mut next = Vec::new();
-            let ends: Vec<u32> = (ring.iter())
-                .flat_map(|v| self.leaving(*v))
-                .map(|half| self.end(half))
-                .collect();
+            let ends: Vec<u32> =
+                (ring.iter()).flat_map(|v| self.leaving(*v)).map(|half| self.end(half)).collect();
             for end in ends {
                 if within.contains(&end) && !self.room.contains_key(&end) {
                     self.room.insert(end, far);
@@ -340,7 +331,8 @@ impl<'a> Net<'a> {
         self.valence[vertex as usize] > 6 && self.wanted[vertex as usize]
     }
 
-    /// Ends of the edges of a vertex that may be worth a turn, the likeliest first, where `others` have too many edges as well: those that leave few vertices with too many, near to where there is room.
+    /// Ends of the edges of a vertex that may be worth a turn, the likeliest first, where `others` have too
+    /// many edges as well: those that leave few vertices with too many, near to where there is room.
     fn promising(&self, vertex: u32, others: &[u32], turns: usize, change: i64) -> Vec<u32> {
         let mut ends: Vec<(usize, usize, u32)> = (self.leaving(vertex).into_iter())
             .filter_map(|half| {
@@ -361,7 +353,8 @@ impl<'a> Net<'a> {
         ends.into_iter().map(|(.., end)| end).collect()
     }
 
-    /// Turns an edge of the last of some vertices with too many, then of those that have too many by that, until the sum is less than it was; leaves all as it was where so many turns do not do.
+    /// Turns an edge of the last of some vertices with too many, then of those that have too many by that,
+    /// until the sum is less than it was; leaves all as it was where so many turns do not do.
     fn relieve(&mut self, too_many: &[u32], turns: usize, change: i64) -> bool {
         let Some((vertex, others)) = too_many.split_last() else {
             return false;

@@ -29,16 +29,12 @@ fn rubble(count: u32, seed: u64) -> TriangleMesh {
     TriangleMesh::try_new(positions, (0..count).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect()).unwrap()
 }
 
-/// The distance to one triangle another way: Ericson's Voronoi regions (Real-Time Collision Detection 2005, 5.1.5),
-/// and segments where there is no area.
+/// The distance to one triangle another way: Ericson's Voronoi regions (Real-Time Collision Detection 2005,
+/// 5.1.5), and segments where there is no area.
 fn reference_distance(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> f64 {
     let segment = |a: [f64; 3], b: [f64; 3]| {
         let ab = sub(b, a);
-        let s = if dot(ab, ab) > 0.0 {
-            (dot(sub(p, a), ab) / dot(ab, ab)).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
+        let s = if dot(ab, ab) > 0.0 { (dot(sub(p, a), ab) / dot(ab, ab)).clamp(0.0, 1.0) } else { 0.0 };
         distance(p, add_scaled(a, s, ab))
     };
     let edges = segment(a, b).min(segment(b, c)).min(segment(c, a));
@@ -70,9 +66,7 @@ fn closest_agrees_with_all_triangles() {
             1 => scale(10.0, any(&mut random)),
             _ => any(&mut random),
         };
-        let expected = (0..600)
-            .map(|t| reference_distance(p, mesh.corners(t)))
-            .fold(f64::INFINITY, f64::min);
+        let expected = (0..600).map(|t| reference_distance(p, mesh.corners(t))).fold(f64::INFINITY, f64::min);
         let foot = search.closest(p).unwrap();
         assert!((foot.distance - expected).abs() < 1e-13, "{} {expected}", foot.distance);
         let t = foot.triangle as usize;
@@ -117,7 +111,8 @@ fn hints_bounds_and_batches_do_not_change_the_answer() {
     assert_eq!(one_thread.install(|| search.closest_all(&points)), all);
 }
 
-/// How often a closed mesh goes around a point: the solid angle of its triangles over 4π, by van Oosterom and Strackee
+/// How often a closed mesh goes around a point: the solid angle of its triangles over 4π, by van Oosterom and
+/// Strackee
 /// 1983. 1 inside, 0 outside, whatever the shape.
 fn winding(mesh: &TriangleMesh, p: [f64; 3]) -> f64 {
     let half_angles = (0..mesh.triangles.len()).map(|t| {
@@ -130,8 +125,8 @@ fn winding(mesh: &TriangleMesh, p: [f64; 3]) -> f64 {
 
 #[test]
 fn the_sign_is_the_inside_even_at_spikes_and_creases() {
-    // A ball with radii of 0.4 and 1.6 in turn: sharp needles and notches, where the normal of the nearest face alone
-    // gives the wrong side.
+    // A ball with radii of 0.4 and 1.6 in turn: sharp needles and notches, where the normal of the nearest
+    // face alone gives the wrong side.
     let mut spiky = icosphere(1.0, 2);
     for (i, p) in spiky.positions.iter_mut().enumerate() {
         *p = scale(if i % 2 == 0 { 0.4 } else { 1.6 }, *p);
@@ -161,9 +156,7 @@ fn a_triangle_soup_has_the_sides_of_the_closed_mesh() {
     let ball = cylinder(0.7, 0.2, 7, 1, true);
     let soup = TriangleMesh {
         positions: (0..ball.triangles.len()).flat_map(|t| ball.corners(t)).collect(),
-        triangles: (0..ball.triangles.len() as u32)
-            .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
-            .collect(),
+        triangles: (0..ball.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
     };
     let (a, b) = (MeshSearch::try_new(&ball).unwrap(), MeshSearch::try_new(&soup).unwrap());
     let mut random = ChaCha8Rng::seed_from_u64(10);
@@ -179,10 +172,8 @@ fn a_sphere_mesh_has_the_distances_of_a_sphere() {
     let search = MeshSearch::try_new(&ball).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(12);
     // The facets lie inside the sphere by at most their sagitta.
-    let sagitta = 2.0
-        - (0..ball.triangles.len())
-            .map(|t| norm(ball.point_at(t, [1.0 / 3.0; 3])))
-            .fold(2.0, f64::min);
+    let sagitta =
+        2.0 - (0..ball.triangles.len()).map(|t| norm(ball.point_at(t, [1.0 / 3.0; 3]))).fold(2.0, f64::min);
     assert!(sagitta < 2.0 * 0.3 / 4096.0, "{sagitta}");
     for _ in 0..2000 {
         let p = scale(4.0, any(&mut random));
@@ -214,11 +205,8 @@ fn incompatible_triangles_are_passed_over() {
     let count = mesh.positions.len() as u32;
     let lower: Vec<[f64; 3]> = mesh.positions.iter().map(|p| [p[0], p[1], -0.1]).collect();
     mesh.positions.extend(lower);
-    let turned: Vec<[u32; 3]> = mesh
-        .triangles
-        .iter()
-        .map(|t| [t[1] + count, t[0] + count, t[2] + count])
-        .collect();
+    let turned: Vec<[u32; 3]> =
+        mesh.triangles.iter().map(|t| [t[1] + count, t[0] + count, t[2] + count]).collect();
     mesh.triangles.extend(turned);
     let search = MeshSearch::try_new(&mesh).unwrap();
     let p = [0.07, 0.03, -0.08];
@@ -228,25 +216,14 @@ fn incompatible_triangles_are_passed_over() {
     assert!(search.closest_compatible(p, [1.0, 0.0, 0.1], 0.5).is_none());
     assert!(search.closest_compatible(p, [0.0; 3], 3.0).is_none());
     assert!(search.closest_within(p, -1.0).is_none() && search.closest_within([0.0; 3], -1.0).is_none());
-    assert!(
-        search
-            .closest_compatible_within(p, [0.0, 0.0, 1.0], 0.1, 0.05)
-            .is_none()
-    );
-    assert!(
-        search
-            .closest_compatible_within(p, [0.0, 0.0, 1.0], 0.1, 0.09)
-            .is_some()
-    );
+    assert!(search.closest_compatible_within(p, [0.0, 0.0, 1.0], 0.1, 0.05).is_none());
+    assert!(search.closest_compatible_within(p, [0.0, 0.0, 1.0], 0.1, 0.09).is_some());
 }
 
 #[test]
 fn no_triangles_is_an_error() {
     let none = TriangleMesh::try_new(vec![[0.0; 3]], vec![]).unwrap();
     assert_eq!(MeshSearch::try_new(&none).unwrap_err().kind(), ErrorKind::Undetermined);
-    let broken = TriangleMesh {
-        positions: vec![],
-        triangles: vec![[0, 1, 2]],
-    };
+    let broken = TriangleMesh { positions: vec![], triangles: vec![[0, 1, 2]] };
     assert_eq!(MeshSearch::try_new(&broken).unwrap_err().kind(), ErrorKind::Input);
 }

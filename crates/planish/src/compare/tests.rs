@@ -27,10 +27,7 @@ fn mesh_reference(mesh: TriangleMesh) -> Reference {
 }
 
 fn points(points: Vec<[f64; 3]>) -> Reference {
-    Reference {
-        points,
-        ..Reference::default()
-    }
+    Reference { points, ..Reference::default() }
 }
 
 fn standard_normal(rng: &mut ChaCha8Rng) -> f64 {
@@ -42,19 +39,11 @@ fn a_model_outside_its_reference_is_positive_both_ways() {
     let small = icosphere(0.9, 4);
     for model in [
         measured(Shape::Ball),
-        Compared::Mesh(ComparedMesh {
-            mesh: icosphere(1.0, 5),
-            sigma: None,
-            observed: None,
-            unit: None,
-        }),
+        Compared::Mesh(ComparedMesh { mesh: icosphere(1.0, 5), sigma: None, observed: None, unit: None }),
     ] {
         let report = compared(&model, mesh_reference(small.clone()));
         for found in [report.forward.unwrap(), report.backward.unwrap()] {
-            assert!(
-                (found.mean - 0.1).abs() < 3e-3 && (found.rms - 0.1).abs() < 3e-3,
-                "{found:?}"
-            );
+            assert!((found.mean - 0.1).abs() < 3e-3 && (found.rms - 0.1).abs() < 3e-3, "{found:?}");
         }
         let large = compared(&model, mesh_reference(icosphere(1.1, 4)));
         assert!(large.forward.unwrap().mean < -0.09 && large.backward.unwrap().mean < -0.09);
@@ -67,25 +56,14 @@ fn signs_follow_the_references_normals_then_the_models() {
     let model = measured(Shape::Ball);
     let small = icosphere(0.9, 3);
     let inward: Vec<[f64; 3]> = small.vertex_normals().into_iter().map(|n| scale(-1.0, n)).collect();
-    let turned = Reference {
-        normals: Some(inward),
-        ..points(small.positions.clone())
-    };
+    let turned = Reference { normals: Some(inward), ..points(small.positions.clone()) };
     let report = compared(&model, turned);
     assert!(report.backward.unwrap().mean < -0.09);
-    assert!(
-        report.warnings.iter().any(|w| w.contains("other side")),
-        "{:?}",
-        report.warnings
-    );
+    assert!(report.warnings.iter().any(|w| w.contains("other side")), "{:?}", report.warnings);
     let report = compared(&model, points(small.positions));
     assert!(report.backward.unwrap().mean > 0.09);
     assert!(report.forward.is_none());
-    assert!(
-        report.warnings.iter().any(|w| w.contains("no faces")),
-        "{:?}",
-        report.warnings
-    );
+    assert!(report.warnings.iter().any(|w| w.contains("no faces")), "{:?}", report.warnings);
 }
 
 /// A plane fitted to readings with errors of `SIGMA`, whose information counts them as `stated` times that.
@@ -126,10 +104,7 @@ fn points_of_plane(rng: &mut ChaCha8Rng, sigma: f64) -> Reference {
             [x, y, sigma * standard_normal(rng)]
         })
         .collect();
-    Reference {
-        covariance: (sigma > 0.0).then(|| vec![isotropic(sigma); made.len()]),
-        ..points(made)
-    }
+    Reference { covariance: (sigma > 0.0).then(|| vec![isotropic(sigma); made.len()]), ..points(made) }
 }
 
 /// Mean coverage of many fits.
@@ -166,11 +141,7 @@ fn a_sigma_three_times_too_small_covers_half() {
 fn coverage_of_a_mesh_uses_the_sigma_of_its_vertices() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let truth = grid_sheet(10.0, 10.0, 100, 100);
-    let heights: Vec<f64> = truth
-        .positions
-        .iter()
-        .map(|_| 1e-3 * standard_normal(&mut rng))
-        .collect();
+    let heights: Vec<f64> = truth.positions.iter().map(|_| 1e-3 * standard_normal(&mut rng)).collect();
     let mut mesh = truth.clone();
     for (p, h) in mesh.positions.iter_mut().zip(&heights) {
         p[2] += h;
@@ -191,28 +162,16 @@ fn coverage_of_a_mesh_uses_the_sigma_of_its_vertices() {
 fn nothing_is_compared_beyond_a_border() {
     let model = measured(Shape::Sheet);
     // Three points over the sheet, two beside it.
-    let beside = vec![
-        [0.0, 0.0, 0.1],
-        [0.5, 0.2, 0.1],
-        [-0.5, 0.2, 0.1],
-        [1.5, 0.0, 0.1],
-        [0.0, -2.0, 0.1],
-    ];
+    let beside = vec![[0.0, 0.0, 0.1], [0.5, 0.2, 0.1], [-0.5, 0.2, 0.1], [1.5, 0.0, 0.1], [0.0, -2.0, 0.1]];
     let report = compared(&model, points(beside));
     let backward = report.backward.unwrap();
     assert_eq!((backward.n, report.skipped.reference_beyond_border), (3, 2));
     // The model lies below them, and its normal points up.
-    assert!(
-        (backward.mean + 0.1).abs() < 1e-9 && (backward.max - 0.1).abs() < 1e-9,
-        "{backward:?}"
-    );
+    assert!((backward.mean + 0.1).abs() < 1e-9 && (backward.max - 0.1).abs() < 1e-9, "{backward:?}");
     // A reference of half the size: the rest of the model has no counterpart.
     let report = compared(&model, mesh_reference(grid_sheet(1.0, 0.8, 8, 8)));
     let forward = report.forward.unwrap();
-    assert!(
-        report.skipped.model_beyond_border > forward.n && forward.n > 0,
-        "{report:?}"
-    );
+    assert!(report.skipped.model_beyond_border > forward.n && forward.n > 0, "{report:?}");
     assert!(forward.max < 1e-9);
 }
 
@@ -221,33 +180,15 @@ fn only_what_was_measured_is_compared() {
     let surface = refined_surface(Shape::Sheet);
     let left = |leaf: usize| surface.leaf_point(leaf, 0.5, 0.5)[0] < 0.0;
     let model = Compared::Surface(Box::new(model_of(surface.clone(), left)));
-    let report = compared(
-        &model,
-        points(vec![[-0.5, 0.0, 0.1], [-0.4, 0.1, 0.1], [0.5, 0.0, 0.1]]),
-    );
-    assert_eq!(
-        (report.backward.unwrap().n, report.skipped.reference_not_observed),
-        (2, 1)
-    );
+    let report = compared(&model, points(vec![[-0.5, 0.0, 0.1], [-0.4, 0.1, 0.1], [0.5, 0.0, 0.1]]));
+    assert_eq!((report.backward.unwrap().n, report.skipped.reference_not_observed), (2, 1));
     let report = compared(&model, mesh_reference(grid_sheet(4.0, 4.0, 8, 8)));
     assert!(report.skipped.model_not_observed > 0);
     let mesh = grid_sheet(2.0, 2.0, 4, 4);
-    let observed = mesh
-        .positions
-        .iter()
-        .map(|p| Observed::of_measured(p[0] < 0.1))
-        .collect();
-    let model = Compared::Mesh(ComparedMesh {
-        mesh,
-        observed: Some(observed),
-        sigma: None,
-        unit: None,
-    });
+    let observed = mesh.positions.iter().map(|p| Observed::of_measured(p[0] < 0.1)).collect();
+    let model = Compared::Mesh(ComparedMesh { mesh, observed: Some(observed), sigma: None, unit: None });
     let report = compared(&model, points(vec![[-0.5, 0.0, 0.1], [0.5, 0.0, 0.1]]));
-    assert_eq!(
-        (report.backward.unwrap().n, report.skipped.reference_not_observed),
-        (1, 1)
-    );
+    assert_eq!((report.backward.unwrap().n, report.skipped.reference_not_observed), (1, 1));
     assert_eq!(report.coverage95, None);
 }
 
@@ -263,26 +204,16 @@ fn a_reference_in_another_unit_is_converted() {
     let plain = compared(&model, in_unit(Some(Unit::Millimetre), 1.0));
     let metres = compared(&model, in_unit(Some(Unit::Metre), 1e-3));
     assert!(plain.warnings.is_empty());
-    assert!(
-        metres.warnings.iter().any(|w| w.contains("was converted")),
-        "{:?}",
-        metres.warnings
-    );
+    assert!(metres.warnings.iter().any(|w| w.contains("was converted")), "{:?}", metres.warnings);
     for (a, b) in [(plain.forward, metres.forward), (plain.backward, metres.backward)] {
         let (a, b) = (a.unwrap(), b.unwrap());
         assert!((a.rms - b.rms).abs() < 1e-12 && (a.mean - b.mean).abs() < 1e-12);
     }
     assert_eq!(plain.coverage95, metres.coverage95);
     // A file that names no unit is in that of the option, or of the other file.
-    let options = CompareOptions {
-        unit: Some(Unit::Metre),
-        ..CompareOptions::default()
-    };
+    let options = CompareOptions { unit: Some(Unit::Metre), ..CompareOptions::default() };
     let asked = compare(&model, in_unit(None, 1e-3), &options, &Silent).unwrap();
-    assert_eq!(
-        (asked.unit, asked.backward.unwrap().n),
-        (Unit::Millimetre, metres.backward.unwrap().n)
-    );
+    assert_eq!((asked.unit, asked.backward.unwrap().n), (Unit::Millimetre, metres.backward.unwrap().n));
     assert!((asked.backward.unwrap().rms - plain.backward.unwrap().rms).abs() < 1e-12);
     assert_eq!(compared(&model, in_unit(None, 1.0)).backward, plain.backward);
 }
@@ -290,13 +221,7 @@ fn a_reference_in_another_unit_is_converted() {
 #[test]
 fn two_things_apart_share_nothing_to_compare() {
     let model = measured(Shape::Sheet);
-    let e = compare(
-        &model,
-        points(vec![[50.0, 0.0, 0.0]]),
-        &CompareOptions::default(),
-        &Silent,
-    )
-    .unwrap_err();
+    let e = compare(&model, points(vec![[50.0, 0.0, 0.0]]), &CompareOptions::default(), &Silent).unwrap_err();
     assert_eq!(e.kind(), ErrorKind::Undetermined);
     assert!(e.to_string().contains("share nothing"), "{e}");
 }
@@ -313,24 +238,13 @@ fn columns_that_cannot_be_are_refused_by_vertex() {
     };
     for (columns, values, words) in [
         ("x y z sigma", "0 0 0 -1", "vertex 0: needed sigma ≥ 0, found -1"),
-        (
-            "x y z cxx cxy cxz cyy cyz czz",
-            "0 0 0 1 0 0 -1 0 1",
-            "vertex 0: needed a covariance",
-        ),
-        (
-            "x y z cxx cxy cxz cyy cyz czz",
-            "0 0 0 1 0 0 nan 0 1",
-            "vertex 0: needed a covariance",
-        ),
+        ("x y z cxx cxy cxz cyy cyz czz", "0 0 0 1 0 0 -1 0 1", "vertex 0: needed a covariance"),
+        ("x y z cxx cxy cxz cyy cyz czz", "0 0 0 1 0 0 nan 0 1", "vertex 0: needed a covariance"),
     ] {
         let e = Reference::read(&write("a.ply", columns, values)).unwrap_err();
         assert!(e.kind() == ErrorKind::Input && e.to_string().contains(words), "{e}");
     }
     let e = Compared::read(&write("b.ply", "x y z", "0 0 0")).unwrap_err();
     assert!(e.to_string().contains("found points only"), "{e}");
-    assert_eq!(
-        Compared::read(Path::new("a.3mf")).unwrap_err().kind(),
-        ErrorKind::Unsupported
-    );
+    assert_eq!(Compared::read(Path::new("a.3mf")).unwrap_err().kind(), ErrorKind::Unsupported);
 }

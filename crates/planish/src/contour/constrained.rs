@@ -1,7 +1,8 @@
 //! What holds between the contours of a file: found by tests, imposed, put on a grid, counted.
 //!
-//! Comes in: the fitted parts and what a user asks for. Goes out: a [`ConstrainedReport`], the contours with all of it
-//! imposed, and the graphs. Not guaranteed: that a relation which the errors hide was meant; its p-value is reported.
+//! Comes in: the fitted parts and what a user asks for. Goes out: a [`ConstrainedReport`], the contours with
+//! all of it imposed, and the graphs. Not guaranteed: that a relation which the errors hide was meant; its
+//! p-value is reported.
 
 use super::Part;
 use super::lengths::in_unit;
@@ -12,8 +13,9 @@ use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_solid::constraint::{
-    ConstrainOptions, Constrained, Constraint, Diagnosis, Dimension, Dimensioned, Drawing, Outcome, Snap, SnapOutcome,
-    chi_square_tail, constrain, constrain_among, diagnose, dimension_scheme, implications, impose, snap,
+    ConstrainOptions, Constrained, Constraint, Diagnosis, Dimension, Dimensioned, Drawing, Outcome, Snap,
+    SnapOutcome, chi_square_tail, constrain, constrain_among, diagnose, dimension_scheme, implications,
+    impose, snap,
 };
 use planish_solid::contour::Kind;
 use planish_solid::sketch::{EstimatedContour, Sketch};
@@ -98,7 +100,8 @@ pub struct ReportedRelation {
     pub p_value: f64,
     /// The share of its range in which it would have been accepted.
     pub chance: f64,
-    /// Of an implied one, the smallest set it follows from; of a refused one, the smallest set it quarrels with.
+    /// Of an implied one, the smallest set it follows from; of a refused one, the smallest set it quarrels
+    /// with.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub with: Vec<String>,
 }
@@ -108,7 +111,8 @@ pub struct ReportedRelation {
 pub struct ImposedConstraint {
     /// In words.
     pub text: String,
-    /// Where it comes from: `kind` of a contour, `given` by the user, a `relation` that was found, a size on the `grid`.
+    /// Where it comes from: `kind` of a contour, `given` by the user, a `relation` that was found, a size on
+    /// the `grid`.
     pub from: &'static str,
     /// The constraint.
     #[serde(flatten)]
@@ -183,7 +187,8 @@ pub struct ConstrainedReport {
 /// The kind and parameters of a contour to draw.
 type DrawnKind = (Kind, Vec<f64>);
 
-/// What comes of constraining: the report, the contours to draw, the graphs to write, and what a user should know.
+/// What comes of constraining: the report, the contours to draw, the graphs to write, and what a user should
+/// know.
 pub(super) struct ConstrainedParts {
     pub(super) report: ConstrainedReport,
     pub(super) drawn: Vec<DrawnKind>,
@@ -198,17 +203,11 @@ pub(super) fn constrained(
     seen: &[Option<[[f64; 2]; 2]>],
     unit: Option<Unit>,
 ) -> Result<ConstrainedParts> {
-    let contours: Vec<EstimatedContour> = parts
-        .iter()
-        .zip(seen)
-        .map(|(part, seen)| estimated(part, *seen))
-        .collect();
+    let contours: Vec<EstimatedContour> =
+        parts.iter().zip(seen).map(|(part, seen)| estimated(part, *seen)).collect();
     let sketch = Sketch::new(&contours)?;
     let given = given(job, &sketch, unit.unwrap_or(Unit::Millimetre))?;
-    let mut options = ConstrainOptions {
-        given,
-        ..ConstrainOptions::default()
-    };
+    let mut options = ConstrainOptions { given, ..ConstrainOptions::default() };
     if let Some(level) = job.level {
         options.level = level;
     }
@@ -244,12 +243,8 @@ pub(super) fn constrained(
         .copied()
         .chain(dimensions.iter().map(|dimension| dimension.constraint))
         .collect();
-    let graphs = GraphsOfView::new(
-        "contour",
-        &found.drawing,
-        &complete,
-        &diagnose(&found.drawing, &complete)?,
-    );
+    let graphs =
+        GraphsOfView::new("contour", &found.drawing, &complete, &diagnose(&found.drawing, &complete)?);
     let (contours, drawn) = contours_of(&sketch, &found)?;
     Ok(ConstrainedParts {
         report: report(&sketch, &found, own, sizes, dimensions, &diagnosis, contours)?,
@@ -259,7 +254,8 @@ pub(super) fn constrained(
     })
 }
 
-/// What the kinds hold, then what the user knows; contradictions among those are told, each with its smallest set.
+/// What the kinds hold, then what the user knows; contradictions among those are told, each with its smallest
+/// set.
 fn given(job: &ConstrainJob, sketch: &Sketch, unit: Unit) -> Result<Vec<Constraint>> {
     let mut all = sketch.given.clone();
     for sentence in &job.given {
@@ -283,11 +279,7 @@ fn given(job: &ConstrainJob, sketch: &Sketch, unit: Unit) -> Result<Vec<Constrai
             if others.is_empty() {
                 return format!("`{}` cannot hold of these contours at all", words(conflict.constraint));
             }
-            format!(
-                "`{}` cannot hold together with {}",
-                words(conflict.constraint),
-                quoted(&others)
-            )
+            format!("`{}` cannot hold together with {}", words(conflict.constraint), quoted(&others))
         })
         .collect();
     let advice = match found.conflicting.iter().all(|conflict| conflict.with.is_empty()) {
@@ -327,17 +319,13 @@ fn contours_of(sketch: &Sketch, found: &Constrained) -> Result<(Vec<ConstrainedC
             kind: kind.to_string(),
             parameters: (0..names.len())
                 .map(|k| {
-                    let value = ReportedValue {
-                        value: theta[k] * names[k].1,
-                        sigma: at(k, k).max(0.0).sqrt(),
-                    };
+                    let value =
+                        ReportedValue { value: theta[k] * names[k].1, sigma: at(k, k).max(0.0).sqrt() };
                     (names[k].0.clone(), value)
                 })
                 .collect(),
             order: names.iter().map(|(name, _)| name.clone()).collect(),
-            covariance: (0..names.len())
-                .map(|k| (0..names.len()).map(|l| at(k, l)).collect())
-                .collect(),
+            covariance: (0..names.len()).map(|k| (0..names.len()).map(|l| at(k, l)).collect()).collect(),
         });
         drawn.push((kind, theta));
     }
@@ -355,16 +343,13 @@ fn report(
 ) -> Result<ConstrainedReport> {
     let drawing = &found.drawing;
     let words = |constraint: &Constraint| constraint.describe(drawing);
-    let implied: Vec<usize> = (0..found.proposals.len())
-        .filter(|&i| found.proposals[i].outcome == Outcome::Implied)
-        .collect();
+    let implied: Vec<usize> =
+        (0..found.proposals.len()).filter(|&i| found.proposals[i].outcome == Outcome::Implied).collect();
     let relations: Vec<Constraint> = implied.iter().map(|&i| found.proposals[i].constraint).collect();
     let follows = implications(drawing, &found.constraints, &relations)?;
     let from = |i: usize| -> Vec<String> {
         let set = follows.iter().find(|dependence| implied[dependence.constraint] == i);
-        set.map_or_else(Vec::new, |set| {
-            set.with.iter().map(|&k| words(&found.constraints[k])).collect()
-        })
+        set.map_or_else(Vec::new, |set| set.with.iter().map(|&k| words(&found.constraints[k])).collect())
     };
     let reported: Vec<ReportedRelation> = (0..found.proposals.len())
         .map(|i| {
@@ -374,10 +359,9 @@ fn report(
                 Outcome::Implied => ("implied", from(i)),
                 Outcome::Rejected => ("rejected", Vec::new()),
                 Outcome::Unclear => ("unclear", Vec::new()),
-                Outcome::Refused { with } => (
-                    "refused",
-                    with.iter().map(|&k| found.proposals[k].text.clone()).collect(),
-                ),
+                Outcome::Refused { with } => {
+                    ("refused", with.iter().map(|&k| found.proposals[k].text.clone()).collect())
+                }
             };
             ReportedRelation {
                 text: proposal.text.clone(),
@@ -480,33 +464,19 @@ fn sizes_of(sketch: &Sketch, drawing: &Drawing, covariance: &DMatrix<f64>, bars:
         let all = drawing.bars().map(|bar| {
             let ([a, b], value) = (drawing.ends(bar), drawing.length(bar));
             let contour = part_of(sketch, |part| part.first.bars, bar.0);
-            size(
-                drawing.bar_name(bar),
-                contour,
-                value,
-                Constraint::Distance { a, b, value },
-            )
+            size(drawing.bar_name(bar), contour, value, Constraint::Distance { a, b, value })
         });
         return all.collect();
     }
     let all = drawing.circles().map(|circle| {
         let value = drawing.radius(circle);
         let contour = part_of(sketch, |part| part.first.circles, circle.0);
-        size(
-            drawing.circle_name(circle).to_owned(),
-            contour,
-            value,
-            Constraint::Radius { circle, value },
-        )
+        size(drawing.circle_name(circle).to_owned(), contour, value, Constraint::Radius { circle, value })
     });
     all.collect()
 }
 
 /// The last part whose numbers begin no later.
 fn part_of(sketch: &Sketch, first: impl Fn(&planish_solid::sketch::SketchPart) -> u32, id: u32) -> usize {
-    sketch
-        .parts
-        .iter()
-        .rposition(|part| first(part) <= id)
-        .unwrap_or_default()
+    sketch.parts.iter().rposition(|part| first(part) <= id).unwrap_or_default()
 }

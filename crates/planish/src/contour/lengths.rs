@@ -4,7 +4,8 @@ use crate::next::Length;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 
-/// A sentence whose lengths have units, as `P1P2 is 100mm long` or `P1 at (0 mm, 1 in)`, with the numbers that these are in the drawing's unit.
+/// A sentence whose lengths have units, as `P1P2 is 100mm long` or `P1 at (0 mm, 1 in)`, with the numbers
+/// that these are in the drawing's unit.
 pub(super) fn in_unit(sentence: &str, unit: Unit) -> Result<String> {
     let mut words: Vec<String> = Vec::new();
     for word in sentence.split_whitespace() {
@@ -15,10 +16,7 @@ pub(super) fn in_unit(sentence: &str, unit: Unit) -> Result<String> {
         if let (Ok(own), Some(number)) = (inner.parse::<Unit>(), words.last().and_then(|w| as_number(w)))
             && let Some(last) = words.last_mut()
         {
-            let value = Length {
-                value: number.1,
-                unit: Some(own),
-            };
+            let value = Length { value: number.1, unit: Some(own) };
             *last = format!("{}{}{}", &last[..number.0], value.in_unit(unit), &word[end..]);
             continue;
         }
@@ -56,14 +54,8 @@ mod tests {
         assert_eq!(read("P1 at (1in, 2 in)"), "P1 at (25.4, 50.8)");
         assert_eq!(read("x1 = 2in"), "x1 = 50.8");
         assert_eq!(read("P1P2 to P2P3 is 60deg"), "P1P2 to P2P3 is 60deg");
-        assert_eq!(
-            read("circle 1 has the radius of circle 2"),
-            "circle 1 has the radius of circle 2"
-        );
+        assert_eq!(read("circle 1 has the radius of circle 2"), "circle 1 has the radius of circle 2");
         let told = in_unit("P1P2 is 100km long", Unit::Millimetre).unwrap_err().to_string();
-        assert!(
-            told.contains("constraint `P1P2 is 100km long`") && told.contains("needed `mm`"),
-            "{told}"
-        );
+        assert!(told.contains("constraint `P1P2 is 100km long`") && told.contains("needed `mm`"), "{told}");
     }
 }

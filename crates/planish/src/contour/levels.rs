@@ -70,19 +70,13 @@ pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
         return Some(nothing);
     };
     if prism.chi_square <= prism.limit {
-        return Some(LevelRelation {
-            relation: Relation::Prism,
-            ..prism
-        });
+        return Some(LevelRelation { relation: Relation::Prism, ..prism });
     }
     if *kind == Kind::Circle
         && let Some(axis) = compare(&main, 2, levels)
         && axis.chi_square <= axis.limit
     {
-        return Some(LevelRelation {
-            relation: Relation::Revolution,
-            ..axis
-        });
+        return Some(LevelRelation { relation: Relation::Revolution, ..axis });
     }
     Some(prism)
 }
@@ -123,18 +117,14 @@ fn compare(main: &[&Part], count: usize, levels: Vec<f64>) -> Option<LevelRelati
         .sum();
     let degrees = count * (main.len() - 1);
     // The band has two sides; only the upper one is asked for.
-    let limit = ChiSquareBand::of_sum(degrees as f64, 2.0 * CONFIDENCE - 1.0)
-        .ok()?
-        .upper;
+    let limit = ChiSquareBand::of_sum(degrees as f64, 2.0 * CONFIDENCE - 1.0).ok()?.upper;
     Some(LevelRelation {
         relation: Relation::None,
         levels,
         chi_square,
         degrees,
         limit,
-        mean: (0..count)
-            .map(|k| (names[k].clone(), mean[k], covariance[(k, k)].sqrt()))
-            .collect(),
+        mean: (0..count).map(|k| (names[k].clone(), mean[k], covariance[(k, k)].sqrt())).collect(),
     })
 }
 

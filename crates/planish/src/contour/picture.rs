@@ -11,8 +11,8 @@ pub(super) fn is_picture(path: &Path) -> bool {
     ["png", "jpg", "jpeg"].contains(&extension(path).as_str())
 }
 
-/// Points on the edges of a picture taken squarely, in lengths of which a pixel has `pixel`: x to the right and y upwards from
-/// the centre of the lowest pixel on the left.
+/// Points on the edges of a picture taken squarely, in lengths of which a pixel has `pixel`: x to the right
+/// and y upwards from the centre of the lowest pixel on the left.
 ///
 /// # Errors
 /// As of the picture's reader and of [`edge_points`].
@@ -29,8 +29,5 @@ pub(super) fn edges_of(path: &Path, pixel: f64) -> Result<ContourReadings> {
         time_s: 0.0,
         line: k + 1,
     });
-    Ok(ContourReadings {
-        sightings: sightings.collect(),
-        ..ContourReadings::default()
-    })
+    Ok(ContourReadings { sightings: sightings.collect(), ..ContourReadings::default() })
 }

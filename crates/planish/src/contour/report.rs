@@ -38,14 +38,14 @@ pub struct PartReport {
     pub parameters: Vec<(String, ReportedValue)>,
     /// Names in the order of the covariance.
     pub order: Vec<String>,
-    /// What no parameter states: the length of each straight side of a polygon or a chain, `side0` from the first vertex to the next, and the radius of
-    /// each arc, `radius1`.
+    /// What no parameter states: the length of each straight side of a polygon or a chain, `side0` from the
+    /// first vertex to the next, and the radius of each arc, `radius1`.
     #[serde(serialize_with = "as_map", skip_serializing_if = "Vec::is_empty")]
     pub sides: Vec<(String, ReportedValue)>,
     /// Covariance of the parameters, in those units.
     pub covariance: Vec<Vec<f64>>,
-    /// Logarithm of the likelihood of the readings, each anywhere on the outline, up to a constant that all kinds share; where
-    /// readings share poses, and in space, `−½ Σ s²`.
+    /// Logarithm of the likelihood of the readings, each anywhere on the outline, up to a constant that all
+    /// kinds share; where readings share poses, and in space, `−½ Σ s²`.
     pub log_likelihood: f64,
     /// By how much the BIC of the next kind is larger.
     pub bic_margin: Option<f64>,
@@ -61,7 +61,8 @@ pub struct PartReport {
     pub level: Option<f64>,
     /// The part, by its place in `contours`, in which this one lies: this is a hole of it.
     pub hole_of: Option<usize>,
-    /// Of a chain, whether it is closed; an open one ends at its first and its last vertex, as far as was seen.
+    /// Of a chain, whether it is closed; an open one ends at its first and its last vertex, as far as was
+    /// seen.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub closed: Option<bool>,
     /// Of a line, the ends of what was seen.
@@ -112,11 +113,7 @@ pub(super) fn canonical(fit: &ContourFit) -> (Vec<String>, Vec<f64>, DMatrix<f64
     let k = fit.kind.parameters();
     let (mut values, mut from) = fit.kind.canonical(&fit.state.as_slice()[..k]);
     let mut names = fit.kind.names();
-    let motion = [
-        ("velocity_x", 1.0),
-        ("velocity_y", 1.0),
-        ("rotation_deg_per_s", 1f64.to_degrees()),
-    ];
+    let motion = [("velocity_x", 1.0), ("velocity_y", 1.0), ("rotation_deg_per_s", 1f64.to_degrees())];
     for (i, (name, factor)) in motion.into_iter().take(fit.state.len() - k).enumerate() {
         names.push((name.to_owned(), factor));
         values.push(fit.state[k + i]);
@@ -126,11 +123,7 @@ pub(super) fn canonical(fit: &ContourFit) -> (Vec<String>, Vec<f64>, DMatrix<f64
     let covariance = DMatrix::from_fn(values.len(), values.len(), |i, j| {
         factor(i) * factor(j) * fit.covariance[(from[i].0, from[j].0)]
     });
-    let values = values
-        .iter()
-        .zip(&names)
-        .map(|(value, (_, factor))| value * factor)
-        .collect();
+    let values = values.iter().zip(&names).map(|(value, (_, factor))| value * factor).collect();
     (names.into_iter().map(|(name, _)| name).collect(), values, covariance)
 }
 
@@ -165,9 +158,8 @@ pub(super) fn part_warnings(part: &PartReport, index: usize) -> Vec<String> {
     let name = format!("contour {} ({}, {} readings)", index + 1, part.kind, part.readings);
     if let Some(margin) = part.bic_margin.filter(|margin| *margin < 6.0) {
         let other = part.alternatives.first().map_or("another", |a| a.kind.as_str());
-        warnings.push(format!(
-            "{name}: {other} explains the readings nearly as well (BIC margin {margin:.1})"
-        ));
+        warnings
+            .push(format!("{name}: {other} explains the readings nearly as well (BIC margin {margin:.1})"));
     }
     if !(0.4..2.5).contains(&part.reduced_chi_square) {
         warnings.push(format!(
@@ -194,20 +186,14 @@ fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> 
         kind: fit.kind.to_string(),
         parameters: (0..order.len())
             .map(|i| {
-                let value = ReportedValue {
-                    value: values[i],
-                    sigma: sigma(i),
-                };
+                let value = ReportedValue { value: values[i], sigma: sigma(i) };
                 (order[i].clone(), value)
             })
             .collect(),
         sides: (fit.kind.sides(&values, &covariance).iter())
             .map(|side| {
                 let what = if side.is_arc { "radius" } else { "side" };
-                let size = ReportedValue {
-                    value: side.size,
-                    sigma: side.sigma,
-                };
+                let size = ReportedValue { value: side.size, sigma: side.sigma };
                 (format!("{what}{}", side.piece), size)
             })
             .collect(),
@@ -219,10 +205,7 @@ fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> 
             .choice
             .alternatives
             .iter()
-            .map(|a| ReportedAlternative {
-                kind: a.kind.to_string(),
-                bic_difference: a.bic - best,
-            })
+            .map(|a| ReportedAlternative { kind: a.kind.to_string(), bic_difference: a.bic - best })
             .collect(),
         readings: part.members.len(),
         rejected: fit.used.iter().filter(|used| !**used).count(),
@@ -245,7 +228,7 @@ fn hole_of(parts: &[Part], index: usize) -> Option<usize> {
     };
     let inner = outline(&parts[index])?;
     let others = (0..parts.len()).filter(|&i| i != index && parts[i].level == parts[index].level);
-    let around =
-        others.filter(|&i| outline(&parts[i]).is_some_and(|o| inner.vertices.iter().all(|&v| contains(&o, v))));
+    let around = others
+        .filter(|&i| outline(&parts[i]).is_some_and(|o| inner.vertices.iter().all(|&v| contains(&o, v))));
     around.min_by_key(|&i| parts[i].members.len())
 }

@@ -14,8 +14,8 @@ use planish_solid::primitive::choose;
 /// Fits the job's shapes to its readings and writes its outputs: those that are JSON.
 ///
 /// # Errors
-/// As of the reader; `Unsupported` for motion, the product form, and outputs that are drawings; `Undetermined` when no shape
-/// can be fitted.
+/// As of the reader; `Unsupported` for motion, the product form, and outputs that are drawings;
+/// `Undetermined` when no shape can be fitted.
 pub(super) fn shape_files(
     job: &ContourJob,
     page: Option<&ReportOutput>,
@@ -36,31 +36,23 @@ pub(super) fn shape_files(
     progress.check("reading", 0.0)?;
     let rays = read_ray_readings(&job.input, &job.sigma)?;
     progress.check("fitting", 0.1)?;
-    let (fit, others) = choose(&job.shapes, &rays, &job.fit).map_err(|e| e.in_context(job.input.display()))?;
+    let (fit, others) =
+        choose(&job.shapes, &rays, &job.fit).map_err(|e| e.in_context(job.input.display()))?;
     let best = fit.bic();
     let order: Vec<String> = fit.shape.names().iter().map(|&name| name.to_owned()).collect();
-    let value = |k: usize| ReportedValue {
-        value: fit.parameters[k],
-        sigma: fit.covariance[(k, k)].max(0.0).sqrt(),
-    };
+    let value =
+        |k: usize| ReportedValue { value: fit.parameters[k], sigma: fit.covariance[(k, k)].max(0.0).sqrt() };
     let part = PartReport {
         kind: fit.shape.to_string(),
         parameters: order.iter().cloned().zip((0..order.len()).map(value)).collect(),
         sides: Vec::new(),
-        covariance: fit
-            .covariance
-            .row_iter()
-            .map(|row| row.iter().copied().collect())
-            .collect(),
+        covariance: fit.covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
         order,
         log_likelihood: fit.log_likelihood,
         bic_margin: others.first().map(|o| o.1 - best),
         alternatives: others
             .iter()
-            .map(|(shape, bic)| ReportedAlternative {
-                kind: shape.to_string(),
-                bic_difference: bic - best,
-            })
+            .map(|(shape, bic)| ReportedAlternative { kind: shape.to_string(), bic_difference: bic - best })
             .collect(),
         readings: rays.len(),
         rejected: fit.used.iter().filter(|used| !**used).count(),

@@ -1,4 +1,5 @@
-//! Options that the readings cannot use: an error that names both, for a silent one would be taken for heeded.
+//! Options that the readings cannot use: an error that names both, for a silent one would be taken for
+//! heeded.
 
 use super::ContourJob;
 use planish_estimate::{Error, Result};
@@ -25,12 +26,7 @@ pub(super) enum Readings {
 /// `Input`, naming the option and the file.
 pub(super) fn refuse_unused(job: &ContourJob, readings: Readings) -> Result<()> {
     let usual = CarmenOptions::default();
-    let SigmaDefaults {
-        position,
-        heading_deg,
-        range,
-        point,
-    } = job.sigma;
+    let SigmaDefaults { position, heading_deg, range, point } = job.sigma;
     let (is_log, is_picture) = (readings == Readings::Log, readings == Readings::Picture);
     let has_poses = !matches!(readings, Readings::Points | Readings::Picture);
     let has_points = matches!(readings, Readings::Points | Readings::Space);
@@ -43,12 +39,7 @@ pub(super) fn refuse_unused(job: &ContourJob, readings: Readings) -> Result<()> 
         ("--pixel-size", job.pixel.is_some(), is_picture, "pictures"),
         ("--sigma-point", point.is_some(), has_points, "readings that are points"),
         ("--sigma-position", position.is_some(), has_poses, "readings from poses"),
-        (
-            "--sigma-heading-deg",
-            heading_deg.is_some(),
-            has_poses,
-            "readings from poses",
-        ),
+        ("--sigma-heading-deg", heading_deg.is_some(), has_poses, "readings from poses"),
         ("--sigma-range", range.is_some(), has_poses, "readings from poses"),
     ];
     let held = match readings {

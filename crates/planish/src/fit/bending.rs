@@ -1,28 +1,35 @@
-//! A sheet that bends without stretch: every later scan tells another state of the one sheet that the first one saw.
+//! A sheet that bends without stretch: every later scan tells another state of the one sheet that the first
+//! one saw.
 //!
-//! Comes in: scans of at least two times. Goes out: the state at the last time as a model, with those before it, and a [`BendingReport`].
+//! Comes in: scans of at least two times. Goes out: the state at the last time as a model, with those before
+//! it, and a [`BendingReport`].
 //!
-//! The first state is a plain fit; its parameters name the points of the sheet from then on. The vertices of every later state are those which the
-//! state before, the readings, and the lengths of the first state make most likely, by Gauss–Newton with three unknowns a vertex:
+//! The first state is a plain fit; its parameters name the points of the sheet from then on. The vertices of
+//! every later state are those which the state before, the readings, and the lengths of the first state make
+//! most likely, by Gauss–Newton with three unknowns a vertex:
 //!
 //! - readings, along the normal of their foot points;
-//! - lengths along the sheet as they were ([`Metric`]), each known to a share `σ`: what sheets stretch, and what the first state does not know of its
-//!   own lengths: a height error `σ_h` over a curvature `κ` changes squares of lengths by `2 κ σ_h`, over a leaf of size `ℓ` by `(σ_h/ℓ)²`. It starts
-//!   large and shrinks from iteration to iteration, so that the sheet finds the readings first and its lengths then;
-//! - that the displacement since the state before is smooth: a thin plate whose weight `λ` marginal likelihood chooses (generalised
-//!   Fellner–Schall, `λ ← (rank K − λ tr Λ⁻¹K) / dᵀKd`);
+//! - lengths along the sheet as they were ([`Metric`]), each known to a share `σ`: what sheets stretch, and
+//!   what the first state does not know of its own lengths: a height error `σ_h` over a curvature `κ` changes
+//!   squares of lengths by `2 κ σ_h`, over a leaf of size `ℓ` by `(σ_h/ℓ)²`. It starts large and shrinks from
+//!   iteration to iteration, so that the sheet finds the readings first and its lengths then;
+//! - that the displacement since the state before is smooth: a thin plate whose weight `λ` marginal
+//!   likelihood chooses (generalised Fellner–Schall, `λ ← (rank K − λ tr Λ⁻¹K) / dᵀKd`);
 //! - readings beyond the border pull it to them, as no reading lies off the sheet;
-//! - a trace that holds points where they were along the sheet. Sliding along itself changes neither shape nor lengths of a developable sheet: only its
-//!   borders tell it.
+//! - a trace that holds points where they were along the sheet. Sliding along itself changes neither shape
+//!   nor lengths of a developable sheet: only its borders tell it.
 //!
-//! What no scan of a time saw is carried there by the lengths, from the times that did see it: [`Observed::Invented`].
+//! What no scan of a time saw is carried there by the lengths, from the times that did see it:
+//! [`Observed::Invented`].
 //!
-//! Not guaranteed: that a sheet is found which moved by more than it can be laid on from where it was (slopes change by less than about 60°); that points
-//! keep their places along the sheet where the first scan saw less of it than others; that a stretch is noticed which no curvature and no border shows.
+//! Not guaranteed: that a sheet is found which moved by more than it can be laid on from where it was (slopes
+//! change by less than about 60°); that points keep their places along the sheet where the first scan saw
+//! less of it than others; that a stretch is noticed which no curvature and no border shows.
 //!
 //! # References
-//! The paper on Kalman spline fusion, section 3.3, which asks for constant Gaussian curvature; that is no isometry (do Carmo 1976, section 4.3). Wood & Fasiolo,
-//! *A generalized Fellner–Schall method for smoothing parameter optimization*, Biometrics 73 (2017), eq. 6.
+//! The paper on Kalman spline fusion, section 3.3, which asks for constant Gaussian curvature; that is no
+//! isometry (do Carmo 1976, section 4.3). Wood & Fasiolo, *A generalized Fellner–Schall method for smoothing
+//! parameter optimization*, Biometrics 73 (2017), eq. 6.
 
 mod state;
 
@@ -39,13 +46,14 @@ use planish_spline::{Metric, Shape, Surface, SurfaceSystem};
 use state::{Laid, Sheet};
 use std::sync::Arc;
 
-/// Lengths of paper, leather and metal change by less than this share before they tear or yield: paper tears at one to three per cent, steel yields at
-/// 0.2 %, and bending by hand strains them far less.
+/// Lengths of paper, leather and metal change by less than this share before they tear or yield: paper tears
+/// at one to three per cent, steel yields at 0.2 %, and bending by hand strains them far less.
 const SIGMA_STRETCH: f64 = 1e-3;
 /// Cells are divided, so often at most, while residuals are larger than noise by this factor.
 const MOST_DIVISIONS: usize = 2;
 const DIVIDED_ABOVE: f64 = 1.05;
-/// A sheet has stretched when E, F or G changes by more, residuals are larger than noise by more, or a larger share of readings lies beyond its border.
+/// A sheet has stretched when E, F or G changes by more, residuals are larger than noise by more, or a larger
+/// share of readings lies beyond its border.
 const MOST_CHANGE: f64 = 0.01;
 const MOST_MISFIT: f64 = 1.2;
 const MOST_BEYOND: f64 = 0.005;
@@ -53,7 +61,8 @@ const MOST_BEYOND: f64 = 0.005;
 /// Follows a sheet from state to state; the model is the last of them.
 ///
 /// # Errors
-/// `Input` for scans of one time and for closed shapes; `Unsupported` beside what else needs the whole of the readings.
+/// `Input` for scans of one time and for closed shapes; `Unsupported` beside what else needs the whole of the
+/// readings.
 pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let states = states_in_time(set)?;
     refuse(options)?;
@@ -64,10 +73,7 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         readings.recentre();
         refuse_other_than_sheet(set, &states[0], base_shape(&readings, None)?.shape)?;
     }
-    let still = FitOptions {
-        motion: None,
-        ..options.clone()
-    };
+    let still = FitOptions { motion: None, ..options.clone() };
     let first = fit(&first_scans, &still, &Part::new(progress, 0.0, 0.3))?;
     refuse_other_than_sheet(set, &states[0], first.model.surface.space().shape())?;
     let mut reference = first.model.surface.clone();
@@ -78,7 +84,10 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         let worst = followed.iter().map(|(_, state)| state.misfit).fold(0.0, f64::max);
         let space = reference.space();
         let finer = space.refine(&(0..space.leaves().len()).collect::<Vec<_>>());
-        if worst < DIVIDED_ABOVE || divisions == MOST_DIVISIONS || finer.node_count() > options.max_coefficients {
+        if worst < DIVIDED_ABOVE
+            || divisions == MOST_DIVISIONS
+            || finer.node_count() > options.max_coefficients
+        {
             return Ok(reported(set, &states[0], first, followed, divisions));
         }
         reference = reference.refined(Arc::new(finer))?;
@@ -148,21 +157,11 @@ fn follow(
         let share = |k: usize| (k - 1) as f64 / (states.len() - 1) as f64;
         let progress = Part::new(progress, share(k), share(k + 1));
         let scans = some_scans(set, &state.scans);
-        let mut observations = observe(
-            &scans,
-            &ObservationOptions {
-                sheet: true,
-                ..observation_options(set, options)
-            },
-        )?;
+        let mut observations =
+            observe(&scans, &ObservationOptions { sheet: true, ..observation_options(set, options) })?;
         let origin = observations.recentre();
         let previous = moved(&surface, origin.map(|c| -c))?;
-        let sheet = Sheet {
-            system: &system,
-            lengths: &lengths,
-            previous: &previous,
-            options,
-        };
+        let sheet = Sheet { system: &system, lengths: &lengths, previous: &previous, options };
         let laid = sheet.settle(&mut observations, &progress).map_err(|e| match e.kind() {
             ErrorKind::Undetermined => e.in_context(format!(
                 "{}: the sheet cannot be bent to all readings of its time; is the time right, and the shape one?",
@@ -172,8 +171,8 @@ fn follow(
         })?;
         let Laid { settled, beyond, held } = laid;
         let quiet = crate::progress::Silent;
-        let mut made =
-            finish::finish(&scans, &observations, settled, options, None, None, origin, &quiet)?.translated(origin)?;
+        let mut made = finish::finish(&scans, &observations, settled, options, None, None, origin, &quiet)?
+            .translated(origin)?;
         surface = made.model.surface.clone();
         lengths.carry_into(&mut made, &held);
         let figures = lengths.judge(&scans, state, &made, &first.report.sensors, beyond)?;
@@ -199,11 +198,7 @@ impl Lengths {
             sigma.push(sigma_of_lengths(&posterior, of_fit, local)?);
             measured.push(first.model.observed[of_fit].is_measured());
         }
-        Ok(Self {
-            metric: Metric::of(reference),
-            sigma,
-            measured,
-        })
+        Ok(Self { metric: Metric::of(reference), sigma, measured })
     }
 
     /// Marks what a state knows from other times: parts without a reading of its own, even if one is near.
@@ -303,9 +298,7 @@ fn noise_of(sensors: &[SensorReport], first: &[SensorReport]) -> f64 {
     let positions = sensors.iter().filter(|s| s.quantity == Quantity::Position.name());
     let (mut square, mut count) = (0.0, 0.0);
     for sensor in positions {
-        let known = first
-            .iter()
-            .find(|f| f.name == sensor.name && f.quantity == sensor.quantity);
+        let known = first.iter().find(|f| f.name == sensor.name && f.quantity == sensor.quantity);
         let sigma = match (known, sensor.sigma_stated) {
             (Some(known), _) if known.sigma_used_is_estimated => known.sigma_estimated,
             (_, Some(stated)) => stated,
@@ -318,7 +311,13 @@ fn noise_of(sensors: &[SensorReport], first: &[SensorReport]) -> f64 {
 }
 
 /// The last state as the answer, those before it kept, all told in the report.
-fn reported(set: &ScanSet, state: &State, first: Fit, mut followed: Vec<(Fit, BendingState)>, divisions: usize) -> Fit {
+fn reported(
+    set: &ScanSet,
+    state: &State,
+    first: Fit,
+    mut followed: Vec<(Fit, BendingState)>,
+    divisions: usize,
+) -> Fit {
     let sigma = noise_of(&first.report.sensors, &first.report.sensors);
     let mut states = vec![BendingState {
         scans: names(&some_scans(set, &state.scans)),
@@ -340,13 +339,9 @@ fn reported(set: &ScanSet, state: &State, first: Fit, mut followed: Vec<(Fit, Be
         return first;
     };
     last.report.observed_area_fraction = last.model.area_fraction(Observed::Measured);
-    last.earlier_states = std::iter::once(first)
-        .chain(followed.into_iter().map(|(fit, _)| fit))
-        .collect();
+    last.earlier_states = std::iter::once(first).chain(followed.into_iter().map(|(fit, _)| fit)).collect();
     let stretched: Vec<&BendingState> = states.iter().filter(|state| !state.isometric).collect();
-    last.report
-        .warnings
-        .extend(stretched.iter().map(|state| warning(state)));
+    last.report.warnings.extend(stretched.iter().map(|state| warning(state)));
     let invented_area_fraction = last.model.area_fraction(Observed::Invented);
     last.report.propagation = Some(PropagationReport {
         bending: Some(BendingReport {

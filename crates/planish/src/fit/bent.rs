@@ -1,9 +1,11 @@
 //! The paper's criterion for subdivision, of the global filter: leaves about which Gaussian curvature varies.
 //!
-//! Comes in: a surface at rest on its readings, with the factor of its information. Goes out: leaves where `sd(K)/max(|K̄|, σ_K) > 0.5`, K at the
-//! middles of the leaf and its neighbours; from `sd(K)²` what σ_K explains is taken off first.
+//! Comes in: a surface at rest on its readings, with the factor of its information. Goes out: leaves where
+//! `sd(K)/max(|K̄|, σ_K) > 0.5`, K at the middles of the leaf and its neighbours; from `sd(K)²` what σ_K
+//! explains is taken off first.
 //!
-//! Not guaranteed: that more cells lower the error. A surface that its leaves follow to within the noise may well be bent unevenly.
+//! Not guaranteed: that more cells lower the error. A surface that its leaves follow to within the noise may
+//! well be bent unevenly.
 //!
 //! # References
 //! Wang, Wang 1994, eq. 11–13, with the correction in `DESIGN.md`.
@@ -23,7 +25,8 @@ use std::sync::Arc;
 /// The most variation of a leaf that is left whole.
 const MOST_VARIATION: f64 = 0.5;
 
-/// Leaves about which curvature varies, those at the deepest level, too small for their readings or with too few of them left out.
+/// Leaves about which curvature varies, those at the deepest level, too small for their readings or with too
+/// few of them left out.
 pub(super) fn unevenly_bent(
     surface: &Surface,
     system: &SurfaceSystem,
@@ -55,9 +58,8 @@ pub(super) fn unevenly_bent(
         if own.len() < LEAST_READINGS as usize || areas[leaf] < LEAST_LEAF_SIGMAS.powi(2) * mean {
             continue;
         }
-        let around: Vec<[f64; 2]> = (neighbourhood(space, leaf).into_iter())
-            .filter_map(|other| curvatures[other])
-            .collect();
+        let around: Vec<[f64; 2]> =
+            (neighbourhood(space, leaf).into_iter()).filter_map(|other| curvatures[other]).collect();
         let variation = curvature_variation(&around, true);
         if variation > MOST_VARIATION {
             found.push(Misfit {
@@ -72,8 +74,13 @@ pub(super) fn unevenly_bent(
     Ok(found)
 }
 
-/// Gaussian curvature at the middle of a leaf, and its σ to first order: `dK = II₂₂ dII₁₁ − 2 II₁₂ dII₁₂ + II₁₁ dII₂₂`.
-fn curvature_with_sigma(surface: &Surface, posterior: &Posterior<'_>, leaf: usize) -> Result<Option<[f64; 2]>> {
+/// Gaussian curvature at the middle of a leaf, and its σ to first order:
+/// `dK = II₂₂ dII₁₁ − 2 II₁₂ dII₁₂ + II₁₁ dII₂₂`.
+fn curvature_with_sigma(
+    surface: &Surface,
+    posterior: &Posterior<'_>,
+    leaf: usize,
+) -> Result<Option<[f64; 2]>> {
     let Some(rows) = surface.tangent_rows(leaf, [0.5; 2]) else {
         return Ok(None);
     };
@@ -92,8 +99,5 @@ fn most_unlike(surface: &Surface, leaf: usize, around: &[[f64; 2]]) -> [f64; 2] 
         curvature.map_or(0.0, |c| (c.gaussian() - mean).abs())
     };
     let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
-    corners
-        .into_iter()
-        .max_by(|a, b| off(*a).total_cmp(&off(*b)))
-        .unwrap_or([1.0, 1.0])
+    corners.into_iter().max_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or([1.0, 1.0])
 }

@@ -6,7 +6,9 @@ use crate::point_sigmas::order_by_leaf;
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
 use planish_estimate::vector3::{add_scaled, dot};
 use planish_estimate::{Error, ErrorKind, Result};
-use planish_spline::{DirectedSums, FootPointSearch, Jet, ProjectionOptions, Surface, SurfaceSystem, leaf_weights};
+use planish_spline::{
+    DirectedSums, FootPointSearch, Jet, ProjectionOptions, Surface, SurfaceSystem, leaf_weights,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -31,9 +33,10 @@ pub(super) struct Foot {
     pub local: [f64; 2],
     pub normal: [f64; 3],
     pub quantity: Quantity,
-    /// What was read minus what the surface says, number by number. Of a position its signed distance from the surface, the expected lift by
-    /// tangential noise taken off; of a normal how far the two tangents have to turn towards it; of a curvature `11`, `√2·12`, `22` of the
-    /// second fundamental form: all numbers of a reading have one variance.
+    /// What was read minus what the surface says, number by number. Of a position its signed distance from
+    /// the surface, the expected lift by tangential noise taken off; of a normal how far the two tangents
+    /// have to turn towards it; of a curvature `11`, `√2·12`, `22` of the second fundamental form: all
+    /// numbers of a reading have one variance.
     pub(super) residuals: [f64; 3],
     /// Variance of each residual as stated: of a position `nᵀRn`.
     pub variance: f64,
@@ -57,9 +60,7 @@ impl Foot {
     pub(super) fn extremes(&self) -> (f64, f64) {
         self.residuals()
             .iter()
-            .fold((0.0, 0.0), |(largest, squares): (f64, f64), r| {
-                (largest.max(r.abs()), squares + r * r)
-            })
+            .fold((0.0, 0.0), |(largest, squares): (f64, f64), r| (largest.max(r.abs()), squares + r * r))
     }
 
     /// The residuals of a normal or a curvature read here; none where the surface has no tangent plane.
@@ -78,8 +79,8 @@ impl Foot {
         })
     }
 
-    /// The rows of its equations: weights over the leaf's sixteen coefficients, by which the components along the foot's normal of their motion, each along its own normal,
-    /// change what is read.
+    /// The rows of its equations: weights over the leaf's sixteen coefficients, by which the components along
+    /// the foot's normal of their motion, each along its own normal, change what is read.
     pub(super) fn rows(&self, surface: &Surface, mut each: impl FnMut(usize, &[f64; 16])) {
         if self.quantity == Quantity::Position {
             each(0, &leaf_weights(self.local[0], self.local[1]));
@@ -110,8 +111,9 @@ pub(crate) const LEAST_COSINE: f64 = 0.35;
 
 /// Projects the points `subset` of the observations; `at` holds their parameters, before and after.
 ///
-/// `factors` scale the stated variances sensor by sensor. Where the curvature is known, `tr(II R_t)/2` is taken off the height:
-/// noise along the tangent plane lifts points off a curved surface by that much on average.
+/// `factors` scale the stated variances sensor by sensor. Where the curvature is known, `tr(II R_t)/2` is
+/// taken off the height: noise along the tangent plane lifts points off a curved surface by that much on
+/// average.
 pub(super) fn project(
     surface: &Surface,
     observations: &Observations,
@@ -173,8 +175,8 @@ pub(super) fn project(
     feet.into_iter().map(|(foot, _)| foot).collect()
 }
 
-/// How far noise along the tangent plane lifts a reading off a curved surface on average, `tr(II R_t)/2`, `factor` times the covariance being
-/// that of the reading.
+/// How far noise along the tangent plane lifts a reading off a curved surface on average, `tr(II R_t)/2`,
+/// `factor` times the covariance being that of the reading.
 pub(crate) fn expected_lift(jet: &Jet, covariance: &[f64; 6], factor: f64) -> f64 {
     let Some(bias) = jet.tangential_bias(covariance) else {
         return 0.0;
@@ -201,7 +203,8 @@ pub(super) fn by_leaf(feet: &[Foot], leaves: usize) -> (Vec<u32>, Vec<u32>) {
     order_by_leaf(feet.iter().map(|foot| foot.leaf), leaves)
 }
 
-/// Data information of projected points, each with its own weight (information of its height; zero leaves it out).
+/// Data information of projected points, each with its own weight (information of its height; zero leaves it
+/// out).
 pub(super) fn accumulate(
     system: &SurfaceSystem,
     surface: &Surface,
@@ -228,13 +231,11 @@ pub(super) fn accumulate(
 /// A row applied to the coefficients of a surface, along the foot's normal.
 fn along_normal(surface: &Surface, foot: &Foot, row: &[f64; 16]) -> f64 {
     let coefficients = surface.leaf_coefficients(foot.leaf as usize);
-    row.iter()
-        .zip(coefficients)
-        .map(|(w, c)| w * dot(foot.normal, *c))
-        .sum()
+    row.iter().zip(coefficients).map(|(w, c)| w * dot(foot.normal, *c)).sum()
 }
 
-/// [`accumulate`] of positions into sums that other readings will be added to; readings of other quantities are passed over.
+/// [`accumulate`] of positions into sums that other readings will be added to; readings of other quantities
+/// are passed over.
 pub(super) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], information: &[f64]) {
     let (start, order) = by_leaf(feet, surface.space().leaves().len());
     sums.add(|leaf, moments| {
@@ -251,26 +252,31 @@ pub(super) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], 
 /// The outcome of [`normal_step`].
 pub(super) struct NormalStep {
     pub surface: Surface,
-    /// Effective degrees of freedom that the readings of each channel determine: `Σ_i w_i a_iᵀ Λ⁻¹ a_i` over its rows `a_i`.
+    /// Effective degrees of freedom that the readings of each channel determine: `Σ_i w_i a_iᵀ Λ⁻¹ a_i` over
+    /// its rows `a_i`.
     pub degrees: Vec<f64>,
-    /// Newton's decrement `δᵀ Λ δ` over the degrees of freedom: the mean square of the step in standard deviations of the surface.
+    /// Newton's decrement `δᵀ Λ δ` over the degrees of freedom: the mean square of the step in standard
+    /// deviations of the surface.
     pub decrement: f64,
     /// How the unknowns that scans share change, where they have any.
     pub shared: Vec<f64>,
     /// The mean square of that step in standard deviations.
     pub shared_decrement: f64,
-    /// The part of the decrement that the readings see, `δᵀ Λ_data δ`: where there are none, the prior may have a long way to go.
+    /// The part of the decrement that the readings see, `δᵀ Λ_data δ`: where there are none, the prior may
+    /// have a long way to go.
     pub seen: f64,
 }
 
 /// Probes for degrees of freedom: about 2 % of a thousand degrees, and less of more.
 const PROBES: usize = 8;
 
-/// One Gauss–Newton step in which every vertex moves along its own normal: one unknown a node instead of three.
+/// One Gauss–Newton step in which every vertex moves along its own normal: one unknown a node instead of
+/// three.
 ///
-/// Foot points slide freely, so motion along the surface gains nothing while the shape is still being found; the factor costs
-/// a twenty-seventh of the full one. `information` weighs the feet, `channels` are theirs; `earlier` is information of three coordinates
-/// that is there already; `memory` keeps the factor's memory from step to step.
+/// Foot points slide freely, so motion along the surface gains nothing while the shape is still being found;
+/// the factor costs a twenty-seventh of the full one. `information` weighs the feet, `channels` are theirs;
+/// `earlier` is information of three coordinates that is there already; `memory` keeps the factor's memory
+/// from step to step.
 pub(super) fn normal_step(
     system: &SurfaceSystem,
     surface: &Surface,
@@ -316,16 +322,14 @@ pub(super) fn normal_step(
     matrix.add_scaled(&data, 1.0)?;
     let ridge = 1e-10 * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
     matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
-    let factor = system
-        .refactorize_scalar(memory.take(), &matrix)
-        .map_err(|e| match e.kind() {
-            ErrorKind::Undetermined => Error::undetermined(format!(
-                "{} readings near the surface leave its shape open",
-                information.iter().filter(|&&w| w > 0.0).count()
-            ))
-            .with_source(e),
-            _ => e,
-        })?;
+    let factor = system.refactorize_scalar(memory.take(), &matrix).map_err(|e| match e.kind() {
+        ErrorKind::Undetermined => Error::undetermined(format!(
+            "{} readings near the surface leave its shape open",
+            information.iter().filter(|&&w| w > 0.0).count()
+        ))
+        .with_source(e),
+        _ => e,
+    })?;
     let readings = readings.as_ref().unwrap_or(&data);
     let mut gradient: Vec<f64> = readings.vector().to_vec();
     for ((s, p), d) in gradient.iter_mut().zip(pull.chunks_exact(3)).zip(&directions) {
@@ -334,13 +338,8 @@ pub(super) fn normal_step(
     let mut step = gradient.clone();
     let (shared, shared_decrement) = if channels.with_shared && !channels.observations.shared.is_empty() {
         let errors = &channels.observations.shared;
-        let equations = errors.equations(&Linearized {
-            surface,
-            directions: &directions,
-            feet,
-            information,
-            channels,
-        });
+        let equations =
+            errors.equations(&Linearized { surface, directions: &directions, feet, information, channels });
         for (s, pull) in step.iter_mut().zip(&equations.pull) {
             *s += pull;
         }
@@ -364,12 +363,8 @@ pub(super) fn normal_step(
     let mut data_step = vec![0.0; step.len()];
     readings.multiply(&step, &mut data_step)?;
     let seen = step.iter().zip(&data_step).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
-    let vertices = surface
-        .vertices()
-        .iter()
-        .zip(&directions)
-        .zip(&step)
-        .map(|((p, d), s)| add_scaled(*p, *s, *d));
+    let vertices =
+        surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| add_scaled(*p, *s, *d));
     *memory = Some(factor);
     Ok(NormalStep {
         surface: surface.with_vertices(vertices.collect())?,
@@ -393,20 +388,12 @@ pub(super) struct FootChannels<'a> {
 
 impl<'a> FootChannels<'a> {
     pub(super) fn new(observations: &'a Observations, subset: &'a [u32]) -> Self {
-        Self {
-            observations,
-            subset,
-            count: observations.stated.len(),
-            with_shared: true,
-        }
+        Self { observations, subset, count: observations.stated.len(), with_shared: true }
     }
 
     /// The same for scans that stay where they are.
     pub(super) fn in_place(self) -> Self {
-        Self {
-            with_shared: false,
-            ..self
-        }
+        Self { with_shared: false, ..self }
     }
 
     /// The channel of foot `k`.
@@ -415,7 +402,8 @@ impl<'a> FootChannels<'a> {
     }
 }
 
-/// `Σ_i w_i (a_iᵀ z)(a_iᵀ Λ⁻¹ z)` over the readings of each channel, as the mean over random `z` of independent ±1 (Hutchinson 1989).
+/// `Σ_i w_i (a_iᵀ z)(a_iᵀ Λ⁻¹ z)` over the readings of each channel, as the mean over random `z` of
+/// independent ±1 (Hutchinson 1989).
 ///
 /// `a_iᵀ z` is what the reading sees of the surface whose vertices move by `z` along their normals.
 fn degrees_by_channel(
@@ -429,19 +417,12 @@ fn degrees_by_channel(
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut degrees = vec![0.0; channels.count];
     for _ in 0..PROBES {
-        let z: Vec<f64> = directions
-            .iter()
-            .map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 })
-            .collect();
+        let z: Vec<f64> = directions.iter().map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 }).collect();
         let mut y = z.clone();
         factor.solve_in_place(&mut y)?;
         let moved = |by: &[f64]| {
             surface.with_vertices(
-                directions
-                    .iter()
-                    .zip(by)
-                    .map(|(d, s)| [d[0] * s, d[1] * s, d[2] * s])
-                    .collect(),
+                directions.iter().zip(by).map(|(d, s)| [d[0] * s, d[1] * s, d[2] * s]).collect(),
             )
         };
         let (z, y) = (moved(&z)?, moved(&y)?);

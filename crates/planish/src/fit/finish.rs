@@ -10,8 +10,12 @@ use super::observations::{Observations, Quantity, Rejection};
 use super::patch::{self, Fused};
 use super::shape_left::{ShapeLeft, shape_left};
 use super::shared::Linearized;
-use super::stages::{Settled, extent_of, leaf_areas, leaves_with_feet, weights, weights_beside, with_neighbours};
-use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, ShownReadings, set_aside};
+use super::stages::{
+    Settled, extent_of, leaf_areas, leaves_with_feet, weights, weights_beside, with_neighbours,
+};
+use super::{
+    Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, RefinementLog, ShownReadings, set_aside,
+};
 use crate::model::{Observed, PoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::progress::Progress;
 use planish_estimate::sparse::CholeskyFactor;
@@ -29,7 +33,8 @@ const MOST_LEFT: f64 = 0.1;
 /// Draws of the surface's noise: each scan's share of them is summed over thousands of readings.
 const NOISE_DRAWS: u64 = 12;
 
-/// Makes the model and reports, in coordinates about `origin`, where the poses are those of the world; `earlier` is the model that the scans add to, `absorbed` what other readings have added.
+/// Makes the model and reports, in coordinates about `origin`, where the poses are those of the world;
+/// `earlier` is the model that the scans add to, `absorbed` what other readings have added.
 pub(super) fn finish(
     set: &ScanSet,
     observations: &Observations,
@@ -143,12 +148,7 @@ pub(super) fn finish(
     let estimated = (noise.followed.iter().zip(&noise.estimated).zip(&found.estimated))
         .map(|((&followed, &before), &after)| if followed { before } else { after })
         .collect();
-    noise = SensorNoise {
-        used: noise.used,
-        followed: noise.followed,
-        estimated,
-        ..found
-    };
+    noise = SensorNoise { used: noise.used, followed: noise.followed, estimated, ..found };
     let mut left = shape_left(&seen, &channels, &feet, &information, &noise)?;
     // Other readings may have shown more.
     if let Some(earlier) = earlier {
@@ -182,18 +182,16 @@ pub(super) fn finish(
     };
     let observed: Vec<Observed> = (0..measured.len())
         .map(|leaf| match before(leaf) {
-            // Conclusions are drawn where no reading is near: a leaf that holds them alone was not measured, even if its neighbour was.
+            // Conclusions are drawn where no reading is near: a leaf that holds them alone was not measured,
+            // even if its neighbour was.
             before if concluded[leaf] && !own[leaf] && !before.is_measured() => Observed::Invented,
             _ if measured[leaf] => Observed::Measured,
             Observed::PriorOnly if invented[leaf] => Observed::Invented,
             before => before,
         })
         .collect();
-    let mut rejected: std::collections::BTreeMap<String, usize> = observations
-        .rejected
-        .iter()
-        .map(|(cause, n)| (cause.name().to_owned(), *n))
-        .collect();
+    let mut rejected: std::collections::BTreeMap<String, usize> =
+        observations.rejected.iter().map(|(cause, n)| (cause.name().to_owned(), *n)).collect();
     let causes = (feet.iter().zip(&information).enumerate())
         .filter(|(k, _)| taken(*k))
         .filter_map(|(_, (foot, &w))| foot.rejection(w));
@@ -207,9 +205,7 @@ pub(super) fn finish(
     let exact = Posterior::new(surface, Arc::clone(&covariance)).given_shared();
     let held_out = judge(&exact, observations, &noise, &mut at, options.gate)?;
     if !observed.contains(&Observed::Measured) {
-        return Err(Error::undetermined(
-            "no part of the surface was measured: every reading was gated",
-        ));
+        return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
     }
     let sigma = posterior.sigma_summary(&observed)?;
     let areas = leaf_areas(surface);
@@ -235,32 +231,19 @@ pub(super) fn finish(
     // Numbers that were read: a normal is two, a curvature three.
     let rows_of = |channel: usize| observations.channels[channel].quantity.rows();
     let own_rows: usize = used.iter().map(|(foot, _)| foot.quantity.rows()).sum();
-    let other_rows: usize = (others.iter().enumerate())
-        .map(|(channel, o)| o.count * rows_of(channel))
-        .sum();
+    let other_rows: usize = (others.iter().enumerate()).map(|(channel, o)| o.count * rows_of(channel)).sum();
     let rows = (own_rows + other_rows).max(1) as f64;
     let kept = kept_variance(options.gate)?;
     // All that the readings determine: the share of those at hand, and of the others in proportion.
     let of_readings = (degrees.iter().zip(&observations.channels)).filter(|(_, channel)| !channel.invented);
     let determined = of_readings.map(|(d, _)| d).sum::<f64>() * rows / own_rows.max(1) as f64;
     let sensors = sensor_reports(set, observations, &noise, &subset, &feet, &information, others);
-    let positions = sensors
-        .iter()
-        .filter(|sensor| sensor.quantity == Quantity::Position.name());
+    let positions = sensors.iter().filter(|sensor| sensor.quantity == Quantity::Position.name());
     let (square, placed) = positions.fold((0.0, 0), |(square, count), sensor| {
-        (
-            square + sensor.rms * sensor.rms * sensor.observations as f64,
-            count + sensor.observations,
-        )
+        (square + sensor.rms * sensor.rms * sensor.observations as f64, count + sensor.observations)
     });
     let total = observations.total + absorbed.as_ref().map_or(0, |absorbed| absorbed.total);
-    let mut warnings = warnings(
-        &sensors,
-        observed_area / total_area,
-        invented_fraction,
-        &rejected,
-        total,
-    );
+    let mut warnings = warnings(&sensors, observed_area / total_area, invented_fraction, &rejected, total);
     // Sensors of earlier sessions alone are not among these.
     if absorbed.is_none() && sigma.median < IMPOSSIBLE * least_sigma(&sensors) {
         warnings.push(
@@ -284,7 +267,8 @@ pub(super) fn finish(
             options.max_coefficients
         ));
     }
-    for (channel, _) in (observations.channels.iter().zip(&noise.followed)).filter(|(_, followed)| **followed) {
+    for (channel, _) in (observations.channels.iter().zip(&noise.followed)).filter(|(_, followed)| **followed)
+    {
         warnings.push(format!(
             "the readings of sensor \"{}\" state no σ and are so few that the surface follows them wherever they go: they count with what they missed the \
              model by before, which is too little if the model has heard of them; state their σ",
@@ -350,41 +334,28 @@ pub(super) fn finish(
     model.poses.extend(poses);
     model.observations += count;
     progress.advance("done", 1.0);
-    Ok(Fit {
-        model,
-        report,
-        earlier_states: Vec::new(),
-        forming: None,
-        readings: Some(readings),
-        covariance,
-    })
+    Ok(Fit { model, report, earlier_states: Vec::new(), forming: None, readings: Some(readings), covariance })
 }
 
-/// Draws of what the noise of the readings makes of the surface, coefficient by coefficient of every leaf: `Λ⁻¹ Σ √w a ε`, ε ~ N(0, 1);
-/// there are so many `parts` of the readings as those at hand.
+/// Draws of what the noise of the readings makes of the surface, coefficient by coefficient of every leaf:
+/// `Λ⁻¹ Σ √w a ε`, ε ~ N(0, 1); there are so many `parts` of the readings as those at hand.
 ///
-/// Its covariance `Λ⁻¹ Λ_data Λ⁻¹` is less than the posterior's, which also holds the detail that the surface does not show.
+/// Its covariance `Λ⁻¹ Λ_data Λ⁻¹` is less than the posterior's, which also holds the detail that the surface
+/// does not show.
 fn noise_of_surface(
     system: &SurfaceSystem,
     at: &Linearized<'_>,
     factor: &CholeskyFactor,
     parts: f64,
 ) -> Result<Vec<Vec<[[f64; 3]; 16]>>> {
-    let Linearized {
-        surface,
-        directions,
-        feet,
-        information,
-        ..
-    } = *at;
+    let Linearized { surface, directions, feet, information, .. } = *at;
     let space = system.space();
     let (start, order) = by_leaf(feet, space.leaves().len());
     (0..NOISE_DRAWS)
         .map(|draw| {
             let mut rng = ChaCha8Rng::seed_from_u64(draw);
-            let drawn: Vec<[f64; 3]> = (0..feet.len())
-                .map(|_| [(); 3].map(|()| StandardNormal.sample(&mut rng)))
-                .collect();
+            let drawn: Vec<[f64; 3]> =
+                (0..feet.len()).map(|_| [(); 3].map(|()| StandardNormal.sample(&mut rng))).collect();
             let sums = system.accumulate_along(directions, |leaf, add| {
                 for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
                     let (foot, w) = (&feet[k as usize], information[k as usize]);
@@ -397,15 +368,15 @@ fn noise_of_surface(
             })?;
             let mut moved = sums.vector().to_vec();
             factor.solve_in_place(&mut moved)?;
-            let vertices: Vec<[f64; 3]> = (directions.iter().zip(&moved))
-                .map(|(d, by)| d.map(|d| d * by))
-                .collect();
+            let vertices: Vec<[f64; 3]> =
+                (directions.iter().zip(&moved)).map(|(d, by)| d.map(|d| d * by)).collect();
             Ok(space.leaf_coefficients(&vertices))
         })
         .collect()
 }
 
-/// Gross errors are fewer than what is right. A surface from which more positions are far than near has followed some of them at the expense of the others.
+/// Gross errors are fewer than what is right. A surface from which more positions are far than near has
+/// followed some of them at the expense of the others.
 fn refuse_a_surface_of_the_fewer(
     observations: &Observations,
     subset: &[u32],
@@ -468,25 +439,21 @@ pub(super) fn place(
 ) -> Result<Settled> {
     let mut surface = model.surface.clone();
     let system = SurfaceSystem::new(surface.space())?;
-    let subset: Vec<u32> = (0..observations.len() as u32)
-        .filter(|&i| !observations.held_out[i as usize])
-        .collect();
+    let subset: Vec<u32> =
+        (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
     let mut at = vec![[0.0; 2]; observations.len()];
     let mut noise = SensorNoise::stated(observations);
     let (mut feet, mut factor) = (Vec::new(), None);
     let mut degrees = vec![0.0; observations.stated.len()];
     // The noise that the model before the update tells.
     let mut foretold: Option<SensorNoise> = None;
-    // How well each reading's foot was known before: readings may be that far off as well, until the surface has heard of them.
+    // How well each reading's foot was known before: readings may be that far off as well, until the surface
+    // has heard of them.
     let mut known_before: Vec<f64> = Vec::new();
     for iteration in 0..4 {
         progress.check("adding", 0.2 + 0.15 * f64::from(iteration))?;
         progress.items(iteration as usize * subset.len(), "readings");
-        let search = if iteration == 0 {
-            Some(FootPointSearch::new(&surface, 2, 0.0)?)
-        } else {
-            None
-        };
+        let search = if iteration == 0 { Some(FootPointSearch::new(&surface, 2, 0.0)?) } else { None };
         feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
         let predicted: Vec<Foot>;
         let judged = if iteration == 0 {
@@ -495,10 +462,7 @@ pub(super) fn place(
             predicted = (feet.iter().zip(&known_before).zip(&subset))
                 .map(|((foot, of_surface), &i)| {
                     let stated = observations.stated[observations.channel(i as usize)];
-                    Foot {
-                        variance: foot.variance + if stated { *of_surface } else { 0.0 },
-                        ..*foot
-                    }
+                    Foot { variance: foot.variance + if stated { *of_surface } else { 0.0 }, ..*foot }
                 })
                 .collect();
             &predicted
@@ -514,9 +478,8 @@ pub(super) fn place(
         if iteration == 3 {
             break;
         }
-        let information = weights_beside(observations, &subset, &feet, &noise, options.gate, false, |k| {
-            known_before[k]
-        });
+        let information =
+            weights_beside(observations, &subset, &feet, &noise, options.gate, false, |k| known_before[k]);
         let step = normal_step(
             &system,
             &surface,
@@ -594,14 +557,10 @@ fn judge(
     gate: f64,
 ) -> Result<HeldOut> {
     let surface = posterior.surface();
-    let held: Vec<u32> = (0..observations.len() as u32)
-        .filter(|&i| observations.held_out[i as usize])
-        .collect();
+    let held: Vec<u32> =
+        (0..observations.len() as u32).filter(|&i| observations.held_out[i as usize]).collect();
     if held.is_empty() {
-        return Ok(HeldOut {
-            n: 0,
-            rms_normalised: f64::NAN,
-        });
+        return Ok(HeldOut { n: 0, rms_normalised: f64::NAN });
     }
     let search = FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))?;
     let feet = project(surface, observations, &held, at, Some(&search), &noise.used);
@@ -627,10 +586,7 @@ fn judge(
     let kept: Vec<f64> = normalised.into_iter().flatten().collect();
     let n = kept.len();
     let mean_square = kept.iter().map(|r| r * r).sum::<f64>() / n.max(1) as f64;
-    Ok(HeldOut {
-        n,
-        rms_normalised: (mean_square / kept_variance(gate)?).sqrt(),
-    })
+    Ok(HeldOut { n, rms_normalised: (mean_square / kept_variance(gate)?).sqrt() })
 }
 
 /// Whether any scan states how uncertain its pose is.
@@ -694,25 +650,19 @@ fn sensor_reports(
         // The places of a sensor that measures none are no readings.
         .filter(|report| {
             report.observations > 0
-                || set
-                    .sensors
-                    .iter()
-                    .any(|s| s.name == report.name && s.kind.measures_positions())
+                || set.sensors.iter().any(|s| s.name == report.name && s.kind.measures_positions())
         })
         .collect()
 }
 
-/// σ of the mean of all positions, as if they were readings of one number: no part of a surface is known better than that.
+/// σ of the mean of all positions, as if they were readings of one number: no part of a surface is known
+/// better than that.
 fn least_sigma(sensors: &[SensorReport]) -> f64 {
     let information: f64 = (sensors.iter())
         .filter(|s| s.quantity == Quantity::Position.name())
         .map(|s| s.observations as f64 / s.sigma_estimated.powi(2))
         .sum();
-    if information > 0.0 {
-        1.0 / information.sqrt()
-    } else {
-        0.0
-    }
+    if information > 0.0 { 1.0 / information.sqrt() } else { 0.0 }
 }
 
 /// A surface with less than this share of that σ cannot be.
@@ -737,10 +687,7 @@ pub(super) fn warnings(
     }
     if observed < 0.5 {
         let completed = if invented > 0.0 {
-            format!(
-                ", {:.0} % was completed by what was measured elsewhere",
-                100.0 * invented
-            )
+            format!(", {:.0} % was completed by what was measured elsewhere", 100.0 * invented)
         } else {
             String::new()
         };

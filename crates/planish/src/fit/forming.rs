@@ -1,13 +1,15 @@
 //! How a model forms, reading by reading.
 //!
-//! Comes in: a settled surface with its readings. Goes out: [`Snapshot`]s of what was known after the first `n` of them, in an order that the seed draws, `n` growing
-//! by a constant factor.
+//! Comes in: a settled surface with its readings. Goes out: [`Snapshot`]s of what was known after the first
+//! `n` of them, in an order that the seed draws, `n` growing by a constant factor.
 //!
-//! Of the global filter a snapshot is the posterior of the first `n` readings over the final hierarchy, with the final weight of the prior and the final feet: as
-//! information adds, each is one factorisation of `Λ_prior + Λ_n`. Of the patch filter the snapshots are those of the filter itself as it runs; up to the
+//! Of the global filter a snapshot is the posterior of the first `n` readings over the final hierarchy, with
+//! the final weight of the prior and the final feet: as information adds, each is one factorisation of
+//! `Λ_prior + Λ_n`. Of the patch filter the snapshots are those of the filter itself as it runs; up to the
 //! readings that found its first surface they are those of that fit.
 //!
-//! Not guaranteed: that a fit of the first `n` readings alone would have chosen the same shape, hierarchy and prior: those are of all readings.
+//! Not guaranteed: that a fit of the first `n` readings alone would have chosen the same shape, hierarchy and
+//! prior: those are of all readings.
 
 use super::FitOptions;
 use super::engine::{FootState, by_leaf};
@@ -24,7 +26,8 @@ use std::sync::Arc;
 
 /// Readings of the first snapshot, at least.
 const FIRST_READINGS: usize = 16;
-/// Trace of the equations that keeps what few readings leave open where it is at the end, as a share of their mean.
+/// Trace of the equations that keeps what few readings leave open where it is at the end, as a share of their
+/// mean.
 const HOLD: f64 = 1e-7;
 
 /// What was known after some readings.
@@ -60,11 +63,7 @@ impl Snapshot {
     }
 
     fn new(readings: usize, surface: Surface, covariance: NodeCovariance) -> Self {
-        Self {
-            readings,
-            surface,
-            covariance: Arc::new(covariance),
-        }
+        Self { readings, surface, covariance: Arc::new(covariance) }
     }
 }
 
@@ -102,15 +101,7 @@ pub(super) fn formed(
     frames: usize,
     progress: &dyn Progress,
 ) -> Result<Forming> {
-    let Settled {
-        surface,
-        system,
-        subset,
-        feet,
-        noise,
-        prior,
-        ..
-    } = settled;
+    let Settled { surface, system, subset, feet, noise, prior, .. } = settled;
     let information = weights(observations, subset, feet, noise, options.gate, false);
     let numbers: Vec<u32> = (0..subset.len() as u32).collect();
     let order: Vec<u32> = shuffled(&numbers, options.seed)
@@ -128,21 +119,14 @@ pub(super) fn formed(
     let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
     let mut there = vec![0.0; x.len()];
     prior.multiply(&x, &mut there)?;
-    let pull: Vec<f64> = (prior
-        .vector()
-        .chunks_exact(3)
-        .zip(there.chunks_exact(3))
-        .zip(&directions))
-    .map(|((eta, there), d)| dot([eta[0] - there[0], eta[1] - there[1], eta[2] - there[2]], *d))
-    .collect();
+    let pull: Vec<f64> = (prior.vector().chunks_exact(3).zip(there.chunks_exact(3)).zip(&directions))
+        .map(|((eta, there), d)| dot([eta[0] - there[0], eta[1] - there[1], eta[2] - there[2]], *d))
+        .collect();
     let (start, by_place) = by_leaf(feet, surface.space().leaves().len());
     let counts = counts(FIRST_READINGS, order.len(), frames);
     let mut forming = Forming {
         snapshots: Vec::with_capacity(counts.len()),
-        places: order
-            .iter()
-            .map(|&k| observations.points[subset[k as usize] as usize])
-            .collect(),
+        places: order.iter().map(|&k| observations.points[subset[k as usize] as usize]).collect(),
     };
     for (number, &count) in counts.iter().enumerate() {
         progress.check("animating", number as f64 / counts.len() as f64)?;
@@ -168,9 +152,7 @@ pub(super) fn formed(
             .collect();
         let motion = Motion::Along(directions.clone());
         let covariance = NodeCovariance::of_motion(SelectedInverse::new(&factor), motion);
-        forming
-            .snapshots
-            .push(Snapshot::new(count, surface.with_vertices(moved)?, covariance));
+        forming.snapshots.push(Snapshot::new(count, surface.with_vertices(moved)?, covariance));
     }
     Ok(forming)
 }

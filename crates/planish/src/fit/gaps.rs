@@ -1,10 +1,11 @@
 //! Gaps in what was seen of a settled surface, and what surrounds each.
 //!
-//! Comes in: a settled surface with its feet. Goes out: for each gap readings that are concluded from the simple shape around it, if there is one, and a
-//! report of what was found.
+//! Comes in: a settled surface with its feet. Goes out: for each gap readings that are concluded from the
+//! simple shape around it, if there is one, and a report of what was found.
 //!
-//! A place of the surface is in a gap where no reading that faces its way lies within three times the spacing of the readings. Leaves with such places
-//! that touch make one gap. The readings around it, as far away as the gap is wide, or only half as far where those are of no simple shape, say what it is.
+//! A place of the surface is in a gap where no reading that faces its way lies within three times the spacing
+//! of the readings. Leaves with such places that touch make one gap. The readings around it, as far away as
+//! the gap is wide, or only half as far where those are of no simple shape, say what it is.
 
 use super::observations::{InventedReading, InventedVariance, Observations};
 use super::stages::{Settled, leaf_areas, neighbourhood, weights};
@@ -37,14 +38,7 @@ pub(super) fn completed(
     settled: &Settled,
     gate: f64,
 ) -> (Vec<InventedReading>, Vec<GapReport>) {
-    let information = weights(
-        observations,
-        &settled.subset,
-        &settled.feet,
-        &settled.noise,
-        gate,
-        false,
-    );
+    let information = weights(observations, &settled.subset, &settled.feet, &settled.noise, gate, false);
     let used: Vec<usize> = (0..settled.subset.len())
         .filter(|&k| information[k] > 0.0 && observations.invented(settled.subset[k] as usize).is_none())
         .collect();
@@ -57,12 +51,7 @@ pub(super) fn completed(
             readings.extend(concluded(found, &gap, around.typical_variance));
         }
         let area = gap.iter().map(|p| p.area).sum();
-        reports.push(GapReport::of(
-            found.as_ref(),
-            area,
-            around.readings,
-            readings.len() - before,
-        ));
+        reports.push(GapReport::of(found.as_ref(), area, around.readings, readings.len() - before));
     }
     (readings, reports)
 }
@@ -80,7 +69,8 @@ fn gaps(observations: &Observations, settled: &Settled, used: &[usize]) -> Vec<V
     let seen = Seen::new(observations, EMPTY * spacing);
     let places: Vec<Vec<Place>> = (0..areas.len())
         .map(|leaf| {
-            let grid = (0..PLACES * PLACES).map(|k| [k % PLACES, k / PLACES].map(|c| (c as f64 + 0.5) / PLACES as f64));
+            let grid = (0..PLACES * PLACES)
+                .map(|k| [k % PLACES, k / PLACES].map(|c| (c as f64 + 0.5) / PLACES as f64));
             let all = grid.filter_map(|[s, t]| {
                 let jet = surface.leaf_jet(leaf, s, t);
                 Some(Place {
@@ -141,24 +131,16 @@ fn surroundings(
         })
         .collect();
     let nearest = away.iter().copied().fold(f64::INFINITY, f64::min);
-    let mut around = Around {
-        readings: 0,
-        typical_variance: 0.0,
-    };
+    let mut around = Around { readings: 0, typical_variance: 0.0 };
     for ring in RINGS {
         let near: Vec<usize> = (used.iter().zip(&away))
             .filter(|(_, d)| **d <= nearest + ring * radius)
             .map(|(&k, _)| k)
             .collect();
-        let near: Vec<usize> = near
-            .iter()
-            .copied()
-            .step_by(near.len().div_ceil(ENOUGH_READINGS).max(1))
-            .collect();
-        let points: Vec<[f64; 3]> = near
-            .iter()
-            .map(|&k| observations.points[settled.subset[k] as usize])
-            .collect();
+        let near: Vec<usize> =
+            near.iter().copied().step_by(near.len().div_ceil(ENOUGH_READINGS).max(1)).collect();
+        let points: Vec<[f64; 3]> =
+            near.iter().map(|&k| observations.points[settled.subset[k] as usize]).collect();
         let normals: Vec<[f64; 3]> = near.iter().map(|&k| settled.feet[k].normal).collect();
         let variance: Vec<f64> = near.iter().map(|&k| 1.0 / information[k]).collect();
         around.readings = near.len();
@@ -181,10 +163,7 @@ fn concluded(found: &Classification, gap: &[Place], own: f64) -> Vec<InventedRea
             (dot(off, off) < radius * radius).then_some(InventedReading {
                 point: predicted.point,
                 normal: predicted.normal,
-                variance: InventedVariance {
-                    own,
-                    shared: predicted.variance,
-                },
+                variance: InventedVariance { own, shared: predicted.variance },
             })
         })
         .collect()

@@ -2,15 +2,17 @@
 //!
 //! Comes in: a base ball and the blurred [`Indicator`]. Goes out: a surface near the points everywhere.
 //!
-//! Every point of the surface is carried to the level set of the indicator, from strong to weak blur, as a shape grows from a
-//! blob: ears appear as bumps and lengthen. Four forces make one *step* `d`:
+//! Every point of the surface is carried to the level set of the indicator, from strong to weak blur, as a
+//! shape grows from a blob: ears appear as bumps and lengthen. Four forces make one *step* `d`:
 //! - along the normal, to the level set, where the surface faces it;
 //! - a piece that has been turned inside out is led back down the gradient instead;
-//! - a film that was left outside the solid, as between two ears, draws back by its mean curvature like a soap film;
+//! - a film that was left outside the solid, as between two ears, draws back by its mean curvature like a
+//!   soap film;
 //! - vertices drift along the surface towards where it is stretched most, which keeps cells even.
 //!
-//! The step, not the surface, is smoothed: `(M + ℓ⁴ K) δ = M d` in the metric of the base. Smooth steps compose to a smooth map,
-//! and thin features are not shrunk. The matrix is the same for every step of a level: it is factored once.
+//! The step, not the surface, is smoothed: `(M + ℓ⁴ K) δ = M d` in the metric of the base. Smooth steps
+//! compose to a smooth map, and thin features are not shrunk. The matrix is the same for every step of a
+//! level: it is factored once.
 //!
 //! Not guaranteed: shapes with handles; a ball cannot follow them and leaves films across.
 
@@ -21,14 +23,16 @@ use planish_spline::{BaseShape, FieldPoints, Surface, SurfaceSystem};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Most uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without folds, at 56 × 36 they do not.
+/// Most uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without
+/// folds, at 56 × 36 they do not.
 pub(super) const MOST_LEVELS: usize = 3;
 /// The strongest blur, as a share of the largest half extent, and the factor from one to the next.
 const FIRST_BLUR: f64 = 0.25;
 const BLUR_FACTOR: f64 = 0.8;
 /// How far the level lies inside the points at the strongest blur: thin gaps must not close over.
 const INWARD_SHARE: f64 = 0.3;
-/// Smoothing length of a step, longest step, drift (squared) and draw of films (squared): all in cells of the base.
+/// Smoothing length of a step, longest step, drift (squared) and draw of films (squared): all in cells of the
+/// base.
 const SMOOTHING_CELLS: f64 = 0.6;
 const LONGEST_STEP_CELLS: f64 = 0.3;
 const DRIFT: f64 = 0.12;
@@ -39,7 +43,8 @@ const MOST_STEPS: usize = 36;
 /// Stretch changes slowly: it is measured every so many steps.
 const STRETCH_EVERY: usize = 4;
 
-/// Grows the base into the indicator's solid, `levels` uniform refinements on the way; `points` fix the level of the indicator.
+/// Grows the base into the indicator's solid, `levels` uniform refinements on the way; `points` fix the level
+/// of the indicator.
 ///
 /// # Errors
 /// `Undetermined` when the surface degenerates, `Interrupted` when the caller says so.
@@ -87,10 +92,7 @@ pub(super) fn grow(
                 stretch = stage_of_level.stretch(&surface)?;
             }
             let moved = stage_of_level.step(&surface, &stretch, &target)?;
-            let longest = moved
-                .chunks_exact(3)
-                .map(|d| norm([d[0], d[1], d[2]]))
-                .fold(0.0, f64::max);
+            let longest = moved.chunks_exact(3).map(|d| norm([d[0], d[1], d[2]])).fold(0.0, f64::max);
             let vertices = surface
                 .vertices()
                 .iter()
@@ -116,7 +118,8 @@ struct Target {
 struct Stage {
     system: SurfaceSystem,
     factor: planish_estimate::sparse::CholeskyFactor,
-    /// Where steps are measured. The middle of a leaf alone would be cheaper, but thin parts of scans with gaps come out shorter.
+    /// Where steps are measured. The middle of a leaf alone would be cheaper, but thin parts of scans with
+    /// gaps come out shorter.
     points: FieldPoints,
     /// Area of the base that each point stands for.
     weights: Vec<[f64; FieldPoints::COUNT]>,
@@ -125,7 +128,13 @@ struct Stage {
 }
 
 impl Stage {
-    fn new(surface: &Surface, reference: &Surface, base: &BaseShape, grid: [usize; 2], level: usize) -> Result<Self> {
+    fn new(
+        surface: &Surface,
+        reference: &Surface,
+        base: &BaseShape,
+        grid: [usize; 2],
+        level: usize,
+    ) -> Result<Self> {
         let system = SurfaceSystem::new(surface.space())?;
         let cell = std::f64::consts::TAU * (base.size[0] * base.size[1]).sqrt() / (grid[0] << level) as f64;
         let mut matrix = system.mass(reference)?;
@@ -133,17 +142,11 @@ impl Stage {
         let factor = system.factorize_scalar(&matrix)?;
         let points = FieldPoints::default();
         let weights = system.field_weights(&points, reference);
-        Ok(Self {
-            system,
-            factor,
-            points,
-            weights,
-            side: surface.space().leaves()[0].side(),
-            cell,
-        })
+        Ok(Self { system, factor, points, weights, side: surface.space().leaves()[0].side(), cell })
     }
 
-    /// The logarithm of how much each place is stretched against the base, smoothed: its derivatives along u and v at the points.
+    /// The logarithm of how much each place is stretched against the base, smoothed: its derivatives along u
+    /// and v at the points.
     fn stretch(&self, surface: &Surface) -> Result<Vec<[[f64; 2]; FieldPoints::COUNT]>> {
         let share = self.side * self.side / FieldPoints::COUNT as f64;
         let mut field = self.system.project_field(&self.points, &self.weights, |leaf| {
@@ -169,7 +172,12 @@ impl Stage {
     }
 
     /// The smoothed step of every node.
-    fn step(&self, surface: &Surface, stretch: &[[[f64; 2]; FieldPoints::COUNT]], target: &Target) -> Result<Vec<f64>> {
+    fn step(
+        &self,
+        surface: &Surface,
+        stretch: &[[[f64; 2]; FieldPoints::COUNT]],
+        target: &Target,
+    ) -> Result<Vec<f64>> {
         let mut step = self.system.project_field(&self.points, &self.weights, |leaf| {
             let frames = self.points.frames(surface.leaf_coefficients(leaf), self.side);
             let mean_curvature = |n| {
@@ -204,10 +212,7 @@ impl Stage {
             facing = dot(downhill, normal);
             let height = ((value - target.iso) / slope).clamp(-longest, longest);
             let along_normal = (5.0 * (facing + 0.1)).clamp(0.0, 1.0);
-            d = add(
-                scale(along_normal * height, normal),
-                scale((1.0 - along_normal) * height, downhill),
-            );
+            d = add(scale(along_normal * height, normal), scale((1.0 - along_normal) * height, downhill));
         }
         let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
         if outside > 0.0
@@ -221,7 +226,8 @@ impl Stage {
     }
 }
 
-/// `strength · ∇_S f` of a field with the derivatives `f` along the tangents `du` and `dv`, no longer than `longest`.
+/// `strength · ∇_S f` of a field with the derivatives `f` along the tangents `du` and `dv`, no longer than
+/// `longest`.
 fn drift(du: [f64; 3], dv: [f64; 3], f: [f64; 2], strength: f64, longest: f64) -> [f64; 3] {
     let [e, m, g] = [dot(du, du), dot(du, dv), dot(dv, dv)];
     let area2 = e * g - m * m;
@@ -229,15 +235,9 @@ fn drift(du: [f64; 3], dv: [f64; 3], f: [f64; 2], strength: f64, longest: f64) -
         return [0.0; 3];
     }
     let [fu, fv] = f;
-    let gradient = add(
-        scale((g * fu - m * fv) / area2, du),
-        scale((e * fv - m * fu) / area2, dv),
-    );
+    let gradient = add(scale((g * fu - m * fv) / area2, du), scale((e * fv - m * fu) / area2, dv));
     let length = strength * norm(gradient);
-    scale(
-        strength * if length > longest { longest / length } else { 1.0 },
-        gradient,
-    )
+    scale(strength * if length > longest { longest / length } else { 1.0 }, gradient)
 }
 
 #[cfg(test)]
@@ -270,24 +270,15 @@ mod tests {
                     0.0
                 };
                 let ring = (r * r - over * over).max(0.0).sqrt();
-                let n = add(
-                    scale(ring / r, add(scale(a.cos(), e1), scale(a.sin(), e2))),
-                    scale(over / r, axis),
-                );
+                let n =
+                    add(scale(ring / r, add(scale(a.cos(), e1), scale(a.sin(), e2))), scale(over / r, axis));
                 points.push(add(add(from, scale(h - over, axis)), scale(r, n)));
                 normals.push(n);
             }
         };
         capsule(&mut points, &mut normals, [0.0; 3], [0.02, 0.0, 0.0], 1.0, 8000);
         capsule(&mut points, &mut normals, [0.4, 0.0, 0.7], [0.9, 0.0, 2.0], 0.22, 2500);
-        capsule(
-            &mut points,
-            &mut normals,
-            [-0.4, 0.0, 0.7],
-            [-0.9, 0.0, 2.0],
-            0.22,
-            2500,
-        );
+        capsule(&mut points, &mut normals, [-0.4, 0.0, 0.7], [-0.9, 0.0, 2.0], 0.22, 2500);
         // Points inside another part are not on the surface.
         let inside = |p: &[f64; 3]| {
             let to_segment = |a: [f64; 3], b: [f64; 3]| {
@@ -304,7 +295,8 @@ mod tests {
         points.retain(|_| *k.next().unwrap());
         let mut k = keep.iter();
         normals.retain(|_| *k.next().unwrap());
-        let base = planish_spline::choose_base_shape(&points, &normals, Some(planish_spline::Shape::Ball)).unwrap();
+        let base =
+            planish_spline::choose_base_shape(&points, &normals, Some(planish_spline::Shape::Ball)).unwrap();
         let indicator = Indicator::new(&points, &normals);
         let surface = grow(&base, base.grid(128), MOST_LEVELS, &points, &indicator, &|_| Ok(())).unwrap();
         let search = planish_spline::FootPointSearch::new(&surface, 2, 0.3).unwrap();

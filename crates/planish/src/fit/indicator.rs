@@ -1,11 +1,13 @@
 //! The solid that oriented points enclose, as a blurred indicator function on a grid.
 //!
-//! Comes in: points with outward normals. Goes out: a function that is high inside and low outside, at any blur, and the
-//! level that passes through the points. It fills holes smoothly, forgives noise and outliers, and at strong blur it is a
-//! blob: a surface that follows its level set from strong to weak blur grows into the shape without tearing or folding.
+//! Comes in: points with outward normals. Goes out: a function that is high inside and low outside, at any
+//! blur, and the level that passes through the points. It fills holes smoothly, forgives noise and outliers,
+//! and at strong blur it is a blob: a surface that follows its level set from strong to weak blur grows into
+//! the shape without tearing or folding.
 //!
-//! With normals `n_i` and areas `a_i`, the indicator obeys `∇χ = −Σ a_i n_i δ(x − p_i)`, hence in Fourier space
-//! `χ̂ = i k·V̂ / |k|²`, and a blur is a factor `exp(−σ²k²/2)`. Areas come from the local density of points.
+//! With normals `n_i` and areas `a_i`, the indicator obeys `∇χ = −Σ a_i n_i δ(x − p_i)`, hence in Fourier
+//! space `χ̂ = i k·V̂ / |k|²`, and a blur is a factor `exp(−σ²k²/2)`. Areas come from the local density of
+//! points.
 //!
 //! Not guaranteed: detail below one grid cell.
 //!
@@ -69,10 +71,8 @@ impl Indicator {
         transform(&mut counts, CELLS, FftDirection::Forward);
         blur(&mut counts, CELLS, DENSITY_BLUR);
         transform(&mut counts, CELLS, FftDirection::Inverse);
-        let density = BlurredIndicator {
-            grid,
-            values: counts.iter().map(|c| c.re / counts.len() as f64).collect(),
-        };
+        let density =
+            BlurredIndicator { grid, values: counts.iter().map(|c| c.re / counts.len() as f64).collect() };
         // Two real fields ride in one complex transform; the third has its own.
         let mut xy = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
         let mut z = xy.clone();
@@ -81,7 +81,8 @@ impl Indicator {
             if there <= 0.0 {
                 continue;
             }
-            // A sheet of ρ points an area has the blurred density ρ/(√2π σ) on it; the constant drops out of the level set.
+            // A sheet of ρ points an area has the blurred density ρ/(√2π σ) on it; the constant drops out of
+            // the level set.
             let a = scale(1.0 / there, *n);
             grid.splat(*p, |index, w| {
                 xy[index] += Complex::new(w * a[0], w * a[1]);
@@ -132,10 +133,7 @@ impl Indicator {
             .collect();
         blur(&mut waves, n, sigma / grid.cell);
         transform(&mut waves, n, FftDirection::Inverse);
-        BlurredIndicator {
-            grid,
-            values: waves.iter().map(|c| c.re).collect(),
-        }
+        BlurredIndicator { grid, values: waves.iter().map(|c| c.re).collect() }
     }
 }
 
@@ -162,10 +160,8 @@ impl BlurredIndicator {
 
     /// How steeply the indicator falls at the points: their median slope.
     pub(super) fn steepness(&self, points: &[[f64; 3]]) -> f64 {
-        let mut slopes: Vec<f64> = points
-            .iter()
-            .map(|p| dot(self.sample(*p).1, self.sample(*p).1).sqrt())
-            .collect();
+        let mut slopes: Vec<f64> =
+            points.iter().map(|p| dot(self.sample(*p).1, self.sample(*p).1).sqrt()).collect();
         let middle = slopes.len() / 2;
         *slopes.select_nth_unstable_by(middle, f64::total_cmp).1
     }
@@ -232,9 +228,7 @@ fn mirrored(index: usize) -> usize {
 
 fn blur(grid: &mut [Complex<f64>], n: usize, sigma_cells: f64) {
     // A Gaussian is the product of Gaussians along the axes.
-    let along: Vec<f64> = (0..n)
-        .map(|m| (-0.5 * (sigma_cells * wave(m, n)[0]).powi(2)).exp())
-        .collect();
+    let along: Vec<f64> = (0..n).map(|m| (-0.5 * (sigma_cells * wave(m, n)[0]).powi(2)).exp()).collect();
     grid.par_chunks_mut(n).enumerate().for_each(|(row, values)| {
         let across = along[row % n] * along[row / n];
         for (value, w) in values.iter_mut().zip(&along) {
@@ -285,10 +279,7 @@ mod tests {
             let (value, gradient) = field.sample(*p);
             let off = (value - level) / dot(gradient, gradient).sqrt();
             assert!(off.abs() < 0.05, "{p:?} is {off} off the level set");
-            assert!(
-                dot(gradient, sub(*p, [5.0, 0.0, 0.0])) < 0.0,
-                "the indicator falls outwards"
-            );
+            assert!(dot(gradient, sub(*p, [5.0, 0.0, 0.0])) < 0.0, "the indicator falls outwards");
         }
         assert!(field.sample([5.0, 0.0, 0.0]).0 > level && field.sample([5.0, 0.0, -1.4]).0 < level);
     }

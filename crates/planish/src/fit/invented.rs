@@ -1,7 +1,8 @@
 //! Readings that were concluded from others, and the error that they share.
 //!
-//! The copies that a symmetry makes all lie off where its axis lies off; their mean is no better known than one of them. In an information matrix of
-//! independent readings they must weigh less. A thin plate of weight `w` under readings of the variance `v`, `ρ` of them an area, leaves the variance
+//! The copies that a symmetry makes all lie off where its axis lies off; their mean is no better known than
+//! one of them. In an information matrix of independent readings they must weigh less. A thin plate of weight
+//! `w` under readings of the variance `v`, `ρ` of them an area, leaves the variance
 //! `∫ d²k/(2π)² / (ρ/v + w k⁴) = 1/(8 √(w ρ/v))` at a point. It is that of the shared error, `s²`, where
 //!
 //! ```text
@@ -15,7 +16,8 @@ use super::observations::Observations;
 use planish_spline::Surface;
 use std::collections::BTreeMap;
 
-/// Gives feet of readings that were concluded from others the variance with which the surface is known as well as one of them, no better.
+/// Gives feet of readings that were concluded from others the variance with which the surface is known as
+/// well as one of them, no better.
 pub(super) fn share_errors(
     observations: &Observations,
     subset: &[u32],

@@ -1,10 +1,11 @@
 //! Readings whose parameters are known: one linear problem, solved exactly.
 //!
-//! Comes in: scans with the columns `u` and `v` in `[0, 1]`. Goes out: a model whose vertices have a full covariance, not along normals
-//! only. Readings stream through sums over cells; nothing is kept of them, and only those outside the gate are gone back to.
+//! Comes in: scans with the columns `u` and `v` in `[0, 1]`. Goes out: a model whose vertices have a full
+//! covariance, not along normals only. Readings stream through sums over cells; nothing is kept of them, and
+//! only those outside the gate are gone back to.
 //!
-//! A coordinate that is an affine function of `(u, v)`, like the plan of a height field, has no noise: it is reproduced and counts as
-//! exact. The others share the noise of their reading.
+//! A coordinate that is an affine function of `(u, v)`, like the plan of a height field, has no noise: it is
+//! reproduced and counts as exact. The others share the noise of their reading.
 //!
 //! Not guaranteed: that readings which were given wrong parameters are found out.
 
@@ -29,16 +30,18 @@ use std::sync::Arc;
 
 use readings::{Evaluation, Reading, Readings, TASK};
 
-/// Rounds of weighing and gating; and what must change for another: shares of a variance, and of the readings, if none of them is more than so
-/// many σ beyond the gate.
+/// Rounds of weighing and gating; and what must change for another: shares of a variance, and of the
+/// readings, if none of them is more than so many σ beyond the gate.
 const MOST_ROUNDS: u32 = 20;
 const SETTLED_VARIANCE: f64 = 0.01;
 const SETTLED_GATE: f64 = 1e-4;
 const MARGINAL: f64 = 1.0;
-/// While gross errors are looked for: rounds at most, and which change of a variance makes another one worth while.
+/// While gross errors are looked for: rounds at most, and which change of a variance makes another one worth
+/// while.
 const BOUNDED_ROUNDS: u32 = 8;
 const FOUND_VARIANCE: f64 = 0.1;
-/// Readings of which less than this share is free of the surface do not tell noise from shape; and fewer free ones contradict no stated σ.
+/// Readings of which less than this share is free of the surface do not tell noise from shape; and fewer free
+/// ones contradict no stated σ.
 const LEAST_REDUNDANCY: f64 = 0.2;
 const ENOUGH_TO_CONTRADICT: f64 = 20.0;
 /// A grid of more cells takes more memory than most machines have.
@@ -51,8 +54,8 @@ const EXACT: f64 = 1e6;
 /// Fits a uniform grid of so many cells to readings with known parameters.
 ///
 /// # Errors
-/// `Input` when a scan has no parameters, or some outside `[0, 1]`; `Unsupported` for noise that depends on direction; `Undetermined` when the
-/// readings do not determine the surface.
+/// `Input` when a scan has no parameters, or some outside `[0, 1]`; `Unsupported` for noise that depends on
+/// direction; `Undetermined` when the readings do not determine the surface.
 pub(super) fn fit_known(
     set: &ScanSet,
     cells: [usize; 2],
@@ -76,9 +79,7 @@ pub(super) fn fit_known(
         sums = readings.sum(&space, progress)?;
         Ok::<_, Error>(())
     })?;
-    let Some(system) = system else {
-        unreachable!("the scope waits for the system")
-    };
+    let Some(system) = system else { unreachable!("the scope waits for the system") };
     let system = system?;
     let mut variances = vec![1.0; set.sensors.len()];
     let mut earlier: Option<Smoothing> = None;
@@ -105,7 +106,8 @@ pub(super) fn fit_known(
         let now = readings.robust_variances(&evaluation)?;
         let examined = readings.examine(&evaluation, &now)?;
         let changed = difference(&readings.gated, &examined.gated);
-        // Gross errors drag the first surface along, and the gate with it: softened, they let go of it, a round after the other.
+        // Gross errors drag the first surface along, and the gate with it: softened, they let go of it, a
+        // round after the other.
         let is_plain = bounded.is_none() && readings.gated.iter().all(Vec::is_empty);
         let before = bounded.as_ref().filter(|_| readings.softening.is_some());
         let moves = before.is_some_and(|before| far_apart(&now, before, FOUND_VARIANCE));
@@ -179,7 +181,12 @@ struct Solved {
 }
 
 impl Solved {
-    fn finish(mut self, readings: &Readings<'_>, system: &SurfaceSystem, progress: &dyn Progress) -> Result<Fit> {
+    fn finish(
+        mut self,
+        readings: &Readings<'_>,
+        system: &SurfaceSystem,
+        progress: &dyn Progress,
+    ) -> Result<Fit> {
         let count: usize = self.residuals.iter().map(|r| r.count).sum();
         let coordinates = self.smoothing.measured.iter().filter(|m| **m).count() as f64;
         let numbers = coordinates * count as f64;
@@ -203,24 +210,12 @@ impl Solved {
             inverse = SelectedInverse::new(&self.smoothing.factor);
             degrees = coordinates * inverse.trace_with(&self.total.information)?;
         }
-        let Self {
-            total,
-            variances,
-            smoothing,
-            surface,
-            evaluation,
-            residuals,
-            reached_limit,
-        } = self;
+        let Self { total, variances, smoothing, surface, evaluation, residuals, reached_limit } = self;
         let set = readings.set;
         let measured = smoothing.measured;
         progress.check("covariance", 0.8)?;
         let is_gated = readings.gated.iter().any(|gated| !gated.is_empty());
-        let kept = if is_gated {
-            kept_variance(readings.options.gate)?
-        } else {
-            1.0
-        };
+        let kept = if is_gated { kept_variance(readings.options.gate)? } else { 1.0 };
 
         // σ² of the readings: residuals over what is left of their number.
         let count: usize = residuals.iter().map(|r| r.count).sum();
@@ -281,12 +276,8 @@ impl Solved {
         let areas: Vec<f64> = (0..model.observed.len())
             .map(|leaf| model.surface.leaf_jet(leaf, 0.5, 0.5).area_element())
             .collect();
-        let observed_area: f64 = areas
-            .iter()
-            .zip(&model.observed)
-            .filter(|(_, o)| o.is_measured())
-            .map(|(a, _)| a)
-            .sum();
+        let observed_area: f64 =
+            areas.iter().zip(&model.observed).filter(|(_, o)| o.is_measured()).map(|(a, _)| a).sum();
         let square: f64 = residuals.iter().map(|r| r.square).sum();
         let n = coordinates * count.max(1) as f64;
         let not_finite: usize = set.scans.iter().map(|posed| posed.scan.dropped_not_finite).sum();
@@ -305,7 +296,8 @@ impl Solved {
         let observed_share = observed_area / areas.iter().sum::<f64>();
         let mut warnings = warnings(&sensors, observed_share, 0.0, &rejected, readings.total + not_finite);
         if has_uncertain_pose(set) {
-            warnings.push("where parameters are known poses are taken as exact: their σ was not used".to_owned());
+            warnings
+                .push("where parameters are known poses are taken as exact: their σ was not used".to_owned());
         }
         if let Some(share) = shape_left {
             let [nu, nv] = model.surface.space().base();
@@ -335,26 +327,16 @@ impl Solved {
             smoothness_weight: model.smoothness_weight,
             propagation: None,
             held_out,
-            termination: if reached_limit {
-                FitTermination::Limit
-            } else {
-                FitTermination::Converged
-            },
+            termination: if reached_limit { FitTermination::Limit } else { FitTermination::Converged },
         };
         progress.advance("done", 1.0);
-        Ok(Fit {
-            model,
-            report,
-            earlier_states: Vec::new(),
-            forming: None,
-            readings: None,
-            covariance,
-        })
+        Ok(Fit { model, report, earlier_states: Vec::new(), forming: None, readings: None, covariance })
     }
 }
 
 impl Readings<'_> {
-    /// Held-out readings: each measured coordinate's residual over `√(σ_reading² + σ_surface²)`, behind the same gate as all others.
+    /// Held-out readings: each measured coordinate's residual over `√(σ_reading² + σ_surface²)`, behind the
+    /// same gate as all others.
     fn judge(
         &self,
         surface: &Evaluation,
@@ -403,19 +385,12 @@ impl Readings<'_> {
             .concat();
         let kept: Vec<f64> = judged.into_iter().flatten().collect();
         if kept.is_empty() {
-            return Ok(HeldOut {
-                n: 0,
-                rms_normalised: f64::NAN,
-            });
+            return Ok(HeldOut { n: 0, rms_normalised: f64::NAN });
         }
         let mean = kept.iter().sum::<f64>() / (kept.len() * surface.coordinates.len()) as f64;
         Ok(HeldOut {
             n: kept.len(),
-            rms_normalised: if is_gated {
-                (mean / kept_variance(gate)?).sqrt()
-            } else {
-                mean.sqrt()
-            },
+            rms_normalised: if is_gated { (mean / kept_variance(gate)?).sqrt() } else { mean.sqrt() },
         })
     }
 }
@@ -427,8 +402,8 @@ fn least_variance(surface: &Surface, total: &Totals) -> f64 {
     ((1e-12 * size).powi(2) / typical).max(f64::MIN_POSITIVE)
 }
 
-/// Information of one unknown a node over all three coordinates, times a factor, about the world's origin where it was about another;
-/// exact coordinates are held much firmer.
+/// Information of one unknown a node over all three coordinates, times a factor, about the world's origin
+/// where it was about another; exact coordinates are held much firmer.
 fn over_coordinates(
     information: &BlockInformation,
     factor: f64,
@@ -437,13 +412,13 @@ fn over_coordinates(
 ) -> Result<BlockInformation> {
     let mut out = BlockInformation::zeros(Arc::clone(information.pattern()), 3, 1)?;
     let weights = measured.map(|m| if m { factor } else { EXACT * factor });
-    (out.values_mut().par_chunks_exact_mut(9).zip(information.values()))
-        .with_min_len(TASK)
-        .for_each(|(block, value)| {
+    (out.values_mut().par_chunks_exact_mut(9).zip(information.values())).with_min_len(TASK).for_each(
+        |(block, value)| {
             for d in 0..3 {
                 block[4 * d] = weights[d] * value;
             }
-        });
+        },
+    );
     let mut row_sums = vec![0.0; information.dimension()];
     if origin != [0.0; 3] {
         information.multiply(&vec![1.0; information.dimension()], &mut row_sums)?;

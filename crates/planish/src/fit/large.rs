@@ -1,13 +1,15 @@
 //! Clouds that are too large to be looked at in every iteration.
 //!
-//! Comes in: scans with more points than the search for a shape has use for. Goes out: a first part, a sample of them all, by which the surface
-//! is found; and what the other parts add to it, one after the other: each is projected once, weighed and summed up, and then forgotten.
-//! Information adds, so the surface that is solved from all of them knows every reading, but memory holds no more than a part.
+//! Comes in: scans with more points than the search for a shape has use for. Goes out: a first part, a sample
+//! of them all, by which the surface is found; and what the other parts add to it, one after the other: each
+//! is projected once, weighed and summed up, and then forgotten. Information adds, so the surface that is
+//! solved from all of them knows every reading, but memory holds no more than a part.
 //!
-//! Points are dealt out by a hash of their coordinates: every part is a sample of the whole, and readings that are written twice meet in
-//! one part, where they are found.
+//! Points are dealt out by a hash of their coordinates: every part is a sample of the whole, and readings
+//! that are written twice meet in one part, where they are found.
 //!
-//! Not guaranteed: normals of neighbours for what is added. Where a file states none, a reading belongs to the nearest side of the surface.
+//! Not guaranteed: normals of neighbours for what is added. Where a file states none, a reading belongs to
+//! the nearest side of the surface.
 
 use super::engine::{FootChannels, accumulate, add_up, normal_step, project};
 use super::noise::{ResidualSums, SensorNoise};
@@ -45,11 +47,16 @@ pub(super) struct Parts<'a> {
 }
 
 impl<'a> Parts<'a> {
-    /// Deals the points of large scans out; none where one part is enough. With `ground` only those on the ground are.
+    /// Deals the points of large scans out; none where one part is enough. With `ground` only those on the
+    /// ground are.
     ///
     /// # Errors
     /// Those of [`classify_ground`].
-    pub(super) fn deal(set: &'a ScanSet, options: &FitOptions, ground: Option<&GroundOptions>) -> Result<Option<Self>> {
+    pub(super) fn deal(
+        set: &'a ScanSet,
+        options: &FitOptions,
+        ground: Option<&GroundOptions>,
+    ) -> Result<Option<Self>> {
         let loose: usize = (set.scans.iter())
             .filter(|posed| posed.scan.grid.is_none())
             .map(|posed| posed.scan.points.len())
@@ -71,11 +78,7 @@ impl<'a> Parts<'a> {
             .collect();
         let mut rejected = BTreeMap::new();
         if let Some(ground) = ground {
-            for (posed, part) in set
-                .scans
-                .iter()
-                .zip(&mut part)
-                .filter(|(posed, _)| !has_ground(&posed.scan))
+            for (posed, part) in set.scans.iter().zip(&mut part).filter(|(posed, _)| !has_ground(&posed.scan))
             {
                 let points: Vec<[f64; 3]> = (posed.scan.points.par_iter())
                     .with_min_len(4096)
@@ -92,12 +95,7 @@ impl<'a> Parts<'a> {
                 }
             }
         }
-        Ok(Some(Self {
-            set,
-            part,
-            count,
-            rejected,
-        }))
+        Ok(Some(Self { set, part, count, rejected }))
     }
 
     /// The scans of one part; those of which it has nothing are empty.
@@ -110,12 +108,7 @@ impl<'a> Parts<'a> {
                 sigma_rotation_deg: posed.sigma_rotation_deg,
             })
             .collect();
-        ScanSet {
-            unit: self.set.unit,
-            sensors: self.set.sensors.clone(),
-            scans,
-            ..ScanSet::default()
-        }
+        ScanSet { unit: self.set.unit, sensors: self.set.sensors.clone(), scans, ..ScanSet::default() }
     }
 }
 
@@ -152,7 +145,8 @@ fn kept(scan: &Scan, part: &[u8], number: u8) -> Scan {
     }
 }
 
-/// The numbers of points, ordered so that what is near in space is near in memory: by cells of a coarse grid, along a curve.
+/// The numbers of points, ordered so that what is near in space is near in memory: by cells of a coarse grid,
+/// along a curve.
 fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
     let Some(bounds) = BoundingBox::of(points) else {
         return Vec::new();
@@ -199,7 +193,8 @@ pub(super) struct Absorbed {
     pub rejected: BTreeMap<Rejection, usize>,
     /// What there was, before anything was left out.
     pub total: usize,
-    /// Readings used, `Σ h²` of their heights, `Σ w h²`, and the sum of their stated variances: sensor by sensor.
+    /// Readings used, `Σ h²` of their heights, `Σ w h²`, and the sum of their stated variances: sensor by
+    /// sensor.
     pub used: Vec<ResidualSums>,
 }
 
@@ -246,14 +241,9 @@ impl Absorbed {
             let others: Vec<f64> = (feet.iter().zip(&information))
                 .map(|(foot, &w)| if foot.quantity == Quantity::Position { 0.0 } else { w })
                 .collect();
-            self.data
-                .add_scaled(&accumulate(system, surface, &feet, &others)?, 1.0)?;
+            self.data.add_scaled(&accumulate(system, surface, &feet, &others)?, 1.0)?;
         }
-        for (seen, now) in self
-            .observed
-            .iter_mut()
-            .zip(observed_leaves(surface, &feet, &information))
-        {
+        for (seen, now) in self.observed.iter_mut().zip(observed_leaves(surface, &feet, &information)) {
             *seen |= now;
         }
         self.total += observations.total;
@@ -284,9 +274,7 @@ pub(super) fn absorb(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Absorbed> {
-    let Settled {
-        surface, system, noise, ..
-    } = &*settled;
+    let Settled { surface, system, noise, .. } = &*settled;
     let mut absorbed = Absorbed {
         data: system.nothing()?,
         observed: vec![false; surface.space().leaves().len()],
@@ -305,15 +293,7 @@ pub(super) fn absorb(
         let (observations, subset) = part?;
         let next = || (number + 1 < parts.count).then(|| prepared(parts, number + 1, first, origin, options));
         let add = || {
-            absorbed.add(
-                surface,
-                system,
-                &mut sums,
-                noise,
-                (&observations, &subset),
-                &search,
-                options.gate,
-            )
+            absorbed.add(surface, system, &mut sums, noise, (&observations, &subset), &search, options.gate)
         };
         let (added, next) = rayon::join(add, next);
         added?;
@@ -321,14 +301,7 @@ pub(super) fn absorb(
     }
     absorbed.data.add_scaled(&sums.information(system)?, 1.0)?;
     progress.check("settling", 0.86)?;
-    let information = weights(
-        first,
-        &settled.subset,
-        &settled.feet,
-        &settled.noise,
-        options.gate,
-        false,
-    );
+    let information = weights(first, &settled.subset, &settled.feet, &settled.noise, options.gate, false);
     let step = normal_step(
         &settled.system,
         &settled.surface,
@@ -341,14 +314,8 @@ pub(super) fn absorb(
         &mut None,
     )?;
     settled.surface = step.surface;
-    settled.feet = project(
-        &settled.surface,
-        first,
-        &settled.subset,
-        &mut settled.at,
-        None,
-        &settled.noise.used,
-    );
+    settled.feet =
+        project(&settled.surface, first, &settled.subset, &mut settled.at, None, &settled.noise.used);
     Ok(absorbed)
 }
 
@@ -391,11 +358,7 @@ mod tests {
                 ..planish_sense::Sensor::default()
             }],
             scans: vec![PosedScan {
-                scan: Scan {
-                    name: "tile".to_owned(),
-                    points,
-                    ..Scan::default()
-                },
+                scan: Scan { name: "tile".to_owned(), points, ..Scan::default() },
                 sensor: 0,
                 sigma_translation: None,
                 sigma_rotation_deg: None,
@@ -404,16 +367,13 @@ mod tests {
         }
     }
 
-    /// Four parts must know what one would: every reading counts once, and σ is as small and as true as all of them make it.
+    /// Four parts must know what one would: every reading counts once, and σ is as small and as true as all
+    /// of them make it.
     #[test]
     fn a_cloud_in_parts_is_fitted_as_if_it_were_whole() {
         let set = set();
         let fitted = |max_coefficients, threads| {
-            let options = FitOptions {
-                shape: Some(Shape::Sheet),
-                max_coefficients,
-                ..FitOptions::default()
-            };
+            let options = FitOptions { shape: Some(Shape::Sheet), max_coefficients, ..FitOptions::default() };
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| fit(&set, &options, &Silent)).unwrap()
         };
@@ -433,14 +393,12 @@ mod tests {
         for leaf in 0..leaves {
             let jet = surface.leaf_jet(leaf, 0.5, 0.5);
             let normal = jet.normal().unwrap();
-            let sigma = crate::model::Posterior::sigma_along(&posterior.leaf(leaf).unwrap(), [0.5, 0.5], normal);
+            let sigma =
+                crate::model::Posterior::sigma_along(&posterior.leaf(leaf).unwrap(), [0.5, 0.5], normal);
             let [x, y, z] = jet.point;
             squares += ((z - height(x, y)) * normal[2].abs() / sigma).powi(2) / leaves as f64;
         }
-        assert!(
-            (0.5..1.6).contains(&squares),
-            "mean square of normalised errors {squares}"
-        );
+        assert!((0.5..1.6).contains(&squares), "mean square of normalised errors {squares}");
         let ratio = parts.report.sigma.median / whole.report.sigma.median;
         assert!((0.8..1.25).contains(&ratio), "{ratio} times the σ of the whole");
         let alone = fitted(1_000, 1);

@@ -24,7 +24,9 @@ mod stages;
 
 pub use crate::model::SigmaSummary;
 pub use forming::{Forming, Snapshot};
-pub use observations::{InventedReading, InventedVariance, ObservationOptions, Observations, Quantity, Rejection};
+pub use observations::{
+    InventedReading, InventedVariance, ObservationOptions, Observations, Quantity, Rejection,
+};
 pub(crate) use patch::{FirstFit, first_fit_of};
 pub(crate) use refined::RefinementLog;
 pub use refined::{LevelRefinement, RefineBy};
@@ -52,30 +54,36 @@ use std::sync::Arc;
 pub struct FitOptions {
     /// The topology; chosen from the cloud where none is given.
     pub shape: Option<Shape>,
-    /// Where the scans carry the parameters `u` and `v` in `[0, 1]` of their readings: the cells of the uniform grid that is fitted to them. The
-    /// problem is linear then: no tolerance and no limit of coefficients apply.
+    /// Where the scans carry the parameters `u` and `v` in `[0, 1]` of their readings: the cells of the
+    /// uniform grid that is fitted to them. The problem is linear then: no tolerance and no limit of
+    /// coefficients apply.
     pub known_parameters: Option<[usize; 2]>,
-    /// Refinement stops where the surface is this close to the points, in the model's unit; where their noise says so if none is given.
+    /// Refinement stops where the surface is this close to the points, in the model's unit; where their noise
+    /// says so if none is given.
     pub tolerance: Option<f64>,
     /// Whether only the bare earth is wanted of scans from above; then the shape is a sheet.
     pub ground: Option<GroundWidth>,
     /// How readings are fused: globally where none is given, and into a saved model as it was made.
     pub filter: Option<Filter>,
-    /// No more levels of subdivision beyond the base grid than this; where none is given as many as the readings fill, of the patch filter three.
+    /// No more levels of subdivision beyond the base grid than this; where none is given as many as the
+    /// readings fill, of the patch filter three.
     pub max_depth: Option<u8>,
     /// What asks for subdivision.
     pub refine_by: RefineBy,
-    /// Whether every scan but the first may stand elsewhere than its file says; poses with a stated σ may in any case.
+    /// Whether every scan but the first may stand elsewhere than its file says; poses with a stated σ may in
+    /// any case.
     pub align: bool,
     /// No more control vertices than this.
     pub max_coefficients: usize,
     /// The symmetry by which parts that nobody saw are completed.
     pub symmetry: Option<SymmetryChoice>,
-    /// How the thing moved while its scans were taken, at the times that they state; where none is given it stood still.
+    /// How the thing moved while its scans were taken, at the times that they state; where none is given it
+    /// stood still.
     pub motion: Option<ThingMotion>,
     /// Whether gaps are completed by the simple shape of what surrounds them.
     pub complete_smooth: bool,
-    /// How many snapshots are kept of the way from few readings to all of them, where any are wanted: see [`Fit::forming`].
+    /// How many snapshots are kept of the way from few readings to all of them, where any are wanted: see
+    /// [`Fit::forming`].
     pub snapshots: Option<usize>,
     /// Readings farther from the surface than this many σ are outliers.
     pub gate: f64,
@@ -104,7 +112,8 @@ pub enum Filter {
     /// All at once: one sparse information matrix over all control vertices.
     #[default]
     Global,
-    /// One after the other: a quadtree of patches with a dense covariance each; memory does not grow with the readings, and σ is known at any time.
+    /// One after the other: a quadtree of patches with a dense covariance each; memory does not grow with the
+    /// readings, and σ is known at any time.
     Patch,
 }
 
@@ -212,8 +221,8 @@ pub struct FitReport {
 }
 
 impl FitReport {
-    /// Readings that were set aside although they might have been of the surface: all but those of classes that are not wanted, and those above
-    /// the ground where the ground is.
+    /// Readings that were set aside although they might have been of the surface: all but those of classes
+    /// that are not wanted, and those above the ground where the ground is.
     #[must_use]
     pub fn set_aside(&self) -> usize {
         set_aside(&self.rejected)
@@ -221,8 +230,8 @@ impl FitReport {
 }
 
 fn set_aside(rejected: &BTreeMap<String, usize>) -> usize {
-    let unwanted =
-        [Rejection::Class, Rejection::AboveGround].map(|cause| rejected.get(cause.name()).copied().unwrap_or(0));
+    let unwanted = [Rejection::Class, Rejection::AboveGround]
+        .map(|cause| rejected.get(cause.name()).copied().unwrap_or(0));
     rejected.values().sum::<usize>() - unwanted.iter().sum::<usize>()
 }
 
@@ -255,16 +264,19 @@ impl Fit {
     /// The posterior covariance of the model, which the fit has made already.
     #[must_use]
     pub fn posterior(&self) -> Posterior<'_> {
-        Posterior::new(&self.model.surface, Arc::clone(&self.covariance)).with_shape_left(&self.model.shape_left)
+        Posterior::new(&self.model.surface, Arc::clone(&self.covariance))
+            .with_shape_left(&self.model.shape_left)
     }
 }
 
 /// Fits a surface to scans.
 ///
 /// # Errors
-/// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense; `Interrupted` on request.
+/// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense;
+/// `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    if options.snapshots.is_some() && (options.known_parameters.is_some() || options.motion == Some(ThingMotion::Bend))
+    if options.snapshots.is_some()
+        && (options.known_parameters.is_some() || options.motion == Some(ThingMotion::Bend))
     {
         return Err(Error::unsupported(
             "--animate shows readings that come one after the other: needed a fit without --known-uv and --motion bend, which take all of a time at once",
@@ -295,10 +307,8 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         return patch::fit_patches(set, options, progress);
     }
     let ground = options.ground.map(|width| ground_options(set.unit, width));
-    let sheet = FitOptions {
-        shape: options.shape.or(options.ground.map(|_| Shape::Sheet)),
-        ..options.clone()
-    };
+    let sheet =
+        FitOptions { shape: options.shape.or(options.ground.map(|_| Shape::Sheet)), ..options.clone() };
     let completes = options.symmetry.is_some() || options.complete_smooth;
     // Snapshots are of readings that are all there.
     let dealt = if completes || options.snapshots.is_some() {
@@ -314,35 +324,21 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
         let (settled, propagation) = propagated(&mut observations, origin, &sheet, progress)?;
         let forming = (options.snapshots)
             .map(|frames| {
-                forming::formed(
-                    &observations,
-                    &settled,
-                    options,
-                    frames,
-                    &Part::new(progress, 0.88, 0.9),
-                )
+                forming::formed(&observations, &settled, options, frames, &Part::new(progress, 0.88, 0.9))
             })
             .transpose()?;
         let mut fitted = finish::finish(set, &observations, settled, options, None, None, origin, progress)?;
         fitted.forming = forming;
         let invented_area_fraction = fitted.model.area_fraction(Observed::Invented);
-        fitted.report.propagation = propagation.map(|found| PropagationReport {
-            invented_area_fraction,
-            ..found
-        });
+        fitted.report.propagation =
+            propagation.map(|found| PropagationReport { invented_area_fraction, ..found });
         return fitted.translated(origin);
     };
     progress.check("dealing out", 0.01)?;
     let mut observations = {
         let first = parts.part(0);
         let options = observation_options(set, options);
-        observe(
-            &first,
-            &ObservationOptions {
-                ground: None,
-                ..options
-            },
-        )?
+        observe(&first, &ObservationOptions { ground: None, ..options })?
     };
     observations.ground = options.ground.is_some();
     let origin = observations.recentre();
@@ -350,17 +346,8 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     progress.check("normals", 0.02)?;
     let mut settled = stages::settle(&mut observations, &sheet, &Part::new(progress, 0.02, 0.6))?;
     let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
-    finish::finish(
-        set,
-        &observations,
-        settled,
-        options,
-        None,
-        Some(absorbed),
-        origin,
-        progress,
-    )?
-    .translated(origin)
+    finish::finish(set, &observations, settled, options, None, Some(absorbed), origin, progress)?
+        .translated(origin)
 }
 
 /// Some scans of a set, with its sensors.
@@ -372,20 +359,12 @@ fn some_scans(set: &ScanSet, scans: &[usize]) -> ScanSet {
     }
 }
 
-/// Fits a thing that moved: its first scan makes a surface, the others are laid on it and tell the motion, and all of them then make the model, as the
-/// thing was when the first was taken.
+/// Fits a thing that moved: its first scan makes a surface, the others are laid on it and tell the motion,
+/// and all of them then make the model, as the thing was when the first was taken.
 fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let order = propagate::scans_in_time(set)?;
-    let mut still = FitOptions {
-        motion: None,
-        ..options.clone()
-    };
-    let mut plain = FitOptions {
-        symmetry: None,
-        complete_smooth: false,
-        snapshots: None,
-        ..still.clone()
-    };
+    let mut still = FitOptions { motion: None, ..options.clone() };
+    let mut plain = FitOptions { symmetry: None, complete_smooth: false, snapshots: None, ..still.clone() };
     let mut first = fit(&some_scans(set, &order[..1]), &plain, &Part::new(progress, 0.0, 0.15))?;
     // A thing that turns shows its sides in time: one that curves away from the scanner is no sheet.
     if options.shape.is_none() && first.model.surface.space().shape() == Shape::Sheet && curves_away(&first) {
@@ -398,10 +377,7 @@ fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> R
         progress.items(k - 1, "scans");
         let readings = observe(
             &some_scans(set, &[scan]),
-            &ObservationOptions {
-                held_out_share: 0.0,
-                ..observation_options(set, &plain)
-            },
+            &ObservationOptions { held_out_share: 0.0, ..observation_options(set, &plain) },
         )?;
         tracker.follow(scan, &readings)?;
     }
@@ -411,7 +387,8 @@ fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> R
             continue;
         };
         posed.scan.world_from_scanner = world_from_thing.inverse().after(&posed.scan.world_from_scanner);
-        // The whole says more of the poses than the first scan did: they stay unknowns, known as well as the motion knows them.
+        // The whole says more of the poses than the first scan did: they stay unknowns, known as well as the
+        // motion knows them.
         if k != order[0] {
             let [translation, rotation] = tracker.sigmas(k, posed.scan.world_from_scanner.translation);
             posed.sigma_translation = Some(translation);
@@ -424,7 +401,8 @@ fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> R
     Ok(fitted)
 }
 
-/// Whether more than a few percent of what was measured faces away from the middle of it by more than `acos(0.4)`, 66°.
+/// Whether more than a few percent of what was measured faces away from the middle of it by more than
+/// `acos(0.4)`, 66°.
 fn curves_away(fitted: &Fit) -> bool {
     let surface = &fitted.model.surface;
     let areas: Vec<[f64; 3]> = (0..surface.space().leaves().len())
@@ -479,7 +457,8 @@ fn propagated(
 
 /// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.
 fn ground_options(unit: Option<Unit>, width: GroundWidth) -> GroundOptions {
-    let options = GroundOptions::for_unit(Unit::Metre.millimetres() / unit.unwrap_or(Unit::Metre).millimetres());
+    let options =
+        GroundOptions::for_unit(Unit::Metre.millimetres() / unit.unwrap_or(Unit::Metre).millimetres());
     match width {
         GroundWidth::Usual => options,
         GroundWidth::Widest(widest) => GroundOptions { widest, ..options },
@@ -509,7 +488,12 @@ fn observation_options(set: &ScanSet, options: &FitOptions) -> ObservationOption
 ///
 /// # Errors
 /// As for [`fit`]; `Input` when units differ.
-pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+pub fn update(
+    model: &SurfaceModel,
+    set: &ScanSet,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Fit> {
     if let Some(unit) = set.unit
         && unit != model.unit
     {
@@ -524,11 +508,7 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
             "the model is a state of a sheet that bends, and later scans are of other states: needed `fit --motion bend` of all scans together",
         ));
     }
-    let own = if model.patches.is_some() {
-        Filter::Patch
-    } else {
-        Filter::Global
-    };
+    let own = if model.patches.is_some() { Filter::Patch } else { Filter::Global };
     if let Some(asked) = options.filter.filter(|asked| *asked != own) {
         let name = |filter| match filter {
             Filter::Global => "global",
@@ -565,15 +545,6 @@ pub fn update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions, progres
             patch::update_patches(model, filter, &observations, options, progress)?
         }
     };
-    finish::finish(
-        set,
-        &observations,
-        settled,
-        options,
-        Some(model),
-        None,
-        origin,
-        progress,
-    )?
-    .translated(origin)
+    finish::finish(set, &observations, settled, options, Some(model), None, origin, progress)?
+        .translated(origin)
 }

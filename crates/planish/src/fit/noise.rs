@@ -1,4 +1,5 @@
-//! What the residuals say of the sensors: σ per sensor from gated readings, and whether it contradicts what was stated.
+//! What the residuals say of the sensors: σ per sensor from gated readings, and whether it contradicts what
+//! was stated.
 
 use super::engine::{Foot, FootState};
 use super::observations::{Observations, Quantity};
@@ -25,13 +26,16 @@ pub(super) struct SensorNoise {
     pub count: Vec<usize>,
     /// Whether the estimate is used although σ was stated.
     pub contradicted: Vec<bool>,
-    /// What the variance over that stated cannot well exceed: one where σ was stated, less where neighbouring points agree better.
+    /// What the variance over that stated cannot well exceed: one where σ was stated, less where neighbouring
+    /// points agree better.
     pub most: Vec<f64>,
-    /// Whether the surface follows the sensor's readings wherever they go, so that what they leave says nothing of their error.
+    /// Whether the surface follows the sensor's readings wherever they go, so that what they leave says
+    /// nothing of their error.
     pub followed: Vec<bool>,
 }
 
-/// Variance of points about the planes of their neighbours, over that of their noise at most: neighbours may err together.
+/// Variance of points about the planes of their neighbours, over that of their noise at most: neighbours may
+/// err together.
 const ROUGHNESS_TO_NOISE: f64 = 4.0;
 
 impl SensorNoise {
@@ -46,22 +50,12 @@ impl SensorNoise {
                     .copied()
                     .flatten()
                     .map_or(f64::INFINITY, |r| ROUGHNESS_TO_NOISE * r);
-                if observations.stated[channel] {
-                    bound.min(1.0)
-                } else {
-                    bound
-                }
+                if observations.stated[channel] { bound.min(1.0) } else { bound }
             })
             .collect();
         // An unstated σ is unknown: until it is estimated, nothing may be made of it (no lift is taken off).
         let used = (0..channels)
-            .map(|channel| {
-                if observations.stated[channel] {
-                    most[channel]
-                } else {
-                    0.0
-                }
-            })
+            .map(|channel| if observations.stated[channel] { most[channel] } else { 0.0 })
             .collect();
         Self {
             estimated: vec![1.0; channels],
@@ -73,9 +67,15 @@ impl SensorNoise {
         }
     }
 
-    /// Goes back to what readings without a stated σ said before the surface heard of them, where it now follows them wherever they go:
-    /// each round would weigh them more for the little that they leave, without end.
-    pub(super) fn keep_where_followed(&mut self, observations: &Observations, before: &Self, degrees: &[f64]) {
+    /// Goes back to what readings without a stated σ said before the surface heard of them, where it now
+    /// follows them wherever they go: each round would weigh them more for the little that they leave,
+    /// without end.
+    pub(super) fn keep_where_followed(
+        &mut self,
+        observations: &Observations,
+        before: &Self,
+        degrees: &[f64],
+    ) {
         for channel in 0..self.used.len() {
             let spare = self.count[channel] as f64 - degrees[channel];
             let is_followed = spare < LEAST_REDUNDANCY * self.count[channel] as f64;
@@ -89,8 +89,9 @@ impl SensorNoise {
 
     /// Estimates every sensor from residuals whose gate at `gate` σ is corrected for.
     ///
-    /// `degrees` are the effective degrees of freedom that each sensor's readings determine: their χ² is smaller than their number by that.
-    /// While `settled` is false the surface still misses shape, and every sensor counts as its residuals say, if worse than stated.
+    /// `degrees` are the effective degrees of freedom that each sensor's readings determine: their χ² is
+    /// smaller than their number by that. While `settled` is false the surface still misses shape, and every
+    /// sensor counts as its residuals say, if worse than stated.
     pub(super) fn estimate(
         observations: &Observations,
         subset: &[u32],
@@ -113,7 +114,9 @@ impl SensorNoise {
             let normalised: Vec<f64> = subset
                 .iter()
                 .zip(feet)
-                .filter(|(i, foot)| foot.state == FootState::Good && observations.channel(**i as usize) == channel)
+                .filter(|(i, foot)| {
+                    foot.state == FootState::Good && observations.channel(**i as usize) == channel
+                })
                 .flat_map(|(_, foot)| foot.residuals().iter().map(|r| r / foot.variance.sqrt()))
                 .collect();
             noise.count[channel] = normalised.len();
@@ -138,11 +141,14 @@ impl SensorNoise {
             // Readings that the fit follows wherever they go say nothing of their error.
             let redundancy = 1.0 - degrees[channel] / scale.kept.max(1) as f64;
             let redundant = redundancy * scale.kept as f64;
-            // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh with.
-            noise.estimated[channel] = (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(least);
+            // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh
+            // with.
+            noise.estimated[channel] =
+                (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(least);
             let ratio = noise.estimated[channel].sqrt();
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
-            // A surface follows errors that neighbours share: small residuals are then no proof that errors are small.
+            // A surface follows errors that neighbours share: small residuals are then no proof that errors
+            // are small.
             let may_be_smaller = !observations.err_together[observations.channels[channel].sensor];
             let smaller = may_be_smaller && ratio < 1.0 / BELIEVED - 3.0 * standard_error;
             let off = redundancy > LEAST_REDUNDANCY

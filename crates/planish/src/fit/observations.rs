@@ -1,8 +1,8 @@
 //! From scans to observations: world positions, covariances, normals, and first rejections.
 //!
-//! Comes in: scans with their sensors. Goes out: [`Observations`], column by column, each kept point once. What the scan
-//! itself speaks against (depth edges, grazing angles) is counted by cause and left out; a seeded share is held out of the fit
-//! to judge it.
+//! Comes in: scans with their sensors. Goes out: [`Observations`], column by column, each kept point once.
+//! What the scan itself speaks against (depth edges, grazing angles) is counted by cause and left out; a
+//! seeded share is held out of the fit to judge it.
 
 use super::shared::SharedErrors;
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, unit, upper_triangle};
@@ -10,8 +10,8 @@ use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
 use planish_sense::{
-    Ground, GroundOptions, Noise, Pose, Scan, ScanChecks, Sensor, SensorKind, Suspicion, Viewing, classify_ground,
-    cloud_geometry, local_roughness, orient_normals, ray_at, scan_geometry, variance_along,
+    Ground, GroundOptions, Noise, Pose, Scan, ScanChecks, Sensor, SensorKind, Suspicion, Viewing,
+    classify_ground, cloud_geometry, local_roughness, orient_normals, ray_at, scan_geometry, variance_along,
 };
 use planish_spline::{curvature_tensor, principal_axes};
 use rayon::prelude::*;
@@ -113,7 +113,8 @@ pub struct Channel {
     pub sensor: usize,
     /// What it reads.
     pub quantity: Quantity,
-    /// Whether its readings were concluded from others: then it has no sensor, and none of its own errors can be told from theirs.
+    /// Whether its readings were concluded from others: then it has no sensor, and none of its own errors can
+    /// be told from theirs.
     pub invented: bool,
 }
 
@@ -189,22 +190,26 @@ pub struct Observations {
     index: Vec<u32>,
     /// Whether the point is held out of the fit to judge it.
     pub held_out: Vec<bool>,
-    /// For each scan, its channel. What a scan measures beside positions is a scan of its own, after all others.
+    /// For each scan, its channel. What a scan measures beside positions is a scan of its own, after all
+    /// others.
     pub channel_of_scan: Vec<usize>,
     /// The channels: the positions of every sensor in the order of the sensors, then what else they read.
     pub channels: Vec<Channel>,
     /// Whether the sign of the point's normal is known, from the scan or its viewpoint.
     oriented: Vec<bool>,
-    /// For each channel, how far the points of its largest scan lie from the planes of their neighbours: variance along the normal over that stated (over one
-    /// where none was stated). No less than the noise, unless neighbours err together; none where there are too few points to tell.
+    /// For each channel, how far the points of its largest scan lie from the planes of their neighbours:
+    /// variance along the normal over that stated (over one where none was stated). No less than the noise,
+    /// unless neighbours err together; none where there are too few points to tell.
     pub roughness: Vec<Option<f64>>,
     /// A variance that is rounding and no more.
     pub least_variance: f64,
     /// Whether the channel's σ was stated, by its sensor's model or by every point of its scans.
     pub stated: Vec<bool>,
-    /// Whether the errors of a sensor's neighbouring readings are alike, by sensor: those of dense stereo are, as neighbours share most of what was matched.
+    /// Whether the errors of a sensor's neighbouring readings are alike, by sensor: those of dense stereo
+    /// are, as neighbours share most of what was matched.
     pub err_together: Vec<bool>,
-    /// Whether they are what is left of points on the ground and above it: more of the latter may be among them.
+    /// Whether they are what is left of points on the ground and above it: more of the latter may be among
+    /// them.
     pub ground: bool,
     /// What was left out already, by cause.
     pub rejected: BTreeMap<Rejection, usize>,
@@ -230,11 +235,14 @@ pub struct ObservationOptions {
     pub seed: u64,
     /// Checks of each scan.
     pub checks: ScanChecks,
-    /// Whether a sheet is wanted: of points that are classified the ground alone, and of every point whose side is not known the upper.
+    /// Whether a sheet is wanted: of points that are classified the ground alone, and of every point whose
+    /// side is not known the upper.
     pub sheet: bool,
-    /// Whether readings are taken as they are: without normals but those that a file states, and without the checks that neighbours make.
+    /// Whether readings are taken as they are: without normals but those that a file states, and without the
+    /// checks that neighbours make.
     pub as_they_are: bool,
-    /// How the ground is told from what stands on it, where only the ground is wanted and a scan has no classes that tell it.
+    /// How the ground is told from what stands on it, where only the ground is wanted and a scan has no
+    /// classes that tell it.
     pub ground: Option<GroundOptions>,
 }
 
@@ -243,10 +251,12 @@ const NOISE_CLASSES: [u8; 2] = [7, 18];
 /// Classes that are bare earth: ground, and key points of it.
 const GROUND_CLASSES: [u8; 2] = [2, 8];
 
-/// Of a scan of fewer readings none is held out: four touches that anchor a surface judge nothing and are missed.
+/// Of a scan of fewer readings none is held out: four touches that anchor a surface judge nothing and are
+/// missed.
 const LEAST_JUDGED: usize = 30;
 
-/// The least sine of the angle between a normal and the direction of a curvature: that lies in the tangent plane, at a right angle.
+/// The least sine of the angle between a normal and the direction of a curvature: that lies in the tangent
+/// plane, at a right angle.
 const LEAST_ACROSS: f64 = 1e-6;
 
 /// Pairs of scans with the same readings that are named one by one.
@@ -259,7 +269,8 @@ const FAR_FROM_ORIGIN: f64 = 8.0;
 const LEAST_POINTS: usize = 10;
 
 impl Observations {
-    /// Carries every scan into the world, makes normals, and leaves out what the scans themselves speak against.
+    /// Carries every scan into the world, makes normals, and leaves out what the scans themselves speak
+    /// against.
     ///
     /// # Errors
     /// `Undetermined` when no scan has a usable point; `Input` when a σ is not positive.
@@ -273,11 +284,7 @@ impl Observations {
         let mut made = Self {
             channel_of_scan: sensor_of_scan.to_vec(),
             channels: (0..sensors.len())
-                .map(|sensor| Channel {
-                    sensor,
-                    quantity: Quantity::Position,
-                    invented: false,
-                })
+                .map(|sensor| Channel { sensor, quantity: Quantity::Position, invented: false })
                 .collect(),
             total,
             stated: vec![true; sensors.len()],
@@ -354,8 +361,7 @@ impl Observations {
                 let normal = geometry.as_ref().map(|g| g.normals[i]).or_else(stated);
                 let normal = normal.unwrap_or([0.0; 3]);
                 made.points.push(world);
-                made.normals
-                    .push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
+                made.normals.push(scan.world_from_scanner.rotate(normal).map(|c| c as f32));
                 made.scan.push(s as u32);
                 made.index.push(kept);
                 if keep_source {
@@ -363,8 +369,7 @@ impl Observations {
                 }
                 // A normal of zero in a file means that it is not known.
                 let known = scan.grid.is_some() || dot(normal, normal) > 0.0;
-                made.oriented
-                    .push(known && geometry.as_ref().is_some_and(|g| g.oriented));
+                made.oriented.push(known && geometry.as_ref().is_some_and(|g| g.oriented));
                 let spared = scan.points.len() >= LEAST_JUDGED;
                 made.held_out
                     .push(spared && hash01(options.seed, s as u64, i as u64) < options.held_out_share);
@@ -386,10 +391,7 @@ impl Observations {
                     None => {
                         made.stated[sensor_of_scan[s]] = false;
                         // One unit of length until the variance components say more.
-                        ScanNoise::Model {
-                            noise: Noise::Isotropic { sigma: 1.0 },
-                            viewing: Viewing::Unknown,
-                        }
+                        ScanNoise::Model { noise: Noise::Isotropic { sigma: 1.0 }, viewing: Viewing::Unknown }
                     }
                 }
             });
@@ -402,7 +404,9 @@ impl Observations {
                     "of {total} readings {repeated} repeat the coordinates of another, which leaves {left}: at least {LEAST_POINTS} are needed"
                 )
             } else {
-                format!("of {total} readings the scans' own checks leave {left}: at least {LEAST_POINTS} are needed")
+                format!(
+                    "of {total} readings the scans' own checks leave {left}: at least {LEAST_POINTS} are needed"
+                )
             }));
         }
         made.source = source;
@@ -421,9 +425,14 @@ impl Observations {
         Ok(made)
     }
 
-    /// Adds what scans measure beside positions: for each normal and each curvature an observation of its own, at the same place. Sensors
-    /// that measure nothing else lose their positions.
-    fn add_directions(&mut self, scans: &[&Scan], sensor_of_scan: &[usize], sensors: &[Sensor]) -> Result<()> {
+    /// Adds what scans measure beside positions: for each normal and each curvature an observation of its
+    /// own, at the same place. Sensors that measure nothing else lose their positions.
+    fn add_directions(
+        &mut self,
+        scans: &[&Scan],
+        sensor_of_scan: &[usize],
+        sensors: &[Sensor],
+    ) -> Result<()> {
         let placed = self.len();
         for (s, scan) in scans.iter().enumerate() {
             let sensor = &sensors[sensor_of_scan[s]];
@@ -433,7 +442,8 @@ impl Observations {
                 continue;
             }
             let turn = &scan.world_from_scanner;
-            // Each reading's place, its point of the scan, its normal, and whether that is on the side that was found out for it.
+            // Each reading's place, its point of the scan, its normal, and whether that is on the side that
+            // was found out for it.
             let known: Vec<(usize, usize, [f64; 3], f64)> = (0..placed)
                 .filter(|&k| self.scan[k] as usize == s)
                 .filter_map(|k| {
@@ -495,11 +505,7 @@ impl Observations {
 
     /// A scan of another quantity at places of one that is there.
     fn add_scan(&mut self, sensor: usize, quantity: Quantity, stated: bool, at: &[usize], noise: ScanNoise) {
-        let channel = Channel {
-            sensor,
-            quantity,
-            invented: false,
-        };
+        let channel = Channel { sensor, quantity, invented: false };
         let number = self.channels.iter().position(|c| *c == channel).unwrap_or_else(|| {
             self.channels.push(channel);
             self.stated.push(true);
@@ -524,17 +530,14 @@ impl Observations {
         self.total += at.len();
     }
 
-    /// Adds readings that were concluded from others; what they were before does not count them among its own.
+    /// Adds readings that were concluded from others; what they were before does not count them among its
+    /// own.
     pub fn add_invented(&mut self, readings: &[InventedReading]) {
         if readings.is_empty() {
             return;
         }
         let channel = self.channels.iter().position(|c| c.invented).unwrap_or_else(|| {
-            self.channels.push(Channel {
-                sensor: usize::MAX,
-                quantity: Quantity::Position,
-                invented: true,
-            });
+            self.channels.push(Channel { sensor: usize::MAX, quantity: Quantity::Position, invented: true });
             self.stated.push(true);
             if !self.roughness.is_empty() {
                 self.roughness.push(None);
@@ -545,8 +548,7 @@ impl Observations {
         self.channel_of_scan.push(channel);
         self.base.push(scan);
         self.shared.add_fixed_scan();
-        self.noise
-            .push(ScanNoise::Invented(readings.iter().map(|r| r.variance).collect()));
+        self.noise.push(ScanNoise::Invented(readings.iter().map(|r| r.variance).collect()));
         for (index, reading) in (0..).zip(readings) {
             self.points.push(reading.point);
             self.normals.push(reading.normal.map(|c| c as f32));
@@ -569,11 +571,7 @@ impl Observations {
 
     /// Which scans repeat each other, for people.
     pub(super) fn copies_told(&self, set: &ScanSet) -> Vec<String> {
-        let name = |scan: u32| {
-            set.scans
-                .get(scan as usize)
-                .map_or("", |posed| posed.scan.name.as_str())
-        };
+        let name = |scan: u32| set.scans.get(scan as usize).map_or("", |posed| posed.scan.name.as_str());
         let told = self.copies.iter().take(COPIES_TOLD).map(|&(first, second)| {
             format!(
                 "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among what was set aside",
@@ -589,11 +587,7 @@ impl Observations {
     /// The scan of the set that a scan here is of.
     pub(super) fn base_scan(&self, scan: usize) -> usize {
         let scans = self.channel_of_scan.len() - self.base.len();
-        if scan < scans {
-            scan
-        } else {
-            self.base[scan - scans] as usize
-        }
+        if scan < scans { scan } else { self.base[scan - scans] as usize }
     }
 
     /// How the sensor of a scan looks, where its noise depends on it.
@@ -615,24 +609,25 @@ impl Observations {
         if motions.iter().all(Option::is_none) {
             return;
         }
-        (self.points.par_iter_mut().zip(&mut self.normals).zip(&self.scan))
-            .with_min_len(4096)
-            .for_each(|((point, normal), &scan)| {
+        (self.points.par_iter_mut().zip(&mut self.normals).zip(&self.scan)).with_min_len(4096).for_each(
+            |((point, normal), &scan)| {
                 if let Some(motion) = &motions[scan as usize] {
                     *point = motion.apply(*point);
                     *normal = motion.rotate(normal.map(f64::from)).map(|c| c as f32);
                 }
-            });
+            },
+        );
         for (noise, motion) in self.noise.iter_mut().zip(motions) {
             let Some(motion) = motion else { continue };
             match noise {
                 ScanNoise::Model { viewing, .. } => *viewing = moved_viewing(*viewing, motion),
                 ScanNoise::Sigma(_) | ScanNoise::Invented(_) => {}
-                ScanNoise::Covariance(all) => all.iter_mut().for_each(|c| *c = rotate_covariance(&motion.rotation, c)),
+                ScanNoise::Covariance(all) => {
+                    all.iter_mut().for_each(|c| *c = rotate_covariance(&motion.rotation, c))
+                }
                 ScanNoise::Normals(all) => all.iter_mut().for_each(|(n, _)| *n = motion.rotate(*n)),
                 ScanNoise::Curvatures(all) => {
-                    all.iter_mut()
-                        .for_each(|(t, _)| *t = rotate_covariance(&motion.rotation, t));
+                    all.iter_mut().for_each(|(t, _)| *t = rotate_covariance(&motion.rotation, t));
                 }
             }
         }
@@ -696,25 +691,28 @@ impl Observations {
         self.normals[i].map(f64::from)
     }
 
-    /// Covariance of a position as stated: `[xx, xy, xz, yy, yz, zz]` in world axes; zero where the place is no measurement, and of readings that were
-    /// concluded from others, whose error is along their normal.
+    /// Covariance of a position as stated: `[xx, xy, xz, yy, yz, zz]` in world axes; zero where the place is
+    /// no measurement, and of readings that were concluded from others, whose error is along their normal.
     #[inline]
     #[must_use]
     pub fn covariance(&self, i: usize) -> [f64; 6] {
         match &self.noise[self.scan[i] as usize] {
             ScanNoise::Model { noise, viewing } => noise.covariance(ray_at(*viewing, self.points[i])),
-            ScanNoise::Sigma(all) => Noise::Isotropic {
-                sigma: all[self.index[i] as usize],
-            }
-            .covariance(None),
+            ScanNoise::Sigma(all) => Noise::Isotropic { sigma: all[self.index[i] as usize] }.covariance(None),
             ScanNoise::Covariance(all) => all[self.index[i] as usize],
             ScanNoise::Normals(_) | ScanNoise::Curvatures(_) | ScanNoise::Invented(_) => [0.0; 6],
         }
     }
 
-    /// Normals for the points that have none, and one orientation for those whose side is unknown if it is asked for; isolated ones among them go. Touches
-    /// (`touched`, by sensor) are few and put where somebody wanted them: those are isolated that are so among touches, too.
-    fn complete_normals(&mut self, neighbours: usize, orient: bool, touched: impl Fn(usize) -> bool) -> Result<()> {
+    /// Normals for the points that have none, and one orientation for those whose side is unknown if it is
+    /// asked for; isolated ones among them go. Touches (`touched`, by sensor) are few and put where somebody
+    /// wanted them: those are isolated that are so among touches, too.
+    fn complete_normals(
+        &mut self,
+        neighbours: usize,
+        orient: bool,
+        touched: impl Fn(usize) -> bool,
+    ) -> Result<()> {
         if self.oriented.iter().all(|&o| o) {
             return Ok(());
         }
@@ -722,7 +720,8 @@ impl Observations {
         if (0..self.len()).any(|i| unknown(self, i)) {
             let cloud = cloud_geometry(&self.points, neighbours)?;
             let touch = |i: usize| touched(self.channels[self.channel(i)].sensor);
-            let mut gone: Vec<bool> = (0..self.len()).map(|i| unknown(self, i) && cloud.isolated[i]).collect();
+            let mut gone: Vec<bool> =
+                (0..self.len()).map(|i| unknown(self, i) && cloud.isolated[i]).collect();
             if (0..self.len()).any(|i| gone[i] && touch(i)) {
                 let touches: Vec<usize> = (0..self.len()).filter(|&i| touch(i)).collect();
                 let points: Vec<[f64; 3]> = touches.iter().map(|&i| self.points[i]).collect();
@@ -750,7 +749,8 @@ impl Observations {
         Ok(())
     }
 
-    /// Leaves out what stands on the ground, or lies far below it, of scans whose classes do not tell the ground already.
+    /// Leaves out what stands on the ground, or lies far below it, of scans whose classes do not tell the
+    /// ground already.
     fn keep_ground(&mut self, scans: &[&Scan], options: &GroundOptions) -> Result<()> {
         self.ground = true;
         let mut found = classify_ground(&self.points, options)?;
@@ -775,17 +775,16 @@ impl Observations {
         Ok(())
     }
 
-    /// Turns normals whose side is not known to the upper side of the plane that is nearest to all points; upper is where the largest
-    /// coordinate of its normal is positive. Those that are steep against it are not known after all: where readings are few or lie in rows,
-    /// planes of neighbours stand up that no ground has.
+    /// Turns normals whose side is not known to the upper side of the plane that is nearest to all points;
+    /// upper is where the largest coordinate of its normal is positive. Those that are steep against it are
+    /// not known after all: where readings are few or lie in rows, planes of neighbours stand up that no
+    /// ground has.
     fn turn_upwards(&mut self) {
         /// Cosine of sixty degrees.
         const STEEP: f64 = 0.5;
         let (_, axes, _) = principal_axes(&self.points);
         let flat = axes[2];
-        let largest = flat
-            .into_iter()
-            .fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
+        let largest = flat.into_iter().fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
         for i in (0..self.len()).filter(|&i| !self.oriented[i]) {
             let up = dot(self.normal(i), flat) * largest.signum();
             if up < -STEEP {
@@ -822,10 +821,11 @@ impl Observations {
         }
     }
 
-    /// Moves the origin near the points where they lie far from it, and says where it is now; exact to the last digit.
+    /// Moves the origin near the points where they lie far from it, and says where it is now; exact to the
+    /// last digit.
     ///
-    /// Coordinates of a map have seven digits before the point: what is left of the sixteen after products of them is too little
-    /// for an energy that no translation changes.
+    /// Coordinates of a map have seven digits before the point: what is left of the sixteen after products of
+    /// them is too little for an energy that no translation changes.
     pub fn recentre(&mut self) -> [f64; 3] {
         let Some(bounds) = BoundingBox::of(&self.points) else {
             return [0.0; 3];
@@ -850,11 +850,7 @@ impl Observations {
             *p = sub(*p, origin);
         }
         for noise in &mut self.noise {
-            if let ScanNoise::Model {
-                viewing: Viewing::Origin(from),
-                ..
-            } = noise
-            {
+            if let ScanNoise::Model { viewing: Viewing::Origin(from), .. } = noise {
                 *from = sub(*from, origin);
             }
         }
@@ -870,9 +866,8 @@ impl Observations {
                     .filter(|&s| self.channel_of_scan[s] == sensor)
                     .max_by_key(|&s| scans[s].points.len())?;
                 let known = |i: usize| self.normals[i] != [0.0; 3];
-                let own: Vec<usize> = (0..self.len())
-                    .filter(|&i| self.scan[i] as usize == largest && known(i))
-                    .collect();
+                let own: Vec<usize> =
+                    (0..self.len()).filter(|&i| self.scan[i] as usize == largest && known(i)).collect();
                 let points: Vec<[f64; 3]> = own.iter().map(|&i| self.points[i]).collect();
                 let variance = |&i: &usize| variance_along(&self.covariance(i), self.normal(i));
                 let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
@@ -899,7 +894,8 @@ impl Observations {
     }
 }
 
-/// What a scan measures beside positions: what it states a σ of, or its sensor does, or what its sensor is for.
+/// What a scan measures beside positions: what it states a σ of, or its sensor does, or what its sensor is
+/// for.
 #[derive(Clone, Copy)]
 struct Directions {
     normals: bool,
@@ -940,14 +936,17 @@ impl Directions {
     }
 }
 
-/// Where a sensor has read already, point by point, over all of its scans: noise of independent readings does not repeat to the last digit.
+/// Where a sensor has read already, point by point, over all of its scans: noise of independent readings does
+/// not repeat to the last digit.
 #[derive(Debug, Clone, Default)]
 struct SeenPoints(HashMap<[u64; 3], (u32, u32), BuildHasherDefault<BitsHasher>>);
 
 impl SeenPoints {
-    /// The earlier scan, or this one, that holds the same reading; none where it is new, and it is kept in mind then.
+    /// The earlier scan, or this one, that holds the same reading; none where it is new, and it is kept in
+    /// mind then.
     ///
-    /// Where a sensor measures no positions they are pixels, which its scans share: a reading is the same then where its normal is, too.
+    /// Where a sensor measures no positions they are pixels, which its scans share: a reading is the same
+    /// then where its normal is, too.
     fn scan_with(
         &mut self,
         scans: &[&Scan],
@@ -972,7 +971,8 @@ impl SeenPoints {
     }
 }
 
-/// The earlier scan of the same sensor and pose that a scan with a grid repeats as a whole. Single cells may agree: depths of images are whole numbers.
+/// The earlier scan of the same sensor and pose that a scan with a grid repeats as a whole. Single cells may
+/// agree: depths of images are whole numbers.
 fn copied_grid(scans: &[&Scan], sensor_of_scan: &[usize], s: usize) -> Option<usize> {
     let scan = scans[s];
     scan.grid.as_ref()?;
@@ -992,7 +992,8 @@ pub(super) fn has_ground(scan: &Scan) -> bool {
     (scan.classes.iter().flatten()).any(|class| GROUND_CLASSES.contains(class))
 }
 
-/// Hashes the bits of coordinates; the standard hasher withstands attackers, and takes a tenth of the time of reading a large cloud for it.
+/// Hashes the bits of coordinates; the standard hasher withstands attackers, and takes a tenth of the time of
+/// reading a large cloud for it.
 #[derive(Default)]
 pub(super) struct BitsHasher(u64);
 
@@ -1034,9 +1035,7 @@ pub(super) fn moved_viewing(viewing: Viewing, motion: &Pose) -> Viewing {
 fn rotate_covariance(r: &[[f64; 3]; 3], c: &[f64; 6]) -> [f64; 6] {
     let full = [[c[0], c[1], c[2]], [c[1], c[3], c[4]], [c[2], c[4], c[5]]];
     let entry = |i: usize, j: usize| -> f64 {
-        (0..3)
-            .map(|a| r[i][a] * (0..3).map(|b| full[a][b] * r[j][b]).sum::<f64>())
-            .sum()
+        (0..3).map(|a| r[i][a] * (0..3).map(|b| full[a][b] * r[j][b]).sum::<f64>()).sum()
     };
     upper_triangle(entry)
 }

@@ -1,11 +1,13 @@
 //! `fit` by the patch filter: a first fit of a bounded number of readings, then all others one at a time.
 //!
-//! Comes in: scans. Goes out: a [`Fit`] whose model holds the filter. The first readings, some thousands of all, are fitted at once by the
-//! global filter over the base grid: that finds the shape, the noise and the weight of smoothness, and its posterior is what the patches
-//! begin with. Every other reading is filtered once, in a seeded random order, so that patches are divided early everywhere; none is
-//! taken in twice. The readings of a live sensor come in their own order: see [`crate::stream`].
+//! Comes in: scans. Goes out: a [`Fit`] whose model holds the filter. The first readings, some thousands of
+//! all, are fitted at once by the global filter over the base grid: that finds the shape, the noise and the
+//! weight of smoothness, and its posterior is what the patches begin with. Every other reading is filtered
+//! once, in a seeded random order, so that patches are divided early everywhere; none is taken in twice. The
+//! readings of a live sensor come in their own order: see [`crate::stream`].
 //!
-//! Not guaranteed: the last bit of accuracy where patches were divided late: what a coarse patch took in says nothing of finer detail.
+//! Not guaranteed: the last bit of accuracy where patches were divided late: what a coarse patch took in says
+//! nothing of finer detail.
 
 use super::engine::{Foot, FootState, by_leaf, project};
 use super::forming::{Forming, Snapshot};
@@ -20,8 +22,8 @@ use crate::stream::{Core, Incoming, Rules, What};
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use planish_spline::{
-    FootPointSearch, Hierarchy, PATCH_CELLS, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout,
-    Surface, SurfaceSystem, fit_function, leaf_weights, patch_hierarchy,
+    FootPointSearch, Hierarchy, PATCH_CELLS, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior,
+    StateLayout, Surface, SurfaceSystem, fit_function, leaf_weights, patch_hierarchy,
 };
 use std::sync::Arc;
 
@@ -113,16 +115,11 @@ pub(crate) fn first_fit_of(
     progress: &dyn Progress,
 ) -> Result<FirstFit> {
     let growth = options.max_depth.map_or(MOST_GROWTH, |depth| depth.min(MOST_GROWTH));
-    let found = FitOptions {
-        max_depth: Some(growth),
-        ..options.clone()
-    };
+    let found = FitOptions { max_depth: Some(growth), ..options.clone() };
     let surface = first_surface(observations, &found, PATCH_CELLS, &Part::new(progress, 0.0, 0.3))?;
     let mut log = grown(surface.space(), PATCH_CELLS * PATCH_CELLS);
     let (metric, base_level) = rebased(surface)?;
-    let depth = options
-        .max_depth
-        .map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
+    let depth = options.max_depth.map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
     // Patches are whole, so they have more cells than the shape of the first readings asks for.
     let of_depth = |depth: u8| FitOptions {
         max_depth: Some(depth),
@@ -151,13 +148,8 @@ pub(crate) fn first_fit_of(
         // Over cells that are fixed every tolerance is reached.
         settled.reached_tolerance = reached_tolerance;
     }
-    let Settled {
-        surface, system, feet, ..
-    } = &settled;
-    let prior = SmoothnessPrior {
-        weight: settled.weight,
-        hold: (HOLD_LENGTH * extent_of(surface)).powi(-4),
-    };
+    let Settled { surface, system, feet, .. } = &settled;
+    let prior = SmoothnessPrior { weight: settled.weight, hold: (HOLD_LENGTH * extent_of(surface)).powi(-4) };
     // One coordinate stands for all: rows count as if every normal were the same.
     let up = vec![[0.0, 0.0, 1.0]; surface.space().node_count()];
     let used = weights(observations, &settled.subset, feet, &settled.noise, options.gate, false);
@@ -193,12 +185,14 @@ pub(crate) fn first_fit_of(
 }
 
 /// What the first readings had divided, in patches.
-fn log_cover(log: &mut RefinementLog, base_level: usize, wanted: &Hierarchy, made: &Hierarchy, options: &FitOptions) {
-    let cause = if options.refine_by.residuals() {
-        Cause::Residuals
-    } else {
-        Cause::Curvature
-    };
+fn log_cover(
+    log: &mut RefinementLog,
+    base_level: usize,
+    wanted: &Hierarchy,
+    made: &Hierarchy,
+    options: &FitOptions,
+) {
+    let cause = if options.refine_by.residuals() { Cause::Residuals } else { Cause::Curvature };
     let patches = |depth: usize| made.base().map(|n| (n / PATCH_CELLS) << depth);
     for depth in 0..made.levels() - 1 {
         // Whether anything in a patch is deeper: as it came out, and as the readings asked for.
@@ -223,14 +217,11 @@ fn log_cover(log: &mut RefinementLog, base_level: usize, wanted: &Hierarchy, mad
 }
 
 pub(super) fn rules(options: &FitOptions) -> Rules {
-    Rules {
-        gate: options.gate,
-        refine_by: options.refine_by,
-        max_coefficients: options.max_coefficients,
-    }
+    Rules { gate: options.gate, refine_by: options.refine_by, max_coefficients: options.max_coefficients }
 }
 
-/// The same surface over a base grid of the cells of its finest level, all of which are leaves; how many levels that took off.
+/// The same surface over a base grid of the cells of its finest level, all of which are leaves; how many
+/// levels that took off.
 fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     let space = surface.space();
     let levels = space.levels() - 1;
@@ -253,7 +244,8 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     Ok((made, levels))
 }
 
-/// Poses are no part of a patch's state: what many patches share cannot be told to each of them as if it were news.
+/// Poses are no part of a patch's state: what many patches share cannot be told to each of them as if it were
+/// news.
 pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
     if options.align {
         return Err(Error::unsupported(
@@ -276,12 +268,10 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
         .collect()
 }
 
-/// Readings that were concluded from others err together: a filter that takes one after the other as independent would average that away.
+/// Readings that were concluded from others err together: a filter that takes one after the other as
+/// independent would average that away.
 pub(super) fn refuse_concluded(options: &FitOptions) -> Result<()> {
-    let asked = [
-        (options.symmetry.is_some(), "--symmetry"),
-        (options.complete_smooth, "--complete"),
-    ];
+    let asked = [(options.symmetry.is_some(), "--symmetry"), (options.complete_smooth, "--complete")];
     match asked.iter().find(|(asked, _)| *asked) {
         Some((_, name)) => Err(Error::unsupported(format!(
             "{name} concludes readings from others, which err together, and the patch filter takes every reading as independent: needed --filter global"
@@ -297,26 +287,19 @@ const ENOUGH_FOR_NOISE: usize = 200;
 
 /// Fits scans by the patch filter.
 pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    let sheet = FitOptions {
-        shape: options.shape.or(options.ground.map(|_| Shape::Sheet)),
-        ..options.clone()
-    };
+    let sheet =
+        FitOptions { shape: options.shape.or(options.ground.map(|_| Shape::Sheet)), ..options.clone() };
     refuse_align(options)?;
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     progress.check("normals", 0.02)?;
-    let used: Vec<u32> = (0..observations.len() as u32)
-        .filter(|&i| !observations.held_out[i as usize])
-        .collect();
+    let used: Vec<u32> =
+        (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
     let wanted = (used.len() / FIRST_SHARE).clamp(FEWEST_FIRST, MOST_FIRST);
     let order = shuffled(&used, options.seed);
     let (first, others) = order.split_at(wanted.min(order.len()));
-    let FirstFit { settled, core } = first_fit_of(
-        &mut observations,
-        first.to_vec(),
-        &sheet,
-        &Part::new(progress, 0.02, 0.4),
-    )?;
+    let FirstFit { settled, core } =
+        first_fit_of(&mut observations, first.to_vec(), &sheet, &Part::new(progress, 0.02, 0.4))?;
     // Half of the snapshots are of the readings that found the first surface.
     let mut forming = (options.snapshots)
         .map(|frames| forming::formed(&observations, &settled, options, frames.div_ceil(2), progress))
@@ -343,16 +326,16 @@ pub(super) fn update_patches(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Settled> {
-    let used: Vec<u32> = (0..observations.len() as u32)
-        .filter(|&i| !observations.held_out[i as usize])
-        .collect();
+    let used: Vec<u32> =
+        (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
     let surface = &model.surface;
     let mut at = vec![[0.0; 2]; observations.len()];
     let search = FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))?;
     let stated = SensorNoise::stated(observations);
     let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.used);
     let degrees = vec![0.0; observations.stated.len()];
-    // Where the surface is known no better than a reading, residuals are shape that is not known, and no noise.
+    // Where the surface is known no better than a reading, residuals are shape that is not known, and no
+    // noise.
     let posterior = Posterior::new(surface, Arc::new(NodeCovariance::Patches(Arc::clone(filter))));
     let (start, order) = by_leaf(&feet, surface.space().leaves().len());
     let (mut known, mut known_feet) = (Vec::new(), Vec::new());
@@ -394,15 +377,7 @@ pub(super) fn update_patches(
     };
     let core = Core::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
-    stream(
-        observations,
-        nothing_yet,
-        core,
-        &order,
-        options,
-        None,
-        &Part::new(progress, 0.2, 0.85),
-    )
+    stream(observations, nothing_yet, core, &order, options, None, &Part::new(progress, 0.2, 0.85))
 }
 
 /// The readings in a random order.
@@ -437,26 +412,12 @@ pub(super) fn stream(
     mut forming: Option<&mut Forming>,
     progress: &dyn Progress,
 ) -> Result<Settled> {
-    let known = weights(
-        observations,
-        &first.subset,
-        &first.feet,
-        &first.noise,
-        options.gate,
-        false,
-    );
-    let mut refused: Vec<Option<Rejection>> = first
-        .feet
-        .iter()
-        .zip(&known)
-        .map(|(foot, &w)| foot.rejection(w))
-        .collect();
+    let known = weights(observations, &first.subset, &first.feet, &first.noise, options.gate, false);
+    let mut refused: Vec<Option<Rejection>> =
+        first.feet.iter().zip(&known).map(|(foot, &w)| foot.rejection(w)).collect();
     let all = first.subset.len() + others.len();
     let frames = options.snapshots.map_or(0, |frames| frames / 2 + 1);
-    let mut moments = forming::counts(first.subset.len(), all, frames)
-        .into_iter()
-        .skip(1)
-        .peekable();
+    let mut moments = forming::counts(first.subset.len(), all, frames).into_iter().skip(1).peekable();
     for (k, &i) in others.iter().enumerate() {
         if k % READINGS_PER_CHECK == 0 {
             progress.check("streaming", k as f64 / others.len() as f64)?;
@@ -478,14 +439,7 @@ pub(super) fn stream(
     let subset: Vec<u32> = first.subset.iter().chain(others).copied().collect();
     let mut at = vec![[0.0; 2]; observations.len()];
     let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
-    let mut feet = project(
-        &surface,
-        observations,
-        &subset,
-        &mut at,
-        Some(&search),
-        &first.noise.used,
-    );
+    let mut feet = project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.used);
     for (foot, refused) in feet.iter_mut().zip(&refused) {
         // What became of a reading was settled when it came.
         foot.state = match refused {
@@ -510,12 +464,7 @@ pub(super) fn stream(
         reached_limit: full && held_back > 0,
         reached_tolerance: first.reached_tolerance,
         refined: std::mem::take(&mut refined),
-        fused: Some(Fused {
-            filter: Arc::new(core.filter),
-            refused,
-            held_back,
-            deepest,
-        }),
+        fused: Some(Fused { filter: Arc::new(core.filter), refused, held_back, deepest }),
         noise: first.noise,
         weight: first.weight,
         moves_freely: false,

@@ -14,7 +14,8 @@ pub enum RefineBy {
     Curvature,
     /// Either.
     Both,
-    /// Residuals, and a smoothness that leaves shape finer than the cells: for surfaces that are rough at every scale. Takes up to four times as many cells.
+    /// Residuals, and a smoothness that leaves shape finer than the cells: for surfaces that are rough at
+    /// every scale. Takes up to four times as many cells.
     Roughness,
 }
 
@@ -66,7 +67,8 @@ pub struct LevelRefinement {
     pub level: usize,
     /// How many cells (of the patch filter: patches) were divided into four.
     pub divided: usize,
-    /// The same by cause: `residuals`, `curvature`, `roughness`, `grading` beside something that was divided, `growth` of a ball into its points.
+    /// The same by cause: `residuals`, `curvature`, `roughness`, `grading` beside something that was divided,
+    /// `growth` of a ball into its points.
     pub causes: BTreeMap<&'static str, usize>,
 }
 

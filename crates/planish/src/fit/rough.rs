@@ -1,16 +1,18 @@
 //! Where the smoothness that was found leaves shape finer than the cells.
 //!
-//! Residuals that say nothing are no proof that a cell holds all there is: of a surface as rough as its thin plate allows, most of the error is then detail
-//! below the cells, each piece of it too weak to be seen. What the readings determine ends at the length `ℓ` over which the prior smooths; a grid
-//! of cells far wider than that is the stiffer of the two, and the stated σ knows nothing of what it leaves out.
+//! Residuals that say nothing are no proof that a cell holds all there is: of a surface as rough as its thin
+//! plate allows, most of the error is then detail below the cells, each piece of it too weak to be seen. What
+//! the readings determine ends at the length `ℓ` over which the prior smooths; a grid of cells far wider than
+//! that is the stiffer of the two, and the stated σ knows nothing of what it leaves out.
 
 use super::engine::{Foot, FootState};
 use super::refined::Cause;
 use super::stages::{Misfit, leaf_areas, smoothing_information};
 use planish_spline::Surface;
 
-/// Widest cell, in smoothing lengths. Of surfaces drawn from a thin plate over cells far finer than the fit's, 95 % intervals of positions cover 81 % without this
-/// rule and 95 % with it; those of surfaces without such detail cover 99 %, which is why it has to be asked for.
+/// Widest cell, in smoothing lengths. Of surfaces drawn from a thin plate over cells far finer than the
+/// fit's, 95 % intervals of positions cover 81 % without this rule and 95 % with it; those of surfaces
+/// without such detail cover 99 %, which is why it has to be asked for.
 const WIDEST: f64 = 3.0;
 /// A leaf is divided for its readings' sake: each quarter wants one.
 const LEAST_READINGS: usize = 4;

@@ -1,16 +1,20 @@
 //! What the leaves leave out of the shape, as a part of σ.
 //!
-//! A posterior covariance knows the noise of readings and how smooth the prior holds surfaces to be, not that a leaf is too large to follow them. Where a limit of depth or of
-//! coefficients, or an update over a fixed hierarchy, leaves shape out, readings near each other lie on the same side of the surface. Over the bins `b` of a leaf
+//! A posterior covariance knows the noise of readings and how smooth the prior holds surfaces to be, not that
+//! a leaf is too large to follow them. Where a limit of depth or of coefficients, or an update over a fixed
+//! hierarchy, leaves shape out, readings near each other lie on the same side of the surface. Over the bins
+//! `b` of a leaf
 //!
 //! ```text
 //! Σ_b ((Σ w h)² − Σ (w h)²)/Σ w  =  m² Σ_b (Σ w − Σ w²/Σ w) − s² Σ_b (…)   on average,
 //! ```
 //!
-//! `m²` the mean square of what is left out, and `s²` the surface's own variance, which the fit has taken out of the residuals. Products of one reading with
-//! itself do not occur, so the noise of the readings needs not be known. `m²` is stated where it is more than noise makes.
+//! `m²` the mean square of what is left out, and `s²` the surface's own variance, which the fit has taken out
+//! of the residuals. Products of one reading with itself do not occur, so the noise of the readings needs not
+//! be known. `m²` is stated where it is more than noise makes.
 //!
-//! Not guaranteed: errors that readings near each other share (a scan's own bias, stereo near silhouettes) cannot be told from shape, and count as such.
+//! Not guaranteed: errors that readings near each other share (a scan's own bias, stereo near silhouettes)
+//! cannot be told from shape, and count as such.
 
 use super::engine::{Foot, FootChannels, FootState, by_leaf};
 use super::noise::SensorNoise;
@@ -53,7 +57,8 @@ struct Shared {
     shape: f64,
     /// `Σ_b (Σ w − Σ w²/Σ w)`.
     precision: f64,
-    /// Twice the number of pairs in the bins, in which a bin of n has n − 1 over n: the variance of `shape` under noise.
+    /// Twice the number of pairs in the bins, in which a bin of n has n − 1 over n: the variance of `shape`
+    /// under noise.
     spread: f64,
     /// The surface's own variance where the readings lie, times `precision`.
     of_surface: f64,
@@ -67,8 +72,9 @@ impl Shared {
         self.of_surface += other.of_surface;
     }
 
-    /// `m²` where it is significant. With `ν = spread/2` degrees of freedom `shape + ν` is χ² under noise, far from normal for a few of them: the cube root of
-    /// `χ²/ν` is normal with mean `1 − 2/9ν` and variance `2/9ν` (E. Wilson, M. Hilferty 1931).
+    /// `m²` where it is significant. With `ν = spread/2` degrees of freedom `shape + ν` is χ² under noise,
+    /// far from normal for a few of them: the cube root of `χ²/ν` is normal with mean `1 − 2/9ν` and variance
+    /// `2/9ν` (E. Wilson, M. Hilferty 1931).
     fn mean_square(&self, significant: f64) -> Option<f64> {
         let shape = self.shape + self.of_surface;
         let degrees = 0.5 * self.spread;
@@ -91,18 +97,12 @@ pub(super) fn shape_left(
     let (start, order) = by_leaf(feet, leaves);
     let of_leaf = |leaf: usize| -> Result<Shared> {
         let near = || {
-            let own = order[start[leaf] as usize..start[leaf + 1] as usize]
-                .iter()
-                .map(|&k| k as usize);
+            let own = order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize);
             own.filter(|&k| feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position)
         };
         let (mut inside, mut outside) = (0_usize, 0_usize);
         for k in near() {
-            *(if information[k] > 0.0 {
-                &mut inside
-            } else {
-                &mut outside
-            }) += 1;
+            *(if information[k] > 0.0 { &mut inside } else { &mut outside }) += 1;
         }
         let is_shape = outside as f64 > MOST_GROSS * (inside + outside) as f64;
         // Σ w h, Σ (w h)², Σ w, Σ w² and the number of each bin.
@@ -114,10 +114,7 @@ pub(super) fn shape_left(
             let pull = w * foot.height();
             all += w;
             middle = [0, 1].map(|d| middle[d] + w * foot.local[d]);
-            for (sum, term) in bins[bin_of(foot.local)]
-                .iter_mut()
-                .zip([pull, pull * pull, w, w * w, 1.0])
-            {
+            for (sum, term) in bins[bin_of(foot.local)].iter_mut().zip([pull, pull * pull, w, w * w, 1.0]) {
                 *sum += term;
             }
         }
@@ -137,11 +134,8 @@ pub(super) fn shape_left(
         }
         Ok(shared)
     };
-    let sums: Vec<Shared> = (0..leaves)
-        .into_par_iter()
-        .with_min_len(64)
-        .map(of_leaf)
-        .collect::<Result<_>>()?;
+    let sums: Vec<Shared> =
+        (0..leaves).into_par_iter().with_min_len(64).map(of_leaf).collect::<Result<_>>()?;
     Ok((0..leaves)
         .into_par_iter()
         .with_min_len(64)

@@ -1,17 +1,20 @@
-//! What all readings of one scan err in together: where the scan stands, and what its sensor adds to every range.
+//! What all readings of one scan err in together: where the scan stands, and what its sensor adds to every
+//! range.
 //!
-//! Comes in: scans whose pose or bias has a σ. Goes out: up to seven unknowns for each of them, `τ` and `ω` of a motion and a bias `b`, that are
-//! part of the state beside the control vertices, their coupling with these, and their covariance. A reading's residual changes with them by
+//! Comes in: scans whose pose or bias has a σ. Goes out: up to seven unknowns for each of them, `τ` and `ω`
+//! of a motion and a bias `b`, that are part of the state beside the control vertices, their coupling with
+//! these, and their covariance. A reading's residual changes with them by
 //!
 //! ```text
 //! position    ∂r/∂τ = n      ∂r/∂ω = (z − c) × n      ∂r/∂b = −n·d
 //! ```
 //!
-//! with the foot's normal `n`, a centre `c` that the motion turns about, and the ray `d`. What the paper calls the registration of views
-//! is this part of the state; correlated noise is a low-rank term, not a matrix over all readings.
+//! with the foot's normal `n`, a centre `c` that the motion turns about, and the ray `d`. What the paper
+//! calls the registration of views is this part of the state; correlated noise is a low-rank term, not a
+//! matrix over all readings.
 //!
-//! Not guaranteed: that scans which start far from where they belong find there. The motion is linearised at every iteration and follows the
-//! slope of the residuals.
+//! Not guaranteed: that scans which start far from where they belong find there. The motion is linearised at
+//! every iteration and follows the slope of the residuals.
 
 use super::engine::{Foot, FootChannels};
 use super::observations::{Measured, Observations, Quantity, moved_viewing};
@@ -29,9 +32,11 @@ use rayon::prelude::*;
 const UNKNOWNS: usize = 7;
 const ROTATION: usize = 3;
 const BIAS: usize = 6;
-/// σ of the rotation of a scan of which nothing is known but its rough place, in radians; that of its place is the cloud's size.
+/// σ of the rotation of a scan of which nothing is known but its rough place, in radians; that of its place
+/// is the cloud's size.
 const FREE_ROTATION: f64 = 1.0;
-/// A scan moves no farther in one iteration than this share of the cloud's size, and turns by no more radians.
+/// A scan moves no farther in one iteration than this share of the cloud's size, and turns by no more
+/// radians.
 const LONGEST_STEP: f64 = 0.1;
 /// Readings that took away less than this share of the variance from a direction do not determine it.
 const DETERMINED: f64 = 0.05;
@@ -72,7 +77,8 @@ pub(super) struct SharedErrors {
     earlier: Option<EarlierShared>,
 }
 
-/// What the scans of earlier sessions share: about where their model was, and how far they have come from there.
+/// What the scans of earlier sessions share: about where their model was, and how far they have come from
+/// there.
 #[derive(Debug, Clone)]
 struct EarlierShared {
     information: SharedInformation,
@@ -92,8 +98,8 @@ impl EarlierShared {
         let mut of_shared: Vec<f64> = (corner.chunks_exact(m))
             .map(|row| row.iter().zip(&self.moved).map(|(p, d)| p * d).sum())
             .collect();
-        let ways =
-            (surface.vertices().iter().zip(&self.vertices).zip(directions)).map(|((x, x0), d)| dot(sub(*x, *x0), *d));
+        let ways = (surface.vertices().iter().zip(&self.vertices).zip(directions))
+            .map(|((x, x0), d)| dot(sub(*x, *x0), *d));
         let of_vertices = (coupling.chunks_exact(m).zip(ways))
             .map(|(row, way)| {
                 for (sum, c) in of_shared.iter_mut().zip(row) {
@@ -117,20 +123,15 @@ impl SharedError {
 
     /// The rotation from the stated pose, and the motion of the scanner's origin.
     fn deviation(&self) -> [f64; UNKNOWNS] {
-        let turn = Pose {
-            translation: [0.0; 3],
-            ..self.now
-        }
-        .after(&Pose {
-            translation: [0.0; 3],
-            ..self.stated.inverse()
-        });
+        let turn = Pose { translation: [0.0; 3], ..self.now }
+            .after(&Pose { translation: [0.0; 3], ..self.stated.inverse() });
         let t = sub(self.now.translation, self.stated.translation);
         let w = turn.rotation_vector();
         [t[0], t[1], t[2], w[0], w[1], w[2], self.bias]
     }
 
-    /// How the deviation from what was stated changes with the unknowns: a turn about the centre moves the scanner's origin.
+    /// How the deviation from what was stated changes with the unknowns: a turn about the centre moves the
+    /// scanner's origin.
     fn derivative(&self) -> [[f64; UNKNOWNS]; UNKNOWNS] {
         let mut d = [[0.0; UNKNOWNS]; UNKNOWNS];
         for (k, row) in d.iter_mut().enumerate() {
@@ -162,10 +163,7 @@ impl SharedError {
         let of = |a: usize, b: usize| (0..UNKNOWNS).map(|k| j[k][a] * w[k] * j[k][b]).sum::<f64>();
         let pull = |a: usize| -(0..UNKNOWNS).map(|k| j[k][a] * w[k] * e[k]).sum::<f64>();
         let own = || self.unknowns.iter().copied();
-        (
-            own().flat_map(|a| own().map(move |b| of(a, b))).collect(),
-            own().map(pull).collect(),
-        )
+        (own().flat_map(|a| own().map(move |b| of(a, b))).collect(), own().map(pull).collect())
     }
 
     /// The ray through a point, where it is known.
@@ -173,7 +171,8 @@ impl SharedError {
         ray_at(self.viewing, p)
     }
 
-    /// Change of the residual of a position with all seven, linear in the normal `n`; where no ray is known it is taken along the surface's.
+    /// Change of the residual of a position with all seven, linear in the normal `n`; where no ray is known
+    /// it is taken along the surface's.
     fn position_row(&self, point: [f64; 3], n: [f64; 3], normal: [f64; 3]) -> [f64; UNKNOWNS] {
         let turn = cross(sub(point, self.center), n);
         let along = dot(n, self.ray(point).unwrap_or(normal));
@@ -192,7 +191,10 @@ impl SharedError {
                     let turned = |by: f64| {
                         let mut omega = [0.0; 3];
                         omega[axis] = by;
-                        foot.directional(surface, &measured.turned(&Pose::from_rotation_vector(omega, [0.0; 3])))
+                        foot.directional(
+                            surface,
+                            &measured.turned(&Pose::from_rotation_vector(omega, [0.0; 3])),
+                        )
                     };
                     if let (Some(more), Some(less)) = (turned(DIFFERENCE), turned(-DIFFERENCE)) {
                         for r in 0..3 {
@@ -207,8 +209,8 @@ impl SharedError {
 }
 
 impl SharedErrors {
-    /// The unknowns of scans with a stated σ of pose or bias; with `align` those of all others, too, but for the first of them where no
-    /// earlier model is there to stand by.
+    /// The unknowns of scans with a stated σ of pose or bias; with `align` those of all others, too, but for
+    /// the first of them where no earlier model is there to stand by.
     pub(super) fn new(
         set: &ScanSet,
         observations: &Observations,
@@ -331,30 +333,23 @@ impl SharedErrors {
             }
             let most = |v: [f64; 3], longest: f64| {
                 let length = norm(v);
-                if length > longest {
-                    v.map(|c| c * longest / length)
-                } else {
-                    v
-                }
+                if length > longest { v.map(|c| c * longest / length) } else { v }
             };
             let translation = most([by[0], by[1], by[2]], LONGEST_STEP * self.size);
             let rotation = most([by[3], by[4], by[5]], LONGEST_STEP);
             let turn = Pose::from_rotation_vector(rotation, [0.0; 3]);
             // About the centre: z ↦ R (z − c) + c + τ.
-            let motion = Pose {
-                translation: add(translation, sub(error.center, turn.rotate(error.center))),
-                ..turn
-            };
+            let motion =
+                Pose { translation: add(translation, sub(error.center, turn.rotate(error.center))), ..turn };
             error.now = motion.after(&error.now);
             error.viewing = moved_viewing(error.viewing, &motion);
             *moved = Some(motion);
         }
-        (self.of_scan.iter())
-            .map(|error| error.and_then(|e| moved[e]))
-            .collect()
+        (self.of_scan.iter()).map(|error| error.and_then(|e| moved[e])).collect()
     }
 
-    /// The motions from where scans were stated to stand to where they stand now, for those of other observations of the same set.
+    /// The motions from where scans were stated to stand to where they stand now, for those of other
+    /// observations of the same set.
     pub(super) fn motions(&self) -> Vec<Option<Pose>> {
         (self.of_scan.iter())
             .map(|error| {
@@ -375,7 +370,8 @@ impl SharedErrors {
         let width = self.width();
         if let Some(earlier) = &self.earlier {
             let m = earlier.width();
-            for (row, part) in (made.coupling.chunks_exact_mut(width)).zip(earlier.information.coupling.chunks_exact(m))
+            for (row, part) in
+                (made.coupling.chunks_exact_mut(width)).zip(earlier.information.coupling.chunks_exact(m))
             {
                 row[..m].copy_from_slice(part);
             }
@@ -427,13 +423,14 @@ impl SharedErrors {
         made
     }
 
-    /// What noise of the surface alone seems to say of the poses, the surface left open: the mean over draws of its noise of
-    /// `P − Cᵀ A⁻¹ C` with the rows `J δn` of what the noise adds to the normals at the feet, `J = ∂(n, (z − c) × n)/∂n`.
+    /// What noise of the surface alone seems to say of the poses, the surface left open: the mean over draws
+    /// of its noise of `P − Cᵀ A⁻¹ C` with the rows `J δn` of what the noise adds to the normals at the feet,
+    /// `J = ∂(n, (z − c) × n)/∂n`.
     ///
-    /// The rows of a pose are made with the normals of the estimated surface. On a sphere each true row of a rotation is zero; those of its
-    /// noisy estimate are not, and would count as information that nobody has, whatever the σ: more noise makes more of it. What of
-    /// it the surface itself takes up, as it would of true rows, counts for nothing in either. There are so many `parts` of the
-    /// readings as those at hand.
+    /// The rows of a pose are made with the normals of the estimated surface. On a sphere each true row of a
+    /// rotation is zero; those of its noisy estimate are not, and would count as information that nobody has,
+    /// whatever the σ: more noise makes more of it. What of it the surface itself takes up, as it would of
+    /// true rows, counts for nothing in either. There are so many `parts` of the readings as those at hand.
     pub(super) fn noise_information(
         &self,
         at: &Linearized<'_>,
@@ -447,10 +444,7 @@ impl SharedErrors {
                 error.noise_rows(at.surface, drawn, foot, at.channels.observations.points[i])
             });
             let SharedInformation { coupling, corner } = equations.into_information(parts);
-            for (mean, seen) in mean
-                .iter_mut()
-                .zip(Bordered::complement_of(factor, &coupling, &corner)?)
-            {
+            for (mean, seen) in mean.iter_mut().zip(Bordered::complement_of(factor, &coupling, &corner)?) {
                 *mean += seen / noise.len() as f64;
             }
         }
@@ -493,9 +487,8 @@ impl SharedErrors {
                         .sum()
                 };
                 let pose: [[f64; 6]; 6] = std::array::from_fn(|a| std::array::from_fn(|b| of(a, b)));
-                let own: Vec<f64> = (0..m * m)
-                    .map(|k| prior[(start + k / m) * width + start + k % m])
-                    .collect();
+                let own: Vec<f64> =
+                    (0..m * m).map(|k| prior[(start + k / m) * width + start + k % m]).collect();
                 let directions = bordered.undetermined(start..start + m, &own, DETERMINED)?;
                 let of_pose = |v: &Vec<f64>| -> [f64; 6] {
                     std::array::from_fn(|a| error.unknowns.iter().zip(v).map(|(&k, v)| j[a][k] * v).sum())
@@ -506,7 +499,8 @@ impl SharedErrors {
                     pose: error.now,
                     covariance: error.moves().then_some(pose),
                     undetermined: directions.iter().map(of_pose).collect(),
-                    bias: (error.unknowns.contains(&BIAS)).then(|| (error.bias, of(BIAS, BIAS).max(0.0).sqrt())),
+                    bias: (error.unknowns.contains(&BIAS))
+                        .then(|| (error.bias, of(BIAS, BIAS).max(0.0).sqrt())),
                 };
                 start += m;
                 Ok(made)
@@ -535,7 +529,8 @@ impl SharedEstimate {
     pub(super) fn report(&self, report: &mut PoseReport, origin: [f64; 3], observations: &Observations) {
         if let Some(covariance) = &self.covariance {
             let back = self.stated.after(&self.pose.inverse());
-            let own = (observations.points.iter().zip(&observations.scan)).filter(|(_, s)| **s as usize == self.scan);
+            let own = (observations.points.iter().zip(&observations.scan))
+                .filter(|(_, s)| **s as usize == self.scan);
             let (sum, count) = own.fold((0.0, 0), |(sum, count), (p, _)| {
                 (sum + distance(back.apply(*p), *p).powi(2), count + 1)
             });
@@ -562,11 +557,13 @@ pub(super) struct SharedEquations {
     pub gradient: Vec<f64>,
     /// What was stated, alone.
     pub prior: Vec<f64>,
-    /// What earlier sessions' unknowns add to the right-hand side of the vertices; empty where there are none.
+    /// What earlier sessions' unknowns add to the right-hand side of the vertices; empty where there are
+    /// none.
     pub pull: Vec<f64>,
 }
 
-/// Where readings are linearised: feet on a surface whose vertices move along `directions`, each with its information.
+/// Where readings are linearised: feet on a surface whose vertices move along `directions`, each with its
+/// information.
 #[derive(Clone, Copy)]
 pub(super) struct Linearized<'a> {
     pub surface: &'a Surface,
@@ -601,26 +598,21 @@ impl SharedEquations {
         for (p, prior) in self.corner.iter_mut().zip(&self.prior) {
             *p = factor * (*p - prior) + prior;
         }
-        SharedInformation {
-            coupling: self.coupling,
-            corner: self.corner,
-        }
+        SharedInformation { coupling: self.coupling, corner: self.corner }
     }
 }
 
 impl SharedError {
-    /// What the surface's noise adds to the [`Self::rows`] of a position: how the normal there is turned by it, both tangents together.
+    /// What the surface's noise adds to the [`Self::rows`] of a position: how the normal there is turned by
+    /// it, both tangents together.
     fn noise_rows(&self, surface: &Surface, drawn: &[[[f64; 3]; 16]], foot: &Foot, point: [f64; 3]) -> Rows {
         let mut rows = Rows::default();
         let leaf = foot.leaf as usize;
-        if let Some(frame) = surface
-            .tangent_rows(leaf, foot.local)
-            .filter(|_| foot.quantity == Quantity::Position)
+        if let Some(frame) =
+            surface.tangent_rows(leaf, foot.local).filter(|_| foot.quantity == Quantity::Position)
         {
             let [a, b] = [0, 1].map(|t| -> f64 {
-                (frame.slopes[t].iter().zip(&drawn[leaf]))
-                    .map(|(s, c)| s * dot(foot.normal, *c))
-                    .sum()
+                (frame.slopes[t].iter().zip(&drawn[leaf])).map(|(s, c)| s * dot(foot.normal, *c)).sum()
             });
             let turned = add_scaled(scale(a, frame.tangents[0]), b, frame.tangents[1]);
             rows[0] = self.position_row(point, turned, foot.normal);
@@ -629,14 +621,13 @@ impl SharedError {
     }
 
     /// [`SharedErrors::equations`] of one scan, by its readings `own` with their `rows`.
-    fn equations(&self, at: &Linearized<'_>, own: &[u32], rows: impl Fn(&Foot, usize) -> Rows) -> SharedEquations {
-        let Linearized {
-            surface,
-            directions,
-            feet,
-            information,
-            channels,
-        } = *at;
+    fn equations(
+        &self,
+        at: &Linearized<'_>,
+        own: &[u32],
+        rows: impl Fn(&Foot, usize) -> Rows,
+    ) -> SharedEquations {
+        let Linearized { surface, directions, feet, information, channels } = *at;
         let (space, m) = (surface.space(), self.width());
         let mut made = SharedEquations::zeros(space.node_count(), m);
         for &k in own {

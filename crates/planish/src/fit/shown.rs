@@ -1,8 +1,10 @@
 //! What a report shows of the readings: some of them with their residuals, and what every scan amounts to.
 //!
-//! Comes in: the readings that a fit ends with. Goes out: [`ShownReadings`]. Nothing is computed anew: these are the residuals that the fit judged.
+//! Comes in: the readings that a fit ends with. Goes out: [`ShownReadings`]. Nothing is computed anew: these
+//! are the residuals that the fit judged.
 //!
-//! Not guaranteed: readings of a large cloud beyond those that found the surface; readings of other things than positions.
+//! Not guaranteed: readings of a large cloud beyond those that found the surface; readings of other things
+//! than positions.
 
 use super::engine::Foot;
 use super::noise::SensorNoise;

@@ -1,7 +1,9 @@
-//! The smoothest surface that sums of positions allow: vertices and the prior's weight by restricted likelihood.
+//! The smoothest surface that sums of positions allow: vertices and the prior's weight by restricted
+//! likelihood.
 //!
-//! Comes in: sums of positions with known parameters and the metric of a reference surface. Goes out: the weight, the factored
-//! equations and the vertices. One matrix serves all coordinates: a factorisation of one unknown a node.
+//! Comes in: sums of positions with known parameters and the metric of a reference surface. Goes out: the
+//! weight, the factored equations and the vertices. One matrix serves all coordinates: a factorisation of one
+//! unknown a node.
 
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::{
@@ -18,12 +20,14 @@ const TOLERANCE: f64 = 0.03;
 const NEAR: f64 = 0.5;
 const ABOUT: f64 = 1.0;
 const FAR: f64 = 2.0;
-/// The shortest length that a plate smooths over, in cells, and the longest, in sides of the surface: beyond them lies rounding.
+/// The shortest length that a plate smooths over, in cells, and the longest, in sides of the surface: beyond
+/// them lies rounding.
 const SOFTEST: f64 = 1e-3;
 const STIFFEST: f64 = 10.0;
 /// So few cells need no coarser ones to begin with.
 const FEW_CELLS: usize = 100;
-/// A coordinate is an affine function of the parameters where its variance about one is less than this share of its own.
+/// A coordinate is an affine function of the parameters where its variance about one is less than this share
+/// of its own.
 const EXACT_SHARE: f64 = 1e-12;
 
 /// Sums of all sensors, with their equations.
@@ -45,11 +49,7 @@ impl Totals {
 
     fn of(sums: PositionSums, system: &SurfaceSystem) -> Result<Self> {
         let (information, squares) = (sums.information(system)?, sums.squares());
-        Ok(Self {
-            sums,
-            information,
-            squares,
-        })
+        Ok(Self { sums, information, squares })
     }
 }
 
@@ -69,16 +69,19 @@ pub(super) struct Smoothing {
 }
 
 impl Smoothing {
-    /// Finds the weight in the metric of a reference surface, from a weight that is about right where one is known.
-    pub(super) fn new(system: &SurfaceSystem, reference: &Surface, total: &Totals, known: Option<f64>) -> Result<Self> {
+    /// Finds the weight in the metric of a reference surface, from a weight that is about right where one is
+    /// known.
+    pub(super) fn new(
+        system: &SurfaceSystem,
+        reference: &Surface,
+        total: &Totals,
+        known: Option<f64>,
+    ) -> Result<Self> {
         let space = system.space();
         let leaves = space.leaves().len();
         let (energy, area) = if space.shape() == Shape::Sheet {
             // Its reference is affine.
-            (
-                system.thin_plate_over_plane(reference)?,
-                leaves as f64 * reference.leaf_area(0),
-            )
+            (system.thin_plate_over_plane(reference)?, leaves as f64 * reference.leaf_area(0))
         } else {
             let areas = (0..leaves).map(|leaf| reference.leaf_area(leaf));
             (system.thin_plate(reference)?, areas.sum())
@@ -88,17 +91,14 @@ impl Smoothing {
         let of_length2 = |square: f64| readings / area * square * square;
         let cell = area / leaves as f64;
         let start = of_length2(cell);
-        let bounds = (
-            of_length2(SOFTEST * SOFTEST * cell),
-            of_length2(STIFFEST * STIFFEST * area),
-        );
+        let bounds = (of_length2(SOFTEST * SOFTEST * cell), of_length2(STIFFEST * STIFFEST * area));
         let step = if known.is_some() { ABOUT } else { FAR };
         let start = known.unwrap_or(start);
         Self::search(system, energy, bounds, total, None, start, step, Dispersion::Estimated)
     }
 
-    /// About the weight that [`Self::new`] finds, by cells four times as large: much cheaper, and nearer than any guess. None where there
-    /// are few cells, or where the metric is not known from the readings.
+    /// About the weight that [`Self::new`] finds, by cells four times as large: much cheaper, and nearer than
+    /// any guess. None where there are few cells, or where the metric is not known from the readings.
     pub(super) fn first_weight(sums: &PositionSums) -> Result<Option<f64>> {
         let space = sums.space();
         if space.shape() != Shape::Sheet || space.leaves().len() <= FEW_CELLS {
@@ -108,12 +108,7 @@ impl Smoothing {
         let start = Self::first_weight(&coarse)?;
         let system = SurfaceSystem::new(coarse.space())?;
         let total = Totals::of(coarse, &system)?;
-        let found = Self::new(
-            &system,
-            &reference_surface(total.sums.space(), &total.sums)?,
-            &total,
-            start,
-        );
+        let found = Self::new(&system, &reference_surface(total.sums.space(), &total.sums)?, &total, start);
         // What does not settle on large cells may on small ones.
         Ok(found.ok().map(|smoothing| smoothing.found.weight))
     }
@@ -184,9 +179,7 @@ impl Smoothing {
         let found = maximize_restricted_likelihood(&model, &search, |weight| {
             factored_at = None;
             factorize(weight, &mut factor)?;
-            let Some(made) = &factor else {
-                unreachable!("a factor was made")
-            };
+            let Some(made) = &factor else { unreachable!("a factor was made") };
             factored_at = Some(weight);
             // zᵀWz − ηᵀA⁻¹η is the residual and w times the roughness together.
             whitened.clone_from(&noisy);
@@ -205,14 +198,7 @@ impl Smoothing {
         let factor = factor.ok_or_else(|| Error::undetermined("the readings determine no weight"))?;
         let mut solution = vector.to_vec();
         factor.solve_in_place(&mut solution)?;
-        Ok(Self {
-            found,
-            energy,
-            bounds,
-            measured,
-            factor,
-            solution,
-        })
+        Ok(Self { found, energy, bounds, measured, factor, solution })
     }
 
     /// The surface.
@@ -237,8 +223,8 @@ fn measured_coordinates(total: &Totals) -> [bool; 3] {
     if measured == [false; 3] { [true; 3] } else { measured }
 }
 
-/// A surface with about the metric of the readings': the affine one nearest to them over a sheet, and the round one whose cells are
-/// squares, but for what closing takes, over the others.
+/// A surface with about the metric of the readings': the affine one nearest to them over a sheet, and the
+/// round one whose cells are squares, but for what closing takes, over the others.
 ///
 /// # Errors
 /// `Undetermined` when the readings lie on one line.
@@ -280,10 +266,7 @@ pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> 
     let vertices = space.vertices_from(|cell: Cell| {
         let side = cell.side();
         std::array::from_fn(|k| {
-            let (i, j) = (
-                f64::from(cell.i) + (k % 4) as f64 - 1.0,
-                f64::from(cell.j) + (k / 4) as f64 - 1.0,
-            );
+            let (i, j) = (f64::from(cell.i) + (k % 4) as f64 - 1.0, f64::from(cell.j) + (k / 4) as f64 - 1.0);
             point(i * side, j * side)
         })
     });

@@ -1,7 +1,8 @@
-//! From a cloud to a settled surface: first shape, then iterations and refinements until the noise is all that is left.
+//! From a cloud to a settled surface: first shape, then iterations and refinements until the noise is all
+//! that is left.
 //!
-//! Comes in: [`Observations`] and the options. Goes out: a [`Settled`] surface with feet, noise and smoothness weight; the
-//! information and its inverse are made from it once, by `finish`.
+//! Comes in: [`Observations`] and the options. Goes out: a [`Settled`] surface with feet, noise and
+//! smoothness weight; the information and its inverse are made from it once, by `finish`.
 
 use super::FitOptions;
 use super::bent::unevenly_bent;
@@ -18,8 +19,8 @@ use crate::progress::Progress;
 use planish_estimate::sparse::BlockInformation;
 use planish_estimate::{Error, Result};
 use planish_spline::{
-    BaseShape, Cell, FootPointSearch, Hierarchy, LeafEnergy, Shape, Surface, SurfaceSystem, choose_base_shape,
-    leaf_weights,
+    BaseShape, Cell, FootPointSearch, Hierarchy, LeafEnergy, Shape, Surface, SurfaceSystem,
+    choose_base_shape, leaf_weights,
 };
 use rayon::prelude::*;
 use std::collections::HashSet;
@@ -31,18 +32,21 @@ const BASE_CELLS: usize = 128;
 const BOUNDED: f64 = 2.5;
 /// Points that are enough to find a first shape.
 const ENOUGH_FOR_SHAPE: usize = 30_000;
-/// Iterations between two refinements, and when the mean square step, in variances of the surface, is small enough to go on.
+/// Iterations between two refinements, and when the mean square step, in variances of the surface, is small
+/// enough to go on.
 const FINDING_ITERATIONS: usize = 2;
 const MOST_FINDING_ITERATIONS: usize = 8;
 const FOUND: f64 = 30.0;
 /// Iterations at the end.
 const LAST_ITERATIONS: usize = 7;
 const LAST_ITERATIONS_WITH_POSES: usize = 14;
-/// The surface is at rest when the mean square step that readings see is this share of its variance, with what only the prior holds not
-/// more than so many times its variance off, and its weight has settled to within so much.
+/// The surface is at rest when the mean square step that readings see is this share of its variance, with
+/// what only the prior holds not more than so many times its variance off, and its weight has settled to
+/// within so much.
 const AT_REST: f64 = 0.1;
 const UNSEEN_AT_REST: f64 = 4.0;
-/// The same of what scans share: they slide along the surface with the feet of their readings, and come nearer by half in each iteration.
+/// The same of what scans share: they slide along the surface with the feet of their readings, and come
+/// nearer by half in each iteration.
 const SHARED_AT_REST: f64 = 0.02;
 const WEIGHT_AT_REST: f64 = 0.02;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
@@ -55,18 +59,20 @@ const WORTHWHILE: f64 = 0.02;
 const READINGS_PER_GROWN_LEAF: usize = 6;
 /// How many standard deviations of noise the shape shared by a leaf's readings must be.
 const SIGNIFICANT: f64 = 2.5;
-/// The same of the quarters of a leaf and its neighbours. Without this test 95 % intervals of simulated tubes cover 90.5 % of the truth; with
-/// it at 2 they cover 94.8 %, sheets 95.5 % and balls 95.0 %.
+/// The same of the quarters of a leaf and its neighbours. Without this test 95 % intervals of simulated tubes
+/// cover 90.5 % of the truth; with it at 2 they cover 94.8 %, sheets 95.5 % and balls 95.0 %.
 const POOLED_SIGNIFICANT: f64 = 2.0;
-/// A leaf that is smaller than so many σ is not split: readings would find a foot nearby however the surface wrinkles, and
-/// σ would seem small. (A sphere of 40 000 readings with σ of 5 % of its radius seemed to have 3.6 %.)
+/// A leaf that is smaller than so many σ is not split: readings would find a foot nearby however the surface
+/// wrinkles, and σ would seem small. (A sphere of 40 000 readings with σ of 5 % of its radius seemed to have
+/// 3.6 %.)
 pub(super) const LEAST_LEAF_SIGMAS: f64 = 6.0;
 /// Readings beyond the gate are no sign of shape where they are fewer than this share.
 pub(super) const MOST_GROSS: f64 = 0.25;
 /// Readings that an early round looks at, for each leaf.
 const SAMPLE_PER_LEAF: usize = 12;
-/// Lengths over which the prior smooths: at the start at least, in leaves; and at most, in square roots of the surface's area. A stiffer plate
-/// would be no flatter, but what the readings say of its place would be lost in rounding.
+/// Lengths over which the prior smooths: at the start at least, in leaves; and at most, in square roots of
+/// the surface's area. A stiffer plate would be no flatter, but what the readings say of its place would be
+/// lost in rounding.
 const FIRST_SMOOTHING: f64 = 0.15;
 const STIFFEST: f64 = 2.0;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
@@ -117,13 +123,13 @@ pub(super) fn settle(
         ));
     }
     let surface = first_surface(observations, options, 1, progress)?;
-    let subset: Vec<u32> = (0..observations.len() as u32)
-        .filter(|&i| !observations.held_out[i as usize])
-        .collect();
+    let subset: Vec<u32> =
+        (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
     refine_to_noise(observations, surface, subset, options, progress)
 }
 
-/// The first shape, over a base grid whose sides are multiples of `multiple`; a ball's is refined as far as it has grown.
+/// The first shape, over a base grid whose sides are multiples of `multiple`; a ball's is refined as far as
+/// it has grown.
 pub(super) fn first_surface(
     observations: &Observations,
     options: &FitOptions,
@@ -135,21 +141,14 @@ pub(super) fn first_surface(
     let (points, normals) = places_of(observations, &some);
     let base = choose_base_shape(&points, &normals, options.shape)?;
     // A small cloud cannot pay for many cells, whatever their prior.
-    let grid = base_grid(
-        &base,
-        BASE_CELLS.min((size / 6).max(32)),
-        multiple,
-        options.max_coefficients,
-    )?;
+    let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
     progress.check("first shape", 0.02)?;
     if base.shape == Shape::Ball {
         let indicator = Indicator::new(&points, &normals);
         let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);
         let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
         let least_area = (LEAST_LEAF_SIGMAS * typical_sigma(observations, &some)).powi(2);
-        let deepest = options
-            .max_depth
-            .map_or(MOST_LEVELS, |depth| MOST_LEVELS.min(depth.into()));
+        let deepest = options.max_depth.map_or(MOST_LEVELS, |depth| MOST_LEVELS.min(depth.into()));
         let levels = (1..=deepest)
             .take_while(|&level| {
                 cells(level) * READINGS_PER_GROWN_LEAF <= size
@@ -177,19 +176,16 @@ pub(super) fn base_shape(observations: &Observations, shape: Option<Shape>) -> R
 /// Readings that are enough to tell the shape.
 fn enough_for_shape(observations: &Observations) -> Vec<u32> {
     let size = observations.len();
-    (0..size as u32)
-        .step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1))
-        .collect()
+    (0..size as u32).step_by(size.div_ceil(ENOUGH_FOR_SHAPE).max(1)).collect()
 }
 
 /// Positions and normals of some readings.
 fn places_of(observations: &Observations, some: &[u32]) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
-    some.iter()
-        .map(|&i| (observations.points[i as usize], observations.normal(i as usize)))
-        .unzip()
+    some.iter().map(|&i| (observations.points[i as usize], observations.normal(i as usize))).unzip()
 }
 
-/// A base grid of about so many cells, fewer where its nodes would be more than allowed; its sides are multiples of `multiple`.
+/// A base grid of about so many cells, fewer where its nodes would be more than allowed; its sides are
+/// multiples of `multiple`.
 fn base_grid(base: &BaseShape, cells: usize, multiple: usize, most: usize) -> Result<[usize; 2]> {
     let mut cells = cells;
     loop {
@@ -213,7 +209,9 @@ fn typical_sigma(observations: &Observations, some: &[u32]) -> f64 {
     let sum: f64 = some
         .iter()
         .map(|&i| i as usize)
-        .filter(|&i| observations.quantity(i) == Quantity::Position && observations.stated[observations.channel(i)])
+        .filter(|&i| {
+            observations.quantity(i) == Quantity::Position && observations.stated[observations.channel(i)]
+        })
         .map(|i| {
             let [xx, _, _, yy, _, zz] = observations.covariance(i);
             (xx + yy + zz) / 3.0
@@ -222,7 +220,8 @@ fn typical_sigma(observations: &Observations, some: &[u32]) -> f64 {
     (sum / some.len().max(1) as f64).sqrt()
 }
 
-/// The smooth surface over the base grid whose points at each reading's own base parameters are nearest to the readings.
+/// The smooth surface over the base grid whose points at each reading's own base parameters are nearest to
+/// the readings.
 fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surface> {
     let reference = base.surface(grid)?;
     let space = Arc::clone(reference.space());
@@ -244,8 +243,8 @@ fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surf
         }
         !lists[leaf].is_empty()
     })?;
-    // Smooth over one cell: what the readings say of finer shape comes later. The energy is that of the departure from the base,
-    // so that unseen parts of a tube stay round.
+    // Smooth over one cell: what the readings say of finer shape comes later. The energy is that of the
+    // departure from the base, so that unseen parts of a tube stay round.
     let area: f64 = reference.thin_plate(&space).iter().map(|l| l.area).sum();
     let cell = (area / space.leaves().len() as f64).sqrt();
     let weight = points.len() as f64 / area * cell.powi(4) * 0.05;
@@ -299,13 +298,9 @@ pub(super) fn refine_to_noise(
             let wanted = (SAMPLE_PER_LEAF * surface.space().leaves().len()).max(40_000);
             subset.iter().copied().step_by((subset.len() / wanted).max(1)).collect()
         };
-        // A reading is searched for when it is first seen, with its normal; later its foot is followed from where it was. In the last
-        // round those that lie outside the gate are searched for anew.
-        let again = if final_round {
-            std::mem::take(&mut outside)
-        } else {
-            Vec::new()
-        };
+        // A reading is searched for when it is first seen, with its normal; later its foot is followed from
+        // where it was. In the last round those that lie outside the gate are searched for anew.
+        let again = if final_round { std::mem::take(&mut outside) } else { Vec::new() };
         let unseen = sample.iter().copied().filter(|&i| at[i as usize][0].is_nan());
         let lost: Vec<u32> = unseen.chain(again).collect();
         if !lost.is_empty() {
@@ -357,7 +352,8 @@ pub(super) fn refine_to_noise(
             surface = step.surface;
             energy.measure(&surface);
             // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, a step at a time.
-            let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
+            let next =
+                (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
             let stiffest = weight_of_length(&feet, &information, area, STIFFEST * area.sqrt());
             let next = next.clamp(0.2 * start, 5.0 * start).min(stiffest);
             weight = Some(next);
@@ -406,22 +402,9 @@ pub(super) fn refine_to_noise(
         feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
         share_errors(observations, &sample, &mut feet, &surface, weight);
         let kept = weights(observations, &sample, &feet, &noise, options.gate, false);
-        outside = sample
-            .iter()
-            .zip(&kept)
-            .filter(|(_, w)| **w == 0.0)
-            .map(|(i, _)| *i)
-            .collect();
+        outside = sample.iter().zip(&kept).filter(|(_, w)| **w == 0.0).map(|(i, _)| *i).collect();
         let mut verdict = if options.refine_by.residuals() {
-            misfit(
-                &surface,
-                &feet,
-                &noise,
-                degrees.iter().flatten().sum(),
-                observations,
-                &sample,
-                options,
-            )
+            misfit(&surface, &feet, &noise, degrees.iter().flatten().sum(), observations, &sample, options)
         } else {
             Vec::new()
         };
@@ -465,10 +448,12 @@ struct BendingEnergy {
 }
 
 impl BendingEnergy {
-    /// Assembles the thin plate; leaves that bend more than they can resolve count [`STIFFENING`] times as much.
+    /// Assembles the thin plate; leaves that bend more than they can resolve count [`STIFFENING`] times as
+    /// much.
     ///
-    /// A leaf whose normal turns by more than a quarter is a fold or a spike, or the shape is finer than the leaf: either way it is
-    /// to be smooth until refinement shows otherwise, and must not tell how smooth the rest is.
+    /// A leaf whose normal turns by more than a quarter is a fold or a spike, or the shape is finer than the
+    /// leaf: either way it is to be smooth until refinement shows otherwise, and must not tell how smooth the
+    /// rest is.
     fn new(system: &SurfaceSystem, surface: &Surface) -> Result<Self> {
         let mut leaves = surface.thin_plate(system.space());
         for (leaf, energy) in leaves.iter_mut().enumerate() {
@@ -479,12 +464,7 @@ impl BendingEnergy {
             }
         }
         let matrix = system.assemble_energy(&leaves)?;
-        let mut made = Self {
-            matrix,
-            leaves,
-            total: 0.0,
-            stiffened: 0,
-        };
+        let mut made = Self { matrix, leaves, total: 0.0, stiffened: 0 };
         made.measure(surface);
         Ok(made)
     }
@@ -503,12 +483,9 @@ impl BendingEnergy {
 
 /// A length of the order of the whole surface.
 pub(crate) fn extent_of(surface: &Surface) -> f64 {
-    let (lo, hi) = surface
-        .vertices()
-        .iter()
-        .fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
-            ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
-        });
+    let (lo, hi) = surface.vertices().iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
+        ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
+    });
     (0..3).map(|d| hi[d] - lo[d]).fold(0.0, f64::max)
 }
 
@@ -524,8 +501,8 @@ fn first_degrees(surface: &Surface, channels: &FootChannels<'_>) -> Vec<f64> {
     degrees
 }
 
-/// The weight of the thin plate that smooths over a length: information of positions an area, times the length to the fourth; of slopes to the
-/// second, of curvatures as it is.
+/// The weight of the thin plate that smooths over a length: information of positions an area, times the
+/// length to the fourth; of slopes to the second, of curvatures as it is.
 pub(super) fn weight_of_length(feet: &[Foot], information: &[f64], area: f64, length: f64) -> f64 {
     (feet.iter().zip(information))
         .map(|(foot, &w)| smoothing_information(foot.quantity, w, length))
@@ -543,16 +520,12 @@ pub(super) fn smoothing_information(quantity: Quantity, information: f64, length
         }
 }
 
-/// To start the search for the weight: a stiff start would undo what growth has found, a soft one would follow few readings anywhere.
+/// To start the search for the weight: a stiff start would undo what growth has found, a soft one would
+/// follow few readings anywhere.
 fn first_weight(surface: &Surface, area: f64, feet: &[Foot], information: &[f64]) -> f64 {
     let leaves = surface.space().leaves().len() as f64;
     let readings = information.iter().filter(|&&w| w > 0.0).count() as f64;
-    weight_of_length(
-        feet,
-        information,
-        area,
-        (area / leaves).sqrt() * FIRST_SMOOTHING.max(leaves / readings),
-    )
+    weight_of_length(feet, information, area, (area / leaves).sqrt() * FIRST_SMOOTHING.max(leaves / readings))
 }
 
 /// Root mean square of the distances of positions that count; not finite where none does.
@@ -560,15 +533,14 @@ fn rms_of_positions(feet: &[Foot], information: &[f64]) -> f64 {
     let counting = feet.iter().zip(information);
     let (squares, n) = counting
         .filter(|(foot, weight)| foot.quantity == Quantity::Position && **weight > 0.0)
-        .fold((0.0, 0.0), |(squares, n), (foot, _)| {
-            (squares + foot.height() * foot.height(), n + 1.0)
-        });
+        .fold((0.0, 0.0), |(squares, n), (foot, _)| (squares + foot.height() * foot.height(), n + 1.0));
     (squares / n).sqrt()
 }
 
-/// Information of every foot: one over its variance, zero outside the gate; softened to Huber's while the shape is being found. Of the ground
-/// the upper side falls off faster, so that the sheet comes down to the lower of two opinions (Kraus & Pfeifer 1998, *Determination of terrain models in wooded
-/// areas with airborne laser scanner data*; the form of the fall is ours, in units of σ).
+/// Information of every foot: one over its variance, zero outside the gate; softened to Huber's while the
+/// shape is being found. Of the ground the upper side falls off faster, so that the sheet comes down to the
+/// lower of two opinions (Kraus & Pfeifer 1998, *Determination of terrain models in wooded areas with
+/// airborne laser scanner data*; the form of the fall is ours, in units of σ).
 pub(super) fn weights(
     observations: &Observations,
     subset: &[u32],
@@ -580,7 +552,8 @@ pub(super) fn weights(
     weights_beside(observations, subset, feet, noise, gate, finding, |_| 0.0)
 }
 
-/// [`weights`] where the surface from which feet are measured has a variance of its own, by foot: it widens the gate.
+/// [`weights`] where the surface from which feet are measured has a variance of its own, by foot: it widens
+/// the gate.
 pub(super) fn weights_beside(
     observations: &Observations,
     subset: &[u32],
@@ -601,11 +574,13 @@ pub(super) fn weights_beside(
             let variance = noise.used[observations.channel(i as usize)] * foot.variance;
             let r = foot.extremes().0 / (variance + of_surface(k)).sqrt();
             if finding {
-                let above =
-                    observations.ground && foot.quantity == Quantity::Position && foot.height() * foot.normal[2] > 0.0;
+                let above = observations.ground
+                    && foot.quantity == Quantity::Position
+                    && foot.height() * foot.normal[2] > 0.0;
                 let softened = match r / BOUNDED {
                     far if far <= 1.0 => 1.0,
-                    // What is left of things that stand on the ground lies above it: the farther, the less it pulls.
+                    // What is left of things that stand on the ground lies above it: the farther, the less it
+                    // pulls.
                     far if above => 1.0 / (1.0 + (far - 1.0).powi(2) * far),
                     // Far readings pull with bounded force: most are shape still to be found, not errors.
                     far => 1.0 / far,
@@ -624,7 +599,8 @@ pub(super) fn weights_beside(
 pub(super) struct Misfit {
     pub leaf: usize,
     pub cause: Cause,
-    /// Shared shape of its own bins, in standard deviations of what noise makes; or how much its curvature varies; or how much too wide it is.
+    /// Shared shape of its own bins, in standard deviations of what noise makes; or how much its curvature
+    /// varies; or how much too wide it is.
     pub severity: f64,
     /// Signs of the corner where it is worst.
     pub corner: [f64; 2],
@@ -675,14 +651,10 @@ fn log_divisions(log: &mut RefinementLog, space: &Hierarchy, finer: &Hierarchy, 
         let own = misfits.iter().filter(|m| m.cause == cause);
         blocks(space, own).into_iter().collect()
     };
-    let (residuals, curvature, roughness) = (of(Cause::Residuals), of(Cause::Curvature), of(Cause::Roughness));
+    let (residuals, curvature, roughness) =
+        (of(Cause::Residuals), of(Cause::Curvature), of(Cause::Roughness));
     let kept: HashSet<Cell> = finer.leaves().iter().copied().collect();
-    for (leaf, cell) in space
-        .leaves()
-        .iter()
-        .enumerate()
-        .filter(|(_, cell)| !kept.contains(cell))
-    {
+    for (leaf, cell) in space.leaves().iter().enumerate().filter(|(_, cell)| !kept.contains(cell)) {
         let cause = if residuals.contains(&leaf) {
             Cause::Residuals
         } else if curvature.contains(&leaf) {
@@ -699,10 +671,7 @@ fn log_divisions(log: &mut RefinementLog, space: &Hierarchy, finer: &Hierarchy, 
 /// One bicubic function of the next level lives on a 2 × 2 block: the block at the worst corner of each leaf.
 fn blocks<'a>(space: &Hierarchy, misfits: impl IntoIterator<Item = &'a Misfit>) -> Vec<usize> {
     let mut marked = Vec::new();
-    for &Misfit {
-        leaf, corner: [su, sv], ..
-    } in misfits
-    {
+    for &Misfit { leaf, corner: [su, sv], .. } in misfits {
         for dv in [0.5, 0.5 + sv] {
             for du in [0.5, 0.5 + su] {
                 let [u, v] = space.parameters(leaf, [du, dv]);
@@ -734,8 +703,9 @@ struct Bin {
     count: f64,
 }
 
-/// The residuals of one leaf, in bins: number by number of positions and normals, as smooth shape leaves each of them smooth. Those of curvatures
-/// are no sign: the prior speaks of curvature itself and shrinks all of its wavelengths alike, the more the more cells there are.
+/// The residuals of one leaf, in bins: number by number of positions and normals, as smooth shape leaves each
+/// of them smooth. Those of curvatures are no sign: the prior speaks of curvature itself and shrinks all of
+/// its wavelengths alike, the more the more cells there are.
 #[derive(Clone, Default)]
 struct LeafResiduals {
     /// The bins of one number after those of the other.
@@ -760,10 +730,11 @@ fn first_number(quantity: Quantity) -> usize {
 }
 
 impl LeafResiduals {
-    /// `Σ_b ((Σ w h)² − Σ (w h)²) / Σ w` over the bins in which `of` puts any, and half its variance under noise.
+    /// `Σ_b ((Σ w h)² − Σ (w h)²) / Σ w` over the bins in which `of` puts any, and half its variance under
+    /// noise.
     ///
-    /// Only products of different readings are left: the mean is zero under any noise that is symmetric and independent, gross errors
-    /// included, and grows with the shape that neighbours share.
+    /// Only products of different readings are left: the mean is zero under any noise that is symmetric and
+    /// independent, gross errors included, and grows with the shape that neighbours share.
     fn shared_shape(&self, of: impl Fn(usize) -> Option<usize>) -> (f64, f64) {
         let (mut shape, mut pairs) = (0.0, 0.0);
         for number in self.bins.chunks_exact(BINS * BINS) {
@@ -813,9 +784,10 @@ impl LeafResiduals {
 
 /// Averages residuals over the bins of each leaf and finds where they are too large to be noise, worst first.
 ///
-/// See [`LeafResiduals::shared_shape`]; what the fit took of it is added. One leaf shows strong misfit alone; what
-/// is too weak for that is looked for in the quarters of a leaf and its eight neighbours together, because shape that is left out
-/// without a sign of it is what makes a stated σ too small; but only once strong misfit is gone. With a tolerance, the means' own size decides.
+/// See [`LeafResiduals::shared_shape`]; what the fit took of it is added. One leaf shows strong misfit alone;
+/// what is too weak for that is looked for in the quarters of a leaf and its eight neighbours together,
+/// because shape that is left out without a sign of it is what makes a stated σ too small; but only once
+/// strong misfit is gone. With a tolerance, the means' own size decides.
 fn misfit(
     surface: &Surface,
     feet: &[Foot],
@@ -830,14 +802,11 @@ fn misfit(
     let normalised = |k: u32| {
         let foot = &feet[k as usize];
         let sensor = observations.channel(subset[k as usize] as usize);
-        // While shape is missing it inflates every estimate: a stated σ bounds it, and how well neighbouring points agree. Neighbours of
-        // one scan may err together, though: without a stated σ their agreement bounds only how small a leaf may be.
+        // While shape is missing it inflates every estimate: a stated σ bounds it, and how well neighbouring
+        // points agree. Neighbours of one scan may err together, though: without a stated σ their agreement
+        // bounds only how small a leaf may be.
         let most = noise.used[sensor].min(noise.most[sensor]);
-        let factor = if observations.stated[sensor] {
-            most
-        } else {
-            noise.used[sensor]
-        };
+        let factor = if observations.stated[sensor] { most } else { noise.used[sensor] };
         let variance = factor * foot.variance;
         (foot.extremes().0 / variance.sqrt(), variance, most * foot.variance)
     };
@@ -933,7 +902,9 @@ fn misfit(
     // Weak misfit is split too while that leaves most of the budget to stronger misfit yet to be found.
     let before = strong.len();
     strong.append(&mut weak);
-    if before >= few(space) && space.refined_node_count(&blocks(space, &strong)) > options.max_coefficients / 2 {
+    if before >= few(space)
+        && space.refined_node_count(&blocks(space, &strong)) > options.max_coefficients / 2
+    {
         strong.truncate(before);
     }
     strong.sort_by(worst_first);

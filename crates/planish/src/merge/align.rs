@@ -1,17 +1,25 @@
 //! Patches a little off, brought together before they are merged.
 //!
-//! Comes in: patches in frames that agree but for small motions, all facing alike. Goes out: the same in the frame of the first, and the motion of each with its covariance.
+//! Comes in: patches in frames that agree but for small motions, all facing alike. Goes out: the same in the
+//! frame of the first, and the motion of each with its covariance.
 //!
-//! Every vertex `p` of a patch `i` that lies on another, `j`, says how far both are apart along the normal there (Y. Chen, G. Medioni 1992: point to plane),
+//! Every vertex `p` of a patch `i` that lies on another, `j`, says how far both are apart along the normal
+//! there (Y. Chen, G. Medioni 1992: point to plane),
 //!
 //! ```text
 //! r = n · (p − q),   ∂r/∂ξ_i = (n, (p − c_i) × n),   ∂r/∂ξ_j = −(n, (p − c_j) × n),   ξ = (translation, rotation vector) about the patch's middle c
 //! ```
 //!
-//! and all pairs are brought to rest together, as K. Pulli (1999) asks, by Gauss-Newton steps with a redescending loss. A vertex stands for its area `A`; what both patches say there is worth `A / (σ_i² A + σ_j² a_j)`, `a_j` the area of a vertex of the other patch: so much
-//! is known of a smooth difference of two samplings with independent errors, however many vertices one of them has. Both ways of looking count half: each sees the other's triangles as chords, and the two errors of that are opposite.
+//! and all pairs are brought to rest together, as K. Pulli (1999) asks, by Gauss-Newton steps with a
+//! redescending loss. A vertex stands for its area `A`; what both patches say there is worth
+//! `A / (σ_i² A + σ_j² a_j)`, `a_j` the area of a vertex of the other patch: so much is known of a smooth
+//! difference of two samplings with independent errors, however many vertices one of them has. Both ways of
+//! looking count half: each sees the other's triangles as chords, and the two errors of that are opposite.
 //!
-//! Beside what they say of one another, patches stay where they are by a [`Hold`]: a motion that leaves the overlaps as they are is not made. The covariance of the motions is that of the equations, times how much more the sums of residuals over regions of space vary than independent errors would: neighbours that err alike (smoothed patches, poses within a patch) are told by that.
+//! Beside what they say of one another, patches stay where they are by a [`Hold`]: a motion that leaves the
+//! overlaps as they are is not made. The covariance of the motions is that of the equations, times how much
+//! more the sums of residuals over regions of space vary than independent errors would: neighbours that err
+//! alike (smoothed patches, poses within a patch) are told by that.
 //!
 //! Not guaranteed: that patches are found which stand farther off than the hold says; that a patch bends.
 
@@ -44,9 +52,11 @@ const FROM_BORDER: usize = 2;
 const AT_REST: f64 = 0.05;
 /// A direction whose variance is more than this share of what was held before is open.
 const DETERMINED: f64 = 0.25;
-/// The least scale of residuals, as a share of the size of all patches: what rounding to single precision does.
+/// The least scale of residuals, as a share of the size of all patches: what rounding to single precision
+/// does.
 const LEAST_SCALE: f64 = 1e-7;
-/// Patches that are parts of one thing lie no more than so many σ apart when they are aligned, and, where σ is not stated, no more than an edge.
+/// Patches that are parts of one thing lie no more than so many σ apart when they are aligned, and, where σ
+/// is not stated, no more than an edge.
 const APART: f64 = 5.0;
 /// Planes and balls leave three directions open, nothing that patches share leaves more.
 const MOST_OPEN: usize = 4;
@@ -63,10 +73,7 @@ struct Hold {
 impl Hold {
     /// One percent of the diagonal of all patches, and one degree.
     fn of(size: f64) -> Self {
-        Self {
-            translation: 0.01 * size,
-            rotation_rad: 1.0_f64.to_radians(),
-        }
+        Self { translation: 0.01 * size, rotation_rad: 1.0_f64.to_radians() }
     }
 
     fn sigma(&self, k: usize) -> f64 {
@@ -80,7 +87,8 @@ struct Side<'a> {
     search: &'a MeshSearch,
     /// Of the vertices, smoothed.
     normals: Vec<[f64; 3]>,
-    /// Whether a vertex lies a few edges from the border: nearer ones know their normals from one side only, and scanners see them worst.
+    /// Whether a vertex lies a few edges from the border: nearer ones know their normals from one side only,
+    /// and scanners see them worst.
     within: Vec<bool>,
     /// The area of a vertex: a third of its triangles'.
     areas: Vec<f64>,
@@ -99,10 +107,12 @@ impl Side<'_> {
     }
 }
 
-/// Moves all patches but the first to where they lie on one another. Gives the motion of each, and what a user should know.
+/// Moves all patches but the first to where they lie on one another. Gives the motion of each, and what a
+/// user should know.
 ///
 /// # Errors
-/// `Undetermined` where nothing lies on anything within reach, or a patch is far from what is near it and hardly any of its directions is told; `Interrupted` when told to stop.
+/// `Undetermined` where nothing lies on anything within reach, or a patch is far from what is near it and
+/// hardly any of its directions is told; `Interrupted` when told to stop.
 pub(super) fn align(
     patches: &mut [Patch],
     searches: &mut [MeshSearch],
@@ -150,7 +160,8 @@ pub(super) fn align(
     Ok((reports, warnings))
 }
 
-/// Adds to the variance along each vertex's normal what the pose is not known to. Where patches are fused afterwards it counts like an error of each vertex alone.
+/// Adds to the variance along each vertex's normal what the pose is not known to. Where patches are fused
+/// afterwards it counts like an error of each vertex alone.
 fn add_pose_variance(patch: &mut Patch, covariance: &[[f64; 6]; 6], origin: [f64; 3]) {
     if patch.sigma.is_empty() {
         return;
@@ -159,9 +170,7 @@ fn add_pose_variance(patch: &mut Patch, covariance: &[[f64; 6]; 6], origin: [f64
     for ((p, n), sigma) in (patch.mesh.positions.iter().zip(normals)).zip(&mut patch.sigma) {
         let [a, b, c] = cross(sub(*p, origin), n);
         let row = [n[0], n[1], n[2], a, b, c];
-        let variance: f64 = (0..36)
-            .map(|k| row[k / 6] * covariance[k / 6][k % 6] * row[k % 6])
-            .sum();
+        let variance: f64 = (0..36).map(|k| row[k / 6] * covariance[k / 6][k % 6] * row[k % 6]).sum();
         *sigma = sigma.hypot(variance.max(0.0).sqrt());
     }
 }
@@ -182,9 +191,8 @@ fn motions(
     names: &[String],
     progress: &dyn Progress,
 ) -> Result<(Vec<Motion>, Vec<String>)> {
-    let mut sides: Vec<Side> = (patches.iter().zip(searches))
-        .map(|(patch, search)| side(patch, search))
-        .collect();
+    let mut sides: Vec<Side> =
+        (patches.iter().zip(searches)).map(|(patch, search)| side(patch, search)).collect();
     let all = patches.iter().flat_map(|p| p.mesh.positions.iter().copied());
     let size = BoundingBox::around(all).map_or(0.0, |b| b.diagonal());
     let hold = Hold::of(size);
@@ -192,9 +200,7 @@ fn motions(
     let spacing = (sides.iter())
         .map(|s| (s.patch.mesh.area() / s.patch.mesh.positions.len().max(1) as f64).sqrt())
         .fold(0.0, f64::max);
-    let sigma = (sides.iter())
-        .flat_map(|s| s.patch.sigma.iter().copied())
-        .fold(0.0, f64::max);
+    let sigma = (sides.iter()).flat_map(|s| s.patch.sigma.iter().copied()).fold(0.0, f64::max);
     let least_reach = 2.0 * spacing + REACH * sigma;
     // Two σ of the hold of each of both, and what a turn does at the end of a patch.
     let turn = sides.iter().map(|s| s.radius).fold(0.0, f64::max) * hold.rotation_rad;
@@ -231,15 +237,16 @@ fn motions(
                 ));
             }
             let covariances = equations.covariances(excess_variance(&rows, scale, size, stated));
-            let motions: Vec<Motion> = (0..sides.len())
-                .map(|k| motion(k, &sides, &rows, &covariances, &hold))
-                .collect();
+            let motions: Vec<Motion> =
+                (0..sides.len()).map(|k| motion(k, &sides, &rows, &covariances, &hold)).collect();
             warnings.extend(not_told(&sides, &rows, names));
             // How far a patch lies from its neighbours, in what it should at most.
             for (k, motion) in motions.iter().enumerate().skip(1) {
                 let (off, normalised) = apart(k, &rows)?;
                 let how = match stated {
-                    true if normalised > APART => format!("{off:.3} apart, {normalised:.0} σ of their difference"),
+                    true if normalised > APART => {
+                        format!("{off:.3} apart, {normalised:.0} σ of their difference")
+                    }
                     false if off > spacing => format!("{off:.3} apart, farther than edges are long"),
                     _ => continue,
                 };
@@ -263,13 +270,18 @@ fn motions(
 }
 
 /// Patches that too little lies on.
-fn not_told<'a>(sides: &'a [Side], rows: &'a [Residual], names: &'a [String]) -> impl Iterator<Item = String> + 'a {
+fn not_told<'a>(
+    sides: &'a [Side],
+    rows: &'a [Residual],
+    names: &'a [String],
+) -> impl Iterator<Item = String> + 'a {
     (1..sides.len())
         .filter(|k| told(*k, rows) < LEAST_RESIDUALS)
         .map(|k| format!("{} lies on no other patch within reach: it was not aligned", names[k]))
 }
 
-/// The scale of what is between a patch and others: as a length, and in σ where they are stated. Nothing where it lies on none.
+/// The scale of what is between a patch and others: as a length, and in σ where they are stated. Nothing
+/// where it lies on none.
 fn apart(k: usize, rows: &[Residual]) -> Result<(f64, f64)> {
     let mine = || rows.iter().filter(|r| r.here == k || r.there == k);
     let off: Vec<f64> = mine().map(|r| r.off).collect();
@@ -287,11 +299,7 @@ fn told(k: usize, rows: &[Residual]) -> usize {
 fn motion(k: usize, sides: &[Side], rows: &[Residual], covariances: &DMatrix<f64>, hold: &Hold) -> Motion {
     let pose = sides[k].pose;
     if k == 0 || told(k, rows) < LEAST_RESIDUALS {
-        return Motion {
-            pose,
-            covariance: None,
-            undetermined: Vec::new(),
-        };
+        return Motion { pose, covariance: None, undetermined: Vec::new() };
     }
     let start = 6 * (k - 1);
     let about_middle = Matrix6::from_fn(|a, b| covariances[(start + a, start + b)]);
@@ -302,7 +310,8 @@ fn motion(k: usize, sides: &[Side], rows: &[Residual], covariances: &DMatrix<f64
         let by = cross([a, b, c], arm);
         [x + by[0], y + by[1], z + by[2], a, b, c]
     };
-    let columns: [[f64; 6]; 6] = std::array::from_fn(|b| of_frame(std::array::from_fn(|a| about_middle[(a, b)])));
+    let columns: [[f64; 6]; 6] =
+        std::array::from_fn(|b| of_frame(std::array::from_fn(|a| about_middle[(a, b)])));
     let rows_too: [[f64; 6]; 6] = std::array::from_fn(|a| of_frame(std::array::from_fn(|b| columns[b][a])));
     let held = Matrix6::from_fn(|a, b| about_middle[(a, b)] / (hold.sigma(a) * hold.sigma(b)));
     let open = held.symmetric_eigen();
@@ -310,11 +319,7 @@ fn motion(k: usize, sides: &[Side], rows: &[Residual], covariances: &DMatrix<f64
         .filter(|v| open.eigenvalues[*v] > DETERMINED)
         .map(|v| of_frame(std::array::from_fn(|a| hold.sigma(a) * open.eigenvectors[(a, v)])))
         .collect();
-    Motion {
-        pose,
-        covariance: Some(rows_too),
-        undetermined,
-    }
+    Motion { pose, covariance: Some(rows_too), undetermined }
 }
 
 impl Side<'_> {
@@ -329,11 +334,7 @@ fn about(by: [f64; 6], middle: [f64; 3]) -> Pose {
     let turn = Pose::from_rotation_vector([a, b, c], [0.0; 3]);
     let turned = turn.rotate(middle);
     Pose {
-        translation: [
-            middle[0] - turned[0] + x,
-            middle[1] - turned[1] + y,
-            middle[2] - turned[2] + z,
-        ],
+        translation: [middle[0] - turned[0] + x, middle[1] - turned[1] + y, middle[2] - turned[2] + z],
         ..turn
     }
 }
@@ -363,7 +364,8 @@ fn side<'a>(patch: &'a Patch, search: &'a MeshSearch) -> Side<'a> {
     }
 }
 
-/// Normals of the vertices, averaged with their neighbours': their noise would seem to tell of motions along the surface.
+/// Normals of the vertices, averaged with their neighbours': their noise would seem to tell of motions along
+/// the surface.
 fn smooth_normals(mesh: &TriangleMesh, neighbours: &Neighbours) -> Vec<[f64; 3]> {
     let mut normals = mesh.vertex_normals();
     for _ in 0..SMOOTHED {

@@ -1,8 +1,12 @@
 //! One surface where patches share places.
 //!
-//! Comes in: patches and where they lie on one another. Goes out: where their vertices come to lie. Shared places are covered with pieces, each a height field over the plane of its mean normal (R. Mohr, C. Zhao, G. Koscielny
-//! 1994 take the direction from the origin to the region's centroid, their eq. 2, which serves only where the origin lies well inside the thing), refitted by a bicubic spline ([`HeightField`]), and blended: a place
-//! is where the pieces about it say, each by how near its middle is. Pieces follow the surface from neighbour to neighbour and end where normals turn away, so that what is no height field is several.
+//! Comes in: patches and where they lie on one another. Goes out: where their vertices come to lie. Shared
+//! places are covered with pieces, each a height field over the plane of its mean normal (R. Mohr, C. Zhao,
+//! G. Koscielny 1994 take the direction from the origin to the region's centroid, their eq. 2, which serves
+//! only where the origin lies well inside the thing), refitted by a bicubic spline ([`HeightField`]), and
+//! blended: a place is where the pieces about it say, each by how near its middle is. Pieces follow the
+//! surface from neighbour to neighbour and end where normals turn away, so that what is no height field is
+//! several.
 //!
 //! Not guaranteed: that a piece follows shape finer than its cells.
 
@@ -20,13 +24,15 @@ const RADIUS: f64 = 12.0;
 const CELL: f64 = 1.75;
 /// A place is covered when pieces weigh so much there; the middle of a piece weighs one.
 const COVERED: f64 = 0.4;
-/// Cells across a piece, at most: where coarse and fine vertices lie together, the fine ones' would be too many.
+/// Cells across a piece, at most: where coarse and fine vertices lie together, the fine ones' would be too
+/// many.
 const MOST_ACROSS: f64 = 60.0;
 /// A refit needs so many vertices.
 const FEWEST: usize = 4;
 /// Normals of a piece and of its middle: the least cosine.
 const SAME_PIECE: f64 = 0.6;
-/// A refit blends in over so many times the edges over which a patch gains its weight in a mean: at its ends a spline knows less than its covariance says.
+/// A refit blends in over so many times the edges over which a patch gains its weight in a mean: at its ends
+/// a spline knows less than its covariance says.
 const BLENDED: f64 = 2.0;
 /// Vertices of one piece are worked on together up to so many pieces.
 const BATCH: usize = 64;
@@ -36,7 +42,8 @@ const BATCH: usize = 64;
 pub(super) enum Refit {
     /// Shared places alone, all alike (the paper's).
     Shared,
-    /// Shared places and those around them, by their information; what is moved goes to nothing where a patch ends.
+    /// Shared places and those around them, by their information; what is moved goes to nothing where a patch
+    /// ends.
     Information,
 }
 
@@ -67,7 +74,8 @@ pub(super) fn refitted(
     let links: Vec<Neighbours> = patches.iter().map(|p| Neighbours::of(&p.mesh)).collect();
     let shared = |(p, v): Place| overlap.patches[p as usize].feet(v as usize).iter().any(|f| !f.beside);
     let mut weight: Vec<Vec<f64>> = patches.iter().map(|p| vec![0.0; p.mesh.positions.len()]).collect();
-    let mut moved: Vec<Vec<[f64; 3]>> = patches.iter().map(|p| vec![[0.0; 3]; p.mesh.positions.len()]).collect();
+    let mut moved: Vec<Vec<[f64; 3]>> =
+        patches.iter().map(|p| vec![[0.0; 3]; p.mesh.positions.len()]).collect();
     let mut sigma: Vec<Vec<f64>> = weight.clone();
     let mut walk = Walk::new(patches);
     let mut seeds: Vec<Place> = patches
@@ -90,9 +98,8 @@ pub(super) fn refitted(
             if weight[p as usize][v as usize] >= COVERED {
                 continue;
             }
-            let members = walk.around((p, v), patches, overlap, &links, |place| {
-                how == Refit::Information || shared(place)
-            });
+            let members = walk
+                .around((p, v), patches, overlap, &links, |place| how == Refit::Information || shared(place));
             for ((p, v), w) in &members {
                 weight[*p as usize][*v as usize] += w;
             }
@@ -132,7 +139,8 @@ pub(super) fn refitted(
             };
             let from = fused.positions[v];
             fused.positions[v] = add_scaled(from, share, sub(to, from));
-            // Of the variance of a mean of one place of each patch, the refit's is what is left by so many neighbours if each is off on its own.
+            // Of the variance of a mean of one place of each patch, the refit's is what is left by so many
+            // neighbours if each is off on its own.
             let alone = fused.sigma[v];
             let neighbours = (alone * w / sigma[p][v]).powi(2);
             let refit = alone * likeness[p].share_of_mean(neighbours).sqrt();
@@ -181,7 +189,9 @@ fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Resul
         spacing += known.spacing[v];
     }
     let (middle, spacing) = (scale(1.0 / count, middle), spacing / count);
-    let Some(z) = unit(axis) else { return Ok(Vec::new()) };
+    let Some(z) = unit(axis) else {
+        return Ok(Vec::new());
+    };
     let least = (0..3).min_by(|i, j| z[*i].abs().total_cmp(&z[*j].abs())).unwrap_or(0);
     let aside: [f64; 3] = std::array::from_fn(|k| f64::from(u8::from(k == least)));
     let Some(x) = unit(cross(aside, z)) else {
@@ -224,12 +234,7 @@ fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Resul
             let found = found?;
             let to = add_scaled(at(*member), found.height - reading.height, z);
             let slope = 1.0 + found.slope[0] * found.slope[0] + found.slope[1] * found.slope[1];
-            Some(Said {
-                place: *member,
-                weight: *w,
-                position: to,
-                sigma: (found.variance / slope).sqrt(),
-            })
+            Some(Said { place: *member, weight: *w, position: to, sigma: (found.variance / slope).sqrt() })
         })
         .collect())
 }
@@ -243,13 +248,11 @@ struct Walk {
 
 impl Walk {
     fn new(patches: &[Patch]) -> Self {
-        Self {
-            met: patches.iter().map(|p| vec![0; p.mesh.positions.len()]).collect(),
-            walks: 0,
-        }
+        Self { met: patches.iter().map(|p| vec![0; p.mesh.positions.len()]).collect(), walks: 0 }
     }
 
-    /// All that is within the radius of a place and faces as it does, with the weight that falls to nothing at the radius.
+    /// All that is within the radius of a place and faces as it does, with the weight that falls to nothing
+    /// at the radius.
     fn around(
         &mut self,
         first: Place,
@@ -274,14 +277,10 @@ impl Walk {
             }
             let w = 1.0 - far * far;
             members.push((place, w * w));
-            let mine = links[place.0 as usize]
-                .of_vertex(place.1)
-                .iter()
-                .map(|end| (place.0, *end));
-            let others =
-                of.feet(v).iter().filter(|f| !f.beside).flat_map(|f| {
-                    patches[f.patch as usize].mesh.triangles[f.triangle as usize].map(|end| (f.patch, end))
-                });
+            let mine = links[place.0 as usize].of_vertex(place.1).iter().map(|end| (place.0, *end));
+            let others = of.feet(v).iter().filter(|f| !f.beside).flat_map(|f| {
+                patches[f.patch as usize].mesh.triangles[f.triangle as usize].map(|end| (f.patch, end))
+            });
             for to in mine.chain(others) {
                 let met = &mut self.met[to.0 as usize][to.1 as usize];
                 if *met != self.walks {

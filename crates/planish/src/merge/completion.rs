@@ -1,10 +1,15 @@
 //! What no patch covers, taken from a surface that bounds the thing.
 //!
-//! Comes in: a merged surface, and a mesh that the thing lies within, such as the visual hull of its silhouettes (A. Laurentini 1994). Goes out: one mesh, in which the bound stands where no patch is. Not guaranteed: that the thing is as large there as what bounds it; anything where it cannot be told which way a part of the patches faces ([`Facing::untold`]).
+//! Comes in: a merged surface, and a mesh that the thing lies within, such as the visual hull of its
+//! silhouettes (A. Laurentini 1994). Goes out: one mesh, in which the bound stands where no patch is. Not
+//! guaranteed: that the thing is as large there as what bounds it; anything where it cannot be told which way
+//! a part of the patches faces ([`Facing::untold`]).
 
 use planish_estimate::vector3::{distance, dot};
 use planish_estimate::{Error, Result};
-use planish_mesh::{Fused, MeshSearch, Overlap, OverlapOptions, Patch, Sets, TriangleMesh, ZipOptions, Zipped, zipped};
+use planish_mesh::{
+    Fused, MeshSearch, Overlap, OverlapOptions, Patch, Sets, TriangleMesh, ZipOptions, Zipped, zipped,
+};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -24,7 +29,8 @@ const NOTCH: usize = 8;
 /// Triangles are looked at in so many places along an edge at most.
 const MOST_STEPS: usize = 32;
 
-/// A part of the patches faces outwards or inwards where the mean cosine between its normals and those of the bound is larger than this.
+/// A part of the patches faces outwards or inwards where the mean cosine between its normals and those of the
+/// bound is larger than this.
 const FACES: f64 = 0.1;
 /// So many places of a part tell, and a few more.
 const LOOKED_AT: usize = 5000;
@@ -50,7 +56,10 @@ pub(super) struct Completed {
     pub facing: Facing,
 }
 
-/// Sews a bound to what was merged, where that has nothing. σ of the bound is its own, or the length of its edges: how far the thing may lie beneath is not in it. Triangles that reach out of a closed bound are carved away. A bound that is closed faces outwards, whichever way its file has it; parts of the patches that face against the bound are turned over.
+/// Sews a bound to what was merged, where that has nothing. σ of the bound is its own, or the length of its
+/// edges: how far the thing may lie beneath is not in it. Triangles that reach out of a closed bound are
+/// carved away. A bound that is closed faces outwards, whichever way its file has it; parts of the patches
+/// that face against the bound are turned over.
 pub(super) fn completed(merged: &Zipped, bound: &Patch) -> Result<Completed> {
     let mut mesh = bound.mesh.clone();
     // Of an equilateral triangle with the mean area.
@@ -93,15 +102,11 @@ pub(super) fn completed(merged: &Zipped, bound: &Patch) -> Result<Completed> {
         }
     } else {
         let patches = [first, rest];
-        let options = OverlapOptions {
-            epsilon: Some(EPSILON * edge),
-            theta_rad: None,
-        };
+        let options = OverlapOptions { epsilon: Some(EPSILON * edge), theta_rad: None };
         let overlap = Overlap::find(&patches, &options)?;
-        let places = patches.each_ref().map(|patch| Fused {
-            positions: patch.mesh.positions.clone(),
-            sigma: patch.sigma.clone(),
-        });
+        let places = patches
+            .each_ref()
+            .map(|patch| Fused { positions: patch.mesh.positions.clone(), sigma: patch.sigma.clone() });
         zipped(&patches, &overlap, &places, &ZipOptions { notches: NOTCH })?
     };
     // Holes may have been closed across what is empty.
@@ -118,12 +123,7 @@ pub(super) fn completed(merged: &Zipped, bound: &Patch) -> Result<Completed> {
         ..whole
     };
     let vertices = whole.source.iter().filter(|(patch, _)| *patch == 1).count();
-    Ok(Completed {
-        whole,
-        vertices,
-        carved,
-        facing,
-    })
+    Ok(Completed { whole, vertices, carved, facing })
 }
 
 /// What a user should know of which way patches faced.
@@ -134,10 +134,7 @@ pub(super) fn facing_in_words(facing: Facing, bound: &str) -> Vec<String> {
     };
     let mut words = Vec::new();
     if facing.turned > 0 {
-        words.push(format!(
-            "{} faced inwards, told by {bound}: turned over",
-            parts(facing.turned)
-        ));
+        words.push(format!("{} faced inwards, told by {bound}: turned over", parts(facing.turned)));
     }
     if facing.untold > 0 {
         words.push(format!(
@@ -167,7 +164,8 @@ fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
             *count += 1.0;
         }
     }
-    let against = |t: &[u32; 3]| (sums.get(&part[t[0] as usize])).is_some_and(|(sum, count)| *sum < -FACES * count);
+    let against =
+        |t: &[u32; 3]| (sums.get(&part[t[0] as usize])).is_some_and(|(sum, count)| *sum < -FACES * count);
     for t in &mut mesh.triangles {
         if against(t) {
             t.swap(1, 2);
@@ -189,8 +187,13 @@ fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
     (0..mesh.positions.len() as u32).map(|v| of.root(v)).collect()
 }
 
-/// The triangles that do not reach out of a bound, whose edges are so long; the vertex that each of theirs was, and how many are left out.
-fn within(mesh: &TriangleMesh, sigma: &[f64], bound: Option<(&MeshSearch, f64)>) -> Result<(Patch, Vec<u32>, usize)> {
+/// The triangles that do not reach out of a bound, whose edges are so long; the vertex that each of theirs
+/// was, and how many are left out.
+fn within(
+    mesh: &TriangleMesh,
+    sigma: &[f64],
+    bound: Option<(&MeshSearch, f64)>,
+) -> Result<(Patch, Vec<u32>, usize)> {
     let stays = |t: usize| {
         let Some((search, edge)) = bound else { return true };
         let [a, b, c] = mesh.corners(t);
@@ -199,26 +202,19 @@ fn within(mesh: &TriangleMesh, sigma: &[f64], bound: Option<(&MeshSearch, f64)>)
         let mut places = (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| [i, j, steps - i - j]));
         places.all(|weights| {
             let place = mesh.point_at(t, weights.map(|w| w as f64 / steps as f64));
-            search
-                .closest(place)
-                .is_none_or(|foot| foot.signed_distance <= OUTSIDE * edge)
+            search.closest(place).is_none_or(|foot| foot.signed_distance <= OUTSIDE * edge)
         })
     };
     let stay: Vec<bool> = (0..mesh.triangles.len()).into_par_iter().map(stays).collect();
-    let triangles: Vec<[u32; 3]> = (mesh.triangles.iter().zip(&stay))
-        .filter(|(_, stays)| **stays)
-        .map(|(t, _)| *t)
-        .collect();
+    let triangles: Vec<[u32; 3]> =
+        (mesh.triangles.iter().zip(&stay)).filter(|(_, stays)| **stays).map(|(t, _)| *t).collect();
     let carved = mesh.triangles.len() - triangles.len();
     if triangles.is_empty() {
         return Err(Error::undetermined(
             "all of the patches lies outside of what is to complete them: check that both are in one frame and unit",
         ));
     }
-    let mesh = TriangleMesh {
-        positions: mesh.positions.clone(),
-        triangles,
-    };
+    let mesh = TriangleMesh { positions: mesh.positions.clone(), triangles };
     let tidied = Patch::tidy(&mesh, sigma)?;
     Ok((tidied.patch, tidied.vertices, carved))
 }
@@ -229,17 +225,16 @@ mod tests {
     use planish_estimate::vector3::norm;
     use planish_mesh::icosphere;
 
-    /// A ball of which two patches leave the poles open, in a bound that is a little larger and faces inwards; patches that face inwards are turned over.
+    /// A ball of which two patches leave the poles open, in a bound that is a little larger and faces
+    /// inwards; patches that face inwards are turned over.
     #[test]
     fn holes_are_closed_by_the_bound_and_patches_stay() {
         for inwards in [false, true] {
             let mut ball = icosphere(10.0, 4);
             // What reaches far out of the bound is carved away.
             let far = ball.positions.len() as u32;
-            ball.positions
-                .extend([[0.0, 40.0, 0.0], [1.0, 40.0, 0.0], [0.0, 40.0, 1.0]]);
-            ball.triangles
-                .retain(|t| t.iter().all(|v| ball.positions[*v as usize][2].abs() < 7.0));
+            ball.positions.extend([[0.0, 40.0, 0.0], [1.0, 40.0, 0.0], [0.0, 40.0, 1.0]]);
+            ball.triangles.retain(|t| t.iter().all(|v| ball.positions[*v as usize][2].abs() < 7.0));
             ball.triangles.push([far, far + 2, far + 1]);
             let turn = |mesh: &mut TriangleMesh| mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
             if inwards {
@@ -260,10 +255,7 @@ mod tests {
                 mesh: patch.mesh,
                 sigma: patch.sigma,
             };
-            let bound = Patch {
-                mesh: bound,
-                sigma: Vec::new(),
-            };
+            let bound = Patch { mesh: bound, sigma: Vec::new() };
             let done = completed(&merged, &bound).unwrap();
             let check = done.whole.mesh.check();
             assert!(check.watertight && check.oriented && check.components == 1, "{check:?}");

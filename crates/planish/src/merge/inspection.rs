@@ -1,6 +1,8 @@
 //! What is to be known of patches before they are merged.
 //!
-//! Comes in: patches as they were read. Goes out: those that are no copies, all facing alike, and words on what crosses itself or comes near nothing. Not guaranteed: that a copy is known as one after its numbers were rounded.
+//! Comes in: patches as they were read. Goes out: those that are no copies, all facing alike, and words on
+//! what crosses itself or comes near nothing. Not guaranteed: that a copy is known as one after its numbers
+//! were rounded.
 
 use super::patches::NamedPatch;
 use crate::model::SigmaSummary;
@@ -24,11 +26,15 @@ const LITTLE: f64 = 0.05;
 /// σ from differences that is longer than this share of an edge is what unrelated surfaces show.
 const UNALIKE: f64 = 0.4;
 
-/// Leaves out patches whose vertices all lie exactly where those of an earlier one do: two files of the same readings know no more than one.
+/// Leaves out patches whose vertices all lie exactly where those of an earlier one do: two files of the same
+/// readings know no more than one.
 ///
 /// # Errors
 /// `Input` where fewer than two patches are left.
-pub(super) fn leave_out_copies(named: Vec<NamedPatch>, warnings: &mut Vec<String>) -> Result<Vec<NamedPatch>> {
+pub(super) fn leave_out_copies(
+    named: Vec<NamedPatch>,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<NamedPatch>> {
     let mut kept: Vec<(NamedPatch, Option<BoundingBox>)> = Vec::with_capacity(named.len());
     let mut copies = Vec::new();
     for patch in named {
@@ -41,21 +47,18 @@ pub(super) fn leave_out_copies(named: Vec<NamedPatch>, warnings: &mut Vec<String
                 && sorted(&mesh.positions) == sorted(&other.positions)
         });
         match same {
-            Some((other, _)) => copies.push(format!("{} has the same vertices as {}", patch.name, other.name)),
+            Some((other, _)) => {
+                copies.push(format!("{} has the same vertices as {}", patch.name, other.name))
+            }
             None => kept.push((patch, bounds)),
         }
     }
     if kept.len() < 2 {
         let why: String = copies.iter().map(|copy| format!("; {copy} and counts once")).collect();
-        return Err(Error::input(format!(
-            "merging takes two patches or more, found {}{why}",
-            kept.len()
-        )));
+        return Err(Error::input(format!("merging takes two patches or more, found {}{why}", kept.len())));
     }
     warnings.extend(
-        copies
-            .into_iter()
-            .map(|copy| format!("{copy}: it was left out, as both know what one knows")),
+        copies.into_iter().map(|copy| format!("{copy}: it was left out, as both know what one knows")),
     );
     Ok(kept.into_iter().map(|(patch, _)| patch).collect())
 }
@@ -88,11 +91,15 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
         .collect()
 }
 
-/// Turns patches so that those that lie on one another face the same way, the largest as it is, the first of several; those that are `off` may lie a percent of their size apart, those that state σ as far as it lets them, so that the two sides of a plate stay as they are. Gives which were turned, and a search for each as it is then.
+/// Turns patches so that those that lie on one another face the same way, the largest as it is, the first of
+/// several; those that are `off` may lie a percent of their size apart, those that state σ as far as it lets
+/// them, so that the two sides of a plate stay as they are. Gives which were turned, and a search for each as
+/// it is then.
 pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
     let mut searches = searches_of(patches)?;
     let count = patches.len();
-    let stated = |patch: &Patch| (!patch.sigma.is_empty()).then(|| SigmaSummary::of(patch.sigma.clone()).median);
+    let stated =
+        |patch: &Patch| (!patch.sigma.is_empty()).then(|| SigmaSummary::of(patch.sigma.clone()).median);
     let sigma: Vec<Option<f64>> = patches.iter().map(stated).collect();
     // Sums of the cosines between normals of near places.
     let mut agree = vec![0.0; count * count];
@@ -110,7 +117,9 @@ pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>,
             };
             for j in (0..count).filter(|j| *j != i) {
                 let reach = match (off, sigma[i], sigma[j]) {
-                    (false, Some(mine), Some(theirs)) => reach.min((SAME * mine.hypot(theirs)).max(CHORD * edges)),
+                    (false, Some(mine), Some(theirs)) => {
+                        reach.min((SAME * mine.hypot(theirs)).max(CHORD * edges))
+                    }
                     _ => reach,
                 };
                 if let Some(foot) = searches[j].closest_within(*p, reach)
@@ -124,9 +133,8 @@ pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>,
         }
     }
     // What little touches says nothing beside what lies on one another.
-    let strongest: Vec<f64> = (agree.chunks(count))
-        .map(|row| row.iter().copied().map(f64::abs).fold(0.0, f64::max))
-        .collect();
+    let strongest: Vec<f64> =
+        (agree.chunks(count)).map(|row| row.iter().copied().map(f64::abs).fold(0.0, f64::max)).collect();
     for (at, sum) in agree.iter_mut().enumerate() {
         if sum.abs() < LITTLE * strongest[at / count].min(strongest[at % count]) {
             *sum = 0.0;
@@ -163,9 +171,11 @@ pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>,
     Ok((turned, searches))
 }
 
-/// Patches whose σ was told from how they differ from others, and differ as what is not of one thing does, in words.
+/// Patches whose σ was told from how they differ from others, and differ as what is not of one thing does, in
+/// words.
 ///
-/// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is then as long as an edge.
+/// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is
+/// then as long as an edge.
 pub(super) fn unalike(patches: &[Patch], overlap: &Overlap, names: &[String], unit: Unit) -> Vec<String> {
     let told = patches.iter().zip(&overlap.patches).zip(names);
     told.filter(|((patch, _), _)| patch.sigma.is_empty())

@@ -1,6 +1,7 @@
 //! What comes of a merge.
 //!
-//! Comes in: counts and shapes. Goes out: [`Merged`] and its [`MergeReport`], whose keys are those of `--json`. Not guaranteed: anything; these are plain records.
+//! Comes in: counts and shapes. Goes out: [`Merged`] and its [`MergeReport`], whose keys are those of
+//! `--json`. Not guaranteed: anything; these are plain records.
 
 use super::MergeMethod;
 use crate::model::{PoseReport, SigmaSummary};

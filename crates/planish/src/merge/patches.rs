@@ -1,6 +1,7 @@
 //! What can be merged, read from files: saved models, meshes, organised scans.
 //!
-//! Comes in: paths. Goes out: patches in one frame and unit, with σ where files state it. Not guaranteed: that frames agree where no pose was given.
+//! Comes in: paths. Goes out: patches in one frame and unit, with σ where files state it. Not guaranteed:
+//! that frames agree where no pose was given.
 
 use crate::compare::ComparedMesh;
 use crate::mesh_output::mesh_from_model;
@@ -26,7 +27,8 @@ pub struct NamedPatch {
     pub name: String,
     /// The surface, and the triangles of the file that it is of.
     pub tidied: Tidied,
-    /// 1 for what was measured, 2 for what was completed; one of each vertex, or none where all were measured.
+    /// 1 for what was measured, 2 for what was completed; one of each vertex, or none where all were
+    /// measured.
     pub observed: Vec<u8>,
 }
 
@@ -45,12 +47,19 @@ pub struct PatchSet {
     pub warnings: Vec<String>,
 }
 
-/// Reads patches: `.planish` (what was measured or completed), meshes with faces (column `sigma` where there is one), STEP files (a patch for every set of faces that share edges), organised scans and lists of them. `chord` is how far the mesh of a model or of STEP faces may leave the surface, in the file's unit where it has none of its own; half the median σ of a model, a ten thousandth of a STEP file's size where none is given.
+/// Reads patches: `.planish` (what was measured or completed), meshes with faces (column `sigma` where there
+/// is one), STEP files (a patch for every set of faces that share edges), organised scans and lists of them.
+/// `chord` is how far the mesh of a model or of STEP faces may leave the surface, in the file's unit where it
+/// has none of its own; half the median σ of a model, a ten thousandth of a STEP file's size where none is
+/// given.
 ///
-/// `bound` is one file more, of a surface that the thing lies within. `unit` is that of files that name none. Lengths are turned into the unit of the first file that has one; a file that has none where another has is taken to be in that, with a warning.
+/// `bound` is one file more, of a surface that the thing lies within. `unit` is that of files that name none.
+/// Lengths are turned into the unit of the first file that has one; a file that has none where another has is
+/// taken to be in that, with a warning.
 ///
 /// # Errors
-/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a `bound` that is several patches; `Unsupported` for other extensions.
+/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a
+/// `bound` that is several patches; `Unsupported` for other extensions.
 pub fn read_patches(
     paths: &[PathBuf],
     bound: Option<&PathBuf>,
@@ -70,20 +79,13 @@ pub fn read_patches(
             set.inputs.push(path.clone());
             let model = saved::load(path)?;
             let chord = chord.map(|chord| chord.in_unit(model.unit));
-            let mesh = mesh_from_model(&model, &model.posterior()?, chord).map_err(|e| e.in_context(path.display()))?;
+            let mesh = mesh_from_model(&model, &model.posterior()?, chord)
+                .map_err(|e| e.in_context(path.display()))?;
             let known: Vec<bool> = mesh.observed.iter().map(|o| *o != 0).collect();
-            read.push((
-                of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?,
-                Some(mesh.unit),
-            ));
+            read.push((of_mesh(name, &mesh.mesh, &mesh.sigma, &known, &mesh.observed)?, Some(mesh.unit)));
         } else if let Some(file) = with_faces {
             set.inputs.push(path.clone());
-            let ComparedMesh {
-                mesh,
-                sigma,
-                observed,
-                unit: of_file,
-            } = ComparedMesh::of_file(file, path)?;
+            let ComparedMesh { mesh, sigma, observed, unit: of_file } = ComparedMesh::of_file(file, path)?;
             let known: Vec<bool> = match &observed {
                 Some(observed) => observed.iter().map(|o| *o != Observed::PriorOnly).collect(),
                 None => vec![true; mesh.positions.len()],
@@ -131,8 +133,7 @@ pub fn read_patches(
                 for s in &mut patch.sigma {
                     *s *= factor;
                 }
-                set.warnings
-                    .push(format!("{}: turned from {from} into {to}", named.name));
+                set.warnings.push(format!("{}: turned from {from} into {to}", named.name));
             }
             (None, Some(to)) => set.warnings.push(format!(
                 "{} names no unit: taken to be in {to}, as others are; --unit says another",
@@ -157,9 +158,7 @@ fn of_faces(
     let faces = read_step(path)?;
     let unit = faces.unit().or(unit);
     let chord = chord.map(|chord| chord.in_unit(unit.unwrap_or(Unit::Millimetre)));
-    let mesh = faces
-        .triangles(&faces.fineness(chord))
-        .map_err(|e| e.in_context(path.display()))?;
+    let mesh = faces.triangles(&faces.fineness(chord)).map_err(|e| e.in_context(path.display()))?;
     if let Some(first) = mesh.left_out.first() {
         warnings.push(format!(
             "{}: {} of {} faces are left out, the first: {first}",
@@ -182,19 +181,20 @@ fn of_faces(
 }
 
 /// The manifold part of the triangles whose corners are known.
-fn of_mesh(name: String, mesh: &TriangleMesh, sigma: &[f64], known: &[bool], observed: &[u8]) -> Result<NamedPatch> {
+fn of_mesh(
+    name: String,
+    mesh: &TriangleMesh,
+    sigma: &[f64],
+    known: &[bool],
+    observed: &[u8],
+) -> Result<NamedPatch> {
     let (numbers, triangles): (Vec<u32>, Vec<[u32; 3]>) = (0..)
         .zip(mesh.triangles.iter().copied())
         .filter(|(_, t)| t.iter().all(|v| known[*v as usize]))
         .unzip();
-    let seen = TriangleMesh {
-        positions: mesh.positions.clone(),
-        triangles,
-    };
+    let seen = TriangleMesh { positions: mesh.positions.clone(), triangles };
     if seen.triangles.is_empty() {
-        return Err(Error::input(format!(
-            "{name}: nothing of it was measured: there is nothing to merge"
-        )));
+        return Err(Error::input(format!("{name}: nothing of it was measured: there is nothing to merge")));
     }
     let mut tidied = Patch::tidy(&seen, sigma).map_err(|e| e.in_context(&name))?;
     for t in &mut tidied.triangles {
@@ -238,7 +238,8 @@ fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) ->
     }
     let normals = mesh.vertex_normals();
     let back = scan.world_from_scanner.inverse();
-    let along = |k: usize, covariance: &[f64; 6]| variance_along(covariance, back.rotate(normals[k])).max(0.0).sqrt();
+    let along =
+        |k: usize, covariance: &[f64; 6]| variance_along(covariance, back.rotate(normals[k])).max(0.0).sqrt();
     if let Some(covariance) = &scan.covariance {
         return covariance.iter().enumerate().map(|(k, c)| along(k, c)).collect();
     }
@@ -250,7 +251,8 @@ fn sigma_of_points(scan: &Scan, sensor: Option<&Sensor>, mesh: &TriangleMesh) ->
         .collect()
 }
 
-/// Two triangles of every four neighbours of a grid, over the shorter diagonal, one where a corner is missing; none over a step in depth (G. Turk, M. Levoy 1994, section 3).
+/// Two triangles of every four neighbours of a grid, over the shorter diagonal, one where a corner is
+/// missing; none over a step in depth (G. Turk, M. Levoy 1994, section 3).
 fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
     let mut triangles = Vec::new();
     let at = |k: usize| points[k];
@@ -274,11 +276,7 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
             }
         }
     }
-    let longest = |t: &[usize; 3]| {
-        (0..3)
-            .map(|k| distance(at(t[k]), at(t[(k + 1) % 3])))
-            .fold(0.0, f64::max)
-    };
+    let longest = |t: &[usize; 3]| (0..3).map(|k| distance(at(t[k]), at(t[(k + 1) % 3]))).fold(0.0, f64::max);
     let mut lengths: Vec<f64> = triangles.iter().map(longest).collect();
     if lengths.is_empty() {
         return Vec::new();
@@ -289,7 +287,8 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
     triangles.into_iter().map(|t| t.map(|v| v as u32)).collect()
 }
 
-/// Turns all triangles where most look away from the sensor: which way round they are depends on how the grid runs.
+/// Turns all triangles where most look away from the sensor: which way round they are depends on how the grid
+/// runs.
 fn face_the_sensor(triangles: &mut [[u32; 3]], points: &[[f64; 3]], viewing: Viewing) {
     let against: f64 = triangles
         .iter()

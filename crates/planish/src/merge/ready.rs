@@ -1,6 +1,8 @@
 //! Patches made ready to be merged, and what is told of them afterwards.
 //!
-//! Comes in: patches as they were read. Goes out: those that are no copies, turned and moved to lie on one another, in an order that does not hang on that of the files; where they overlap; and the report, which names them in the order of the files. Not guaranteed: that patches in frames of their own come together.
+//! Comes in: patches as they were read. Goes out: those that are no copies, turned and moved to lie on one
+//! another, in an order that does not hang on that of the files; where they overlap; and the report, which
+//! names them in the order of the files. Not guaranteed: that patches in frames of their own come together.
 
 use super::align::align;
 use super::inspection::{crossings, leave_out_copies, nearest, turn_alike, unalike};
@@ -48,12 +50,7 @@ pub(super) struct Done {
 impl Ready {
     /// Leaves copies out, turns patches alike, and aligns them where that is asked for.
     pub fn of(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Self> {
-        let PatchSet {
-            patches: named,
-            unit,
-            mut warnings,
-            ..
-        } = set;
+        let PatchSet { patches: named, unit, mut warnings, .. } = set;
         for named in named.iter().filter(|p| p.tidied.dropped > 0) {
             warnings.push(format!(
                 "{}: {} triangles were left out, as other triangles have their edges already",
@@ -119,13 +116,11 @@ impl Ready {
         for (k, name) in self.names.iter().enumerate() {
             let shares = |patches: &[usize; 2]| patches.iter().any(|p| self.order[*p] == k);
             if !overlap.regions.iter().any(|r| shares(&r.patches)) {
-                self.warnings
-                    .push(format!("{name} overlaps no other patch: it stays a part of its own"));
+                self.warnings.push(format!("{name} overlaps no other patch: it stays a part of its own"));
             }
         }
         if options.epsilon.is_none() {
-            self.warnings
-                .extend(unalike(&self.patches, &overlap, &in_space, self.unit));
+            self.warnings.extend(unalike(&self.patches, &overlap, &in_space, self.unit));
         }
         Ok(overlap)
     }
@@ -139,7 +134,8 @@ impl Ready {
             }
         }
         for (at, k) in self.order.iter().enumerate().filter(|(at, _)| kept[*at] == 0) {
-            let has_feet = (0..self.patches[at].mesh.positions.len()).any(|v| !overlap.patches[at].feet(v).is_empty());
+            let has_feet =
+                (0..self.patches[at].mesh.positions.len()).any(|v| !overlap.patches[at].feet(v).is_empty());
             if has_feet {
                 self.warnings.push(format!(
                     "{}: none of its vertices is one of the mesh, as others lie farther within their patches or nearer together; what it says counts where these are put",
@@ -171,11 +167,7 @@ impl Ready {
         }
         let region = |r: &planish_mesh::CommonRegion| {
             let [a, b] = r.patches.map(|p| self.order[p]);
-            RegionReport {
-                patches: [a.min(b), a.max(b)],
-                points: r.points,
-                rms: r.rms,
-            }
+            RegionReport { patches: [a.min(b), a.max(b)], points: r.points, rms: r.rms }
         };
         let patch = |(k, at): (usize, &usize)| PatchReport {
             name: self.names[k].clone(),

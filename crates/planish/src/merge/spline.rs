@@ -1,11 +1,13 @@
 //! A merged mesh as one spline surface.
 //!
-//! Comes in: a merged mesh of one part, and what is small beside it. Goes out: a hierarchical spline through its vertices, whose σ is that of the mesh. Not guaranteed: detail finer than the
-//! mesh's σ; how far the surface leaves the vertices is reported.
+//! Comes in: a merged mesh of one part, and what is small beside it. Goes out: a hierarchical spline through
+//! its vertices, whose σ is that of the mesh. Not guaranteed: detail finer than the mesh's σ; how far the
+//! surface leaves the vertices is reported.
 //!
-//! The σ of neighbouring vertices are not independent: they come of the same readings. Fused as if they were, they would make the surface far too certain. So the
-//! information of the fit is divided by the median of `σ_mesh² / σ_fit²`, which leaves the mean as it is, and what a cell's vertices say beyond that goes into the
-//! cell's own variance.
+//! The σ of neighbouring vertices are not independent: they come of the same readings. Fused as if they were,
+//! they would make the surface far too certain. So the information of the fit is divided by the median of
+//! `σ_mesh² / σ_fit²`, which leaves the mean as it is, and what a cell's vertices say beyond that goes into
+//! the cell's own variance.
 
 use super::Merged;
 use crate::compare::feet_on;
@@ -74,8 +76,9 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
     Ok((largest, is_of, count.saturating_sub(1)))
 }
 
-/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a ball, whichever suits it. Small parts beside the largest are left out, with
-/// a warning; handles are told in one, as the surface has none.
+/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a ball, whichever suits
+/// it. Small parts beside the largest are left out, with a warning; handles are told in one, as the surface
+/// has none.
 ///
 /// # Errors
 /// `Unsupported` for a mesh of several parts; else as [`fit`].
@@ -83,9 +86,7 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
     let (largest, is_of, left_out) = largest_part(&merged.mesh)?;
     let mut warnings = Vec::new();
     if left_out > 0 {
-        warnings.push(format!(
-            "{left_out} small parts of the merged surface are not in its spline"
-        ));
+        warnings.push(format!("{left_out} small parts of the merged surface are not in its spline"));
     }
     let check = largest.check();
     // χ = 2 − 2g − b.
@@ -115,11 +116,7 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
 }
 
 fn spline_options(seed: u64) -> FitOptions {
-    FitOptions {
-        seed,
-        held_out_share: 0.0,
-        ..FitOptions::default()
-    }
+    FitOptions { seed, held_out_share: 0.0, ..FitOptions::default() }
 }
 
 /// The vertices of a mesh that were measured.
@@ -131,9 +128,8 @@ struct Vertices {
 
 impl Vertices {
     fn of(merged: &Merged, is_of: &[bool]) -> Self {
-        let measured: Vec<usize> = (0..is_of.len())
-            .filter(|&v| is_of[v] && merged.observed[v] == 1)
-            .collect();
+        let measured: Vec<usize> =
+            (0..is_of.len()).filter(|&v| is_of[v] && merged.observed[v] == 1).collect();
         let of = |values: &[[f64; 3]]| measured.iter().map(|&v| values[v]).collect();
         Self {
             points: of(&merged.mesh.positions),
@@ -219,13 +215,9 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
     }
     model.shape_left = beyond.iter().map(|[sum, n]| (sum / n.max(1.0)).max(0.0)).collect();
     // All variances of the coefficients are the fit's times the factor; each cell adds its own.
-    let now =
-        (of_fit.iter().zip(&leaf)).map(|(own, leaf)| (factor * own * own + model.shape_left[*leaf as usize]).sqrt());
-    Ok(Carried {
-        rms: (square / inside.len() as f64).sqrt(),
-        sigma: SigmaSummary::of(now.collect()),
-        factor,
-    })
+    let now = (of_fit.iter().zip(&leaf))
+        .map(|(own, leaf)| (factor * own * own + model.shape_left[*leaf as usize]).sqrt());
+    Ok(Carried { rms: (square / inside.len() as f64).sqrt(), sigma: SigmaSummary::of(now.collect()), factor })
 }
 
 /// Writes the model as STEP or as a saved model.

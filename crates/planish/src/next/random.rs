@@ -1,7 +1,7 @@
 //! Points drawn at random, to judge the chosen ones by.
 //!
-//! Comes in: the factor of a model's information, and its places. Goes out: the largest σ of the region after 1, 2, 3 … points of every draw. Points are leaf
-//! middles drawn by area, as often as they come up.
+//! Comes in: the factor of a model's information, and its places. Goes out: the largest σ of the region after
+//! 1, 2, 3 … points of every draw. Points are leaf middles drawn by area, as often as they come up.
 
 use super::{NextOptions, Place, columns, figures};
 use crate::progress::{Part, Progress};
@@ -65,10 +65,11 @@ pub(super) fn at_random(
             .into_par_iter()
             .map(|draw| {
                 let at = drawn(draw);
-                let mut seen: Vec<Vec<f64>> = columns(factor, nodes, places, at.clone(), &crate::progress::Silent)?
-                    .iter()
-                    .map(|c| places.iter().map(|place| place.see(&c.column)).collect())
-                    .collect();
+                let mut seen: Vec<Vec<f64>> =
+                    columns(factor, nodes, places, at.clone(), &crate::progress::Silent)?
+                        .iter()
+                        .map(|c| places.iter().map(|place| place.see(&c.column)).collect())
+                        .collect();
                 Ok(one_by_one(places, variances, reading, &at, &mut seen))
             })
             .collect::<Result<_>>()?;
@@ -91,8 +92,15 @@ pub(super) fn at_random(
     })
 }
 
-/// The largest σ after each reading: `seen[k]` is the covariance of every place with reading `k`, and is brought up to date.
-fn one_by_one(places: &[Place], variances: &[f64], reading: f64, at: &[usize], seen: &mut [Vec<f64>]) -> Vec<f64> {
+/// The largest σ after each reading: `seen[k]` is the covariance of every place with reading `k`, and is
+/// brought up to date.
+fn one_by_one(
+    places: &[Place],
+    variances: &[f64],
+    reading: f64,
+    at: &[usize],
+    seen: &mut [Vec<f64>],
+) -> Vec<f64> {
     let mut variances = variances.to_vec();
     (0..at.len())
         .map(|k| {

@@ -1,11 +1,14 @@
 //! What a sensor sees of a model from a pose.
 //!
-//! Comes in: a model and a sensor. Goes out: whether a place is seen, every reading of a pose, and the poses that can be taken up.
+//! Comes in: a model and a sensor. Goes out: whether a place is seen, every reading of a pose, and the poses
+//! that can be taken up.
 //!
-//! A place is seen that lies in the field of view and in range, shows its outer side (where normals point) under no more than the largest incidence, and has
-//! nothing of the model before it. Rays are cast at a tessellation of the model.
+//! A place is seen that lies in the field of view and in range, shows its outer side (where normals point)
+//! under no more than the largest incidence, and has nothing of the model before it. Rays are cast at a
+//! tessellation of the model.
 //!
-//! Not guaranteed: that there is room for the sensor beside what the model knows, such as over a table; that a pose can be rolled better about its axis.
+//! Not guaranteed: that there is room for the sensor beside what the model knows, such as over a table; that
+//! a pose can be rolled better about its axis.
 
 use super::Place;
 use crate::mesh_output::affordable_tolerance;
@@ -14,13 +17,16 @@ use planish_estimate::vector3::{add_scaled, cross, distance, dot, scale, sub, un
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
 use planish_sense::{Pose, ViewSensor};
-use planish_spline::{FootPointSearch, ProjectionOptions, Surface, TessellationOptions, leaf_weights, tessellate};
+use planish_spline::{
+    FootPointSearch, ProjectionOptions, Surface, TessellationOptions, leaf_weights, tessellate,
+};
 use rayon::prelude::*;
 
 /// A reading on a leaf: weights of its coefficients, direction, value and information.
 type SeenRow = ([f64; 16], [f64; 3], f64, f64);
 
-/// The tessellation is this near to the surface, as a share of its diagonal, or as near as so many triangles allow.
+/// The tessellation is this near to the surface, as a share of its diagonal, or as near as so many triangles
+/// allow.
 const CHORD: f64 = 1e-4;
 const MOST_TRIANGLES: u64 = 400_000;
 /// Rays that are cast from a pose at most; of more, each stands for several.
@@ -84,13 +90,7 @@ impl<'a> Sight<'a> {
             .filter(|b| b.diagonal() > 0.0)
             .ok_or_else(|| Error::undetermined("the model's surface has no extent"))?;
         let tolerance = affordable_tolerance(surface, CHORD * bounds.diagonal(), MOST_TRIANGLES)?;
-        let made = tessellate(
-            surface,
-            &TessellationOptions {
-                tolerance,
-                ..TessellationOptions::default()
-            },
-        )?;
+        let made = tessellate(surface, &TessellationOptions { tolerance, ..TessellationOptions::default() })?;
         Ok(Self {
             surface,
             sensor,
@@ -129,10 +129,7 @@ impl<'a> Sight<'a> {
                 })
             })
             .collect();
-        Readings {
-            readings,
-            stands_for: (all[0] * all[1]) as f64 / (cast[0] * cast[1]) as f64,
-        }
+        Readings { readings, stands_for: (all[0] * all[1]) as f64 / (cast[0] * cast[1]) as f64 }
     }
 
     fn reading(&self, origin: [f64; 3], ray: [f64; 3]) -> Option<Reading> {
@@ -155,11 +152,13 @@ impl<'a> Sight<'a> {
         })
     }
 
-    /// Poses that look at some of the places, or at the middle of all, from feasible distances and all around. Nothing of the model is nearer than the nearest range.
+    /// Poses that look at some of the places, or at the middle of all, from feasible distances and all
+    /// around. Nothing of the model is nearer than the nearest range.
     pub(super) fn poses(&self, places: &[Place], representatives: &[usize]) -> Vec<Pose> {
         let [near, far] = self.sensor.range;
         let radius = 0.5 * self.bounds.diagonal();
-        // Farther than where the whole fits into the field of view by half as much again there is nothing to gain.
+        // Farther than where the whole fits into the field of view by half as much again there is nothing to
+        // gain.
         let widest = (self.sensor.borders.iter()).map(|[low, high]| 0.5 * (high - low));
         let fits = 1.5 * radius / widest.fold(f64::INFINITY, f64::min);
         let nearest = 1.02 * near;
@@ -169,11 +168,7 @@ impl<'a> Sight<'a> {
         let middle = self.bounds.center();
         let mut wanted = Vec::new();
         for towards in sphere() {
-            wanted.extend(
-                distances
-                    .iter()
-                    .map(|d| (middle, towards, (d + radius).min(0.98 * far))),
-            );
+            wanted.extend(distances.iter().map(|d| (middle, towards, (d + radius).min(0.98 * far))));
         }
         for target in spread(places, representatives) {
             let Place { position, normal, .. } = places[target];
@@ -186,17 +181,14 @@ impl<'a> Sight<'a> {
             .filter_map(|&(target, towards, far)| {
                 let origin = add_scaled(target, far, towards);
                 let free = self.mesh.closest_within(origin, near).is_none();
-                if free {
-                    looking(origin, scale(-1.0, towards))
-                } else {
-                    None
-                }
+                if free { looking(origin, scale(-1.0, towards)) } else { None }
             })
             .collect()
     }
 }
 
-/// Directions spread evenly over the sphere, along Fibonacci's spiral (González, *Measurement of areas on a sphere using Fibonacci and latitude–longitude lattices*, 2010).
+/// Directions spread evenly over the sphere, along Fibonacci's spiral (González, *Measurement of areas on a
+/// sphere using Fibonacci and latitude–longitude lattices*, 2010).
 fn sphere() -> impl Iterator<Item = [f64; 3]> {
     (0..DIRECTIONS).map(|k| {
         let z = 1.0 - (2.0 * k as f64 + 1.0) / DIRECTIONS as f64;
@@ -217,26 +209,17 @@ fn spread(places: &[Place], representatives: &[usize]) -> Vec<usize> {
         for (least, &other) in nearest.iter_mut().zip(representatives) {
             *least = least.min(distance(places[at].position, places[other].position));
         }
-        next = (0..nearest.len())
-            .rev()
-            .max_by(|&a, &b| nearest[a].total_cmp(&nearest[b]))
-            .unwrap_or(0);
+        next = (0..nearest.len()).rev().max_by(|&a, &b| nearest[a].total_cmp(&nearest[b])).unwrap_or(0);
     }
     found
 }
 
-/// The pose at a place that looks along a direction: z forward, x level, y down; that of the quaternion as it is written.
+/// The pose at a place that looks along a direction: z forward, x level, y down; that of the quaternion as it
+/// is written.
 pub(super) fn looking(origin: [f64; 3], z: [f64; 3]) -> Option<Pose> {
-    let up = if z[2].abs() > 0.95 {
-        [0.0, 1.0, 0.0]
-    } else {
-        [0.0, 0.0, 1.0]
-    };
+    let up = if z[2].abs() > 0.95 { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };
     let x = unit(cross(z, up))?;
     let y = cross(z, x);
-    let exact = Pose {
-        rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]),
-        translation: origin,
-    };
+    let exact = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: origin };
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), origin)
 }

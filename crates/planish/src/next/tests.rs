@@ -22,58 +22,38 @@ fn model() -> SurfaceModel {
         let seldom = x > 2.0 && y > 1.5 && random.random::<f64>() > 0.02;
         (!seldom).then_some([x, y, 0.2 * (2.0 * x).sin() * (1.5 * y).cos() + 0.01 * noise])
     });
-    let scan = Scan {
-        name: "cloud".to_owned(),
-        points: points.collect(),
-        ..Scan::default()
-    };
+    let scan = Scan { name: "cloud".to_owned(), points: points.collect(), ..Scan::default() };
     let set = ScanSet {
         sensors: vec![Sensor {
             name: "laser".to_owned(),
             noise: Some(Noise::Isotropic { sigma: 0.01 }),
             ..Sensor::default()
         }],
-        scans: vec![PosedScan {
-            scan,
-            sensor: 0,
-            sigma_translation: None,
-            sigma_rotation_deg: None,
-        }],
+        scans: vec![PosedScan { scan, sensor: 0, sigma_translation: None, sigma_rotation_deg: None }],
         ..ScanSet::default()
     };
-    let options = FitOptions {
-        shape: Some(Shape::Sheet),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { shape: Some(Shape::Sheet), ..FitOptions::default() };
     fit(&set, &options, &Silent).unwrap().model
 }
 
 #[test]
 fn sigma_after_is_that_of_the_information_with_the_readings_added() {
     let mut model = model();
-    let options = NextOptions {
-        count: 6,
-        sigma: Some(0.004),
-        ..NextOptions::default()
-    };
+    let options = NextOptions { count: 6, sigma: Some(0.004), ..NextOptions::default() };
     let report = next_points(&model, &options, &Silent).unwrap();
     assert_eq!(report.points.len(), 6);
     assert!(report.worst_sigma.after < 0.8 * report.worst_sigma.before, "{report:?}");
     let system = SurfaceSystem::new(model.surface.space()).unwrap();
     let at: Vec<usize> = (report.points.iter())
         .map(|point| {
-            let same = |leaf: &usize| norm(sub(model.surface.leaf_point(*leaf, 0.5, 0.5), point.position)) < 1e-9;
+            let same =
+                |leaf: &usize| norm(sub(model.surface.leaf_point(*leaf, 0.5, 0.5), point.position)) < 1e-9;
             (0..model.observed.len()).find(same).unwrap()
         })
         .collect();
     let more = system
         .accumulate(|leaf, cell| {
-            for point in at
-                .iter()
-                .zip(&report.points)
-                .filter(|(l, _)| **l == leaf)
-                .map(|(_, p)| p)
-            {
+            for point in at.iter().zip(&report.points).filter(|(l, _)| **l == leaf).map(|(_, p)| p) {
                 cell.add_scalar(&leaf_weights(0.5, 0.5), point.normal, 0.0, 1.0 / (0.004 * 0.004));
             }
             at.contains(&leaf)
@@ -93,36 +73,24 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
             })
             .collect::<Vec<f64>>(),
     );
-    assert!(
-        (after.0 / report.worst_sigma.after - 1.0).abs() < 1e-6,
-        "{after:?} {report:?}"
-    );
-    assert!(
-        (after.1 / report.mean_sigma.after - 1.0).abs() < 1e-6,
-        "{after:?} {report:?}"
-    );
+    assert!((after.0 / report.worst_sigma.after - 1.0).abs() < 1e-6, "{after:?} {report:?}");
+    assert!((after.1 / report.mean_sigma.after - 1.0).abs() < 1e-6, "{after:?} {report:?}");
 }
 
-/// A model whose cells leave shape out has a larger σ than any reading can reach: the report must say so, or `info` and `next` contradict each other.
+/// A model whose cells leave shape out has a larger σ than any reading can reach: the report must say so, or
+/// `info` and `next` contradict each other.
 #[test]
 fn shape_that_no_reading_lowers_is_told() {
     let mut model = model();
     model.shape_left = vec![0.0; model.observed.len()];
-    let options = NextOptions {
-        count: 2,
-        sigma: Some(0.004),
-        ..NextOptions::default()
-    };
+    let options = NextOptions { count: 2, sigma: Some(0.004), ..NextOptions::default() };
     assert_eq!(next_points(&model, &options, &Silent).unwrap().shape_left, None);
     model.shape_left[3] = 0.25;
     let report = next_points(&model, &options, &Silent).unwrap();
     let left = report.shape_left.unwrap();
     assert_eq!(left.largest, 0.5);
     assert!(left.area_fraction > 0.0 && left.area_fraction < 0.1, "{left:?}");
-    assert!(
-        report.worst_sigma.after < 0.2 && left.worst_sigma_after >= 0.5,
-        "{report:?}"
-    );
+    assert!(report.worst_sigma.after < 0.2 && left.worst_sigma_after >= 0.5, "{report:?}");
 }
 
 /// What so many readings leave where they are put at random.
@@ -154,11 +122,7 @@ fn at_random(model: &SurfaceModel, count: usize, seed: u64) -> f64 {
 #[test]
 fn chosen_points_do_what_twice_as_many_random_ones_do() {
     let model = model();
-    let options = NextOptions {
-        count: 8,
-        sigma: Some(0.004),
-        ..NextOptions::default()
-    };
+    let options = NextOptions { count: 8, sigma: Some(0.004), ..NextOptions::default() };
     let chosen = next_points(&model, &options, &Silent).unwrap().worst_sigma.after;
     let mut random: Vec<f64> = (0..15).map(|seed| at_random(&model, 16, seed)).collect();
     random.sort_by(f64::total_cmp);
@@ -174,42 +138,14 @@ fn a_goal_stops_it_and_a_region_bounds_it() {
         region: Some([[2.2, 1.7, -9.0], [3.8, 2.8, 9.0]]),
         ..NextOptions::default()
     };
-    let first = next_points(
-        &model,
-        &NextOptions {
-            count: 0,
-            ..options.clone()
-        },
-        &Silent,
-    )
-    .unwrap();
+    let first = next_points(&model, &NextOptions { count: 0, ..options.clone() }, &Silent).unwrap();
     assert!(first.points.is_empty());
     let goal = 0.6 * first.worst_sigma.before;
-    let report = next_points(
-        &model,
-        &NextOptions {
-            goal: Some(goal),
-            ..options.clone()
-        },
-        &Silent,
-    )
-    .unwrap();
+    let report = next_points(&model, &NextOptions { goal: Some(goal), ..options.clone() }, &Silent).unwrap();
     assert_eq!(report.reached_goal, Some(true));
-    assert!(
-        report.worst_sigma.after <= goal && report.points.len() < 200,
-        "{}",
-        report.points.len()
-    );
-    assert!(
-        report
-            .points
-            .iter()
-            .all(|p| p.position[0] >= 2.2 && p.position[1] >= 1.7)
-    );
-    let nowhere = NextOptions {
-        region: Some([[50.0; 3], [60.0; 3]]),
-        ..options
-    };
+    assert!(report.worst_sigma.after <= goal && report.points.len() < 200, "{}", report.points.len());
+    assert!(report.points.iter().all(|p| p.position[0] >= 2.2 && p.position[1] >= 1.7));
+    let nowhere = NextOptions { region: Some([[50.0; 3], [60.0; 3]]), ..options };
     assert!(next_points(&model, &nowhere, &Silent).is_err());
 }
 
@@ -240,17 +176,12 @@ fn ring() -> SurfaceModel {
 #[test]
 fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
     let mut model = ring();
-    let (sensor, options) = (
-        camera(),
-        NextOptions {
-            count: 2,
-            ..NextOptions::default()
-        },
-    );
+    let (sensor, options) = (camera(), NextOptions { count: 2, ..NextOptions::default() });
     let report = next_views(&model, &sensor, &options, &Silent).unwrap();
     assert_eq!(report.views.len(), 2);
     assert!(report.worst_sigma.after < 0.5 * report.worst_sigma.before, "{report:?}");
-    // The same readings as three coordinates with their covariance across the normal alone, by the model's own posterior.
+    // The same readings as three coordinates with their covariance across the normal alone, by the model's
+    // own posterior.
     let system = SurfaceSystem::new(model.surface.space()).unwrap();
     let unknown = model.clone();
     let sight = sight::Sight::new(&unknown, &sensor).unwrap();
@@ -260,8 +191,10 @@ fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
         assert_eq!(taken.readings.len(), view.readings);
         let more = system.accumulate(|leaf, cell| {
             let here = taken.readings.iter().filter(|r| r.leaf as usize == leaf);
-            here.map(|r| cell.add_scalar(&leaf_weights(r.local[0], r.local[1]), r.normal, 0.0, 1.0 / r.variance))
-                .count()
+            here.map(|r| {
+                cell.add_scalar(&leaf_weights(r.local[0], r.local[1]), r.normal, 0.0, 1.0 / r.variance)
+            })
+            .count()
                 > 0
         });
         model.data.add_scaled(&more.unwrap(), 1.0).unwrap();
@@ -273,19 +206,13 @@ fn sigma_after_views_is_that_of_the_information_with_every_reading_added() {
         cell.variance_along(&leaf_weights(0.5, 0.5), normal).sqrt()
     };
     let worst = (0..model.observed.len()).map(sigma).fold(0.0, f64::max);
-    assert!(
-        (worst / report.worst_sigma.after - 1.0).abs() < 1e-6,
-        "{worst} {report:?}"
-    );
+    assert!((worst / report.worst_sigma.after - 1.0).abs() < 1e-6, "{worst} {report:?}");
 }
 
 #[test]
 fn many_threads_choose_the_same_views_as_one() {
     let model = ring();
-    let options = NextOptions {
-        count: 2,
-        ..NextOptions::default()
-    };
+    let options = NextOptions { count: 2, ..NextOptions::default() };
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| next_views(&model, &camera(), &options, &Silent).unwrap())
@@ -296,10 +223,7 @@ fn many_threads_choose_the_same_views_as_one() {
 #[test]
 fn what_stands_behind_something_is_not_read() {
     let model = ring();
-    let sensor = ViewSensor {
-        max_incidence_rad: 1.5,
-        ..camera()
-    };
+    let sensor = ViewSensor { max_incidence_rad: 1.5, ..camera() };
     let sight = sight::Sight::new(&model, &sensor).unwrap();
     // From the side, level with the ring: its near part hides the far one's middle, and the hole.
     let pose = sight::looking([5.0, 0.0, 0.0], [-1.0, 0.0, 0.0]).unwrap();
@@ -312,7 +236,8 @@ fn what_stands_behind_something_is_not_read() {
     let directions = vec![[0.0, 0.0, 1.0]; model.surface.space().node_count()];
     let places = places(&model, &directions, &NextOptions::default());
     for place in &places {
-        let hidden = place.position[0] < 0.9 && place.position[1].abs() < 0.3 && place.position[2].abs() < 0.3;
+        let hidden =
+            place.position[0] < 0.9 && place.position[1].abs() < 0.3 && place.position[2].abs() < 0.3;
         assert!(!(hidden && sight.sees(&pose, place).is_some()), "{:?}", place.position);
     }
     assert!(places.iter().filter(|p| sight.sees(&pose, p).is_some()).count() > 10);
@@ -337,25 +262,15 @@ fn a_view_from_behind_or_from_too_far_sees_nothing() {
 #[test]
 fn what_no_pose_sees_is_reported() {
     // Readings only square to the surface, within a degree: most of a ring is never seen so.
-    let sensor = ViewSensor {
-        max_incidence_rad: 0.02,
-        ..camera()
-    };
-    let options = NextOptions {
-        count: 2,
-        ..NextOptions::default()
-    };
+    let sensor = ViewSensor { max_incidence_rad: 0.02, ..camera() };
+    let options = NextOptions { count: 2, ..NextOptions::default() };
     let report = next_views(&ring(), &sensor, &options, &Silent).unwrap();
     assert!(report.unseen > 0.1 && report.worst_unseen.is_some(), "{report:?}");
     let seen = report.views.last().map_or(0.0, |v| v.seen_so_far);
     assert!(seen > 0.0 && seen <= 1.0 - report.unseen + 1e-12, "{report:?}");
     let all = next_views(&ring(), &camera(), &options, &Silent).unwrap();
     assert!(all.unseen < 1e-9 && all.worst_unseen.is_none(), "{all:?}");
-    let far = ViewSensor {
-        range: [400.0, 800.0],
-        borders: [[0.5, 0.6]; 2],
-        ..camera()
-    };
+    let far = ViewSensor { range: [400.0, 800.0], borders: [[0.5, 0.6]; 2], ..camera() };
     let e = next_views(&ring(), &far, &options, &Silent).unwrap_err().to_string();
     assert!(e.contains("no pose around the model"), "{e}");
 }
@@ -363,12 +278,7 @@ fn what_no_pose_sees_is_reported() {
 #[test]
 fn the_draws_at_random_do_what_their_readings_do() {
     let model = model();
-    let options = NextOptions {
-        count: 6,
-        sigma: Some(0.004),
-        against_random: 9,
-        ..NextOptions::default()
-    };
+    let options = NextOptions { count: 6, sigma: Some(0.004), against_random: 9, ..NextOptions::default() };
     let report = next_points(&model, &options, &Silent).unwrap();
     let random = report.random.unwrap();
     assert_eq!(random.worst_sigma_median.len(), 6);

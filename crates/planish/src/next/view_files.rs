@@ -46,7 +46,8 @@ pub struct NextViewsJobReport {
 /// Reads a saved model and a sensor, chooses poses, and writes them.
 ///
 /// # Errors
-/// What the readers, [`next_views`] and the writers report; `Unsupported` for outputs of other kinds, before any work.
+/// What the readers, [`next_views`] and the writers report; `Unsupported` for outputs of other kinds, before
+/// any work.
 pub fn next_view_files(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViewsJobReport> {
     let inputs = [job.model.clone(), job.sensor.clone()];
     for path in &job.outputs {
@@ -65,15 +66,12 @@ pub fn next_view_files(job: &NextViewsJob, progress: &dyn Progress) -> Result<Ne
     progress.check("reading", 0.0)?;
     let known = read_view_sensor(&job.sensor)?;
     let model = load(&job.model)?;
-    let factor = known
-        .unit
-        .map_or(1.0, |unit| unit.millimetres() / model.unit.millimetres());
+    let factor = known.unit.map_or(1.0, |unit| unit.millimetres() / model.unit.millimetres());
     let sensor = known.sensor.scaled(factor);
-    let options = NextOptions {
-        goal: job.goal.map(|length| length.in_unit(model.unit)),
-        ..job.options.clone()
-    };
-    let next = next_views(&model, &sensor, &options, progress).map_err(|e| e.in_context(job.model.display()))?;
+    let options =
+        NextOptions { goal: job.goal.map(|length| length.in_unit(model.unit)), ..job.options.clone() };
+    let next =
+        next_views(&model, &sensor, &options, progress).map_err(|e| e.in_context(job.model.display()))?;
     for path in &job.outputs {
         match extension(path).as_str() {
             "toml" => write_job(path, &next, &sensor, model.unit)?,
@@ -84,13 +82,7 @@ pub fn next_view_files(job: &NextViewsJob, progress: &dyn Progress) -> Result<Ne
     if let Some(page) = &job.report {
         let [model_file, sensor_file] = inputs;
         let made = views_page(&model, &next, &sensor, &model_file)?;
-        page.write(
-            made,
-            &[
-                (model_file, "the model".to_owned()),
-                (sensor_file, "the sensor".to_owned()),
-            ],
-        )?;
+        page.write(made, &[(model_file, "the model".to_owned()), (sensor_file, "the sensor".to_owned())])?;
     }
     Ok(NextViewsJobReport { next, unit: model.unit })
 }
@@ -116,10 +108,7 @@ fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -
 
 fn write_csv(path: &Path, views: &[NextView]) -> Result<()> {
     write_atomically(path, |writer| {
-        writeln!(
-            writer,
-            "x,y,z,qx,qy,qz,qw,readings,seen,seen_so_far,worst_sigma_after,mean_sigma_after"
-        )?;
+        writeln!(writer, "x,y,z,qx,qy,qz,qw,readings,seen,seen_so_far,worst_sigma_after,mean_sigma_after")?;
         for v in views {
             let numbers = v.translation.iter().chain(&v.quaternion_xyzw).map(f64::to_string);
             let place: Vec<String> = numbers.collect();

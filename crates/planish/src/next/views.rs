@@ -1,18 +1,22 @@
 //! Poses of a sensor, chosen one after the other.
 //!
-//! Comes in: a model and a sensor with a field of view. Goes out: poses, each the best of those that were tried given the views before it, with σ after it.
+//! Comes in: a model and a sensor with a field of view. Goes out: poses, each the best of those that were
+//! tried given the views before it, with σ after it.
 //!
-//! Candidates stand around the model at feasible distances. A candidate is judged by representatives: a few hundred places that stand for the surface near them, and, where they are seen, for
-//! all rays that meet it: `n` readings of variance `r` are one of variance `r/n`. With `K` the covariance of the representatives, `B` those that are seen and `R` their variances, the view leaves
-//! `K_mm − K_mB (K_BB + R)⁻¹ K_Bm`. The view that is chosen is then taken ray by ray: all its readings are added to the sparse information, which is factored anew, so that σ after it
-//! is exact for these readings.
+//! Candidates stand around the model at feasible distances. A candidate is judged by representatives: a few
+//! hundred places that stand for the surface near them, and, where they are seen, for all rays that meet it:
+//! `n` readings of variance `r` are one of variance `r/n`. With `K` the covariance of the representatives,
+//! `B` those that are seen and `R` their variances, the view leaves `K_mm − K_mB (K_BB + R)⁻¹ K_Bm`. The view
+//! that is chosen is then taken ray by ray: all its readings are added to the sparse information, which is
+//! factored anew, so that σ after it is exact for these readings.
 //!
-//! Not guaranteed: the best set of views, nor the best of all poses: as in [`super::next_points`], and among candidates.
+//! Not guaranteed: the best set of views, nor the best of all poses: as in [`super::next_points`], and among
+//! candidates.
 
 use super::sight::Sight;
 use super::{
-    Change, NextOptions, Objective, Place, Prepared, UnmeasurableSigma, check_lengths, chosen, columns, cost, figures,
-    variances_of,
+    Change, NextOptions, Objective, Place, Prepared, UnmeasurableSigma, check_lengths, chosen, columns, cost,
+    figures, variances_of,
 };
 use crate::model::SurfaceModel;
 use crate::progress::{Progress, Silent};
@@ -86,10 +90,12 @@ pub struct ViewsReport {
 
 /// Chooses poses one after the other. Of the options, `sigma` and `against_random` do not count.
 ///
-/// Cost: a line of sight for every candidate and place once; for every view one factorisation, and for every candidate the Cholesky factor of the representatives that it sees.
+/// Cost: a line of sight for every candidate and place once; for every view one factorisation, and for every
+/// candidate the Cholesky factor of the representatives that it sees.
 ///
 /// # Errors
-/// As for [`super::next_points`]; `Input` also for a sensor that makes no sense, and where no pose sees any of the region.
+/// As for [`super::next_points`]; `Input` also for a sensor that makes no sense, and where no pose sees any
+/// of the region.
 pub fn next_views(
     model: &SurfaceModel,
     sensor: &ViewSensor,
@@ -98,12 +104,7 @@ pub fn next_views(
 ) -> Result<ViewsReport> {
     sensor.sanity_check()?;
     check_lengths(&[("goal", options.goal)])?;
-    let Prepared {
-        system,
-        directions,
-        mut information,
-        places,
-    } = Prepared::new(model, options, progress)?;
+    let Prepared { system, directions, mut information, places } = Prepared::new(model, options, progress)?;
     let mut factor = system.factorize_scalar(&information)?;
     progress.check("covariance", 0.1)?;
     let mut variances = variances_of(model, &factor, directions.clone(), &places)?;
@@ -161,20 +162,13 @@ pub fn next_views(
     }
     let after = figures(&places, &variances);
     let unseen: Vec<bool> = seeable.iter().map(|s| !s).collect();
-    let worst_unseen = (0..places.len())
-        .filter(|&k| unseen[k])
-        .max_by(|&a, &b| variances[a].total_cmp(&variances[b]));
+    let worst_unseen =
+        (0..places.len()).filter(|&k| unseen[k]).max_by(|&a, &b| variances[a].total_cmp(&variances[b]));
     progress.advance("done", 1.0);
     Ok(ViewsReport {
         views,
-        worst_sigma: Change {
-            before: before.0,
-            after: after.0,
-        },
-        mean_sigma: Change {
-            before: before.1,
-            after: after.1,
-        },
+        worst_sigma: Change { before: before.0, after: after.0 },
+        mean_sigma: Change { before: before.1, after: after.1 },
         candidates: candidates.len(),
         unseen: share(&unseen),
         worst_unseen: worst_unseen.map(|k| UnseenPlace {
@@ -221,9 +215,7 @@ impl Representatives {
     fn covariance(&self, factor: &CholeskyFactor, nodes: usize, places: &[Place]) -> Result<DMatrix<f64>> {
         let columns = columns(factor, nodes, places, self.places.clone(), &Silent)?;
         let n = self.places.len();
-        Ok(DMatrix::from_fn(n, n, |i, j| {
-            places[self.places[i]].see(&columns[j].column)
-        }))
+        Ok(DMatrix::from_fn(n, n, |i, j| places[self.places[i]].see(&columns[j].column)))
     }
 }
 
@@ -273,17 +265,11 @@ fn seen_by_any(
 ) -> Result<Vec<bool>> {
     let mut seen = vec![false; places.len()];
     for (k, part) in candidates.chunks(64).enumerate() {
-        progress.check(
-            "lines of sight",
-            0.25 + 0.15 * (64 * k) as f64 / candidates.len() as f64,
-        )?;
+        progress.check("lines of sight", 0.25 + 0.15 * (64 * k) as f64 / candidates.len() as f64)?;
         progress.items(64 * k, "views");
-        seen.par_iter_mut()
-            .zip(places)
-            .with_min_len(16)
-            .for_each(|(seen, place)| {
-                *seen = *seen || part.iter().any(|view| sight.sees(&view.pose, place).is_some());
-            });
+        seen.par_iter_mut().zip(places).with_min_len(16).for_each(|(seen, place)| {
+            *seen = *seen || part.iter().any(|view| sight.sees(&view.pose, place).is_some());
+        });
     }
     Ok(seen)
 }
@@ -312,7 +298,8 @@ fn best_of(
         .filter(|&best| left[best] < (1.0 - LEAST_GAIN) * now)
 }
 
-/// What readings of some representatives take off the variance of each: the diagonal of `K_·B (K_BB + R)⁻¹ K_B·`.
+/// What readings of some representatives take off the variance of each: the diagonal of
+/// `K_·B (K_BB + R)⁻¹ K_B·`.
 fn taken_away(covariance: &DMatrix<f64>, seen: &[(usize, f64)]) -> Option<Vec<f64>> {
     let own = DMatrix::from_fn(seen.len(), seen.len(), |i, j| {
         let reading = if i == j { 1.0 / seen[i].1 } else { 0.0 };

@@ -1,8 +1,10 @@
 //! From strips of points to patches of surface.
 //!
-//! Comes in: points in strips. Goes out: a mesh of each strip, a fitted sheet where a spline is asked for, and their files.
+//! Comes in: points in strips. Goes out: a mesh of each strip, a fitted sheet where a spline is asked for,
+//! and their files.
 //!
-//! Not guaranteed: that a strip which winds around a thing is a sheet; what cannot be fitted is named and left out.
+//! Not guaranteed: that a strip which winds around a thing is a sheet; what cannot be fitted is named and
+//! left out.
 
 use super::{ContourPatch, OccludingJob};
 use crate::fit::{Fit, FitOptions, fit};
@@ -45,22 +47,14 @@ pub(super) fn patches(
             break;
         }
         let Ok((mesh, sigma)) = found.patch(strip) else {
-            warnings.push(format!(
-                "strip {} of {} points made no triangles",
-                strip + 1,
-                of_strip.len()
-            ));
+            warnings.push(format!("strip {} of {} points made no triangles", strip + 1, of_strip.len()));
             continue;
         };
         let spline = match splines {
             false => None,
             true => {
                 let [from, to] = [strip, strip + 1].map(|k| k as f64 / found.strips as f64);
-                match fit(
-                    &set_of(found, strip, unit),
-                    &options(job),
-                    &Part::new(progress, from, to),
-                ) {
+                match fit(&set_of(found, strip, unit), &options(job), &Part::new(progress, from, to)) {
                     Ok(fit) => {
                         let of = patches.len() + 1;
                         warnings.extend(fit.report.warnings.iter().map(|w| format!("patch {of}: {w}")));
@@ -112,11 +106,7 @@ fn left_out(points: &[&OccludingPoint]) -> f64 {
 fn set_of(found: &OccludingContours, strip: usize, unit: Option<Unit>) -> ScanSet {
     ScanSet {
         unit,
-        sensors: vec![Sensor {
-            name: "contours".to_owned(),
-            kind: SensorKind::Range,
-            ..Sensor::default()
-        }],
+        sensors: vec![Sensor { name: "contours".to_owned(), kind: SensorKind::Range, ..Sensor::default() }],
         scans: vec![PosedScan {
             scan: found.scan(Some(strip), &format!("strip {}", strip + 1)),
             sensor: 0,
@@ -128,11 +118,7 @@ fn set_of(found: &OccludingContours, strip: usize, unit: Option<Unit>) -> ScanSe
 }
 
 fn options(job: &OccludingJob) -> FitOptions {
-    FitOptions {
-        shape: Some(Shape::Sheet),
-        seed: job.seed,
-        ..FitOptions::default()
-    }
+    FitOptions { shape: Some(Shape::Sheet), seed: job.seed, ..FitOptions::default() }
 }
 
 /// `name.ply` to `name.1.ply`.
@@ -150,22 +136,13 @@ pub(super) fn written(
     let mut reports = Vec::new();
     for (k, mut patch) in patches.into_iter().enumerate() {
         let paths: Vec<PathBuf> = job.patches.iter().map(|path| numbered(path, k + 1)).collect();
-        let (meshes, splines): (Vec<PlannedOutput>, Vec<PlannedOutput>) = plan_outputs(&paths, inputs)?
-            .into_iter()
-            .partition(|p| p.format.is_mesh());
+        let (meshes, splines): (Vec<PlannedOutput>, Vec<PlannedOutput>) =
+            plan_outputs(&paths, inputs)?.into_iter().partition(|p| p.format.is_mesh());
         for output in meshes {
             let mesh = &patch.mesh;
             let seen = vec![1; mesh.positions.len()];
             let unit = unit.unwrap_or(Unit::Millimetre);
-            write_known_mesh(
-                &output.path,
-                mesh,
-                &mesh.vertex_normals(),
-                &patch.sigma,
-                &seen,
-                None,
-                unit,
-            )?;
+            write_known_mesh(&output.path, mesh, &mesh.vertex_normals(), &patch.sigma, &seen, None, unit)?;
             patch.report.files.push(written_mesh(output.path, output.format, mesh));
         }
         if let (Some(fit), false) = (&patch.spline, splines.is_empty()) {

@@ -12,7 +12,8 @@ pub struct BendingReport {
     pub sigma_stretch: f64,
     /// Whether every state is one of the same sheet, bent and not stretched.
     pub isometric: bool,
-    /// How often the cells of the first state were divided so that they could follow the bending of the others.
+    /// How often the cells of the first state were divided so that they could follow the bending of the
+    /// others.
     pub divisions: usize,
     /// State by state, in the order of time.
     pub states: Vec<BendingState>,
@@ -32,7 +33,8 @@ pub struct BendingState {
     pub rms: f64,
     /// σ of the readings, as stated, or as the first state's residuals say where that is not stated.
     pub sigma: f64,
-    /// The one over the other: 1 where the bent sheet goes through its readings as well as their noise lets it.
+    /// The one over the other: 1 where the bent sheet goes through its readings as well as their noise lets
+    /// it.
     pub misfit: f64,
     /// Mean size of the relative changes of E, F and G since the first state, that of F over √(EG).
     pub mean_change: [f64; 3],
@@ -66,8 +68,8 @@ impl State {
     }
 }
 
-/// The states of a thing in the order of time: scans of one time are of one state. Where no scan states a time, each is a state of its own, in the order
-/// in which they are given.
+/// The states of a thing in the order of time: scans of one time are of one state. Where no scan states a
+/// time, each is a state of its own, in the order in which they are given.
 ///
 /// # Errors
 /// `Input` where there is one state only, and where some scans state a time and others do not.
@@ -79,10 +81,7 @@ pub(crate) fn states_in_time(set: &ScanSet) -> Result<Vec<State>> {
         )));
     }
     if set.scans.iter().all(|posed| posed.scan.time_s.is_none()) {
-        let each = (0..set.scans.len()).map(|k| State {
-            time_s: None,
-            scans: vec![k],
-        });
+        let each = (0..set.scans.len()).map(|k| State { time_s: None, scans: vec![k] });
         return Ok(each.collect());
     }
     let mut states: Vec<State> = Vec::new();

@@ -6,7 +6,8 @@ use serde::Serialize;
 /// A gap in what was seen, and the simple shape around it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GapReport {
-    /// `plane`, `sphere`, `cylinder`, or `none` where the readings around are of none of them: there the smoothness prior speaks alone.
+    /// `plane`, `sphere`, `cylinder`, or `none` where the readings around are of none of them: there the
+    /// smoothness prior speaks alone.
     pub kind: String,
     /// Its probability, if it is one of the three.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -14,8 +15,8 @@ pub struct GapReport {
     /// The radius and its σ, of a sphere or cylinder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub radius: Option<[f64; 2]>,
-    /// σ of the shape's parameters: of a plane its shift and tilts (radians), of a sphere centre and radius, of a cylinder shifts and tilts of the axis
-    /// and radius.
+    /// σ of the shape's parameters: of a plane its shift and tilts (radians), of a sphere centre and radius,
+    /// of a cylinder shifts and tilts of the axis and radius.
     pub sigma: Vec<f64>,
     /// Residual χ² of the readings around it over the degrees of freedom.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -29,7 +30,12 @@ pub struct GapReport {
 }
 
 impl GapReport {
-    pub(crate) fn of(found: Option<&Classification>, area: f64, readings: usize, pseudo_readings: usize) -> Self {
+    pub(crate) fn of(
+        found: Option<&Classification>,
+        area: f64,
+        readings: usize,
+        pseudo_readings: usize,
+    ) -> Self {
         let best = found.map(Classification::best);
         let sigma = best.map_or_else(Vec::new, planish_spline::FittedPrimitive::sigmas);
         let radius = best.and_then(|b| b.primitive.radius());

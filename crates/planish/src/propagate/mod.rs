@@ -1,8 +1,8 @@
 //! What nobody measured, concluded from what was: the paper's propagation.
 //!
-//! Comes in: observations. Goes out: the same with readings added that were concluded from them, each with the variance of its conclusion, and a report
-//! that says what was found. Wherever something was measured, that overrules: concluded readings are many times as uncertain, and none is put beside a
-//! real one.
+//! Comes in: observations. Goes out: the same with readings added that were concluded from them, each with
+//! the variance of its conclusion, and a report that says what was found. Wherever something was measured,
+//! that overrules: concluded readings are many times as uncertain, and none is put beside a real one.
 //!
 //! | module | what |
 //! |---|---|

@@ -1,18 +1,24 @@
 //! A rigid body that moves while it is scanned: a Kalman filter of pose and velocity.
 //!
-//! The state is the pose `T(t)` of the thing and its twist `ξ`, constant but for white noise of acceleration: `T(t + dt) = T(t) exp(ξ dt)`. Errors are
-//! multiplied from the right, `T = T̂ exp(δ)`. A scan at a known time is laid on the surface that the first scan made: the height of a reading `z` over
-//! it is `h = n·(T⁻¹z − foot)`, with `∂h/∂δ = −[p × n, n]`, `p = T⁻¹z`; Gauss–Newton on these and the predicted pose is the iterated filter.
+//! The state is the pose `T(t)` of the thing and its twist `ξ`, constant but for white noise of acceleration:
+//! `T(t + dt) = T(t) exp(ξ dt)`. Errors are multiplied from the right, `T = T̂ exp(δ)`. A scan at a known
+//! time is laid on the surface that the first scan made: the height of a reading `z` over it is
+//! `h = n·(T⁻¹z − foot)`, with `∂h/∂δ = −[p × n, n]`, `p = T⁻¹z`; Gauss–Newton on these and the predicted
+//! pose is the iterated filter.
 //!
-//! The surface has errors of its own, `e ~ N(0, Σ)` of its nodes along their normals, which all scans share. They move a pose by `P Aᵀe`, `A = Σ w a jᵀ` over the
-//! readings that met it (`a` their rows over the nodes, `j = ∂h/∂δ`, `P` the inverse of the pose's information). Readings count by `w = 1/(σ² + σ_S²)`, σ_S that of
-//! the surface where they met it, so the covariance of a pose is `P (Λ₀ + Σ w²σ² jjᵀ + AᵀΣA) P`, `Λ₀` the information of the prediction. To the velocity only what differs from scan to scan matters: for the filter the frame is off by `B = N/N₀ H⁻¹`, `H` the
-//! information of `N` readings of a scan and the surface made of `N₀`, and the first pose is known to within `B` in it.
+//! The surface has errors of its own, `e ~ N(0, Σ)` of its nodes along their normals, which all scans share.
+//! They move a pose by `P Aᵀe`, `A = Σ w a jᵀ` over the readings that met it (`a` their rows over the nodes,
+//! `j = ∂h/∂δ`, `P` the inverse of the pose's information). Readings count by `w = 1/(σ² + σ_S²)`, σ_S that
+//! of the surface where they met it, so the covariance of a pose is `P (Λ₀ + Σ w²σ² jjᵀ + AᵀΣA) P`, `Λ₀` the
+//! information of the prediction. To the velocity only what differs from scan to scan matters: for the filter
+//! the frame is off by `B = N/N₀ H⁻¹`, `H` the information of `N` readings of a scan and the surface made of
+//! `N₀`, and the first pose is known to within `B` in it.
 //!
 //! Positions are about the middle of the thing, so that turn and translation are nearly independent.
 //!
-//! Then all scans are fitted together, with these poses as what was known of them before, four times weaker than found: the surface of all scans says more of
-//! each pose than that of the first. [`RigidTracker::settle`] takes them back, and the steady motion nearest to them.
+//! Then all scans are fitted together, with these poses as what was known of them before, four times weaker
+//! than found: the surface of all scans says more of each pose than that of the first.
+//! [`RigidTracker::settle`] takes them back, and the steady motion nearest to them.
 //!
 //! Not guaranteed: turns of more than about forty degrees from scan to scan are not found.
 //!
@@ -96,8 +102,9 @@ pub struct MotionPose {
     pub sigma_rotation_deg: [f64; 3],
     /// Readings that met the surface of the first scan.
     pub readings: usize,
-    /// How far it is from where the scans before it lead, as a steady motion: `√(dᵀ C⁻¹ d / 6)` with the covariance `C` of that prediction. About one or less;
-    /// zero of the first two scans, before which no motion is known.
+    /// How far it is from where the scans before it lead, as a steady motion: `√(dᵀ C⁻¹ d / 6)` with the
+    /// covariance `C` of that prediction. About one or less; zero of the first two scans, before which no
+    /// motion is known.
     pub innovation: f64,
 }
 
@@ -117,10 +124,9 @@ pub(crate) fn scans_in_time(set: &ScanSet) -> Result<Vec<usize>> {
     order.sort_by(|&a, &b| time(a).total_cmp(&time(b)));
     match (order.first(), order.last()) {
         (Some(&first), Some(&last)) if time(last) > time(first) => Ok(order),
-        _ => Err(Error::input(format!(
-            "needed scans of at least two times, found {} of one",
-            set.scans.len()
-        ))),
+        _ => {
+            Err(Error::input(format!("needed scans of at least two times, found {} of one", set.scans.len())))
+        }
     }
 }
 
@@ -189,21 +195,20 @@ struct Step {
 }
 
 impl<'a> RigidTracker<'a> {
-    /// Starts at the first scan, which places the thing; nothing is known of the velocity but that it does not turn by more than a radian, or move by
-    /// more than its size, from one scan to the next.
+    /// Starts at the first scan, which places the thing; nothing is known of the velocity but that it does
+    /// not turn by more than a radian, or move by more than its size, from one scan to the next.
     pub(crate) fn new(first: &'a Fit, set: &ScanSet, order: &[usize]) -> Result<Self> {
         let surface = &first.model.surface;
         let points: Vec<[f64; 3]> = (0..surface.space().leaves().len())
             .filter(|&leaf| first.model.observed[leaf].is_measured())
             .map(|leaf| surface.leaf_point(leaf, 0.5, 0.5))
             .collect();
-        let bounds = BoundingBox::of(&points)
-            .ok_or_else(|| Error::undetermined("the first scan made no surface that the others could be laid on"))?;
-        let times: Vec<f64> = order
-            .iter()
-            .map(|&k| set.scans[k].scan.time_s.unwrap_or_default())
-            .collect();
-        let gap = (times.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 0.0)).fold(f64::INFINITY, f64::min);
+        let bounds = BoundingBox::of(&points).ok_or_else(|| {
+            Error::undetermined("the first scan made no surface that the others could be laid on")
+        })?;
+        let times: Vec<f64> = order.iter().map(|&k| set.scans[k].scan.time_s.unwrap_or_default()).collect();
+        let gap =
+            (times.windows(2).map(|w| w[1] - w[0]).filter(|gap| *gap > 0.0)).fold(f64::INFINITY, f64::min);
         let size = bounds.diagonal();
         let system = SurfaceSystem::new(surface.space())?;
         let directions = system.node_normals(surface);
@@ -285,11 +290,7 @@ impl<'a> RigidTracker<'a> {
         let mut met = 0;
         for step in 0..STEPS {
             let share = (step as f64 / (0.6 * STEPS as f64)).min(1.0);
-            let gate = if step + 4 < STEPS {
-                FIRST_GATE * self.size * (0.02_f64).powf(share)
-            } else {
-                0.0
-            };
+            let gate = if step + 4 < STEPS { FIRST_GATE * self.size * (0.02_f64).powf(share) } else { 0.0 };
             let sums = self.step(&pose, &readings, gate, scale_of_variance);
             met = sums.met;
             if (met as f64) < LEAST_MET * readings.len() as f64 {
@@ -319,7 +320,13 @@ impl<'a> RigidTracker<'a> {
         self.known.push(Known {
             scan,
             pose,
-            covariance: self.covariance_on_surface(&pose, &readings, scale_of_variance, &prior, &posterior)?,
+            covariance: self.covariance_on_surface(
+                &pose,
+                &readings,
+                scale_of_variance,
+                &prior,
+                &posterior,
+            )?,
             readings: met,
             innovation,
         });
@@ -332,9 +339,7 @@ impl<'a> RigidTracker<'a> {
         self.pose = self.pose.after(&moved);
         let mut carry = SMatrix::<f64, 12, 12>::identity();
         carry.fixed_view_mut::<6, 6>(0, 0).copy_from(&adjoint(&moved.inverse()));
-        carry
-            .fixed_view_mut::<6, 6>(0, 6)
-            .copy_from(&(Matrix6::identity() * dt));
+        carry.fixed_view_mut::<6, 6>(0, 6).copy_from(&(Matrix6::identity() * dt));
         self.covariance = carry * self.covariance * carry.transpose();
         let turn = (UNSTEADINESS / self.duration).powi(2) / self.duration;
         let shift = turn * self.size * self.size;
@@ -360,23 +365,18 @@ impl<'a> RigidTracker<'a> {
         self.covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(posterior);
         self.covariance.fixed_view_mut::<6, 6>(6, 0).copy_from(&now);
         self.covariance.fixed_view_mut::<6, 6>(0, 6).copy_from(&now.transpose());
-        self.covariance
-            .fixed_view_mut::<6, 6>(6, 6)
-            .copy_from(&((rest + rest.transpose()) * 0.5));
+        self.covariance.fixed_view_mut::<6, 6>(6, 6).copy_from(&((rest + rest.transpose()) * 0.5));
         self.pose = pose;
     }
 
     /// Where to start while the velocity is unknown: the turn from which most readings come near.
     fn start(&self, readings: &[Reading]) -> Pose {
         let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let turns = axes
-            .into_iter()
-            .flat_map(|axis| START_TURNS_DEG.map(|deg| Pose::from_twist(scale(deg.to_radians(), axis), [0.0; 3])));
+        let turns = axes.into_iter().flat_map(|axis| {
+            START_TURNS_DEG.map(|deg| Pose::from_twist(scale(deg.to_radians(), axis), [0.0; 3]))
+        });
         let starts: Vec<Pose> = std::iter::once(Pose::identity()).chain(turns).collect();
-        let some: Vec<&Reading> = readings
-            .iter()
-            .step_by(readings.len().div_ceil(START_READINGS))
-            .collect();
+        let some: Vec<&Reading> = readings.iter().step_by(readings.len().div_ceil(START_READINGS)).collect();
         let gate = FIRST_GATE * self.size;
         let tried: Vec<(f64, Pose)> = starts
             .into_par_iter()
@@ -395,9 +395,12 @@ impl<'a> RigidTracker<'a> {
             .collect();
         tried
             .into_iter()
-            .fold((f64::NEG_INFINITY, Pose::identity()), |best, next| {
-                if next.0 > best.0 { next } else { best }
-            })
+            .fold(
+                (f64::NEG_INFINITY, Pose::identity()),
+                |best, next| {
+                    if next.0 > best.0 { next } else { best }
+                },
+            )
             .1
     }
 
@@ -411,7 +414,8 @@ impl<'a> RigidTracker<'a> {
         self.step_over(pose, readings.iter(), gate, scale_of_variance)
     }
 
-    /// The normal equations at a pose. Readings nearer than `gate`, or than so many σ, take part; the gate is a length.
+    /// The normal equations at a pose. Readings nearer than `gate`, or than so many σ, take part; the gate is
+    /// a length.
     fn step_over<'r>(
         &self,
         pose: &Pose,
@@ -428,9 +432,7 @@ impl<'a> RigidTracker<'a> {
         };
         let readings: Vec<&Reading> = readings.collect();
         for met in self.met(pose, &readings, gate, scale_of_variance) {
-            let Met {
-                height, variance, row, ..
-            } = met;
+            let Met { height, variance, row, .. } = met;
             sums.information += row * row.transpose() / variance;
             sums.gradient += row * (height / variance);
             sums.met += 1;
@@ -513,13 +515,13 @@ impl<'a> RigidTracker<'a> {
         Some(about_origin(&known.pose, self.middle))
     }
 
-    /// σ of where a scanner stands in the thing's frame, and of its turn: the largest along any axis, with the arm from the middle.
+    /// σ of where a scanner stands in the thing's frame, and of its turn: the largest along any axis, with
+    /// the arm from the middle.
     pub(crate) fn sigmas(&self, scan: usize, scanner: [f64; 3]) -> [f64; 2] {
         let known = self.known.iter().find(|known| known.scan == scan);
         let largest = |from: usize| {
-            let variances = known.map_or([0.0; 3], |known| {
-                [0, 1, 2].map(|k| known.covariance[(from + k, from + k)])
-            });
+            let variances =
+                known.map_or([0.0; 3], |known| [0, 1, 2].map(|k| known.covariance[(from + k, from + k)]));
             WEAKER * variances.into_iter().fold(0.0, f64::max).sqrt()
         };
         let (turn, shift) = (largest(0), largest(3));
@@ -527,11 +529,12 @@ impl<'a> RigidTracker<'a> {
         [(shift * shift + (arm * turn).powi(2)).sqrt(), turn]
     }
 
-    /// Takes the poses that the fit of all scans found, and the steady motion that is nearest to them, `T(t) = exp(ξ t)`: `ξ = (Σ t² W)⁻¹ Σ t W log T(t)`,
-    /// `W` the inverse of a pose's covariance.
+    /// Takes the poses that the fit of all scans found, and the steady motion that is nearest to them,
+    /// `T(t) = exp(ξ t)`: `ξ = (Σ t² W)⁻¹ Σ t W log T(t)`, `W` the inverse of a pose's covariance.
     ///
-    /// The poses stand on one surface and err alike. How much so is not known from their covariances one by one; that of `ξ` is of errors that are
-    /// wholly common, the largest that it may be but for the turns of their axes.
+    /// The poses stand on one surface and err alike. How much so is not known from their covariances one by
+    /// one; that of `ξ` is of errors that are wholly common, the largest that it may be but for the turns of
+    /// their axes.
     ///
     /// # Errors
     /// `Undetermined` where a covariance has no inverse.
@@ -541,18 +544,16 @@ impl<'a> RigidTracker<'a> {
         let (mut roots, mut found) = (Matrix6::zeros(), 0);
         for (known, &time) in self.known.iter_mut().zip(&self.times).skip(1) {
             let report = &poses[known.scan];
-            let Some((covariance, thing_from_scanner)) = report
-                .covariance
-                .zip(Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation))
+            let Some((covariance, thing_from_scanner)) =
+                report.covariance.zip(Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation))
             else {
                 continue;
             };
-            let world_from_thing = set.scans[known.scan]
-                .scan
-                .world_from_scanner
-                .after(&thing_from_scanner.inverse());
+            let world_from_thing =
+                set.scans[known.scan].scan.world_from_scanner.after(&thing_from_scanner.inverse());
             known.pose = about_origin(&world_from_thing, scale(-1.0, self.middle));
-            // A scanner that is moved by E in the thing's frame moves the thing by E⁻¹: −ω, and −(τ + ω × arm) of the middle.
+            // A scanner that is moved by E in the thing's frame moves the thing by E⁻¹: −ω, and −(τ + ω ×
+            // arm) of the middle.
             let arm = sub(self.middle, thing_from_scanner.translation);
             let mut by = Matrix6::zeros();
             for axis in 0..3 {
@@ -584,9 +585,7 @@ impl<'a> RigidTracker<'a> {
         };
         self.twist = inverse * pull;
         let common = inverse * roots;
-        self.covariance
-            .fixed_view_mut::<6, 6>(6, 6)
-            .copy_from(&(common * common.transpose()));
+        self.covariance.fixed_view_mut::<6, 6>(6, 6).copy_from(&(common * common.transpose()));
         Ok(())
     }
 
@@ -598,11 +597,7 @@ impl<'a> RigidTracker<'a> {
         // σ of the length of a vector: that along it.
         let length = |first: usize, v: [f64; 3]| {
             let size = norm(v);
-            let along = if size > 0.0 {
-                scale(1.0 / size, v)
-            } else {
-                [1.0, 0.0, 0.0]
-            };
+            let along = if size > 0.0 { scale(1.0 / size, v) } else { [1.0, 0.0, 0.0] };
             let variance: f64 = (0..9)
                 .map(|k| along[k / 3] * along[k % 3] * self.covariance[(first + k / 3, first + k % 3)])
                 .sum();
@@ -642,10 +637,7 @@ impl<'a> RigidTracker<'a> {
 
 /// A motion that is given about a point, about the origin.
 fn about_origin(pose: &Pose, middle: [f64; 3]) -> Pose {
-    Pose {
-        translation: add(pose.translation, sub(middle, pose.rotate(middle))),
-        rotation: pose.rotation,
-    }
+    Pose { translation: add(pose.translation, sub(middle, pose.rotate(middle))), rotation: pose.rotation }
 }
 
 fn exp(twist: &Vector6<f64>) -> Pose {

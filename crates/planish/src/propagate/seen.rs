@@ -21,11 +21,7 @@ impl<'a> Seen<'a> {
         for (i, p) in (0..).zip(&observations.points) {
             cells.entry(cell(*p, reach)).or_default().push(i);
         }
-        Self {
-            observations,
-            reach,
-            cells,
-        }
+        Self { observations, reach, cells }
     }
 
     /// Whether a reading lies near a place and faces its way.

@@ -1,7 +1,8 @@
 //! Copies of the readings by a symmetry, where nothing was seen.
 //!
-//! A copy has the covariance of its reading, times the number of its copies, because `n` copies of one reading are one measurement; and with all others
-//! it shares the error of the axis or plane, and the doubt that the thing is as symmetric as the parts that were compared.
+//! A copy has the covariance of its reading, times the number of its copies, because `n` copies of one
+//! reading are one measurement; and with all others it shares the error of the axis or plane, and the doubt
+//! that the thing is as symmetric as the parts that were compared.
 
 use super::PropagationReport;
 use super::seen::Seen;
@@ -106,7 +107,10 @@ impl SymmetryReport {
 ///
 /// # Errors
 /// `Undetermined` where the readings do not bear out the symmetry that was asked for, or are too few for any.
-pub fn complete_by_symmetry(observations: &mut Observations, choice: SymmetryChoice) -> Result<PropagationReport> {
+pub fn complete_by_symmetry(
+    observations: &mut Observations,
+    choice: SymmetryChoice,
+) -> Result<PropagationReport> {
     let cloud = Cloud::of(observations)?;
     let found = match choice {
         SymmetryChoice::Of(kind) => Some(borne_out(fit_symmetry(&cloud.facets, kind), kind, &cloud.facets)?),
@@ -170,7 +174,9 @@ impl Cloud {
             .filter(|&i| {
                 let i = i as usize;
                 let channel = observations.channels[observations.channel(i)];
-                channel.quantity == crate::fit::Quantity::Position && !channel.invented && !observations.held_out[i]
+                channel.quantity == crate::fit::Quantity::Position
+                    && !channel.invented
+                    && !observations.held_out[i]
             })
             .collect();
         let points: Vec<[f64; 3]> = readings.iter().map(|&i| observations.points[i as usize]).collect();
@@ -183,11 +189,7 @@ impl Cloud {
         for v in &mut variance {
             *v *= facets.variance_factor;
         }
-        Ok(Self {
-            facets,
-            readings,
-            variance,
-        })
+        Ok(Self { facets, readings, variance })
     }
 
     /// The images of readings that obey the symmetry, where nothing was seen.
@@ -212,18 +214,14 @@ impl Cloud {
                     own: turns as f64 * self.variance[k],
                     shared: found.image_variance(angle, p, normal) + doubt,
                 };
-                copies.push(InventedReading {
-                    point,
-                    normal,
-                    variance,
-                });
+                copies.push(InventedReading { point, normal, variance });
             }
         }
         copies
     }
 
-    /// How many copies of a reading there are: as many as the symmetry has maps; about an axis so many that what was not seen is covered as densely
-    /// as what was.
+    /// How many copies of a reading there are: as many as the symmetry has maps; about an axis so many that
+    /// what was not seen is covered as densely as what was.
     fn turns(&self, found: &FittedSymmetry) -> usize {
         /// Sectors in which an axis is looked for readings.
         const SECTORS: usize = 72;
@@ -253,9 +251,7 @@ fn angles(symmetry: &Symmetry, turns: usize, reading: usize) -> Vec<Option<f64>>
         Symmetry::Rotation { order: None, .. } => {
             // The golden ratio spreads the images of neighbours evenly over the angles.
             let phase = (reading as f64 * 0.618_033_988_749_894_9).fract();
-            (0..turns)
-                .map(|k| Some(TAU * (k as f64 + phase) / turns as f64))
-                .collect()
+            (0..turns).map(|k| Some(TAU * (k as f64 + phase) / turns as f64)).collect()
         }
     }
 }

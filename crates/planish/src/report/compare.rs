@@ -41,11 +41,7 @@ pub(crate) fn compare_page(
             format!("95 % below {}", unit.text(d.p95)),
         ));
         figures.push(Figure::new("mean", unit.text(d.mean), "0 where there is no bias"));
-        figures.push(Figure::new(
-            "largest",
-            unit.text(d.max),
-            format!("of {} points", count(d.n)),
-        ));
+        figures.push(Figure::new("largest", unit.text(d.max), format!("of {} points", count(d.n))));
     }
     if let Some(share) = report.coverage95 {
         figures.push(Figure::new("within 1.96 σ", percent(share), "95 % where σ is true"));
@@ -61,15 +57,12 @@ pub(crate) fn compare_page(
         figures,
         scene: Some(scene),
         drawings: Vec::new(),
-        sections: vec![
-            how_far(report, unit),
-            whether_true(&normalised, report),
-            left_out(report),
-        ],
+        sections: vec![how_far(report, unit), whether_true(&normalised, report), left_out(report)],
     })
 }
 
-/// A model coloured by its deviations from a reference, with the reference's points and mesh; models become about so many triangles at most.
+/// A model coloured by its deviations from a reference, with the reference's points and mesh; models become
+/// about so many triangles at most.
 pub(crate) fn compared_scene(
     model: &Compared,
     report: &ComparisonReport,
@@ -123,13 +116,7 @@ fn marks_of(surface: &SurfaceShown) -> Option<Vec<u8>> {
 pub(crate) fn known_mesh_scene(mesh: &ComparedMesh, unit: &str) -> Scene {
     let mut fields = Vec::new();
     if let Some(sigma) = &mesh.sigma {
-        fields.push(numbers(
-            "sigma",
-            "σ along the normal",
-            unit,
-            FieldKind::Sequential,
-            sigma.clone(),
-        ));
+        fields.push(numbers("sigma", "σ along the normal", unit, FieldKind::Sequential, sigma.clone()));
     }
     if let Some(observed) = &mesh.observed {
         fields.push(observed_field(&observed.iter().map(|o| o.mark()).collect::<Vec<u8>>()));
@@ -166,13 +153,7 @@ fn deviation_field(
             _ => f64::NAN,
         })
         .collect();
-    Ok(numbers(
-        "deviation",
-        "deviation",
-        unit,
-        FieldKind::Signed(None),
-        deviations,
-    ))
+    Ok(numbers("deviation", "deviation", unit, FieldKind::Signed(None), deviations))
 }
 
 fn reference_cloud(shown: &ShownReference, unit: &str) -> Cloud {
@@ -211,15 +192,9 @@ fn findings(report: &ComparisonReport, unit: SmallUnit<'_>) -> Vec<Finding> {
             let level = if share < 0.7 { Level::Bad } else { Level::Look };
             Finding::new(level, format!("σ is too small: only {text} (95 % where it is true)."))
         } else if share > TRUE_SHARES[1] {
-            Finding::new(
-                Level::Look,
-                format!("σ is rather large: {text} (95 % where it is true)."),
-            )
+            Finding::new(Level::Look, format!("σ is rather large: {text} (95 % where it is true)."))
         } else {
-            Finding::new(
-                Level::Good,
-                format!("σ told the truth: {text} (95 % where it is true)."),
-            )
+            Finding::new(Level::Good, format!("σ told the truth: {text} (95 % where it is true)."))
         });
     } else {
         found.push(Finding::new(
@@ -245,10 +220,7 @@ fn findings(report: &ComparisonReport, unit: SmallUnit<'_>) -> Vec<Finding> {
 fn how_far(report: &ComparisonReport, unit: SmallUnit<'_>) -> Section {
     let rms = unit.head("rms");
     let mut table = Table::new(["", &rms, "mean", "median |d|", "95 % |d|", "largest |d|", "points"]);
-    for (name, found) in [
-        ("model to reference", &report.forward),
-        ("reference to model", &report.backward),
-    ] {
+    for (name, found) in [("model to reference", &report.forward), ("reference to model", &report.backward)] {
         let Some(d) = found else { continue };
         let [a, b, c, e, f] = [d.rms, d.mean, d.p50, d.p95, d.max].map(|v| unit.number(v, 3));
         table.row([name.to_owned(), a, b, c, e, f, count(d.n)], false);
@@ -283,22 +255,10 @@ fn whether_true(normalised: &[f64], report: &ComparisonReport) -> Section {
 fn left_out(report: &ComparisonReport) -> Section {
     let skipped = report.skipped;
     let causes = [
-        (
-            skipped.model_not_observed,
-            "points of the model that were not measured, or are of another part",
-        ),
-        (
-            skipped.model_beyond_border,
-            "points of the model beyond a border of the reference",
-        ),
-        (
-            skipped.reference_not_observed,
-            "points of the reference that face such a part of the model",
-        ),
-        (
-            skipped.reference_beyond_border,
-            "points of the reference beyond a border of the model",
-        ),
+        (skipped.model_not_observed, "points of the model that were not measured, or are of another part"),
+        (skipped.model_beyond_border, "points of the model beyond a border of the reference"),
+        (skipped.reference_not_observed, "points of the reference that face such a part of the model"),
+        (skipped.reference_beyond_border, "points of the reference beyond a border of the model"),
     ];
     let lines: Vec<Block> = (causes.into_iter())
         .filter(|(n, _)| *n > 0)
@@ -306,10 +266,6 @@ fn left_out(report: &ComparisonReport) -> Section {
         .collect();
     Section::new(
         "What was left out",
-        if lines.is_empty() {
-            vec![Block::Text("Nothing.".to_owned())]
-        } else {
-            lines
-        },
+        if lines.is_empty() { vec![Block::Text("Nothing.".to_owned())] } else { lines },
     )
 }

@@ -33,8 +33,9 @@ pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> P
         scene: None,
         drawings: vec![Block::Drawing {
             svg: svg.to_owned(),
-            caption: "The contours (lines) on the readings (dots; open red ones were rejected), with sizes ± σ."
-                .to_owned(),
+            caption:
+                "The contours (lines) on the readings (dots; open red ones were rejected), with sizes ± σ."
+                    .to_owned(),
         }],
         sections,
     }
@@ -56,13 +57,7 @@ fn kinds_of(report: &ContourReport) -> String {
     }
     let names: Vec<String> = kinds
         .into_iter()
-        .map(|(kind, n)| {
-            if n == 1 {
-                format!("One {kind}")
-            } else {
-                format!("{n} × {kind}")
-            }
-        })
+        .map(|(kind, n)| if n == 1 { format!("One {kind}") } else { format!("{n} × {kind}") })
         .collect();
     names.join(", ")
 }
@@ -71,26 +66,18 @@ pub(super) fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
     let main = &report.main;
     // Of contours of vertices the sides say more than where the vertices lie.
     let vertices = main.parameters.first().is_some_and(|(name, _)| name == "x0");
-    let sizes = if vertices && !main.sides.is_empty() {
-        &main.sides
-    } else {
-        &main.parameters
-    };
+    let sizes = if vertices && !main.sides.is_empty() { &main.sides } else { &main.parameters };
     let mut figures: Vec<Figure> = (sizes.iter().take(4))
-        .map(|(name, value)| Figure::new(words(name), with_sigma(value.value, value.sigma), unit_of(name, unit)))
+        .map(|(name, value)| {
+            Figure::new(words(name), with_sigma(value.value, value.sigma), unit_of(name, unit))
+        })
         .collect();
-    figures.push(Figure::new(
-        "reduced χ²",
-        significant(main.reduced_chi_square, 3),
-        "1 where σ is true",
-    ));
+    figures.push(Figure::new("reduced χ²", significant(main.reduced_chi_square, 3), "1 where σ is true"));
     figures
 }
 
 fn unit_of<'a>(name: &str, unit: &'a str) -> &'a str {
-    let is_angle = ["angle", "heading", "direction", "rotation"]
-        .iter()
-        .any(|word| name.contains(word));
+    let is_angle = ["angle", "heading", "direction", "rotation"].iter().any(|word| name.contains(word));
     if is_angle { "°" } else { unit }
 }
 
@@ -130,11 +117,7 @@ pub(super) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
         significant(part.reduced_chi_square, 3)
     );
     if let (Some(margin), Some(next)) = (part.bic_margin, part.alternatives.first()) {
-        text += &format!(
-            " The next kind, {}, is worse by {} in BIC.",
-            next.kind,
-            significant(margin, 3)
-        );
+        text += &format!(" The next kind, {}, is worse by {} in BIC.", next.kind, significant(margin, 3));
     }
     if let Some(hole) = part.hole_of {
         text += &format!(" It is a hole of contour {}.", hole + 1);
@@ -159,16 +142,11 @@ pub(super) fn findings(report: &ContourReport) -> Vec<Finding> {
     if let Some(constrained) = &report.constrained
         && !constrained.conflicting.is_empty()
     {
-        found.push(Finding::new(
-            Level::Bad,
-            "Some of the constraints that were given contradict each other.",
-        ));
+        found
+            .push(Finding::new(Level::Bad, "Some of the constraints that were given contradict each other."));
     }
     if found.is_empty() {
-        found.push(Finding::new(
-            Level::Good,
-            "The readings agree with what was found, within their σ.",
-        ));
+        found.push(Finding::new(Level::Good, "The readings agree with what was found, within their σ."));
     }
     found
 }

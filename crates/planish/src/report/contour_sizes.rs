@@ -1,7 +1,7 @@
 //! Sizes with σ, beside the lines of a contour's drawing.
 //!
-//! Comes in: contours as they are drawn, and the sizes that are reported of them. Goes out: a label for each reported length that a straight line has, and for each
-//! radius that an arc has.
+//! Comes in: contours as they are drawn, and the sizes that are reported of them. Goes out: a label for each
+//! reported length that a straight line has, and for each radius that an arc has.
 //!
 //! Not guaranteed: that labels of close lines stand apart.
 
@@ -26,29 +26,22 @@ fn sizes_of(report: &ContourReport, contour: usize) -> Vec<Size> {
     if let Some(found) = &report.constrained {
         let of = |sizes: &[crate::contour::ReportedSize], is_radius: bool| -> Vec<Size> {
             let own = sizes.iter().filter(|size| size.contour == contour);
-            own.map(|size| Size {
-                name: size.name.clone(),
-                value: size.value,
-                sigma: size.sigma,
-                is_radius,
-            })
-            .collect()
+            own.map(|size| Size { name: size.name.clone(), value: size.value, sigma: size.sigma, is_radius })
+                .collect()
         };
         let mut sizes = of(&found.bars, false);
         sizes.extend(of(&found.circles, true));
         return sizes;
     }
     let part = report.contours.get(contour);
-    (part
-        .into_iter()
-        .flat_map(|part| part.parameters.iter().chain(&part.sides)))
-    .map(|(name, value)| Size {
-        name: name.clone(),
-        value: value.value,
-        sigma: value.sigma,
-        is_radius: name.contains("radius"),
-    })
-    .collect()
+    (part.into_iter().flat_map(|part| part.parameters.iter().chain(&part.sides)))
+        .map(|(name, value)| Size {
+            name: name.clone(),
+            value: value.value,
+            sigma: value.sigma,
+            is_radius: name.contains("radius"),
+        })
+        .collect()
 }
 
 /// Labels for the lines of all contours.
@@ -71,37 +64,28 @@ pub(crate) fn size_labels(report: &ContourReport, drawn: &[DrawnContour]) -> Vec
             let chord = [b[0] - a[0], b[1] - a[1]];
             let length = chord[0].hypot(chord[1]);
             let is_radius = bulge != 0.0;
-            let value = if is_radius {
-                length * (1.0 + bulge * bulge) / (4.0 * bulge.abs())
-            } else {
-                length
-            };
-            let same = |size: &Size| size.is_radius == is_radius && (size.value - value).abs() <= SAME * value;
+            let value = if is_radius { length * (1.0 + bulge * bulge) / (4.0 * bulge.abs()) } else { length };
+            let same =
+                |size: &Size| size.is_radius == is_radius && (size.value - value).abs() <= SAME * value;
             // Each size is written once: the corners of a rounded rectangle share one.
             let Some(found) = sizes.iter().position(same) else {
                 continue;
             };
             let size = sizes.swap_remove(found);
             // An arc lies to the right of its chord by the bulge times half of it.
-            let at = [
-                0.5 * (a[0] + b[0] + bulge * chord[1]),
-                0.5 * (a[1] + b[1] - bulge * chord[0]),
-            ];
+            let at = [0.5 * (a[0] + b[0] + bulge * chord[1]), 0.5 * (a[1] + b[1] - bulge * chord[0])];
             labels.push(SizeLabel {
                 at,
                 outwards: outwards(at, middle, chord),
-                text: format!(
-                    "{}{}",
-                    if is_radius { "R " } else { "" },
-                    with_sigma(size.value, size.sigma)
-                ),
+                text: format!("{}{}", if is_radius { "R " } else { "" }, with_sigma(size.value, size.sigma)),
             });
         }
     }
     labels
 }
 
-/// Labels of a circle or an ellipse, which are drawn as many short lines that begin at the end of the first half axis.
+/// Labels of a circle or an ellipse, which are drawn as many short lines that begin at the end of the first
+/// half axis.
 fn round_labels(kind: &Kind, vertices: &[[f64; 2]], sizes: &[Size]) -> Vec<SizeLabel> {
     let n = vertices.len();
     if n < 8 {
@@ -139,12 +123,7 @@ mod tests {
     use super::*;
 
     fn size(name: &str, value: f64) -> Size {
-        Size {
-            name: name.to_owned(),
-            value,
-            sigma: 0.01,
-            is_radius: name == "radius",
-        }
+        Size { name: name.to_owned(), value, sigma: 0.01, is_radius: name == "radius" }
     }
 
     #[test]

@@ -19,14 +19,16 @@ const NEXT_POINTS: usize = 5;
 const MOST_NORMALISED: f64 = 1.5;
 /// A scan whose mean residual is more than this many σ of a reading lies apart from the others.
 const MOST_APART: f64 = 0.5;
-/// A scan of which more than this share is set aside, and more than three times the share of all, does not fit.
+/// A scan of which more than this share is set aside, and more than three times the share of all, does not
+/// fit.
 const MOST_SET_ASIDE: f64 = 0.1;
 /// Fewer readings judge no scan.
 const LEAST_JUDGED: usize = 30;
 /// Readings that took no part are off by their predicted σ, within this factor, where σ is true.
 const TRUE_SIGMA: f64 = 1.25;
 
-/// The page of a fit. `named` are the files that the command names; `report` holds the warnings of the whole job.
+/// The page of a fit. `named` are the files that the command names; `report` holds the warnings of the whole
+/// job.
 pub(crate) fn fit_page(
     fit: &Fit,
     report: &FitReport,
@@ -37,7 +39,8 @@ pub(crate) fn fit_page(
     let model_unit = fit.model.unit.name();
     let unit = SmallUnit::of(model_unit, report.rms.max(report.sigma.median));
     let length = |value: f64| unit.text(value);
-    let (mut scene, tolerance) = model_scene(&fit.model, &fit.posterior(), mesh_tolerance, fit.readings.as_ref())?;
+    let (mut scene, tolerance) =
+        model_scene(&fit.model, &fit.posterior(), mesh_tolerance, fit.readings.as_ref())?;
     let next = what_next(fit)?;
     if let Some(next) = &next {
         scene.marks = next_marks(&next.points, unit);
@@ -77,11 +80,7 @@ pub(crate) fn fit_page(
                 length(report.rms),
                 format!("{} of their σ", significant(report.rms_normalised, 3)),
             ),
-            Figure::new(
-                "reduced χ²",
-                significant(report.reduced_chi_square, 3),
-                "1 where all σ are true",
-            ),
+            Figure::new("reduced χ²", significant(report.reduced_chi_square, 3), "1 where all σ are true"),
             Figure::new(
                 "held-out readings",
                 match report.held_out.n {
@@ -211,10 +210,7 @@ fn findings(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> V
         found.push(Finding::new(Level::Look, sentence(warning)));
     }
     if report.termination == FitTermination::Converged {
-        found.push(Finding::new(
-            Level::Good,
-            "The fit converged: only noise is left in the residuals.",
-        ));
+        found.push(Finding::new(Level::Good, "The fit converged: only noise is left in the residuals."));
     }
     found
 }
@@ -246,9 +242,8 @@ fn went_in(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> Se
     blocks.push(Block::Text(if total == 0 {
         "No reading was left out.".to_owned()
     } else {
-        let causes: Vec<String> = (report.rejected.iter())
-            .map(|(cause, n)| format!("{} {}", count(*n), why(cause)))
-            .collect();
+        let causes: Vec<String> =
+            (report.rejected.iter()).map(|(cause, n)| format!("{} {}", count(*n), why(cause))).collect();
         format!("{} left out: {}.", counted(total, "reading"), causes.join(", "))
     }));
     Section::new("What went in", blocks)
@@ -276,11 +271,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     if positions.iter().any(|s| s.sigma_stated.is_some()) {
         let rows: Vec<(String, Option<f64>, f64)> = (positions.iter())
             .map(|s| {
-                (
-                    s.name.clone(),
-                    s.sigma_stated.map(|s| unit.factor * s),
-                    unit.factor * s.sigma_estimated,
-                )
+                (s.name.clone(), s.sigma_stated.map(|s| unit.factor * s), unit.factor * s.sigma_estimated)
             })
             .collect();
         blocks.push(Block::Drawing {
@@ -303,12 +294,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
                 sensor.sigma_stated.map_or("–".to_owned(), cell),
                 cell(sensor.sigma_estimated),
                 cell(sensor.rms),
-                if sensor.sigma_used_is_estimated {
-                    "found"
-                } else {
-                    "stated"
-                }
-                .to_owned(),
+                if sensor.sigma_used_is_estimated { "found" } else { "stated" }.to_owned(),
             ],
             false_sigma(sensor).is_some(),
         );
@@ -326,7 +312,8 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
         let sigma = unit.head("σ");
         let mut table = Table::new(["pose", &by, "turned / °", &sigma, "σ / °"]);
         for pose in moved {
-            let cell = |v: Option<f64>, factor: f64| v.map_or("–".to_owned(), |v| significant(factor * v, 3));
+            let cell =
+                |v: Option<f64>, factor: f64| v.map_or("–".to_owned(), |v| significant(factor * v, 3));
             let [a, b, c, d] = [
                 cell(pose.moved, unit.factor),
                 cell(pose.turned_deg, 1.0),
@@ -386,10 +373,7 @@ fn concluded(report: &FitReport) -> Option<Section> {
 
 /// Where readings would help most; none where the model cannot say.
 fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
-    let options = NextOptions {
-        count: NEXT_POINTS,
-        ..NextOptions::default()
-    };
+    let options = NextOptions { count: NEXT_POINTS, ..NextOptions::default() };
     match next_points(&fit.model, &options, &Silent) {
         Ok(next) => Ok(Some(next)),
         Err(e) if matches!(e.kind(), ErrorKind::Unsupported | ErrorKind::Input) => Ok(None),
@@ -420,7 +404,8 @@ fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: 
     let mut blocks = Vec::new();
     if report.sensors.iter().any(|sensor| false_sigma(sensor).is_some()) {
         blocks.push(Block::Text(
-            "Correct the σ of the sensors that are marked, or leave it out so that it is estimated.".to_owned(),
+            "Correct the σ of the sensors that are marked, or leave it out so that it is estimated."
+                .to_owned(),
         ));
     }
     match next {
@@ -436,7 +421,8 @@ fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: 
             blocks.push(Block::Table(next_table(next, model_unit, unit)));
         }
         _ => blocks.push(Block::Text(
-            "This model does not say where to measure next: that takes one of fit --filter global.".to_owned(),
+            "This model does not say where to measure next: that takes one of fit --filter global."
+                .to_owned(),
         )),
     }
     Section::new("What to do next", blocks)

@@ -14,9 +14,8 @@ use std::path::Path;
 /// # Errors
 /// `Io` where it cannot be written or an input no longer be read.
 pub fn write_merge_report(merged: &Merged, output: &ReportOutput) -> Result<()> {
-    let inputs: Vec<_> = (merged.report.inputs.iter())
-        .map(|path| (path.clone(), "a patch".to_owned()))
-        .collect();
+    let inputs: Vec<_> =
+        (merged.report.inputs.iter()).map(|path| (path.clone(), "a patch".to_owned())).collect();
     output.write(merge_page(merged), &inputs)
 }
 
@@ -32,10 +31,7 @@ fn merge_page(merged: &Merged) -> Page {
     let mut regions = Table::new(["patches", "points", &rms]);
     for region in &report.regions {
         let [a, b] = region.patches.map(|k| short(&report.patches[k].name));
-        regions.row(
-            [format!("{a} – {b}"), count(region.points), unit.number(region.rms, 3)],
-            false,
-        );
+        regions.row([format!("{a} – {b}"), count(region.points), unit.number(region.rms, 3)], false);
     }
     let sigma = unit.head("σ");
     let mut patches = Table::new(["patch", "triangles", "vertices kept", &sigma, "turned over"]);
@@ -51,8 +47,8 @@ fn merge_page(merged: &Merged) -> Page {
             patch.turned_over,
         );
     }
-    let regular =
-        report.valence.get(6).copied().unwrap_or(0) as f64 / report.valence.iter().sum::<usize>().max(1) as f64;
+    let regular = report.valence.get(6).copied().unwrap_or(0) as f64
+        / report.valence.iter().sum::<usize>().max(1) as f64;
     let mut mesh_text = format!(
         "{}, {}; {} of the vertices have six neighbours. {} were made to sew the patches together, {} closed.",
         counted(report.triangles, "triangle"),
@@ -104,11 +100,7 @@ fn merge_page(merged: &Merged) -> Page {
                 count(report.boundary_edges),
                 if report.watertight { "watertight" } else { "" },
             ),
-            Figure::new(
-                "vertices",
-                count(report.vertices),
-                format!("{} regular", percent(regular)),
-            ),
+            Figure::new("vertices", count(report.vertices), format!("{} regular", percent(regular))),
         ],
         scene: Some(Scene {
             unit: report.unit.name().to_owned(),
@@ -188,10 +180,7 @@ fn findings(report: &MergeReport) -> Vec<Finding> {
     if report.nonmanifold_edges > 0 {
         found.push(Finding::new(
             Level::Bad,
-            format!(
-                "{} of the mesh have more than two faces.",
-                counted(report.nonmanifold_edges, "edge")
-            ),
+            format!("{} of the mesh have more than two faces.", counted(report.nonmanifold_edges, "edge")),
         ));
     }
     if report.parts > 1 {

@@ -1,4 +1,5 @@
-//! A surface model as a scene: coloured by σ, by what it is known by, by level, by curvature and by how many scans saw it.
+//! A surface model as a scene: coloured by σ, by what it is known by, by level, by curvature and by how many
+//! scans saw it.
 
 use super::words::SmallUnit;
 use crate::fit::ShownReadings;
@@ -17,10 +18,7 @@ const MOST_LINES: usize = 60_000;
 
 /// The unit in which most of some lengths read well, where it is not their own.
 fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
-    let most = lengths
-        .iter()
-        .filter(|l| l.is_finite())
-        .fold(0.0, |a: f64, b| a.max(b.abs()));
+    let most = lengths.iter().filter(|l| l.is_finite()).fold(0.0, |a: f64, b| a.max(b.abs()));
     Some(SmallUnit::of(unit, most)).filter(|small| small.factor != 1.0)
 }
 
@@ -163,9 +161,8 @@ fn surface_shown(model: &SurfaceModel, placed: PlacedMesh, readings: Option<&Sho
         }
     });
     if let Some(readings) = readings.filter(|r| r.scans.len() > 1) {
-        let number: Vec<u16> = (leaf.iter())
-            .map(|&leaf| readings.seen_by[leaf as usize].len() as u16)
-            .collect();
+        let number: Vec<u16> =
+            (leaf.iter()).map(|&leaf| readings.seen_by[leaf as usize].len() as u16).collect();
         let most = number.iter().copied().max().unwrap_or(0);
         let name = |n: u16| match n {
             1 => "1 scan".to_owned(),
@@ -208,16 +205,7 @@ fn sensor_field(leaf: &[u32], readings: &ShownReadings) -> Option<Field> {
         })
         .collect();
     let mut categories: Vec<(u16, String)> = (sets.into_iter())
-        .map(|(set, k)| {
-            (
-                k,
-                if set.is_empty() {
-                    "none".to_owned()
-                } else {
-                    set.join(" + ")
-                },
-            )
-        })
+        .map(|(set, k)| (k, if set.is_empty() { "none".to_owned() } else { set.join(" + ") }))
         .collect();
     categories.sort_unstable();
     Some(kinds(
@@ -241,13 +229,7 @@ fn reading_cloud(readings: &ShownReadings, unit: &str) -> Cloud {
                 FieldKind::Signed(Some(4.0)),
                 readings.normalised.clone(),
             ),
-            numbers(
-                "residual",
-                "residual",
-                unit,
-                FieldKind::Signed(None),
-                readings.residuals.clone(),
-            ),
+            numbers("residual", "residual", unit, FieldKind::Signed(None), readings.residuals.clone()),
             kinds(
                 "scan",
                 "scan",
@@ -281,12 +263,7 @@ fn cell_lines(surface: &Surface) -> LineSet {
             segments.extend((0..pieces).map(|k| [at(k), at(k + 1)]));
         }
     }
-    LineSet {
-        name: "cells".to_owned(),
-        segments,
-        colour: "#1b1b1f".to_owned(),
-        hidden: true,
-    }
+    LineSet { name: "cells".to_owned(), segments, colour: "#1b1b1f".to_owned(), hidden: true }
 }
 
 /// Places to measure, numbered in their order.
@@ -296,11 +273,7 @@ pub(super) fn next_marks(points: &[NextPoint], unit: SmallUnit<'_>) -> Vec<Mark>
             at: point.position,
             label: (k + 1).to_string(),
             normal: point.normal,
-            text: format!(
-                "σ here {}, then {}",
-                unit.text(point.sigma_before),
-                unit.text(point.sigma_after)
-            ),
+            text: format!("σ here {}, then {}", unit.text(point.sigma_before), unit.text(point.sigma_after)),
         })
         .collect()
 }

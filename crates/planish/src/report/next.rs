@@ -18,11 +18,7 @@ const SIGHT: f64 = 0.3;
 
 /// What a σ comes to, and from what.
 fn change(what: &str, sigma: Change, unit: SmallUnit<'_>) -> Figure {
-    Figure::new(
-        what,
-        unit.text(sigma.after),
-        format!("from {}", unit.text(sigma.before)),
-    )
+    Figure::new(what, unit.text(sigma.after), format!("from {}", unit.text(sigma.before)))
 }
 
 /// The page of points to measure.
@@ -90,7 +86,12 @@ pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) ->
 }
 
 /// The page of poses from which to measure.
-pub(crate) fn views_page(model: &SurfaceModel, next: &ViewsReport, sensor: &ViewSensor, name: &Path) -> Result<Page> {
+pub(crate) fn views_page(
+    model: &SurfaceModel,
+    next: &ViewsReport,
+    sensor: &ViewSensor,
+    name: &Path,
+) -> Result<Page> {
     let unit = SmallUnit::of(model.unit.name(), next.worst_sigma.before);
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     show_views(&mut scene, next, sensor, unit)?;
@@ -185,9 +186,7 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         let pose = Pose::from_quaternion_xyzw(view.quaternion_xyzw, view.translation).unwrap_or_default();
         let at = view.translation;
         let axis = pose.rotate([0.0, 0.0, 1.0]);
-        let met = search
-            .first_hit(at, axis)
-            .map_or_else(|| bounds.center(), |hit| hit.point);
+        let met = search.first_hit(at, axis).map_or_else(|| bounds.center(), |hit| hit.point);
         sights.push([met, add_scaled(met, -SIGHT * bounds.diagonal(), axis)]);
         let far = distance(at, met);
         let [[left, right], [top, bottom]] = sensor.borders;
@@ -201,11 +200,7 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
             at: met,
             label: (k + 1).to_string(),
             normal: scale(-1.0, axis),
-            text: format!(
-                "view {} looks here; largest σ then {}",
-                k + 1,
-                unit.text(view.worst_sigma_after)
-            ),
+            text: format!("view {} looks here; largest σ then {}", k + 1, unit.text(view.worst_sigma_after)),
         });
     }
     "where views look".clone_into(&mut scene.marks_name);

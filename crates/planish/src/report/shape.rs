@@ -23,10 +23,8 @@ pub(crate) fn shape_page(
     input: &Path,
 ) -> Result<Page> {
     let unit = report.unit.map_or("", |unit| unit.name());
-    let counting: Vec<[f64; 3]> = (points.iter().zip(&fit.used))
-        .filter(|(_, used)| **used)
-        .map(|(p, _)| *p)
-        .collect();
+    let counting: Vec<[f64; 3]> =
+        (points.iter().zip(&fit.used)).filter(|(_, used)| **used).map(|(p, _)| *p).collect();
     let mesh = mesh_of(fit.shape, &fit.parameters, &counting)?;
     let used = fit.used.iter().map(|used| u16::from(*used)).collect();
     Ok(Page {
@@ -82,10 +80,7 @@ fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<Triang
     let place = |k: usize| [number(k), number(k + 1), number(k + 2)];
     let reach = |along: [f64; 3], from: [f64; 3]| {
         let values = used.iter().map(|p| dot(sub(*p, from), along));
-        [
-            values.clone().fold(f64::INFINITY, f64::min),
-            values.fold(f64::NEG_INFINITY, f64::max),
-        ]
+        [values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max)]
     };
     match shape {
         Shape::Sphere => {
@@ -150,17 +145,10 @@ mod tests {
             sigma_range_share: 1e-4,
         };
         for shape in Shape::ALL {
-            let solid = Solid {
-                shape,
-                center: [0.4, -0.2, 0.3],
-                turn: [0.3, 0.5, -0.2],
-                size: [1.2, 0.8, 0.6],
-            };
-            let points: Vec<[f64; 3]> = rays(&solid, 300, &sensor, 1)
-                .exact
-                .iter()
-                .map(|ray| ray.point())
-                .collect();
+            let solid =
+                Solid { shape, center: [0.4, -0.2, 0.3], turn: [0.3, 0.5, -0.2], size: [1.2, 0.8, 0.6] };
+            let points: Vec<[f64; 3]> =
+                rays(&solid, 300, &sensor, 1).exact.iter().map(|ray| ray.point()).collect();
             let mesh = mesh_of(shape, &solid.parameters(), &points).unwrap();
             let search = MeshSearch::try_new(&mesh).unwrap();
             for foot in search.closest_all(&points) {

@@ -6,7 +6,9 @@ use crate::shell::fit::{ReadingsReport, ShellFitReport};
 use planish_estimate::vector3::distance;
 use planish_mesh::TriangleMesh;
 use planish_report::numbers::{count, counted, percent, significant};
-use planish_report::{Block, Cloud, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table};
+use planish_report::{
+    Block, Cloud, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table,
+};
 use std::path::PathBuf;
 
 /// Readings whose σ are so many times what was stated contradict it.
@@ -55,11 +57,7 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
             "mean of intersection over union",
         ));
     }
-    figures.push(Figure::new(
-        "measured",
-        percent(report.observed_fraction),
-        "of the vertices",
-    ));
+    figures.push(Figure::new("measured", percent(report.observed_fraction), "of the vertices"));
     let mut sections = vec![went_in(report, unit)];
     sections.extend(overlaps(report));
     sections.extend(poses(report, unit));
@@ -86,11 +84,7 @@ fn mean<'a>(values: impl ExactSizeIterator<Item = &'a f64>) -> f64 {
 }
 
 fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3] {
-    [
-        ("points", &report.points),
-        ("outlines", &report.outlines),
-        ("tracks", &report.tracks),
-    ]
+    [("points", &report.points), ("outlines", &report.outlines), ("tracks", &report.tracks)]
 }
 
 fn findings(report: &ShellFitReport) -> Vec<Finding> {
@@ -108,32 +102,20 @@ fn findings(report: &ShellFitReport) -> Vec<Finding> {
     }
     for view in &report.held_out {
         if let Some(share) = report.iou.get(view) {
-            let text = format!(
-                "View {view}, which took no part, agrees with its mask by {}.",
-                percent(*share)
-            );
-            let level = if *share < LEAST_OVERLAP {
-                Level::Look
-            } else {
-                Level::Good
-            };
+            let text =
+                format!("View {view}, which took no part, agrees with its mask by {}.", percent(*share));
+            let level = if *share < LEAST_OVERLAP { Level::Look } else { Level::Good };
             found.push(Finding::new(level, text));
         }
     }
     found.push(match report.termination {
         "limit" => Finding::new(
             Level::Look,
-            format!(
-                "The fit had not come to rest after {}.",
-                counted(report.iterations, "iteration")
-            ),
+            format!("The fit had not come to rest after {}.", counted(report.iterations, "iteration")),
         ),
         _ => Finding::new(
             Level::Good,
-            format!(
-                "The fit came to rest after {}.",
-                counted(report.iterations, "iteration")
-            ),
+            format!("The fit came to rest after {}.", counted(report.iterations, "iteration")),
         ),
     });
     found
@@ -141,9 +123,8 @@ fn findings(report: &ShellFitReport) -> Vec<Finding> {
 
 fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
     let name = report.unit.name();
-    let moved = (shown.found.positions.iter().zip(&shown.given.positions))
-        .map(|(a, b)| distance(*a, *b))
-        .collect();
+    let moved =
+        (shown.found.positions.iter().zip(&shown.given.positions)).map(|(a, b)| distance(*a, *b)).collect();
     let step = shown.points.len().div_ceil(MOST_POINTS).max(1);
     let clouds = if shown.points.is_empty() {
         Vec::new()
@@ -164,13 +145,7 @@ fn scene(report: &ShellFitReport, shown: &ShownShell<'_>) -> Scene {
                 positions: shown.found.positions.clone(),
                 triangles: shown.found.triangles.clone(),
                 fields: vec![
-                    numbers(
-                        "sigma",
-                        "σ along the normal",
-                        name,
-                        FieldKind::Sequential,
-                        shown.sigma.to_vec(),
-                    ),
+                    numbers("sigma", "σ along the normal", name, FieldKind::Sequential, shown.sigma.to_vec()),
                     observed_field(shown.observed),
                     numbers("moved", "how far it was moved", name, FieldKind::Sequential, moved),
                 ],
@@ -239,10 +214,7 @@ fn overlaps(report: &ShellFitReport) -> Option<Section> {
             *share < LEAST_OVERLAP,
         );
     }
-    Some(Section::new(
-        "How views agree with their masks",
-        vec![Block::Table(table)],
-    ))
+    Some(Section::new("How views agree with their masks", vec![Block::Table(table)]))
 }
 
 /// Poses that were uncertain.

@@ -6,7 +6,9 @@ use crate::solid::{DimensionKind, FaceCounts, SolidReport, UnexplainedLine};
 use planish_estimate::Result;
 use planish_mesh::BoundingBox;
 use planish_report::numbers::{counted, significant};
-use planish_report::{Block, Figure, Finding, Level, LineSet, Mark, Page, Scene, Section, SurfaceShown, Table, plot};
+use planish_report::{
+    Block, Figure, Finding, Level, LineSet, Mark, Page, Scene, Section, SurfaceShown, Table, plot,
+};
 use planish_solid::brep::Solid;
 use planish_solid::tessellation::tessellate;
 use planish_solid::views::{Drawing, LineStyle};
@@ -32,10 +34,7 @@ pub(crate) fn solid_page(
     views: &[PathBuf],
 ) -> Result<Page> {
     let unit = report.unit.name();
-    let mut scene = Scene {
-        unit: unit.to_owned(),
-        ..Scene::default()
-    };
+    let mut scene = Scene { unit: unit.to_owned(), ..Scene::default() };
     let mut across = 0.0;
     for (k, solid) in solids.iter().take(MOST_SOLIDS).enumerate() {
         let Ok(mut mesh) = tessellate(solid, tolerance) else {
@@ -165,11 +164,7 @@ fn findings(report: &SolidReport) -> Vec<Finding> {
         )),
     }
     if let Some(geometry) = &report.geometry {
-        let level = if geometry.p_value < 0.001 {
-            Level::Look
-        } else {
-            Level::Good
-        };
+        let level = if geometry.p_value < 0.001 { Level::Look } else { Level::Good };
         found.push(Finding::new(
             level,
             format!(

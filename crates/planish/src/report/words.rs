@@ -19,18 +19,13 @@ pub(super) struct SmallUnit<'a> {
 }
 
 impl<'a> SmallUnit<'a> {
-    /// The unit in which a length like this one reads well, of a model in this unit: millimetres for what is less than a centimetre, where the model is in metres.
+    /// The unit in which a length like this one reads well, of a model in this unit: millimetres for what is
+    /// less than a centimetre, where the model is in metres.
     pub(super) fn of(unit: &'a str, typical: f64) -> Self {
         if unit == "m" && typical.abs() < 0.01 {
-            Self {
-                name: "mm",
-                factor: 1000.0,
-            }
+            Self { name: "mm", factor: 1000.0 }
         } else {
-            Self {
-                name: unit,
-                factor: 1.0,
-            }
+            Self { name: unit, factor: 1.0 }
         }
     }
 
@@ -52,19 +47,12 @@ impl<'a> SmallUnit<'a> {
 
 /// A table's head with its unit, where there is one: `length / mm`.
 pub(crate) fn head(what: &str, unit: &str) -> String {
-    if unit.is_empty() {
-        what.to_owned()
-    } else {
-        format!("{what} / {unit}")
-    }
+    if unit.is_empty() { what.to_owned() } else { format!("{what} / {unit}") }
 }
 
 /// Warnings as findings that are worth a look.
 pub(super) fn looks(warnings: &[String]) -> Vec<Finding> {
-    warnings
-        .iter()
-        .map(|w| Finding::new(Level::Look, sentence(w)))
-        .collect()
+    warnings.iter().map(|w| Finding::new(Level::Look, sentence(w))).collect()
 }
 
 /// A warning as a sentence.
@@ -88,10 +76,7 @@ mod tests {
     #[test]
     fn lengths_and_warnings_read_well() {
         let small = SmallUnit::of("m", 0.0012);
-        assert_eq!(
-            (small.text(0.0012), small.head("rms")),
-            ("1.20 mm".to_owned(), "rms / mm".to_owned())
-        );
+        assert_eq!((small.text(0.0012), small.head("rms")), ("1.20 mm".to_owned(), "rms / mm".to_owned()));
         assert_eq!(SmallUnit::of("m", 2.0).text(2.0), "2.00 m");
         assert_eq!(head("radius", ""), "radius");
         let found = looks(&["the mesh is open".to_owned(), "a.ply: no unit.".to_owned()]);

@@ -4,8 +4,8 @@ use super::{Tensors, tensor};
 use planish_estimate::{Error, Result};
 use planish_exchange::model::{Tensor, TensorData};
 use planish_spline::{
-    InnovationSum, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState, PatchState,
-    Shape, SmoothnessPrior, StateLayout,
+    InnovationSum, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState,
+    PatchState, Shape, SmoothnessPrior, StateLayout,
 };
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -55,12 +55,11 @@ pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) 
     let state = filter.state();
     let columns = columns(state.options.layout).ok_or_else(unsaved)?;
     if state.patches.iter().any(|p| p.before.is_some()) {
-        return Err(Error::input(
-            "a patch filter is saved after its patches were reconciled",
-        ));
+        return Err(Error::input("a patch filter is saved after its patches were reconciled"));
     }
     let count = state.patches.len();
-    let numbers = |of: &dyn Fn(&PatchState) -> Vec<f64>| TensorData::F64(state.patches.iter().flat_map(of).collect());
+    let numbers =
+        |of: &dyn Fn(&PatchState) -> Vec<f64>| TensorData::F64(state.patches.iter().flat_map(of).collect());
     let cells = (state.patches.iter()).flat_map(|p| [u32::from(p.patch.depth), p.patch.i, p.patch.j]);
     let square = [count, VERTICES, VERTICES];
     let innovations = |p: &PatchState| -> Vec<f64> {
@@ -70,18 +69,9 @@ pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) 
     let points = |p: &[[f64; 3]]| tensor(&[p.len(), 3], TensorData::F64(p.as_flattened().to_vec()));
     for (name, made) in [
         ("patch_cells", tensor(&[count, 3], TensorData::U32(cells.collect()))),
-        (
-            "patch_means",
-            tensor(&[count, VERTICES, columns], numbers(&|p| p.belief.mean().to_vec())),
-        ),
-        (
-            "patch_covariances",
-            tensor(&square, numbers(&|p| p.belief.covariance().to_vec())),
-        ),
-        (
-            "patch_priors",
-            tensor(&square, numbers(&|p| p.prior_covariance.clone())),
-        ),
+        ("patch_means", tensor(&[count, VERTICES, columns], numbers(&|p| p.belief.mean().to_vec()))),
+        ("patch_covariances", tensor(&square, numbers(&|p| p.belief.covariance().to_vec()))),
+        ("patch_priors", tensor(&square, numbers(&|p| p.prior_covariance.clone()))),
         ("patch_innovations", tensor(&[count, CELLS, 3], numbers(&innovations))),
         ("patch_initial", points(&state.initial_vertices)),
         ("patch_metric", points(&state.metric_vertices)),
@@ -107,7 +97,12 @@ impl Notes {
     }
 
     /// The filter of these notes and the tensors of a file.
-    pub(super) fn filter(&self, shape: Shape, base: [usize; 2], tensors: &mut Tensors) -> Result<PatchFilter> {
+    pub(super) fn filter(
+        &self,
+        shape: Shape,
+        base: [usize; 2],
+        tensors: &mut Tensors,
+    ) -> Result<PatchFilter> {
         let layout = [StateLayout::Height, StateLayout::Isotropic, StateLayout::Normal]
             .into_iter()
             .find(|layout| name(*layout) == self.layout)
@@ -139,24 +134,22 @@ impl Notes {
         }
         let patches = (0..count)
             .map(|p| {
-                let depth = u8::try_from(cells[3 * p])
-                    .map_err(|_| Error::input(format!("tensor `patch_cells`: {} is no depth", cells[3 * p])))?;
+                let depth = u8::try_from(cells[3 * p]).map_err(|_| {
+                    Error::input(format!("tensor `patch_cells`: {} is no depth", cells[3 * p]))
+                })?;
                 let mean = means[p * VERTICES * columns..][..VERTICES * columns].to_vec();
                 let of_cell = |k: usize| {
-                    let [count, normalized_squared, far] = [0, 1, 2].map(|d| innovations[3 * (CELLS * p + k) + d]);
-                    InnovationSum {
-                        count: count as u64,
-                        normalized_squared,
-                        far: far as u64,
-                    }
+                    let [count, normalized_squared, far] =
+                        [0, 1, 2].map(|d| innovations[3 * (CELLS * p + k) + d]);
+                    InnovationSum { count: count as u64, normalized_squared, far: far as u64 }
                 };
                 Ok(PatchState {
-                    patch: Patch {
-                        depth,
-                        i: cells[3 * p + 1],
-                        j: cells[3 * p + 2],
-                    },
-                    belief: PatchBelief::from_covariance(columns, mean, covariances[p * square..][..square].to_vec())?,
+                    patch: Patch { depth, i: cells[3 * p + 1], j: cells[3 * p + 2] },
+                    belief: PatchBelief::from_covariance(
+                        columns,
+                        mean,
+                        covariances[p * square..][..square].to_vec(),
+                    )?,
                     before: None,
                     prior_covariance: priors[p * square..][..square].to_vec(),
                     innovations: std::array::from_fn(of_cell),
@@ -168,10 +161,7 @@ impl Notes {
             base,
             initial_vertices: tensors.f64("patch_initial", &[3])?.as_chunks::<3>().0.to_vec(),
             metric_vertices: tensors.f64("patch_metric", &[3])?.as_chunks::<3>().0.to_vec(),
-            prior: SmoothnessPrior {
-                weight: self.weight,
-                hold: self.hold,
-            },
+            prior: SmoothnessPrior { weight: self.weight, hold: self.hold },
             options: PatchFilterOptions {
                 layout,
                 maximum_depth: self.maximum_depth,

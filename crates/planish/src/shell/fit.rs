@@ -1,8 +1,12 @@
-//! `planish shell fit`: a mesh moved by a few controls until it goes through points and shows the outlines of views.
+//! `planish shell fit`: a mesh moved by a few controls until it goes through points and shows the outlines of
+//! views.
 //!
-//! Comes in: a mesh of any kind, point files, `views.toml` with masks. Goes out: the mesh where it was found, with σ along its normals, and with its texture; poses of cameras that were uncertain; how far the masks are covered, in views held out as well.
+//! Comes in: a mesh of any kind, point files, `views.toml` with masks. Goes out: the mesh where it was found,
+//! with σ along its normals, and with its texture; poses of cameras that were uncertain; how far the masks
+//! are covered, in views held out as well.
 //!
-//! Not guaranteed: the right place for a mesh that starts more than a tenth of its size away from points, or that does not overlap its masks.
+//! Not guaranteed: the right place for a mesh that starts more than a tenth of its size away from points, or
+//! that does not overlap its masks.
 
 pub(super) mod input;
 mod inspection;
@@ -23,7 +27,9 @@ use planish_exchange::mesh::is_mesh_file;
 use planish_exchange::textured::{TexturedMesh, read_textured};
 use planish_mesh::TriangleMesh;
 pub use planish_shell::Metaball;
-use planish_shell::{Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_watched};
+use planish_shell::{
+    Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_watched,
+};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -76,7 +82,8 @@ pub struct ShellFitJob {
     pub outline_step_px: f64,
     /// Whether σ of points and outlines are what is stated.
     pub believe_sigma: bool,
-    /// Whether the mesh is only a start: it then flows out where masks are not covered, is cut where they show nothing, and made anew before the fit.
+    /// Whether the mesh is only a start: it then flows out where masks are not covered, is cut where they
+    /// show nothing, and made anew before the fit.
     pub rough_start: bool,
     /// Meshes to write.
     pub outputs: Vec<PathBuf>,
@@ -140,7 +147,8 @@ pub struct FrameReport {
     pub rms_silhouettes_px: Option<f64>,
     /// The mean over its views of how far what they show agrees with their masks.
     pub iou: Option<f64>,
-    /// Root mean square of what parameters differ from what was predicted, over that of their σ; none of the first.
+    /// Root mean square of what parameters differ from what was predicted, over that of their σ; none of the
+    /// first.
     pub surprise: Option<f64>,
     /// The median σ of vertices along normals.
     pub sigma: f64,
@@ -225,7 +233,10 @@ const FITTING: (f64, f64) = (0.05, 0.95);
 /// Fits, and writes what was asked for.
 ///
 /// # Errors
-/// `Io` where a file cannot be read or written; `Input` for meshes without faces, views that make no sense, units that differ, and everything that [`fit_shell_watched`] refuses; `Undetermined` where the readings do not say where the mesh is; `Interrupted` when told to stop, at the next iteration: of a sequence the frames before are written then.
+/// `Io` where a file cannot be read or written; `Input` for meshes without faces, views that make no sense,
+/// units that differ, and everything that [`fit_shell_watched`] refuses; `Undetermined` where the readings do
+/// not say where the mesh is; `Interrupted` when told to stop, at the next iteration: of a sequence the
+/// frames before are written then.
 pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport> {
     let mut inputs = vec![job.mesh.clone()];
     inputs.extend(job.controls_file.iter().chain(&job.family).cloned());
@@ -247,12 +258,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
             silhouettes: job.silhouettes.clone(),
         }],
     };
-    inputs.extend(
-        frames
-            .iter()
-            .flat_map(|frame| frame.points.iter().chain(&frame.silhouettes))
-            .cloned(),
-    );
+    inputs.extend(frames.iter().flat_map(|frame| frame.points.iter().chain(&frame.silhouettes)).cloned());
     let outputs = outputs_of(job, &frames, &inputs)?;
     if let Some(page) = &job.report {
         page.check(&inputs, &outputs.concat())?;
@@ -273,12 +279,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         looks = rough_start::without_looks(looks, &made.mesh, &mut warnings);
         (mesh, start_sigma, flow) = (made.mesh, made.sigma, Some(made.report));
     }
-    let Moved {
-        deformation,
-        stiffness,
-        prior,
-        controls,
-    } = input::moved(job, &mut mesh, &looks)?;
+    let Moved { deformation, stiffness, prior, controls } = input::moved(job, &mut mesh, &looks)?;
     let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
     if size <= 0.0 {
         return Err(Error::undetermined(format!(
@@ -307,16 +308,14 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     for (k, files) in frames.iter().enumerate() {
         let tracked = tracker.is_some();
         let stage = if tracked { "following" } else { "fitting" };
-        let share = |of_frame: f64| FITTING.0 + (FITTING.1 - FITTING.0) * (k as f64 + of_frame) / frames.len() as f64;
+        let share =
+            |of_frame: f64| FITTING.0 + (FITTING.1 - FITTING.0) * (k as f64 + of_frame) / frames.len() as f64;
         progress.check(stage, share(0.0))?;
         let in_frame = |e: Error| {
             if files.name.is_empty() {
                 e
             } else if e.kind() == ErrorKind::Interrupted {
-                Error::new(
-                    e.kind(),
-                    format!("interrupted in frame {}: {k} frames are done", files.name),
-                )
+                Error::new(e.kind(), format!("interrupted in frame {}: {k} frames are done", files.name))
             } else {
                 e.in_context(format!("frame {}", files.name))
             }
@@ -340,31 +339,15 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         };
         let made = match &mut tracker {
             Some(tracker) => tracker.follow_watched(&frame.readings(), &mut watch),
-            None => {
-                fit_shell_watched(&mesh, &*deformation, &frame.readings(), &options, &mut watch).map(|fit| FrameFit {
-                    fit,
-                    predicted: None,
-                    acceleration: 0.0,
-                })
-            }
+            None => fit_shell_watched(&mesh, &*deformation, &frame.readings(), &options, &mut watch)
+                .map(|fit| FrameFit { fit, predicted: None, acceleration: 0.0 }),
         };
-        let FrameFit {
-            fit: made, predicted, ..
-        } = made.map_err(in_frame)?;
-        let found = TriangleMesh {
-            positions: made.positions.clone(),
-            triangles: mesh.triangles.clone(),
-        };
+        let FrameFit { fit: made, predicted, .. } = made.map_err(in_frame)?;
+        let found = TriangleMesh { positions: made.positions.clone(), triangles: mesh.triangles.clone() };
         let (normals, sigma, observed) = report::known(&found, &made, &*deformation, &start_sigma);
         for output in &outputs[k] {
-            let textured = TexturedMesh {
-                unit: Some(units.unit()),
-                ..looks.clone()
-            };
-            let stated = Known {
-                sigma: &sigma,
-                observed: &observed,
-            };
+            let textured = TexturedMesh { unit: Some(units.unit()), ..looks.clone() };
+            let stated = Known { sigma: &sigma, observed: &observed };
             match write_moved(output, &textured, &found.positions, stated, picture.as_deref())? {
                 Some(files) => written.extend(files),
                 None => {
@@ -387,13 +370,12 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         last = Some((frame, made, iou, sigma, observed));
     }
     progress.check(WRITING_STAGE, 0.98)?;
-    let (frame, made, iou, sigma, observed) = last.ok_or_else(|| Error::input("a sequence without frames"))?;
+    let (frame, made, iou, sigma, observed) =
+        last.ok_or_else(|| Error::input("a sequence without frames"))?;
     let given: Vec<Camera> = frame.fitted.iter().map(|view| view.camera).collect();
     let iou_before = overlap(&frame, &given_mesh, &given);
-    let measured: Vec<f64> = (sigma.iter().zip(&observed))
-        .filter(|(_, o)| **o == 1)
-        .map(|(s, _)| *s)
-        .collect();
+    let measured: Vec<f64> =
+        (sigma.iter().zip(&observed)).filter(|(_, o)| **o == 1).map(|(s, _)| *s).collect();
     let of = [&made.points, &made.outlines, &made.tracks].map(ReadingsReport::of);
     let [points, outlines, tracks] = of;
     let mut done = ShellFitReport {
@@ -401,10 +383,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         rms_silhouettes_px: outlines.map(|r| r.rms),
         iou,
         iou_before,
-        held_out: (frame.views.iter())
-            .filter(|view| view.held_out)
-            .map(|view| view.name.clone())
-            .collect(),
+        held_out: (frame.views.iter()).filter(|view| view.held_out).map(|view| view.name.clone()).collect(),
         controls,
         outliers: of.iter().flatten().map(|r| r.outliers).sum(),
         points,
@@ -437,10 +416,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     ));
     if let Some(page) = &job.report {
         let shown = ShownShell {
-            found: &TriangleMesh {
-                positions: made.positions,
-                triangles: mesh.triangles.clone(),
-            },
+            found: &TriangleMesh { positions: made.positions, triangles: mesh.triangles.clone() },
             given: &mesh,
             sigma: &sigma,
             observed: &observed,
@@ -465,12 +441,7 @@ fn outputs_of(job: &ShellFitJob, frames: &[FrameFiles], inputs: &[PathBuf]) -> R
     let planned: Vec<Vec<PathBuf>> = (frames.iter())
         .map(|frame| job.outputs.iter().map(|output| of_frame(frame, output)).collect())
         .collect();
-    check_outputs(
-        &planned.concat(),
-        inputs,
-        is_mesh_file,
-        ".ply, .obj, .stl, .off or .glb",
-    )?;
+    check_outputs(&planned.concat(), inputs, is_mesh_file, ".ply, .obj, .stl, .off or .glb")?;
     Ok(planned)
 }
 
@@ -484,10 +455,7 @@ fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<(TriangleMesh, 
             job.mesh.display()
         )));
     }
-    let mesh = TriangleMesh {
-        positions: file.points.clone(),
-        triangles: file.triangles.clone(),
-    };
+    let mesh = TriangleMesh { positions: file.points.clone(), triangles: file.triangles.clone() };
     Ok((mesh, file))
 }
 

@@ -1,6 +1,7 @@
 //! What a mesh looks like, kept while it is moved: texture coordinates and texture of an OBJ or GLB.
 //!
-//! Comes in: a mesh with its looks, and where its vertices have come to lie. Goes out: OBJ with MTL and picture, or GLB, of the mesh at those places.
+//! Comes in: a mesh with its looks, and where its vertices have come to lie. Goes out: OBJ with MTL and
+//! picture, or GLB, of the mesh at those places.
 //!
 //! Not guaranteed: more of a material than the picture of its colour.
 
@@ -37,11 +38,7 @@ pub(super) struct Known<'a> {
 }
 
 pub(super) fn normals_of(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[f64; 3]> {
-    TriangleMesh {
-        positions: points.to_vec(),
-        triangles: triangles.to_vec(),
-    }
-    .vertex_normals()
+    TriangleMesh { positions: points.to_vec(), triangles: triangles.to_vec() }.vertex_normals()
 }
 
 /// Writes GLB: the mesh at some places, a morph target for each pose, and the keyframes.
@@ -58,10 +55,10 @@ pub(super) fn write_glb(
     let each = |v: &u32| *v as usize;
     let kept = |count: usize| if count == 0 { &[][..] } else { &split.vertex_of[..] };
     let sigma: Vec<f64> = (kept(known.sigma.len()).iter()).map(|v| known.sigma[each(v)]).collect();
-    let observed: Vec<u8> = (kept(known.observed.len()).iter())
-        .map(|v| known.observed[each(v)])
-        .collect();
-    let of = |values: &[[f64; 3]]| -> Vec<[f64; 3]> { split.vertex_of.iter().map(|v| values[*v as usize]).collect() };
+    let observed: Vec<u8> = (kept(known.observed.len()).iter()).map(|v| known.observed[each(v)]).collect();
+    let of = |values: &[[f64; 3]]| -> Vec<[f64; 3]> {
+        split.vertex_of.iter().map(|v| values[*v as usize]).collect()
+    };
     let targets: Vec<MorphTarget> = (poses.iter())
         .map(|(name, places)| MorphTarget {
             name: (*name).to_owned(),
@@ -94,14 +91,12 @@ pub(super) fn write_obj(
     points: &[[f64; 3]],
     picture: Option<&[u8]>,
 ) -> Result<Vec<PathBuf>> {
-    let moved = TexturedMesh {
-        points: points.to_vec(),
-        ..file.clone()
-    };
+    let moved = TexturedMesh { points: points.to_vec(), ..file.clone() };
     write_textured_obj(path, &moved, picture.filter(can_be_kept))
 }
 
-/// Writes a mesh with its looks where it has texture coordinates and the format can hold them; `None` where that is not so.
+/// Writes a mesh with its looks where it has texture coordinates and the format can hold them; `None` where
+/// that is not so.
 pub(super) fn write_moved(
     path: &Path,
     file: &TexturedMesh,
@@ -113,7 +108,9 @@ pub(super) fn write_moved(
         return Ok(None);
     }
     match extension(path).as_str() {
-        "glb" => write_glb(path, file, points, &[], &[], known, picture).map(|()| Some(vec![path.to_owned()])),
+        "glb" => {
+            write_glb(path, file, points, &[], &[], known, picture).map(|()| Some(vec![path.to_owned()]))
+        }
         "obj" => write_obj(path, file, points, picture).map(Some),
         _ => Ok(None),
     }

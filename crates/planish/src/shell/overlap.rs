@@ -9,14 +9,8 @@ pub(super) fn projected(mesh: &TriangleMesh, camera: &Camera) -> Vec<Projected> 
     (mesh.positions.iter())
         .map(|p| match camera.project(*p) {
             // Pixel centres are at integers, the middle of the buffer's first place is at one half.
-            Some((at, depth)) => Projected {
-                at: at.map(|x| x + 0.5),
-                depth,
-            },
-            None => Projected {
-                at: [0.0; 2],
-                depth: -1.0,
-            },
+            Some((at, depth)) => Projected { at: at.map(|x| x + 0.5), depth },
+            None => Projected { at: [0.0; 2], depth: -1.0 },
         })
         .collect()
 }
@@ -24,9 +18,7 @@ pub(super) fn projected(mesh: &TriangleMesh, camera: &Camera) -> Vec<Projected> 
 /// Which pixels a mesh covers.
 pub(crate) fn covered(mesh: &TriangleMesh, camera: &Camera, columns: usize, rows: usize) -> Vec<bool> {
     let buffer = DepthBuffer::draw(columns, rows, &projected(mesh, camera), &mesh.triangles);
-    (0..columns * rows)
-        .map(|k| buffer.at(k % columns, k / columns).is_some())
-        .collect()
+    (0..columns * rows).map(|k| buffer.at(k % columns, k / columns).is_some()).collect()
 }
 
 /// The pixels that both cover, of those that either does (P. Jaccard 1901).
@@ -35,7 +27,13 @@ pub(super) fn intersection_over_union(mesh: &TriangleMesh, camera: &Camera, mask
 }
 
 /// As [`intersection_over_union`], of a mask row by row.
-pub(crate) fn agreement(mesh: &TriangleMesh, camera: &Camera, mask: &[bool], columns: usize, rows: usize) -> f64 {
+pub(crate) fn agreement(
+    mesh: &TriangleMesh,
+    camera: &Camera,
+    mask: &[bool],
+    columns: usize,
+    rows: usize,
+) -> f64 {
     let own = covered(mesh, camera, columns, rows);
     let (mut both, mut either) = (0_usize, 0_usize);
     for (a, b) in own.iter().zip(mask) {

@@ -26,7 +26,8 @@
 //! weights = { "shoulders up" = 1 }
 //! ```
 //!
-//! Goes out: GLB with a morph target for each pose, and an animation where there are keyframes; texture coordinates and the texture of an OBJ or GLB are kept. Other formats hold the mesh in the first pose.
+//! Goes out: GLB with a morph target for each pose, and an animation where there are keyframes; texture
+//! coordinates and the texture of an OBJ or GLB are kept. Other formats hold the mesh in the first pose.
 //!
 //! Not guaranteed: that a posed mesh does not cross itself.
 
@@ -60,7 +61,8 @@ pub struct ShellPoseJob {
     pub mesh: PathBuf,
     /// Poses and keyframes.
     pub poses: PathBuf,
-    /// Parts that stay rigid, beside those of the file: a group, object or material of the OBJ, or a file of vertex indices.
+    /// Parts that stay rigid, beside those of the file: a group, object or material of the OBJ, or a file of
+    /// vertex indices.
     pub rigid: Vec<String>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
@@ -146,7 +148,8 @@ pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
 /// Poses a mesh.
 ///
 /// # Errors
-/// As the readers and writers; `Input` for parts, controls and poses that are not there; outputs are checked before the work.
+/// As the readers and writers; `Input` for parts, controls and poses that are not there; outputs are checked
+/// before the work.
 pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseReport> {
     let inputs = [job.mesh.clone(), job.poses.clone()];
     check_outputs(
@@ -171,7 +174,8 @@ pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<S
     progress.check("weighing", 0.2)?;
     let inner = Box::new(Dirichlet::new(&controls, &mesh.positions)?);
     let blend = poses.blend.unwrap_or(USUAL_BLEND * size);
-    let deformation = RigidParts::new(&mesh, inner, &parts, blend).map_err(|e| e.in_context(job.mesh.display()))?;
+    let deformation =
+        RigidParts::new(&mesh, inner, &parts, blend).map_err(|e| e.in_context(job.mesh.display()))?;
     let (mut targets, mut reports) = (Vec::new(), Vec::new());
     for pose in &poses.poses {
         progress.check("posing", 0.3)?;
@@ -181,9 +185,7 @@ pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<S
         reports.push(PoseReport {
             name: pose.name.clone(),
             moved,
-            farthest: (points.iter().zip(&mesh.positions))
-                .map(|(a, b)| distance(*a, *b))
-                .fold(0.0, f64::max),
+            farthest: (points.iter().zip(&mesh.positions)).map(|(a, b)| distance(*a, *b)).fold(0.0, f64::max),
         });
         targets.push(points);
     }
@@ -224,20 +226,14 @@ fn rigid_parts(
     let (mut parts, mut reports) = (Vec::new(), Vec::new());
     for (part, held) in all {
         let vertices = part_vertices(file, &part).map_err(|e| e.in_context(job.mesh.display()))?;
-        reports.push(RigidReport {
-            part,
-            vertices: vertices.len(),
-            held,
-        });
-        parts.push(RigidPart {
-            vertices,
-            motion: if held { PartMotion::Held } else { PartMotion::Free },
-        });
+        reports.push(RigidReport { part, vertices: vertices.len(), held });
+        parts.push(RigidPart { vertices, motion: if held { PartMotion::Held } else { PartMotion::Free } });
     }
     Ok((parts, reports))
 }
 
-/// Displacements of controls, and how many are moved; those of several moves add up. Places are within the mesh's `size` of some control.
+/// Displacements of controls, and how many are moved; those of several moves add up. Places are within the
+/// mesh's `size` of some control.
 fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVector<f64>, usize)> {
     if entries.is_empty() {
         return Err(Error::input("it moves nothing: needed `move`"));
@@ -245,7 +241,8 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
     let mut by = vec![[0.0; 3]; controls.len()];
     for entry in entries {
         let near = |at: [f64; 3]| {
-            (0..controls.len()).min_by(|a, b| distance(controls[*a], at).total_cmp(&distance(controls[*b], at)))
+            (0..controls.len())
+                .min_by(|a, b| distance(controls[*a], at).total_cmp(&distance(controls[*b], at)))
         };
         let chosen: Vec<usize> = match entry.target {
             Target::Control(index) if index < controls.len() => vec![index],
@@ -256,9 +253,9 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
                 )));
             }
             Target::Nearest(at) => near(at).into_iter().collect(),
-            Target::Within(at, reach) => (0..controls.len())
-                .filter(|k| distance(controls[*k], at) <= reach)
-                .collect(),
+            Target::Within(at, reach) => {
+                (0..controls.len()).filter(|k| distance(controls[*k], at) <= reach).collect()
+            }
         };
         let (at, reach, within) = match entry.target {
             Target::Within(at, reach) => (at, reach, true),
@@ -282,10 +279,7 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
         }
     }
     let moved = by.iter().filter(|d| **d != [0.0; 3]).count();
-    Ok((
-        DVector::from_iterator(3 * controls.len(), by.into_iter().flatten()),
-        moved,
-    ))
+    Ok((DVector::from_iterator(3 * controls.len(), by.into_iter().flatten()), moved))
 }
 
 /// Writes one file, and what belongs to it.
@@ -304,20 +298,9 @@ fn write(
                 .map(|(pose, places)| (pose.name.as_str(), &places[..]))
                 .collect();
             let keyframes: Vec<Keyframe> = (poses.keyframes.iter())
-                .map(|frame| Keyframe {
-                    seconds: frame.seconds,
-                    weights: frame.weights.clone(),
-                })
+                .map(|frame| Keyframe { seconds: frame.seconds, weights: frame.weights.clone() })
                 .collect();
-            write_glb(
-                path,
-                file,
-                &mesh.positions,
-                &named,
-                &keyframes,
-                Known::default(),
-                picture,
-            )?;
+            write_glb(path, file, &mesh.positions, &named, &keyframes, Known::default(), picture)?;
             Ok(vec![path.to_owned()])
         }
         "obj" => write_obj(path, file, points, picture),

@@ -1,6 +1,7 @@
 //! `planish shell mesh`: the surface of a mesh's shell as a manifold mesh.
 //!
-//! Comes in: a mesh of any kind and the settings of its field. Goes out: a mesh, and how far from the exact surface it is.
+//! Comes in: a mesh of any kind and the settings of its field. Goes out: a mesh, and how far from the exact
+//! surface it is.
 //!
 //! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
 
@@ -118,7 +119,8 @@ pub fn shell_mesh_files(job: &ShellMeshJob, progress: &dyn Progress) -> Result<S
     progress.check("reading", 0.0)?;
     let file = read_mesh(&job.mesh)?;
     let unit = file.unit.or(job.unit);
-    let mesh = TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(job.mesh.display()))?;
+    let mesh =
+        TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(job.mesh.display()))?;
     let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
     if size <= 0.0 {
         return Err(Error::undetermined(format!(
@@ -153,15 +155,7 @@ pub fn shell_mesh_files(job: &ShellMeshJob, progress: &dyn Progress) -> Result<S
     };
     progress.check("meshing", 0.1)?;
     let made = Shell::new(&wrapped, &options)
-        .and_then(|shell| {
-            iso_surface(
-                &shell,
-                &IsoOptions {
-                    level: job.level,
-                    cell: job.cell,
-                },
-            )
-        })
+        .and_then(|shell| iso_surface(&shell, &IsoOptions { level: job.level, cell: job.cell }))
         .map_err(|e| e.in_context(job.mesh.display()))?;
     progress.check(WRITING_STAGE, 0.9)?;
     let normals = made.mesh.vertex_normals();

@@ -1,10 +1,15 @@
 //! `planish shell texture`: the colours of a mesh, from calibrated pictures of the thing.
 //!
-//! Comes in: a mesh, maybe a fitted one with σ, and `views.toml` with pictures. Goes out: colours of vertices (PLY, GLB), or a texture on the mesh's own coordinates or on an atlas of its triangles (OBJ with MTL and PNG, GLB); how many views each vertex has its colour from, and how far the colours are from the pictures, in views held out as well.
+//! Comes in: a mesh, maybe a fitted one with σ, and `views.toml` with pictures. Goes out: colours of vertices
+//! (PLY, GLB), or a texture on the mesh's own coordinates or on an atlas of its triangles (OBJ with MTL and
+//! PNG, GLB); how many views each vertex has its colour from, and how far the colours are from the pictures,
+//! in views held out as well.
 //!
-//! Each view is asked what it sees of a place (`view`), what they say becomes one colour (`blend`), and what none of them sees is filled (`fill`) and counted.
+//! Each view is asked what it sees of a place (`view`), what they say becomes one colour (`blend`), and what
+//! none of them sees is filled (`fill`) and counted.
 //!
-//! Not guaranteed: that lights do not move: colours are those of the pictures, highlights and shadows among them. A vertex has the colour of one pixel's width about it, however far the next vertex is.
+//! Not guaranteed: that lights do not move: colours are those of the pictures, highlights and shadows among
+//! them. A vertex has the colour of one pixel's width about it, however far the next vertex is.
 
 mod atlas;
 mod blend;
@@ -80,7 +85,8 @@ pub struct ColourViewReport {
     pub odd: usize,
     /// Whether it differs so often that it took no part at all.
     pub left_out: bool,
-    /// Root mean square difference of its picture from the colours that were made, from 0 to 255, over the pixels of the mesh away from its outlines.
+    /// Root mean square difference of its picture from the colours that were made, from 0 to 255, over the
+    /// pixels of the mesh away from its outlines.
     pub rms: Option<f64>,
 }
 
@@ -109,7 +115,8 @@ pub struct ShellTextureReport {
     pub seen: usize,
     /// Vertices that none sees, whose colours were filled.
     pub filled: usize,
-    /// σ of a colour as views state it, from 0 to 255: by how much they differ where three or more see a vertex.
+    /// σ of a colour as views state it, from 0 to 255: by how much they differ where three or more see a
+    /// vertex.
     pub colour_sigma: f64,
     /// The texture, where one was made.
     pub texture: Option<TextureReport>,
@@ -139,7 +146,9 @@ struct Coloured {
 /// Cost: for each vertex or pixel of the texture a look into each view's depth; a depth buffer of each view.
 ///
 /// # Errors
-/// `Io` where a file cannot be read or written; `Input` for meshes without faces, views without pictures, masks of another size than their picture, a texture too small for an atlas; `Undetermined` where no view sees any vertex. Outputs are checked before the work.
+/// `Io` where a file cannot be read or written; `Input` for meshes without faces, views without pictures,
+/// masks of another size than their picture, a texture too small for an atlas; `Undetermined` where no view
+/// sees any vertex. Outputs are checked before the work.
 pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellTextureReport> {
     let inputs = [job.mesh.clone(), job.views.clone()];
     let good = |path: &Path| match extension(path).as_str() {
@@ -156,16 +165,13 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
     let mut warnings = Vec::new();
     let (file, scene) = read(job, progress, &mut warnings)?;
     progress.check("blending", 0.5)?;
-    let Answers {
-        asked,
-        said,
-        coloured,
-        seen,
-    } = ask(job, &scene)?;
+    let Answers { asked, said, coloured, seen } = ask(job, &scene)?;
     let wanted = match job.place {
         ColourPlace::Texture => true,
         ColourPlace::Vertices => false,
-        ColourPlace::Auto => !file.uv_triangles.is_empty() || job.outputs.iter().any(|path| extension(path) == "obj"),
+        ColourPlace::Auto => {
+            !file.uv_triangles.is_empty() || job.outputs.iter().any(|path| extension(path) == "obj")
+        }
     };
     let texture = if wanted {
         progress.check("painting", 0.6)?;
@@ -236,7 +242,11 @@ impl Scene {
 }
 
 /// Reads the mesh and the views, and draws the mesh as each of them sees it.
-fn read(job: &ShellTextureJob, progress: &dyn Progress, warnings: &mut Vec<String>) -> Result<(TexturedMesh, Scene)> {
+fn read(
+    job: &ShellTextureJob,
+    progress: &dyn Progress,
+    warnings: &mut Vec<String>,
+) -> Result<(TexturedMesh, Scene)> {
     let mut file = read_textured(&job.mesh)?;
     warnings.append(&mut file.warnings);
     if file.triangles.is_empty() {
@@ -252,7 +262,8 @@ fn read(job: &ShellTextureJob, progress: &dyn Progress, warnings: &mut Vec<Strin
         _ => 1.0,
     };
     let points = file.points.iter().map(|p| p.map(|x| by * x)).collect();
-    let mesh = TriangleMesh::try_new(points, file.triangles.clone()).map_err(|e| e.in_context(job.mesh.display()))?;
+    let mesh = TriangleMesh::try_new(points, file.triangles.clone())
+        .map_err(|e| e.in_context(job.mesh.display()))?;
     let two_sided = !mesh.check().oriented;
     if two_sided {
         warnings.push(format!(
@@ -270,16 +281,10 @@ fn read(job: &ShellTextureJob, progress: &dyn Progress, warnings: &mut Vec<Strin
     }
     progress.check("looking", 0.1)?;
     let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
-    let views = (pictured.par_iter())
-        .map(|view| colour_view(view, &mesh, size))
-        .collect::<Result<_>>()?;
+    let views = (pictured.par_iter()).map(|view| colour_view(view, &mesh, size)).collect::<Result<_>>()?;
     let mut files = std::mem::take(&mut file.files);
     files.extend(read.files);
-    files.extend(
-        pictured
-            .iter()
-            .flat_map(|view| view.image.iter().chain(&view.mask).cloned()),
-    );
+    files.extend(pictured.iter().flat_map(|view| view.image.iter().chain(&view.mask).cloned()));
     let scene = Scene {
         normals: mesh.vertex_normals(),
         mesh,
@@ -312,7 +317,8 @@ struct Answers {
     seen: usize,
 }
 
-/// Asks the views that are not held out for the colours of the vertices, and again without those that are odd too often.
+/// Asks the views that are not held out for the colours of the vertices, and again without those that are odd
+/// too often.
 fn ask(job: &ShellTextureJob, scene: &Scene) -> Result<Answers> {
     let (mesh, count) = (&scene.mesh, scene.views.len());
     let ask = |asked: &[usize]| {
@@ -349,20 +355,18 @@ fn ask(job: &ShellTextureJob, scene: &Scene) -> Result<Answers> {
     let known: Vec<Option<[f64; 3]>> = blended.iter().map(|b| b.as_ref().map(|b| b.colour)).collect();
     let coloured = Coloured {
         colours: fill::on_mesh(mesh, &known),
-        views: (blended.iter())
-            .map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8))
-            .collect(),
+        views: (blended.iter()).map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8)).collect(),
     };
-    Ok(Answers {
-        asked,
-        said: Said { sigma, counted, odd },
-        coloured,
-        seen,
-    })
+    Ok(Answers { asked, said: Said { sigma, counted, odd }, coloured, seen })
 }
 
 /// How far the pictures of all views are from the colours that were made.
-fn judge(scene: &Scene, said: &Said, coloured: &Coloured, texture: Option<&Texture>) -> Vec<ColourViewReport> {
+fn judge(
+    scene: &Scene,
+    said: &Said,
+    coloured: &Coloured,
+    texture: Option<&Texture>,
+) -> Vec<ColourViewReport> {
     let mesh = &scene.mesh;
     (scene.views.iter().zip(&scene.pictured).enumerate())
         .map(|(k, (view, file))| ColourViewReport {

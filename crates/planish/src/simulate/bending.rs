@@ -1,12 +1,15 @@
-//! The scene `bending`: a flat sheet that is bent further and further, without stretch, and scanned in every state.
+//! The scene `bending`: a flat sheet that is bent further and further, without stretch, and scanned in every
+//! state.
 //!
-//! Comes in: [`BendingOptions`]. Goes out: a [`ScanScene`] with one scan a second, and the truth behind each in `states`; `truth` is the sheet at the last. The
-//! last scan has a hole, whose material the others saw. The truth keeps `E, F, G` exactly, unless a stretch is asked for: then a bulge grows with the
-//! bend, and no isometry leads from one state to the next.
+//! Comes in: [`BendingOptions`]. Goes out: a [`ScanScene`] with one scan a second, and the truth behind each
+//! in `states`; `truth` is the sheet at the last. The last scan has a hole, whose material the others saw.
+//! The truth keeps `E, F, G` exactly, unless a stretch is asked for: then a bulge grows with the bend, and no
+//! isometry leads from one state to the next.
 
 use super::form::{BentForm, ClosedForm, SheetBump};
 use super::scans::{
-    ScanScene, ScanSceneOptions, ScanSceneSummary, field_of_view, grid_for, looking_from, seed_of, write_simulated,
+    ScanScene, ScanSceneOptions, ScanSceneSummary, field_of_view, grid_for, looking_from, seed_of,
+    write_simulated,
 };
 use super::truth::Truth;
 use super::virtual_sensor::{VirtualScan, VirtualScanner};
@@ -22,7 +25,8 @@ use std::path::Path;
 const SIDES: [f64; 2] = [1.0, 0.7];
 /// Curvature at the last time, times the length: the ends then stand at about 50°.
 const CURVATURE: f64 = 2.4;
-/// Where the bend lies: across the sheet at this angle, which turns a little from state to state, and beside its middle.
+/// Where the bend lies: across the sheet at this angle, which turns a little from state to state, and beside
+/// its middle.
 const ANGLE_DEG: [f64; 2] = [25.0, 5.0];
 const OFFSET: f64 = 0.06;
 /// The hole of the last scan, a disc of the material: its middle and radius, over the length.
@@ -43,9 +47,11 @@ pub struct BendingOptions {
     pub readings: usize,
     /// States, one a second; the first is flat.
     pub states: usize,
-    /// The largest share by which a length along the sheet grows, at the last time; 0 for a sheet that bends only.
+    /// The largest share by which a length along the sheet grows, at the last time; 0 for a sheet that bends
+    /// only.
     pub stretch: f64,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the sheet's length if none is given.
+    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the sheet's
+    /// length if none is given.
     pub sigma: Option<f64>,
     /// Unit of every length.
     pub unit: Unit,
@@ -53,14 +59,7 @@ pub struct BendingOptions {
 
 impl Default for BendingOptions {
     fn default() -> Self {
-        Self {
-            seed: 0,
-            readings: 40_000,
-            states: 4,
-            stretch: 0.0,
-            sigma: None,
-            unit: Unit::Millimetre,
-        }
+        Self { seed: 0, readings: 40_000, states: 4, stretch: 0.0, sigma: None, unit: Unit::Millimetre }
     }
 }
 
@@ -128,14 +127,9 @@ fn simulate(bending: &BendingOptions, progress: &dyn Progress) -> Result<ScanSce
     let noise = options.laser();
     let from = unit(FROM).ok_or_else(|| Error::input("a view without a direction"))?;
     let last = bending.states - 1;
-    let states: Vec<Truth> = (0..=last)
-        .map(|k| bending.state(size, k as f64 / last as f64))
-        .collect();
+    let states: Vec<Truth> = (0..=last).map(|k| bending.state(size, k as f64 / last as f64)).collect();
     let mut scene = ScanScene {
-        set: ScanSet {
-            unit: Some(options.unit),
-            ..ScanSet::default()
-        },
+        set: ScanSet { unit: Some(options.unit), ..ScanSet::default() },
         options,
         truth: states[last].clone(),
         sensors: Vec::new(),
@@ -166,7 +160,8 @@ fn simulate(bending: &BendingOptions, progress: &dyn Progress) -> Result<ScanSce
     Ok(scene)
 }
 
-/// Whether parameters of the sheet lie in the hole of the last scan, made wider by a share of the sheet's length.
+/// Whether parameters of the sheet lie in the hole of the last scan, made wider by a share of the sheet's
+/// length.
 #[must_use]
 pub fn in_bending_hole([u, v]: [f64; 2], wider: f64) -> bool {
     let off = [(u - 0.5) * SIDES[0] - HOLE[0], (v - 0.5) * SIDES[1] - HOLE[1]];
@@ -176,9 +171,8 @@ pub fn in_bending_hole([u, v]: [f64; 2], wider: f64) -> bool {
 /// The scan without what it saw of the hole. It keeps no grid.
 fn with_hole(scan: VirtualScan) -> VirtualScan {
     let VirtualScan { mut scan, truth } = scan;
-    let seen: Vec<bool> = (truth.iter())
-        .map(|reading| !in_bending_hole(reading.point.parameters, 0.0))
-        .collect();
+    let seen: Vec<bool> =
+        (truth.iter()).map(|reading| !in_bending_hole(reading.point.parameters, 0.0)).collect();
     let mut kept = seen.iter();
     scan.points.retain(|_| kept.next().is_some_and(|&kept| kept));
     let mut kept = seen.iter();

@@ -1,8 +1,13 @@
-//! The scene `contours`: a surface of revolution, seen as occluding contours from a camera that moves around it twice.
+//! The scene `contours`: a surface of revolution, seen as occluding contours from a camera that moves around
+//! it twice.
 //!
-//! Comes in: [`ContoursOptions`]. Goes out: for each motion a file of views with a mask and measured contours for each view, and beside them the truth as a mesh and as JSON.
+//! Comes in: [`ContoursOptions`]. Goes out: for each motion a file of views with a mask and measured contours
+//! for each view, and beside them the truth as a mesh and as JSON.
 //!
-//! The contour generator of `x² + y² = r(z)²` from a camera at `C` is known in closed form: at height `z`, `cos(θ − θ_C) = (r − r' (z − C_z)) / |C_xy|` (R. Mohr, C. Zhao, G. Koscielny 1994 show a hyperboloid and a carafe). Contours hold what of it no part of the thing hides; each place errs by itself, along both axes of the picture. The rims above and below are in the masks only: there the thing has edges.
+//! The contour generator of `x² + y² = r(z)²` from a camera at `C` is known in closed form: at height `z`,
+//! `cos(θ − θ_C) = (r − r' (z − C_z)) / |C_xy|` (R. Mohr, C. Zhao, G. Koscielny 1994 show a hyperboloid and a
+//! carafe). Contours hold what of it no part of the thing hides; each place errs by itself, along both axes
+//! of the picture. The rims above and below are in the masks only: there the thing has edges.
 //!
 //! Not guaranteed: places some hundredths of a millimetre beside one another where one part hides another.
 
@@ -125,11 +130,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
     let shape = options.shape;
     let size = 1.0 / options.unit.millimetres();
     make_folder(folder)?;
-    let mut made = ContoursSummary {
-        places: 0,
-        views: Vec::new(),
-        files: Vec::new(),
-    };
+    let mut made = ContoursSummary { places: 0, views: Vec::new(), files: Vec::new() };
     let path = folder.join("truth.ply");
     let truth = turned(shape, 200, 360);
     let positions: Vec<[f64; 3]> = truth.positions.iter().map(|p| scale(size, *p)).collect();
@@ -146,11 +147,7 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
     let solid = closed(shape);
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     for (m, [first, along, height]) in MOTIONS.into_iter().enumerate() {
-        let mut views = format!(
-            "unit = \"{}\"\nsigma_px = {:?}\n",
-            options.unit.name(),
-            options.sigma_px
-        );
+        let mut views = format!("unit = \"{}\"\nsigma_px = {:?}\n", options.unit.name(), options.sigma_px);
         for k in 0..options.views {
             let angle = first + along * k as f64 / (options.views - 1) as f64;
             let camera = camera(angle.to_radians(), f64::to_radians(height))?;
@@ -206,18 +203,11 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
 
 /// A camera around the thing's middle, at an angle and a height above its plane.
 fn camera(angle: f64, height: f64) -> Result<Camera> {
-    let from = [
-        FAR_MM * height.cos() * angle.cos(),
-        FAR_MM * height.cos() * angle.sin(),
-        FAR_MM * height.sin(),
-    ];
+    let from =
+        [FAR_MM * height.cos() * angle.cos(), FAR_MM * height.cos() * angle.sin(), FAR_MM * height.sin()];
     let forward = Vector3::from(unit(scale(-1.0, from)).unwrap_or([1.0, 0.0, 0.0]));
     let right = forward.cross(&Vector3::z()).normalize();
-    let r = Matrix3::from_rows(&[
-        right.transpose(),
-        forward.cross(&right).transpose(),
-        forward.transpose(),
-    ]);
+    let r = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
     // The thing fills four fifths of the picture's height.
     let focal = 0.75 * SIZE[1] as f64 * FAR_MM / (2.0 * HALF);
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
@@ -269,7 +259,8 @@ fn visible(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>> {
     found
 }
 
-/// Whether a line of sight that touches the thing passes through it elsewhere; the thing is closed above and below.
+/// Whether a line of sight that touches the thing passes through it elsewhere; the thing is closed above and
+/// below.
 fn hidden(shape: ContoursShape, from: [f64; 3], at: [f64; 3]) -> bool {
     let way = sub(at, from);
     let far = distance(at, from);
@@ -315,8 +306,7 @@ fn closed(shape: ContoursShape) -> TriangleMesh {
         mesh.positions.push([0.0, 0.0, z]);
         for j in 0..around {
             let [a, b] = [j, (j + 1) % around].map(|j| (ring * around + j) as u32);
-            mesh.triangles
-                .push(if z < 0.0 { [middle, b, a] } else { [middle, a, b] });
+            mesh.triangles.push(if z < 0.0 { [middle, b, a] } else { [middle, a, b] });
         }
     }
     mesh
@@ -337,9 +327,8 @@ fn mask_of(mesh: &TriangleMesh, camera: &Camera) -> Result<Vec<u8>> {
     Ok((0..SIZE[0] * SIZE[1])
         .map(|p| {
             let (x, y) = (p % SIZE[0] * FINER, p / SIZE[0] * FINER);
-            let count = (0..FINER * FINER)
-                .filter(|s| seen[(y + s / FINER) * columns + x + s % FINER])
-                .count();
+            let count =
+                (0..FINER * FINER).filter(|s| seen[(y + s / FINER) * columns + x + s % FINER]).count();
             (255 * count / (FINER * FINER)) as u8
         })
         .collect())
@@ -353,18 +342,14 @@ mod tests {
     use planish_exchange::ply::read_scan;
     use planish_sense::variance_along;
 
-    /// Points of the scene's contours lie on the thing to within their σ, for both shapes, and follow from the masks alone, too.
+    /// Points of the scene's contours lie on the thing to within their σ, for both shapes, and follow from
+    /// the masks alone, too.
     #[test]
     fn points_of_the_scene_lie_on_the_thing() {
         for shape in [ContoursShape::Hyperboloid, ContoursShape::Carafe] {
             let folder = tempfile::tempdir().unwrap();
-            let options = ContoursOptions {
-                shape,
-                views: 11,
-                sigma_px: 0.2,
-                seed: 4,
-                unit: Unit::Millimetre,
-            };
+            let options =
+                ContoursOptions { shape, views: 11, sigma_px: 0.2, seed: 4, unit: Unit::Millimetre };
             let made = write_contours_scene(&options, folder.path()).unwrap();
             assert!(made.files.iter().all(|path| path.is_file()) && made.views.len() == 2);
             let output = folder.path().join("points.ply");

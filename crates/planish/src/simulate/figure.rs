@@ -1,7 +1,8 @@
 //! Line charts as SVG: panels of curves with axes, units and legends.
 //!
-//! Comes in: rows of [`Panel`]s. Goes out: one SVG document. Axes start at zero; all panels of a row have one scale, so that they compare.
-//! The same curves give the same bytes. Not guaranteed: legends that never lie over a curve; they stand where the panel is emptiest of its corners.
+//! Comes in: rows of [`Panel`]s. Goes out: one SVG document. Axes start at zero; all panels of a row have one
+//! scale, so that they compare. The same curves give the same bytes. Not guaranteed: legends that never lie
+//! over a curve; they stand where the panel is emptiest of its corners.
 
 use std::fmt::Write as _;
 
@@ -28,7 +29,8 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    /// A solid line with markers, coloured by a number; the wider the more lines come after it, so that lines at one place show as bands.
+    /// A solid line with markers, coloured by a number; the wider the more lines come after it, so that lines
+    /// at one place show as bands.
     pub fn patch(number: usize, after: usize, name: String, points: Vec<[f64; 2]>) -> Self {
         Self {
             width: 1.8 + 2.4 * after as f64,
@@ -42,26 +44,12 @@ impl Curve {
 
     /// A dashed black line.
     pub fn global(name: String, points: Vec<[f64; 2]>) -> Self {
-        Self {
-            width: 1.3,
-            name,
-            colour: "#000000",
-            dash: "7 4",
-            marked: false,
-            points,
-        }
+        Self { width: 1.3, name, colour: "#000000", dash: "7 4", marked: false, points }
     }
 
     /// A dotted grey line.
     pub fn bound(name: String, points: Vec<[f64; 2]>) -> Self {
-        Self {
-            width: 1.8,
-            name,
-            colour: "#707070",
-            dash: "1.5 4",
-            marked: false,
-            points,
-        }
+        Self { width: 1.8, name, colour: "#707070", dash: "1.5 4", marked: false, points }
     }
 }
 
@@ -123,10 +111,7 @@ impl Axis {
             .into_iter()
             .find(|step| *step >= rough * (1.0 - 1e-9))
             .unwrap_or(10.0 * decade);
-        Self {
-            end: step * (largest / step - 1e-9).ceil(),
-            step,
-        }
+        Self { end: step * (largest / step - 1e-9).ceil(), step }
     }
 
     fn ticks(&self) -> impl Iterator<Item = f64> + '_ {
@@ -138,18 +123,9 @@ fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis
     let (left, right) = (x0 + LEFT, x0 + WIDTH - RIGHT);
     let (top, bottom) = (y0 + TOP, y0 + HEIGHT - BOTTOM);
     let place = |p: [f64; 2]| {
-        [
-            left + (right - left) * p[0] / scale[0].end,
-            bottom - (bottom - top) * p[1] / scale[1].end,
-        ]
+        [left + (right - left) * p[0] / scale[0].end, bottom - (bottom - top) * p[1] / scale[1].end]
     };
-    text(
-        out,
-        [(left + right) / 2.0, y0 + 22.0],
-        "middle",
-        "font-weight=\"bold\"",
-        &panel.title,
-    );
+    text(out, [(left + right) / 2.0, y0 + 22.0], "middle", "font-weight=\"bold\"", &panel.title);
     for y in scale[1].ticks() {
         let [_, at] = place([0.0, y]);
         line(out, [left, at], [right, at], "#e2e2e2");
@@ -164,13 +140,7 @@ fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis
     line(out, [left, top], [left, bottom], "#404040");
     text(out, [(left + right) / 2.0, bottom + 36.0], "middle", "", &panel.x_label);
     let turned = format!("transform=\"rotate(-90 {:.1} {:.1})\"", x0 + 16.0, (top + bottom) / 2.0);
-    text(
-        out,
-        [x0 + 16.0, (top + bottom) / 2.0],
-        "middle",
-        &turned,
-        &panel.y_label,
-    );
+    text(out, [x0 + 16.0, (top + bottom) / 2.0], "middle", &turned, &panel.y_label);
     for curve in &panel.curves {
         let points: Vec<[f64; 2]> = curve.points.iter().map(|&p| place(p)).collect();
         let joined: Vec<String> = points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
@@ -252,10 +222,8 @@ fn line(out: &mut String, a: [f64; 2], b: [f64; 2], colour: &str) {
 
 fn text(out: &mut String, [x, y]: [f64; 2], anchor: &str, attributes: &str, content: &str) {
     let safe = content.replace('&', "&amp;").replace('<', "&lt;");
-    let _ = writeln!(
-        out,
-        "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" {attributes}>{safe}</text>"
-    );
+    let _ =
+        writeln!(out, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" {attributes}>{safe}</text>");
 }
 
 /// A tick's number, without trailing zeros.

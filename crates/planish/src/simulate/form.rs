@@ -1,9 +1,11 @@
 //! Smooth freeform surfaces in closed form.
 //!
-//! Comes in: a shape, a size and a seed. Goes out: a [`ClosedForm`]: points and exact derivatives at any `(u, v)`. None of
-//! them is a spline, so that no fit can hit one by luck. Sizes are in the model's unit; `size` is about the longest side.
+//! Comes in: a shape, a size and a seed. Goes out: a [`ClosedForm`]: points and exact derivatives at any
+//! `(u, v)`. None of them is a spline, so that no fit can hit one by luck. Sizes are in the model's unit;
+//! `size` is about the longest side.
 //!
-//! Not guaranteed: that two seeds look alike; the amplitudes are bounded so that no surface folds or meets itself.
+//! Not guaranteed: that two seeds look alike; the amplitudes are bounded so that no surface folds or meets
+//! itself.
 
 use super::second_order::SecondOrder;
 use planish_estimate::vector3::{add_scaled, scale, tangents};
@@ -14,7 +16,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
-/// A smooth surface given by formulas, over `(u, v)` in `[0, 1]²`; `S_u × S_v` points outwards (a sheet: to +z).
+/// A smooth surface given by formulas, over `(u, v)` in `[0, 1]²`; `S_u × S_v` points outwards (a sheet: to
+/// +z).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum ClosedForm {
@@ -50,14 +53,15 @@ pub struct SheetBump {
     pub height: f64,
 }
 
-/// A rectangle bent along a catenary: with `s` along the bend and `t` across it, by the angle of the bend from the material's `x` and `y`,
+/// A rectangle bent along a catenary: with `s` along the bend and `t` across it, by the angle of the bend
+/// from the material's `x` and `y`,
 ///
 /// ```text
 /// P = x(s) e + t f + z(s) k,    x = asinh(κs)/κ,    z = (√(1 + κ²s²) − 1)/κ,    s, t measured from the middle of the rectangle
 /// ```
 ///
-/// `s` is the length of the catenary, whose curvature is `κ/(1 + κ²s²)`: `E, F, G` are those of the flat rectangle, whatever κ and the angle. A bulge along
-/// the normal breaks that.
+/// `s` is the length of the catenary, whose curvature is `κ/(1 + κ²s²)`: `E, F, G` are those of the flat
+/// rectangle, whatever κ and the angle. A bulge along the normal breaks that.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BentForm {
     /// Sides of the rectangle along x and y.
@@ -73,8 +77,8 @@ pub struct BentForm {
     pub bulge: Option<SheetBump>,
 }
 
-/// Sections around an arc of a circle: `P = (R + r cos θ) e(φ) − R e(0) + (r sin θ + s sin(πw)) y`, with `θ = 2πu`,
-/// `φ = turn (v − ½)`, `w = 2v − 1` and `r = r0 (1 + Σ a cos(mθ + p) cos(kπv + q))`.
+/// Sections around an arc of a circle: `P = (R + r cos θ) e(φ) − R e(0) + (r sin θ + s sin(πw)) y`, with
+/// `θ = 2πu`, `φ = turn (v − ½)`, `w = 2v − 1` and `r = r0 (1 + Σ a cos(mθ + p) cos(kπv + q))`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TubeForm {
     /// Radius `R` of the bend.
@@ -136,7 +140,8 @@ impl ClosedForm {
         Ok(match shape {
             Shape::Sheet => {
                 let sides = [size, 0.8 * size];
-                // Curvature radii of about one to three lengths; then bumps from a quarter of the sheet down to a twelfth.
+                // Curvature radii of about one to three lengths; then bumps from a quarter of the sheet down
+                // to a twelfth.
                 let mut quadratic = [0.0; 3].map(|_| between(-0.35, 0.35) / size);
                 quadratic[0] += 0.25f64.copysign(quadratic[0]) / size;
                 let bumps = (0..9)
@@ -150,11 +155,7 @@ impl ClosedForm {
                         }
                     })
                     .collect();
-                Self::Sheet(SheetForm {
-                    sides,
-                    quadratic,
-                    bumps,
-                })
+                Self::Sheet(SheetForm { sides, quadratic, bumps })
             }
             Shape::Tube => {
                 let turn_rad = between(0.5, 0.7);
@@ -232,7 +233,8 @@ impl ClosedForm {
         }
     }
 
-    /// The same point with derivatives in a chart that is regular there: on a ball, along two tangents of the unit sphere.
+    /// The same point with derivatives in a chart that is regular there: on a ball, along two tangents of the
+    /// unit sphere.
     #[must_use]
     pub(super) fn regular_jet(&self, u: f64, v: f64) -> Jet {
         match self {
@@ -281,10 +283,7 @@ fn direction(u: f64, v: f64) -> [f64; 3] {
 
 /// A ball's `(u, v)` of a direction of any length.
 pub(super) fn parameters(d: [f64; 3]) -> [f64; 2] {
-    [
-        d[1].atan2(d[0]).rem_euclid(TAU) / TAU,
-        d[0].hypot(d[1]).atan2(-d[2]) / PI,
-    ]
+    [d[1].atan2(d[0]).rem_euclid(TAU) / TAU, d[0].hypot(d[1]).atan2(-d[2]) / PI]
 }
 
 impl SheetForm {

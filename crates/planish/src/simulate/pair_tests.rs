@@ -5,7 +5,8 @@ use planish_estimate::vector3::{cross, norm, sub, unit};
 use planish_mesh::{MeshSearch, icosphere};
 use planish_sense::stripes::Pinhole;
 use planish_sense::{
-    Image, LensCamera, Pose, Rectification, Scan, StereoCamera, StereoOptions, StereoPoints, StereoRig, match_stereo,
+    Image, LensCamera, Pose, Rectification, Scan, StereoCamera, StereoOptions, StereoPoints, StereoRig,
+    match_stereo,
 };
 
 const SIZE: [usize; 2] = [240, 180];
@@ -17,10 +18,7 @@ fn camera(at: [f64; 3], along: [f64; 3]) -> Pinhole {
     let z = unit(along).unwrap();
     let x = unit(cross([0.0, 1.0, 0.0], z)).unwrap();
     let y = cross(z, x);
-    let world_from_camera = Pose {
-        rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]),
-        translation: at,
-    };
+    let world_from_camera = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: at };
     let inverse = world_from_camera.inverse();
     Pinhole {
         k: [[FOCAL, 0.0, 119.5], [0.0, FOCAL, 89.5], [0.0, 0.0, 1.0]],
@@ -34,11 +32,7 @@ fn picture(ball: &MeshSearch, camera: &Pinhole, seed: u64) -> Image {
         camera,
         size: SIZE,
         light: &Light::Lamp([0.0, -15.0, -50.0]),
-        texture: &Texture {
-            contrast: 0.7,
-            grain: 0.3,
-            seed: 5,
-        },
+        texture: &Texture { contrast: 0.7, grain: 0.3, seed: 5 },
         sigma_brightness: 1.0,
         seed,
     };
@@ -58,26 +52,15 @@ fn judged(scan: &Scan) -> (usize, f64) {
 fn cameras_that_converge_find_the_thing_as_a_rectified_pair_does() {
     let ball = MeshSearch::try_new(&icosphere(RADIUS, 5)).unwrap();
     let places = [[-3.0, 0.0, -50.0], [3.0, 0.0, -50.0]];
-    let options = StereoOptions {
-        least_disparity: -40,
-        disparities: 120,
-        ..StereoOptions::default()
-    };
-    let choice = StereoPoints {
-        max_sigma_px: 0.3,
-        ..StereoPoints::default()
-    };
-    let matched = |images: &[Image; 2]| match_stereo(&images[0], &images[1], &options, &mut |_| Ok(())).unwrap();
+    let options = StereoOptions { least_disparity: -40, disparities: 120, ..StereoOptions::default() };
+    let choice = StereoPoints { max_sigma_px: 0.3, ..StereoPoints::default() };
+    let matched =
+        |images: &[Image; 2]| match_stereo(&images[0], &images[1], &options, &mut |_| Ok(())).unwrap();
 
     let level = places.map(|at| camera(at, [0.0, 0.0, 1.0]));
     let images = [picture(&ball, &level[0], 1), picture(&ball, &level[1], 2)];
-    let rectified = StereoCamera {
-        focal: FOCAL,
-        center: [119.5, 89.5],
-        baseline: 6.0,
-        doffs: 0.0,
-        sigma_disparity: 0.0,
-    };
+    let rectified =
+        StereoCamera { focal: FOCAL, center: [119.5, 89.5], baseline: 6.0, doffs: 0.0, sigma_disparity: 0.0 };
     let mut scan = rectified.scan(&matched(&images), &choice, "level").unwrap();
     for p in &mut scan.points {
         *p = std::array::from_fn(|k| p[k] + places[0][k]);
@@ -89,10 +72,7 @@ fn cameras_that_converge_find_the_thing_as_a_rectified_pair_does() {
     let cameras = places.map(|at| camera(at, sub([0.0; 3], at)));
     let images = [picture(&ball, &cameras[0], 1), picture(&ball, &cameras[1], 2)];
     let rig = StereoRig {
-        cameras: cameras.map(|pinhole| LensCamera {
-            pinhole,
-            distortion: [0.0; 5],
-        }),
+        cameras: cameras.map(|pinhole| LensCamera { pinhole, distortion: [0.0; 5] }),
         sigma_disparity: 0.0,
     };
     let made = Rectification::new(&rig, [SIZE; 2]).unwrap();

@@ -1,9 +1,11 @@
 //! The scenes `stereo` and `grid`: pictures of a textured thing from several views, and the truth.
 //!
-//! Comes in: [`PictureSceneOptions`]: a mesh, or a built-in freeform. Goes out: a folder with pictures of every view, the calibration that `planish sense` reads, `job.toml` with the poses for what
-//! `sense` will write, the same for each view alone (`view-1.toml`), `truth.ply` and `truth.json`.
+//! Comes in: [`PictureSceneOptions`]: a mesh, or a built-in freeform. Goes out: a folder with pictures of
+//! every view, the calibration that `planish sense` reads, `job.toml` with the poses for what `sense` will
+//! write, the same for each view alone (`view-1.toml`), `truth.ply` and `truth.json`.
 //!
-//! Views stand around the thing on a ring, 20° above its equator. Both scenes have the same cameras, so that their results belong together: the camera of the stripes is the left one of the pair.
+//! Views stand around the thing on a ring, 20° above its equator. Both scenes have the same cameras, so that
+//! their results belong together: the camera of the stripes is the left one of the pair.
 //!
 //! Not guaranteed: that all of a surface is seen.
 
@@ -38,7 +40,8 @@ const BASELINE: f64 = 0.12;
 const LEAST_DISPARITY: f64 = 8.0;
 /// The angle between camera and projector, seen from the thing.
 const PROJECTOR_DEG: f64 = 25.0;
-/// Directions of the stripes. Neither whole shifts of the pattern nor quarter turns of it put crossings on the lines of others, as 45° would.
+/// Directions of the stripes. Neither whole shifts of the pattern nor quarter turns of it put crossings on
+/// the lines of others, as 45° would.
 const STRIPES_DEG: [f64; 2] = [35.0, 125.0];
 /// σ of a stripe's profile, in pixels of the projector.
 const STRIPE_SIGMA_PX: f64 = 1.8;
@@ -196,7 +199,8 @@ struct Stage {
 /// Takes the pictures of a scene and writes them: what `planish simulate scene stereo` and `grid` do.
 ///
 /// # Errors
-/// `Input` for options that make no sense; what reading the mesh and writing report; `Interrupted` on request, before `job.toml` is written.
+/// `Input` for options that make no sense; what reading the mesh and writing report; `Interrupted` on
+/// request, before `job.toml` is written.
 pub fn write_picture_scene(
     scene: PictureScene,
     options: &PictureSceneOptions,
@@ -290,27 +294,25 @@ impl Stage {
             }
             Some(path) => {
                 let read = read_mesh(path)?;
-                let mut mesh =
-                    TriangleMesh::try_new(read.points, read.triangles).map_err(|e| e.in_context(path.display()))?;
+                let mut mesh = TriangleMesh::try_new(read.points, read.triangles)
+                    .map_err(|e| e.in_context(path.display()))?;
                 for _ in 0..options.subdivide {
                     mesh = mesh.subdivided().map_err(|e| e.in_context(path.display()))?;
                 }
-                let name = path
-                    .file_name()
-                    .map(|n| n.to_string_lossy().into_owned())
-                    .unwrap_or_default();
+                let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
                 (mesh, name, read.unit.unwrap_or(options.unit))
             }
         };
-        let bounds = mesh
-            .bounding_box()
-            .ok_or_else(|| Error::undetermined("a mesh without points cannot be seen"))?;
+        let bounds =
+            mesh.bounding_box().ok_or_else(|| Error::undetermined("a mesh without points cannot be seen"))?;
         let (diagonal, middle) = (positive("diagonal of the mesh", bounds.diagonal())?, bounds.center());
         let far = DISTANCE * diagonal;
         let mut up = [0.0; 3];
         up[options.up] = 1.0;
         let poses = (0..options.views)
-            .map(|view| pose_on_ring(middle, far, up, TAU * view as f64 / options.views as f64, ELEVATION_DEG))
+            .map(|view| {
+                pose_on_ring(middle, far, up, TAU * view as f64 / options.views as f64, ELEVATION_DEG)
+            })
             .collect::<Result<Vec<_>>>()?;
         // One focal length for all views.
         let mut half = [0.0_f64; 2];
@@ -321,9 +323,8 @@ impl Stage {
                 half = [half[0].max(x.abs() / z), half[1].max(y.abs() / z)];
             }
         }
-        let focal = (0..2)
-            .map(|k| FILLED * 0.5 * options.size[k] as f64 / half[k])
-            .fold(f64::INFINITY, f64::min);
+        let focal =
+            (0..2).map(|k| FILLED * 0.5 * options.size[k] as f64 / half[k]).fold(f64::INFINITY, f64::min);
         Ok(Self {
             search: MeshSearch::try_new(&mesh)?,
             mesh,
@@ -347,11 +348,7 @@ impl Stage {
     fn camera(&self, pose: &Pose, cx: f64) -> Pinhole {
         let inverse = pose.inverse();
         Pinhole {
-            k: [
-                [self.focal, 0.0, cx],
-                [0.0, self.focal, self.axis()[1]],
-                [0.0, 0.0, 1.0],
-            ],
+            k: [[self.focal, 0.0, cx], [0.0, self.focal, self.axis()[1]], [0.0, 0.0, 1.0]],
             r: inverse.rotation,
             t: inverse.translation,
         }
@@ -361,7 +358,8 @@ impl Stage {
         BASELINE * self.far
     }
 
-    /// `cx` of the right camera less that of the left: such that the farthest of the thing has the least disparity.
+    /// `cx` of the right camera less that of the left: such that the farthest of the thing has the least
+    /// disparity.
     fn doffs(&self) -> f64 {
         (self.focal * self.baseline() / (self.far + 0.5 * self.diagonal) - LEAST_DISPARITY).round()
     }
@@ -385,15 +383,18 @@ impl Stage {
     }
 
     /// The first or the second picture of a view.
-    fn take(&self, scene: PictureScene, view: usize, which: usize, progress: &dyn Progress) -> Result<Vec<u8>> {
+    fn take(
+        &self,
+        scene: PictureScene,
+        view: usize,
+        which: usize,
+        progress: &dyn Progress,
+    ) -> Result<Vec<u8>> {
         let pose = &self.poses[view];
         let left = self.camera(pose, self.axis()[0]);
         let camera = match (scene, which) {
             (PictureScene::Stereo, 1) => {
-                let to_the_right = Pose {
-                    translation: pose.apply([self.baseline(), 0.0, 0.0]),
-                    ..*pose
-                };
+                let to_the_right = Pose { translation: pose.apply([self.baseline(), 0.0, 0.0]), ..*pose };
                 self.camera(&to_the_right, self.axis()[0] + self.doffs())
             }
             _ => left,
@@ -441,11 +442,7 @@ impl Stage {
                 // All views have the same projector, seen from the camera.
                 let camera_from_world = self.poses[0].inverse();
                 let projector = self.projector(0).map(|p| {
-                    let world_from_projector = Pose {
-                        rotation: p.r,
-                        translation: p.t,
-                    }
-                    .inverse();
+                    let world_from_projector = Pose { rotation: p.r, translation: p.t }.inverse();
                     camera_from_world.after(&world_from_projector).inverse()
                 });
                 let projector = projector.unwrap_or_default();
@@ -489,10 +486,7 @@ impl Stage {
     }
 
     fn truth(&self, scene: PictureScene) -> PictureTruth {
-        let pose = |p: &Pose| ViewPose {
-            translation: p.translation,
-            quaternion_xyzw: p.quaternion_xyzw(),
-        };
+        let pose = |p: &Pose| ViewPose { translation: p.translation, quaternion_xyzw: p.quaternion_xyzw() };
         PictureTruth {
             scene,
             thing: self.thing.clone(),
@@ -520,10 +514,7 @@ fn pose_on_ring(middle: [f64; 3], far: f64, up: [f64; 3], turn: f64, elevation_d
     let z = scale(-1.0, towards);
     let x = unit(cross(z, up)).ok_or_else(|| Error::input("a view from straight above"))?;
     let y = cross(z, x);
-    let exact = Pose {
-        rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]),
-        translation: position,
-    };
+    let exact = Pose { rotation: [0, 1, 2].map(|k| [x[k], y[k], z[k]]), translation: position };
     // The pose of the quaternion as it is written, so that pictures and job agree.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position)
         .ok_or_else(|| Error::input("a view without a direction"))

@@ -57,9 +57,7 @@ fn truth_of(kind: &Kind) -> Result<Vec<f64>> {
         Kind::Slot => vec![x, y, 100.0, 44.0, angle],
         Kind::RegularPolygon(_) => vec![x, y, 52.0, 0.2],
         // An L.
-        Kind::Polygon(6) => vec![
-            -40.0, -45.0, 50.0, -45.0, 50.0, -5.0, 10.0, -5.0, 10.0, 45.0, -40.0, 45.0,
-        ],
+        Kind::Polygon(6) => vec![-40.0, -45.0, 50.0, -45.0, 50.0, -5.0, 10.0, -5.0, 10.0, 45.0, -40.0, 45.0],
         _ => {
             return Err(Error::unsupported(format!(
                 "a scene of a {kind}: there are circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N, polygon-6"
@@ -87,11 +85,7 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
         velocity: options.velocity,
         ..usual_sensor(options.noise, options.sweep, millimetre)
     };
-    let middle = if options.kind == Kind::Polygon(6) {
-        [0.0; 2]
-    } else {
-        [theta[0], theta[1]]
-    };
+    let middle = if options.kind == Kind::Polygon(6) { [0.0; 2] } else { [theta[0], theta[1]] };
     let made = ranges(&options.kind, &theta, middle, options.readings, &sensor, options.seed);
     make_folder(folder)?;
     let paths = ["readings.csv", "exact.csv", "truth.json"].map(|name| folder.join(name));
@@ -113,16 +107,12 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
     })
 }
 
-/// A sensor 300 mm away that knows its place to 2 mm and its heading to 2°, and reads to 1 %, all times `noise`.
+/// A sensor 300 mm away that knows its place to 2 mm and its heading to 2°, and reads to 1 %, all times
+/// `noise`.
 pub(super) fn usual_sensor(noise: f64, sweep: usize, millimetre: f64) -> SensorOptions {
     SensorOptions {
         standoff: 300.0 * millimetre,
-        sigma: [
-            2.0 * millimetre * noise,
-            2.0 * millimetre * noise,
-            2f64.to_radians() * noise,
-            0.0,
-        ],
+        sigma: [2.0 * millimetre * noise, 2.0 * millimetre * noise, 2f64.to_radians() * noise, 0.0],
         sigma_range_share: 0.01 * noise,
         sweep: sweep.max(1),
         outlier_share: 0.0,
@@ -135,22 +125,14 @@ pub(super) fn usual_sensor(noise: f64, sweep: usize, millimetre: f64) -> SensorO
 pub(super) fn named(kind: &Kind, theta: &[f64]) -> serde_json::Map<String, serde_json::Value> {
     let (canonical, _) = kind.canonical(theta);
     let names = kind.names().into_iter().zip(canonical);
-    names
-        .map(|((name, factor), value)| (name, json!({ "value": value * factor, "sigma": 0.0 })))
-        .collect()
+    names.map(|((name, factor), value)| (name, json!({ "value": value * factor, "sigma": 0.0 }))).collect()
 }
 
 pub(super) fn write_table(path: &Path, sightings: &[Sighting]) -> Result<()> {
     write_atomically(path, |out| {
         writeln!(out, "{}", COLUMNS[..WRITTEN_COLUMNS].join(","))?;
         for (i, sighting) in sightings.iter().enumerate() {
-            let Target::Range {
-                origin,
-                heading_rad,
-                range,
-                sigma,
-            } = sighting.target
-            else {
+            let Target::Range { origin, heading_rad, range, sigma } = sighting.target else {
                 continue;
             };
             writeln!(

@@ -1,9 +1,10 @@
 //! What a camera sees of a textured thing, under a lamp or under projected stripes.
 //!
-//! Comes in: a mesh to cast rays at, a camera, a light. Goes out: brightness of pixels, with noise, from 0 to 255.
+//! Comes in: a mesh to cast rays at, a camera, a light. Goes out: brightness of pixels, with noise, from 0 to
+//! 255.
 //!
-//! Surfaces are matt (Lambert). The texture is solid: it is a function of the place, so that every view sees the same. Each pixel is the mean of 3 × 3 rays; what the light does not reach
-//! is in shadow.
+//! Surfaces are matt (Lambert). The texture is solid: it is a function of the place, so that every view sees
+//! the same. Each pixel is the mean of 3 × 3 rays; what the light does not reach is in shadow.
 //!
 //! Not guaranteed: light that surfaces throw at each other, gloss, and blur by lenses.
 //!
@@ -80,9 +81,7 @@ fn noise(at: [f64; 3], seed: u64) -> f64 {
     (0..8)
         .map(|corner| {
             let side = |k: usize| (corner >> k) & 1;
-            let weight: f64 = (0..3)
-                .map(|k| if side(k) == 1 { blend[k] } else { 1.0 - blend[k] })
-                .product();
+            let weight: f64 = (0..3).map(|k| if side(k) == 1 { blend[k] } else { 1.0 - blend[k] }).product();
             let mut x = seed;
             for k in 0..3 {
                 // Mixed as in splitmix64 (Steele, Lea and Flood 2014).
@@ -123,25 +122,16 @@ impl Light {
 
     /// Brightness that it throws at a place, as a share of its greatest.
     fn towards(&self, point: [f64; 3]) -> f64 {
-        let Self::Stripes {
-            projector,
-            pattern,
-            sigma_px,
-        } = self
-        else {
+        let Self::Stripes { projector, pattern, sigma_px } = self else {
             return 1.0;
         };
         let Some(pixel) = projector.project(point) else {
             return 0.0;
         };
-        let dark = pattern
-            .indices(pixel)
-            .into_iter()
-            .zip(&pattern.range)
-            .map(|(at, [first, last])| {
-                let nearest = at.round().clamp(f64::from(*first), f64::from(*last));
-                1.0 - (-0.5 * ((at - nearest) * pattern.spacing / sigma_px).powi(2)).exp()
-            });
+        let dark = pattern.indices(pixel).into_iter().zip(&pattern.range).map(|(at, [first, last])| {
+            let nearest = at.round().clamp(f64::from(*first), f64::from(*last));
+            1.0 - (-0.5 * ((at - nearest) * pattern.spacing / sigma_px).powi(2)).exp()
+        });
         1.0 - dark.product::<f64>()
     }
 
@@ -205,11 +195,8 @@ impl Exposure<'_> {
             for i in 0..RAYS {
                 let direction = self.camera.direction([x as f64 + offset(i), y as f64 + offset(j)]);
                 if let Some((point, normal)) = direction.and_then(|d| target.first_hit(centre, d)) {
-                    let facing = if dot(normal, sub(centre, point)) < 0.0 {
-                        scale(-1.0, normal)
-                    } else {
-                        normal
-                    };
+                    let facing =
+                        if dot(normal, sub(centre, point)) < 0.0 { scale(-1.0, normal) } else { normal };
                     sum += self.texture.albedo(point) * self.lit(target, point, facing);
                 }
             }
@@ -228,12 +215,7 @@ impl Exposure<'_> {
         }
         let seen = target.first_hit(from, scale(-1.0, way));
         let reached = seen.is_some_and(|(hit, _)| distance(hit, point) <= SHADOW * norm(way));
-        ambient
-            + if reached {
-                (1.0 - ambient) * facing * thrown
-            } else {
-                0.0
-            }
+        ambient + if reached { (1.0 - ambient) * facing * thrown } else { 0.0 }
     }
 }
 
@@ -247,11 +229,7 @@ mod tests {
         r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         t: [0.0, 0.0, 50.0],
     };
-    const PLAIN: Texture = Texture {
-        contrast: 0.0,
-        grain: 1.0,
-        seed: 0,
-    };
+    const PLAIN: Texture = Texture { contrast: 0.0, grain: 1.0, seed: 0 };
 
     fn take(target: &impl Target, light: &Light, sigma: f64) -> Vec<u8> {
         let exposure = Exposure {
@@ -287,11 +265,7 @@ mod tests {
             origin: [20.0, 20.0],
             range: [[-1, 1]; 2],
         };
-        let light = Light::Stripes {
-            projector: CAMERA,
-            pattern,
-            sigma_px: 1.0,
-        };
+        let light = Light::Stripes { projector: CAMERA, pattern, sigma_px: 1.0 };
         let seen = take(&wall, &light, 0.0);
         assert!(seen[20 * 41 + 5] > 100 && seen[5 * 41 + 30] > 100);
         assert!(seen[15 * 41 + 15] < 20);
@@ -312,10 +286,8 @@ mod tests {
             (d[2] != 0.0).then(|| (at(z), [0.0, 0.0, -1.0]))
         };
         let seen = take(&post, &Light::Lamp([-9.0, 0.0, -50.0]), 0.0);
-        let dark = seen
-            .iter()
-            .filter(|v| (f64::from(**v) - WHITE * ALBEDO * AMBIENT_OF_LAMP).abs() < 2.0)
-            .count();
+        let dark =
+            seen.iter().filter(|v| (f64::from(**v) - WHITE * ALBEDO * AMBIENT_OF_LAMP).abs() < 2.0).count();
         assert!(dark > 20, "{dark}");
     }
 }

@@ -1,12 +1,14 @@
 //! The scene `scans`: one freeform, several sensors, everything that goes wrong, and the truth.
 //!
-//! Comes in: [`ScanSceneOptions`]. Goes out: a [`ScanScene`] whose `set` is ready for [`crate::fit::fit`], or a folder:
-//! a PLY file for each scan, `job.toml` that names them, `truth.ply` and `truth.json`.
+//! Comes in: [`ScanSceneOptions`]. Goes out: a [`ScanScene`] whose `set` is ready for [`crate::fit::fit`], or
+//! a folder: a PLY file for each scan, `job.toml` that names them, `truth.ply` and `truth.json`.
 //!
-//! The sensors: `laser`, a range camera with other σ along than across the ray; `old`, a scanner with three times its σ in
-//! every direction that states less than is true; `probe`, a touch probe with a twenty-fifth of the laser's σ.
+//! The sensors: `laser`, a range camera with other σ along than across the ray; `old`, a scanner with three
+//! times its σ in every direction that states less than is true; `probe`, a touch probe with a twenty-fifth
+//! of the laser's σ.
 //!
-//! Not guaranteed: that all of a surface is seen. Three views leave part of a ball open; the fourth, the old scanner's, closes it.
+//! Not guaranteed: that all of a surface is seen. Three views leave part of a ball open; the fourth, the old
+//! scanner's, closes it.
 
 use super::form::ClosedForm;
 use super::truth::{Truth, positive};
@@ -44,7 +46,8 @@ pub struct ScanSceneOptions {
     pub seed: u64,
     /// Readings of all scanners together, to within a few per cent.
     pub readings: usize,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the thing's length if none is given.
+    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the thing's
+    /// length if none is given.
     pub sigma: Option<f64>,
     /// Views of the laser.
     pub views: usize,
@@ -56,7 +59,8 @@ pub struct ScanSceneOptions {
     pub probe_points: usize,
     /// Share of the scanners' readings with a gross error, of 1 to 10 % of the thing's length along the ray.
     pub outlier_share: f64,
-    /// σ grows by this share from the middle of each scanner's field of view to its corners; every reading then states its own.
+    /// σ grows by this share from the middle of each scanner's field of view to its corners; every reading
+    /// then states its own.
     pub unevenness: f64,
     /// Whether scans keep their grids.
     pub organised: bool,
@@ -101,10 +105,7 @@ impl ScanSceneOptions {
     /// True noise of the laser.
     pub(super) fn laser(&self) -> Noise {
         let sigma = self.laser_sigma();
-        Noise::Ray {
-            sigma_along: sigma,
-            sigma_across: 0.5 * sigma,
-        }
+        Noise::Ray { sigma_along: sigma, sigma_across: 0.5 * sigma }
     }
 
     pub(super) fn sanity_check(&self) -> Result<()> {
@@ -209,7 +210,8 @@ pub struct TruthSummary {
     pub mesh_vertices: usize,
     /// Triangles of `truth.ply`.
     pub mesh_triangles: usize,
-    /// The largest distance of a triangle's middle to the surface: what comparing with its facets cannot see below.
+    /// The largest distance of a triangle's middle to the surface: what comparing with its facets cannot see
+    /// below.
     pub mesh_chord_error: f64,
     /// The formula of the surface.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -248,19 +250,12 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
     let size = options.size();
     let truth = Truth::freeform(options.shape, size, options.seed)?;
     let (sigma, laser) = (options.laser_sigma(), options.laser());
-    let old = Noise::Isotropic {
-        sigma: OLD_SIGMA * sigma,
-    };
-    let probe = Noise::Isotropic {
-        sigma: PROBE_SIGMA * sigma,
-    };
+    let old = Noise::Isotropic { sigma: OLD_SIGMA * sigma };
+    let probe = Noise::Isotropic { sigma: PROBE_SIGMA * sigma };
 
     let mut scene = ScanScene {
         options: options.clone(),
-        set: ScanSet {
-            unit: Some(options.unit),
-            ..ScanSet::default()
-        },
+        set: ScanSet { unit: Some(options.unit), ..ScanSet::default() },
         truth,
         sensors: Vec::new(),
         readings: Vec::new(),
@@ -275,11 +270,8 @@ fn simulate(options: &ScanSceneOptions, progress: &dyn Progress) -> Result<ScanS
         progress.check("scanning", view as f64 / views as f64)?;
         progress.items(view * each, "readings");
         let is_old = view == options.views;
-        let (name, noise, misstatement) = if is_old {
-            ("old", old, options.misstated)
-        } else {
-            ("laser", laser, 1.0)
-        };
+        let (name, noise, misstatement) =
+            if is_old { ("old", old, options.misstated) } else { ("laser", laser, 1.0) };
         if is_old || view == 0 {
             scene.add_sensor(name, SensorKind::Range, noise, misstatement, options.outlier_share);
         }
@@ -322,10 +314,7 @@ impl ScanScene {
     ) {
         let (sigma_along, sigma_across) = match noise {
             Noise::Isotropic { sigma } => (sigma, sigma),
-            Noise::Ray {
-                sigma_along,
-                sigma_across,
-            } => (sigma_along, sigma_across),
+            Noise::Ray { sigma_along, sigma_across } => (sigma_along, sigma_across),
         };
         let stated = Some(scaled(noise, 1.0 / misstatement));
         self.set.sensors.push(Sensor {
@@ -335,13 +324,7 @@ impl ScanScene {
             ..planish_sense::Sensor::default()
         });
         let name = name.to_owned();
-        self.sensors.push(SensorTruth {
-            name,
-            sigma_along,
-            sigma_across,
-            misstatement,
-            outlier_share,
-        });
+        self.sensors.push(SensorTruth { name, sigma_along, sigma_across, misstatement, outlier_share });
     }
 
     /// Adds a scan of the sensor that was added last.
@@ -362,8 +345,16 @@ pub(super) fn seed_of(seed: u64, scan: usize) -> u64 {
     seed.wrapping_add((scan as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
-/// Where a view stands: looking at the middle of the thing from four lengths away, with a few degrees of disorder.
-fn pose(truth: &Truth, shape: Shape, view: usize, views: usize, size: f64, rng: &mut ChaCha8Rng) -> Result<Pose> {
+/// Where a view stands: looking at the middle of the thing from four lengths away, with a few degrees of
+/// disorder.
+fn pose(
+    truth: &Truth,
+    shape: Shape,
+    view: usize,
+    views: usize,
+    size: f64,
+    rng: &mut ChaCha8Rng,
+) -> Result<Pose> {
     let turn = TAU * view as f64 / views as f64;
     let towards = match shape {
         Shape::Sheet => {
@@ -399,10 +390,7 @@ pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64)
     let rotation = [0, 1, 2].map(|k| [x[k], y[k], z[k]]);
     let middle = BoundingBox::of(&truth.mesh(5120).0.positions).map_or([0.0; 3], |b| b.center());
     let position = add_scaled(middle, 4.0 * size, z);
-    let exact = Pose {
-        rotation,
-        translation: position,
-    };
+    let exact = Pose { rotation, translation: position };
     // The pose of the quaternion as it is written, so that memory and file agree.
     Pose::from_quaternion_xyzw(exact.quaternion_xyzw(), position)
         .ok_or_else(|| Error::input("a view without a direction"))
@@ -418,11 +406,7 @@ pub(super) fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optic
         half = [half[0].max(x.abs() / by), half[1].max(y.abs() / by)];
     }
     let half = half.map(|h| 1.02 * h);
-    if parallel {
-        Optics::Parallel { half }
-    } else {
-        Optics::Central { tangents: half }
-    }
+    if parallel { Optics::Parallel { half } } else { Optics::Central { tangents: half } }
 }
 
 /// Columns and rows that give about as many readings as wanted, by counting those of a coarse grid.
@@ -430,10 +414,7 @@ pub(super) fn grid_for(pilot: &VirtualScanner, truth: &Truth, wanted: usize) -> 
     pilot.sanity_check()?;
     let seen = pilot.count(truth);
     if seen == 0 {
-        return Err(Error::undetermined(format!(
-            "{} sees nothing of the surface",
-            pilot.name
-        )));
+        return Err(Error::undetermined(format!("{} sees nothing of the surface", pilot.name)));
     }
     let cells = wanted as f64 * (pilot.grid[0] * pilot.grid[1]) as f64 / seen as f64;
     let (Optics::Parallel { half } | Optics::Central { tangents: half }) = pilot.optics;
@@ -470,7 +451,8 @@ pub(super) fn write_simulated(
     Ok(summary)
 }
 
-/// Writes a scene into a folder, which is made where it is missing: the scans, `truth.ply`, `truth.json`, and `job.toml` last.
+/// Writes a scene into a folder, which is made where it is missing: the scans, `truth.ply`, `truth.json`, and
+/// `job.toml` last.
 ///
 /// Each file is whole or not there. Files of the same names are replaced; others stay.
 ///
@@ -493,9 +475,7 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
             outliers: readings.iter().filter(|r| r.outlier).count(),
         });
     }
-    let triangles = options
-        .truth_triangles
-        .unwrap_or((options.readings / 2).clamp(5120, 80_000));
+    let triangles = options.truth_triangles.unwrap_or((options.readings / 2).clamp(5120, 80_000));
     let write_truth = |truth: &Truth, name: &str| -> Result<(PathBuf, TriangleMesh)> {
         let (mesh, normals) = truth.mesh(triangles);
         let path = folder.join(name);
@@ -528,17 +508,10 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
         scans: written,
         mesh_vertices: mesh.positions.len(),
         mesh_triangles: mesh.triangles.len(),
-        mesh_chord_error: (0..mesh.triangles.len())
-            .into_par_iter()
-            .map(chord)
-            .reduce(|| 0.0, f64::max),
+        mesh_chord_error: (0..mesh.triangles.len()).into_par_iter().map(chord).reduce(|| 0.0, f64::max),
         surface: scene.truth.closed_form().cloned(),
         motion: scene.motion.clone(),
-        states: scene
-            .states
-            .iter()
-            .filter_map(|truth| truth.closed_form().cloned())
-            .collect(),
+        states: scene.states.iter().filter_map(|truth| truth.closed_form().cloned()).collect(),
     };
     let path = folder.join("truth.json");
     let mut text = serde_json::to_string_pretty(&truth)
@@ -566,7 +539,8 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
 
 /// The job that names the scans, as [`planish_exchange::job::read_job`] reads it.
 fn job_text(set: &ScanSet) -> String {
-    let mut text = "# A simulated scene. The σ are what the sensors state; truth.json says what is true.\n".to_owned();
+    let mut text =
+        "# A simulated scene. The σ are what the sensors state; truth.json says what is true.\n".to_owned();
     if let Some(unit) = set.unit {
         let _ = writeln!(text, "unit = \"{unit}\"");
     }
@@ -575,10 +549,7 @@ fn job_text(set: &ScanSet) -> String {
         let _ = match sensor.noise {
             None => Ok(()),
             Some(Noise::Isotropic { sigma }) => writeln!(text, "sigma = {sigma:?}"),
-            Some(Noise::Ray {
-                sigma_along,
-                sigma_across,
-            }) => {
+            Some(Noise::Ray { sigma_along, sigma_across }) => {
                 writeln!(text, "sigma_along = {sigma_along:?}\nsigma_across = {sigma_across:?}")
             }
         };
@@ -586,11 +557,7 @@ fn job_text(set: &ScanSet) -> String {
     for posed in &set.scans {
         let pose = posed.scan.world_from_scanner;
         let sensor = &set.sensors[posed.sensor].name;
-        let _ = writeln!(
-            text,
-            "\n[[scan]]\nsensor = \"{sensor}\"\nfile = \"{}\"",
-            posed.scan.name
-        );
+        let _ = writeln!(text, "\n[[scan]]\nsensor = \"{sensor}\"\nfile = \"{}\"", posed.scan.name);
         let _ = writeln!(
             text,
             "pose = {{ translation = {:?}, quaternion_xyzw = {:?} }}",

@@ -1,6 +1,7 @@
 //! Numbers that carry their first and second derivatives with respect to two parameters.
 //!
-//! Comes in: formulas. Goes out: exact derivatives of them, without differences and without writing them down twice.
+//! Comes in: formulas. Goes out: exact derivatives of them, without differences and without writing them down
+//! twice.
 
 use planish_spline::Jet;
 use std::ops::{Add, Mul, Sub};
@@ -19,28 +20,12 @@ pub(super) struct SecondOrder {
 impl SecondOrder {
     /// A number that does not depend on the parameters.
     pub fn constant(f: f64) -> Self {
-        Self {
-            f,
-            u: 0.0,
-            v: 0.0,
-            uu: 0.0,
-            uv: 0.0,
-            vv: 0.0,
-        }
+        Self { f, u: 0.0, v: 0.0, uu: 0.0, uv: 0.0, vv: 0.0 }
     }
 
     /// The two parameters themselves.
     pub fn parameters(u: f64, v: f64) -> [Self; 2] {
-        [
-            Self {
-                u: 1.0,
-                ..Self::constant(u)
-            },
-            Self {
-                v: 1.0,
-                ..Self::constant(v)
-            },
-        ]
+        [Self { u: 1.0, ..Self::constant(u) }, Self { v: 1.0, ..Self::constant(v) }]
     }
 
     /// `g(self)`, from the value, the first and the second derivative of `g`.

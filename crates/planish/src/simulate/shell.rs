@@ -1,6 +1,9 @@
-//! The scene `shell`: a mesh that was deformed by known controls, as noisy points with gross errors, and its masks in views around it.
+//! The scene `shell`: a mesh that was deformed by known controls, as noisy points with gross errors, and its
+//! masks in views around it.
 //!
-//! Comes in: [`ShellSceneOptions`]. Goes out: `mesh.obj` (the mesh at rest), `points.ply` with σ, `views.toml` with a mask for each view, and beside them `truth.ply` (the deformed mesh) and `truth.json` (controls and their displacements).
+//! Comes in: [`ShellSceneOptions`]. Goes out: `mesh.obj` (the mesh at rest), `points.ply` with σ,
+//! `views.toml` with a mask for each view, and beside them `truth.ply` (the deformed mesh) and `truth.json`
+//! (controls and their displacements).
 //!
 //! Not guaranteed: that a large deformation does not cross itself.
 
@@ -67,7 +70,8 @@ pub struct ShellSceneSummary {
 /// Simulates the scene and writes it: what `planish simulate scene shell` does.
 ///
 /// # Errors
-/// `Input` for options that make no sense or a mesh without faces; `Io` when a file cannot be read or written.
+/// `Input` for options that make no sense or a mesh without faces; `Io` when a file cannot be read or
+/// written.
 pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<ShellSceneSummary> {
     positive("number of points", options.points as f64)?;
     positive("number of controls", options.controls as f64)?;
@@ -82,7 +86,8 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let (rest, unit) = match &options.mesh {
         Some(path) => {
             let file = read_mesh(path)?;
-            let mesh = TriangleMesh::try_new(file.points, file.triangles).map_err(|e| e.in_context(path.display()))?;
+            let mesh = TriangleMesh::try_new(file.points, file.triangles)
+                .map_err(|e| e.in_context(path.display()))?;
             (mesh, file.unit.unwrap_or(options.unit))
         }
         None => {
@@ -96,9 +101,8 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     // Not those that a fit chooses: a real thing does not bend by them.
     let skipped = random.random_range(1..rest.positions.len().max(2));
     let controls = controls_from(&rest, options.controls, skipped)?.points;
-    let moved: Vec<[f64; 3]> = (controls.iter())
-        .map(|_| normal(&mut random, options.deformation * size))
-        .collect();
+    let moved: Vec<[f64; 3]> =
+        (controls.iter()).map(|_| normal(&mut random, options.deformation * size)).collect();
     let deformation = Dirichlet::new(&controls, &rest.positions)?;
     let q = DVector::from_iterator(3 * controls.len(), moved.iter().copied().flatten());
     let truth = TriangleMesh {
@@ -122,22 +126,12 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let mut write = |name: &str, mesh: MeshColumns<'_>| {
         let path = folder.join(name);
         files.push(path.clone());
-        write_mesh(
-            &path,
-            &MeshColumns {
-                unit: Some(unit),
-                ..mesh
-            },
-        )
+        write_mesh(&path, &MeshColumns { unit: Some(unit), ..mesh })
     };
     for (name, mesh) in [("mesh.obj", &rest), ("truth.ply", &truth)] {
         write(
             name,
-            MeshColumns {
-                points: &mesh.positions,
-                triangles: &mesh.triangles,
-                ..MeshColumns::default()
-            },
+            MeshColumns { points: &mesh.positions, triangles: &mesh.triangles, ..MeshColumns::default() },
         )?;
     }
     write(
@@ -181,12 +175,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let path = folder.join("truth.json");
     write_atomically(&path, |out| writeln!(out, "{truth:#}"))?;
     files.push(path);
-    Ok(ShellSceneSummary {
-        points: points.len(),
-        controls: controls.len(),
-        unit,
-        files,
-    })
+    Ok(ShellSceneSummary { points: points.len(), controls: controls.len(), unit, files })
 }
 
 fn normal(random: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
@@ -231,7 +220,8 @@ mod tests {
     use planish_mesh::MeshSearch;
     use planish_shell::displacements;
 
-    /// Points are as near to the truth as their σ says, controls in truth.json make truth.ply of mesh.obj, and every point that is no outlier is in every mask.
+    /// Points are as near to the truth as their σ says, controls in truth.json make truth.ply of mesh.obj,
+    /// and every point that is no outlier is in every mask.
     #[test]
     fn everything_tells_of_one_truth() {
         let folder = tempfile::tempdir().unwrap();
@@ -256,9 +246,8 @@ mod tests {
         })
         .unwrap();
         let sigma = points.column("sigma").unwrap()[0];
-        let near = (points.points.iter())
-            .filter(|p| search.closest(**p).unwrap().distance < 2.0 * sigma)
-            .count();
+        let near =
+            (points.points.iter()).filter(|p| search.closest(**p).unwrap().distance < 2.0 * sigma).count();
         let share = near as f64 / points.points.len() as f64;
         assert!((0.82..0.95).contains(&share), "{share}");
         let text = std::fs::read_to_string(folder.path().join("truth.json")).unwrap();
@@ -266,12 +255,7 @@ mod tests {
         let list = |key: &str| -> Vec<[f64; 3]> { serde_json::from_value(json[key].clone()).unwrap() };
         let deformation = Dirichlet::new(&list("controls"), &rest.points).unwrap();
         let q = DVector::from_iterator(36, list("displacements").into_iter().flatten());
-        for ((p, by), wanted) in rest
-            .points
-            .iter()
-            .zip(displacements(&deformation, &q))
-            .zip(&truth.points)
-        {
+        for ((p, by), wanted) in rest.points.iter().zip(displacements(&deformation, &q)).zip(&truth.points) {
             assert!(planish_estimate::vector3::distance(add(*p, by), *wanted) < 1e-9);
         }
         let views = read_views(&folder.path().join("views.toml")).unwrap();

@@ -1,29 +1,36 @@
 //! Figures 2 and 3 of the paper on Kalman spline fusion: a sphere, measured badly, found again.
 //!
-//! Comes in: [`SphereOptions`] and a seed. Goes out: [`SphereRow`]s, mean errors in per cent of the radius over maximum noise, for both
-//! filters beside what the posterior promises; written as CSV and drawn as SVG by [`write_sphere`].
+//! Comes in: [`SphereOptions`] and a seed. Goes out: [`SphereRow`]s, mean errors in per cent of the radius
+//! over maximum noise, for both filters beside what the posterior promises; written as CSV and drawn as SVG
+//! by [`write_sphere`].
 //!
-//! The paper covers the sphere by one 7 × 7 patch that starts as a cylinder. So do we, over the part that a sensor in front sees: directions
-//! `(tan a, tan b, 1)` with `|a|, |b| ≤ 60°`, out to 68° from the axis at the corners. The chart is regular everywhere, and one patch divides into
-//! 4, 16 and 64 as in the paper; a closed ball has poles, about which patches are divided all around together, and would compare
-//! other numbers of patches. Readings lie at random in the chart with known parameters; their noise is along the normal and uniform up to
-//! its maximum `m`, so filters are told a variance of `m²/3`, never less than `(0.2 %)²` of the radius, about what one patch misses of the sphere. Orientations are tilted by an angle
-//! that is uniform up to its maximum, at the places of the positions, after all of them; filters are told `θ/√6` along either tangent, never
-//! less than 0.005 rad, the slope that a single patch misses of a sphere.
+//! The paper covers the sphere by one 7 × 7 patch that starts as a cylinder. So do we, over the part that a
+//! sensor in front sees: directions `(tan a, tan b, 1)` with `|a|, |b| ≤ 60°`, out to 68° from the axis at
+//! the corners. The chart is regular everywhere, and one patch divides into 4, 16 and 64 as in the paper; a
+//! closed ball has poles, about which patches are divided all around together, and would compare other
+//! numbers of patches. Readings lie at random in the chart with known parameters; their noise is along the
+//! normal and uniform up to its maximum `m`, so filters are told a variance of `m²/3`, never less than
+//! `(0.2 %)²` of the radius, about what one patch misses of the sphere. Orientations are tilted by an angle
+//! that is uniform up to its maximum, at the places of the positions, after all of them; filters are told
+//! `θ/√6` along either tangent, never less than 0.005 rad, the slope that a single patch misses of a sphere.
 //!
-//! The weight of the smoothness prior is that of restricted likelihood for each set's positions over patches divided twice, or as often as
-//! is asked for: one prior for all depths. Readings come in `depth + 1` equal parts; after each but the last, patches are divided where
-//! innovations are too large or curvature varies by more than its σ explains. A sphere gives no reason for that, so the curves of all depths lie near each
-//! other; with `noise_divides` the paper's criterion counts noise as variation, and one sees what needless patches cost.
-//! The global filter has the same leaf cells and all the readings. The posterior bound is the mean of `√(2/π) σ` over the area, σ along the normal by the
-//! global filter: what the mean absolute error would be were the sphere drawn from the prior.
+//! The weight of the smoothness prior is that of restricted likelihood for each set's positions over patches
+//! divided twice, or as often as is asked for: one prior for all depths. Readings come in `depth + 1` equal
+//! parts; after each but the last, patches are divided where innovations are too large or curvature varies by
+//! more than its σ explains. A sphere gives no reason for that, so the curves of all depths lie near each
+//! other; with `noise_divides` the paper's criterion counts noise as variation, and one sees what needless
+//! patches cost. The global filter has the same leaf cells and all the readings. The posterior bound is the
+//! mean of `√(2/π) σ` over the area, σ along the normal by the global filter: what the mean absolute error
+//! would be were the sphere drawn from the prior.
 //!
-//! Not guaranteed: that errors stay below the bound. The sphere is no draw from the prior, which pulls it to the cylinder by what few and bad
-//! readings leave open: 50 positions to 12 % err by 1.23 of the bound, with either filter. Without noise a sphere is best held by one
-//! patch, which misses it by 0.05 %; four patches have more freedom than the readings fill.
+//! Not guaranteed: that errors stay below the bound. The sphere is no draw from the prior, which pulls it to
+//! the cylinder by what few and bad readings leave open: 50 positions to 12 % err by 1.23 of the bound, with
+//! either filter. Without noise a sphere is best held by one patch, which misses it by 0.05 %; four patches
+//! have more freedom than the readings fill.
 //!
 //! # References
-//! Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, CVGIP: Image Understanding 1994, section 4.1.
+//! Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, CVGIP: Image Understanding
+//! 1994, section 4.1.
 
 use super::figure::{Curve, Panel, draw};
 use crate::animation::{AnimationOutput, FRAMES, write_forming};
@@ -33,13 +40,14 @@ use crate::report::{ReportOutput, sphere_page};
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::vector3::{cross, dot, norm, tangents, unit};
 use planish_estimate::{
-    Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, maximize_restricted_likelihood,
+    Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch,
+    maximize_restricted_likelihood,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 use planish_spline::{
     CellCovariance, CellInformation, Hierarchy, Jet, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior,
-    StateLayout, SubdivisionCriteria, Surface, SurfaceReading, SurfaceSystem, cubic, fit_function, leaf_weights,
-    parameter_plane,
+    StateLayout, SubdivisionCriteria, Surface, SurfaceReading, SurfaceSystem, cubic, fit_function,
+    leaf_weights, parameter_plane,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -57,11 +65,13 @@ const HALF_OPENING: f64 = PI / 3.0;
 const CELLS: usize = 4;
 /// Readings are never told to be better than this share of the radius: one patch comes no nearer to a sphere.
 const LEAST_SIGMA: f64 = 2e-3;
-/// Orientations are never told to be better than this, in radians: one patch holds a sphere's slope no better.
+/// Orientations are never told to be better than this, in radians: one patch holds a sphere's slope no
+/// better.
 const LEAST_TILT: f64 = 5e-3;
 /// Hold of the prior, per base cell to the fourth: features up to three cells long are left to the energy.
 const HOLD: f64 = 0.01;
-/// The weight of the prior is found over patches divided this often: what finer ones add to a sphere is not seen.
+/// The weight of the prior is found over patches divided this often: what finer ones add to a sphere is not
+/// seen.
 const WEIGHT_DEPTH: u8 = 2;
 /// Points along each direction of the chart at which errors are taken.
 const PROBES: usize = 24;
@@ -83,14 +93,16 @@ pub struct SphereOptions {
     pub depth: u8,
     /// Maximum error of the orientations that are added in the second figure, in degrees.
     pub orientation_deg: f64,
-    /// Whether curvature that varies within its own σ divides patches too, as in the paper; a sphere asks for no division else.
+    /// Whether curvature that varies within its own σ divides patches too, as in the paper; a sphere asks for
+    /// no division else.
     pub noise_divides: bool,
     /// Maximum errors of orientations that are compared at a noise of 6 %, in degrees.
     pub compared_orientations_deg: Vec<f64>,
 }
 
 impl Default for SphereOptions {
-    /// Those of the paper: 50, 100 and 150 readings, noise from 0 to 12 %, depths 0 to 3, orientations to 2° and from 0 to 5°, 20 sets.
+    /// Those of the paper: 50, 100 and 150 readings, noise from 0 to 12 %, depths 0 to 3, orientations to 2°
+    /// and from 0 to 5°, 20 sets.
     fn default() -> Self {
         Self {
             seed: 0,
@@ -161,7 +173,8 @@ impl SphereOptions {
     }
 }
 
-/// Simulates all sets and averages them: for each number of readings, noise, orientation error and depth one row.
+/// Simulates all sets and averages them: for each number of readings, noise, orientation error and depth one
+/// row.
 ///
 /// The same options give the same numbers at any number of threads.
 ///
@@ -184,18 +197,18 @@ pub fn sphere(options: &SphereOptions, progress: &dyn Progress) -> Result<Vec<Sp
             let sets: Vec<Vec<SphereRow>> = (0..options.sets as u64)
                 .into_par_iter()
                 .map(|set| {
-                    // The same places and signs of errors at every noise: curves differ by what is varied alone.
-                    let seed = options
-                        .seed
-                        .wrapping_mul(1_000_003)
-                        .wrapping_add(set * 4099 + readings as u64);
+                    // The same places and signs of errors at every noise: curves differ by what is varied
+                    // alone.
+                    let seed =
+                        options.seed.wrapping_mul(1_000_003).wrapping_add(set * 4099 + readings as u64);
                     setting.one_set(seed, readings, noise, &tilts, options.depth)
                 })
                 .collect::<Result<_>>()?;
             rows.extend(average(&sets));
             debug_assert_eq!(rows.len() - begun, sets[0].len());
-            let at =
-                options.readings.iter().position(|&n| n == readings).unwrap_or(0) * options.noise_percent.len() + k;
+            let at = options.readings.iter().position(|&n| n == readings).unwrap_or(0)
+                * options.noise_percent.len()
+                + k;
             progress.check("simulating", (at + 1) as f64 / total)?;
             progress.items((at + 1) * sets.len(), "sets of readings");
         }
@@ -231,12 +244,16 @@ fn on_sphere(u: f64, v: f64) -> [f64; 3] {
     unit([angle(u).tan(), angle(v).tan(), 1.0]).unwrap_or([0.0, 0.0, 1.0])
 }
 
-/// Places drawn evenly over the parameters, and readings of the sphere there whose distances err by up to so many per cent.
-fn measured(random: &mut ChaCha8Rng, count: usize, noise_percent: f64) -> (Vec<[f64; 2]>, Vec<SurfaceReading>) {
+/// Places drawn evenly over the parameters, and readings of the sphere there whose distances err by up to so
+/// many per cent.
+fn measured(
+    random: &mut ChaCha8Rng,
+    count: usize,
+    noise_percent: f64,
+) -> (Vec<[f64; 2]>, Vec<SurfaceReading>) {
     let sigma = (noise_percent / 100.0 / 3.0_f64.sqrt()).max(LEAST_SIGMA);
-    let places: Vec<[f64; 2]> = (0..count)
-        .map(|_| [0, 1].map(|_| CELLS as f64 * random.random::<f64>()))
-        .collect();
+    let places: Vec<[f64; 2]> =
+        (0..count).map(|_| [0, 1].map(|_| CELLS as f64 * random.random::<f64>())).collect();
     let positions: Vec<SurfaceReading> = places
         .iter()
         .map(|&[u, v]| {
@@ -251,8 +268,8 @@ fn measured(random: &mut ChaCha8Rng, count: usize, noise_percent: f64) -> (Vec<[
     (places, positions)
 }
 
-/// How the patch filter forms the sphere from the cylinder that it starts with: the first set of the most readings, at the middle one of the noises, divided to
-/// the full depth. The first snapshot knows no reading.
+/// How the patch filter forms the sphere from the cylinder that it starts with: the first set of the most
+/// readings, at the middle one of the noises, divided to the full depth. The first snapshot knows no reading.
 ///
 /// # Errors
 /// As for [`sphere`].
@@ -262,20 +279,14 @@ pub fn sphere_forming(options: &SphereOptions, frames: usize) -> Result<Forming>
     let noise = options.noise_percent[options.noise_percent.len() / 2];
     let setting = Setting::new(options.depth, options.noise_divides)?;
     let (_, positions) = measured(&mut ChaCha8Rng::seed_from_u64(options.seed), count, noise);
-    let prior = SmoothnessPrior {
-        weight: setting.weight(&positions)?,
-        hold: HOLD,
-    };
+    let prior = SmoothnessPrior { weight: setting.weight(&positions)?, hold: HOLD };
     let places = (positions.iter())
         .filter_map(|reading| match reading {
             SurfaceReading::Position { point, .. } => Some(*point),
             _ => None,
         })
         .collect();
-    let mut forming = Forming {
-        places,
-        snapshots: Vec::new(),
-    };
+    let mut forming = Forming { places, snapshots: Vec::new() };
     let every = count.div_ceil(frames.saturating_sub(1).max(1)).max(1);
     let mut taken = 0;
     let filter = setting.filtered(&positions, prior, options.depth, |filter| {
@@ -318,14 +329,9 @@ impl Setting {
     ) -> Result<Vec<SphereRow>> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let (places, positions) = measured(&mut random, count, noise_percent);
-        let turns: Vec<[f64; 2]> = places
-            .iter()
-            .map(|_| [random.random::<f64>(), TAU * random.random::<f64>()])
-            .collect();
-        let prior = SmoothnessPrior {
-            weight: self.weight(&positions)?,
-            hold: HOLD,
-        };
+        let turns: Vec<[f64; 2]> =
+            places.iter().map(|_| [random.random::<f64>(), TAU * random.random::<f64>()]).collect();
+        let prior = SmoothnessPrior { weight: self.weight(&positions)?, hold: HOLD };
         let mut rows = Vec::new();
         for depth in 0..=depth {
             let filter = self.filtered(&positions, prior, depth, |_| Ok(()))?;
@@ -382,10 +388,8 @@ impl Setting {
             ..PatchFilterOptions::default()
         };
         let mut filter = PatchFilter::new(&self.cylinder, &self.metric, prior, options)?;
-        let criteria = SubdivisionCriteria {
-            discount_noise: !self.noise_divides,
-            ..SubdivisionCriteria::default()
-        };
+        let criteria =
+            SubdivisionCriteria { discount_noise: !self.noise_divides, ..SubdivisionCriteria::default() };
         let parts = usize::from(depth) + 1;
         watch(&filter)?;
         for part in 0..parts {
@@ -403,22 +407,13 @@ impl Setting {
 
     /// The weight that restricted likelihood gives the prior, which all depths share.
     fn weight(&self, positions: &[SurfaceReading]) -> Result<f64> {
-        let unit = SmoothnessPrior {
-            weight: 1.0,
-            hold: HOLD,
-        }
-        .information(&self.system, &self.metric)?;
+        let unit = SmoothnessPrior { weight: 1.0, hold: HOLD }.information(&self.system, &self.metric)?;
         let space = self.system.space();
         // Departures from the cylinder: one matrix, three right-hand sides.
         let mut data = BlockInformation::zeros(Arc::clone(self.system.pattern()), 1, 3)?;
         let mut squares = 0.0;
         for reading in positions {
-            let SurfaceReading::Position {
-                parameters: [u, v],
-                point,
-                variance,
-            } = *reading
-            else {
+            let SurfaceReading::Position { parameters: [u, v], point, variance } = *reading else {
                 continue;
             };
             let (leaf, [s, t]) = space.locate(u, v);
@@ -427,14 +422,9 @@ impl Setting {
             let departure = [0, 1, 2].map(|d| point[d] - at[d]);
             squares += departure.iter().map(|x| x * x).sum::<f64>() / variance;
             let c = leaf_weights(s, t);
-            let row: Vec<f64> = weights
-                .iter()
-                .map(|w| w.iter().zip(&c).map(|(a, b)| a * b).sum())
-                .collect();
-            let matrix: Vec<f64> = row
-                .iter()
-                .flat_map(|a| row.iter().map(move |b| a * b / variance))
-                .collect();
+            let row: Vec<f64> = weights.iter().map(|w| w.iter().zip(&c).map(|(a, b)| a * b).sum()).collect();
+            let matrix: Vec<f64> =
+                row.iter().flat_map(|a| row.iter().map(move |b| a * b / variance)).collect();
             let vector: Vec<f64> = row.iter().flat_map(|a| departure.map(|x| a * x / variance)).collect();
             data.add_element(nodes, &matrix, &vector)?;
         }
@@ -460,10 +450,7 @@ impl Setting {
                 trace: None,
             })
         };
-        let search = SmoothnessSearch {
-            bounds: (1e-2, 1e8),
-            ..SmoothnessSearch::from_start(100.0)
-        };
+        let search = SmoothnessSearch { bounds: (1e-2, 1e8), ..SmoothnessSearch::from_start(100.0) };
         Ok(maximize_restricted_likelihood(&model, &search, evaluate)?.weight)
     }
 }
@@ -482,7 +469,10 @@ fn tilted([u, v]: [f64; 2], largest: f64, share: f64, turn: f64) -> SurfaceReadi
     }
 }
 
-fn readings_by_leaf<'a>(space: &Hierarchy, readings: &'a [SurfaceReading]) -> Vec<Vec<([f64; 2], &'a SurfaceReading)>> {
+fn readings_by_leaf<'a>(
+    space: &Hierarchy,
+    readings: &'a [SurfaceReading],
+) -> Vec<Vec<([f64; 2], &'a SurfaceReading)>> {
     let mut by_leaf = vec![Vec::new(); space.leaves().len()];
     for reading in readings {
         let [u, v] = reading.parameters();
@@ -548,20 +538,12 @@ impl Global {
         })?;
         let scalar = prior.information(&system, &setting.metric)?;
         let mut wide = scalar.expanded(3)?;
-        let start: Vec<f64> = setting
-            .cylinder
-            .refined(Arc::clone(space))?
-            .vertices()
-            .as_flattened()
-            .to_vec();
+        let start: Vec<f64> = setting.cylinder.refined(Arc::clone(space))?.vertices().as_flattened().to_vec();
         let mut vector = vec![0.0; start.len()];
         wide.multiply(&start, &mut vector)?;
         wide.vector_mut().copy_from_slice(&vector);
         information.add_scaled(&wide, 1.0)?;
-        Ok(Self {
-            system: Arc::new(system),
-            information,
-        })
+        Ok(Self { system: Arc::new(system), information })
     }
 
     /// Adds orientations, `n · t1 = n · t2 = 0`, linearised at the surface that positions gave.
@@ -607,18 +589,11 @@ impl Global {
         for ([u, v], share) in probes() {
             let (leaf, [s, t]) = space.locate(u, v);
             if let Some(cell) = &cells[leaf] {
-                sum += share
-                    * cell
-                        .variance_along(&leaf_weights(s, t), on_sphere(u, v))
-                        .max(0.0)
-                        .sqrt();
+                sum += share * cell.variance_along(&leaf_weights(s, t), on_sphere(u, v)).max(0.0).sqrt();
                 area += share;
             }
         }
-        Ok(Solved {
-            surface,
-            bound_percent: 100.0 * FRAC_2_PI.sqrt() * sum / area,
-        })
+        Ok(Solved { surface, bound_percent: 100.0 * FRAC_2_PI.sqrt() * sum / area })
     }
 }
 
@@ -630,16 +605,19 @@ fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> [(
     let m = dot(jet.du, jet.dv) / l;
     let q = norm([0, 1, 2].map(|d| jet.dv[d] - m / l * jet.du[d]));
     [[1.0 / l, 0.0], [-m / (l * q), 1.0 / q]].map(|[a, b]| {
-        let weights =
-            std::array::from_fn(|k| (a * bu[1][k % 4] * bv[0][k / 4] + b * bu[0][k % 4] * bv[1][k / 4]) / side);
+        let weights = std::array::from_fn(|k| {
+            (a * bu[1][k % 4] * bv[0][k / 4] + b * bu[0][k % 4] * bv[1][k / 4]) / side
+        });
         (weights, [0, 1, 2].map(|d| a * jet.du[d] + b * jet.dv[d]))
     })
 }
 
-/// Simulates and writes: `.csv` holds the rows, `.svg` draws them; `animation`, where one is asked for, shows the sphere forming (see [`sphere_forming`]), and `page` shows the curves with all rows.
+/// Simulates and writes: `.csv` holds the rows, `.svg` draws them; `animation`, where one is asked for, shows
+/// the sphere forming (see [`sphere_forming`]), and `page` shows the curves with all rows.
 ///
 /// # Errors
-/// `Unsupported` for other extensions, `Io` for paths that cannot be written, before any work; else as for [`sphere`].
+/// `Unsupported` for other extensions, `Io` for paths that cannot be written, before any work; else as for
+/// [`sphere`].
 pub fn write_sphere(
     options: &SphereOptions,
     outputs: &[PathBuf],
@@ -740,7 +718,9 @@ fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
         Sort {
             title: format!("position noise {COMPARED_NOISE} %"),
             axis: "maximum orientation error / °",
-            wanted: &|r| r.noise_percent == COMPARED_NOISE && r.orientation_deg.is_some_and(|t| compared.contains(&t)),
+            wanted: &|r| {
+                r.noise_percent == COMPARED_NOISE && r.orientation_deg.is_some_and(|t| compared.contains(&t))
+            },
             x: &|r| r.orientation_deg.unwrap_or(0.0),
         },
     ];
@@ -757,8 +737,10 @@ fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
                             .iter()
                             .filter(|r| r.readings == readings && r.depth == depth && wanted(r))
                             .collect();
-                        let leaves = points.iter().map(|r| r.leaf_patches).sum::<f64>() / points.len().max(1) as f64;
-                        let of = |y: &dyn Fn(&SphereRow) -> f64| points.iter().map(|r| [x(r), y(r)]).collect();
+                        let leaves =
+                            points.iter().map(|r| r.leaf_patches).sum::<f64>() / points.len().max(1) as f64;
+                        let of =
+                            |y: &dyn Fn(&SphereRow) -> f64| points.iter().map(|r| [x(r), y(r)]).collect();
                         curves.push(Curve::patch(
                             usize::from(depth),
                             usize::from(options.depth - depth),

@@ -13,16 +13,11 @@ const SHAPES: [Shape; 3] = [Shape::Sheet, Shape::Tube, Shape::Ball];
 const SIZE: f64 = 100.0;
 
 fn truths() -> Vec<Truth> {
-    let mut truths: Vec<Truth> = SHAPES
-        .iter()
-        .map(|&shape| Truth::freeform(shape, SIZE, 5).unwrap())
-        .collect();
-    for (shape, base) in [
-        (Shape::Sheet, [6, 5]),
-        (Shape::Tube, [8, 6]),
-        (Shape::Ball, [10, 8]),
-        (Shape::Torus, [10, 6]),
-    ] {
+    let mut truths: Vec<Truth> =
+        SHAPES.iter().map(|&shape| Truth::freeform(shape, SIZE, 5).unwrap()).collect();
+    for (shape, base) in
+        [(Shape::Sheet, [6, 5]), (Shape::Tube, [8, 6]), (Shape::Ball, [10, 8]), (Shape::Torus, [10, 6])]
+    {
         let space = Hierarchy::uniform(shape, base).unwrap();
         truths.push(Truth::in_space(&Arc::new(space.refine(&[20, 21, 22, 23])), SIZE, 5).unwrap());
     }
@@ -75,17 +70,9 @@ fn normals_are_exact_and_point_outwards_poles_included() {
         assert!(mesh.triangles.len() <= 6_000 && mesh.triangles.len() > 3_000);
         let check = mesh.check();
         let closed = matches!(truth.shape(), Shape::Ball | Shape::Torus);
-        assert!(
-            check.manifold && check.oriented && check.watertight == closed,
-            "{check:?}"
-        );
+        assert!(check.manifold && check.oriented && check.watertight == closed, "{check:?}");
         assert!(mesh.signed_volume().is_none_or(|v| v > 0.0) && mesh.signed_volume().is_some() == closed);
-        let agree = mesh
-            .vertex_normals()
-            .iter()
-            .zip(&normals)
-            .filter(|(a, b)| dot(**a, **b) > 0.98)
-            .count();
+        let agree = mesh.vertex_normals().iter().zip(&normals).filter(|(a, b)| dot(**a, **b) > 0.98).count();
         assert!(
             agree as f64 > 0.99 * normals.len() as f64,
             "{:?} {agree} of {}",
@@ -112,10 +99,7 @@ fn curvature_does_not_depend_on_the_chart() {
     for (u, v) in [(0.1, 0.2), (0.6, 0.5), (0.9, 0.85)] {
         let (a, b) = (ball.curvature(u, v).unwrap(), ball.jet(u, v).curvature().unwrap());
         assert!((a.gaussian() - b.gaussian()).abs() < 1e-10 && (a.mean() - b.mean()).abs() < 1e-10);
-        assert!(
-            a.mean() < 0.0,
-            "outward normals of a blob: mean curvature is mostly negative"
-        );
+        assert!(a.mean() < 0.0, "outward normals of a blob: mean curvature is mostly negative");
     }
 }
 
@@ -209,11 +193,7 @@ fn rays_meet_the_surface_itself_and_not_its_facets() {
 
 #[test]
 fn a_surface_in_a_space_is_of_that_space() {
-    let space = Arc::new(
-        Hierarchy::uniform(Shape::Ball, [10, 8])
-            .unwrap()
-            .refine(&[30, 31, 32, 33]),
-    );
+    let space = Arc::new(Hierarchy::uniform(Shape::Ball, [10, 8]).unwrap().refine(&[30, 31, 32, 33]));
     let truth = Truth::in_space(&space, SIZE, 1).unwrap();
     let surface = truth.surface().unwrap();
     assert!(Arc::ptr_eq(surface.space(), &space));
@@ -249,11 +229,7 @@ fn draws_from_a_prior_have_its_information() {
     for seed in 0..runs {
         let drawn = Truth::drawn(mean, &factor, seed).unwrap();
         let drawn = drawn.surface().unwrap().vertices();
-        let d: Vec<f64> = drawn
-            .iter()
-            .zip(mean.vertices())
-            .flat_map(|(a, b)| sub(*a, *b))
-            .collect();
+        let d: Vec<f64> = drawn.iter().zip(mean.vertices()).flat_map(|(a, b)| sub(*a, *b)).collect();
         sum += information.quadratic_form(&d).unwrap();
     }
     // dᵀ Λ d is χ² with n degrees of freedom.
@@ -262,24 +238,14 @@ fn draws_from_a_prior_have_its_information() {
 }
 
 fn small(shape: Shape) -> ScanSceneOptions {
-    ScanSceneOptions {
-        shape,
-        seed: 11,
-        readings: 6_000,
-        probe_points: 200,
-        ..ScanSceneOptions::default()
-    }
+    ScanSceneOptions { shape, seed: 11, readings: 6_000, probe_points: 200, ..ScanSceneOptions::default() }
 }
 
 #[test]
 fn readings_err_by_the_true_sigma() {
     for shape in SHAPES {
         for unevenness in [0.0, 0.8] {
-            let scene = scans(&ScanSceneOptions {
-                unevenness,
-                ..small(shape)
-            })
-            .unwrap();
+            let scene = scans(&ScanSceneOptions { unevenness, ..small(shape) }).unwrap();
             assert_eq!(
                 scene.sensors.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
                 ["laser", "old", "probe"]
@@ -297,10 +263,8 @@ fn readings_err_by_the_true_sigma() {
                     let true_local = pose.inverse().apply(reading.point.position);
                     let error = sub(z, true_local);
                     let ray = ray_at(scan.viewing, true_local);
-                    let noise = Noise::Ray {
-                        sigma_along: sensor.sigma_along,
-                        sigma_across: sensor.sigma_across,
-                    };
+                    let noise =
+                        Noise::Ray { sigma_along: sensor.sigma_along, sigma_across: sensor.sigma_across };
                     let factor2 = reading.noise_factor * reading.noise_factor;
                     let covariance = noise.covariance(ray).map(|c| factor2 * c);
                     let along = ray.map_or(0.0, |r| dot(error, r));
@@ -351,24 +315,19 @@ fn nothing_hidden_or_grazing_is_seen() {
                 let ray = scan.world_from_scanner.rotate(ray);
                 let facing = -dot(reading.point.normal, ray);
                 assert!(facing > 75.0_f64.to_radians().cos() - 1e-9, "{facing}");
-                // Independent of any mesh hit: on the way from the sensor the exact distance never changes side.
+                // Independent of any mesh hit: on the way from the sensor the exact distance never changes
+                // side.
                 for back in [2.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0] {
                     let before = add_scaled(reading.point.position, -back, ray);
                     let foot = scene.truth.foot(before).unwrap();
-                    assert!(
-                        foot.at_border || foot.signed_distance > 0.0,
-                        "{shape:?} {back} {foot:?}"
-                    );
+                    assert!(foot.at_border || foot.signed_distance > 0.0, "{shape:?} {back} {foot:?}");
                 }
             }
         }
     }
     // A ball's far side: a parallel scanner sees nothing that faces away.
     let truth = Truth::freeform(Shape::Ball, SIZE, 2).unwrap();
-    let pose = Pose {
-        translation: [0.0, 0.0, 300.0],
-        ..Pose::identity()
-    };
+    let pose = Pose { translation: [0.0, 0.0, 300.0], ..Pose::identity() };
     let noise = Noise::Isotropic { sigma: 0.01 };
     let scanner = VirtualScanner::new("top", pose, Optics::Parallel { half: [70.0; 2] }, [40, 30], noise);
     let seen = scanner.scan(&truth, 1).unwrap();
@@ -380,7 +339,8 @@ fn nothing_hidden_or_grazing_is_seen() {
         for column in 0..40 {
             // Columns run along x, rows along y.
             if let Some(i) = grid.point(column, row) {
-                let expected = [(2 * column + 1) as f64 / 40.0, (2 * row + 1) as f64 / 30.0].map(|c| 70.0 * (c - 1.0));
+                let expected =
+                    [(2 * column + 1) as f64 / 40.0, (2 * row + 1) as f64 / 30.0].map(|c| 70.0 * (c - 1.0));
                 let p = seen.scan.points[i];
                 assert!((p[0] - expected[0]).hypot(p[1] - expected[1]) < 0.1);
             }
@@ -390,10 +350,7 @@ fn nothing_hidden_or_grazing_is_seen() {
 
 #[test]
 fn the_asked_for_share_has_gross_errors() {
-    let options = ScanSceneOptions {
-        outlier_share: 0.05,
-        ..small(Shape::Ball)
-    };
+    let options = ScanSceneOptions { outlier_share: 0.05, ..small(Shape::Ball) };
     let scene = scans(&options).unwrap();
     let (mut outliers, mut all) = (0.0, 0.0);
     for (posed, readings) in scene.set.scans.iter().zip(&scene.readings) {
@@ -410,17 +367,10 @@ fn the_asked_for_share_has_gross_errors() {
             }
         }
     }
-    assert!(
-        (outliers / all - 0.05_f64).abs() < 4.0 * (0.05 * 0.95 / all).sqrt(),
-        "{outliers} of {all}"
-    );
+    assert!((outliers / all - 0.05_f64).abs() < 4.0 * (0.05 * 0.95 / all).sqrt(), "{outliers} of {all}");
     assert!((all / 6000.0 - 1.0).abs() < 0.1, "{all}");
     // Outliers change no other reading.
-    let clean = scans(&ScanSceneOptions {
-        outlier_share: 0.0,
-        ..options
-    })
-    .unwrap();
+    let clean = scans(&ScanSceneOptions { outlier_share: 0.0, ..options }).unwrap();
     for (a, (b, readings)) in clean.set.scans.iter().zip(scene.set.scans.iter().zip(&scene.readings)) {
         for (i, _) in readings.iter().enumerate().filter(|(_, r)| !r.outlier) {
             assert_eq!(a.scan.points[i], b.scan.points[i]);
@@ -431,10 +381,7 @@ fn the_asked_for_share_has_gross_errors() {
 #[test]
 fn one_seed_gives_the_same_bytes_at_any_number_of_threads() {
     let (a, b) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    let options = ScanSceneOptions {
-        readings: 2_000,
-        ..small(Shape::Tube)
-    };
+    let options = ScanSceneOptions { readings: 2_000, ..small(Shape::Tube) };
     let write = |threads: usize, folder: &std::path::Path| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| write_scans_scene(&options, folder, &Silent)).unwrap()
@@ -446,11 +393,7 @@ fn one_seed_gives_the_same_bytes_at_any_number_of_threads() {
         assert_eq!(x.file_name(), y.file_name());
         assert_eq!(std::fs::read(x).unwrap(), std::fs::read(y).unwrap(), "{}", x.display());
     }
-    let other = scans(&ScanSceneOptions {
-        seed: 12,
-        ..options.clone()
-    })
-    .unwrap();
+    let other = scans(&ScanSceneOptions { seed: 12, ..options.clone() }).unwrap();
     let same = scans(&options).unwrap();
     assert_ne!(other.set.scans[0].scan.points, same.set.scans[0].scan.points);
 }
@@ -460,12 +403,7 @@ fn a_written_scene_reads_back_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
     for (k, options) in [
         small(Shape::Ball),
-        ScanSceneOptions {
-            unevenness: 0.5,
-            unit: Unit::Metre,
-            organised: false,
-            ..small(Shape::Sheet)
-        },
+        ScanSceneOptions { unevenness: 0.5, unit: Unit::Metre, organised: false, ..small(Shape::Sheet) },
         ScanSceneOptions {
             old_scanner: false,
             probe_points: 0,
@@ -485,50 +423,27 @@ fn a_written_scene_reads_back_as_it_was() {
         assert_eq!(set.scans.len(), scene.set.scans.len());
         for (read, made) in set.scans.iter().zip(&scene.set.scans) {
             assert_eq!(read.sensor, made.sensor);
-            assert_eq!(
-                (&read.scan.name, &read.scan.points),
-                (&made.scan.name, &made.scan.points)
-            );
-            assert_eq!(
-                (&read.scan.sigma, &read.scan.covariance),
-                (&made.scan.sigma, &made.scan.covariance)
-            );
-            assert_eq!(
-                (&read.scan.grid, read.scan.viewing),
-                (&made.scan.grid, made.scan.viewing)
-            );
+            assert_eq!((&read.scan.name, &read.scan.points), (&made.scan.name, &made.scan.points));
+            assert_eq!((&read.scan.sigma, &read.scan.covariance), (&made.scan.sigma, &made.scan.covariance));
+            assert_eq!((&read.scan.grid, read.scan.viewing), (&made.scan.grid, made.scan.viewing));
             let (p, q) = (read.scan.world_from_scanner, made.scan.world_from_scanner);
-            assert!(near(
-                p.apply(made.scan.points[0]),
-                q.apply(made.scan.points[0]),
-                1e-12 * options.size()
-            ));
+            assert!(near(p.apply(made.scan.points[0]), q.apply(made.scan.points[0]), 1e-12 * options.size()));
         }
-        assert_eq!(
-            summary.rows,
-            set.scans.iter().map(|s| s.scan.points.len()).sum::<usize>()
-        );
+        assert_eq!(summary.rows, set.scans.iter().map(|s| s.scan.points.len()).sum::<usize>());
         assert!(summary.files.iter().all(|f| f.is_file()) && summary.files[0].ends_with("job.toml"));
         let truth = planish_exchange::ply::read_mesh(&folder.join("truth.ply")).unwrap();
         assert_eq!(
             (truth.points.len(), truth.triangles.len()),
             (summary.truth.mesh_vertices, summary.truth.mesh_triangles)
         );
-        let (nx, ny, nz) = (
-            truth.column("nx").unwrap(),
-            truth.column("ny").unwrap(),
-            truth.column("nz").unwrap(),
-        );
+        let (nx, ny, nz) =
+            (truth.column("nx").unwrap(), truth.column("ny").unwrap(), truth.column("nz").unwrap());
         for i in (0..truth.points.len()).step_by(97) {
             let foot = scene.truth.foot(truth.points[i]).unwrap();
             assert!(foot.signed_distance.abs() < 1e-9 * options.size());
             assert!(norm(sub([nx[i], ny[i], nz[i]], foot.point.normal)) < 1e-6);
         }
-        assert!(
-            summary.truth.mesh_chord_error < 2e-3 * options.size(),
-            "{}",
-            summary.truth.mesh_chord_error
-        );
+        assert!(summary.truth.mesh_chord_error < 2e-3 * options.size(), "{}", summary.truth.mesh_chord_error);
         let json: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(folder.join("truth.json")).unwrap()).unwrap();
         assert_eq!(json["seed"], 11);
@@ -541,84 +456,26 @@ fn a_written_scene_reads_back_as_it_was() {
 fn options_that_make_no_sense_are_refused() {
     let good = small(Shape::Ball);
     for (options, kind) in [
-        (
-            ScanSceneOptions {
-                readings: 0,
-                ..good.clone()
-            },
-            ErrorKind::Input,
-        ),
-        (
-            ScanSceneOptions {
-                views: 0,
-                old_scanner: false,
-                ..good.clone()
-            },
-            ErrorKind::Input,
-        ),
-        (
-            ScanSceneOptions {
-                sigma: Some(-1.0),
-                ..good.clone()
-            },
-            ErrorKind::Input,
-        ),
-        (
-            ScanSceneOptions {
-                sigma: Some(0.1),
-                unit: Unit::Metre,
-                ..good.clone()
-            },
-            ErrorKind::Input,
-        ),
-        (
-            ScanSceneOptions {
-                misstated: 0.0,
-                ..good.clone()
-            },
-            ErrorKind::Input,
-        ),
-        (
-            ScanSceneOptions {
-                outlier_share: 1.0,
-                ..good.clone()
-            },
-            ErrorKind::Input,
-        ),
-        (
-            ScanSceneOptions {
-                unevenness: f64::NAN,
-                ..good.clone()
-            },
-            ErrorKind::Input,
-        ),
-        (
-            ScanSceneOptions {
-                shape: Shape::Torus,
-                ..good.clone()
-            },
-            ErrorKind::Unsupported,
-        ),
+        (ScanSceneOptions { readings: 0, ..good.clone() }, ErrorKind::Input),
+        (ScanSceneOptions { views: 0, old_scanner: false, ..good.clone() }, ErrorKind::Input),
+        (ScanSceneOptions { sigma: Some(-1.0), ..good.clone() }, ErrorKind::Input),
+        (ScanSceneOptions { sigma: Some(0.1), unit: Unit::Metre, ..good.clone() }, ErrorKind::Input),
+        (ScanSceneOptions { misstated: 0.0, ..good.clone() }, ErrorKind::Input),
+        (ScanSceneOptions { outlier_share: 1.0, ..good.clone() }, ErrorKind::Input),
+        (ScanSceneOptions { unevenness: f64::NAN, ..good.clone() }, ErrorKind::Input),
+        (ScanSceneOptions { shape: Shape::Torus, ..good.clone() }, ErrorKind::Unsupported),
     ] {
         assert_eq!(scans(&options).unwrap_err().kind(), kind, "{options:?}");
     }
     let file = tempfile::NamedTempFile::new().unwrap();
-    assert_eq!(
-        write_scans_scene(&good, file.path(), &Silent).unwrap_err().kind(),
-        ErrorKind::Io
-    );
+    assert_eq!(write_scans_scene(&good, file.path(), &Silent).unwrap_err().kind(), ErrorKind::Io);
 }
 
 #[test]
 fn the_pebble_that_ships_is_what_its_readme_says() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/data/pebble");
     let shipped = read_inputs(&[folder.join("job.toml")], None).unwrap();
-    let made = scans(&ScanSceneOptions {
-        seed: 7,
-        readings: 12_000,
-        ..ScanSceneOptions::default()
-    })
-    .unwrap();
+    let made = scans(&ScanSceneOptions { seed: 7, readings: 12_000, ..ScanSceneOptions::default() }).unwrap();
     assert_eq!(shipped.sensors, made.set.sensors);
     for (a, b) in shipped.scans.iter().zip(&made.set.scans) {
         assert_eq!((&a.scan.name, a.scan.points.len()), (&b.scan.name, b.scan.points.len()));

@@ -1,10 +1,10 @@
 //! The surface behind a simulated scene: known exactly, at every point.
 //!
-//! Comes in: a closed form, or a spline surface (random in a given space, or drawn from a prior). Goes out: points, normals,
-//! curvatures, area-uniform samples, a dense mesh, and exact distances of nearby points.
+//! Comes in: a closed form, or a spline surface (random in a given space, or drawn from a prior). Goes out:
+//! points, normals, curvatures, area-uniform samples, a dense mesh, and exact distances of nearby points.
 //!
-//! Not guaranteed: the foot of a point as far away as the surface's radius of curvature, or closer to another part of the
-//! surface than the dense mesh resolves.
+//! Not guaranteed: the foot of a point as far away as the surface's radius of curvature, or closer to another
+//! part of the surface than the dense mesh resolves.
 
 use super::form::{ClosedForm, parameters};
 use planish_estimate::sparse::CholeskyFactor;
@@ -88,8 +88,8 @@ impl Truth {
         Self::from_form(Form::Spline(surface))
     }
 
-    /// A random smooth surface of exactly this spline space, about `size` long: a freeform, interpolated on the base grid, and
-    /// every vertex moved by a few per cent of its cell.
+    /// A random smooth surface of exactly this spline space, about `size` long: a freeform, interpolated on
+    /// the base grid, and every vertex moved by a few per cent of its cell.
     ///
     /// # Errors
     /// As [`Truth::freeform`]; a torus is a round one with moved vertices.
@@ -116,8 +116,8 @@ impl Truth {
         Ok(Self::from_surface(Surface::new(Arc::clone(space), moved)?))
     }
 
-    /// A surface whose vertices are drawn from the Gaussian with this mean and the information behind the factor:
-    /// `x = mean + L⁻ᵀ z`. For judging a posterior when the truth comes from the prior.
+    /// A surface whose vertices are drawn from the Gaussian with this mean and the information behind the
+    /// factor: `x = mean + L⁻ᵀ z`. For judging a posterior when the truth comes from the prior.
     ///
     /// # Errors
     /// `Input` when the factor is of another size than the mean's vertices.
@@ -132,10 +132,7 @@ impl Truth {
     }
 
     fn from_form(form: Form) -> Self {
-        Self {
-            form,
-            dense: OnceLock::new(),
-        }
+        Self { form, dense: OnceLock::new() }
     }
 
     /// The topology.
@@ -221,14 +218,11 @@ impl Truth {
 
     fn at(&self, parameters: [f64; 2]) -> TruthPoint {
         let jet = self.regular_jet(parameters[0], parameters[1]);
-        TruthPoint {
-            parameters,
-            position: jet.point,
-            normal: jet.normal().unwrap_or([0.0; 3]),
-        }
+        TruthPoint { parameters, position: jet.point, normal: jet.normal().unwrap_or([0.0; 3]) }
     }
 
-    /// A mesh of no more than about this many triangles, facing outwards, its vertices on the surface, and their exact normals.
+    /// A mesh of no more than about this many triangles, facing outwards, its vertices on the surface, and
+    /// their exact normals.
     #[must_use]
     pub fn mesh(&self, triangles: usize) -> (TriangleMesh, Vec<[f64; 3]>) {
         let (mesh, parameters) = self.mesh_and_parameters(triangles);
@@ -256,17 +250,10 @@ impl Truth {
         let rows = (triangles / (2 * columns)).max(4);
         let (around, along) = (shape.periodic_u(), shape.periodic_v());
         // Poles are one vertex each, before all others.
-        let (first, inner) = if shape.polar() {
-            (2, 1..rows)
-        } else {
-            (0, 0..if along { rows } else { rows + 1 })
-        };
+        let (first, inner) =
+            if shape.polar() { (2, 1..rows) } else { (0, 0..if along { rows } else { rows + 1 }) };
         let across = if around { columns } else { columns + 1 };
-        let mut parameters = if shape.polar() {
-            vec![[0.0, 0.0], [0.0, 1.0]]
-        } else {
-            Vec::new()
-        };
+        let mut parameters = if shape.polar() { vec![[0.0, 0.0], [0.0, 1.0]] } else { Vec::new() };
         for j in inner {
             parameters.extend((0..across).map(|i| [i as f64 / columns as f64, j as f64 / rows as f64]));
         }
@@ -274,11 +261,7 @@ impl Truth {
             if shape.polar() && (j == 0 || j == rows) {
                 return u32::from(j == rows);
             }
-            let row = if shape.polar() {
-                j - 1
-            } else {
-                j % if along { rows } else { rows + 1 }
-            };
+            let row = if shape.polar() { j - 1 } else { j % if along { rows } else { rows + 1 } };
             (first + row * across + i % across) as u32
         };
         let mut faces = Vec::with_capacity(2 * columns * rows);
@@ -297,10 +280,7 @@ impl Truth {
 
     /// The mesh of these triangles over the points at these parameters.
     fn over(&self, triangles: Vec<[u32; 3]>, parameters: &[[f64; 2]]) -> TriangleMesh {
-        TriangleMesh {
-            positions: parameters.iter().map(|&[u, v]| self.point(u, v)).collect(),
-            triangles,
-        }
+        TriangleMesh { positions: parameters.iter().map(|&[u, v]| self.point(u, v)).collect(), triangles }
     }
 
     /// The mesh that searches start from; made on first use.
@@ -308,22 +288,16 @@ impl Truth {
         self.dense.get_or_init(|| {
             let triangles = match &self.form {
                 Form::Closed(_) => SEARCH_TRIANGLES + 2_000,
-                Form::Spline(surface) => (100 * surface.space().leaves().len()).clamp(8_000, SEARCH_TRIANGLES),
+                Form::Spline(surface) => {
+                    (100 * surface.space().leaves().len()).clamp(8_000, SEARCH_TRIANGLES)
+                }
             };
             let (mesh, parameters) = self.mesh_and_parameters(triangles);
             let search = MeshSearch::try_new(&mesh).expect("a grid over a finite surface is a mesh");
-            let largest_element = parameters
-                .iter()
-                .map(|&[u, v]| self.proposal_element(u, v))
-                .fold(0.0_f64, f64::max);
+            let largest_element =
+                parameters.iter().map(|&[u, v]| self.proposal_element(u, v)).fold(0.0_f64, f64::max);
             let diagonal = mesh.bounding_box().map_or(0.0, |b| b.diagonal());
-            Dense {
-                mesh,
-                parameters,
-                search,
-                largest_element,
-                diagonal,
-            }
+            Dense { mesh, parameters, search, largest_element, diagonal }
         })
     }
 
@@ -339,7 +313,8 @@ impl Truth {
         norm(cross(jet.du, jet.dv))
     }
 
-    /// Parameters spread evenly: over the unit sphere for a ball in closed form, over `(u, v)` for all others.
+    /// Parameters spread evenly: over the unit sphere for a ball in closed form, over `(u, v)` for all
+    /// others.
     fn propose(&self, rng: &mut impl Rng) -> [f64; 2] {
         let (u, v): (f64, f64) = (rng.random(), rng.random());
         match &self.form {
@@ -365,7 +340,8 @@ impl Truth {
         points
     }
 
-    /// The nearest point of the true surface and the signed distance to it, by Newton's method from the dense mesh.
+    /// The nearest point of the true surface and the signed distance to it, by Newton's method from the dense
+    /// mesh.
     ///
     /// Exact to about 1e-12 of the size. None only for a point that is not finite.
     #[must_use]
@@ -378,43 +354,28 @@ impl Truth {
             Form::Spline(surface) => {
                 let space = surface.space();
                 let [a, b] = space.extent();
-                let options = ProjectionOptions {
-                    max_steps: 60,
-                    relative_tolerance: 1e-12,
-                };
+                let options = ProjectionOptions { max_steps: 60, relative_tolerance: 1e-12 };
                 let foot = surface.project(z, [start[0] * a, start[1] * b], &options);
                 let [u, v] = space.parameters(foot.leaf as usize, foot.local);
                 let position = foot.jet.point;
-                (
-                    TruthPoint {
-                        parameters: [u / a, v / b],
-                        position,
-                        normal: foot.normal,
-                    },
-                    foot.at_border,
-                )
+                (TruthPoint { parameters: [u / a, v / b], position, normal: foot.normal }, foot.at_border)
             }
         };
         let offset = sub(z, point.position);
         let signed_distance = norm(offset).copysign(dot(offset, point.normal));
-        Some(TruthFoot {
-            point,
-            signed_distance,
-            at_border,
-        })
+        Some(TruthFoot { point, signed_distance, at_border })
     }
 
     /// The vertex of the dense mesh that is nearest to a point of one of its triangles.
     fn corner(&self, triangle: u32, barycentric: [f64; 3]) -> usize {
-        let k = (0..3)
-            .max_by(|&a, &b| barycentric[a].total_cmp(&barycentric[b]))
-            .unwrap_or(0);
+        let k = (0..3).max_by(|&a, &b| barycentric[a].total_cmp(&barycentric[b])).unwrap_or(0);
         self.dense().mesh.triangles[triangle as usize][k] as usize
     }
 
     /// Where a ray with a unit direction first meets the true surface, from either side, and how far that is.
     ///
-    /// The first hit on the dense mesh, carried to the surface by Newton's method; none also where that fails: the ray grazes.
+    /// The first hit on the dense mesh, carried to the surface by Newton's method; none also where that
+    /// fails: the ray grazes.
     #[must_use]
     pub fn first_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<(TruthPoint, f64)> {
         let dense = self.dense();
@@ -434,11 +395,15 @@ impl Truth {
             let t = -dot(cross(jet.du, r), direction) / determinant;
             along += dot(normal, r) / determinant;
             at = self.moved(at, [s, t]);
-            if distance(self.point(at[0], at[1]), add_scaled(origin, along, direction)) <= 1e-12 * (1.0 + along.abs()) {
+            if distance(self.point(at[0], at[1]), add_scaled(origin, along, direction))
+                <= 1e-12 * (1.0 + along.abs())
+            {
                 let point = self.at(at);
-                // No facet lies a thousandth of the size away from its surface: farther is another part of it.
+                // No facet lies a thousandth of the size away from its surface: farther is another part of
+                // it.
                 let cosine = dot(point.normal, direction).abs().max(0.05);
-                return ((along - hit.distance).abs() * cosine <= 1e-3 * dense.diagonal).then_some((point, along));
+                return ((along - hit.distance).abs() * cosine <= 1e-3 * dense.diagonal)
+                    .then_some((point, along));
             }
         }
         None
@@ -515,14 +480,7 @@ fn descend(form: &ClosedForm, z: [f64; 3], start: [f64; 2]) -> (TruthPoint, bool
         }
     }
     let normal = jet.normal().unwrap_or([0.0; 3]);
-    (
-        TruthPoint {
-            parameters: at,
-            position: jet.point,
-            normal,
-        },
-        held[0] || held[1],
-    )
+    (TruthPoint { parameters: at, position: jet.point, normal }, held[0] || held[1])
 }
 
 /// An error for what only makes sense of a positive, finite number.

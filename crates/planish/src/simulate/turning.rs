@@ -1,11 +1,11 @@
 //! The scene `turning`: a freeform on a turntable, scanned by a laser that stands still, at known times.
 //!
-//! Comes in: [`TurningOptions`]. Goes out: a [`ScanScene`] whose scans all have the pose of the laser and state their times; the truth is the thing as the
-//! first scan met it.
+//! Comes in: [`TurningOptions`]. Goes out: a [`ScanScene`] whose scans all have the pose of the laser and
+//! state their times; the truth is the thing as the first scan met it.
 
 use super::scans::{
-    ScanScene, ScanSceneOptions, ScanSceneSummary, TrueMotion, field_of_view, grid_for, looking_from, seed_of,
-    write_simulated,
+    ScanScene, ScanSceneOptions, ScanSceneSummary, TrueMotion, field_of_view, grid_for, looking_from,
+    seed_of, write_simulated,
 };
 use super::truth::{Truth, positive};
 use super::virtual_sensor::VirtualScanner;
@@ -17,7 +17,8 @@ use planish_sense::{Pose, SensorKind};
 use planish_spline::Shape;
 use std::path::Path;
 
-/// Where the laser looks from, and where the axis of the table points and passes the thing's origin, over its size.
+/// Where the laser looks from, and where the axis of the table points and passes the thing's origin, over its
+/// size.
 const FROM: [f64; 3] = [0.9, 0.1, 0.45];
 const AXIS: [f64; 3] = [0.05, -0.1, 1.0];
 const AXIS_POINT: [f64; 3] = [0.1, 0.05, 0.0];
@@ -33,7 +34,8 @@ pub struct TurningOptions {
     pub views: usize,
     /// Degrees that the table turns in a second.
     pub rate_deg_per_s: f64,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the thing's length if none is given.
+    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the thing's
+    /// length if none is given.
     pub sigma: Option<f64>,
     /// Unit of every length.
     pub unit: Unit,
@@ -41,14 +43,7 @@ pub struct TurningOptions {
 
 impl Default for TurningOptions {
     fn default() -> Self {
-        Self {
-            seed: 0,
-            readings: 60_000,
-            views: 6,
-            rate_deg_per_s: 6.0,
-            sigma: None,
-            unit: Unit::Millimetre,
-        }
+        Self { seed: 0, readings: 60_000, views: 6, rate_deg_per_s: 6.0, sigma: None, unit: Unit::Millimetre }
     }
 }
 
@@ -96,10 +91,7 @@ fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanSce
     let axis = direction(AXIS)?;
     let axis_point = scale(size, AXIS_POINT);
     let mut scene = ScanScene {
-        set: ScanSet {
-            unit: Some(options.unit),
-            ..ScanSet::default()
-        },
+        set: ScanSet { unit: Some(options.unit), ..ScanSet::default() },
         motion: Some(TrueMotion {
             rate_deg_per_s: turning.rate_deg_per_s,
             axis,

@@ -1,11 +1,13 @@
 //! The scene `vessel`: a surface of revolution that a laser saw from one side.
 //!
-//! Comes in: [`VesselOptions`]. Goes out: a [`ScanScene`] of one scan; the truth is the whole vessel. What lies behind follows from the symmetry alone; the
-//! middle of the bottom nobody saw at any angle, and nothing tells it.
+//! Comes in: [`VesselOptions`]. Goes out: a [`ScanScene`] of one scan; the truth is the whole vessel. What
+//! lies behind follows from the symmetry alone; the middle of the bottom nobody saw at any angle, and nothing
+//! tells it.
 
 use super::form::{BallBump, BallForm, ClosedForm};
 use super::scans::{
-    ScanScene, ScanSceneOptions, ScanSceneSummary, field_of_view, grid_for, looking_from, seed_of, write_simulated,
+    ScanScene, ScanSceneOptions, ScanSceneSummary, field_of_view, grid_for, looking_from, seed_of,
+    write_simulated,
 };
 use super::truth::Truth;
 use super::virtual_sensor::{Optics, VirtualScanner};
@@ -32,7 +34,8 @@ pub struct VesselOptions {
     pub seed: u64,
     /// Readings, to within a few per cent.
     pub readings: usize,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the vessel's height if none is given.
+    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the vessel's
+    /// height if none is given.
     pub sigma: Option<f64>,
     /// Unit of every length.
     pub unit: Unit,
@@ -40,12 +43,7 @@ pub struct VesselOptions {
 
 impl Default for VesselOptions {
     fn default() -> Self {
-        Self {
-            seed: 0,
-            readings: 30_000,
-            sigma: None,
-            unit: Unit::Millimetre,
-        }
+        Self { seed: 0, readings: 30_000, sigma: None, unit: Unit::Millimetre }
     }
 }
 
@@ -91,10 +89,7 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
     scanner.grid = grid_for(&scanner, &truth, options.readings)?;
     let scan = scanner.scan(&truth, seed_of(options.seed, 0))?;
     let mut scene = ScanScene {
-        set: ScanSet {
-            unit: Some(options.unit),
-            ..ScanSet::default()
-        },
+        set: ScanSet { unit: Some(options.unit), ..ScanSet::default() },
         options,
         truth,
         sensors: Vec::new(),
@@ -111,7 +106,11 @@ pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
 ///
 /// # Errors
 /// As [`vessel`] and [`super::write_scan_scene`]; `Interrupted` on request, before anything is written.
-pub fn write_vessel_scene(options: &VesselOptions, folder: &Path, progress: &dyn Progress) -> Result<ScanSceneSummary> {
+pub fn write_vessel_scene(
+    options: &VesselOptions,
+    folder: &Path,
+    progress: &dyn Progress,
+) -> Result<ScanSceneSummary> {
     options.as_scans().sanity_check()?;
     write_simulated(folder, progress, |progress| {
         progress.check("scanning", 0.0)?;

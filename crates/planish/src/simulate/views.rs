@@ -1,11 +1,12 @@
-//! The scene `views`: the outlines of a triangular prism in three views, ranged from all around by a sensor of uncertain pose.
+//! The scene `views`: the outlines of a triangular prism in three views, ranged from all around by a sensor
+//! of uncertain pose.
 //!
-//! Comes in: [`ViewsOptions`]. Goes out: for each view a folder with `readings.csv`, `exact.csv` and `truth.json`, and the
-//! prism's vertices in `truth.json` beside them.
+//! Comes in: [`ViewsOptions`]. Goes out: for each view a folder with `readings.csv`, `exact.csv` and
+//! `truth.json`, and the prism's vertices in `truth.json` beside them.
 //!
 //! # References
-//! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a moving sensor*,
-//! figure 3.
+//! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a
+//! moving sensor*, figure 3.
 
 use super::readings::{ReadingsSummary, named, usual_sensor, write_table};
 use super::truth::positive;
@@ -50,11 +51,8 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
     let size = PRISM_MM.map(|length| length * millimetre);
     let sensor = usual_sensor(NOISE * options.noise, options.sweep, millimetre);
     make_folder(folder)?;
-    let mut summary = ReadingsSummary {
-        rows: 0,
-        columns: COLUMNS[..WRITTEN_COLUMNS].to_vec(),
-        files: Vec::new(),
-    };
+    let mut summary =
+        ReadingsSummary { rows: 0, columns: COLUMNS[..WRITTEN_COLUMNS].to_vec(), files: Vec::new() };
     for (i, view) in ViewKind::ALL.into_iter().enumerate() {
         let [right, up, _] = view.axes();
         let (kind, theta) = outline(view, size[right], size[up]);
@@ -78,10 +76,8 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
     }
     let [x, y, z] = size;
     let front = [[0.0, 0.0], [x, 0.0], [0.0, z]];
-    let vertices: Vec<[f64; 3]> = [0.0, y]
-        .iter()
-        .flat_map(|&depth| front.map(|[x, z]| [x, depth, z]))
-        .collect();
+    let vertices: Vec<[f64; 3]> =
+        [0.0, y].iter().flat_map(|&depth| front.map(|[x, z]| [x, depth, z])).collect();
     let truth = json!({
         "size": size,
         "vertices": vertices,

@@ -1,8 +1,8 @@
 //! Sensors that measure a known surface.
 //!
-//! Comes in: a [`Truth`], where the sensor stands and how it errs. Goes out: a [`Scan`] in the sensor's frame, and for each
-//! of its readings what was really there. Every reading has its own stream of random numbers: one that is dropped changes no
-//! other, and the number of threads changes none.
+//! Comes in: a [`Truth`], where the sensor stands and how it errs. Goes out: a [`Scan`] in the sensor's
+//! frame, and for each of its readings what was really there. Every reading has its own stream of random
+//! numbers: one that is dropped changes no other, and the number of threads changes none.
 //!
 //! Not guaranteed: mixed readings at depth edges, or correlated errors: readings err independently.
 
@@ -63,7 +63,8 @@ pub struct VirtualScanner {
     pub grid: [usize; 2],
     /// Its true noise, at the middle of its field of view.
     pub noise: Noise,
-    /// σ grows by this share from the middle of the field of view to its corners, with the square of the distance.
+    /// σ grows by this share from the middle of the field of view to its corners, with the square of the
+    /// distance.
     pub unevenness: f64,
     /// True σ over the σ that the readings state themselves; only sensors of uneven σ state one a reading.
     pub misstatement: f64,
@@ -116,9 +117,7 @@ impl VirtualScanner {
             positive("sides of the field of view", side)?;
         }
         positive("misstatement", self.misstatement)?;
-        if self.grid[0]
-            .checked_mul(self.grid[1])
-            .is_none_or(|cells| cells == 0 || cells >= u32::MAX as usize)
+        if self.grid[0].checked_mul(self.grid[1]).is_none_or(|cells| cells == 0 || cells >= u32::MAX as usize)
         {
             return Err(Error::input(format!(
                 "needed a grid of 1 to {} cells, found {:?}",
@@ -127,10 +126,7 @@ impl VirtualScanner {
             )));
         }
         if !(self.unevenness >= 0.0 && self.unevenness.is_finite()) {
-            return Err(Error::input(format!(
-                "needed unevenness of at least 0, found {}",
-                self.unevenness
-            )));
+            return Err(Error::input(format!("needed unevenness of at least 0, found {}", self.unevenness)));
         }
         if !(0.0..1.0).contains(&self.outlier_share) {
             return Err(Error::input(format!(
@@ -144,8 +140,8 @@ impl VirtualScanner {
         Ok(())
     }
 
-    /// Origin and unit direction of the ray of a cell, in the scanner's frame, and the square of its distance from the middle
-    /// of the field of view: 1 at the corners.
+    /// Origin and unit direction of the ray of a cell, in the scanner's frame, and the square of its distance
+    /// from the middle of the field of view: 1 at the corners.
     fn ray(&self, cell: usize) -> ([f64; 3], [f64; 3], f64) {
         let index = [cell % self.grid[0], cell / self.grid[0]];
         let [a, b] = [0, 1].map(|k| (2 * index[k] + 1) as f64 / self.grid[k] as f64 - 1.0);
@@ -159,7 +155,8 @@ impl VirtualScanner {
         }
     }
 
-    /// What a cell's ray meets: the point, where it is not hidden, not seen from behind and not at a grazing angle.
+    /// What a cell's ray meets: the point, where it is not hidden, not seen from behind and not at a grazing
+    /// angle.
     fn sees(&self, truth: &Truth, cell: usize) -> Option<TruthPoint> {
         let (origin, direction, _) = self.ray(cell);
         let direction = self.world_from_scanner.rotate(direction);
@@ -171,10 +168,7 @@ impl VirtualScanner {
     #[must_use]
     pub fn count(&self, truth: &Truth) -> usize {
         let cells = self.grid[0] * self.grid[1];
-        (0..cells)
-            .into_par_iter()
-            .filter(|&cell| self.sees(truth, cell).is_some())
-            .count()
+        (0..cells).into_par_iter().filter(|&cell| self.sees(truth, cell).is_some()).count()
     }
 
     /// Scans a surface. The same bytes for the same seed. Cost: one ray a cell, in parallel.
@@ -191,10 +185,8 @@ impl VirtualScanner {
             let noise_factor = 1.0 + self.unevenness * rho2;
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(cell as u64);
-            let mut z = add(
-                scanner_from_world.apply(point.position),
-                draw(self.noise, ray, noise_factor, &mut rng),
-            );
+            let mut z =
+                add(scanner_from_world.apply(point.position), draw(self.noise, ray, noise_factor, &mut rng));
             let outlier = rng.random::<f64>() < self.outlier_share;
             if outlier {
                 let least = (0.1 * self.outlier_size).max(10.0 * noise_factor * self.noise.sigma());
@@ -203,15 +195,7 @@ impl VirtualScanner {
                 let side = if rng.random::<bool>() { 1.0 } else { -1.0 };
                 z = add_scaled(z, side * size, ray);
             }
-            Some((
-                z,
-                ray,
-                TrueReading {
-                    point,
-                    outlier,
-                    noise_factor,
-                },
-            ))
+            Some((z, ray, TrueReading { point, outlier, noise_factor }))
         };
         let readings: Vec<_> = (0..cells).into_par_iter().with_min_len(256).map(read).collect();
 
@@ -227,11 +211,15 @@ impl VirtualScanner {
         let (mut sigma, mut covariance) = (Vec::new(), Vec::new());
         for reading in readings {
             grid.push(reading.map_or(RangeGrid::EMPTY, |_| scan.points.len() as u32));
-            let Some((z, ray, reading)) = reading else { continue };
+            let Some((z, ray, reading)) = reading else {
+                continue;
+            };
             let stated = scaled(self.noise, reading.noise_factor / self.misstatement);
             match stated {
                 Noise::Isotropic { sigma: s } => sigma.push(s),
-                Noise::Ray { .. } => covariance.push(stated.covariance(Some(ray_at(viewing, z).unwrap_or(ray)))),
+                Noise::Ray { .. } => {
+                    covariance.push(stated.covariance(Some(ray_at(viewing, z).unwrap_or(ray))))
+                }
             }
             scan.points.push(z);
             seen.push(reading);
@@ -241,11 +229,7 @@ impl VirtualScanner {
             scan.covariance = Some(covariance).filter(|c| !c.is_empty());
         }
         if self.organised {
-            scan.grid = Some(RangeGrid {
-                columns: self.grid[0],
-                rows: self.grid[1],
-                cells: grid,
-            });
+            scan.grid = Some(RangeGrid { columns: self.grid[0], rows: self.grid[1], cells: grid });
         }
         Ok(VirtualScan { scan, truth: seen })
     }
@@ -274,21 +258,14 @@ impl VirtualProbe {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let probe_from_world = self.world_from_probe.inverse();
         let touched = truth.sample_area_uniform(self.points, &mut rng);
-        let mut scan = Scan {
-            name: self.name.clone(),
-            world_from_scanner: self.world_from_probe,
-            ..Scan::default()
-        };
+        let mut scan =
+            Scan { name: self.name.clone(), world_from_scanner: self.world_from_probe, ..Scan::default() };
         let noise = Noise::Isotropic { sigma: self.sigma };
         let mut seen = Vec::with_capacity(touched.len());
         for point in touched {
             let error = draw(noise, [0.0, 0.0, 1.0], 1.0, &mut rng);
             scan.points.push(add(probe_from_world.apply(point.position), error));
-            seen.push(TrueReading {
-                point,
-                outlier: false,
-                noise_factor: 1.0,
-            });
+            seen.push(TrueReading { point, outlier: false, noise_factor: 1.0 });
         }
         Ok(VirtualScan { scan, truth: seen })
     }
@@ -298,13 +275,9 @@ impl VirtualProbe {
 pub(super) fn scaled(noise: Noise, factor: f64) -> Noise {
     match noise {
         Noise::Isotropic { sigma } => Noise::Isotropic { sigma: factor * sigma },
-        Noise::Ray {
-            sigma_along,
-            sigma_across,
-        } => Noise::Ray {
-            sigma_along: factor * sigma_along,
-            sigma_across: factor * sigma_across,
-        },
+        Noise::Ray { sigma_along, sigma_across } => {
+            Noise::Ray { sigma_along: factor * sigma_along, sigma_across: factor * sigma_across }
+        }
     }
 }
 
@@ -313,16 +286,9 @@ fn draw(noise: Noise, ray: [f64; 3], factor: f64, rng: &mut ChaCha8Rng) -> [f64;
     let [a, b, c]: [f64; 3] = [0; 3].map(|_| factor * rng.sample::<f64, _>(StandardNormal));
     match noise {
         Noise::Isotropic { sigma } => scale(sigma, [a, b, c]),
-        Noise::Ray {
-            sigma_along,
-            sigma_across,
-        } => {
+        Noise::Ray { sigma_along, sigma_across } => {
             let (e1, e2) = tangents(ray);
-            add_scaled(
-                add_scaled(scale(sigma_along * a, ray), sigma_across * b, e1),
-                sigma_across * c,
-                e2,
-            )
+            add_scaled(add_scaled(scale(sigma_along * a, ray), sigma_across * b, e1), sigma_across * c, e2)
         }
     }
 }
@@ -330,10 +296,7 @@ fn draw(noise: Noise, ray: [f64; 3], factor: f64, rng: &mut ChaCha8Rng) -> [f64;
 fn check_noise(noise: Noise) -> Result<()> {
     match noise {
         Noise::Isotropic { sigma } => positive("sigma", sigma)?,
-        Noise::Ray {
-            sigma_along,
-            sigma_across,
-        } => {
+        Noise::Ray { sigma_along, sigma_across } => {
             positive("sigma_along", sigma_along)?;
             positive("sigma_across", sigma_across)?
         }

@@ -19,7 +19,8 @@ const MEETS: f64 = 1e-4;
 /// Lines are drawn twice where their ends and middles agree within this share of the drawing's size.
 const SAME: f64 = 1e-7;
 
-/// Sizes of parts that can be written, in millimetres: Open Cascade 7.9 finds a box with a hole valid from 0.004 mm to 4e8 mm, and not of 4e9 mm.
+/// Sizes of parts that can be written, in millimetres: Open Cascade 7.9 finds a box with a hole valid from
+/// 0.004 mm to 4e8 mm, and not of 4e9 mm.
 const SIZES_MM: [f64; 2] = [1e-3, 1e9];
 
 /// Reads the files.
@@ -56,17 +57,16 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<(Drawin
         if extension(path) == "svg" && job.views.len() > 1 {
             place_at_origin(&mut found.curves);
         }
-        drawing.views.push(View {
-            kind,
-            curves: found.curves,
-        });
+        drawing.views.push(View { kind, curves: found.curves });
     }
     if let [path] = &job.views[..] {
         let curves = drawing.views.pop().map(|v| v.curves).unwrap_or_default();
-        drawing = views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
+        drawing =
+            views_of_sheet(&curves, job.projection).map_err(|e| e.in_context(path.display().to_string()))?;
     }
     if let Some(tolerance) = job.tolerance {
-        drawing = joined(&drawing, tolerance).map_err(|e| e.in_context(format!("--tolerance {tolerance:e}")))?;
+        drawing =
+            joined(&drawing, tolerance).map_err(|e| e.in_context(format!("--tolerance {tolerance:e}")))?;
     }
     check_extents(&drawing, &job.views)?;
     let unit = unit.or(job.unit).unwrap_or(Unit::Millimetre);
@@ -104,12 +104,8 @@ fn summary(all: &[String]) -> impl Iterator<Item = String> + '_ {
 
 /// Takes out lines that are drawn again, and says which. Of a visible and a hidden one the visible one stays.
 fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<String> {
-    let all = Drawing {
-        views: vec![View {
-            kind: planish_solid::views::ViewKind::Front,
-            curves: curves.clone(),
-        }],
-    };
+    let all =
+        Drawing { views: vec![View { kind: planish_solid::views::ViewKind::Front, curves: curves.clone() }] };
     let step = (SAME * all.size()).max(f64::MIN_POSITIVE);
     let key = |curve: &Curve2| {
         let points = curve.points();
@@ -137,7 +133,9 @@ fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<String> {
         }
         let first = &mut kept[at];
         repeated.push(match (first.style, drawn.style) {
-            (a, b) if a == b => format!("{} is drawn again as {}: it counts once", first.entity, drawn.entity),
+            (a, b) if a == b => {
+                format!("{} is drawn again as {}: it counts once", first.entity, drawn.entity)
+            }
             _ => format!(
                 "{} is drawn again as {}, one visible, one hidden: it counts as visible",
                 first.entity, drawn.entity
@@ -160,7 +158,8 @@ fn place_at_origin(curves: &mut [DrawnCurve]) {
     }
 }
 
-/// What in a drawing may be the reason why no solid was found: sizes and ends that nearly agree, and open outlines.
+/// What in a drawing may be the reason why no solid was found: sizes and ends that nearly agree, and open
+/// outlines.
 pub(super) fn misses(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
     let mut found = nearly_equal_extents(drawing, paths);
     found.extend(summary(&nearly_meeting_ends(drawing, paths)));
@@ -178,17 +177,15 @@ pub(super) fn explain(error: Error, drawing: &Drawing, paths: &[PathBuf]) -> Err
     }
 }
 
-/// Ends of visible lines at which no other line of the view is, each named: where no solid was found, an open outline is a likely reason. (Where a
-/// smooth edge is left out, as in drafting, lines end openly, too.)
+/// Ends of visible lines at which no other line of the view is, each named: where no solid was found, an open
+/// outline is a likely reason. (Where a smooth edge is left out, as in drafting, lines end openly, too.)
 fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
     let near = MEETS * drawing.size();
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {
         let chains: Vec<Vec<[f64; 2]>> = view.curves.iter().map(|c| c.curve.points()).collect();
-        for (k, chain) in chains
-            .iter()
-            .enumerate()
-            .filter(|(k, _)| view.curves[*k].style == LineStyle::Visible)
+        for (k, chain) in
+            chains.iter().enumerate().filter(|(k, _)| view.curves[*k].style == LineStyle::Visible)
         {
             let ends = [chain[0], chain[chain.len() - 1]];
             if distance(ends[0], ends[1]) <= near {

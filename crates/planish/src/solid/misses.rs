@@ -1,4 +1,5 @@
-//! What nearly fits in a drawing: ends that miss each other by little, views whose sizes differ by little. Told where no solid was found.
+//! What nearly fits in a drawing: ends that miss each other by little, views whose sizes differ by little.
+//! Told where no solid was found.
 
 use planish_solid::views::{Curve2, Drawing, LineStyle, distance, nearest_on_curve};
 use std::path::PathBuf;
@@ -6,7 +7,8 @@ use std::path::PathBuf;
 /// Ends and sizes that differ by more than this share of the drawing's size are not meant to be one.
 const NEARLY: f64 = 2e-3;
 
-/// Within this, coordinates are one without a word: a share of the drawing's size, and a length that stands for rounding in files.
+/// Within this, coordinates are one without a word: a share of the drawing's size, and a length that stands
+/// for rounding in files.
 fn same(drawing: &Drawing) -> f64 {
     1e-6 * drawing.size()
 }
@@ -17,7 +19,8 @@ fn file(paths: &[PathBuf], view: usize) -> String {
         .map_or_else(String::new, |path| path.display().to_string())
 }
 
-/// Views that share an axis and span it nearly, but not quite, the same: scales that differ by a thousandth, or an outline that is a little too long.
+/// Views that share an axis and span it nearly, but not quite, the same: scales that differ by a thousandth,
+/// or an outline that is a little too long.
 pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
     let mut found = Vec::new();
     let mut seen: [Option<(f64, usize)>; 3] = [None; 3];
@@ -109,10 +112,7 @@ mod tests {
                 entity: format!("LINE {k}"),
             }
         };
-        View {
-            kind,
-            curves: (0..4).map(side).collect(),
-        }
+        View { kind, curves: (0..4).map(side).collect() }
     }
 
     #[test]
@@ -148,6 +148,8 @@ mod tests {
                 rectangle(ViewKind::Top, [40.0, 30.0], 0.0),
             ],
         };
-        assert!(nearly_meeting_ends(&fits, &paths).is_empty() && nearly_equal_extents(&fits, &paths).is_empty());
+        assert!(
+            nearly_meeting_ends(&fits, &paths).is_empty() && nearly_equal_extents(&fits, &paths).is_empty()
+        );
     }
 }

@@ -6,7 +6,9 @@ use planish_estimate::{Error, Result};
 use planish_exchange::contours::read_contour_json;
 use planish_exchange::{Unit, write_atomically};
 use planish_solid::brep::Solid;
-use planish_solid::constraint::{ConstrainOptions, Constraint, Drawing, constrain, diagnose, dimension_scheme, sigma};
+use planish_solid::constraint::{
+    ConstrainOptions, Constraint, Drawing, constrain, diagnose, dimension_scheme, sigma,
+};
 use planish_solid::graph::{Composite, SketchView, SpaceAxis, composite};
 use planish_solid::noisy_views::{
     ConsistentViews, MatchOptions, NoisyView, SpaceDimension, SpaceMatch, SpaceVertex, match_views,
@@ -85,12 +87,7 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<Noisy> 
             )));
         }
         unit = unit.or(file.unit.map(|own| (own, path.as_path())));
-        if let Some(level) = file
-            .levels
-            .iter()
-            .flatten()
-            .find(|level| Some(**level) != file.levels[0])
-        {
+        if let Some(level) = file.levels.iter().flatten().find(|level| Some(**level) != file.levels[0]) {
             return Err(named(Error::input(format!(
                 "holds contours of several levels, such as {level}: a view is one outline with its holes"
             ))));
@@ -109,16 +106,9 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<Noisy> 
                 found(&sketch, job.level).map_err(named)?
             }
         };
-        views.push(NoisyView {
-            kind,
-            sketch,
-            constraints,
-        });
+        views.push(NoisyView { kind, sketch, constraints });
     }
-    let options = MatchOptions {
-        level: job.level,
-        ..MatchOptions::default()
-    };
+    let options = MatchOptions { level: job.level, ..MatchOptions::default() };
     let consistent = match_views(&views, &options)?;
     if consistent.p_value < job.level {
         warnings.push(format!(
@@ -137,17 +127,14 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<Noisy> 
 
 /// The relations that hold in a view.
 fn found(sketch: &Sketch, level: f64) -> Result<Vec<Constraint>> {
-    let options = ConstrainOptions {
-        level,
-        given: sketch.given.clone(),
-        ..ConstrainOptions::default()
-    };
+    let options = ConstrainOptions { level, given: sketch.given.clone(), ..ConstrainOptions::default() };
     let found = constrain(&sketch.drawing, &sketch.covariance, &options)?;
     Ok(found.accepted().map(|proposal| proposal.constraint).collect())
 }
 
 impl Noisy {
-    /// All that holds in a view, with the dimensions that complete it: its own drawing, consistent with the others.
+    /// All that holds in a view, with the dimensions that complete it: its own drawing, consistent with the
+    /// others.
     fn complete(&self, view: usize) -> Result<(Drawing, Vec<Constraint>)> {
         let (drawing, covariance) = self.consistent.view(view)?;
         let own = &self.views[view];
@@ -162,21 +149,14 @@ impl Noisy {
         let each = (0..self.views.len()).map(|view| {
             let (drawing, all) = self.complete(view)?;
             let diagnosis = diagnose(&drawing, &all)?;
-            Ok(GraphsOfView::new(
-                self.views[view].kind.name(),
-                &drawing,
-                &all,
-                &diagnosis,
-            ))
+            Ok(GraphsOfView::new(self.views[view].kind.name(), &drawing, &all, &diagnosis))
         });
         each.collect()
     }
 
     /// The composite graph; none, and a warning, where the views have no point in common.
     pub(super) fn composite(&self, warnings: &mut Vec<String>) -> Result<Option<Composite>> {
-        let complete = (0..self.views.len())
-            .map(|view| self.complete(view))
-            .collect::<Result<Vec<_>>>()?;
+        let complete = (0..self.views.len()).map(|view| self.complete(view)).collect::<Result<Vec<_>>>()?;
         let axis = |k: usize| [SpaceAxis::X, SpaceAxis::Y, SpaceAxis::Z][k];
         let sketches: Vec<SketchView> = self
             .views
@@ -226,13 +206,15 @@ impl Noisy {
         })
     }
 
-    /// Why no solid was found, with the bars that lean a little: a relation that was lost is the usual reason.
+    /// Why no solid was found, with the bars that lean a little: a relation that was lost is the usual
+    /// reason.
     pub(super) fn explain(&self, error: Error) -> Error {
         let drawing = &self.consistent.drawing;
         let x = drawing.values();
         let leaning = drawing.bars().filter_map(|bar| {
             let each = [Constraint::Horizontal { bar }, Constraint::Vertical { bar }];
-            let off = each.map(|c| c.equations(drawing, x.as_slice())[0].residual.abs() / drawing.length(bar));
+            let off =
+                each.map(|c| c.equations(drawing, x.as_slice())[0].residual.abs() / drawing.length(bar));
             let nearest = usize::from(off[1] < off[0]);
             let spread = sigma(&each[nearest], drawing, &self.consistent.covariance) / drawing.length(bar);
             (off[nearest] > SAME && off[nearest] < NEARLY).then(|| {
@@ -265,10 +247,7 @@ pub(super) fn write_json(path: &Path, report: &SolidReport) -> Result<()> {
         #[serde(flatten)]
         report: &'a SolidReport,
     }
-    let written = Written {
-        unit: report.unit.name(),
-        report,
-    };
+    let written = Written { unit: report.unit.name(), report };
     let text = serde_json::to_string_pretty(&written)
         .map_err(|e| Error::io(format!("{}: could not be put as JSON", path.display())).with_source(e))?;
     write_atomically(path, |out| writeln!(out, "{text}"))

@@ -26,12 +26,18 @@ pub(super) fn is_solid_file(path: &Path) -> bool {
 }
 
 /// Makes everything that will be written, so that nothing is written where something cannot be made.
-pub(super) fn prepare<'a>(job: &SolidJob, solutions: &[&'a Solution], tolerance: f64) -> Result<Vec<Prepared<'a>>> {
+pub(super) fn prepare<'a>(
+    job: &SolidJob,
+    solutions: &[&'a Solution],
+    tolerance: f64,
+) -> Result<Vec<Prepared<'a>>> {
     let is_meshed = job.outputs.iter().any(|output| is_mesh_file(output));
     let one = |(index, solution): (usize, &&'a Solution)| {
         let solid = &solution.solid;
         let mesh = match is_meshed {
-            true if triangles_needed(solid, tolerance) > MOST_TRIANGLES => return Err(too_fine(solid, tolerance)),
+            true if triangles_needed(solid, tolerance) > MOST_TRIANGLES => {
+                return Err(too_fine(solid, tolerance));
+            }
             true => Some(tessellate(solid, tolerance).map_err(|e| no_mesh(&e, index + 1))?),
             false => None,
         };
@@ -83,11 +89,7 @@ pub(super) fn write(
     for (index, one) in prepared.iter().enumerate() {
         let mut file = None;
         for output in job.outputs.iter().filter(|output| is_solid_file(output)) {
-            let path = if job.all {
-                numbered(output, index + 1)
-            } else {
-                output.clone()
-            };
+            let path = if job.all { numbered(output, index + 1) } else { output.clone() };
             match (&one.mesh, is_mesh_file(output)) {
                 (Some(mesh), true) => {
                     let columns = MeshColumns {
@@ -146,9 +148,7 @@ mod tests {
             unit: None,
         };
         let far = [[1e8, 1e8, 1e8], [1e8 + 40.0, 1e8, 1e8]];
-        let told = refuse_coarse_numbers(&job("part.stl"), &far, 0.02)
-            .unwrap_err()
-            .to_string();
+        let told = refuse_coarse_numbers(&job("part.stl"), &far, 0.02).unwrap_err().to_string();
         assert!(told.starts_with("part.stl: STL holds 32-bit numbers"), "{told}");
         refuse_coarse_numbers(&job("part.ply"), &far, 0.02).unwrap();
         refuse_coarse_numbers(&job("part.stl"), &[[40.0; 3]], 0.02).unwrap();

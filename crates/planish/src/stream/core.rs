@@ -1,8 +1,11 @@
-//! A patch filter over a surface whose parameters are found: foot point, equation along the normal, gate, and when to look for what to divide.
+//! A patch filter over a surface whose parameters are found: foot point, equation along the normal, gate, and
+//! when to look for what to divide.
 //!
-//! Comes in: readings in the world frame, one at a time. Goes out: whether each was taken in. Memory is that of the patches.
+//! Comes in: readings in the world frame, one at a time. Goes out: whether each was taken in. Memory is that
+//! of the patches.
 //!
-//! Not guaranteed: that a reading is searched for anew after the surface has moved under it; a stream sees every reading once.
+//! Not guaranteed: that a reading is searched for anew after the surface has moved under it; a stream sees
+//! every reading once.
 
 use crate::fit::engine::{LEAST_COSINE, expected_lift};
 use crate::fit::{RefineBy, RefinementLog, Rejection};
@@ -95,7 +98,8 @@ impl Core {
         Ok(made)
     }
 
-    /// The next look follows from the number of readings alone, so that a resumed filter looks when it would have looked.
+    /// The next look follows from the number of readings alone, so that a resumed filter looks when it would
+    /// have looked.
     fn plan_look(&mut self) {
         self.next_look = FIRST_LOOK.max((self.filter.readings() + 1).next_power_of_two());
     }
@@ -161,11 +165,9 @@ impl Core {
                     variance: variance_along(&covariance, foot.normal),
                 }
             }
-            What::Normal(normal, variance) => SurfaceReading::Normal {
-                parameters,
-                normal,
-                sigma_rad: variance.sqrt(),
-            },
+            What::Normal(normal, variance) => {
+                SurfaceReading::Normal { parameters, normal, sigma_rad: variance.sqrt() }
+            }
             What::Curvature(tensor, variance) => {
                 let (mut directions, mut principal) = symmetric_eigen(tensor);
                 // The third direction is the normal, along which a curvature tensor is nothing.

@@ -1,21 +1,24 @@
 //! A surface from readings that come one at a time: the patch filter for a live sensor.
 //!
-//! Comes in: some hundred first readings, then one after the other, positions, normals and curvatures in any order. Goes out: the surface and
-//! its σ at any time; a snapshot that a later program goes on from. Memory is that of the patches, whatever the number of readings.
+//! Comes in: some hundred first readings, then one after the other, positions, normals and curvatures in any
+//! order. Goes out: the surface and its σ at any time; a snapshot that a later program goes on from. Memory
+//! is that of the patches, whatever the number of readings.
 //!
-//! Parameters are not known: every reading gets a foot point on the surface as it is then, and says what it says along the normal there.
-//! Readings far beyond what is expected are left out, unless most of a place are: then they are shape, and its patch is divided.
+//! Parameters are not known: every reading gets a foot point on the surface as it is then, and says what it
+//! says along the normal there. Readings far beyond what is expected are left out, unless most of a place
+//! are: then they are shape, and its patch is divided.
 //!
-//! Not guaranteed: the accuracy of [`crate::fit::fit`], which looks at every reading again and again; what a coarse patch took in says nothing of
-//! finer detail. The first readings have to show the whole of a closed shape, roughly: its topology and base are chosen by them.
+//! Not guaranteed: the accuracy of [`crate::fit::fit`], which looks at every reading again and again; what a
+//! coarse patch took in says nothing of finer detail. The first readings have to show the whole of a closed
+//! shape, roughly: its topology and base are chosen by them.
 
 mod core;
 
 pub(crate) use core::{Core, Incoming, Rules, VERTICES_PER_PATCH, What};
 
 use crate::fit::{
-    FirstFit, FitOptions, LevelRefinement, ObservationOptions, Observations, RefineBy, Rejection, first_fit_of,
-    with_neighbours,
+    FirstFit, FitOptions, LevelRefinement, ObservationOptions, Observations, RefineBy, Rejection,
+    first_fit_of, with_neighbours,
 };
 use crate::model::{Observed, SensorReport, SurfaceModel};
 use crate::progress::Silent;
@@ -46,22 +49,8 @@ pub struct StreamOptions {
 
 impl Default for StreamOptions {
     fn default() -> Self {
-        let FitOptions {
-            shape,
-            max_depth,
-            refine_by,
-            gate,
-            max_coefficients,
-            ..
-        } = FitOptions::default();
-        Self {
-            shape,
-            unit: Unit::Millimetre,
-            max_depth,
-            refine_by,
-            gate,
-            max_coefficients,
-        }
+        let FitOptions { shape, max_depth, refine_by, gate, max_coefficients, .. } = FitOptions::default();
+        Self { shape, unit: Unit::Millimetre, max_depth, refine_by, gate, max_coefficients }
     }
 }
 
@@ -74,7 +63,8 @@ pub enum Reading {
         point: [f64; 3],
         /// Its covariance `[xx, xy, xz, yy, yz, zz]`.
         covariance: [f64; 6],
-        /// A unit vector from the surface to where it was seen from, where that is known: it tells two sides of a thin part apart.
+        /// A unit vector from the surface to where it was seen from, where that is known: it tells two sides
+        /// of a thin part apart.
         facing: Option<[f64; 3]>,
     },
     /// A unit normal.
@@ -106,36 +96,18 @@ impl Reading {
     #[must_use]
     pub fn position(point: [f64; 3], sigma: f64) -> Self {
         let v = sigma * sigma;
-        Self::Position {
-            point,
-            covariance: [v, 0.0, 0.0, v, 0.0, v],
-            facing: None,
-        }
+        Self::Position { point, covariance: [v, 0.0, 0.0, v, 0.0, v], facing: None }
     }
 
     fn incoming(&self) -> Result<Incoming> {
         let made = match *self {
-            Self::Position {
-                point,
-                covariance,
-                facing,
-            } => Incoming {
-                at: point,
-                facing: facing.unwrap_or([0.0; 3]),
-                what: What::Position(covariance),
-            },
-            Self::Normal { at, normal, sigma_rad } => Incoming {
-                at,
-                facing: normal,
-                what: What::Normal(normal, sigma_rad * sigma_rad),
-            },
-            Self::Curvature {
-                at,
-                normal,
-                direction,
-                principal,
-                sigma,
-            } => Incoming {
+            Self::Position { point, covariance, facing } => {
+                Incoming { at: point, facing: facing.unwrap_or([0.0; 3]), what: What::Position(covariance) }
+            }
+            Self::Normal { at, normal, sigma_rad } => {
+                Incoming { at, facing: normal, what: What::Normal(normal, sigma_rad * sigma_rad) }
+            }
+            Self::Curvature { at, normal, direction, principal, sigma } => Incoming {
                 at,
                 facing: normal,
                 what: What::Curvature(
@@ -210,9 +182,11 @@ pub struct SurfaceStream {
 }
 
 impl SurfaceStream {
-    /// Finds the shape, its base and how smooth it is from first readings, which are fused all at once and are not to be pushed again.
+    /// Finds the shape, its base and how smooth it is from first readings, which are fused all at once and
+    /// are not to be pushed again.
     ///
-    /// Some hundred positions are enough; of more than some ten thousand the time is felt. Cost: that of a small fit.
+    /// Some hundred positions are enough; of more than some ten thousand the time is felt. Cost: that of a
+    /// small fit.
     ///
     /// # Errors
     /// `Undetermined` when the positions do not determine a surface; `Input` for numbers that make no sense.
@@ -221,12 +195,7 @@ impl SurfaceStream {
         let (mut covariance, mut normals) = (Vec::new(), Vec::new());
         for reading in first {
             reading.incoming()?;
-            if let Reading::Position {
-                point,
-                covariance: own,
-                facing,
-            } = reading
-            {
+            if let Reading::Position { point, covariance: own, facing } = reading {
                 scan.points.push(*point);
                 covariance.push(*own);
                 normals.push(facing.unwrap_or([0.0; 3]));
@@ -279,8 +248,9 @@ impl SurfaceStream {
 
     /// Takes in one reading; why not, where it is left out.
     ///
-    /// Cost: a search, a few evaluations and one update of a 49 × 49 covariance, some 10 µs. Every time the number of readings has doubled, patches
-    /// tell each other what is new and are divided where the options ask for it, which takes seconds for hundreds of patches.
+    /// Cost: a search, a few evaluations and one update of a 49 × 49 covariance, some 10 µs. Every time the
+    /// number of readings has doubled, patches tell each other what is new and are divided where the options
+    /// ask for it, which takes seconds for hundreds of patches.
     ///
     /// # Errors
     /// `Input` for numbers that are not finite or negative variances.
@@ -288,8 +258,9 @@ impl SurfaceStream {
         self.core.take(&reading.incoming()?)
     }
 
-    /// The place on the surface that is nearest to a point, as its patch knows it: at any time, at the cost of a search. Neighbouring
-    /// patches may not have heard of each other's last readings yet; [`Self::surface`] makes them.
+    /// The place on the surface that is nearest to a point, as its patch knows it: at any time, at the cost
+    /// of a search. Neighbouring patches may not have heard of each other's last readings yet;
+    /// [`Self::surface`] makes them.
     #[must_use]
     pub fn nearest(&self, point: [f64; 3]) -> SurfacePoint {
         let foot = self.core.foot_point(point, [0.0; 3]);
@@ -323,13 +294,7 @@ impl SurfaceStream {
             prior: nothing.clone(),
             data: nothing,
             observed: (with_neighbours(surface.space(), &self.core.measured()).into_iter())
-                .map(|measured| {
-                    if measured {
-                        Observed::Measured
-                    } else {
-                        Observed::PriorOnly
-                    }
-                })
+                .map(|measured| if measured { Observed::Measured } else { Observed::PriorOnly })
                 .collect(),
             sensors: self.sensors.clone(),
             poses: self.poses.clone(),
@@ -344,7 +309,8 @@ impl SurfaceStream {
         })
     }
 
-    /// Writes a snapshot: a `.planish` file that [`Self::resume`], `planish compare` and `planish fit --update` read.
+    /// Writes a snapshot: a `.planish` file that [`Self::resume`], `planish compare` and
+    /// `planish fit --update` read.
     ///
     /// # Errors
     /// As for [`Self::model`] and [`save`].
@@ -353,7 +319,8 @@ impl SurfaceStream {
         save(&model, &self.provenance, path)
     }
 
-    /// Goes on from a snapshot as if there had been no pause: the same readings give the same numbers to the last bit.
+    /// Goes on from a snapshot as if there had been no pause: the same readings give the same numbers to the
+    /// last bit.
     ///
     /// Topology, unit and depth are those of the file; the other options hold from now on.
     ///
@@ -376,7 +343,8 @@ impl SurfaceStream {
         let counted = filter.readings();
         let mut core = Core::new(filter.as_ref().clone(), 0, rules)?;
         let space = model.surface.space();
-        // A model counts the neighbours of what was measured as observed; they are not to spread with every snapshot.
+        // A model counts the neighbours of what was measured as observed; they are not to spread with every
+        // snapshot.
         let unseen: Vec<bool> = model.observed.iter().map(|o| !o.is_measured()).collect();
         let near_unseen = with_neighbours(space, &unseen);
         for leaf in (0..near_unseen.len()).filter(|&leaf| !near_unseen[leaf]) {
@@ -401,7 +369,8 @@ impl SurfaceStream {
         self.earlier + (self.core.filter.readings() - self.counted) as usize
     }
 
-    /// By how much the first readings' σ is larger than they state; 1 where they are believed. Readings that are pushed are taken at their word.
+    /// By how much the first readings' σ is larger than they state; 1 where they are believed. Readings that
+    /// are pushed are taken at their word.
     #[must_use]
     pub fn sigma_factor(&self) -> f64 {
         self.sigma_factor

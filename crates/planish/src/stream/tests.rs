@@ -20,11 +20,9 @@ fn readings(count: usize, seed: u64) -> Vec<Reading> {
                 c + SIGMA * noise
             });
             match Reading::position(point, SIGMA) {
-                Reading::Position { point, covariance, .. } => Reading::Position {
-                    point,
-                    covariance,
-                    facing: Some([0.0, 0.0, 1.0]),
-                },
+                Reading::Position { point, covariance, .. } => {
+                    Reading::Position { point, covariance, facing: Some([0.0, 0.0, 1.0]) }
+                }
                 other => other,
             }
         })
@@ -32,10 +30,7 @@ fn readings(count: usize, seed: u64) -> Vec<Reading> {
 }
 
 fn options() -> StreamOptions {
-    StreamOptions {
-        shape: Some(Shape::Sheet),
-        ..StreamOptions::default()
-    }
+    StreamOptions { shape: Some(Shape::Sheet), ..StreamOptions::default() }
 }
 
 /// A program that was stopped and one that was not must end with the same numbers.
@@ -87,10 +82,7 @@ fn sigma_is_true_and_memory_flat() {
             inside += f64::from(u8::from(error.abs() < 1.96 * place.sigma)) / 400.0;
         }
     }
-    assert!(
-        (0.5..1.5).contains(&squares),
-        "mean square of normalised errors {squares}"
-    );
+    assert!((0.5..1.5).contains(&squares), "mean square of normalised errors {squares}");
     assert!(inside > 0.88, "{inside} within 1.96 σ");
     assert!(sigmas < 0.3 * SIGMA, "{sigmas}");
 }
@@ -126,17 +118,10 @@ fn normals_and_curvatures_lower_sigma() {
         let shift = 0.3 * f64::from(k % 5) - 0.6;
         let place = stream.nearest([x + shift, y, height(x + shift, y)]);
         let [px, py, _] = place.position;
-        let slope = [
-            0.36 * (0.9 * px).cos() * (0.7 * py).cos(),
-            -0.28 * (0.9 * px).sin() * (0.7 * py).sin(),
-        ];
+        let slope = [0.36 * (0.9 * px).cos() * (0.7 * py).cos(), -0.28 * (0.9 * px).sin() * (0.7 * py).sin()];
         let length = (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
         let normal = [-slope[0] / length, -slope[1] / length, 1.0 / length];
-        let reading = Reading::Normal {
-            at: place.position,
-            normal,
-            sigma_rad: 0.01,
-        };
+        let reading = Reading::Normal { at: place.position, normal, sigma_rad: 0.01 };
         assert_eq!(stream.push(&reading).unwrap(), None);
     }
     let curvature = Reading::Curvature {
@@ -146,11 +131,7 @@ fn normals_and_curvatures_lower_sigma() {
         principal: [0.0, 0.0],
         sigma: 5.0,
     };
-    assert_eq!(
-        stream.push(&curvature).unwrap(),
-        None,
-        "so vague a reading fits anything"
-    );
+    assert_eq!(stream.push(&curvature).unwrap(), None, "so vague a reading fits anything");
     let after = stream.nearest(at.position).sigma;
     assert!(after < before, "{after} {before}");
 }

@@ -5,7 +5,8 @@ use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, Projected};
 use std::str::FromStr;
 
-/// The camera's distance from the middle of a thing, over the diagonal of its box: near enough for depth to show, far enough to distort nothing.
+/// The camera's distance from the middle of a thing, over the diagonal of its box: near enough for depth to
+/// show, far enough to distort nothing.
 const DISTANCE: f64 = 2.6;
 /// Azimuth and elevation of `iso`, in degrees: equal angles with all three axes.
 const ISO_DEG: [f64; 2] = [45.0, 35.264_389_682_754_654];
@@ -52,17 +53,14 @@ impl Up {
 
     /// To the right of who looks from the front: x, or y where x is up.
     fn right(self) -> [f64; 3] {
-        if self.axis == 0 {
-            [0.0, 1.0, 0.0]
-        } else {
-            [1.0, 0.0, 0.0]
-        }
+        if self.axis == 0 { [0.0, 1.0, 0.0] } else { [1.0, 0.0, 0.0] }
     }
 }
 
 /// A direction from which a thing is looked at, by angles.
 ///
-/// From azimuth 0 one looks from the front: from −y where z is up, from z where y is up. It grows to the right: 90 is the right side.
+/// From azimuth 0 one looks from the front: from −y where z is up, from z where y is up. It grows to the
+/// right: 90 is the right side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraAngles {
     /// About what is up, in degrees.
@@ -79,11 +77,7 @@ impl FromStr for CameraAngles {
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         const NEEDED: &str = "needed AZIMUTH,ELEVATION in degrees, maybe with ,ZOOM behind (30,20 or 30,20,1.5), or front, back, left, right, \
                               top, bottom or iso";
-        let named = |[azimuth_deg, elevation_deg]: [f64; 2]| Self {
-            azimuth_deg,
-            elevation_deg,
-            zoom: 1.0,
-        };
+        let named = |[azimuth_deg, elevation_deg]: [f64; 2]| Self { azimuth_deg, elevation_deg, zoom: 1.0 };
         let (name, zoom) = match text.split_once(',') {
             Some((name, zoom)) if name.parse::<f64>().is_err() => (name, Some(zoom)),
             _ => (text, None),
@@ -97,13 +91,11 @@ impl FromStr for CameraAngles {
             "bottom" => named([0.0, -90.0]),
             "iso" => named(ISO_DEG),
             _ => {
-                let numbers: std::result::Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+                let numbers: std::result::Result<Vec<f64>, _> =
+                    text.split(',').map(|n| n.trim().parse()).collect();
                 match numbers.as_deref() {
                     Ok(&[azimuth, elevation]) => named([azimuth, elevation]),
-                    Ok(&[azimuth, elevation, zoom]) => Self {
-                        zoom,
-                        ..named([azimuth, elevation])
-                    },
+                    Ok(&[azimuth, elevation, zoom]) => Self { zoom, ..named([azimuth, elevation]) },
                     _ => return Err(format!("{NEEDED}; found {text:?}")),
                 }
             }
@@ -188,7 +180,8 @@ impl Camera {
         }
         let room = |k: usize| (frame.high[k] - frame.low[k]).max(1.0) / (high[k] - low[k]).max(1e-12);
         camera.focal = zoom * room(0).min(room(1));
-        camera.middle = [0, 1].map(|k| 0.5 * (frame.low[k] + frame.high[k]) - camera.focal * 0.5 * (low[k] + high[k]));
+        camera.middle =
+            [0, 1].map(|k| 0.5 * (frame.low[k] + frame.high[k]) - camera.focal * 0.5 * (low[k] + high[k]));
         Ok(camera)
     }
 
@@ -207,11 +200,7 @@ impl Camera {
 
     /// A place of the picture at a depth: to the right, up, and towards the camera, from the camera.
     pub(super) fn place(&self, [column, row]: [f64; 2], depth: f64) -> [f64; 3] {
-        [
-            (column - self.middle[0]) / self.focal * depth,
-            -(row - self.middle[1]) / self.focal * depth,
-            -depth,
-        ]
+        [(column - self.middle[0]) / self.focal * depth, -(row - self.middle[1]) / self.focal * depth, -depth]
     }
 
     /// A direction of the world in the picture's axes.
@@ -256,13 +245,7 @@ mod tests {
     fn cameras_are_read_or_refused_with_what_is_needed() {
         let read = |text: &str| text.parse::<CameraAngles>();
         assert_eq!(read("-30,20,2").unwrap().zoom, 2.0);
-        assert_eq!(
-            read("top,1.5").unwrap(),
-            CameraAngles {
-                zoom: 1.5,
-                ..read("top").unwrap()
-            }
-        );
+        assert_eq!(read("top,1.5").unwrap(), CameraAngles { zoom: 1.5, ..read("top").unwrap() });
         for (text, words) in [
             ("side", "front, back"),
             ("1", "AZIMUTH,ELEVATION"),
@@ -284,19 +267,13 @@ mod tests {
             .map(|k| [k & 1, k >> 1 & 1, k >> 2].map(f64::from))
             .map(|[x, y, z]| [5.0 * x + 100.0, y, 3.0 * z])
             .collect();
-        let frame = Frame {
-            low: [10.0, 20.0],
-            high: [200.0, 120.0],
-        };
+        let frame = Frame { low: [10.0, 20.0], high: [200.0, 120.0] };
         let angles: CameraAngles = "25,15".parse().unwrap();
         let camera = Camera::of(&points, axes_at(&angles, Up::default()), frame, 1.0).unwrap();
         let at: Vec<[f64; 2]> = points.iter().map(|p| camera.project(*p).at).collect();
         let reach = |k: usize| {
             let values = at.iter().map(|a| a[k]);
-            [
-                values.clone().fold(f64::INFINITY, f64::min),
-                values.fold(f64::NEG_INFINITY, f64::max),
-            ]
+            [values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max)]
         };
         let [columns, rows] = [reach(0), reach(1)];
         assert!(columns[0] >= 10.0 - 1e-9 && columns[1] <= 200.0 + 1e-9);

@@ -1,6 +1,7 @@
 //! Pixels on which legends are drawn: filled shapes and letters.
 //!
-//! Letters are those of Inter (`assets/inter-subset.otf`, SIL Open Font License, `assets/inter.LICENSE`), so that pictures are the same on every computer.
+//! Letters are those of Inter (`assets/inter-subset.otf`, SIL Open Font License, `assets/inter.LICENSE`), so
+//! that pictures are the same on every computer.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 use planish_estimate::{Error, Result};
@@ -26,13 +27,9 @@ pub(super) struct Canvas {
 
 impl Canvas {
     pub(super) fn new(columns: usize, rows: usize, pixels: Vec<Colour>) -> Result<Self> {
-        let font = FontRef::try_from_slice(FONT).map_err(|e| Error::input("the font of legends").with_source(e))?;
-        Ok(Self {
-            columns,
-            rows,
-            pixels,
-            font,
-        })
+        let font =
+            FontRef::try_from_slice(FONT).map_err(|e| Error::input("the font of legends").with_source(e))?;
+        Ok(Self { columns, rows, pixels, font })
     }
 
     /// Red, green and blue of every pixel, row by row.
@@ -67,18 +64,19 @@ impl Canvas {
     }
 
     /// A box with round corners.
-    pub(super) fn rounded(&mut self, [low, high]: [[f64; 2]; 2], radius: f64, colour: impl Fn([f64; 2]) -> Colour) {
+    pub(super) fn rounded(
+        &mut self,
+        [low, high]: [[f64; 2]; 2],
+        radius: f64,
+        colour: impl Fn([f64; 2]) -> Colour,
+    ) {
         let inside = move |at: [f64; 2]| {
             let off = [0, 1].map(|k| (low[k] + radius - at[k]).max(at[k] - high[k] + radius).max(0.0));
             let flat = [0, 1]
                 .map(|k| (at[k] - low[k]).min(high[k] - at[k]))
                 .into_iter()
                 .fold(f64::INFINITY, f64::min);
-            if off[0] > 0.0 && off[1] > 0.0 {
-                radius - off[0].hypot(off[1])
-            } else {
-                flat
-            }
+            if off[0] > 0.0 && off[1] > 0.0 { radius - off[0].hypot(off[1]) } else { flat }
         };
         self.fill([low, high], inside, colour);
     }

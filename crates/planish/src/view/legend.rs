@@ -1,4 +1,5 @@
-//! What stands beside a thing in a picture: the colours and their values, the thing's size, and the directions of its axes.
+//! What stands beside a thing in a picture: the colours and their values, the thing's size, and the
+//! directions of its axes.
 
 use super::camera::Camera;
 use super::canvas::{Anchor, Canvas};
@@ -34,12 +35,7 @@ pub(super) fn draw(canvas: &mut Canvas, legend: &Legend, camera: &Camera) {
     let em = letter_size([canvas.columns, canvas.rows]);
     let margin = 1.6 * em;
     let (left, bottom) = (margin, canvas.rows as f64 - margin);
-    axes(
-        canvas,
-        camera,
-        [canvas.columns as f64 - margin - 1.7 * em, bottom - 1.7 * em],
-        em,
-    );
+    axes(canvas, camera, [canvas.columns as f64 - margin - 1.7 * em, bottom - 1.7 * em], em);
     let right = canvas.columns as f64 - margin - 5.0 * em;
     let mut end = left;
     match &legend.scale {
@@ -80,11 +76,7 @@ fn bar(canvas: &mut Canvas, range: &Range, [left, bottom]: [f64; 2], width: f64,
         canvas.line([x, top + 0.8 * em], [x, top + 1.0 * em], (0.06 * em).max(1.0), SOFT);
         // Labels at the ends stay over the bar.
         let half = 0.5 * canvas.width(&tick.label, size);
-        let middle = if 2.0 * half < width {
-            x.clamp(left + half, left + width - half)
-        } else {
-            x
-        };
+        let middle = if 2.0 * half < width { x.clamp(left + half, left + width - half) } else { x };
         canvas.text([middle, bottom], &tick.label, size, Anchor::Middle, SOFT);
     }
 }
@@ -103,11 +95,7 @@ fn kinds(canvas: &mut Canvas, list: &[Kind], [left, bottom]: [f64; 2], room: f64
             return x + canvas.width(&text, size);
         }
         let colour = kind.colour;
-        canvas.rounded(
-            [[x, bottom - 0.7 * em], [x + 0.75 * em, bottom + 0.05 * em]],
-            0.15 * em,
-            |_| colour,
-        );
+        canvas.rounded([[x, bottom - 0.7 * em], [x + 0.75 * em, bottom + 0.05 * em]], 0.15 * em, |_| colour);
         canvas.text([x + 1.1 * em, bottom], &kind.label, size, Anchor::Left, INK);
         x += width + 1.3 * em;
     }

@@ -1,9 +1,12 @@
-//! Light on what a camera sees: matt surfaces lit over the left shoulder, darker where others are near, and dots that stand out by their depth.
+//! Light on what a camera sees: matt surfaces lit over the left shoulder, darker where others are near, and
+//! dots that stand out by their depth.
 //!
-//! Comes in: [`Shape`]s with a colour for each place. Goes out: linear light for each pixel, and how much of it is covered.
+//! Comes in: [`Shape`]s with a colour for each place. Goes out: linear light for each pixel, and how much of
+//! it is covered.
 //!
-//! What darkens folds is *ambient obscurance* (McGuire, Osman, Bukowski and Hennessy, “The Alchemy screen-space ambient obscurance algorithm”, 2011, equation 10);
-//! what separates dots is *eye-dome lighting* (Boucheny, 2009).
+//! What darkens folds is *ambient obscurance* (McGuire, Osman, Bukowski and Hennessy, “The Alchemy
+//! screen-space ambient obscurance algorithm”, 2011, equation 10); what separates dots is *eye-dome lighting*
+//! (Boucheny, 2009).
 //!
 //! Not guaranteed: shadows; that light says anything of the material.
 
@@ -40,12 +43,9 @@ const STEEPEST: f64 = 4.0;
 
 /// What is drawn.
 pub(super) enum Shape<'a> {
-    /// Triangles; colours of a place by its triangle and weights of its corners, or of the normal (in the picture's axes) where none are given.
-    Surface {
-        positions: &'a [[f64; 3]],
-        triangles: &'a [[u32; 3]],
-        colour: Option<&'a PlaceColour<'a>>,
-    },
+    /// Triangles; colours of a place by its triangle and weights of its corners, or of the normal (in the
+    /// picture's axes) where none are given.
+    Surface { positions: &'a [[f64; 3]], triangles: &'a [[u32; 3]], colour: Option<&'a PlaceColour<'a>> },
     /// Dots with a colour and maybe a normal each, so many pixels wide.
     Dots {
         positions: &'a [[f64; 3]],
@@ -96,21 +96,14 @@ const OUTLINE: usize = 6;
 /// Draws shapes: every pixel, row by row.
 pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usize; 2]) -> Vec<Pixel> {
     let samples = SAMPLES[usize::from(columns * rows > LARGE)];
-    let fine = |p: Projected| Projected {
-        at: p.at.map(|x| samples as f64 * x),
-        ..p
-    };
+    let fine = |p: Projected| Projected { at: p.at.map(|x| samples as f64 * x), ..p };
     let (mut corners, mut triangles) = (Vec::new(), Vec::new());
     let mut prepared = Vec::with_capacity(shapes.len());
     for shape in shapes {
         let (first, base) = (triangles.len(), corners.len() as u32);
         let mut normals = Vec::new();
         match shape {
-            Shape::Surface {
-                positions,
-                triangles: own,
-                ..
-            } => {
+            Shape::Surface { positions, triangles: own, .. } => {
                 corners.extend(positions.iter().map(|p| fine(camera.project(*p))));
                 triangles.extend(own.iter().map(|t| t.map(|k| base + k)));
                 normals = corner_normals(positions, own, camera);
@@ -137,13 +130,14 @@ pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usiz
     let mut pixels = Vec::with_capacity(columns * rows);
     for first in (0..rows).step_by(strip) {
         let last = (first + strip).min(rows);
-        let buffer = DepthBuffer::draw_rows(samples * columns, samples * first..samples * last, &corners, &triangles);
+        let buffer =
+            DepthBuffer::draw_rows(samples * columns, samples * first..samples * last, &corners, &triangles);
         let places = first * columns..last * columns;
         let drawn = places.into_par_iter().with_min_len(64);
         pixels.par_extend(drawn.map(|place| {
             let [column, row] = [place % columns, place / columns];
-            let seen =
-                (0..samples * samples).map(|k| buffer.at(samples * column + k % samples, samples * row + k / samples));
+            let seen = (0..samples * samples)
+                .map(|k| buffer.at(samples * column + k % samples, samples * row + k / samples));
             pixel(&prepared, camera, seen, (samples * samples) as f64)
         }));
     }
@@ -151,7 +145,12 @@ pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usiz
 }
 
 /// The mean of a pixel's samples.
-fn pixel(prepared: &[Prepared<'_>], camera: &Camera, samples: impl Iterator<Item = Option<Seen>>, all: f64) -> Pixel {
+fn pixel(
+    prepared: &[Prepared<'_>],
+    camera: &Camera,
+    samples: impl Iterator<Item = Option<Seen>>,
+    all: f64,
+) -> Pixel {
     let mut mean = Pixel::default();
     let mut n = 0.0;
     for seen in samples.flatten() {
@@ -221,7 +220,8 @@ fn brightness(normal: [f64; 3]) -> f64 {
     GROUND + (SKY - GROUND) * sky + DIRECT * reached.powf(1.5)
 }
 
-/// Normals at the corners of triangles, in the picture's axes: means over the faces around a place that meet smoothly.
+/// Normals at the corners of triangles, in the picture's axes: means over the faces around a place that meet
+/// smoothly.
 fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camera) -> Vec<[[f32; 3]; 3]> {
     // Files may hold a place several times, once for each of the faces that meet there.
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
@@ -314,7 +314,13 @@ fn covered(pixels: &[Pixel], [columns, rows]: [usize; 2], [column, row]: [f64; 2
 }
 
 /// The share of the light that reaches a place of a surface.
-fn obscurance(pixels: &[Pixel], camera: &Camera, size: [usize; 2], at: [usize; 2], spiral: &[[f64; 2]]) -> f64 {
+fn obscurance(
+    pixels: &[Pixel],
+    camera: &Camera,
+    size: [usize; 2],
+    at: [usize; 2],
+    spiral: &[[f64; 2]],
+) -> f64 {
     let pixel = &pixels[at[1] * size[0] + at[0]];
     let middle = at.map(|k| k as f64 + 0.5);
     let place = camera.place(middle, pixel.depth);

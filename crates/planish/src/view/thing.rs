@@ -41,8 +41,14 @@ pub(super) struct Thing {
 }
 
 impl Thing {
-    /// Reads a file. Models become about so many triangles, and of clouds no more than so many points are kept.
-    pub(super) fn read(viewed: &ViewedFile, triangles: u64, points: usize, progress: &dyn Progress) -> Result<Self> {
+    /// Reads a file. Models become about so many triangles, and of clouds no more than so many points are
+    /// kept.
+    pub(super) fn read(
+        viewed: &ViewedFile,
+        triangles: u64,
+        points: usize,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
         let path = &viewed.file;
         progress.check("reading", 0.0)?;
         let ending = extension(path);
@@ -59,10 +65,7 @@ impl Thing {
         };
         let mut made = match &viewed.reference {
             Some(reference) => Self::compared(&model, reference, viewed, triangles, progress)?,
-            None => Self {
-                scene: model_or_mesh(&model, viewed.compare.unit, triangles)?,
-                ..Self::empty()
-            },
+            None => Self { scene: model_or_mesh(&model, viewed.compare.unit, triangles)?, ..Self::empty() },
         };
         made.unit = model.unit().or(viewed.compare.unit);
         made.headline = match &model {
@@ -133,9 +136,7 @@ impl Thing {
             let (label, sigma): (_, Vec<f64>) = match normals {
                 Some(normals) => (
                     "σ along the normal",
-                    some()
-                        .map(|k| variance_along(&covariance[k], normals[k]).sqrt())
-                        .collect(),
+                    some().map(|k| variance_along(&covariance[k], normals[k]).sqrt()).collect(),
                 ),
                 None => (
                     "σ, mean over directions",
@@ -200,10 +201,7 @@ impl Thing {
     pub(super) fn places(&self) -> Vec<[f64; 3]> {
         let surfaces = self.scene.surfaces.iter().filter(|s| !s.hidden);
         let clouds = self.scene.clouds.iter().filter(|c| !c.hidden);
-        (surfaces.flat_map(|s| &s.positions))
-            .chain(clouds.flat_map(|c| &c.positions))
-            .copied()
-            .collect()
+        (surfaces.flat_map(|s| &s.positions)).chain(clouds.flat_map(|c| &c.positions)).copied().collect()
     }
 
     /// The size of its box, with the unit.

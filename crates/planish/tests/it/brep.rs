@@ -14,12 +14,8 @@ use std::process::Command;
 const SHAPES: [Shape; 4] = [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus];
 
 /// In as few faces as possible, and in one for each base cell.
-const MODES: [BrepOptions; 2] = [
-    BrepOptions {
-        max_control_points: usize::MAX,
-    },
-    BrepOptions { max_control_points: 0 },
-];
+const MODES: [BrepOptions; 2] =
+    [BrepOptions { max_control_points: usize::MAX }, BrepOptions { max_control_points: 0 }];
 
 fn base(shape: Shape, size: f64) -> BaseShape {
     let axis = [0.0, 0.6, 0.8];
@@ -59,10 +55,7 @@ fn bumpy(shape: Shape, size: f64, grid: [usize; 2], rounds: usize) -> Surface {
 }
 
 fn all_knots(knots: &[(f64, usize)]) -> Vec<f64> {
-    knots
-        .iter()
-        .flat_map(|&(value, times)| std::iter::repeat_n(value, times))
-        .collect()
+    knots.iter().flat_map(|&(value, times)| std::iter::repeat_n(value, times)).collect()
 }
 
 /// de Boor's algorithm, for cubics.
@@ -81,11 +74,8 @@ fn spline_point(knots: &[f64], poles: &[[f64; 3]], t: f64) -> [f64; 3] {
 
 fn surface_point(surface: &BsplineSurface, u: f64, v: f64) -> [f64; 3] {
     let (ku, kv) = (all_knots(&surface.knots_u), all_knots(&surface.knots_v));
-    let column: Vec<[f64; 3]> = surface
-        .poles
-        .chunks(surface.n_v)
-        .map(|row| spline_point(&kv, row, v))
-        .collect();
+    let column: Vec<[f64; 3]> =
+        surface.poles.chunks(surface.n_v).map(|row| spline_point(&kv, row, v)).collect();
     spline_point(&ku, &column, u)
 }
 
@@ -188,12 +178,7 @@ fn open_cascade(files: &[PathBuf]) -> Option<Vec<serde_json::Value>> {
     let output = Command::new(python).arg(script).args(files).output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     let results: Vec<_> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!(
-        results.len(),
-        files.len(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert_eq!(results.len(), files.len(), "{}", String::from_utf8_lossy(&output.stderr));
     Some(results)
 }
 
@@ -209,22 +194,14 @@ fn what_is_written_reads_back_as_the_surface() {
             let faces = read_step(&path).unwrap();
             let chord = 0.02;
             let read = faces.triangles(&faces.fineness(Some(chord))).unwrap();
-            assert_eq!(
-                (read.parts.len(), read.faces, read.left_out.len()),
-                (1, brep.faces.len(), 0)
-            );
-            let mesh = TriangleMesh::try_new(read.parts[0].points.clone(), read.parts[0].triangles.clone()).unwrap();
+            assert_eq!((read.parts.len(), read.faces, read.left_out.len()), (1, brep.faces.len(), 0));
+            let mesh =
+                TriangleMesh::try_new(read.parts[0].points.clone(), read.parts[0].triangles.clone()).unwrap();
             let check = mesh.check();
-            assert!(
-                check.manifold && check.oriented && check.watertight == brep.closed,
-                "{check:?}"
-            );
+            assert!(check.manifold && check.oriented && check.watertight == brep.closed, "{check:?}");
             let truth = tessellate(
                 &surface,
-                &TessellationOptions {
-                    tolerance: chord,
-                    ..TessellationOptions::default()
-                },
+                &TessellationOptions { tolerance: chord, ..TessellationOptions::default() },
             )
             .unwrap();
             let truth = TriangleMesh::try_new(truth.positions, truth.triangles).unwrap();
@@ -251,11 +228,8 @@ fn open_cascade_finds_every_shape_valid_with_our_area_and_box() {
                 let surface = bumpy(shape, size, [12, 8], rounds);
                 for (mode, options) in MODES.iter().enumerate() {
                     let path = folder.join(format!("{}-{size}-{rounds}-{mode}.step", shape.name()));
-                    let step = StepOptions {
-                        unit,
-                        uncertainty: 1e-6 / millimetres,
-                        ..StepOptions::default()
-                    };
+                    let step =
+                        StepOptions { unit, uncertainty: 1e-6 / millimetres, ..StepOptions::default() };
                     let brep = brep_from_surface(&surface, options);
                     write_step(&path, &brep, &step).unwrap();
                     files.push(path);
@@ -275,7 +249,9 @@ fn open_cascade_finds_every_shape_valid_with_our_area_and_box() {
         files.push(path);
         cases.push((ball.clone(), 1.0, brep.faces.len(), true));
     }
-    let Some(results) = open_cascade(&files) else { return };
+    let Some(results) = open_cascade(&files) else {
+        return;
+    };
     for ((file, result), (surface, millimetres, faces, closed)) in files.iter().zip(&results).zip(&cases) {
         let name = file.file_stem().unwrap().to_string_lossy();
         let fine = surface.space().refine_all().refine_all();
@@ -296,10 +272,7 @@ fn open_cascade_finds_every_shape_valid_with_our_area_and_box() {
         assert!(result["volume"].as_f64().is_none_or(|volume| volume > 0.0), "{name}");
         let mesh = tessellate(
             surface,
-            &TessellationOptions {
-                tolerance: 1e-3 / millimetres,
-                ..TessellationOptions::default()
-            },
+            &TessellationOptions { tolerance: 1e-3 / millimetres, ..TessellationOptions::default() },
         )
         .unwrap();
         let ours = BoundingBox::of(&mesh.positions).unwrap();

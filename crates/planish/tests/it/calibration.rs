@@ -15,10 +15,7 @@ const SIGMA: f64 = 0.01;
 
 fn base_of(shape: Shape) -> (BaseShape, [usize; 2]) {
     match shape {
-        Shape::Sheet => (
-            BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 0.8]),
-            [6, 5],
-        ),
+        Shape::Sheet => (BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 0.8]), [6, 5]),
         Shape::Tube => (BaseShape::cylinder([0.0; 3], [0.0, 0.0, 1.0], 0.5, 1.0), [8, 5]),
         _ => (BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]), [8, 4]),
     }
@@ -41,9 +38,7 @@ struct Draw {
 
 impl Draw {
     fn new(seed: u64) -> Self {
-        Self {
-            rng: ChaCha8Rng::seed_from_u64(seed),
-        }
+        Self { rng: ChaCha8Rng::seed_from_u64(seed) }
     }
 
     fn normal(&mut self) -> f64 {
@@ -57,10 +52,7 @@ fn observe(system: &SurfaceSystem, truth: &Surface, count: usize, draw: &mut Dra
     let extent = space.extent();
     let mut readings = vec![Vec::new(); space.leaves().len()];
     for _ in 0..count {
-        let (u, v) = (
-            draw.rng.random::<f64>() * extent[0],
-            draw.rng.random::<f64>() * extent[1],
-        );
+        let (u, v) = (draw.rng.random::<f64>() * extent[0], draw.rng.random::<f64>() * extent[1]);
         let (leaf, local) = space.locate(u, v);
         let p = truth.leaf_point(leaf, local[0], local[1]);
         readings[leaf].push((local, [0, 1, 2].map(|d| p[d] + SIGMA * draw.normal())));
@@ -76,8 +68,14 @@ fn observe(system: &SurfaceSystem, truth: &Surface, count: usize, draw: &mut Dra
         .unwrap()
 }
 
-/// Mean squared error over the surface and the mean variance that the inverse predicts, over the middles of all leaves.
-fn error_and_bound(system: &SurfaceSystem, factor: &CholeskyFactor, estimate: &Surface, truth: &Surface) -> (f64, f64) {
+/// Mean squared error over the surface and the mean variance that the inverse predicts, over the middles of
+/// all leaves.
+fn error_and_bound(
+    system: &SurfaceSystem,
+    factor: &CholeskyFactor,
+    estimate: &Surface,
+    truth: &Surface,
+) -> (f64, f64) {
     let inverse = SelectedInverse::new(factor);
     let space = system.space();
     let (mut error, mut bound) = (0.0, 0.0);
@@ -102,18 +100,15 @@ fn solve(system: &SurfaceSystem, information: &BlockInformation) -> (CholeskyFac
     (factor, system.surface(&x).unwrap())
 }
 
-/// (a) Truth in the spline space, known (u, v), no prior: the estimate is unbiased and reaches the Cramér–Rao bound.
+/// (a) Truth in the spline space, known (u, v), no prior: the estimate is unbiased and reaches the Cramér–Rao
+/// bound.
 fn cramer_rao_ratio(shape: Shape, runs: u64) -> f64 {
     let base = refined_base(shape);
     let system = SurfaceSystem::new(base.space()).unwrap();
     let (mut error, mut bound) = (0.0, 0.0);
     for run in 0..runs {
         let mut draw = Draw::new(1000 + run);
-        let vertices = base
-            .vertices()
-            .iter()
-            .map(|p| p.map(|c| c + 0.1 * draw.normal()))
-            .collect();
+        let vertices = base.vertices().iter().map(|p| p.map(|c| c + 0.1 * draw.normal())).collect();
         let truth = base.with_vertices(vertices).unwrap();
         let information = observe(&system, &truth, 4000, &mut draw);
         let (factor, estimate) = solve(&system, &information);
@@ -124,7 +119,8 @@ fn cramer_rao_ratio(shape: Shape, runs: u64) -> f64 {
     (error / bound).sqrt()
 }
 
-/// (b) Truth drawn from the prior: NEES per degree of freedom, its 99.9 % band, and error over the posterior bound.
+/// (b) Truth drawn from the prior: NEES per degree of freedom, its 99.9 % band, and error over the posterior
+/// bound.
 fn posterior_honesty(shape: Shape, runs: u64) -> (f64, ChiSquareBand, f64) {
     let base = refined_base(shape);
     let system = SurfaceSystem::new(base.space()).unwrap();
@@ -150,23 +146,15 @@ fn posterior_honesty(shape: Shape, runs: u64) -> (f64, ChiSquareBand, f64) {
         let mut total = observe(&system, &truth_surface, 150, &mut draw);
         total.add_scaled(&prior, 1.0).unwrap();
         let (factor, estimate) = solve(&system, &total);
-        let deviation: Vec<f64> = estimate
-            .vertices()
-            .iter()
-            .flatten()
-            .zip(&truth)
-            .map(|(a, b)| a - b)
-            .collect();
+        let deviation: Vec<f64> =
+            estimate.vertices().iter().flatten().zip(&truth).map(|(a, b)| a - b).collect();
         nees += total.quadratic_form(&deviation).unwrap() / unknowns as f64;
         let (e, b) = error_and_bound(&system, &factor, &estimate, &truth_surface);
         error += e;
         bound += b;
     }
     let band = ChiSquareBand::of_mean(runs as usize, unknowns as f64, 0.999).unwrap();
-    let band = ChiSquareBand {
-        lower: band.lower / unknowns as f64,
-        upper: band.upper / unknowns as f64,
-    };
+    let band = ChiSquareBand { lower: band.lower / unknowns as f64, upper: band.upper / unknowns as f64 };
     (nees / runs as f64, band, (error / bound).sqrt())
 }
 
@@ -185,10 +173,7 @@ fn errors_of_truths_from_the_prior_have_the_posterior_covariance() {
     for shape in SHAPES {
         let (nees, band, ratio) = posterior_honesty(shape, 20);
         assert!(band.contains(nees), "{shape:?}: NEES {nees} outside {band:?}");
-        assert!(
-            (ratio - 1.0).abs() < 0.1,
-            "{shape:?}: error is {ratio} of the posterior bound"
-        );
+        assert!((ratio - 1.0).abs() < 0.1, "{shape:?}: error is {ratio} of the posterior bound");
     }
 }
 

@@ -59,11 +59,9 @@ fn dust_changes_little() {
     let clean = error(&run(&set_of(sheet(5000, 1), None)));
     assert!(clean < 0.3 * SIGMA, "{clean}");
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    for (what, count, extent) in [
-        ("one far point", 1, 100.0),
-        ("dust all about", 250, 2.0),
-        ("dust far about", 250, 20.0),
-    ] {
+    for (what, count, extent) in
+        [("one far point", 1, 100.0), ("dust all about", 250, 2.0), ("dust far about", 250, 20.0)]
+    {
         let mut points = sheet(5000, 1);
         points.extend((0..count).map(|_| [0; 3].map(|_| rng.random_range(-extent..extent))));
         let found = error(&run(&set_of(points, None)));
@@ -79,11 +77,7 @@ fn a_sigma_stated_a_thousand_times_too_large_or_small_is_found_out() {
         let fit = run(&set_of(sheet(5000, 3), Some(factor * SIGMA)));
         let (found, sensor) = (error(&fit), &fit.report.sensors[0]);
         assert!(sensor.sigma_used_is_estimated, "{factor}");
-        assert!(
-            (sensor.sigma_estimated / SIGMA - 1.0).abs() < 0.1,
-            "{factor}: {}",
-            sensor.sigma_estimated
-        );
+        assert!((sensor.sigma_estimated / SIGMA - 1.0).abs() < 0.1, "{factor}: {}", sensor.sigma_estimated);
         assert!(found < 1.3 * clean, "{factor}: {found} instead of {clean}");
     }
 }
@@ -94,7 +88,9 @@ fn a_point_written_five_times_is_one_reading() {
     let points = (0..5).flat_map(|_| sheet(2000, 4)).collect();
     let fit = run(&set_of(points, None));
     assert_eq!(fit.report.rejected["duplicate"], 8000);
-    assert!((fit.report.sensors[0].sigma_estimated / once.report.sensors[0].sigma_estimated - 1.0).abs() < 0.05);
+    assert!(
+        (fit.report.sensors[0].sigma_estimated / once.report.sensors[0].sigma_estimated - 1.0).abs() < 0.05
+    );
 }
 
 #[test]
@@ -112,11 +108,7 @@ fn clouds_without_a_side_are_added_whatever_side_was_guessed() {
         let first = run(&set_of(points[..2000].to_vec(), None));
         let second = set_of(points[2000..].to_vec(), None);
         let both = update(&first.model, &second, &FitOptions::default(), &Silent).unwrap();
-        assert!(
-            both.report.observations > 1700,
-            "seed {seed}: {:?}",
-            both.report.rejected
-        );
+        assert!(both.report.observations > 1700, "seed {seed}: {:?}", both.report.rejected);
         assert!(error(&both) < error(&first), "seed {seed}");
     }
 }
@@ -138,21 +130,11 @@ fn few_readings_without_sigma_that_the_model_knows_already_are_no_proof_of_their
 fn no_more_coefficients_than_allowed() {
     let set = set_of(sheet(3000, 6), None);
     for most in [25, 40, 100, 150] {
-        let options = FitOptions {
-            max_coefficients: most,
-            ..FitOptions::default()
-        };
+        let options = FitOptions { max_coefficients: most, ..FitOptions::default() };
         let made = fit(&set, &options, &Silent).unwrap();
-        assert!(
-            made.report.coefficients <= most,
-            "{} of {most}",
-            made.report.coefficients
-        );
+        assert!(made.report.coefficients <= most, "{} of {most}", made.report.coefficients);
     }
-    let options = FitOptions {
-        max_coefficients: 20,
-        ..FitOptions::default()
-    };
+    let options = FitOptions { max_coefficients: 20, ..FitOptions::default() };
     assert!(fit(&set, &options, &Silent).is_err());
 }
 
@@ -167,22 +149,13 @@ fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
     // Both clouds rounded alike, so that only the place differs.
     let rounded = |points: Vec<[f64; 3]>| -> Vec<[f64; 3]> {
         let digits = 2.0_f64.powi(-30);
-        points
-            .iter()
-            .map(|p| p.map(|c| (c / digits).round() * digits))
-            .collect()
+        points.iter().map(|p| p.map(|c| (c / digits).round() * digits)).collect()
     };
     let (first, second) = (rounded(sheet(4000, 5)), rounded(sheet(3000, 6)));
     let near = run(&set_of(first.clone(), Some(SIGMA)));
     let away = run(&set_of(moved(&first), Some(SIGMA)));
     let add = |fit: &Fit, points| {
-        update(
-            &fit.model,
-            &set_of(points, Some(SIGMA)),
-            &FitOptions::default(),
-            &Silent,
-        )
-        .unwrap()
+        update(&fit.model, &set_of(points, Some(SIGMA)), &FitOptions::default(), &Silent).unwrap()
     };
     let near_both = add(&near, second.clone());
     let away_both = add(&away, moved(&second));
@@ -198,17 +171,13 @@ fn a_cloud_far_from_the_origin_is_fitted_as_near_it_and_can_be_added_to() {
     }
 }
 
-/// Ground whose mesh faces down is dark in every viewer, and half of its readings would lie on the other side.
+/// Ground whose mesh faces down is dark in every viewer, and half of its readings would lie on the other
+/// side.
 #[test]
 fn a_sheet_of_points_without_sides_faces_up() {
-    let options = FitOptions {
-        shape: Some(Shape::Sheet),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { shape: Some(Shape::Sheet), ..FitOptions::default() };
     for turned in [false, true] {
-        let points = sheet(3000, 8)
-            .into_iter()
-            .map(|[x, y, z]| if turned { [x, -y, -z] } else { [x, y, z] });
+        let points = sheet(3000, 8).into_iter().map(|[x, y, z]| if turned { [x, -y, -z] } else { [x, y, z] });
         let fit = fit(&set_of(points.collect(), Some(SIGMA)), &options, &Silent).unwrap();
         let [u, v] = fit.model.surface.space().extent().map(|e| 0.5 * e);
         assert!(fit.model.surface.normal(u, v).unwrap()[2] > 0.5);

@@ -22,12 +22,7 @@ fn job(input: PathBuf, kinds: &[Kind]) -> ContourJob {
         shapes: Vec::new(),
         fit: FitOptions::default(),
         sigma: SigmaDefaults::default(),
-        carmen: CarmenOptions {
-            first: 0,
-            count: 1,
-            range: [0.05, 20.0],
-            region: None,
-        },
+        carmen: CarmenOptions { first: 0, count: 1, range: [0.05, 20.0], region: None },
         gap: None,
         outputs: Vec::new(),
         pixel: None,
@@ -88,15 +83,9 @@ fn a_plate_with_holes_is_told_as_one() {
     let left = points(&Kind::Circle, &[-20.0, 0.0, 6.0], 120, 0.1, 2).noisy;
     let right = points(&Kind::Slot, &[18.0, 4.0, 24.0, 10.0, 0.2], 200, 0.1, 3).noisy;
     write_points(&path, &[(0.0, [plate, left, right].concat())]);
-    let report = contour_files(
-        &ContourJob {
-            gap: Some(5.0),
-            ..job(path, &[])
-        },
-        &Silent,
-    )
-    .unwrap();
-    let said: Vec<(&str, Option<usize>)> = report.contours.iter().map(|c| (c.kind.as_str(), c.hole_of)).collect();
+    let report = contour_files(&ContourJob { gap: Some(5.0), ..job(path, &[]) }, &Silent).unwrap();
+    let said: Vec<(&str, Option<usize>)> =
+        report.contours.iter().map(|c| (c.kind.as_str(), c.hole_of)).collect();
     assert_eq!(said, [("rectangle", None), ("slot", Some(0)), ("circle", Some(0))]);
     is_near(&report, 0, "width", 80.0);
     is_near(&report, 2, "radius", 6.0);
@@ -181,14 +170,9 @@ fn the_edge_of_a_disc_in_a_picture_is_a_circle() {
     for seed in 0..runs {
         let center = [70.0 + 0.13 * seed as f64, 60.0 - 0.07 * seed as f64];
         disc(&path, center, 35.0, seed + 1);
-        let report = contour_files(
-            &ContourJob {
-                pixel: Some(pixel),
-                ..job(path.clone(), &[Kind::Circle])
-            },
-            &Silent,
-        )
-        .unwrap();
+        let report =
+            contour_files(&ContourJob { pixel: Some(pixel), ..job(path.clone(), &[Kind::Circle]) }, &Silent)
+                .unwrap();
         let truth = [center[0] * pixel, (119.0 - center[1]) * pixel, 35.0 * pixel];
         for ((_, found), truth) in report.main.parameters.iter().zip(truth) {
             let error = (found.value - truth) / found.sigma;
@@ -197,11 +181,7 @@ fn the_edge_of_a_disc_in_a_picture_is_a_circle() {
         }
     }
     let count = 3.0 * runs as f64;
-    println!(
-        "coverage {:.3}, rms {:.2} σ",
-        within as f64 / count,
-        (squares / count).sqrt()
-    );
+    println!("coverage {:.3}, rms {:.2} σ", within as f64 / count, (squares / count).sqrt());
     assert!(within as f64 > 0.88 * count, "{within} of {count}");
 }
 
@@ -215,21 +195,11 @@ fn readings_in_space_are_a_cylinder() {
         turn: [0.3, -0.5, 0.7],
         size: [25.0, 80.0, 0.0],
     };
-    let sensor = SpaceSensor {
-        standoff: 150.0,
-        sigma_position: 0.5,
-        sigma_angle_rad: 0.01,
-        sigma_range_share: 0.004,
-    };
+    let sensor =
+        SpaceSensor { standoff: 150.0, sigma_position: 0.5, sigma_angle_rad: 0.01, sigma_range_share: 0.004 };
     let mut text = String::from("x,y,z,azimuth_deg,elevation_deg,range,sigma_range\n");
     for ray in rays(&solid, 300, &sensor, 4).noisy {
-        if let Seen::Range {
-            origin: [x, y, z],
-            direction_rad: [a, e],
-            range,
-            sigma,
-        } = ray.seen
-        {
+        if let Seen::Range { origin: [x, y, z], direction_rad: [a, e], range, sigma } = ray.seen {
             let (a, e) = (a.to_degrees(), e.to_degrees());
             writeln!(text, "{x},{y},{z},{a},{e},{range},{}", sigma[5]).unwrap();
         }
@@ -246,17 +216,11 @@ fn readings_in_space_are_a_cylinder() {
     // The same file without a kind in space, and a kind in space without σ.
     job.shapes.clear();
     let refused = contour_files(&job, &Silent).unwrap_err().to_string();
-    assert!(
-        refused.contains("line 1") && refused.contains("--kind plane3"),
-        "{refused}"
-    );
+    assert!(refused.contains("line 1") && refused.contains("--kind plane3"), "{refused}");
     std::fs::write(&path, "x,y,z\n1,2,3\n").unwrap();
     job.shapes = vec![Shape::Plane];
     let refused = contour_files(&job, &Silent).unwrap_err().to_string();
-    assert!(
-        refused.contains("line 2") && refused.contains("--sigma-point"),
-        "{refused}"
-    );
+    assert!(refused.contains("line 2") && refused.contains("--sigma-point"), "{refused}");
 }
 
 #[test]
@@ -273,12 +237,7 @@ fn a_room_of_a_carmen_log_has_walls() {
             (3.0 / cos.abs()).min(2.0 / sin.abs()) + wobble
         });
         let ranges: Vec<String> = ranges.map(|r| format!("{r:.4}")).collect();
-        writeln!(
-            text,
-            "FLASER 180 {} 0 0 {facing} 0 0 {facing} 0 host 0",
-            ranges.join(" ")
-        )
-        .unwrap();
+        writeln!(text, "FLASER 180 {} 0 0 {facing} 0 0 {facing} 0 host 0", ranges.join(" ")).unwrap();
     }
     std::fs::write(&path, text).unwrap();
     let mut job = job(path, &[Kind::Rectangle]);
@@ -295,20 +254,14 @@ fn an_open_outline_is_a_chain_with_its_ends() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bracket.csv");
     // A bracket, of which one side is seen.
-    let kind = Kind::Chain {
-        arcs: vec![false, false],
-        closed: false,
-    };
+    let kind = Kind::Chain { arcs: vec![false, false], closed: false };
     let theta = [0.0, 10.0, 50.0, 0.0, 60.0, 40.0];
     let names = ["x0", "y0", "x1", "y1", "x2", "y2"];
     let (runs, mut within) = (20, 0);
     for seed in 0..runs {
         write_points(&path, &[(0.0, points(&kind, &theta, 300, 0.2, seed).noisy)]);
         let output = folder.path().join("bracket.json");
-        let job = ContourJob {
-            outputs: vec![output.clone()],
-            ..job(path.clone(), &[])
-        };
+        let job = ContourJob { outputs: vec![output.clone()], ..job(path.clone(), &[]) };
         let report = contour_files(&job, &Silent).unwrap();
         assert_eq!(report.main.kind, "chain", "seed {seed}: {:?}", report.main.alternatives);
         assert_eq!(report.main.closed, Some(false));
@@ -333,12 +286,11 @@ fn the_section_of_several_levels_is_covered() {
     for seed in 0..runs {
         let level = |k: u64| points(&Kind::Rectangle, &truth, 150, 0.2, 3 * seed + k).noisy;
         write_points(&path, &[(0.0, level(0)), (10.0, level(1)), (20.0, level(2))]);
-        let levels = contour_files(&job(path.clone(), &[Kind::Rectangle]), &Silent)
-            .unwrap()
-            .levels
-            .unwrap();
+        let levels = contour_files(&job(path.clone(), &[Kind::Rectangle]), &Silent).unwrap().levels.unwrap();
         prisms += u32::from(levels.relation == Relation::Prism);
-        for ((_, value, sigma), truth) in levels.mean.iter().zip([10.0, 5.0, 40.0, 25.0, 0.3_f64.to_degrees()]) {
+        for ((_, value, sigma), truth) in
+            levels.mean.iter().zip([10.0, 5.0, 40.0, 25.0, 0.3_f64.to_degrees()])
+        {
             within += u32::from((value - truth).abs() < 1.96 * sigma);
             squares += ((value - truth) / sigma).powi(2);
         }
@@ -349,10 +301,7 @@ fn the_section_of_several_levels_is_covered() {
         f64::from(within) / count,
         (squares / count).sqrt()
     );
-    assert!(
-        prisms >= 56 && f64::from(within) > 0.9 * count,
-        "{prisms} prisms, {within} of {count}"
-    );
+    assert!(prisms >= 56 && f64::from(within) > 0.9 * count, "{prisms} prisms, {within} of {count}");
 }
 
 #[test]
@@ -374,17 +323,9 @@ fn corridors_of_a_measured_log_have_walls() {
     assert_eq!(report.unit, Some(Unit::Metre));
     assert!(!report.contours.is_empty() && report.main.readings >= 20);
     for contour in &report.contours {
-        println!(
-            "{}: {} readings, {:.2}",
-            contour.kind, contour.readings, contour.reduced_chi_square
-        );
+        println!("{}: {} readings, {:.2}", contour.kind, contour.readings, contour.reduced_chi_square);
         assert!(["line", "chain"].contains(&contour.kind.as_str()));
-        assert!(
-            contour
-                .parameters
-                .iter()
-                .all(|(_, p)| p.value.is_finite() && p.sigma > 0.0)
-        );
+        assert!(contour.parameters.iter().all(|(_, p)| p.value.is_finite() && p.sigma > 0.0));
     }
 }
 
@@ -395,43 +336,15 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         ("empty.csv", "", "the file is empty"),
         ("blank.csv", "\n\n", "holds no readings: needed a header"),
         ("header.csv", "x,y,sigma\n", "holds a header and no readings"),
-        (
-            "no_range.csv",
-            "x,y,heading_deg\n1,2,3\n",
-            "line 1: needed a header with",
-        ),
+        ("no_range.csv", "x,y,heading_deg\n1,2,3\n", "line 1: needed a header with"),
         ("no_columns.csv", "a,b\n1,2\n", "without `x,y`"),
         ("twice.csv", "x,x,y\n1,1,2\n", "line 1: the column `x` is named twice"),
-        (
-            "short.csv",
-            "x,y,sigma\n1,2\n",
-            "line 2: needed 3 fields as in the header, found 2",
-        ),
-        (
-            "word.csv",
-            "x,y,sigma\n1,2,0.1\n1,two,0.1\n",
-            "line 3: needed a number in column `y`",
-        ),
-        (
-            "nan.csv",
-            "x,y,sigma\nnan,1,0.1\n",
-            "line 2: needed a number in column `x`",
-        ),
-        (
-            "infinite.csv",
-            "x,y,sigma,level\n1,1,0.1,inf\n",
-            "line 2: needed a number in column `level`",
-        ),
-        (
-            "zero_sigma.csv",
-            "x,y,sigma\n1,2,0\n",
-            "line 2: needed a positive σ in column `sigma`, found 0",
-        ),
-        (
-            "no_sigma.csv",
-            "x,y\n1,2\n",
-            "line 2: how uncertain readings are is not known",
-        ),
+        ("short.csv", "x,y,sigma\n1,2\n", "line 2: needed 3 fields as in the header, found 2"),
+        ("word.csv", "x,y,sigma\n1,2,0.1\n1,two,0.1\n", "line 3: needed a number in column `y`"),
+        ("nan.csv", "x,y,sigma\nnan,1,0.1\n", "line 2: needed a number in column `x`"),
+        ("infinite.csv", "x,y,sigma,level\n1,1,0.1,inf\n", "line 2: needed a number in column `level`"),
+        ("zero_sigma.csv", "x,y,sigma\n1,2,0\n", "line 2: needed a positive σ in column `sigma`, found 0"),
+        ("no_sigma.csv", "x,y\n1,2\n", "line 2: how uncertain readings are is not known"),
         (
             "behind.csv",
             "x,y,heading_deg,range,sigma_range\n0,0,0,-1,0.1\n",
@@ -442,11 +355,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
             "x,y,heading_deg,range\n0,0,0,1\n",
             "needed a column `sigma_range` or --sigma-range",
         ),
-        (
-            "two.csv",
-            "x,y,sigma\n1,2,0.1\n2,2,0.1\n",
-            "2 readings cannot determine the 3",
-        ),
+        ("two.csv", "x,y,sigma\n1,2,0.1\n2,2,0.1\n", "2 readings cannot determine the 3"),
         (
             "same.csv",
             &("x,y,sigma\n".to_owned() + &"1,2,0.1\n".repeat(30)),
@@ -457,25 +366,14 @@ fn bad_readings_are_refused_with_file_line_and_column() {
             "# a log\nFLASER 180 1 2 3\n",
             "line 2: needed `FLASER n` with n ranges and a pose, found 5 words",
         ),
-        (
-            "word.log",
-            "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n",
-            "line 2: word 4 is no number",
-        ),
-        (
-            "blind.log",
-            "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n",
-            "a log of 1 scans, of which none",
-        ),
+        ("word.log", "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n", "line 2: word 4 is no number"),
+        ("blind.log", "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n", "a log of 1 scans, of which none"),
         ("picture.png", "no picture", "picture.png"),
     ] {
         let path = folder.path().join(name);
         std::fs::write(&path, text).unwrap();
         let output = folder.path().join("out.json");
-        let job = ContourJob {
-            outputs: vec![output.clone()],
-            ..job(path, &[Kind::Circle])
-        };
+        let job = ContourJob { outputs: vec![output.clone()], ..job(path, &[Kind::Circle]) };
         let refused = contour_files(&job, &Silent).unwrap_err().to_string();
         assert!(refused.contains(says) && refused.contains(name), "{name}: {refused}");
         assert!(!output.exists(), "{name}: an output was left behind");

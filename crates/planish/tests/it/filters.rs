@@ -1,4 +1,5 @@
-//! Both filters over the same scans: what one says, the other must not contradict, and both must tell the truth about their σ.
+//! Both filters over the same scans: what one says, the other must not contradict, and both must tell the
+//! truth about their σ.
 
 use planish::fit::{Filter, Fit, FitOptions, RefineBy, fit};
 use planish::model::Posterior;
@@ -26,11 +27,8 @@ fn scene_with(shape: Shape, seed: u64, sigma: Option<f64>) -> ScanScene {
 }
 
 fn fitted(scene: &ScanScene, filter: Filter) -> Fit {
-    let options = FitOptions {
-        shape: Some(scene.options.shape),
-        filter: Some(filter),
-        ..FitOptions::default()
-    };
+    let options =
+        FitOptions { shape: Some(scene.options.shape), filter: Some(filter), ..FitOptions::default() };
     fit(&scene.set, &options, &Silent).unwrap()
 }
 
@@ -52,8 +50,9 @@ fn deviations(fit: &Fit, places: &[([f64; 3], [f64; 3])]) -> Vec<Option<(f64, f6
     places.iter().map(judge).collect()
 }
 
-/// The intervals of both filters cover the truth, and the two lie well within a σ of each other, although each has found cells of its own. (Over the same
-/// cells an adaptive quadtree lies within half a σ of the global filter: a test of the filter itself.)
+/// The intervals of both filters cover the truth, and the two lie well within a σ of each other, although
+/// each has found cells of its own. (Over the same cells an adaptive quadtree lies within half a σ of the
+/// global filter: a test of the filter itself.)
 #[test]
 fn the_patch_filter_agrees_with_the_global_one_and_both_cover_the_truth() {
     for shape in [Shape::Sheet, Shape::Ball] {
@@ -87,7 +86,8 @@ fn the_patch_filter_agrees_with_the_global_one_and_both_cover_the_truth() {
     }
 }
 
-/// A session of half the scans and one of the others must know about as much as one of all, and take them at the same σ.
+/// A session of half the scans and one of the others must know about as much as one of all, and take them at
+/// the same σ.
 #[test]
 fn another_days_scans_go_on_with_the_patch_filter() {
     let scene = scene(Shape::Ball, 7);
@@ -96,38 +96,21 @@ fn another_days_scans_go_on_with_the_patch_filter() {
     let last = first.scans.pop().unwrap();
     let mut second = scene.set.clone();
     second.scans = vec![last];
-    let options = FitOptions {
-        shape: Some(Shape::Ball),
-        filter: Some(Filter::Patch),
-        ..FitOptions::default()
-    };
+    let options =
+        FitOptions { shape: Some(Shape::Ball), filter: Some(Filter::Patch), ..FitOptions::default() };
     let yesterday = fit(&first, &options, &Silent).unwrap();
     let today = planish::fit::update(&yesterday.model, &second, &FitOptions::default(), &Silent).unwrap();
     assert!(today.model.patches.is_some());
     assert!(today.report.observed_area_fraction >= yesterday.report.observed_area_fraction);
     let ratio = today.report.sigma.median / all.report.sigma.median;
     // What was divided late knows its detail less well, what was divided less has less of it.
-    println!(
-        "{ratio:.2} times the σ of one session, {:?} held out",
-        today.report.held_out
-    );
+    println!("{ratio:.2} times the σ of one session, {:?} held out", today.report.held_out);
     assert!((0.5..1.4).contains(&ratio), "{ratio} times the σ of one session");
     let judged = today.report.held_out.rms_normalised;
-    assert!(
-        (0.9..1.15).contains(&judged),
-        "held-out readings are {judged} of their σ off"
-    );
-    assert_eq!(
-        today.model.observations,
-        yesterday.report.observations + today.report.observations
-    );
-    let refused = FitOptions {
-        filter: Some(Filter::Global),
-        ..FitOptions::default()
-    };
-    let e = planish::fit::update(&yesterday.model, &second, &refused, &Silent)
-        .err()
-        .unwrap();
+    assert!((0.9..1.15).contains(&judged), "held-out readings are {judged} of their σ off");
+    assert_eq!(today.model.observations, yesterday.report.observations + today.report.observations);
+    let refused = FitOptions { filter: Some(Filter::Global), ..FitOptions::default() };
+    let e = planish::fit::update(&yesterday.model, &second, &refused, &Silent).err().unwrap();
     assert!(e.to_string().contains("patch filter"), "{e}");
 }
 
@@ -147,22 +130,16 @@ fn criteria_and_depth_are_kept_and_reported() {
                 };
                 let report = fit(&scene.set, &options, &Silent).unwrap().report;
                 let name = format!("{filter:?} {refine_by:?} {depth}");
-                assert!(
-                    report.levels <= usize::from(depth) + 1,
-                    "{name}: {} levels",
-                    report.levels
-                );
-                let causes: Vec<&str> = report.refined.iter().flat_map(|l| l.causes.keys().copied()).collect();
+                assert!(report.levels <= usize::from(depth) + 1, "{name}: {} levels", report.levels);
+                let causes: Vec<&str> =
+                    report.refined.iter().flat_map(|l| l.causes.keys().copied()).collect();
                 assert_eq!(causes.is_empty(), depth == 0, "{name}: {causes:?}");
                 let unasked = match refine_by {
                     RefineBy::Residuals => Some("curvature"),
                     RefineBy::Curvature => Some("residuals"),
                     RefineBy::Both | RefineBy::Roughness => None,
                 };
-                assert!(
-                    unasked.is_none_or(|cause| !causes.contains(&cause)),
-                    "{name}: {causes:?}"
-                );
+                assert!(unasked.is_none_or(|cause| !causes.contains(&cause)), "{name}: {causes:?}");
                 let divided: usize = report.refined.iter().map(|l| l.divided).sum();
                 if filter == Filter::Global {
                     // Every division makes three leaves more.

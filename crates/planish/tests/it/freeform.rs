@@ -1,4 +1,5 @@
-//! The whole pipeline on freeform truths: scans are simulated, fitted without knowing (u, v), and judged against the truth.
+//! The whole pipeline on freeform truths: scans are simulated, fitted without knowing (u, v), and judged
+//! against the truth.
 
 use planish::fit::{Fit, FitOptions, fit};
 use planish::model::Posterior;
@@ -24,10 +25,7 @@ fn scene(shape: Shape, seed: u64, readings: usize) -> ScanScene {
 }
 
 fn fit_scene(scene: &ScanScene) -> Fit {
-    let options = FitOptions {
-        shape: Some(scene.options.shape),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { shape: Some(scene.options.shape), ..FitOptions::default() };
     fit(&scene.set, &options, &Silent).unwrap()
 }
 
@@ -63,12 +61,10 @@ fn judge(scene: &ScanScene, fit: &Fit, count: usize) -> Vec<Judged> {
             let cell = posterior.leaf(leaf).unwrap();
             let [u, v] = space.parameters(leaf, foot.local);
             let [width, height] = space.extent();
-            let along = |x: f64, length: f64, open: bool| if open { x.min(length - x) } else { f64::INFINITY };
+            let along =
+                |x: f64, length: f64, open: bool| if open { x.min(length - x) } else { f64::INFINITY };
             let shape = scene.options.shape;
-            let bend = foot
-                .jet
-                .curvature()
-                .map_or(0.0, |c| c.principal[0].abs().max(c.principal[1].abs()));
+            let bend = foot.jet.curvature().map_or(0.0, |c| c.principal[0].abs().max(c.principal[1].abs()));
             Some(Judged {
                 deviation: foot.height,
                 sigma: Posterior::sigma_along(&cell, foot.local, foot.normal),
@@ -108,14 +104,7 @@ fn coverage_of(shape: Shape, seeds: std::ops::Range<u64>, readings: usize) -> f6
         let scene = scene(shape, seed, readings);
         let fit = fit_scene(&scene);
         let median = fit.report.sigma.median;
-        for Judged {
-            deviation,
-            sigma,
-            radius,
-            level,
-            to_border,
-        } in judge(&scene, &fit, 400)
-        {
+        for Judged { deviation, sigma, radius, level, to_border } in judge(&scene, &fit, 400) {
             coverage.add(deviation, sigma).unwrap();
             let mut at = |place: String| map.add(place, deviation, sigma);
             at("everywhere".to_owned());
@@ -142,10 +131,7 @@ fn stated_sigma_covers_freeform_truths() {
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball] {
         let share = coverage_of(shape, 0..5, 6000);
         println!("{shape:?}: coverage {share:.3}");
-        assert!(
-            (0.92..=0.98).contains(&share),
-            "{shape:?}: 95 % intervals cover {share}"
-        );
+        assert!((0.92..=0.98).contains(&share), "{shape:?}: 95 % intervals cover {share}");
     }
 }
 
@@ -155,9 +141,6 @@ fn two_hundred_freeform_truths_are_covered() {
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball] {
         let share = coverage_of(shape, 0..200, 6000);
         println!("{shape:?}: coverage {share:.4}");
-        assert!(
-            (0.93..=0.97).contains(&share),
-            "{shape:?}: 95 % intervals cover {share}"
-        );
+        assert!((0.93..=0.97).contains(&share), "{shape:?}: 95 % intervals cover {share}");
     }
 }

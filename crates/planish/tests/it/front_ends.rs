@@ -1,4 +1,5 @@
-//! Dense stereo on a real pair with its true disparities, where it is at hand: in `../shared/data` beside the repository, or in the folder that PLANISH_DATA names.
+//! Dense stereo on a real pair with its true disparities, where it is at hand: in `../shared/data` beside the
+//! repository, or in the folder that PLANISH_DATA names.
 
 #![allow(clippy::print_stdout, reason = "a skipped test is said aloud")]
 
@@ -58,17 +59,12 @@ fn gross_errors_are_few_and_stand_where_sigma_is_large() {
     known.sort_by(|a, b| a.0.total_cmp(&b.0));
     let bad = |part: &[(f32, f32)]| part.iter().filter(|(_, e)| *e > 1.0).count() as f64;
     let covered = known.iter().filter(|(sigma, e)| *e < 1.96 * sigma).count() as f64 / known.len() as f64;
-    let (share, worst) = (
-        bad(&known) / known.len() as f64,
-        bad(&known[known.len() * 9 / 10..]) / bad(&known),
-    );
+    let (share, worst) =
+        (bad(&known) / known.len() as f64, bad(&known[known.len() * 9 / 10..]) / bad(&known));
     println!(
         "{} of {all} matched, {share:.4} bad, {worst:.3} of them in the worst tenth, {covered:.3} covered",
         known.len()
     );
     assert!(known.len() * 100 > all * 95, "{} of {all}", known.len());
-    assert!(
-        share < 0.03 && worst > 0.65 && covered > 0.9,
-        "{share} {worst} {covered}"
-    );
+    assert!(share < 0.03 && worst > 0.65 && covered > 0.9, "{share} {worst} {covered}");
 }

@@ -1,4 +1,5 @@
-//! What a user relies on when sensors are not as they say: bias, misstated σ, gross errors, the same bytes whatever the threads.
+//! What a user relies on when sensors are not as they say: bias, misstated σ, gross errors, the same bytes
+//! whatever the threads.
 
 use crate::common;
 
@@ -12,10 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 fn run(set: &ScanSet, shape: Shape) -> Fit {
-    let options = FitOptions {
-        shape: Some(shape),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { shape: Some(shape), ..FitOptions::default() };
     fit(set, &options, &Silent).unwrap()
 }
 
@@ -37,7 +35,8 @@ fn rms_against_truth(scene: &ScanScene, fit: &Fit) -> f64 {
     (heights.iter().map(|h| h * h).sum::<f64>() / heights.len() as f64).sqrt()
 }
 
-/// A touch probe takes few readings. Its σ must come out, and the surface must be their plane, not one through each of them.
+/// A touch probe takes few readings. Its σ must come out, and the surface must be their plane, not one
+/// through each of them.
 #[test]
 fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
     let (sigma, count, runs) = (0.01, 20, 40);
@@ -47,11 +46,7 @@ fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
         let mut normal = || -> f64 { Distribution::<f64>::sample(&StandardNormal, &mut rng) };
         let points = (0..count).map(|_| [normal(), normal(), sigma * normal()]).collect();
         let set = common::probed(points, None, None);
-        let options = FitOptions {
-            held_out_share: 0.0,
-            shape: Some(Shape::Sheet),
-            ..FitOptions::default()
-        };
+        let options = FitOptions { held_out_share: 0.0, shape: Some(Shape::Sheet), ..FitOptions::default() };
         let fit = fit(&set, &options, &Silent).unwrap();
         found += fit.report.sensors[0].sigma_estimated.powi(2) / runs as f64;
         let [u, v] = fit.model.surface.space().extent();
@@ -65,7 +60,8 @@ fn twenty_readings_of_a_plane_tell_the_plane_and_their_noise() {
     assert!(square.sqrt() < 0.5 * sigma, "the middle is off by {}", square.sqrt());
 }
 
-/// Noise of 5 % of the radius lifts readings by 0.25 % of it on average: a radius that is too large if nobody takes that off.
+/// Noise of 5 % of the radius lifts readings by 0.25 % of it on average: a radius that is too large if nobody
+/// takes that off.
 #[test]
 fn a_noisy_sphere_keeps_its_radius() {
     let (sigma, count) = (0.05, 40_000);
@@ -122,24 +118,11 @@ fn a_sensor_that_understates_sigma_threefold_is_found() {
                 sensor.name, truth.misstatement, sensor.observations
             );
             if sensor.observations > 1000 {
-                assert!(
-                    (found / truth.misstatement - 1.0).abs() < 0.1,
-                    "{shape:?} {}: {found}",
-                    sensor.name
-                );
+                assert!((found / truth.misstatement - 1.0).abs() < 0.1, "{shape:?} {}: {found}", sensor.name);
             }
-            assert_eq!(
-                sensor.sigma_used_is_estimated,
-                truth.misstatement > 2.0,
-                "{shape:?} {}",
-                sensor.name
-            );
+            assert_eq!(sensor.sigma_used_is_estimated, truth.misstatement > 2.0, "{shape:?} {}", sensor.name);
         }
-        assert!(
-            report.warnings.iter().any(|w| w.contains("old")),
-            "{:?}",
-            report.warnings
-        );
+        assert!(report.warnings.iter().any(|w| w.contains("old")), "{:?}", report.warnings);
     }
 }
 
@@ -171,41 +154,30 @@ fn assert_gross_errors_change_little(seeds: std::ops::Range<u64>, most: f64) {
                 })
                 .unwrap();
                 let fit = run(&scene.set, shape);
-                println!(
-                    "{} nodes weight {}",
-                    fit.report.coefficients, fit.report.smoothness_weight
-                );
+                println!("{} nodes weight {}", fit.report.coefficients, fit.report.smoothness_weight);
                 rms_against_truth(&scene, &fit)
             };
             let (without, with) = (rms(0.0), rms(0.05));
-            println!("{shape:?} {seed}: rms against the truth {without:.5} without and {with:.5} with gross errors");
+            println!(
+                "{shape:?} {seed}: rms against the truth {without:.5} without and {with:.5} with gross errors"
+            );
             clean += without * without;
             dirty += with * with;
         }
         let ratio = (dirty / clean).sqrt();
         println!("{shape:?}: ratio {ratio:.3}");
-        assert!(
-            (ratio - 1.0).abs() < most,
-            "{shape:?}: gross errors change the rms by a factor {ratio}"
-        );
+        assert!((ratio - 1.0).abs() < most, "{shape:?}: gross errors change the rms by a factor {ratio}");
     }
 }
 
 #[test]
 fn threads_do_not_change_a_bit_of_the_model() {
-    let scene = scans(&ScanSceneOptions {
-        readings: 8000,
-        ..ScanSceneOptions::default()
-    })
-    .unwrap();
+    let scene = scans(&ScanSceneOptions { readings: 8000, ..ScanSceneOptions::default() }).unwrap();
     let bits = [1, 2, 3, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let model = pool.install(|| run(&scene.set, Shape::Ball)).model;
         let vertices = model.surface.vertices().as_flattened().iter();
-        vertices
-            .chain(model.data.values())
-            .map(|x| x.to_bits())
-            .collect::<Vec<u64>>()
+        vertices.chain(model.data.values()).map(|x| x.to_bits()).collect::<Vec<u64>>()
     });
     assert!(bits.iter().all(|b| *b == bits[0]));
 }

@@ -1,4 +1,5 @@
-//! Patches of known surfaces, merged: what comes out is nearer to the truth than what went in, and σ says how near.
+//! Patches of known surfaces, merged: what comes out is nearer to the truth than what went in, and σ says how
+//! near.
 
 use planish::compare::{CompareOptions, Compared, Reference, compare};
 use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, merge, merged_spline};
@@ -20,7 +21,8 @@ fn radius(d: [f64; 3]) -> f64 {
     10.0 + 0.4 * (3.0 * d[0]).sin() * (2.0 * d[1] + d[2]).cos()
 }
 
-/// The part of the swollen ball about an axis, with noise along the normals' rays, of which a share is waves nine edges long and longer.
+/// The part of the swollen ball about an axis, with noise along the normals' rays, of which a share is waves
+/// nine edges long and longer.
 fn patch(name: &str, axis: [f64; 3], least: f64, turn: f64, smooth: f64, rng: &mut ChaCha8Rng) -> NamedPatch {
     let mut ball = icosphere(1.0, 5);
     let (s, c) = turn.sin_cos();
@@ -30,8 +32,7 @@ fn patch(name: &str, axis: [f64; 3], least: f64, turn: f64, smooth: f64, rng: &m
         let [x, y, z] = *p;
         *p = [x, c * y - s * z, s * y + c * z];
     }
-    ball.triangles
-        .retain(|t| t.iter().all(|v| dot(ball.positions[*v as usize], axis) >= least));
+    ball.triangles.retain(|t| t.iter().all(|v| dot(ball.positions[*v as usize], axis) >= least));
     let waves: Vec<([f64; 3], f64)> = (0..12)
         .map(|_| {
             let d = unit([normal(rng), normal(rng), normal(rng)]).expect("a direction");
@@ -64,27 +65,14 @@ fn four_patches_with(smooth: f64) -> Vec<NamedPatch> {
         .enumerate()
         .map(|(k, axis)| {
             let axis = unit(*axis).expect("a direction");
-            patch(
-                &format!("patch {k}"),
-                axis,
-                -0.1,
-                0.3 + 0.5 * k as f64,
-                smooth,
-                &mut rng,
-            )
+            patch(&format!("patch {k}"), axis, -0.1, 0.3 + 0.5 * k as f64, smooth, &mut rng)
         })
         .collect()
 }
 
 fn merged(patches: Vec<NamedPatch>, method: MergeMethod) -> Merged {
-    let set = PatchSet {
-        patches,
-        ..PatchSet::default()
-    };
-    let options = MergeOptions {
-        method: Some(method),
-        ..MergeOptions::default()
-    };
+    let set = PatchSet { patches, ..PatchSet::default() };
+    let options = MergeOptions { method: Some(method), ..MergeOptions::default() };
     merge(set, &options, &Silent).expect("a whole")
 }
 
@@ -107,10 +95,7 @@ fn a_whole_is_nearer_to_the_truth_than_its_patches_and_sigma_says_how_near() {
     for method in [MergeMethod::Mean, MergeMethod::Refit, MergeMethod::Information] {
         let whole = merged(four_patches(), method);
         let report = &whole.report;
-        assert!(
-            report.watertight && report.nonmanifold_edges == 0,
-            "{method:?}: {report:?}"
-        );
+        assert!(report.watertight && report.nonmanifold_edges == 0, "{method:?}: {report:?}");
         let (normalized, error) = errors(&whole);
         println!(
             "{method:?}: rms {error:.5} for σ {SIGMA}, over σ {normalized:.3}, {} triangles",
@@ -122,7 +107,8 @@ fn a_whole_is_nearer_to_the_truth_than_its_patches_and_sigma_says_how_near() {
     assert!(rms[0] < 0.95 * SIGMA && rms[2] < 0.7 * rms[0], "{rms:?}");
 }
 
-/// Noise that neighbours share does not go away in a refit, and σ says so: patches come from models and from scans whose poses are a little wrong.
+/// Noise that neighbours share does not go away in a refit, and σ says so: patches come from models and from
+/// scans whose poses are a little wrong.
 #[test]
 fn sigma_is_true_where_neighbours_are_off_together() {
     for smooth in [0.5, 1.0] {
@@ -134,38 +120,25 @@ fn sigma_is_true_where_neighbours_are_off_together() {
     }
 }
 
-/// A hole that all patches have is filled as the surface goes on, flagged, within what its σ says; curvature is told there, too.
+/// A hole that all patches have is filled as the surface goes on, flagged, within what its σ says; curvature
+/// is told there, too.
 #[test]
 fn a_hole_is_filled_as_the_surface_goes_on() {
     let mut patches = four_patches();
     for patch in &mut patches {
         let mut mesh = patch.tidied.patch.mesh.clone();
-        mesh.triangles
-            .retain(|t| t.iter().all(|v| mesh.positions[*v as usize][2] < 8.5));
+        mesh.triangles.retain(|t| t.iter().all(|v| mesh.positions[*v as usize][2] < 8.5));
         let sigma = vec![SIGMA; mesh.positions.len()];
         patch.tidied = Patch::tidy(&mesh, &sigma).expect("a patch");
     }
-    let set = PatchSet {
-        patches,
-        ..PatchSet::default()
-    };
-    let options = MergeOptions {
-        fill: 1000,
-        curvature: true,
-        ..MergeOptions::default()
-    };
+    let set = PatchSet { patches, ..PatchSet::default() };
+    let options = MergeOptions { fill: 1000, curvature: true, ..MergeOptions::default() };
     let whole = merge(set, &options, &Silent).expect("a whole");
     let report = &whole.report;
     let filled = report.filled.as_ref().expect("lids");
     assert!(report.watertight && report.nonmanifold_edges == 0, "{report:?}");
-    assert_eq!(
-        (filled.holes, filled.outer_rims, filled.left_open),
-        (1, 0, 0),
-        "{filled:?}"
-    );
-    let lid: Vec<usize> = (0..whole.mesh.positions.len())
-        .filter(|v| whole.observed[*v] == 2)
-        .collect();
+    assert_eq!((filled.holes, filled.outer_rims, filled.left_open), (1, 0, 0), "{filled:?}");
+    let lid: Vec<usize> = (0..whole.mesh.positions.len()).filter(|v| whole.observed[*v] == 2).collect();
     assert_eq!(lid.len(), filled.vertices);
     let off = |v: usize| {
         let p = whole.mesh.positions[v];
@@ -173,10 +146,7 @@ fn a_hole_is_filled_as_the_surface_goes_on() {
     };
     let covered = lid.iter().filter(|v| off(**v) < 1.96 * whole.sigma[**v]).count();
     let worst = lid.iter().map(|v| off(*v)).fold(0.0, f64::max);
-    println!(
-        "{} vertices, {covered} within 1.96 σ, off by {worst:.3} at most",
-        lid.len()
-    );
+    println!("{} vertices, {covered} within 1.96 σ, off by {worst:.3} at most", lid.len());
     // A flat lid is off by 1.5.
     assert!(lid.len() > 100 && worst < 0.5 && 100 * covered >= 95 * lid.len());
     let curvature = whole.curvature.expect("curvature");
@@ -184,7 +154,8 @@ fn a_hole_is_filled_as_the_surface_goes_on() {
     assert!((mean + 0.1).abs() < 0.04, "{mean}");
 }
 
-/// Both sides of a plate that is thinner than edges are long stay as they face, where σ says that they are two; a sheet that faces the other way than the one it lies on is turned.
+/// Both sides of a plate that is thinner than edges are long stay as they face, where σ says that they are
+/// two; a sheet that faces the other way than the one it lies on is turned.
 #[test]
 fn the_sides_of_a_thin_plate_are_not_turned_over() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -203,18 +174,10 @@ fn the_sides_of_a_thin_plate_are_not_turned_over() {
             observed: Vec::new(),
         }
     };
-    let plate = vec![
-        side(0.0, 0.0, false),
-        side(25.3, 0.0, false),
-        side(0.0, -0.35, true),
-        side(25.3, -0.35, true),
-    ];
+    let plate =
+        vec![side(0.0, 0.0, false), side(25.3, 0.0, false), side(0.0, -0.35, true), side(25.3, -0.35, true)];
     let whole = merged(plate, MergeMethod::Mean);
-    assert!(
-        whole.report.patches.iter().all(|p| !p.turned_over),
-        "{:?}",
-        whole.report
-    );
+    assert!(whole.report.patches.iter().all(|p| !p.turned_over), "{:?}", whole.report);
     assert!(whole.report.parts == 2 && whole.report.nonmanifold_edges == 0);
     let turned = merged(vec![side(0.0, 0.0, false), side(25.3, 0.0, true)], MergeMethod::Mean);
     assert!(turned.report.patches.iter().any(|p| p.turned_over) && turned.report.parts == 1);
@@ -245,10 +208,7 @@ fn the_order_of_patches_does_not_matter() {
 
 #[test]
 fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
-    let set = PatchSet {
-        patches: four_patches(),
-        ..PatchSet::default()
-    };
+    let set = PatchSet { patches: four_patches(), ..PatchSet::default() };
     let merged = merge(set, &MergeOptions::default(), &Silent).expect("patches overlap");
     let spline = merged_spline(&merged, 0, &Silent).expect("a ball has no handles");
     let report = &spline.report;
@@ -278,17 +238,10 @@ fn a_merged_ball_becomes_one_spline_with_the_sigma_of_the_mesh() {
             scale(radius(d), d)
         })
         .collect();
-    let reference = Reference {
-        points: truth,
-        ..Reference::default()
-    };
-    let compared = compare(
-        &Compared::Surface(Box::new(spline.model)),
-        reference,
-        &CompareOptions::default(),
-        &Silent,
-    )
-    .expect("a comparison");
+    let reference = Reference { points: truth, ..Reference::default() };
+    let compared =
+        compare(&Compared::Surface(Box::new(spline.model)), reference, &CompareOptions::default(), &Silent)
+            .expect("a comparison");
     let covered = compared.coverage95.expect("σ");
     println!("{covered:.3} within 1.96 σ");
     assert!(covered > 0.9, "{covered}");
@@ -304,16 +257,14 @@ fn what_is_no_sheet_tube_or_ball_stays_a_mesh() {
         p[0] += 100.0;
     }
     patches.push(far);
-    let set = PatchSet {
-        patches,
-        ..PatchSet::default()
-    };
+    let set = PatchSet { patches, ..PatchSet::default() };
     let merged = merge(set, &MergeOptions::default(), &Silent).expect("two of three overlap");
     let refused = merged_spline(&merged, 0, &Silent).expect_err("two parts").to_string();
     assert!(refused.contains("has 2 parts, the second of"), "{refused}");
 }
 
-/// A patch that stands a little off makes two layers or a step; aligned first, the whole is as good as if it had stood right.
+/// A patch that stands a little off makes two layers or a step; aligned first, the whole is as good as if it
+/// had stood right.
 #[test]
 fn patches_that_are_off_are_brought_together_first() {
     let mut patches = four_patches();
@@ -321,15 +272,9 @@ fn patches_that_are_off_are_brought_together_first() {
     for p in &mut patches[2].tidied.patch.mesh.positions {
         *p = off.apply(*p);
     }
-    let set = PatchSet {
-        patches,
-        ..PatchSet::default()
-    };
+    let set = PatchSet { patches, ..PatchSet::default() };
     let whole = |align: bool| {
-        let options = MergeOptions {
-            align,
-            ..MergeOptions::default()
-        };
+        let options = MergeOptions { align, ..MergeOptions::default() };
         merge(set.clone(), &options, &Silent)
     };
     let whole_of_aligned = whole(true).expect("a whole");

@@ -1,4 +1,5 @@
-//! Scans that stand elsewhere than stated, and sensors that err alike in all readings of a scan: what was changed comes back within its σ.
+//! Scans that stand elsewhere than stated, and sensors that err alike in all readings of a scan: what was
+//! changed comes back within its σ.
 
 use crate::common;
 
@@ -43,16 +44,15 @@ fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotatio
         let truth = posed.scan.world_from_scanner;
         truths.push(truth);
         if s > 0 {
-            let turn = Pose::from_rotation_vector(normals3(&mut rng, sigma_rotation_deg.to_radians()), [0.0; 3]);
+            let turn =
+                Pose::from_rotation_vector(normals3(&mut rng, sigma_rotation_deg.to_radians()), [0.0; 3]);
             let t = normals3(&mut rng, sigma_translation);
             posed.scan.world_from_scanner = Pose {
                 translation: std::array::from_fn(|k| truth.translation[k] + t[k]),
-                ..turn.after(&Pose {
-                    translation: [0.0; 3],
-                    ..truth
-                })
+                ..turn.after(&Pose { translation: [0.0; 3], ..truth })
             };
-            (posed.sigma_translation, posed.sigma_rotation_deg) = (Some(sigma_translation), Some(sigma_rotation_deg));
+            (posed.sigma_translation, posed.sigma_rotation_deg) =
+                (Some(sigma_translation), Some(sigma_rotation_deg));
         }
     }
     truths
@@ -69,11 +69,7 @@ fn squared_error(report: &PoseReport, truth: &Pose) -> f64 {
 }
 
 fn fit_scene(scene: &ScanScene, align: bool) -> Fit {
-    let options = FitOptions {
-        shape: Some(scene.options.shape),
-        align,
-        ..FitOptions::default()
-    };
+    let options = FitOptions { shape: Some(scene.options.shape), align, ..FitOptions::default() };
     fit(&scene.set, &options, &Silent).unwrap()
 }
 
@@ -126,10 +122,7 @@ fn sphere(rng: &mut ChaCha8Rng, radius: f64, sigma: f64) -> ScanSet {
 }
 
 fn options(shape: Shape) -> FitOptions {
-    FitOptions {
-        shape: Some(shape),
-        ..FitOptions::default()
-    }
+    FitOptions { shape: Some(shape), ..FitOptions::default() }
 }
 
 #[test]
@@ -139,10 +132,7 @@ fn a_sphere_leaves_three_rotations_undetermined() {
     (set.scans[1].sigma_translation, set.scans[1].sigma_rotation_deg) = (Some(0.3), Some(1.0));
     let fitted = fit(&set, &options(Shape::Ball), &Silent).unwrap();
     let pose = &fitted.report.poses[1];
-    println!(
-        "{:?} {:?}\n{:?}",
-        pose.sigma_translation, pose.sigma_rotation_deg, pose.undetermined
-    );
+    println!("{:?} {:?}\n{:?}", pose.sigma_translation, pose.sigma_rotation_deg, pose.undetermined);
     assert_eq!(pose.undetermined.len(), 3);
     for direction in &pose.undetermined {
         // They turn about the middle, which is the scanner's origin here: one σ of rotation, and no motion.
@@ -180,10 +170,7 @@ fn height(fitted: &Fit) -> (f64, f64) {
     let leaf = surface.space().leaves().len() / 2;
     let at = surface.leaf_jet(leaf, 0.5, 0.5);
     let cell = fitted.posterior().leaf(leaf).unwrap();
-    (
-        at.point[2],
-        Posterior::sigma_along(&cell, [0.5, 0.5], at.normal().unwrap()),
-    )
+    (at.point[2], Posterior::sigma_along(&cell, [0.5, 0.5], at.normal().unwrap()))
 }
 
 #[test]
@@ -206,11 +193,7 @@ fn what_a_sensor_adds_to_every_reading_of_a_scan_is_in_the_covariance() {
         }
     }
     let rms = |scores: &[f64]| (scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64).sqrt();
-    println!(
-        "deviations over σ: {:.2} with the bias stated, {:.2} without",
-        rms(&with),
-        rms(&without)
-    );
+    println!("deviations over σ: {:.2} with the bias stated, {:.2} without", rms(&with), rms(&without));
     // Twelve draws: the rms of as many standard normals lies in 0.55 … 1.5 but for one time in a hundred.
     assert!((0.55..1.5).contains(&rms(&with)), "{with:?}");
     assert!(rms(&without) > 3.0, "{without:?}");
@@ -218,7 +201,8 @@ fn what_a_sensor_adds_to_every_reading_of_a_scan_is_in_the_covariance() {
 
 #[test]
 fn an_update_keeps_what_earlier_scans_share() {
-    // A biased session, then an unbiased one over the same place: the biases of the first are found out by the second.
+    // A biased session, then an unbiased one over the same place: the biases of the first are found out by
+    // the second.
     let mut rng = ChaCha8Rng::seed_from_u64(40);
     let mut set = biased_plane(&mut rng, 0.02, 0.5);
     set.sensors[0].sigma_bias = Some(0.5);
@@ -234,7 +218,8 @@ fn an_update_keeps_what_earlier_scans_share() {
     println!("height and σ: {before:?}, then {after:?}, without what was shared {wrong:?}");
     assert!(before.1 > 0.15 && after.1 < 0.05 * before.1);
     assert!(after.0.abs() < 4.0 * after.1, "{after:?}");
-    // The new readings all lie on one side of what was believed: that is left out of the shape, and σ says so.
+    // The new readings all lie on one side of what was believed: that is left out of the shape, and σ says
+    // so.
     assert!(wrong.0.abs() > 8.0 * after.1 && wrong.1 > 8.0 * after.1, "{wrong:?}");
     assert_eq!(both.model.shared.as_ref().unwrap().corner.len(), 36);
 }
@@ -247,10 +232,7 @@ fn align_brings_scans_back_that_nobody_said_were_off() {
         (posed.sigma_translation, posed.sigma_rotation_deg) = (None, None);
     }
     let (left, aligned) = (fit_scene(&scene, false), fit_scene(&scene, true));
-    println!(
-        "rms {:.4} as stated, {:.4} aligned",
-        left.report.rms, aligned.report.rms
-    );
+    println!("rms {:.4} as stated, {:.4} aligned", left.report.rms, aligned.report.rms);
     assert!(aligned.report.rms < 0.5 * left.report.rms);
     let errors: Vec<f64> = (aligned.report.poses.iter().zip(&truths).skip(1))
         .map(|(report, truth)| squared_error(report, truth))
@@ -265,10 +247,7 @@ fn align_brings_scans_back_that_nobody_said_were_off() {
 fn poses_of_a_mixed_set_are_stated_neither_too_sure_nor_too_unsure() {
     let mut all = Vec::new();
     for seed in [7, 8] {
-        let mixed = ScanSceneOptions {
-            seed,
-            ..ScanSceneOptions::default()
-        };
+        let mixed = ScanSceneOptions { seed, ..ScanSceneOptions::default() };
         let mut scene = scans(&mixed).unwrap();
         let truths = shake(&mut scene, seed, 0.2, 0.1);
         for posed in &mut scene.set.scans {
@@ -276,7 +255,8 @@ fn poses_of_a_mixed_set_are_stated_neither_too_sure_nor_too_unsure() {
         }
         let aligned = fit_scene(&scene, true);
         all.extend(
-            (aligned.report.poses.iter().zip(&truths).skip(1)).map(|(report, truth)| squared_error(report, truth)),
+            (aligned.report.poses.iter().zip(&truths).skip(1))
+                .map(|(report, truth)| squared_error(report, truth)),
         );
     }
     let mean = all.iter().sum::<f64>() / all.len() as f64;

@@ -46,36 +46,31 @@ fn vessel_truth(scene: &planish::simulate::ScanScene) -> Vec<([f64; 3], [f64; 3]
 }
 
 fn full_rotation() -> Option<SymmetryChoice> {
-    Some(SymmetryChoice::Of(SymmetryKind::Rotation {
-        order: None,
-        towards: None,
-    }))
+    Some(SymmetryChoice::Of(SymmetryKind::Rotation { order: None, towards: None }))
 }
 
 #[test]
 fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
-    let scene = vessel(&VesselOptions {
-        readings: 12_000,
-        ..VesselOptions::default()
-    })
-    .unwrap();
+    let scene = vessel(&VesselOptions { readings: 12_000, ..VesselOptions::default() }).unwrap();
     let truth = vessel_truth(&scene);
     let plain = fit(&scene.set, &FitOptions::default(), &Silent).unwrap();
-    let options = FitOptions {
-        symmetry: full_rotation(),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { symmetry: full_rotation(), ..FitOptions::default() };
     let whole = fit(&scene.set, &options, &Silent).unwrap();
     let found = whole.report.propagation.clone().unwrap();
     let symmetry = found.symmetry.unwrap();
     // The axis is z.
     assert!(symmetry.direction[2].abs() > 0.99999, "{symmetry:?}");
-    assert!(symmetry.point[0].hypot(symmetry.point[1]) < 5.0 * symmetry.sigma_point[0].max(symmetry.sigma_point[1]));
+    assert!(
+        symmetry.point[0].hypot(symmetry.point[1])
+            < 5.0 * symmetry.sigma_point[0].max(symmetry.sigma_point[1])
+    );
     assert!(found.invented_area_fraction > 0.4, "{}", found.invented_area_fraction);
     let (rms, coverage, n) = judge(&whole, &truth, Some(Observed::Invented));
     let (measured, seen_coverage, _) = judge(&whole, &truth, Some(Observed::Measured));
     let (before, _, _) = judge(&plain, &truth, None);
-    println!("unseen {rms} of {n}, before {before}, measured {measured}, coverage {coverage} {seen_coverage}");
+    println!(
+        "unseen {rms} of {n}, before {before}, measured {measured}, coverage {coverage} {seen_coverage}"
+    );
     assert!(n > 1000 && rms < 0.15 && before > 10.0 * rms);
     assert!(coverage > 0.9 && seen_coverage > 0.9);
     // Copies are no readings.
@@ -84,10 +79,7 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
 
     let proposed = fit(
         &scene.set,
-        &FitOptions {
-            symmetry: Some(SymmetryChoice::Auto),
-            ..FitOptions::default()
-        },
+        &FitOptions { symmetry: Some(SymmetryChoice::Auto), ..FitOptions::default() },
         &Silent,
     )
     .unwrap();
@@ -97,11 +89,7 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
 
 #[test]
 fn real_readings_overrule_a_symmetry() {
-    let mut scene = vessel(&VesselOptions {
-        readings: 12_000,
-        ..VesselOptions::default()
-    })
-    .unwrap();
+    let mut scene = vessel(&VesselOptions { readings: 12_000, ..VesselOptions::default() }).unwrap();
     // The other side was pressed in by 2 mm, and a probe has touched it there.
     let foot = scene.truth.foot([-60.0, 0.0, -5.0]).unwrap();
     let (middle, n) = (foot.point.position, foot.point.normal);
@@ -121,10 +109,7 @@ fn real_readings_overrule_a_symmetry() {
     scan.sensor = 1;
     scene.set.sensors.push(probe.sensors[0].clone());
     scene.set.scans.push(scan);
-    let options = FitOptions {
-        symmetry: full_rotation(),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { symmetry: full_rotation(), ..FitOptions::default() };
     let fitted = fit(&scene.set, &options, &Silent).unwrap();
     let (rms, _, seen) = judge(&fitted, &[(deepest, n)], Some(Observed::Measured));
     assert!(seen == 1 && rms < 0.15, "{rms} from the pressed point");
@@ -170,35 +155,18 @@ fn gaps_in_a_plane_a_sphere_and_a_cylinder_are_filled_within_their_sigma() {
     for (kind, surface) in [("plane", table), ("sphere", dome), ("cylinder", roof)] {
         let (points, normals, truth) = with_gap(5, sigma, surface);
         let set = probed(points, Some(normals), Some(sigma));
-        let options = FitOptions {
-            shape: Some(Shape::Sheet),
-            complete_smooth: true,
-            ..FitOptions::default()
-        };
+        let options =
+            FitOptions { shape: Some(Shape::Sheet), complete_smooth: true, ..FitOptions::default() };
         let filled = fit(&set, &options, &Silent).unwrap();
         let found = filled.report.propagation.clone().unwrap();
         assert_eq!(found.gaps[0].kind, kind, "{:?}", found.gaps);
         let (rms, coverage, n) = judge(&filled, &truth, Some(Observed::Invented));
-        let plain = fit(
-            &set,
-            &FitOptions {
-                complete_smooth: false,
-                ..options
-            },
-            &Silent,
-        )
-        .unwrap();
+        let plain = fit(&set, &FitOptions { complete_smooth: false, ..options }, &Silent).unwrap();
         let (before, _, _) = judge(&plain, &truth, None);
-        println!(
-            "{kind}: rms {rms} ({n}), coverage {coverage}, before {before}; {:?}",
-            found.gaps
-        );
+        println!("{kind}: rms {rms} ({n}), coverage {coverage}, before {before}; {:?}", found.gaps);
         assert!(n > 100, "{kind}: {n} of {} are completed", truth.len());
         assert!(rms < sigma && coverage > 0.9, "{kind}: {rms} {coverage}");
-        assert!(
-            kind == "plane" || before > 1.5 * rms,
-            "{kind}: {before} before, {rms} after"
-        );
+        assert!(kind == "plane" || before > 1.5 * rms, "{kind}: {before} before, {rms} after");
     }
 }
 
@@ -209,16 +177,10 @@ fn a_freeform_without_symmetry_is_told_so() {
         ..planish::simulate::ScanSceneOptions::default()
     })
     .unwrap();
-    let auto = FitOptions {
-        symmetry: Some(SymmetryChoice::Auto),
-        ..FitOptions::default()
-    };
+    let auto = FitOptions { symmetry: Some(SymmetryChoice::Auto), ..FitOptions::default() };
     let found = fit(&scene.set, &auto, &Silent).unwrap().report.propagation.unwrap();
     assert!(!found.symmetry.unwrap().is_found() && found.pseudo_readings == 0);
-    let wanted = FitOptions {
-        symmetry: full_rotation(),
-        ..FitOptions::default()
-    };
+    let wanted = FitOptions { symmetry: full_rotation(), ..FitOptions::default() };
     let error = fit(&scene.set, &wanted, &Silent).err().unwrap();
     assert!(
         error.kind() == planish::ErrorKind::Undetermined && error.to_string().contains("--symmetry auto"),
@@ -228,17 +190,10 @@ fn a_freeform_without_symmetry_is_told_so() {
 
 #[test]
 fn a_scan_at_another_time_than_stated_stands_out() {
-    let mut scene = turning(&TurningOptions {
-        readings: 16_000,
-        views: 5,
-        ..TurningOptions::default()
-    })
-    .unwrap();
+    let mut scene =
+        turning(&TurningOptions { readings: 16_000, views: 5, ..TurningOptions::default() }).unwrap();
     scene.set.scans[3].scan.time_s = Some(2.4);
-    let options = FitOptions {
-        motion: Some(ThingMotion::Rigid),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { motion: Some(ThingMotion::Rigid), ..FitOptions::default() };
     let fitted = fit(&scene.set, &options, &Silent).unwrap();
     let motion = fitted.report.propagation.unwrap().motion.unwrap();
     let innovations: Vec<f64> = motion.poses.iter().map(|pose| pose.innovation).collect();
@@ -260,17 +215,10 @@ fn poses_and_rates_of_turning_things_lie_within_their_sigma() {
 fn assert_turning_lies_within_sigma(seeds: &[u64]) {
     let (mut rate_error, mut pose_error) = (0.0, 0.0);
     for &seed in seeds {
-        let scene = turning(&TurningOptions {
-            seed,
-            readings: 24_000,
-            views: 5,
-            ..TurningOptions::default()
-        })
-        .unwrap();
-        let options = FitOptions {
-            motion: Some(ThingMotion::Rigid),
-            ..FitOptions::default()
-        };
+        let scene =
+            turning(&TurningOptions { seed, readings: 24_000, views: 5, ..TurningOptions::default() })
+                .unwrap();
+        let options = FitOptions { motion: Some(ThingMotion::Rigid), ..FitOptions::default() };
         let fitted = fit(&scene.set, &options, &Silent).unwrap();
         let motion = fitted.report.propagation.clone().unwrap().motion.unwrap();
         let truth = scene.motion.unwrap();
@@ -281,9 +229,8 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
             let true_pose = Pose::from_twist(turn, cross(truth.axis_point, turn));
             let found = Pose::from_quaternion_xyzw(pose.quaternion_xyzw, pose.translation).unwrap();
             let (off, _) = found.inverse().after(&true_pose).twist();
-            let squares: f64 = (0..3)
-                .map(|k| (off[k].to_degrees() / pose.sigma_rotation_deg[k]).powi(2))
-                .sum();
+            let squares: f64 =
+                (0..3).map(|k| (off[k].to_degrees() / pose.sigma_rotation_deg[k]).powi(2)).sum();
             pose_error += squares / (3 * (motion.poses.len() - 1) * seeds.len()) as f64;
         }
         println!(
@@ -296,43 +243,31 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
         let (rms, coverage, _) = judge(&fitted, &points, Some(Observed::Measured));
         println!("measured {rms}, coverage {coverage}");
         assert!(rms < 0.1 && coverage > 0.88);
-        assert!(
-            motion.poses.iter().all(|pose| pose.innovation < 2.0),
-            "{:?}",
-            motion.poses
-        );
+        assert!(motion.poses.iter().all(|pose| pose.innovation < 2.0), "{:?}", motion.poses);
     }
     println!("squares over variance: rate {rate_error}, poses {pose_error}");
-    // Of one number and of three, over three scenes: pose errors of a scene are alike, as they share its first scan.
+    // Of one number and of three, over three scenes: pose errors of a scene are alike, as they share its
+    // first scan.
     assert!(rate_error < 4.0, "{rate_error}");
     assert!((0.2..2.5).contains(&pose_error), "{pose_error}");
 }
 
 #[test]
 fn a_moving_thing_needs_times() {
-    let mut scene = turning(&TurningOptions {
-        readings: 2000,
-        views: 2,
-        ..TurningOptions::default()
-    })
-    .unwrap();
+    let mut scene =
+        turning(&TurningOptions { readings: 2000, views: 2, ..TurningOptions::default() }).unwrap();
     scene.set.scans[1].scan.time_s = None;
-    let options = FitOptions {
-        motion: Some(ThingMotion::Rigid),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { motion: Some(ThingMotion::Rigid), ..FitOptions::default() };
     let error = fit(&scene.set, &options, &Silent).err().unwrap();
     assert!(error.to_string().contains("laser-2.ply: needed the time"), "{error}");
 }
 
 fn bend() -> FitOptions {
-    FitOptions {
-        motion: Some(ThingMotion::Bend),
-        ..FitOptions::default()
-    }
+    FitOptions { motion: Some(ThingMotion::Bend), ..FitOptions::default() }
 }
 
-/// Points of the true sheet at the last time, away from its border: those in the hole of the last scan, or all others.
+/// Points of the true sheet at the last time, away from its border: those in the hole of the last scan, or
+/// all others.
 fn true_sheet(scene: &ScanScene, hole: bool) -> Vec<([f64; 3], [f64; 3])> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let points = scene.truth.sample_area_uniform(4000, &mut rng);
@@ -348,12 +283,7 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
     let mut in_hole = (0.0, 0.0);
     let seeds = [1, 2, 3];
     for seed in seeds {
-        let scene = bending(&BendingOptions {
-            seed,
-            readings: 24_000,
-            ..BendingOptions::default()
-        })
-        .unwrap();
+        let scene = bending(&BendingOptions { seed, readings: 24_000, ..BendingOptions::default() }).unwrap();
         let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
         let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
         assert!(found.isometric, "{:?}", fitted.report.warnings);
@@ -372,10 +302,7 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
             assert!((0.95..1.05).contains(&state.misfit), "{state:?}");
         }
         let hole = found.states[3].carried_area_fraction;
-        assert!(
-            (0.01..0.06).contains(&hole),
-            "the hole is 5 % of the sheet, found {hole}"
-        );
+        assert!((0.01..0.06).contains(&hole), "the hole is 5 % of the sheet, found {hole}");
         let (rms, coverage, n) = judge(&fitted, &true_sheet(&scene, false), Some(Observed::Measured));
         println!("measured: rms {rms:.4}, coverage {coverage:.3} of {n}");
         assert!(n > 3000 && rms < 0.03 && coverage > 0.85, "{rms} {coverage}");
@@ -388,11 +315,7 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
             .flat_map(|i| (1..10).map(move |j| [f64::from(i) / 10.0, f64::from(j) / 10.0]))
             .map(|[a, b]| {
                 let [u, v] = first.space().extent();
-                let material = scene.states[0]
-                    .foot(first.point(a * u, b * v))
-                    .unwrap()
-                    .point
-                    .parameters;
+                let material = scene.states[0].foot(first.point(a * u, b * v)).unwrap().point.parameters;
                 let truth = scene.truth.point(material[0], material[1]);
                 distance(last.point(a * u, b * v), truth)
             })
@@ -409,27 +332,20 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
 
 #[test]
 fn a_sheet_that_stretches_is_no_isometry() {
-    let scene = bending(&BendingOptions {
-        stretch: 0.03,
-        readings: 24_000,
-        ..BendingOptions::default()
-    })
-    .unwrap();
+    let scene =
+        bending(&BendingOptions { stretch: 0.03, readings: 24_000, ..BendingOptions::default() }).unwrap();
     let fitted = fit(&scene.set, &bend(), &Silent).unwrap();
     let found = fitted.report.propagation.clone().unwrap().bending.unwrap();
     assert!(!found.isometric && !found.states[3].isometric, "{found:?}");
-    let warned = |file: &str| (fitted.report.warnings.iter()).any(|w| w.contains(file) && w.contains("not stretched"));
+    let warned =
+        |file: &str| (fitted.report.warnings.iter()).any(|w| w.contains(file) && w.contains("not stretched"));
     assert!(warned("laser-4.ply"), "{:?}", fitted.report.warnings);
 }
 
 #[test]
 fn a_sheet_that_grows_in_its_plane_shows_at_its_border() {
-    let mut scene = bending(&BendingOptions {
-        states: 2,
-        readings: 10_000,
-        ..BendingOptions::default()
-    })
-    .unwrap();
+    let mut scene =
+        bending(&BendingOptions { states: 2, readings: 10_000, ..BendingOptions::default() }).unwrap();
     // The first state again, 8 % longer: flat still, so that curvature tells nothing.
     scene.set.scans[1] = scene.set.scans[0].clone();
     let scan = &mut scene.set.scans[1].scan;
@@ -447,50 +363,33 @@ fn a_sheet_that_grows_in_its_plane_shows_at_its_border() {
 
 #[test]
 fn what_cannot_bend_is_refused() {
-    let scene = bending(&BendingOptions {
-        states: 2,
-        readings: 3000,
-        ..BendingOptions::default()
-    })
-    .unwrap();
-    let refused =
-        |set: &planish_exchange::ScanSet, options: &FitOptions| fit(set, options, &Silent).err().unwrap().to_string();
+    let scene = bending(&BendingOptions { states: 2, readings: 3000, ..BendingOptions::default() }).unwrap();
+    let refused = |set: &planish_exchange::ScanSet, options: &FitOptions| {
+        fit(set, options, &Silent).err().unwrap().to_string()
+    };
     let mut one = scene.set.clone();
     one.scans.truncate(1);
     let message = refused(&one, &bend());
-    assert!(
-        message.contains("at least two states") && message.contains("laser-1.ply"),
-        "{message}"
-    );
+    assert!(message.contains("at least two states") && message.contains("laser-1.ply"), "{message}");
     let mut half_timed = scene.set.clone();
     half_timed.scans[1].scan.time_s = None;
     let message = refused(&half_timed, &bend());
     assert!(message.contains("laser-2.ply: needed the time"), "{message}");
-    let ball = FitOptions {
-        shape: Some(Shape::Ball),
-        ..bend()
-    };
+    let ball = FitOptions { shape: Some(Shape::Ball), ..bend() };
     let message = refused(&scene.set, &ball);
     assert!(message.contains("needed --shape sheet, found ball"), "{message}");
     let sphere: Vec<[f64; 3]> = (0..3000)
         .map(|k| {
             let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 3000.0;
             let (sin, cos) = (2.399_963 * f64::from(k)).sin_cos();
-            [
-                50.0 * (1.0 - z * z).sqrt() * cos,
-                50.0 * (1.0 - z * z).sqrt() * sin,
-                50.0 * z,
-            ]
+            [50.0 * (1.0 - z * z).sqrt() * cos, 50.0 * (1.0 - z * z).sqrt() * sin, 50.0 * z]
         })
         .collect();
     let normals = sphere.iter().map(|p| scale(0.02, *p)).collect();
     let mut closed = probed(sphere, Some(normals), Some(0.01));
     closed.scans.push(closed.scans[0].clone());
     let message = refused(&closed, &bend());
-    assert!(
-        message.contains("looks like a ball") && message.contains("--shape sheet"),
-        "{message}"
-    );
+    assert!(message.contains("looks like a ball") && message.contains("--shape sheet"), "{message}");
     // Files in order will do, without times.
     let mut untimed = scene.set.clone();
     untimed.scans.iter_mut().for_each(|posed| posed.scan.time_s = None);
@@ -500,12 +399,8 @@ fn what_cannot_bend_is_refused() {
 #[test]
 fn a_model_forms_reading_by_reading_and_ends_as_itself() {
     for filter in [Filter::Global, Filter::Patch] {
-        let scene = bending(&BendingOptions {
-            states: 2,
-            readings: 16_000,
-            ..BendingOptions::default()
-        })
-        .unwrap();
+        let scene =
+            bending(&BendingOptions { states: 2, readings: 16_000, ..BendingOptions::default() }).unwrap();
         let mut set = scene.set.clone();
         set.scans.remove(1);
         let options = FitOptions {
@@ -519,11 +414,7 @@ fn a_model_forms_reading_by_reading_and_ends_as_itself() {
         let readings: Vec<usize> = forming.snapshots.iter().map(|s| s.readings).collect();
         println!("{filter:?}: {readings:?}");
         assert!(readings[0] == 16 && readings.is_sorted_by(|a, b| a < b), "{readings:?}");
-        assert_eq!(
-            readings.last(),
-            Some(&fitted.report.observations),
-            "the last frame knows all readings"
-        );
+        assert_eq!(readings.last(), Some(&fitted.report.observations), "the last frame knows all readings");
         assert_eq!(forming.places.len(), fitted.report.observations);
         // σ falls from frame to frame, errors with it, and the last frame is the model.
         let surface = &fitted.model.surface;
@@ -534,10 +425,7 @@ fn a_model_forms_reading_by_reading_and_ends_as_itself() {
             let cell = posterior.leaf(leaf).unwrap();
             (
                 Posterior::sigma_along(&cell, local, [0.0, 0.0, 1.0]),
-                distance(
-                    snapshot.surface.point(0.45 * u, 0.55 * v),
-                    surface.point(0.45 * u, 0.55 * v),
-                ),
+                distance(snapshot.surface.point(0.45 * u, 0.55 * v), surface.point(0.45 * u, 0.55 * v)),
             )
         };
         let figures: Vec<(f64, f64)> = forming.snapshots.iter().map(middle).collect();
@@ -547,9 +435,6 @@ fn a_model_forms_reading_by_reading_and_ends_as_itself() {
         assert!(off < 0.2 * sigma, "{off} {sigma}");
         let normalised: f64 =
             figures.iter().map(|(sigma, off)| (off / sigma).powi(2)).sum::<f64>() / figures.len() as f64;
-        assert!(
-            normalised < 3.0,
-            "frames lie as far from the end as their σ says: {normalised}"
-        );
+        assert!(normalised < 3.0, "frames lie as far from the end as their σ says: {normalised}");
     }
 }

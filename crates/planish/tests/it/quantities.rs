@@ -17,8 +17,9 @@ const SIGMA_CURVATURE: f64 = 0.02;
 /// Side of the truth's domain, and its cells along each side.
 const SIZE: f64 = 10.0;
 const CELLS: usize = 8;
-/// The spectral density of its curvature, as a standard deviation times a length: 0.04 in a cell. The prior speaks of curvature in the metric of the
-/// surface, the truths are drawn in that of the plane: slopes have to be gentle.
+/// The spectral density of its curvature, as a standard deviation times a length: 0.04 in a cell. The prior
+/// speaks of curvature in the metric of the surface, the truths are drawn in that of the plane: slopes have
+/// to be gentle.
 const ROUGHNESS: f64 = 0.05;
 
 /// A height field over the square, and how its parameters follow from a place.
@@ -30,20 +31,20 @@ struct Truth {
 }
 
 impl Truth {
-    /// A field drawn from the thin-plate prior itself over the grid of a flat surface: only then is 95 % what a true σ covers.
+    /// A field drawn from the thin-plate prior itself over the grid of a flat surface: only then is 95 % what
+    /// a true σ covers.
     fn over(plane: &Surface, seed: u64) -> Self {
         let system = SurfaceSystem::new(plane.space()).unwrap();
         let mut precision = system.thin_plate(plane).unwrap();
         for value in precision.values_mut() {
             *value /= ROUGHNESS * ROUGHNESS;
         }
-        // A hold on the planes that the energy does not see: nearly level, so that a fit lays its grid as over a flat surface.
+        // A hold on the planes that the energy does not see: nearly level, so that a fit lays its grid as
+        // over a flat surface.
         precision.add_diagonal(10.0);
         let factor = system.refactorize_scalar(None, &precision).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut z: Vec<f64> = (0..plane.vertices().len())
-            .map(|_| StandardNormal.sample(&mut rng))
-            .collect();
+        let mut z: Vec<f64> = (0..plane.vertices().len()).map(|_| StandardNormal.sample(&mut rng)).collect();
         factor.solve_lower_transpose_in_place(&mut z).unwrap();
         let vertices = (plane.vertices().iter().zip(&z)).map(|(p, z)| [p[0], p[1], *z]);
         let jet = plane.jet(0.0, 0.0);
@@ -66,21 +67,15 @@ impl Truth {
     fn on_grid_of_fit(mix: Mix, seed: u64) -> Self {
         let level = Self::on_cells(1, 0);
         let flat = level.surface.vertices().iter().map(|p| [p[0], p[1], 0.0]);
-        let level = Self {
-            surface: level.surface.with_vertices(flat.collect()).unwrap(),
-            ..level
-        };
-        let options = FitOptions {
-            max_depth: Some(0),
-            shape: Some(Shape::Sheet),
-            ..FitOptions::default()
-        };
+        let level = Self { surface: level.surface.with_vertices(flat.collect()).unwrap(), ..level };
+        let options = FitOptions { max_depth: Some(0), shape: Some(Shape::Sheet), ..FitOptions::default() };
         let fit = fit(&readings(&level, mix, seed), &options, &Silent).unwrap();
         // Its noise is taken off: what is wanted is the grid.
         let base = fit.model.surface.space().base();
         let corner = |u: f64, v: f64| fit.model.surface.jet(u * base[0] as f64, v * base[1] as f64).point;
         let [a, b, c] = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
-        let half = |p: [f64; 3], q: [f64; 3]| [0, 1, 2].map(|d| if d < 2 { 0.5 * (q[d] - p[d]) } else { 0.0 });
+        let half =
+            |p: [f64; 3], q: [f64; 3]| [0, 1, 2].map(|d| if d < 2 { 0.5 * (q[d] - p[d]) } else { 0.0 });
         let (du, dv) = (half(a, b), half(a, c));
         let (lu, lv) = (dot(du, du).sqrt(), dot(dv, dv).sqrt());
         let centre = [a[0] + du[0] + dv[0], a[1] + du[1] + dv[1], 0.0];
@@ -92,10 +87,7 @@ impl Truth {
         let [du, dv] = self.steps;
         let (x, y) = (x - self.origin[0], y - self.origin[1]);
         let determinant = du[0] * dv[1] - du[1] * dv[0];
-        self.surface.jet(
-            (x * dv[1] - y * dv[0]) / determinant,
-            (y * du[0] - x * du[1]) / determinant,
-        )
+        self.surface.jet((x * dv[1] - y * dv[0]) / determinant, (y * du[0] - x * du[1]) / determinant)
     }
 }
 
@@ -109,16 +101,11 @@ struct Mix {
     misstated: [f64; 3],
 }
 
-const NOTHING: Mix = Mix {
-    positions: 0,
-    normals: 0,
-    curvatures: 0,
-    stereo: 0,
-    misstated: [1.0; 3],
-};
+const NOTHING: Mix = Mix { positions: 0, normals: 0, curvatures: 0, stereo: 0, misstated: [1.0; 3] };
 
-/// Noise of a point that two cameras see from 60 above the middle, 20 apart, of 1000 pixels focal length, each match off by σ = 0.05 pixels: along the ray
-/// `z² / (f b)` of that, across it `z / f`. And its covariance.
+/// Noise of a point that two cameras see from 60 above the middle, 20 apart, of 1000 pixels focal length,
+/// each match off by σ = 0.05 pixels: along the ray `z² / (f b)` of that, across it `z / f`. And its
+/// covariance.
 fn stereo_noise(point: [f64; 3], normal_draws: [f64; 3]) -> ([f64; 3], [f64; 6]) {
     let seen_from = [0.5 * SIZE, 0.5 * SIZE, 60.0];
     let away: [f64; 3] = std::array::from_fn(|k| point[k] - seen_from[k]);
@@ -155,28 +142,14 @@ fn readings(truth: &Truth, mix: Mix, seed: u64) -> ScanSet {
             sigma_curvature: Some(SIGMA_CURVATURE),
             ..Sensor::default()
         },
-        Sensor {
-            name: "pair".to_owned(),
-            kind: SensorKind::Stereo,
-            ..Sensor::default()
-        },
+        Sensor { name: "pair".to_owned(), kind: SensorKind::Stereo, ..Sensor::default() },
     ];
-    let mut set = ScanSet {
-        unit: Some(Unit::Millimetre),
-        sensors,
-        ..ScanSet::default()
-    };
-    for (sensor, count) in [mix.positions, mix.normals, mix.curvatures, mix.stereo]
-        .into_iter()
-        .enumerate()
-    {
+    let mut set = ScanSet { unit: Some(Unit::Millimetre), sensors, ..ScanSet::default() };
+    for (sensor, count) in [mix.positions, mix.normals, mix.curvatures, mix.stereo].into_iter().enumerate() {
         if count == 0 {
             continue;
         }
-        let mut scan = Scan {
-            name: set.sensors[sensor].name.clone(),
-            ..Scan::default()
-        };
+        let mut scan = Scan { name: set.sensors[sensor].name.clone(), ..Scan::default() };
         let (mut normals, mut curvatures, mut covariances) = (Vec::new(), Vec::new(), Vec::new());
         for k in 0..count {
             // Four positions stand near the corners.
@@ -199,11 +172,8 @@ fn readings(truth: &Truth, mix: Mix, seed: u64) -> ScanSet {
             scan.points.push(point);
             let sigma = mix.misstated[1] * SIGMA_DEG.to_radians();
             let (e1, e2) = tangents(normal);
-            let tilted = add_scaled(
-                add_scaled(normal, sigma * draw(&mut rng), e1),
-                sigma * draw(&mut rng),
-                e2,
-            );
+            let tilted =
+                add_scaled(add_scaled(normal, sigma * draw(&mut rng), e1), sigma * draw(&mut rng), e2);
             normals.push(unit(if sensor == 1 { tilted } else { normal }).unwrap());
             // Isotropic noise on the tensor: σ on the diagonal, σ/√2 off it, in any frame.
             let sigma = mix.misstated[2] * SIGMA_CURVATURE;
@@ -229,22 +199,13 @@ fn readings(truth: &Truth, mix: Mix, seed: u64) -> ScanSet {
         if sensor == 2 {
             scan.curvatures = Some(curvatures);
         }
-        set.scans.push(PosedScan {
-            scan,
-            sensor,
-            sigma_translation: None,
-            sigma_rotation_deg: None,
-        });
+        set.scans.push(PosedScan { scan, sensor, sigma_translation: None, sigma_rotation_deg: None });
     }
     set
 }
 
 fn fitted(truth: &Truth, mix: Mix, seed: u64, refine_by: RefineBy) -> Fit {
-    let options = FitOptions {
-        shape: Some(Shape::Sheet),
-        refine_by,
-        ..FitOptions::default()
-    };
+    let options = FitOptions { shape: Some(Shape::Sheet), refine_by, ..FitOptions::default() };
     fit(&readings(truth, mix, seed), &options, &Silent).unwrap()
 }
 
@@ -263,10 +224,7 @@ fn errors(fit: &Fit, truth: &Truth) -> Vec<(f64, f64)> {
             let true_jet = truth.jet_at(x, y);
             let n = true_jet.normal().unwrap();
             let error = (z - true_jet.point[2]) * n[2] * dot(n, normal).signum();
-            let variance = posterior
-                .leaf(leaf)
-                .unwrap()
-                .variance_along(&leaf_weights(0.5, 0.5), normal);
+            let variance = posterior.leaf(leaf).unwrap().variance_along(&leaf_weights(0.5, 0.5), normal);
             Some((error, variance.sqrt()))
         })
         .collect()
@@ -284,32 +242,12 @@ fn judged(name: &str, all: &[(f64, f64)]) -> (f64, f64) {
 
 /// Coverage of each mix by itself and of all together, over so many truths drawn from the prior.
 fn every_mix(seeds: u64) -> Vec<(&'static str, f64, f64)> {
-    let positions = Mix {
-        positions: 2_000,
-        ..NOTHING
-    };
-    let anchored = Mix {
-        positions: 4,
-        ..NOTHING
-    };
-    let normals = Mix {
-        normals: 3_000,
-        ..anchored
-    };
-    let curvatures = Mix {
-        curvatures: 3_000,
-        ..anchored
-    };
-    let stereo = Mix {
-        stereo: 2_000,
-        ..anchored
-    };
-    let all = Mix {
-        normals: 2_000,
-        curvatures: 500,
-        stereo: 1_000,
-        ..positions
-    };
+    let positions = Mix { positions: 2_000, ..NOTHING };
+    let anchored = Mix { positions: 4, ..NOTHING };
+    let normals = Mix { normals: 3_000, ..anchored };
+    let curvatures = Mix { curvatures: 3_000, ..anchored };
+    let stereo = Mix { stereo: 2_000, ..anchored };
+    let all = Mix { normals: 2_000, curvatures: 500, stereo: 1_000, ..positions };
     [
         ("positions", positions),
         ("normals", normals),
@@ -354,10 +292,7 @@ fn every_mix_of_many_truths_is_covered_by_its_sigma() {
 /// A surface as rough as its thin plate allows has detail in every cell that residuals do not show.
 #[test]
 fn the_sigma_of_a_rough_surface_holds_where_roughness_divides() {
-    let positions = Mix {
-        positions: 2_000,
-        ..NOTHING
-    };
+    let positions = Mix { positions: 2_000, ..NOTHING };
     let covered = |refine_by: RefineBy| {
         let errors: Vec<(f64, f64)> = (0..2)
             .flat_map(|seed| {
@@ -374,13 +309,8 @@ fn the_sigma_of_a_rough_surface_holds_where_roughness_divides() {
 
 #[test]
 fn a_misstated_sigma_of_any_quantity_is_found_out() {
-    let mix = Mix {
-        positions: 2_000,
-        normals: 2_000,
-        curvatures: 2_000,
-        stereo: 0,
-        misstated: [1.0, 3.0, 0.4],
-    };
+    let mix =
+        Mix { positions: 2_000, normals: 2_000, curvatures: 2_000, stereo: 0, misstated: [1.0, 3.0, 0.4] };
     let report = fitted(&Truth::on_cells(CELLS, 3), mix, 3, RefineBy::Residuals).report;
     for (sensor, (quantity, sigma)) in report.sensors.iter().zip([
         ("position", SIGMA),

@@ -1,4 +1,5 @@
-//! Reports: a page that needs nothing but itself, whose 3D view holds the values of the files, and which names what is wrong.
+//! Reports: a page that needs nothing but itself, whose 3D view holds the values of the files, and which
+//! names what is wrong.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -16,33 +17,21 @@ fn pebble() -> PathBuf {
 }
 
 fn output(path: PathBuf) -> ReportOutput {
-    ReportOutput {
-        path,
-        command: "planish <test>".to_owned(),
-        seed: 0,
-    }
+    ReportOutput { path, command: "planish <test>".to_owned(), seed: 0 }
 }
 
 /// The page, and the scene in it.
 fn read(path: &Path) -> (String, Value) {
     let page = std::fs::read_to_string(path).expect("a report");
-    let scene = page
-        .split("<script type=\"application/json\" id=\"scene\">")
-        .nth(1)
-        .expect("a report");
+    let scene = page.split("<script type=\"application/json\" id=\"scene\">").nth(1).expect("a report");
     let scene = serde_json::from_str(scene.split("</script>").next().expect("a report")).expect("a report");
     (page, scene)
 }
 
 fn floats(packed: &Value) -> Vec<f32> {
     assert_eq!(packed["type"], "f32");
-    let bytes = STANDARD
-        .decode(packed["data"].as_str().expect("a report"))
-        .expect("a report");
-    bytes
-        .chunks_exact(4)
-        .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-        .collect()
+    let bytes = STANDARD.decode(packed["data"].as_str().expect("a report")).expect("a report");
+    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
 
 fn field<'a>(surface: &'a Value, key: &str) -> &'a Value {
@@ -50,14 +39,13 @@ fn field<'a>(surface: &'a Value, key: &str) -> &'a Value {
     fields.iter().find(|f| f["key"] == key).expect("a report")
 }
 
-/// A page that loads nothing: no script, style, picture or frame from elsewhere, and a policy that forbids it.
+/// A page that loads nothing: no script, style, picture or frame from elsewhere, and a policy that forbids
+/// it.
 fn needs_no_network(page: &str) {
     assert!(page.contains("default-src 'none'"));
     // Names of namespaces and licences are in the scripts; what is around them has no address at all.
-    let around: String = page
-        .split("<script")
-        .map(|part| part.split("</script>").last().unwrap_or_default())
-        .collect();
+    let around: String =
+        page.split("<script").map(|part| part.split("</script>").last().unwrap_or_default()).collect();
     for load in ["http:", "https:", " src=", "url(", "@import", "<iframe", "<img"] {
         assert!(!around.contains(load), "the page has {load}");
     }
@@ -97,7 +85,8 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
     // The command is text, not markup; every input has its checksum.
     assert!(text.contains("planish &#60;test&#62;") || text.contains("planish &lt;test&gt;"));
     assert!(text.contains(&planish_exchange::sha256_of(&pebble().join("probe.ply")).unwrap()));
-    // Readings that took part are as many as the fit's figures say, and every part was seen by a scan that exists.
+    // Readings that took part are as many as the fit's figures say, and every part was seen by a scan that
+    // exists.
     let clouds = scene["clouds"].as_array().unwrap();
     assert!(clouds[0]["name"].as_str().unwrap().starts_with("readings"));
     assert_eq!(scene["marks"].as_array().unwrap().len(), 5);
@@ -105,12 +94,7 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
     let scans = sets["names"].as_array().unwrap().len();
     assert_eq!(scans, 5);
     for set in sets["sets"].as_array().unwrap() {
-        assert!(
-            set.as_array()
-                .unwrap()
-                .iter()
-                .all(|s| (s.as_u64().unwrap() as usize) < scans)
-        );
+        assert!(set.as_array().unwrap().iter().all(|s| (s.as_u64().unwrap() as usize) < scans));
     }
     // The same files and the same command give the same bytes.
     fit_files(&job, &Silent).unwrap();
@@ -123,7 +107,8 @@ fn scans_that_contradict_each_other_are_named_at_once() {
     for name in ["laser-1.ply", "laser-2.ply", "laser-3.ply", "old-1.ply", "probe.ply"] {
         std::fs::copy(pebble().join(name), folder.path().join(name)).unwrap();
     }
-    // The second scan stands 0.4 mm, five σ, from where it says: the exact touches of the probe are where that shows.
+    // The second scan stands 0.4 mm, five σ, from where it says: the exact touches of the probe are where
+    // that shows.
     let job = std::fs::read_to_string(pebble().join("job.toml")).unwrap();
     let [at, rest] = job.split_once("laser-2.ply").map(|(a, b)| [a, b]).unwrap();
     let (before, numbers) = rest.split_once("translation = [").unwrap();
@@ -159,18 +144,14 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
     let truth = pebble().join("truth.ply");
     let page_output = output(page.clone());
     let compare = |model: &Path| {
-        compare_files_reported(model, &truth, &CompareOptions::default(), Some(&page_output), &Silent).unwrap()
+        compare_files_reported(model, &truth, &CompareOptions::default(), Some(&page_output), &Silent)
+            .unwrap()
     };
     let report = compare(&mesh);
     let (text, scene) = read(&page);
     needs_no_network(&text);
     let deviations = floats(&field(&scene["surfaces"][0], "deviation")["values"]);
-    let known: Vec<f64> = deviations
-        .iter()
-        .copied()
-        .filter(|d| d.is_finite())
-        .map(f64::from)
-        .collect();
+    let known: Vec<f64> = deviations.iter().copied().filter(|d| d.is_finite()).map(f64::from).collect();
     let forward = report.forward.unwrap();
     assert_eq!(known.len(), forward.n);
     let rms = (known.iter().map(|d| d * d).sum::<f64>() / known.len() as f64).sqrt();
@@ -182,10 +163,7 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
     // Points to measure stand on the model.
     let job = NextJob {
         model: model.clone(),
-        options: NextOptions {
-            count: 3,
-            ..NextOptions::default()
-        },
+        options: NextOptions { count: 3, ..NextOptions::default() },
         sigma: None,
         goal: None,
         outputs: Vec::new(),

@@ -1,4 +1,5 @@
-//! `planish shell fit` of a rough start, from files to files: an ellipsoid that is to become a bow, whose ends no deformation of a ball brings about without a web.
+//! `planish shell fit` of a rough start, from files to files: an ellipsoid that is to become a bow, whose
+//! ends no deformation of a ball brings about without a web.
 
 use planish::progress::Silent;
 use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, ShellFitReport, shell_fit_files};
@@ -38,7 +39,8 @@ fn is_hit(from: [f64; 3], along: [f64; 3]) -> bool {
     false
 }
 
-/// Masks of a ring of views that look from above and from below in turns, two of them held out, and an ellipsoid.
+/// Masks of a ring of views that look from above and from below in turns, two of them held out, and an
+/// ellipsoid.
 fn scene(folder: &Path) -> ShellFitJob {
     let mut text = "unit = \"mm\"\n".to_owned();
     for view in 0..VIEWS {
@@ -104,12 +106,11 @@ fn write(folder: &Path, name: &str, mesh: &TriangleMesh) {
 }
 
 fn least_held_out(report: &ShellFitReport) -> f64 {
-    (report.held_out.iter())
-        .map(|view| report.iou[view])
-        .fold(1.0, f64::min)
+    (report.held_out.iter()).map(|view| report.iou[view]).fold(1.0, f64::min)
 }
 
-/// A user's ellipsoid becomes a bow in views that took no part, closed and in one piece. Bent alone it does not.
+/// A user's ellipsoid becomes a bow in views that took no part, closed and in one piece. Bent alone it does
+/// not.
 #[test]
 fn an_ellipsoid_becomes_a_bow() {
     let folder = tempfile::tempdir().unwrap();
@@ -125,14 +126,13 @@ fn an_ellipsoid_becomes_a_bow() {
     assert!(mesh.check().watertight);
     let off: Vec<f64> = mesh.positions.iter().map(|p| height(*p)).collect();
     let rms = (off.iter().map(|d| d * d).sum::<f64>() / off.len() as f64).sqrt();
-    let held = (off.iter().zip(&sigma)).filter(|(d, s)| d.abs() < 1.96 * **s).count() as f64 / off.len() as f64;
+    let held =
+        (off.iter().zip(&sigma)).filter(|(d, s)| d.abs() < 1.96 * **s).count() as f64 / off.len() as f64;
     println!("rms {rms}, covered {held}");
-    // Inside the bow no view looks along the surface, and no σ of what views leave between them holds what is there.
+    // Inside the bow no view looks along the surface, and no σ of what views leave between them holds what is
+    // there.
     assert!(rms < 0.5 && held > 0.5, "{rms} {held}");
-    let bent = ShellFitJob {
-        rough_start: false,
-        ..job
-    };
+    let bent = ShellFitJob { rough_start: false, ..job };
     let bent = shell_fit_files(&bent, &Silent).unwrap();
     println!("bent: {:?}", bent.iou);
     assert!(bent.flow.is_none() && least_held_out(&bent) < 0.9, "{:?}", bent.iou);
@@ -154,15 +154,8 @@ fn open_meshes_and_those_elsewhere_are_no_start() {
     let mut elsewhere = icosphere(5.0, 3);
     elsewhere.positions.iter_mut().for_each(|p| p[2] += 40.0);
     let said = refused(&elsewhere);
-    assert!(
-        said.contains("start.ply") && said.contains("nothing of the mesh"),
-        "{said}"
-    );
-    let sequence = ShellFitJob {
-        silhouettes: None,
-        sequence: Some(folder.path().to_owned()),
-        ..job.clone()
-    };
+    assert!(said.contains("start.ply") && said.contains("nothing of the mesh"), "{said}");
+    let sequence = ShellFitJob { silhouettes: None, sequence: Some(folder.path().to_owned()), ..job.clone() };
     let said = shell_fit_files(&sequence, &Silent).unwrap_err().to_string();
     assert!(said.contains("rough start"), "{said}");
 }

@@ -31,11 +31,7 @@ fn waves(seed: u64) -> ScanSet {
             ..Sensor::default()
         }],
         scans: vec![PosedScan {
-            scan: Scan {
-                name: "waves".to_owned(),
-                points: points.collect(),
-                ..Scan::default()
-            },
+            scan: Scan { name: "waves".to_owned(), points: points.collect(), ..Scan::default() },
             sensor: 0,
             sigma_translation: None,
             sigma_rotation_deg: None,
@@ -46,11 +42,7 @@ fn waves(seed: u64) -> ScanSet {
 
 /// Share of the middles and quarters of leaves that lie within 1.96 σ of the truth along the normal.
 fn covered(seed: u64, most: usize) -> (f64, Option<f64>) {
-    let options = FitOptions {
-        shape: Some(Shape::Sheet),
-        max_coefficients: most,
-        ..FitOptions::default()
-    };
+    let options = FitOptions { shape: Some(Shape::Sheet), max_coefficients: most, ..FitOptions::default() };
     let fitted = fit(&waves(seed), &options, &Silent).unwrap();
     let posterior = fitted.posterior();
     let surface = &fitted.model.surface;
@@ -70,10 +62,7 @@ fn covered(seed: u64, most: usize) -> (f64, Option<f64>) {
             n += 1;
         }
     }
-    (
-        f64::from(held as u32) / f64::from(n),
-        fitted.report.shape_left.map(|left| left.rms),
-    )
+    (f64::from(held as u32) / f64::from(n), fitted.report.shape_left.map(|left| left.rms))
 }
 
 #[test]

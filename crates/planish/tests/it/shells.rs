@@ -13,7 +13,8 @@ use std::path::Path;
 
 const PICTURE: &[u8] = b"\x89PNG a picture that nobody looks into";
 
-/// A ball of 10 with texture coordinates by longitude, its upper part an object of its own; and points of a ball that is longer along x.
+/// A ball of 10 with texture coordinates by longitude, its upper part an object of its own; and points of a
+/// ball that is longer along x.
 fn job(folder: &Path, outputs: &[&str]) -> ShellFitJob {
     let ball = icosphere(10.0, 3);
     let mut text = String::from("mtllib ball.mtl\nusemtl skin\n");
@@ -76,14 +77,8 @@ fn texture_and_its_coordinates_are_kept() {
     let names: Vec<String> = (report.written.iter())
         .map(|path| path.file_name().unwrap().to_string_lossy().into_owned())
         .collect();
-    assert_eq!(
-        names,
-        ["fitted.png", "fitted.mtl", "fitted.obj", "fitted.glb", "fitted.ply"]
-    );
-    let (before, after) = (
-        read_textured(&job.mesh).unwrap(),
-        read_textured(&job.outputs[0]).unwrap(),
-    );
+    assert_eq!(names, ["fitted.png", "fitted.mtl", "fitted.obj", "fitted.glb", "fitted.ply"]);
+    let (before, after) = (read_textured(&job.mesh).unwrap(), read_textured(&job.outputs[0]).unwrap());
     assert_eq!((before.uv, before.uv_triangles), (after.uv, after.uv_triangles));
     assert_eq!(before.triangles, after.triangles);
     assert_eq!(std::fs::read(after.texture.unwrap()).unwrap(), PICTURE);
@@ -91,11 +86,7 @@ fn texture_and_its_coordinates_are_kept() {
     for line in ["o rest", "o cap", "usemtl skin", "mtllib fitted.mtl"] {
         assert!(text.lines().any(|l| l == line), "{line}");
     }
-    assert!(
-        off(&before.points) > 0.3 && off(&after.points) < 0.1,
-        "{}",
-        off(&after.points)
-    );
+    assert!(off(&before.points) > 0.3 && off(&after.points) < 0.1, "{}", off(&after.points));
     // GLB holds the picture and coordinates, PLY what σ is.
     let glb = std::fs::read(&job.outputs[1]).unwrap();
     let has = |what: &[u8]| glb.windows(what.len()).any(|bytes| bytes == what);
@@ -143,7 +134,8 @@ impl Progress for Told {
     }
 }
 
-/// Every iteration is told of with the distance that is left, and the next is not begun once someone says stop: nothing is written then.
+/// Every iteration is told of with the distance that is left, and the next is not begun once someone says
+/// stop: nothing is written then.
 #[test]
 fn a_fit_tells_how_far_it_is_and_can_be_stopped() {
     let folder = tempfile::tempdir().unwrap();
@@ -176,10 +168,7 @@ fn rigid_parts_keep_their_lengths() {
             ..job(folder.path(), &["fitted.obj"])
         };
         shell_fit_files(&job, &Silent).unwrap();
-        let (before, after) = (
-            read_textured(&job.mesh).unwrap(),
-            read_textured(&job.outputs[0]).unwrap(),
-        );
+        let (before, after) = (read_textured(&job.mesh).unwrap(), read_textured(&job.outputs[0]).unwrap());
         let cap = before.vertices_of("cap").unwrap();
         assert!(cap.len() > 20);
         let length = |points: &[[f64; 3]], a: u32, b: u32| distance(points[a as usize], points[b as usize]);
@@ -191,13 +180,10 @@ fn rigid_parts_keep_their_lengths() {
     // What is rigid does not follow the points, which are longer by a twentieth.
     assert!(stretched(&[]) > 0.03);
     let stays = stretched(&["cap"]);
-    // Turns are linear, and lengths grow by half the square of the angle: a ball does not tell how its cap is turned.
-    // How far it turns depends on where controls stand: 0.7 % is a turn of 0.12.
+    // Turns are linear, and lengths grow by half the square of the angle: a ball does not tell how its cap is
+    // turned. How far it turns depends on where controls stand: 0.7 % is a turn of 0.12.
     assert!(stays < 0.01, "{stays}");
-    let unknown = ShellFitJob {
-        rigid: vec!["hat".to_owned()],
-        ..job(folder.path(), &[])
-    };
+    let unknown = ShellFitJob { rigid: vec!["hat".to_owned()], ..job(folder.path(), &[]) };
     let message = shell_fit_files(&unknown, &Silent).unwrap_err().to_string();
     assert!(
         message.contains("ball.obj") && message.contains("cap, rest") || message.contains("rest, cap"),
@@ -205,7 +191,8 @@ fn rigid_parts_keep_their_lengths() {
     );
 }
 
-/// An eye in the rigid head hangs together with nothing and is near no point: no control is spent on it, and none is left that nothing determines.
+/// An eye in the rigid head hangs together with nothing and is near no point: no control is spent on it, and
+/// none is left that nothing determines.
 #[test]
 fn loose_parts_of_what_is_rigid_need_no_readings() {
     let folder = tempfile::tempdir().unwrap();
@@ -228,9 +215,5 @@ fn loose_parts_of_what_is_rigid_need_no_readings() {
     let report = shell_fit_files(&job, &Silent).unwrap();
     assert_eq!(report.controls, 20);
     let found = read_textured(&job.outputs[0]).unwrap();
-    assert!(
-        off(&found.points[..first as usize - 1]) < 0.35,
-        "{}",
-        off(&found.points[..first as usize - 1])
-    );
+    assert!(off(&found.points[..first as usize - 1]) < 0.35, "{}", off(&found.points[..first as usize - 1]));
 }

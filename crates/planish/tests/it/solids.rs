@@ -1,4 +1,5 @@
-//! Views into solids, from files to files: the example bracket, damaged input, and drawings whose true solids are known, where these are at hand.
+//! Views into solids, from files to files: the example bracket, damaged input, and drawings whose true solids
+//! are known, where these are at hand.
 
 #![allow(clippy::print_stdout, reason = "a skipped test is said aloud")]
 
@@ -99,15 +100,10 @@ fn crumbs_and_lines_drawn_twice_change_nothing() {
     let report = solved(box_with(front, folder.path()), Vec::new()).unwrap();
     assert_eq!(report.solutions.len(), 1);
     assert!((report.solutions[0].volume - 24_000.0).abs() < 1e-9);
-    let named = report
-        .warnings
-        .iter()
-        .any(|w| w.contains("LINE 16") && w.contains("no length"));
+    let named = report.warnings.iter().any(|w| w.contains("LINE 16") && w.contains("no length"));
     assert!(named, "{:?}", report.warnings);
-    let twice = report
-        .warnings
-        .iter()
-        .any(|w| w.contains("front.dxf: LINE 10 (line 6) is drawn again as LINE 14"));
+    let twice =
+        report.warnings.iter().any(|w| w.contains("front.dxf: LINE 10 (line 6) is drawn again as LINE 14"));
     assert!(twice, "{:?}", report.warnings);
 }
 
@@ -128,7 +124,8 @@ fn a_circle_of_radius_zero_is_left_out_with_a_word() {
 fn a_drawing_of_a_size_that_no_step_file_can_have_is_refused_by_name_and_size() {
     let folder = tempfile::tempdir().unwrap();
     for (factor, is_fine) in [(1e-6, false), (1e-3, true), (1e3, true), (1e8, false)] {
-        let drawn = [[40.0, 20.0], [40.0, 30.0], [30.0, 20.0]].map(|[w, h]| rectangle(factor * w, factor * h));
+        let drawn =
+            [[40.0, 20.0], [40.0, 30.0], [30.0, 20.0]].map(|[w, h]| rectangle(factor * w, factor * h));
         let views: Vec<PathBuf> = VIEWS.iter().map(|v| folder.path().join(format!("{v}.dxf"))).collect();
         for (path, lines) in views.iter().zip(drawn) {
             std::fs::write(path, dxf(&lines)).unwrap();
@@ -154,21 +151,13 @@ fn an_open_contour_is_refused_and_its_ends_are_told() {
     front.pop();
     let report = solved(box_with(front, folder.path()), Vec::new()).unwrap();
     assert!(report.solutions.is_empty());
-    assert!(
-        report.unexplained.iter().any(|u| u.view == "front"),
-        "{:?}",
-        report.unexplained
-    );
+    assert!(report.unexplained.iter().any(|u| u.view == "front"), "{:?}", report.unexplained);
     // The two lines beside the missing one are named with their open ends.
     for wanted in [
         "LINE 10 (line 6) of the front view ends at 0.0000 0.0000",
         "LINE 12 (line 34) of the front view ends at 0.0000 20.0000",
     ] {
-        assert!(
-            report.warnings.iter().any(|w| w.contains(wanted)),
-            "{:?}",
-            report.warnings
-        );
+        assert!(report.warnings.iter().any(|w| w.contains(wanted)), "{:?}", report.warnings);
     }
 }
 
@@ -177,10 +166,7 @@ fn views_of_another_scale_and_single_views_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let e = solved(box_with(rectangle(80.0, 40.0), folder.path()), Vec::new()).unwrap_err();
     assert_eq!(e.kind(), ErrorKind::Input);
-    assert!(
-        e.to_string().contains("LINE") && e.to_string().contains("it is 0.5000 times as long"),
-        "{e}"
-    );
+    assert!(e.to_string().contains("LINE") && e.to_string().contains("it is 0.5000 times as long"), "{e}");
     let one = box_with(rectangle(40.0, 20.0), folder.path()).remove(0);
     let e = solved(vec![one], Vec::new()).unwrap_err();
     assert!(e.to_string().contains("found 1"), "{e}");
@@ -189,9 +175,8 @@ fn views_of_another_scale_and_single_views_are_refused_by_name() {
 #[test]
 fn meshes_are_closed_and_as_near_as_asked_for() {
     let folder = tempfile::tempdir().unwrap();
-    let outputs: Vec<PathBuf> = ["ply", "stl", "glb", "obj"]
-        .map(|e| folder.path().join(format!("bracket.{e}")))
-        .to_vec();
+    let outputs: Vec<PathBuf> =
+        ["ply", "stl", "glb", "obj"].map(|e| folder.path().join(format!("bracket.{e}"))).to_vec();
     let job = |tolerance: f64| SolidJob {
         views: bracket(),
         projection: Projection::FirstAngle,
@@ -212,23 +197,13 @@ fn meshes_are_closed_and_as_near_as_asked_for() {
         for path in &outputs {
             let read = planish_exchange::mesh::read_mesh(path).unwrap();
             let unit = read.unit;
-            let mesh = planish_mesh::TriangleMesh::try_new(read.points, read.triangles)
-                .unwrap()
-                .welded();
+            let mesh = planish_mesh::TriangleMesh::try_new(read.points, read.triangles).unwrap().welded();
             let found = mesh.check();
-            assert!(
-                found.watertight && found.oriented && found.manifold,
-                "{}",
-                path.display()
-            );
+            assert!(found.watertight && found.oriented && found.manifold, "{}", path.display());
             // GLB holds metres.
             let scale = unit.map_or(1.0, planish_exchange::Unit::millimetres);
             let volume = mesh.signed_volume().unwrap() * scale.powi(3);
-            assert!(
-                (volume - exact.volume).abs() < tolerance * exact.area,
-                "{}: {volume}",
-                path.display()
-            );
+            assert!((volume - exact.volume).abs() < tolerance * exact.area, "{}: {volume}", path.display());
         }
         let made = planish_exchange::mesh::read_mesh(&outputs[0]).unwrap().triangles.len();
         assert!(made > triangles);
@@ -243,7 +218,9 @@ fn views_in_svg_give_the_same_solid() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, body: &str| {
         let path = folder.path().join(format!("{name}.svg"));
-        let text = format!("<svg xmlns='http://www.w3.org/2000/svg' width='100mm' viewBox='0 0 100 100'>{body}</svg>");
+        let text = format!(
+            "<svg xmlns='http://www.w3.org/2000/svg' width='100mm' viewBox='0 0 100 100'>{body}</svg>"
+        );
         std::fs::write(&path, text).unwrap();
         path
     };
@@ -254,10 +231,7 @@ fn views_in_svg_give_the_same_solid() {
             "front",
             &format!("<rect x='7' y='9' width='40' height='20'/><path {dashed} d='M21 9v20M33 9v20'/>"),
         ),
-        write(
-            "top",
-            "<rect x='3' y='30' width='40' height='30'/><circle cx='23' cy='45' r='6'/>",
-        ),
+        write("top", "<rect x='3' y='30' width='40' height='30'/><circle cx='23' cy='45' r='6'/>"),
         write(
             "side",
             &format!(
@@ -279,10 +253,9 @@ fn candidates_that_only_touch_or_do_not_close_are_dropped_and_counted() {
         println!("skipped: {} is not there", folder.display());
         return;
     }
-    // Beside the one solid the search finds boundaries that touch themselves along a line, and some that do not close.
-    let views = VIEWS
-        .map(|v| folder.join(format!("ex_boxes_on_faces.{v}.dxf")))
-        .to_vec();
+    // Beside the one solid the search finds boundaries that touch themselves along a line, and some that do
+    // not close.
+    let views = VIEWS.map(|v| folder.join(format!("ex_boxes_on_faces.{v}.dxf"))).to_vec();
     let report = solved(views, Vec::new()).unwrap();
     assert_eq!((report.solutions.len(), report.refused.len()), (1, 0));
     assert_eq!(report.solutions[0].faces.plane, 36);
@@ -298,7 +271,8 @@ fn data() -> PathBuf {
     )
 }
 
-/// Drawings that caught a wrong rule once: holes that touch walls and planes, circles in pieces, holes that cross, faces oblique to all views.
+/// Drawings that caught a wrong rule once: holes that touch walls and planes, circles in pieces, holes that
+/// cross, faces oblique to all views.
 #[test]
 fn known_parts_come_out_as_they_are() {
     let folder = data().join("drawings");
@@ -324,16 +298,8 @@ fn known_parts_come_out_as_they_are() {
         assert_eq!(report.solutions.len(), 1, "{name}");
         let best = &report.solutions[0];
         let volume = truth["volume"].as_f64().unwrap();
-        assert!(
-            (best.volume / volume - 1.0).abs() < 1e-6,
-            "{name}: {} for {volume}",
-            best.volume
-        );
+        assert!((best.volume / volume - 1.0).abs() < 1e-6, "{name}: {} for {volume}", best.volume);
         let faces = |kind: &str| truth["faces"][kind].as_u64().unwrap() as usize;
-        assert_eq!(
-            [best.faces.plane, best.faces.cylinder],
-            ["plane", "cylinder"].map(faces),
-            "{name}"
-        );
+        assert_eq!([best.faces.plane, best.faces.cylinder], ["plane", "cylinder"].map(faces), "{name}");
     }
 }

@@ -1,4 +1,5 @@
-//! Crossed stripes on surfaces whose points, normals and curvatures are known: pictures are rendered, read, and judged by the stated covariances.
+//! Crossed stripes on surfaces whose points, normals and curvatures are known: pictures are rendered, read,
+//! and judged by the stated covariances.
 
 use planish::GridOptions;
 use planish::simulate::{Exposure, Light, Target, Texture};
@@ -34,7 +35,8 @@ fn rig() -> GridCamera {
     }
 }
 
-/// A surface with what is true of it: where a ray meets it, the normal there, and the second fundamental form against the normal as a matrix.
+/// A surface with what is true of it: where a ray meets it, the normal there, and the second fundamental form
+/// against the normal as a matrix.
 struct Shape<'a> {
     hit: &'a (dyn Fn([f64; 3], [f64; 3]) -> Option<([f64; 3], [f64; 3])> + Sync),
     /// Signed distance to the surface, to first order.
@@ -50,11 +52,7 @@ fn take(target: &impl Target, light: &Light, texture: f64, sigma: f64, seed: u64
         camera: &rig.camera,
         size: SIZE,
         light,
-        texture: &Texture {
-            contrast: texture,
-            grain: 0.8,
-            seed: 1,
-        },
+        texture: &Texture { contrast: texture, grain: 0.8, seed: 1 },
         sigma_brightness: sigma,
         seed,
     };
@@ -64,19 +62,9 @@ fn take(target: &impl Target, light: &Light, texture: f64, sigma: f64, seed: u64
 
 fn read(shape: &Shape, texture: f64, sigma: f64, seed: u64) -> GridReadings {
     let rig = rig();
-    let light = Light::Stripes {
-        projector: rig.projector,
-        pattern: rig.pattern,
-        sigma_px: 1.8,
-    };
+    let light = Light::Stripes { projector: rig.projector, pattern: rig.pattern, sigma_px: 1.8 };
     let stripes = take(&shape.hit, &light, texture, sigma, seed);
-    let plain = take(
-        &shape.hit,
-        &Light::Lamp([0.0, -150.0, -400.0]),
-        texture,
-        sigma,
-        seed + 1000,
-    );
+    let plain = take(&shape.hit, &Light::Lamp([0.0, -150.0, -400.0]), texture, sigma, seed + 1000);
     read_grid(&stripes, Some(&plain), &rig, &GridOptions::default()).unwrap()
 }
 
@@ -101,31 +89,24 @@ impl Judged {
         for r in &found.readings {
             let o = &r.orientation;
             let truth = (shape.normal)(o.point);
-            let truth = if dot(truth, o.normal) < 0.0 {
-                scale(-1.0, truth)
-            } else {
-                truth
-            };
-            self.place
-                .push((shape.distance)(o.point).powi(2) / variance_along(&o.covariance, truth));
+            let truth = if dot(truth, o.normal) < 0.0 { scale(-1.0, truth) } else { truth };
+            self.place.push((shape.distance)(o.point).powi(2) / variance_along(&o.covariance, truth));
             // Two tangential components.
             let (e1, e2) = tangents(o.normal);
             let sigma = o.sigma_normal_deg.to_radians();
             self.normal.extend([e1, e2].map(|e| (dot(truth, e) / sigma).powi(2)));
             if let Some(c) = &r.curvature {
-                let side = if dot((shape.normal)(o.point), o.normal) < 0.0 {
-                    -1.0
-                } else {
-                    1.0
-                };
+                let side = if dot((shape.normal)(o.point), o.normal) < 0.0 { -1.0 } else { 1.0 };
                 let d2 = cross(o.normal, c.d1);
-                // The three components of the second fundamental form in its own frame, the mixed one with √2 of its σ off the diagonal.
+                // The three components of the second fundamental form in its own frame, the mixed one with √2
+                // of its σ off the diagonal.
                 let of = |d: [f64; 3]| side * (shape.curvature)(o.point, d);
                 let both = unit(add_scaled(c.d1, 1.0, d2)).unwrap();
                 let (a, b) = (of(c.d1), of(d2));
                 let mixed = of(both) - 0.5 * (a + b);
                 self.curvature.extend(
-                    [(c.k1 - a).powi(2), (c.k2 - b).powi(2), 2.0 * mixed * mixed].map(|e| e / (c.sigma * c.sigma)),
+                    [(c.k1 - a).powi(2), (c.k2 - b).powi(2), 2.0 * mixed * mixed]
+                        .map(|e| e / (c.sigma * c.sigma)),
                 );
             }
         }
@@ -134,7 +115,8 @@ impl Judged {
     fn assert(&self, name: &str) {
         let all = [&self.place, &self.normal, &self.curvature].map(|of| (mean(of), covered(of, 1.96 * 1.96)));
         let [place, normal, curvature] = all;
-        // Two pictures of some hundred crossings each; normals are judged by one σ for all directions of their error, and shading bends stripes.
+        // Two pictures of some hundred crossings each; normals are judged by one σ for all directions of
+        // their error, and shading bends stripes.
         assert!(place.0 < 1.6 && (0.9..=1.0).contains(&place.1), "{name}: {all:?}");
         assert!(normal.0 < 2.5 && normal.1 > 0.8, "{name}: {all:?}");
         assert!(curvature.0 < 1.6 && curvature.1 > 0.9, "{name}: {all:?}");
@@ -158,11 +140,8 @@ fn ball(o: [f64; 3], d: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
 
 /// An upright cylinder.
 fn tube(o: [f64; 3], d: [f64; 3]) -> Option<([f64; 3], [f64; 3])> {
-    let (a, b, c) = (
-        d[0] * d[0] + d[2] * d[2],
-        o[0] * d[0] + o[2] * d[2],
-        o[0] * o[0] + o[2] * o[2] - 40.0 * 40.0,
-    );
+    let (a, b, c) =
+        (d[0] * d[0] + d[2] * d[2], o[0] * d[0] + o[2] * d[2], o[0] * o[0] + o[2] * o[2] - 40.0 * 40.0);
     let root = b * b - a * c;
     (root > 0.0).then(|| {
         let p = add_scaled(o, (-b - root.sqrt()) / a, d);

@@ -1,4 +1,5 @@
-//! The bare earth of airborne lidar: simulated, and the reference samples of Sithole and Vosselman where they are at hand.
+//! The bare earth of airborne lidar: simulated, and the reference samples of Sithole and Vosselman where they
+//! are at hand.
 
 use crate::common;
 
@@ -42,17 +43,11 @@ fn village(place: [f64; 3]) -> ScanSet {
             [x + place[0], y + place[1], meadow(x, y) + above + noise + place[2]]
         })
         .collect();
-    ScanSet {
-        unit: Some(Unit::Metre),
-        ..common::probed(points, None, None)
-    }
+    ScanSet { unit: Some(Unit::Metre), ..common::probed(points, None, None) }
 }
 
 fn ground(set: &ScanSet) -> Fit {
-    let options = FitOptions {
-        ground: Some(GroundWidth::Usual),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { ground: Some(GroundWidth::Usual), ..FitOptions::default() };
     fit(set, &options, &Silent).unwrap()
 }
 
@@ -80,12 +75,7 @@ fn the_meadow_under_houses_and_trees_is_found() {
     assert!(fit.report.rejected["above_ground"] > 4000, "{:?}", fit.report.rejected);
     let places = (0..400).map(|k| [5.0 + 4.5 * f64::from(k % 20), 5.0 + 4.5 * f64::from(k / 20)]);
     let off = heights_off(&fit, places.map(|[x, y]| [x, y, meadow(x, y)]));
-    assert!(
-        off.len() > 340 && rms(&off) < 1.5 * SIGMA,
-        "{} {}",
-        off.len(),
-        rms(&off)
-    );
+    assert!(off.len() > 340 && rms(&off) < 1.5 * SIGMA, "{} {}", off.len(), rms(&off));
     let sigma = fit.report.sensors[0].sigma_estimated;
     assert!((sigma / SIGMA - 1.0).abs() < 0.3, "{sigma}");
 }
@@ -101,15 +91,12 @@ fn ground_on_a_map_is_the_ground_at_the_origin() {
     assert!(off < 1e-3 * SIGMA, "{off}");
 }
 
-/// Of the samples of Sithole and Vosselman (2004): type I, type II and total error in per cent, Cohen's κ in per cent.
+/// Of the samples of Sithole and Vosselman (2004): type I, type II and total error in per cent, Cohen's κ in
+/// per cent.
 fn agreement(truth: &[bool], found: &[bool]) -> [f64; 4] {
-    let count = |t: bool, f: bool| truth.iter().zip(found).filter(|(a, b)| **a == t && **b == f).count() as f64;
-    let [a, b, c, d] = [
-        count(true, true),
-        count(true, false),
-        count(false, true),
-        count(false, false),
-    ];
+    let count =
+        |t: bool, f: bool| truth.iter().zip(found).filter(|(a, b)| **a == t && **b == f).count() as f64;
+    let [a, b, c, d] = [count(true, true), count(true, false), count(false, true), count(false, false)];
     let n = a + b + c + d;
     let (agreed, chance) = ((a + d) / n, ((a + b) * (a + c) + (c + d) * (b + d)) / (n * n));
     [
@@ -133,9 +120,7 @@ fn the_reference_samples_are_told_apart() {
         "sample   type I  type II   total       κ |  of the sheet: σ of readings   median off     rms off   within 0.5 m"
     );
     let mut all: Vec<[f64; 4]> = Vec::new();
-    for sample in [
-        "11", "12", "21", "22", "23", "24", "31", "41", "42", "51", "52", "53", "54", "61", "71",
-    ] {
+    for sample in ["11", "12", "21", "22", "23", "24", "31", "41", "42", "51", "52", "53", "54", "61", "71"] {
         let path = folder.join(format!("samp{sample}-utm.pcd"));
         if !path.exists() {
             continue;
@@ -156,11 +141,7 @@ fn the_reference_samples_are_told_apart() {
         let search = FootPointSearch::new(surface, 2, 0.0).unwrap();
         let sigma = fit.report.sensors[0].sigma_estimated;
         let heights: Vec<f64> = (points.iter())
-            .map(|&p| {
-                surface
-                    .project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default())
-                    .height
-            })
+            .map(|&p| surface.project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default()).height)
             .collect();
         for most in [4.0 * sigma, 0.5] {
             let near: Vec<bool> = heights.iter().map(|h| h.abs() < most).collect();
@@ -184,10 +165,7 @@ fn the_reference_samples_are_told_apart() {
         all.push(scores);
     }
     let mean = [0, 1, 2, 3].map(|k| all.iter().map(|s| s[k]).sum::<f64>() / all.len() as f64);
-    println!(
-        "mean    {:7.2}  {:7.2} {:7.2} {:7.2}",
-        mean[0], mean[1], mean[2], mean[3]
-    );
+    println!("mean    {:7.2}  {:7.2} {:7.2} {:7.2}", mean[0], mean[1], mean[2], mean[3]);
     assert!(mean[2] < 3.8 && mean[3] > 91.5, "{mean:?}");
 }
 
@@ -199,11 +177,7 @@ fn ten_million_points_are_told_apart() {
     let points: Vec<[f64; 3]> = (0..10_000_000)
         .map(|_| {
             let (x, y): (f64, f64) = (rng.random_range(0.0..3000.0), rng.random_range(0.0..3000.0));
-            let tree = if rng.random_bool(0.3) {
-                rng.random_range(0.0..15.0)
-            } else {
-                0.0
-            };
+            let tree = if rng.random_bool(0.3) { rng.random_range(0.0..15.0) } else { 0.0 };
             [x, y, meadow(x, y) + tree]
         })
         .collect();

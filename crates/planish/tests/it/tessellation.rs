@@ -1,4 +1,5 @@
-//! Meshes of surfaces, judged by the mesh crate: manifold, closed where the surface is, within the chord error.
+//! Meshes of surfaces, judged by the mesh crate: manifold, closed where the surface is, within the chord
+//! error.
 
 use planish_estimate::vector3::{add_scaled, dot};
 use planish_mesh::{MeshSearch, TriangleMesh};
@@ -11,11 +12,8 @@ fn bumpy(base: &BaseShape, random: &mut ChaCha8Rng) -> Surface {
     for round in 0..3 {
         let bump = 0.08 * 0.4_f64.powi(round);
         let mut noise = || random.random_range(-bump..bump);
-        let vertices = surface
-            .vertices()
-            .iter()
-            .map(|p| add_scaled(*p, 1.0, [noise(), noise(), noise()]))
-            .collect();
+        let vertices =
+            surface.vertices().iter().map(|p| add_scaled(*p, 1.0, [noise(), noise(), noise()])).collect();
         surface = surface.with_vertices(vertices).unwrap();
         if round < 2 {
             let supports = surface.space().support_leaves();
@@ -51,10 +49,7 @@ fn meshes_of_refined_surfaces_are_manifold_and_closed_where_the_surface_is() {
     for base in shapes() {
         let surface = bumpy(&base, &mut random);
         for tolerance in [1.0, 0.01, 0.001] {
-            let options = TessellationOptions {
-                tolerance,
-                ..TessellationOptions::default()
-            };
+            let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
             let check = mesh(&tessellate(&surface, &options).unwrap()).check();
             let (euler, loops) = match base.shape {
                 Shape::Sheet => (1, 1),
@@ -70,12 +65,7 @@ fn meshes_of_refined_surfaces_are_manifold_and_closed_where_the_surface_is() {
                 "{:?}",
                 base.shape
             );
-            assert_eq!(
-                (check.unused_vertices, check.degenerate_triangles),
-                (0, 0),
-                "{:?}",
-                base.shape
-            );
+            assert_eq!((check.unused_vertices, check.degenerate_triangles), (0, 0), "{:?}", base.shape);
         }
     }
 }
@@ -87,10 +77,7 @@ fn the_surface_is_within_the_chord_error_of_its_mesh() {
         let surface = bumpy(&base, &mut random);
         let [nu, nv] = surface.space().extent();
         for tolerance in [0.05, 0.002] {
-            let options = TessellationOptions {
-                tolerance,
-                ..TessellationOptions::default()
-            };
+            let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
             let mesh = mesh(&tessellate(&surface, &options).unwrap());
             let search = MeshSearch::try_new(&mesh).unwrap();
             let mut worst = 0.0_f64;
@@ -100,11 +87,7 @@ fn the_surface_is_within_the_chord_error_of_its_mesh() {
             }
             assert!(worst <= tolerance, "{:?}: {worst} above {tolerance}", base.shape);
             // A bound that is never neared would waste triangles.
-            assert!(
-                worst > 0.1 * tolerance,
-                "{:?}: {worst} far below {tolerance}",
-                base.shape
-            );
+            assert!(worst > 0.1 * tolerance, "{:?}: {worst} far below {tolerance}", base.shape);
         }
     }
 }
@@ -113,10 +96,7 @@ fn the_surface_is_within_the_chord_error_of_its_mesh() {
 fn a_torus_mesh_encloses_its_volume_with_outward_normals() {
     let base = BaseShape::torus([0.0; 3], [0.0, 0.0, 1.0], 2.0, 0.5);
     let surface = base.surface([24, 12]).unwrap();
-    let options = TessellationOptions {
-        tolerance: 1e-4,
-        ..TessellationOptions::default()
-    };
+    let options = TessellationOptions { tolerance: 1e-4, ..TessellationOptions::default() };
     let tessellation = tessellate(&surface, &options).unwrap();
     let mesh = mesh(&tessellation);
     let exact = 2.0 * std::f64::consts::PI.powi(2) * 2.0 * 0.25;

@@ -1,4 +1,5 @@
-//! `planish shell texture` from files to files: a simulated thing whose colours are known, one view of another thing, and what no view sees.
+//! `planish shell texture` from files to files: a simulated thing whose colours are known, one view of
+//! another thing, and what no view sees.
 
 use planish::progress::Silent;
 use planish::shell::texture::{ColourPlace, ShellTextureJob, ShellTextureReport, shell_texture_files};
@@ -24,11 +25,7 @@ fn colour(p: [f64; 3]) -> [f64; 3] {
     if norm(sub(p, SMALL.0)) < SMALL.1 + 1.0 {
         return [20.0, 30.0, 220.0];
     }
-    [
-        128.0 + 90.0 * (p[0] / 20.0).sin(),
-        110.0 + 80.0 * (p[1] / 25.0).cos(),
-        60.0 + 0.8 * p[2],
-    ]
+    [128.0 + 90.0 * (p[0] / 20.0).sin(), 110.0 + 80.0 * (p[1] / 25.0).cos(), 60.0 + 0.8 * p[2]]
 }
 
 /// Where a ray first meets one of the balls.
@@ -39,22 +36,18 @@ fn hit(from: [f64; 3], along: [f64; 3]) -> Option<[f64; 3]> {
         let square = radius * radius - (dot(to, to) - middle * middle);
         (square > 0.0).then(|| middle - square.sqrt())
     };
-    let near = [of(([0.0; 3], 50.0)), of(SMALL)]
-        .into_iter()
-        .flatten()
-        .reduce(f64::min)?;
+    let near = [of(([0.0; 3], 50.0)), of(SMALL)].into_iter().flatten().reduce(f64::min)?;
     Some(add_scaled(from, near, along))
 }
 
-/// Both balls, eight pictures from above the equator, and views.toml: view 3 shows something green, view 5 is held out.
+/// Both balls, eight pictures from above the equator, and views.toml: view 3 shows something green, view 5 is
+/// held out.
 fn scene(folder: &Path) -> ShellTextureJob {
     let mut mesh = icosphere(50.0, 5);
     let small = icosphere(SMALL.1, 3);
     let first = mesh.positions.len() as u32;
-    mesh.positions
-        .extend(small.positions.iter().map(|p| add_scaled(*p, 1.0, SMALL.0)));
-    mesh.triangles
-        .extend(small.triangles.iter().map(|t| t.map(|v| v + first)));
+    mesh.positions.extend(small.positions.iter().map(|p| add_scaled(*p, 1.0, SMALL.0)));
+    mesh.triangles.extend(small.triangles.iter().map(|t| t.map(|v| v + first)));
     write_mesh(
         &folder.join("balls.ply"),
         &MeshColumns {
@@ -107,11 +100,7 @@ fn scene(folder: &Path) -> ShellTextureJob {
 }
 
 fn run(job: &ShellTextureJob, outputs: &[PathBuf], place: ColourPlace) -> ShellTextureReport {
-    let job = ShellTextureJob {
-        outputs: outputs.to_vec(),
-        place,
-        ..job.clone()
-    };
+    let job = ShellTextureJob { outputs: outputs.to_vec(), place, ..job.clone() };
     shell_texture_files(&job, &Silent).unwrap()
 }
 
@@ -136,7 +125,8 @@ fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
     let mut sum = 0.0;
     for ((p, c), n) in mesh.points.iter().zip(&found).zip(views) {
         if *n > 0.0 {
-            // A pixel is half a unit wide, and colours change by five a unit at most. None is blue that was hidden, and none green.
+            // A pixel is half a unit wide, and colours change by five a unit at most. None is blue that was
+            // hidden, and none green.
             let off = largest(*c, colour(*p));
             assert!(off < 9.0, "{p:?}: {c:?}, not {:?}, from {n} views", colour(*p));
             sum += off * off;
@@ -151,10 +141,8 @@ fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
     // Nobody looks from below; everything above the equator is seen.
     let of = |low: f64, high: f64| {
         let within = |p: &[f64; 3]| norm(*p) < 51.0 && (low..high).contains(&p[2]);
-        let chosen: Vec<f64> = (mesh.points.iter().zip(views))
-            .filter(|(p, _)| within(p))
-            .map(|(_, n)| *n)
-            .collect();
+        let chosen: Vec<f64> =
+            (mesh.points.iter().zip(views)).filter(|(p, _)| within(p)).map(|(_, n)| *n).collect();
         chosen.iter().filter(|n| **n > 0.0).count() as f64 / chosen.len() as f64
     };
     assert_eq!((of(-51.0, -40.0), of(0.0, 40.0)), (0.0, 1.0));
@@ -167,15 +155,10 @@ fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
         assert_eq!(view.held_out, k == HELD_OUT);
         assert!(view.seen > 1000 && (k == ODD) == (view.rms.unwrap() > 20.0), "{view:?}");
     }
-    let [warning] = &report.warnings[..] else {
-        panic!("{:?}", report.warnings)
-    };
+    let [warning] = &report.warnings[..] else { panic!("{:?}", report.warnings) };
     assert!(warning.contains("`v3`"), "{warning}");
     // GLB is in metres, and views.toml in millimetres: the same colours.
-    let again = ShellTextureJob {
-        mesh: out[1].clone(),
-        ..job.clone()
-    };
+    let again = ShellTextureJob { mesh: out[1].clone(), ..job.clone() };
     let last = folder.path().join("d.ply");
     run(&again, std::slice::from_ref(&last), ColourPlace::Vertices);
     for (a, b) in colours_of(&read_mesh(&last).unwrap()).iter().zip(&found) {
@@ -198,9 +181,7 @@ fn a_texture_on_an_atlas_shows_the_thing() {
     let picture = read_picture(mesh.texture.as_ref().unwrap()).unwrap();
     assert_eq!((picture.columns, picture.rows), (texture.size, texture.size));
     let place = |of: &[[f64; 3]], corners: [u32; 3]| {
-        corners
-            .iter()
-            .fold([0.0; 3], |sum, v| add_scaled(sum, 1.0 / 3.0, of[*v as usize]))
+        corners.iter().fold([0.0; 3], |sum, v| add_scaled(sum, 1.0 / 3.0, of[*v as usize]))
     };
     let mut worst: f64 = 0.0;
     for (t, corners) in mesh.triangles.iter().enumerate() {
@@ -211,31 +192,21 @@ fn a_texture_on_an_atlas_shows_the_thing() {
         }
         let uv = mesh.uv_triangles[t].map(|c| mesh.uv[c as usize]);
         let [u, v] = [0, 1].map(|k| uv.iter().map(|c| c[k]).sum::<f64>() / 3.0);
-        let (column, row) = (
-            (u * picture.columns as f64) as usize,
-            ((1.0 - v) * picture.rows as f64) as usize,
-        );
+        let (column, row) =
+            ((u * picture.columns as f64) as usize, ((1.0 - v) * picture.rows as f64) as usize);
         let pixel = &picture.values[3 * (row * picture.columns + column)..][..3];
         worst = worst.max(largest([0, 1, 2].map(|c| f64::from(pixel[c])), colour(at)));
     }
     println!("largest difference at the middle of a triangle {worst}");
     assert!(worst < 10.0, "{worst}");
-    assert!(
-        report.views[HELD_OUT].rms.unwrap() < 12.0,
-        "{:?}",
-        report.views[HELD_OUT]
-    );
+    assert!(report.views[HELD_OUT].rms.unwrap() < 12.0, "{:?}", report.views[HELD_OUT]);
     // GLB holds the picture, and σ for each of its vertices, in metres.
     let glb = read_textured(&out[1]).unwrap();
     assert!(glb.picture.is_some_and(|bytes| bytes.starts_with(b"\x89PNG")));
     let sigma = glb.columns.iter().find(|(name, _)| name == "sigma").unwrap();
     assert!(sigma.1.iter().all(|s| (s / 0.25e-3 - 1.0).abs() < 1e-6));
     // Painted again on the coordinates that it has, which are no atlas of ours now.
-    let again = ShellTextureJob {
-        mesh: out[0].clone(),
-        texture_size: Some(512),
-        ..job
-    };
+    let again = ShellTextureJob { mesh: out[0].clone(), texture_size: Some(512), ..job };
     let last = folder.path().join("u.glb");
     let report = run(&again, &[last], ColourPlace::Auto);
     let texture = report.texture.unwrap();
@@ -253,44 +224,25 @@ fn what_cannot_be_coloured_is_refused_by_name() {
         std::fs::write(&views, text).unwrap();
         ShellTextureJob { views, ..job.clone() }
     };
-    assert!(refused(&with("held_out = false", "held_out = true")).contains("w.toml: needed a view with `image"));
+    assert!(
+        refused(&with("held_out = false", "held_out = true")).contains("w.toml: needed a view with `image")
+    );
     // From the other side of the world.
     assert!(refused(&with("t = [", "t = [1e6, 1e6, 1e6] #")).contains("no view sees any of the"));
     assert!(refused(&with("v2.png", "gone.png")).contains("gone.png"));
     write_grey_png(&folder.path().join("m.png"), 2, 2, &[0, 255, 0, 255]).unwrap();
     let said = refused(&with("image = \"v2.png\"", "image = \"v2.png\"\nmask = \"m.png\""));
-    assert!(
-        said.contains("m.png") || said.contains("400 × 300 pixels, and its mask 2 × 2"),
-        "{said}"
-    );
-    let small = ShellTextureJob {
-        place: ColourPlace::Texture,
-        texture_size: Some(64),
-        ..job.clone()
-    };
-    assert!(
-        refused(&small).contains("takes 1050 pixels along a side or more"),
-        "{}",
-        refused(&small)
-    );
+    assert!(said.contains("m.png") || said.contains("400 × 300 pixels, and its mask 2 × 2"), "{said}");
+    let small = ShellTextureJob { place: ColourPlace::Texture, texture_size: Some(64), ..job.clone() };
+    assert!(refused(&small).contains("takes 1050 pixels along a side or more"), "{}", refused(&small));
     let obj = ShellTextureJob {
         place: ColourPlace::Vertices,
         outputs: vec![folder.path().join("a.obj")],
         ..job.clone()
     };
     assert!(refused(&obj).contains("a.obj"), "{}", refused(&obj));
-    let cloud = TriangleMesh {
-        positions: vec![[0.0; 3]],
-        triangles: Vec::new(),
-    };
+    let cloud = TriangleMesh { positions: vec![[0.0; 3]], triangles: Vec::new() };
     let points = folder.path().join("p.ply");
-    write_mesh(
-        &points,
-        &MeshColumns {
-            points: &cloud.positions,
-            ..MeshColumns::default()
-        },
-    )
-    .unwrap();
+    write_mesh(&points, &MeshColumns { points: &cloud.positions, ..MeshColumns::default() }).unwrap();
     assert!(refused(&ShellTextureJob { mesh: points, ..job }).contains("has no faces"));
 }

@@ -1,7 +1,9 @@
-//! What must not pass in silence: the same readings in two files, options that a filter cannot use, shapes that a motion does not suit.
+//! What must not pass in silence: the same readings in two files, options that a filter cannot use, shapes
+//! that a motion does not suit.
 
 use planish::fit::{
-    Filter, FitOptions, FitTermination, ObservationOptions, Observations, Quantity, Rejection, ThingMotion, fit,
+    Filter, FitOptions, FitTermination, ObservationOptions, Observations, Quantity, Rejection, ThingMotion,
+    fit,
 };
 use planish::progress::{Progress, Silent};
 use planish::propagate::SymmetryChoice;
@@ -26,10 +28,7 @@ fn scene(shape: Shape, readings: usize) -> ScanScene {
 }
 
 fn sheet() -> FitOptions {
-    FitOptions {
-        shape: Some(Shape::Sheet),
-        ..FitOptions::default()
-    }
+    FitOptions { shape: Some(Shape::Sheet), ..FitOptions::default() }
 }
 
 /// The set with its first scan in a second file.
@@ -53,20 +52,8 @@ fn readings_in_two_files_count_once_and_both_are_named() {
     let ratio = twice.report.sigma.median / once.report.sigma.median;
     assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
     let named = |w: &&String| w.contains("copy.ply") && w.contains(&set.scans[0].scan.name);
-    assert_eq!(
-        twice.report.warnings.iter().filter(named).count(),
-        1,
-        "{:?}",
-        twice.report.warnings
-    );
-    assert_eq!(
-        once.report
-            .warnings
-            .iter()
-            .filter(|w| w.contains("to the last digit"))
-            .count(),
-        0
-    );
+    assert_eq!(twice.report.warnings.iter().filter(named).count(), 1, "{:?}", twice.report.warnings);
+    assert_eq!(once.report.warnings.iter().filter(|w| w.contains("to the last digit")).count(), 0);
 }
 
 /// Another pose, another sensor, or another reading at one place are no copies.
@@ -89,44 +76,19 @@ fn scans_that_agree_by_their_nature_are_no_copies() {
 #[test]
 fn the_patch_filter_says_what_it_does_not_use() {
     let set = scene(Shape::Sheet, 8000).set;
-    let patch = FitOptions {
-        filter: Some(Filter::Patch),
-        ..sheet()
-    };
+    let patch = FitOptions { filter: Some(Filter::Patch), ..sheet() };
     for (options, name) in [
-        (
-            FitOptions {
-                symmetry: Some(SymmetryChoice::Auto),
-                ..patch.clone()
-            },
-            "--symmetry",
-        ),
-        (
-            FitOptions {
-                complete_smooth: true,
-                ..patch.clone()
-            },
-            "--complete",
-        ),
+        (FitOptions { symmetry: Some(SymmetryChoice::Auto), ..patch.clone() }, "--symmetry"),
+        (FitOptions { complete_smooth: true, ..patch.clone() }, "--complete"),
     ] {
         let e = fit(&set, &options, &Silent).err().unwrap();
-        assert!(
-            e.kind() == ErrorKind::Unsupported && e.to_string().starts_with(name),
-            "{e}"
-        );
+        assert!(e.kind() == ErrorKind::Unsupported && e.to_string().starts_with(name), "{e}");
     }
     let mut biased = set.clone();
     biased.sensors.iter_mut().for_each(|s| s.sigma_bias = Some(0.05));
-    let rough = FitOptions {
-        tolerance: Some(5.0),
-        ..patch
-    };
+    let rough = FitOptions { tolerance: Some(5.0), ..patch };
     let report = fit(&biased, &rough, &Silent).unwrap().report;
-    assert!(
-        report.warnings.iter().any(|w| w.contains("sigma_bias")),
-        "{:?}",
-        report.warnings
-    );
+    assert!(report.warnings.iter().any(|w| w.contains("sigma_bias")), "{:?}", report.warnings);
     assert_eq!(report.termination, FitTermination::ReachedTolerance);
 }
 
@@ -135,10 +97,7 @@ struct NoWork;
 
 impl Progress for NoWork {
     fn advance(&self, stage: &str, _: f64) {
-        assert!(
-            stage != "first shape" && stage != "growing",
-            "the work has begun: {stage}"
-        );
+        assert!(stage != "first shape" && stage != "growing", "the work has begun: {stage}");
     }
 }
 
@@ -150,15 +109,9 @@ fn a_ball_that_bends_is_refused_before_the_work() {
     let mut later = set.scans.clone();
     later.iter_mut().for_each(|posed| posed.scan.time_s = Some(1.0));
     set.scans.extend(later);
-    let options = FitOptions {
-        motion: Some(ThingMotion::Bend),
-        ..FitOptions::default()
-    };
+    let options = FitOptions { motion: Some(ThingMotion::Bend), ..FitOptions::default() };
     let e = fit(&set, &options, &NoWork).err().unwrap();
-    assert!(
-        e.kind() == ErrorKind::Input && e.to_string().contains("looks like a ball"),
-        "{e}"
-    );
+    assert!(e.kind() == ErrorKind::Input && e.to_string().contains("looks like a ball"), "{e}");
 }
 
 /// A direction along the normal is no direction of a curvature; one of zero says that nothing is known.
@@ -191,8 +144,6 @@ fn curvatures_along_the_normal_are_counted_by_that_name() {
     };
     let made = Observations::new(&[&scan], &[0], &[Sensor::default()], &options).unwrap();
     assert_eq!(made.rejected.get(&Rejection::DirectionAlongNormal), Some(&13));
-    let bent = (0..made.len())
-        .filter(|&i| made.quantity(i) == Quantity::Curvature)
-        .count();
+    let bent = (0..made.len()).filter(|&i| made.quantity(i) == Quantity::Curvature).count();
     assert_eq!(bent, 14);
 }

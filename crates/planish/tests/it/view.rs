@@ -18,11 +18,7 @@ fn seen(
 ) -> planish::Result<(PictureReport, Picture)> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("seen.png");
-    let viewed = ViewedFile {
-        file: file.to_path_buf(),
-        reference,
-        ..ViewedFile::default()
-    };
+    let viewed = ViewedFile { file: file.to_path_buf(), reference, ..ViewedFile::default() };
     let options = PictureOptions {
         camera: Some(camera.parse::<CameraAngles>().expect("a camera")),
         colour,
@@ -40,10 +36,7 @@ fn pixel(picture: &Picture, [column, row]: [usize; 2]) -> [f32; 3] {
 
 fn write(folder: &Path, name: &str, mesh: &TriangleMesh, columns: &[(&str, Vec<f64>)]) -> PathBuf {
     let path = folder.join(name);
-    let columns = columns
-        .iter()
-        .map(|(name, values)| (*name, Column::F64(values)))
-        .collect();
+    let columns = columns.iter().map(|(name, values)| (*name, Column::F64(values))).collect();
     let file = MeshColumns {
         points: &mesh.positions,
         triangles: &mesh.triangles,
@@ -57,9 +50,7 @@ fn write(folder: &Path, name: &str, mesh: &TriangleMesh, columns: &[(&str, Vec<f
 /// Columns of the pixels in a row that are neither paper nor letters.
 fn covered(picture: &Picture, row: usize) -> Vec<usize> {
     let is_paper = |[r, g, b]: [f32; 3]| (r - g).abs() < 3.0 && (g - b).abs() < 3.0 && r > 225.0;
-    (0..picture.columns)
-        .filter(|column| !is_paper(pixel(picture, [*column, row])))
-        .collect()
+    (0..picture.columns).filter(|column| !is_paper(pixel(picture, [*column, row]))).collect()
 }
 
 #[test]
@@ -78,15 +69,13 @@ fn values_have_their_colours_where_they_lie() {
     let [left, right] = [columns[columns.len() / 10], columns[9 * columns.len() / 10]];
     let [dark, bright] = [left, right].map(|column| pixel(&front, [column, row]));
     assert!(dark[2] > 1.3 * dark[1], "{dark:?} is no violet");
-    assert!(
-        bright[1] > 2.0 * bright[2] && bright[0] > bright[2],
-        "{bright:?} is no yellow"
-    );
+    assert!(bright[1] > 2.0 * bright[2] && bright[0] > bright[2], "{bright:?} is no yellow");
     // From the back the sides are exchanged.
     let (_, back) = seen(&path, None, "back", None).unwrap();
     let mirrored = pixel(&back, [right, row]);
     assert!(mirrored[2] > 1.3 * mirrored[1], "{mirrored:?}");
-    // A disc as high as the room that the legend leaves: (240 − 12 − 5.6 · 9) pixels of 240 · 320, less the shares of perspective.
+    // A disc as high as the room that the legend leaves: (240 − 12 − 5.6 · 9) pixels of 240 · 320, less the
+    // shares of perspective.
     let height = 240.0 - 12.0 - 5.6 * 9.0;
     let disc = std::f64::consts::PI * 0.25 * height * height / (240.0 * 320.0);
     assert!((report.covered / disc - 1.0).abs() < 0.02, "{} {disc}", report.covered);
@@ -107,21 +96,12 @@ fn cameras_see_the_sides_that_they_name() {
         pixel(&picture, middle)
     };
     let [right, left] = ["right", "left"].map(colour_of);
-    assert!(
-        right[2] > 2.0 * right[0],
-        "the right side was measured: blue, found {right:?}"
-    );
-    assert!(
-        (left[2] - left[0]).abs() < 12.0,
-        "the left side was not: grey, found {left:?}"
-    );
+    assert!(right[2] > 2.0 * right[0], "the right side was measured: blue, found {right:?}");
+    assert!((left[2] - left[0]).abs() < 12.0, "the left side was not: grey, found {left:?}");
     // Normals towards the camera are blue, with equal parts of red and green.
     let (_, normals) = seen(&path, None, "iso", Some(ColourBy::Normal)).unwrap();
     let [r, g, b] = pixel(&normals, middle);
-    assert!(
-        b > 240.0 && (r - 127.0).abs() < 25.0 && (g - 127.0).abs() < 25.0,
-        "{r} {g} {b}"
-    );
+    assert!(b > 240.0 && (r - 127.0).abs() < 25.0 && (g - 127.0).abs() < 25.0, "{r} {g} {b}");
 }
 
 #[test]
@@ -137,22 +117,16 @@ fn deviations_are_red_outside_and_blue_inside() {
     let (report, picture) = seen(&model, Some(sphere.clone()), "front", None).unwrap();
     assert_eq!(report.color, "deviation");
     let columns = covered(&picture, 105);
-    let [left, right] = [columns[columns.len() / 4], columns[3 * columns.len() / 4]].map(|c| pixel(&picture, [c, 105]));
-    assert!(
-        left[2] > 1.5 * left[0] && right[0] > 1.5 * right[2],
-        "{left:?} {right:?}"
-    );
+    let [left, right] =
+        [columns[columns.len() / 4], columns[3 * columns.len() / 4]].map(|c| pixel(&picture, [c, 105]));
+    assert!(left[2] > 1.5 * left[0] && right[0] > 1.5 * right[2], "{left:?} {right:?}");
 }
 
 #[test]
 fn points_are_drawn_and_edges_stay_sharp() {
     let folder = tempfile::tempdir().unwrap();
     let points = folder.path().join("points.xyz");
-    let text: String = icosphere(1.0, 4)
-        .positions
-        .iter()
-        .map(|[x, y, z]| format!("{x} {y} {z}\n"))
-        .collect();
+    let text: String = icosphere(1.0, 4).positions.iter().map(|[x, y, z]| format!("{x} {y} {z}\n")).collect();
     std::fs::write(&points, text).unwrap();
     let (report, picture) = seen(&points, None, "20,10", None).unwrap();
     assert_eq!(report.color, "height");
@@ -163,14 +137,10 @@ fn points_are_drawn_and_edges_stay_sharp() {
     let path = write(folder.path(), "cube.stl", &cube, &[]);
     let (_, picture) = seen(&path, None, "top", Some(ColourBy::Plain)).unwrap();
     let columns = covered(&picture, 100);
-    let brightness: Vec<f32> = columns[4..columns.len() - 4]
-        .iter()
-        .map(|c| pixel(&picture, [*c, 100])[1])
-        .collect();
-    let [least, most] = [
-        brightness.iter().copied().fold(255.0, f32::min),
-        brightness.iter().copied().fold(0.0, f32::max),
-    ];
+    let brightness: Vec<f32> =
+        columns[4..columns.len() - 4].iter().map(|c| pixel(&picture, [*c, 100])[1]).collect();
+    let [least, most] =
+        [brightness.iter().copied().fold(255.0, f32::min), brightness.iter().copied().fold(0.0, f32::max)];
     assert!(most - least <= 2.0, "{least} {most}");
 }
 
@@ -185,10 +155,7 @@ fn what_cannot_be_drawn_is_refused_with_a_way_out() {
         (e.kind(), e.to_string())
     };
     let (kind, text) = message(&mesh, None, ColourBy::Field("sigma"));
-    assert!(
-        kind == ErrorKind::Input && text.contains("ball.ply") && text.contains("it has plain"),
-        "{text}"
-    );
+    assert!(kind == ErrorKind::Input && text.contains("ball.ply") && text.contains("it has plain"), "{text}");
     let (_, text) = message(&mesh, None, ColourBy::Field("deviation"));
     assert!(text.contains("--reference"), "{text}");
     let (_, text) = message(&points, None, ColourBy::Normal);
@@ -198,29 +165,17 @@ fn what_cannot_be_drawn_is_refused_with_a_way_out() {
     let iges = folder.path().join("part.iges");
     std::fs::write(&iges, format!("{:72}S      1\n", "")).unwrap();
     let (kind, text) = message(&iges, None, ColourBy::Plain);
-    assert!(
-        kind == ErrorKind::Unsupported && text.contains("IGES, which is not read"),
-        "{text}"
-    );
+    assert!(kind == ErrorKind::Unsupported && text.contains("IGES, which is not read"), "{text}");
 }
 
 #[test]
 fn a_picture_larger_than_memory_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = write(folder.path(), "ball.ply", &icosphere(1.0, 1), &[]);
-    let options = PictureOptions {
-        size: [16_384, 16_384],
-        ..PictureOptions::default()
-    };
-    let viewed = ViewedFile {
-        file: mesh,
-        ..ViewedFile::default()
-    };
+    let options = PictureOptions { size: [16_384, 16_384], ..PictureOptions::default() };
+    let viewed = ViewedFile { file: mesh, ..ViewedFile::default() };
     let e = write_picture(&viewed, &options, &folder.path().join("a.png"), &Silent).unwrap_err();
-    assert!(
-        e.kind() == ErrorKind::Input && e.to_string().contains("64 million"),
-        "{e}"
-    );
+    assert!(e.kind() == ErrorKind::Input && e.to_string().contains("64 million"), "{e}");
 }
 
 #[test]

@@ -2,7 +2,8 @@ use super::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Points at random over a square of side 120, three to a unit of area, on what `height` says; and what each truly is.
+/// Points at random over a square of side 120, three to a unit of area, on what `height` says; and what each
+/// truly is.
 fn landscape(height: impl Fn(f64, f64, &mut ChaCha8Rng) -> (f64, Ground)) -> (Vec<[f64; 3]>, Vec<Ground>) {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     (0..43_200)
@@ -24,9 +25,7 @@ fn errors(points: &[[f64; 3]], truth: &[Ground], options: &GroundOptions) -> [f6
     let found = classify_ground(points, options).unwrap();
     [Ground::Bare, Ground::Above].map(|kind| {
         let of: Vec<usize> = (0..truth.len()).filter(|&i| truth[i] == kind).collect();
-        let wrong = of
-            .iter()
-            .filter(|&&i| (found[i] == Ground::Bare) != (kind == Ground::Bare));
+        let wrong = of.iter().filter(|&&i| (found[i] == Ground::Bare) != (kind == Ground::Bare));
         wrong.count() as f64 / of.len().max(1) as f64
     })
 }
@@ -71,11 +70,7 @@ fn a_steep_hillside_is_ground_and_its_house_is_not() {
     let (points, truth) = landscape(|x, y, _| {
         let house = (50.0..62.0).contains(&x) && (50.0..62.0).contains(&y);
         let ground = 0.6 * x;
-        if house {
-            (0.6 * 62.0 + 4.0, Ground::Above)
-        } else {
-            (ground, Ground::Bare)
-        }
+        if house { (0.6 * 62.0 + 4.0, Ground::Above) } else { (ground, Ground::Bare) }
     });
     let [lost, kept] = errors(&points, &truth, &GroundOptions::for_unit(1.0));
     assert!(lost < 0.03 && kept < 0.02, "{lost} {kept}");
@@ -107,18 +102,10 @@ fn points_deep_below_the_ground_are_errors() {
 #[test]
 fn a_hall_wider_than_the_widest_thing_is_taken_for_ground_and_one_that_is_not_is_not() {
     let hall = |x: f64, y: f64| (20.0..80.0).contains(&x) && (20.0..80.0).contains(&y);
-    let (points, truth) = landscape(|x, y, _| {
-        if hall(x, y) {
-            (9.0, Ground::Above)
-        } else {
-            (0.0, Ground::Bare)
-        }
-    });
+    let (points, truth) =
+        landscape(|x, y, _| if hall(x, y) { (9.0, Ground::Above) } else { (0.0, Ground::Bare) });
     let kept = |widest: f64| {
-        let options = GroundOptions {
-            widest,
-            ..GroundOptions::for_unit(1.0)
-        };
+        let options = GroundOptions { widest, ..GroundOptions::for_unit(1.0) };
         errors(&points, &truth, &options)[1]
     };
     assert!(kept(30.0) > 0.5 && kept(90.0) < 0.02, "{} {}", kept(30.0), kept(90.0));
@@ -137,31 +124,23 @@ fn threads_do_not_change_what_is_ground() {
 #[test]
 fn radii_reach_the_widest() {
     assert_eq!(radii(0).collect::<Vec<_>>(), [1]);
-    assert_eq!(
-        radii(18).collect::<Vec<_>>(),
-        [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18]
-    );
+    assert_eq!(radii(18).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18]);
 }
 
 #[test]
 fn a_disc_takes_the_lowest_cell_within_its_radius() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let (columns, rows) = (37, 150);
-    let raster = Raster {
-        columns,
-        rows,
-        values: (0..columns * rows).map(|_| rng.random()).collect(),
-    };
+    let raster = Raster { columns, rows, values: (0..columns * rows).map(|_| rng.random()).collect() };
     for radius in [1_usize, 2, 3, 7, 20] {
         let found = lowest_in_disc(&raster, radius);
         for (at, value) in found.values.iter().enumerate().step_by(13) {
             let (i, j) = (at % columns, at / columns);
-            let near =
-                |k: &usize| (k % columns).abs_diff(i).pow(2) + (k / columns).abs_diff(j).pow(2) <= radius * radius;
-            let expected = (0..columns * rows)
-                .filter(near)
-                .map(|k| raster.values[k])
-                .fold(f32::MAX, f32::min);
+            let near = |k: &usize| {
+                (k % columns).abs_diff(i).pow(2) + (k / columns).abs_diff(j).pow(2) <= radius * radius
+            };
+            let expected =
+                (0..columns * rows).filter(near).map(|k| raster.values[k]).fold(f32::MAX, f32::min);
             assert_eq!(*value, expected, "radius {radius} at {i}, {j}");
         }
     }
@@ -174,9 +153,7 @@ fn a_membrane_carries_a_plane_across_a_hole() {
     let known: Vec<bool> = (0..columns * rows)
         .map(|k| !((30..60).contains(&(k % columns)) && (20..50).contains(&(k / columns))))
         .collect();
-    let values = (0..columns * rows)
-        .map(|k| if known[k] { plane(k) } else { f32::NAN })
-        .collect();
+    let values = (0..columns * rows).map(|k| if known[k] { plane(k) } else { f32::NAN }).collect();
     let made = filled(Raster { columns, rows, values }, &known);
     for (k, z) in made.values.iter().enumerate() {
         assert!((z - plane(k)).abs() < 0.5, "{k}: {z} instead of {}", plane(k));
@@ -189,18 +166,10 @@ fn what_makes_no_sense_is_refused() {
     let good = GroundOptions::for_unit(1.0);
     for options in [
         GroundOptions { widest: 0.0, ..good },
-        GroundOptions {
-            slope: f64::NAN,
-            ..good
-        },
+        GroundOptions { slope: f64::NAN, ..good },
         GroundOptions { height: -1.0, ..good },
     ] {
-        assert!(
-            classify_ground(&points, &options)
-                .unwrap_err()
-                .to_string()
-                .contains("needed a")
-        );
+        assert!(classify_ground(&points, &options).unwrap_err().to_string().contains("needed a"));
     }
     assert!(classify_ground(&[], &good).unwrap().is_empty());
     assert_eq!(classify_ground(&[[1.0, 2.0, 3.0]], &good).unwrap(), [Ground::Bare]);

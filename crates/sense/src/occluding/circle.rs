@@ -1,17 +1,27 @@
 //! Depth at an occluding contour, by the circle that three lines of sight touch.
 //!
-//! Comes in: a line of sight that touches a surface, the surface's normal there, and lines of sight of two other views that lie with it in their epipolar planes and touch the same surface. Goes out: depth and radius.
+//! Comes in: a line of sight that touches a surface, the surface's normal there, and lines of sight of two
+//! other views that lie with it in their epipolar planes and touch the same surface. Goes out: depth and
+//! radius.
 //!
-//! The line of sight `C + λ v` touches the surface at `P`. A plane that holds it cuts the surface in a curve that it touches, whose radius is `R cos φ` where `R` is the radius of the section along the normal and `φ` the angle between that plane and the normal (Meusnier). Another view's line, `C' + μ w` in the same plane, touches that curve too; for a circle of that radius,
+//! The line of sight `C + λ v` touches the surface at `P`. A plane that holds it cuts the surface in a curve
+//! that it touches, whose radius is `R cos φ` where `R` is the radius of the section along the normal and `φ`
+//! the angle between that plane and the normal (Meusnier). Another view's line, `C' + μ w` in the same plane,
+//! touches that curve too; for a circle of that radius,
 //!
 //! `λ (m'·v) + R cos φ (1 − m·m') = m'·(C' − C)`,
 //!
-//! with `m` and `m'` the normals of both lines in the plane, outwards. That is linear in `λ` and `R`, so that two other views determine both, whether or not all three cameras are in line.
+//! with `m` and `m'` the normals of both lines in the plane, outwards. That is linear in `λ` and `R`, so that
+//! two other views determine both, whether or not all three cameras are in line.
 //!
-//! What the circle leaves out is how its radius changes as the curve turns, `R' = dR/dα`: with the other lines turned by `α` and `β` to either side, the depth is off by `R' α β / 6` (Taylor's series of the support function `p = R α²/2 + R' α³/6`), along the line of sight.
+//! What the circle leaves out is how its radius changes as the curve turns, `R' = dR/dα`: with the other
+//! lines turned by `α` and `β` to either side, the depth is off by `R' α β / 6` (Taylor's series of the
+//! support function `p = R α²/2 + R' α³/6`), along the line of sight.
 //!
 //! # References
-//! R. Cipolla, A. Blake, *Surface shape from the deformation of apparent contours*, IJCV 1992; R. Vaillant, O. Faugeras, *Using extremal boundaries for 3-D object modeling*, PAMI 1992; E. Boyer, M.-O. Berger, *3D surface reconstruction using occluding contours*, IJCV 1997 (for three views).
+//! R. Cipolla, A. Blake, *Surface shape from the deformation of apparent contours*, IJCV 1992; R. Vaillant,
+//! O. Faugeras, *Using extremal boundaries for 3-D object modeling*, PAMI 1992; E. Boyer, M.-O. Berger, *3D
+//! surface reconstruction using occluding contours*, IJCV 1997 (for three views).
 
 use super::curve::{Local, inverse3};
 use crate::stripes::Pinhole;
@@ -59,7 +69,8 @@ pub(super) struct Sight {
     pub centre: [f64; 3],
     /// Unit direction.
     pub way: [f64; 3],
-    /// Unit normal of the surface, outwards: it stands on the line of sight and on the tangent of the contour.
+    /// Unit normal of the surface, outwards: it stands on the line of sight and on the tangent of the
+    /// contour.
     pub normal: [f64; 3],
 }
 
@@ -70,11 +81,7 @@ impl Sight {
         let normal = unit(cross(way, next))?;
         let outside = eye.direction([place[0] + along[1], place[1] - along[0]]);
         let side = dot(normal, sub(outside, eye.direction(place)));
-        Some(Self {
-            centre: eye.centre,
-            way,
-            normal: scale(side.signum(), normal),
-        })
+        Some(Self { centre: eye.centre, way, normal: scale(side.signum(), normal) })
     }
 
     /// The normal of the plane of this line and another camera; none where the line runs along the baseline.
@@ -118,11 +125,7 @@ pub(super) fn solve(sight: &Sight, others: &[Touch; 2]) -> Option<Solved> {
         let m_other = unit(cross(other.plane, other.way))?;
         let m_other = scale(dot(m, m_other).signum(), m_other);
         let sine = dot(m_other, sight.way);
-        rows[k] = [
-            sine,
-            cosine * (1.0 - dot(m, m_other)),
-            dot(m_other, sub(other.centre, sight.centre)),
-        ];
+        rows[k] = [sine, cosine * (1.0 - dot(m, m_other)), dot(m_other, sub(other.centre, sight.centre))];
         angles[k] = sine.asin();
     }
     let [[a, b, c], [d, e, f]] = rows;
@@ -131,11 +134,8 @@ pub(super) fn solve(sight: &Sight, others: &[Touch; 2]) -> Option<Solved> {
     if a * d >= 0.0 || determinant == 0.0 {
         return None;
     }
-    let solved = Solved {
-        depth: (c * e - b * f) / determinant,
-        radius: (a * f - c * d) / determinant,
-        angles,
-    };
+    let solved =
+        Solved { depth: (c * e - b * f) / determinant, radius: (a * f - c * d) / determinant, angles };
     (solved.depth.is_finite() && solved.radius.is_finite()).then_some(solved)
 }
 
@@ -157,7 +157,8 @@ pub(super) struct Placed {
     pub radius: f64,
 }
 
-/// Solves with the contours' tangents as they are known, and carries the σ of all three contours over, by differences.
+/// Solves with the contours' tangents as they are known, and carries the σ of all three contours over, by
+/// differences.
 pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Option<Placed> {
     let solve_at = |shift: [f64; 2], across: [f64; 2]| -> Option<(Solved, [f64; 3])> {
         let outward = here.outward();
@@ -170,11 +171,8 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
             let outward = other.outward();
             let shifted = [0, 1].map(|j| other.place[j] + across[k] * outward[j]);
             let (met, _) = meet(eyes[k + 1].line(plane), shifted, other.along)?;
-            touches[k] = Some(Touch {
-                centre: eyes[k + 1].centre,
-                way: unit(eyes[k + 1].direction(met))?,
-                plane,
-            });
+            touches[k] =
+                Some(Touch { centre: eyes[k + 1].centre, way: unit(eyes[k + 1].direction(met))?, plane });
         }
         let solved = solve(&sight, &[touches[0]?, touches[1]?])?;
         Some((solved, add_scaled(sight.centre, solved.depth, sight.way)))
@@ -206,13 +204,7 @@ pub(super) fn placed(eyes: [&Eye; 3], here: &Local, others: [&Local; 2]) -> Opti
         depth += (5.0 * (plus.depth - minus.depth)).powi(2);
         radius += (5.0 * (plus.radius - minus.radius)).powi(2);
     }
-    Some(Placed {
-        solved,
-        position,
-        covariance,
-        depth,
-        radius,
-    })
+    Some(Placed { solved, position, covariance, depth, radius })
 }
 
 /// What the circle leaves out, along the line of sight.
@@ -229,7 +221,8 @@ mod tests {
     use super::*;
     use planish_estimate::vector3::add;
 
-    /// Cameras in a plane through a ball's middle, in line or not: depth and radius are exact, as the curve is a circle.
+    /// Cameras in a plane through a ball's middle, in line or not: depth and radius are exact, as the curve
+    /// is a circle.
     #[test]
     fn a_ball_is_found_exactly() {
         let radius = 1.3;
@@ -243,21 +236,10 @@ mod tests {
             let sine: f64 = radius / far;
             let way = add(scale((1.0 - sine * sine).sqrt(), towards), scale(sine, side));
             let contact = add_scaled(centre, (far * far - radius * radius).sqrt(), way);
-            sights.push((
-                Sight {
-                    centre,
-                    way,
-                    normal: unit(contact).unwrap(),
-                },
-                contact,
-            ));
+            sights.push((Sight { centre, way, normal: unit(contact).unwrap() }, contact));
         }
         let plane = [0.0, 0.0, 1.0];
-        let others = [1, 2].map(|k| Touch {
-            centre: sights[k].0.centre,
-            way: sights[k].0.way,
-            plane,
-        });
+        let others = [1, 2].map(|k| Touch { centre: sights[k].0.centre, way: sights[k].0.way, plane });
         let solved = solve(&sights[0].0, &others).unwrap();
         assert!((solved.radius - radius).abs() < 1e-9, "{}", solved.radius);
         let at = add_scaled(sights[0].0.centre, solved.depth, sights[0].0.way);

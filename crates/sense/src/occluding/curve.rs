@@ -1,6 +1,7 @@
 //! A contour as a smooth curve: place, tangent and curvature anywhere along it, with their σ.
 //!
-//! Comes in: a [`Contour`] whose places err independently, or alike over some distance. Goes out: parabolas fitted to what lies within a window.
+//! Comes in: a [`Contour`] whose places err independently, or alike over some distance. Goes out: parabolas
+//! fitted to what lies within a window.
 //!
 //! Not guaranteed: what is smaller than the window; places whose window holds a corner are marked.
 
@@ -67,7 +68,9 @@ impl<'a> Curve<'a> {
             }
             lengths.push(total);
         }
-        if let (true, Some(first), Some(last)) = (contour.closed, contour.places.first(), contour.places.last()) {
+        if let (true, Some(first), Some(last)) =
+            (contour.closed, contour.places.first(), contour.places.last())
+        {
             total += (first[0] - last[0]).hypot(first[1] - last[1]);
         }
         (total > 4.0 * half && total.is_finite()).then_some(Self {
@@ -146,10 +149,7 @@ impl<'a> Curve<'a> {
         let origin = [0, 1].map(|k| origin[k] - middle.0 * along[k]);
         let local = |k: usize| {
             let d = [place(k)[0] - origin[0], place(k)[1] - origin[1]];
-            [
-                (d[0] * along[0] + d[1] * along[1]) / self.half,
-                d[0] * across[0] + d[1] * across[1],
-            ]
+            [(d[0] * along[0] + d[1] * along[1]) / self.half, d[0] * across[0] + d[1] * across[1]]
         };
         let mut normal = [[0.0; 3]; 3];
         let mut right = [0.0; 3];

@@ -1,8 +1,12 @@
 //! The visual hull: what every silhouette leaves of space.
 //!
-//! Comes in: views with closed silhouettes. Goes out: how deep a place is in it, its surface as a mesh, and which share of that no contour touches.
+//! Comes in: views with closed silhouettes. Goes out: how deep a place is in it, its surface as a mesh, and
+//! which share of that no contour touches.
 //!
-//! No contour tells of what lies within the hull: a hollow that no line of sight passes without touching the thing elsewhere is filled in it (A. Laurentini, *The visual hull concept for silhouette-based image understanding*, PAMI 1994). The surface of the hull that no place of a contour is near to is therefore unseen: where views are too few, or where the thing is hollow.
+//! No contour tells of what lies within the hull: a hollow that no line of sight passes without touching the
+//! thing elsewhere is filled in it (A. Laurentini, *The visual hull concept for silhouette-based image
+//! understanding*, PAMI 1994). The surface of the hull that no place of a contour is near to is therefore
+//! unseen: where views are too few, or where the thing is hollow.
 //!
 //! Not guaranteed: parts thinner than a cell.
 
@@ -62,13 +66,15 @@ impl SilhouetteBound {
         Ok(Self { views })
     }
 
-    /// The least signed distance from a border over all views, in the unit of space at the place's distance: positive within all silhouettes.
+    /// The least signed distance from a border over all views, in the unit of space at the place's distance:
+    /// positive within all silhouettes.
     #[must_use]
     pub fn depth(&self, at: [f64; 3]) -> f64 {
         (self.views.iter().map(|view| view.at(at))).fold(f64::INFINITY, f64::min)
     }
 
-    /// The depth that a place would have if the view that says least were not there: how far one view alone holds the bound back.
+    /// The depth that a place would have if the view that says least were not there: how far one view alone
+    /// holds the bound back.
     #[must_use]
     pub fn depth_without_one(&self, at: [f64; 3]) -> f64 {
         let depths = self.views.iter().map(|view| view.at(at));
@@ -103,17 +109,13 @@ impl VisualHull {
     /// Of all views whose silhouettes are closed, in a box, with so many cells along its longest side.
     ///
     /// # Errors
-    /// `Undetermined` where fewer than two views have closed silhouettes, or nothing of the box is within all; as [`isosurface`].
+    /// `Undetermined` where fewer than two views have closed silhouettes, or nothing of the box is within
+    /// all; as [`isosurface`].
     pub fn new(views: &[ContourView], bounds: &BoundingBox, cells: usize) -> Result<Self> {
         let bound = SilhouetteBound::new(views)?;
         let longest = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
         let cell = longest / cells.max(1) as f64;
-        let mesh = isosurface(
-            bounds,
-            cell,
-            |at| -bound.depth(at),
-            |at, reach| bound.may_end(at, reach),
-        )?;
+        let mesh = isosurface(bounds, cell, |at| -bound.depth(at), |at, reach| bound.may_end(at, reach))?;
         if mesh.triangles.is_empty() {
             return Err(Error::undetermined("nothing lies within all silhouettes"));
         }
@@ -126,7 +128,8 @@ impl VisualHull {
         self.bound.depth(at) > 0.0
     }
 
-    /// The share of the hull's surface that no contour's place is near to: nearer than that one is to its neighbours, or than two cells.
+    /// The share of the hull's surface that no contour's place is near to: nearer than that one is to its
+    /// neighbours, or than two cells.
     #[must_use]
     pub fn unseen_share(&self, points: &[OccludingPoint]) -> f64 {
         let places: Vec<[f64; 3]> = points.iter().map(|p| p.position).collect();
@@ -165,7 +168,8 @@ impl Distances {
         }
         let first = low.map(|x| x.floor() - 2.0);
         let [columns, rows] = [0, 1].map(|k| (high[k] - first[k]).ceil() as usize + 3);
-        // Squared distances to the border's places next to each pixel, then spread by the lower envelope of parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled functions*, 2012).
+        // Squared distances to the border's places next to each pixel, then spread by the lower envelope of
+        // parabolas (P. Felzenszwalb, D. Huttenlocher, *Distance transforms of sampled functions*, 2012).
         let mut squares = vec![FAR_PX * FAR_PX; columns * rows];
         for contour in &view.silhouette {
             for p in &contour.places {
@@ -199,18 +203,13 @@ impl Distances {
                 (sign * d.sqrt()) as f32
             }));
         }
-        Self {
-            camera: view.camera,
-            first,
-            columns,
-            rows,
-            values,
-        }
+        Self { camera: view.camera, first, columns, rows, values }
     }
 
     /// Signed distance to the border, in the unit of space at the place's distance.
     fn at(&self, place: [f64; 3]) -> f64 {
-        let width = distance(self.camera.centre(), place) / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt();
+        let width =
+            distance(self.camera.centre(), place) / (self.camera.k[0][0] * self.camera.k[1][1]).abs().sqrt();
         let Some(pixel) = self.camera.project(place) else {
             return -FAR_PX * width;
         };
@@ -221,8 +220,8 @@ impl Distances {
         let (i, j) = (held[0] as usize, held[1] as usize);
         let (s, t) = (held[0] - i as f64, held[1] - j as f64);
         let v = |i: usize, j: usize| f64::from(self.values[j * self.columns + i]);
-        let inside =
-            (1.0 - t) * ((1.0 - s) * v(i, j) + s * v(i + 1, j)) + t * ((1.0 - s) * v(i, j + 1) + s * v(i + 1, j + 1));
+        let inside = (1.0 - t) * ((1.0 - s) * v(i, j) + s * v(i + 1, j))
+            + t * ((1.0 - s) * v(i, j + 1) + s * v(i + 1, j + 1));
         (inside - outside) * width
     }
 }

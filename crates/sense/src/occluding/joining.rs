@@ -1,8 +1,11 @@
-//! From places to strips: what contradicts itself between views goes, the circle's own error comes in, and what hangs together is one strip.
+//! From places to strips: what contradicts itself between views goes, the circle's own error comes in, and
+//! what hangs together is one strip.
 //!
 //! Comes in: places with their matches. Goes out: points, strip after strip.
 //!
-//! A match must come back: it has a depth itself, and its own match in the first view lies beside the place. That is how a contour which parts in two, or which another part takes over, is never joined to the wrong one.
+//! A match must come back: it has a depth itself, and its own match in the first view lies beside the place.
+//! That is how a contour which parts in two, or which another part takes over, is never joined to the wrong
+//! one.
 
 use super::circle::add_along;
 use super::matching::Found;
@@ -28,11 +31,7 @@ fn nearest(of: &Ready<'_>, spot: Spot) -> usize {
     let line = &of.lines[spot.line];
     let count = line.places.len();
     let k = (spot.length / line.step).round().max(0.0) as usize;
-    if line.curve.closed() {
-        k % count
-    } else {
-        k.min(count - 1)
-    }
+    if line.curve.closed() { k % count } else { k.min(count - 1) }
 }
 
 fn found(places: &Places, (view, line, place): Key) -> Option<&Found> {
@@ -76,21 +75,15 @@ pub(super) fn joined(
         places[view][line][place] = Err("not_mutual");
     }
     let keys = self::keys(places);
-    let changes: Vec<f64> = keys
-        .iter()
-        .map(|key| changing(ready, neighbours, places, *key))
-        .collect();
-    let of_key: std::collections::BTreeMap<Key, usize> = keys.iter().enumerate().map(|(k, key)| (*key, k)).collect();
-    let mut points: Vec<OccludingPoint> = (keys.iter())
-        .map(|key| point(ready, places, &of_key, &changes, *key))
-        .collect();
+    let changes: Vec<f64> = keys.iter().map(|key| changing(ready, neighbours, places, *key)).collect();
+    let of_key: std::collections::BTreeMap<Key, usize> =
+        keys.iter().enumerate().map(|(k, key)| (*key, k)).collect();
+    let mut points: Vec<OccludingPoint> =
+        (keys.iter()).map(|key| point(ready, places, &of_key, &changes, *key)).collect();
     // Strips, by links along contours and between views.
     let mut parent: Vec<usize> = (0..keys.len()).collect();
     let mut reach = vec![0.0_f64; keys.len()];
-    let mut following = Following {
-        along: vec![None; keys.len()],
-        across: vec![None; keys.len()],
-    };
+    let mut following = Following { along: vec![None; keys.len()], across: vec![None; keys.len()] };
     for (k, key) in keys.iter().enumerate() {
         let along = next_along(ready, *key).and_then(|next| of_key.get(&next));
         let across = linked(ready, neighbours, places, *key, 1).and_then(|next| of_key.get(&next));
@@ -100,18 +93,10 @@ pub(super) fn joined(
             let unsure = 3.0 * points[k].sigma_depth.hypot(points[other].sigma_depth);
             let step = ready[key.0].lines[key.1].step * width(ready, *key, &points[k]);
             // Between views a place glides by its radius times the turn.
-            let glide = if is_along {
-                0.0
-            } else {
-                2.0 * turn(places, *key) * points[k].radius.abs()
-            };
+            let glide = if is_along { 0.0 } else { 2.0 * turn(places, *key) * points[k].radius.abs() };
             if apart <= JUMP * step + unsure + glide {
                 union(&mut parent, k, other);
-                let next = if is_along {
-                    &mut following.along
-                } else {
-                    &mut following.across
-                };
+                let next = if is_along { &mut following.along } else { &mut following.across };
                 next[k] = Some(other);
                 reach[k] = reach[k].max(apart);
                 reach[other] = reach[other].max(apart);
@@ -121,11 +106,10 @@ pub(super) fn joined(
     let roots: Vec<usize> = (0..keys.len()).map(|k| root(&mut parent, k)).collect();
     let mut size = vec![0; keys.len()];
     roots.iter().for_each(|r| size[*r] += 1);
-    let mut order: Vec<usize> = (0..keys.len())
-        .filter(|r| size[*r] >= options.least_places.max(1))
-        .collect();
+    let mut order: Vec<usize> = (0..keys.len()).filter(|r| size[*r] >= options.least_places.max(1)).collect();
     order.sort_by_key(|r| (std::cmp::Reverse(size[*r]), *r));
-    let strip_of: std::collections::BTreeMap<usize, usize> = order.iter().enumerate().map(|(s, r)| (*r, s)).collect();
+    let strip_of: std::collections::BTreeMap<usize, usize> =
+        order.iter().enumerate().map(|(s, r)| (*r, s)).collect();
     let mut kept: Vec<usize> = Vec::new();
     for k in 0..keys.len() {
         let (view, line, place) = keys[k];
@@ -142,21 +126,12 @@ pub(super) fn joined(
     let mut index = vec![None; keys.len()];
     kept.iter().enumerate().for_each(|(new, old)| index[*old] = Some(new));
     let moved = |next: &[Option<usize>]| kept.iter().map(|k| index[next[*k]?]).collect();
-    let following = Following {
-        along: moved(&following.along),
-        across: moved(&following.across),
-    };
-    let ways: Vec<[f64; 3]> = (kept.iter())
-        .map(|k| found(places, keys[*k]).map_or([0.0; 3], |f| f.sight.way))
-        .collect();
+    let following = Following { along: moved(&following.along), across: moved(&following.across) };
+    let ways: Vec<[f64; 3]> =
+        (kept.iter()).map(|k| found(places, keys[*k]).map_or([0.0; 3], |f| f.sight.way)).collect();
     let points: Vec<OccludingPoint> = kept.iter().map(|k| points[*k]).collect();
     let relaxed = relaxed(&points, &ways, &following);
-    Joined {
-        triangles: triangles(&points, &relaxed, &following),
-        points,
-        relaxed,
-        strips: order.len(),
-    }
+    Joined { triangles: triangles(&points, &relaxed, &following), points, relaxed, strips: order.len() }
 }
 
 fn keys(places: &Places) -> Vec<Key> {
@@ -170,7 +145,13 @@ fn keys(places: &Places) -> Vec<Key> {
 }
 
 /// Whether the match on a side comes back. A view at the end of its sequence has no depths and cannot tell.
-fn comes_back(ready: &[Ready<'_>], neighbours: &[[Option<usize>; 2]], places: &Places, key: Key, side: usize) -> bool {
+fn comes_back(
+    ready: &[Ready<'_>],
+    neighbours: &[[Option<usize>; 2]],
+    places: &Places,
+    key: Key,
+    side: usize,
+) -> bool {
     let Some((view, line, place)) = linked(ready, neighbours, places, key, side) else {
         return true;
     };
@@ -208,7 +189,8 @@ fn turn(places: &Places, key: Key) -> f64 {
     found(places, key).map_or(0.0, |f| f.placed.solved.angles.iter().fold(0.0, |a, b| a.max(b.abs())))
 }
 
-/// `R'²`: the square of how the radius changes with the turn, less what σ alone makes of it; the square of the radius itself where no neighbour tells.
+/// `R'²`: the square of how the radius changes with the turn, less what σ alone makes of it; the square of
+/// the radius itself where no neighbour tells.
 fn changing(ready: &[Ready<'_>], neighbours: &[[Option<usize>; 2]], places: &Places, key: Key) -> f64 {
     let Some(own) = found(places, key) else { return 0.0 };
     let side = |side: usize| {
@@ -235,9 +217,7 @@ fn point(
     changes: &[f64],
     key: Key,
 ) -> OccludingPoint {
-    let Some(own) = found(places, key) else {
-        unreachable!("keys are of places that were found")
-    };
+    let Some(own) = found(places, key) else { unreachable!("keys are of places that were found") };
     let (view, line, place) = key;
     // Neighbours along the contour change alike.
     let count = places[view][line].len();

@@ -1,10 +1,15 @@
 //! Which places of the neighbouring views lie on the same epipolar curve.
 //!
-//! Comes in: a place of a contour, and the contours of two other views. Goes out: the pair of places by which an opaque surface is touched and that asks for the smallest radius, or why there is none.
+//! Comes in: a place of a contour, and the contours of two other views. Goes out: the pair of places by which
+//! an opaque surface is touched and that asks for the smallest radius, or why there is none.
 //!
-//! An epipolar line passes the contours of another view at several places. Of them only those stay whose surface faces the same way, which turn little, and which with the other view's make a circle on the inner side of the line of sight: along a line of sight that a contour is seen by, an opaque surface is convex (J. Koenderink, *What does the occluding contour tell us about solid shape?*, 1984).
+//! An epipolar line passes the contours of another view at several places. Of them only those stay whose
+//! surface faces the same way, which turn little, and which with the other view's make a circle on the inner
+//! side of the line of sight: along a line of sight that a contour is seen by, an opaque surface is convex
+//! (J. Koenderink, *What does the occluding contour tell us about solid shape?*, 1984).
 //!
-//! Not guaranteed: that two silhouettes which move alike are told apart; what contradicts itself later is taken out in `joining`.
+//! Not guaranteed: that two silhouettes which move alike are told apart; what contradicts itself later is
+//! taken out in `joining`.
 
 use super::circle::{Placed, Sight, meet, placed};
 use super::curve::Local;
@@ -33,8 +38,13 @@ struct Candidate {
     local: Local,
 }
 
-/// The places of a view on the epipolar plane of a line of sight; an error where that plane touches the surface.
-fn candidates(sight: &Sight, of: &Ready<'_>, options: &OccludingOptions) -> Result<Vec<Candidate>, &'static str> {
+/// The places of a view on the epipolar plane of a line of sight; an error where that plane touches the
+/// surface.
+fn candidates(
+    sight: &Sight,
+    of: &Ready<'_>,
+    options: &OccludingOptions,
+) -> Result<Vec<Candidate>, &'static str> {
     let plane = sight.epipolar_plane(of.eye.centre).ok_or("along_baseline")?;
     let least = options.frontier_deg.to_radians().sin();
     let (outward, cosine) = sight.outward_in(plane).ok_or("frontier")?;
@@ -83,10 +93,7 @@ fn candidates(sight: &Sight, of: &Ready<'_>, options: &OccludingOptions) -> Resu
                 && dot(out, outward) > 0.0
                 && dot(way, sight.way) > most_turn
             {
-                let spot = Spot {
-                    line: index,
-                    length: at,
-                };
+                let spot = Spot { line: index, length: at };
                 found.push(Candidate { spot, local });
             }
         }
@@ -102,10 +109,7 @@ pub(super) fn matched(
     options: &OccludingOptions,
 ) -> Result<Found, &'static str> {
     let sight = Sight::new(&here.eye, local.place, local.along).ok_or("corner")?;
-    let [before, after] = [
-        candidates(&sight, others[0], options)?,
-        candidates(&sight, others[1], options)?,
-    ];
+    let [before, after] = [candidates(&sight, others[0], options)?, candidates(&sight, others[1], options)?];
     let mut best: Option<(f64, Found)> = None;
     let mut doubtful = false;
     for a in &before {
@@ -128,15 +132,7 @@ pub(super) fn matched(
             }
             let score = solved.radius.abs();
             if best.as_ref().is_none_or(|(least, _)| score < *least) {
-                best = Some((
-                    score,
-                    Found {
-                        placed,
-                        sight,
-                        here: *local,
-                        spots: [a.spot, b.spot],
-                    },
-                ));
+                best = Some((score, Found { placed, sight, here: *local, spots: [a.spot, b.spot] }));
             }
         }
     }
@@ -148,7 +144,12 @@ pub(super) fn matched(
 }
 
 /// Whether a place projects into, or onto the border of, all other silhouettes, to within its σ.
-pub(super) fn in_all_silhouettes(views: &[ContourView], own: usize, ready: &[Ready<'_>], found: &Found) -> bool {
+pub(super) fn in_all_silhouettes(
+    views: &[ContourView],
+    own: usize,
+    ready: &[Ready<'_>],
+    found: &Found,
+) -> bool {
     let sigma = found.placed.depth.sqrt();
     let at = found.placed.position;
     views.iter().zip(ready).enumerate().all(|(k, (view, ready))| {
@@ -156,7 +157,9 @@ pub(super) fn in_all_silhouettes(views: &[ContourView], own: usize, ready: &[Rea
             return true;
         }
         let camera = &ready.eye.camera;
-        let Some(pixel) = camera.project(at) else { return false };
+        let Some(pixel) = camera.project(at) else {
+            return false;
+        };
         if inside(&view.silhouette, pixel) {
             return true;
         }
@@ -174,7 +177,9 @@ pub(super) fn inside(contours: &[Contour], at: [f64; 2]) -> bool {
         let count = contour.places.len();
         for k in 0..count {
             let (p, q) = (contour.places[k], contour.places[(k + 1) % count]);
-            if (p[1] > at[1]) != (q[1] > at[1]) && at[0] < p[0] + (at[1] - p[1]) / (q[1] - p[1]) * (q[0] - p[0]) {
+            if (p[1] > at[1]) != (q[1] > at[1])
+                && at[0] < p[0] + (at[1] - p[1]) / (q[1] - p[1]) * (q[0] - p[0])
+            {
                 inside = !inside;
             }
         }
@@ -183,8 +188,5 @@ pub(super) fn inside(contours: &[Contour], at: [f64; 2]) -> bool {
 }
 
 fn near(contours: &[Contour], at: [f64; 2], distance: f64) -> bool {
-    contours
-        .iter()
-        .flat_map(|c| &c.places)
-        .any(|p| (p[0] - at[0]).hypot(p[1] - at[1]) <= distance)
+    contours.iter().flat_map(|c| &c.places).any(|p| (p[0] - at[0]).hypot(p[1] - at[1]) <= distance)
 }

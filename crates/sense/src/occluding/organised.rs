@@ -1,10 +1,17 @@
 //! A mesh of each strip: contours of consecutive views, joined by their matches.
 //!
-//! Comes in: points with the ones that follow them along their contour and in the next view. Goes out: triangles over the points, and positions in which depths are regularised.
+//! Comes in: points with the ones that follow them along their contour and in the next view. Goes out:
+//! triangles over the points, and positions in which depths are regularised.
 //!
-//! Along its line of sight a place is known far worse than across it, and moving it there keeps it on the surface to first order. So depths are relaxed: each is the mean, by information, of what the circle says and of the middle between its two neighbours, in the views before and after and along the contour. How far a place may lie from that middle is taken from the strip itself, as the median over its places, less what σ makes of it (the spline of C. Zhao and R. Mohr, *Relative 3D regularized B-spline surface reconstruction through image sequences*, ECCV 1994, serves the same end). Covariances stay those of the measurements.
+//! Along its line of sight a place is known far worse than across it, and moving it there keeps it on the
+//! surface to first order. So depths are relaxed: each is the mean, by information, of what the circle says
+//! and of the middle between its two neighbours, in the views before and after and along the contour. How far
+//! a place may lie from that middle is taken from the strip itself, as the median over its places, less what
+//! σ makes of it (the spline of C. Zhao and R. Mohr, *Relative 3D regularized B-spline surface reconstruction
+//! through image sequences*, ECCV 1994, serves the same end). Covariances stay those of the measurements.
 //!
-//! Not guaranteed: triangles where the surface is an edge, which fold over or are of no size: they are left out.
+//! Not guaranteed: triangles where the surface is an edge, which fold over or are of no size: they are left
+//! out.
 
 use super::OccludingPoint;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, unit};
@@ -48,11 +55,7 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
             let before = reversed(next);
             (before.iter().zip(next)).map(|(a, b)| Some([(*a)?, (*b)?])).collect()
         };
-        both(&following.across)
-            .into_iter()
-            .zip(both(&following.along))
-            .map(|(a, b)| [a, b])
-            .collect()
+        both(&following.across).into_iter().zip(both(&following.along)).map(|(a, b)| [a, b]).collect()
     };
     // How far the middle of two neighbours lies from a place, along its line of sight.
     let off = |positions: &[[f64; 3]], k: usize, [a, b]: [usize; 2]| {
@@ -101,14 +104,20 @@ pub(super) fn relaxed(points: &[OccludingPoint], ways: &[[f64; 3]], following: &
 }
 
 /// Triangles between contours of consecutive views, facing outwards.
-pub(super) fn triangles(points: &[OccludingPoint], positions: &[[f64; 3]], following: &Following) -> Vec<[u32; 3]> {
+pub(super) fn triangles(
+    points: &[OccludingPoint],
+    positions: &[[f64; 3]],
+    following: &Following,
+) -> Vec<[u32; 3]> {
     let mut found = Vec::new();
     for k in 0..points.len() {
         let corners = (|| {
             let next = following.along[k]?;
             Some((next, following.across[k]?, following.across[next]?))
         })();
-        let Some((next, first, last)) = corners else { continue };
+        let Some((next, first, last)) = corners else {
+            continue;
+        };
         let mut chain = vec![first];
         while chain.last() != Some(&last) && chain.len() <= MOST_STEPS {
             match chain.last().and_then(|c| following.along[*c]) {

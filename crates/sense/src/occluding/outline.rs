@@ -1,8 +1,10 @@
 //! Outlines: from a mask to its borders in order, between pixels.
 //!
-//! Comes in: a mask, or a picture whose thing is brighter than all else. Goes out: [`Contour`]s with the thing to the right of the way.
+//! Comes in: a mask, or a picture whose thing is brighter than all else. Goes out: [`Contour`]s with the
+//! thing to the right of the way.
 //!
-//! Not guaranteed: the border where the picture ends, where contours are open; corners, which smoothing rounds off.
+//! Not guaranteed: the border where the picture ends, where contours are open; corners, which smoothing
+//! rounds off.
 
 use super::matching::inside;
 use crate::silhouette::{FRAME, fill, smoothed};
@@ -16,7 +18,8 @@ const SIDE_PX: f64 = 3.0;
 /// Places along a contour of a picture, in order.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Contour {
-    /// Pixels, centres at integers. The thing lies to the right of the way, as one sees the picture: outwards is `(dy, −dx)`.
+    /// Pixels, centres at integers. The thing lies to the right of the way, as one sees the picture: outwards
+    /// is `(dy, −dx)`.
     pub places: Vec<[f64; 2]>,
     /// Whether the first follows the last.
     pub closed: bool,
@@ -33,7 +36,8 @@ impl Contour {
         }
     }
 
-    /// Turns the way round where the thing, which lies within closed `outlines`, is on the left; as it was where they do not tell.
+    /// Turns the way round where the thing, which lies within closed `outlines`, is on the left; as it was
+    /// where they do not tell.
     pub fn face(&mut self, outlines: &[Contour]) {
         let outlines: Vec<Contour> = outlines.iter().filter(|o| o.closed).cloned().collect();
         let sides: i64 = (self.places.windows(2))
@@ -53,12 +57,16 @@ impl Contour {
 
 /// The borders of a mask, in order.
 ///
-/// A mask of grey levels, where no threshold is given, is taken for the share of each pixel that the thing covers, which places its border to some hundredths of a pixel. Values are smoothed by a Gaussian of `smoothing_px`; the border is where they pass one half, by marching squares with straight lines between pixels. Smoothing draws a border of radius `r` inwards by about `smoothing_px² / 2r`.
+/// A mask of grey levels, where no threshold is given, is taken for the share of each pixel that the thing
+/// covers, which places its border to some hundredths of a pixel. Values are smoothed by a Gaussian of
+/// `smoothing_px`; the border is where they pass one half, by marching squares with straight lines between
+/// pixels. Smoothing draws a border of radius `r` inwards by about `smoothing_px² / 2r`.
 ///
 /// Cost: one pass over the picture.
 ///
 /// # Errors
-/// `Input` for a smoothing that is not positive; `Undetermined` where all pixels are the same, or no border is within the picture.
+/// `Input` for a smoothing that is not positive; `Undetermined` where all pixels are the same, or no border
+/// is within the picture.
 pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Contour>> {
     if !(options.smoothing_px.is_finite() && options.smoothing_px > 0.0) {
         return Err(Error::input(format!(
@@ -67,9 +75,8 @@ pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Cont
         )));
     }
     let (columns, rows) = (picture.columns, picture.rows);
-    let (low, high) = (picture.values.iter()).fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| {
-        (low.min(*v), high.max(*v))
-    });
+    let (low, high) = (picture.values.iter())
+        .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
     let (low, high) = (f64::from(low), f64::from(high));
     let threshold = options.threshold.unwrap_or(0.5 * (low + high));
     let mut mask: Vec<bool> = picture.values.iter().map(|v| f64::from(*v) > threshold).collect();
@@ -106,11 +113,7 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
         let (here, there) = (values[pixel] - 0.5, values[other] - 0.5);
         let share = here / (here - there);
         let at = [(pixel % columns) as f64, (pixel / columns) as f64];
-        if way == 0 {
-            [at[0] + share, at[1]]
-        } else {
-            [at[0], at[1] + share]
-        }
+        if way == 0 { [at[0] + share, at[1]] } else { [at[0], at[1] + share] }
     };
     let mut next: BTreeMap<usize, usize> = BTreeMap::new();
     let clear = FRAME as usize;
@@ -127,15 +130,14 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
             }
             let middle: f64 = corners.iter().map(|k| values[*k]).sum::<f64>() / 4.0;
             for &leave in &leaves {
-                // Where both halves of the thing meet in the middle, the line cuts off what is outside, else what is inside.
+                // Where both halves of the thing meet in the middle, the line cuts off what is outside, else
+                // what is inside.
                 let steps: [usize; 3] = match leaves.len() == 2 && middle <= 0.5 {
                     true => [3, 2, 1],
                     false => [1, 2, 3],
                 };
-                let enter = steps
-                    .into_iter()
-                    .map(|by| (leave + by) % 4)
-                    .find(|&k| !inside[k] && inside[(k + 1) % 4]);
+                let enter =
+                    steps.into_iter().map(|by| (leave + by) % 4).find(|&k| !inside[k] && inside[(k + 1) % 4]);
                 if let Some(enter) = enter {
                     next.insert(edges[leave], edges[enter]);
                 }
@@ -171,7 +173,8 @@ fn followed(values: &[f64], columns: usize, rows: usize) -> Vec<Contour> {
 mod tests {
     use super::*;
 
-    /// A disc whose grey levels are the share of each pixel that it covers: one closed border, in order, to some hundredths of a pixel, with the disc on its right.
+    /// A disc whose grey levels are the share of each pixel that it covers: one closed border, in order, to
+    /// some hundredths of a pixel, with the disc on its right.
     #[test]
     fn the_outline_of_a_disc_runs_round_it_once() {
         let center = [60.3, 48.8];
@@ -190,7 +193,8 @@ mod tests {
         let places = &found[0].places;
         let mut turned = 0.0;
         for k in 0..places.len() {
-            let [p, q] = [places[k], places[(k + 1) % places.len()]].map(|p| [p[0] - center[0], p[1] - center[1]]);
+            let [p, q] =
+                [places[k], places[(k + 1) % places.len()]].map(|p| [p[0] - center[0], p[1] - center[1]]);
             assert!((p[0].hypot(p[1]) - 30.4).abs() < 0.06, "{}", p[0].hypot(p[1]));
             assert!((q[0] - p[0]).hypot(q[1] - p[1]) < 1.5);
             turned += (p[0] * q[1] - p[1] * q[0]).atan2(p[0] * q[0] + p[1] * q[1]);

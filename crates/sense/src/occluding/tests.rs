@@ -35,10 +35,8 @@ impl Ellipsoid {
         (0..count)
             .map(|k| {
                 let t = std::f64::consts::TAU * k as f64 / count as f64;
-                let x = add(
-                    scale(1.0 / far2, c),
-                    add(scale(radius * t.cos(), a), scale(radius * t.sin(), b)),
-                );
+                let x =
+                    add(scale(1.0 / far2, c), add(scale(radius * t.cos(), a), scale(radius * t.sin(), b)));
                 std::array::from_fn(|k| self.middle[k] + self.axes[k] * x[k])
             })
             .collect()
@@ -51,22 +49,19 @@ impl Ellipsoid {
     /// Distance to the surface, of first order.
     fn height(&self, at: [f64; 3]) -> f64 {
         let g: [f64; 3] = std::array::from_fn(|k| (at[k] - self.middle[k]) / self.axes[k].powi(2));
-        let f = (0..3)
-            .map(|k| ((at[k] - self.middle[k]) / self.axes[k]).powi(2))
-            .sum::<f64>()
-            - 1.0;
+        let f = (0..3).map(|k| ((at[k] - self.middle[k]) / self.axes[k]).powi(2)).sum::<f64>() - 1.0;
         0.5 * f / norm(g)
     }
 
     /// Its outline, the thing on the right.
     fn outline(&self, camera: &Pinhole, sigma: f64, random: &mut ChaCha8Rng) -> Contour {
-        let exact: Vec<[f64; 2]> = (self.generator(camera.centre(), 900).iter())
-            .map(|p| camera.project(*p).unwrap())
-            .collect();
+        let exact: Vec<[f64; 2]> =
+            (self.generator(camera.centre(), 900).iter()).map(|p| camera.project(*p).unwrap()).collect();
         let middle = camera.project(self.middle).unwrap();
         let turn: f64 = (0..exact.len())
             .map(|k| {
-                let [p, q] = [exact[k], exact[(k + 1) % exact.len()]].map(|p| [p[0] - middle[0], p[1] - middle[1]]);
+                let [p, q] =
+                    [exact[k], exact[(k + 1) % exact.len()]].map(|p| [p[0] - middle[0], p[1] - middle[1]]);
                 p[0] * q[1] - p[1] * q[0]
             })
             .sum();
@@ -141,14 +136,8 @@ fn depth_error(thing: &Ellipsoid, camera: &Pinhole, point: &OccludingPoint) -> f
     dot(sub(point.position, nearest), way)
 }
 
-const BALL: Ellipsoid = Ellipsoid {
-    middle: [0.0; 3],
-    axes: [1.0; 3],
-};
-const EGG: Ellipsoid = Ellipsoid {
-    middle: [0.1, -0.2, 0.1],
-    axes: [1.4, 0.8, 1.1],
-};
+const BALL: Ellipsoid = Ellipsoid { middle: [0.0; 3], axes: [1.0; 3] };
+const EGG: Ellipsoid = Ellipsoid { middle: [0.1, -0.2, 0.1], axes: [1.4, 0.8, 1.1] };
 
 #[test]
 fn a_ball_without_noise_is_found_to_its_window() {
@@ -158,12 +147,7 @@ fn a_ball_without_noise_is_found_to_its_window() {
     for p in &found.points {
         assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 0.02 * p.sigma_depth.max(0.05));
         assert!(BALL.height(p.position).abs() < 1e-4, "{}", BALL.height(p.position));
-        assert!(
-            (p.radius - 1.0).abs() < 0.02 + 3.0 * p.sigma_radius,
-            "{} {}",
-            p.radius,
-            p.sigma_radius
-        );
+        assert!((p.radius - 1.0).abs() < 0.02 + 3.0 * p.sigma_radius, "{} {}", p.radius, p.sigma_radius);
         assert!(dot(p.normal, BALL.normal(p.position)) > 0.9999);
     }
     // Above and below, epipolar planes touch the ball.
@@ -174,27 +158,20 @@ fn a_ball_without_noise_is_found_to_its_window() {
     );
 }
 
-/// Errors over their stated σ: of the depth, of the place along the normal, of the normal, and the contours' own χ².
+/// Errors over their stated σ: of the depth, of the place along the normal, of the normal, and the contours'
+/// own χ².
 #[test]
 fn sigma_of_noisy_contours_tells_the_truth() {
     let cameras = arc(21, 5.0, 1.5);
     let found = run(&seen(&cameras, &EGG, 0.15)).unwrap();
     assert!(found.points.len() > 800, "{:?}", found.left_out);
-    assert!(
-        (found.reduced_chi_square - 1.0).abs() < 0.05,
-        "{}",
-        found.reduced_chi_square
-    );
-    let depth = rms(found
-        .points
-        .iter()
-        .map(|p| depth_error(&EGG, &cameras[p.view], p) / p.sigma_depth));
+    assert!((found.reduced_chi_square - 1.0).abs() < 0.05, "{}", found.reduced_chi_square);
+    let depth = rms(found.points.iter().map(|p| depth_error(&EGG, &cameras[p.view], p) / p.sigma_depth));
     assert!((0.8..1.15).contains(&depth), "{depth}");
     let height = rms(found.points.iter().map(|p| {
         let n = EGG.normal(p.position);
-        let variance: f64 = (0..3)
-            .map(|i| (0..3).map(|j| n[i] * p.covariance[i][j] * n[j]).sum::<f64>())
-            .sum();
+        let variance: f64 =
+            (0..3).map(|i| (0..3).map(|j| n[i] * p.covariance[i][j] * n[j]).sum::<f64>()).sum();
         EGG.height(p.position) / variance.sqrt()
     }));
     assert!((0.8..1.2).contains(&height), "{height}");
@@ -207,15 +184,14 @@ fn sigma_of_noisy_contours_tells_the_truth() {
     assert!((0.75..1.25).contains(&turned), "{turned}");
 }
 
-/// Views 20° apart: the egg's radius changes from one to the next. What the circle leaves out is most of the error, and is stated.
+/// Views 20° apart: the egg's radius changes from one to the next. What the circle leaves out is most of the
+/// error, and is stated.
 #[test]
 fn what_the_circle_leaves_out_is_stated() {
     let cameras = arc(7, 20.0, 1.0);
     let found = run(&seen(&cameras, &EGG, 0.02)).unwrap();
     assert!(found.points.len() > 150, "{:?}", found.left_out);
-    let errors: Vec<f64> = (found.points.iter())
-        .map(|p| depth_error(&EGG, &cameras[p.view], p))
-        .collect();
+    let errors: Vec<f64> = (found.points.iter()).map(|p| depth_error(&EGG, &cameras[p.view], p)).collect();
     let stated = rms(errors.iter().zip(&found.points).map(|(e, p)| e / p.sigma_depth));
     let without = rms(errors
         .iter()
@@ -228,9 +204,8 @@ fn what_the_circle_leaves_out_is_stated() {
 /// A camera that flies along a line which touches the ball: that line of sight tells nothing, and says so.
 #[test]
 fn a_line_of_sight_along_the_motion_is_left_out() {
-    let cameras: Vec<Pinhole> = (0..9)
-        .map(|k| camera([-8.0 + 0.4 * f64::from(k), 1.0, 0.0], [0.0; 3]))
-        .collect();
+    let cameras: Vec<Pinhole> =
+        (0..9).map(|k| camera([-8.0 + 0.4 * f64::from(k), 1.0, 0.0], [0.0; 3])).collect();
     let views = seen(&cameras, &BALL, 0.1);
     let found = run(&views).unwrap();
     assert!(
@@ -242,28 +217,19 @@ fn a_line_of_sight_along_the_motion_is_left_out() {
         assert!(depth_error(&BALL, &cameras[p.view], p).abs() < 5.0 * p.sigma_depth);
     }
     // A camera that only turns sees no depth at all.
-    let turning: Vec<Pinhole> = (0..5)
-        .map(|k| camera([7.0, 1e-9 * f64::from(k), 0.0], [0.0, 0.05 * f64::from(k), 0.0]))
-        .collect();
+    let turning: Vec<Pinhole> =
+        (0..5).map(|k| camera([7.0, 1e-9 * f64::from(k), 0.0], [0.0, 0.05 * f64::from(k), 0.0])).collect();
     let said = run(&seen(&turning, &BALL, 0.1)).unwrap_err().to_string();
-    assert!(
-        said.contains("no place") && said.contains("across the lines of sight"),
-        "{said}"
-    );
+    assert!(said.contains("no place") && said.contains("across the lines of sight"), "{said}");
 }
 
-/// Two balls, one of which passes before the other: their common outline falls apart and comes together again. Every place that is given is of one of them.
+/// Two balls, one of which passes before the other: their common outline falls apart and comes together
+/// again. Every place that is given is of one of them.
 #[test]
 fn outlines_that_part_are_not_joined_wrongly() {
     let balls = [
-        Ellipsoid {
-            middle: [1.2, 0.3, 0.0],
-            axes: [0.8; 3],
-        },
-        Ellipsoid {
-            middle: [-1.2, -0.3, 0.1],
-            axes: [0.9; 3],
-        },
+        Ellipsoid { middle: [1.2, 0.3, 0.0], axes: [0.8; 3] },
+        Ellipsoid { middle: [-1.2, -0.3, 0.1], axes: [0.9; 3] },
     ];
     let cameras = arc(25, 5.0, 1.0);
     let mut random = ChaCha8Rng::seed_from_u64(3);
@@ -273,9 +239,8 @@ fn outlines_that_part_are_not_joined_wrongly() {
             let whole = balls.map(|b| b.outline(camera, 0.1, &mut random));
             let mut contours = Vec::new();
             for (own, other) in [(0, 1), (1, 0)] {
-                let hidden: Vec<bool> = (whole[own].places.iter())
-                    .map(|p| matching::inside(&whole[other..=other], *p))
-                    .collect();
+                let hidden: Vec<bool> =
+                    (whole[own].places.iter()).map(|p| matching::inside(&whole[other..=other], *p)).collect();
                 let count = hidden.len();
                 match (0..count).find(|k| hidden[*k] && !hidden[(k + 1) % count]) {
                     None if !hidden[0] => contours.push(whole[own].clone()),
@@ -303,12 +268,7 @@ fn outlines_that_part_are_not_joined_wrongly() {
         .collect();
     assert!(counts.len() > 1, "the outlines do part");
     let found = run(&views).unwrap();
-    assert!(
-        found.points.len() > 800 && found.strips > 1,
-        "{} {:?}",
-        found.points.len(),
-        found.left_out
-    );
+    assert!(found.points.len() > 800 && found.strips > 1, "{} {:?}", found.points.len(), found.left_out);
     let mut of = vec![[0, 0]; found.strips];
     for p in &found.points {
         let heights = balls.map(|b| b.height(p.position).abs());
@@ -329,10 +289,7 @@ fn the_hull_says_what_no_contour_saw() {
         })
         .collect();
     let views = seen(&around, &BALL, 0.05);
-    let bounds = planish_mesh::BoundingBox {
-        min: [-1.5; 3],
-        max: [1.5; 3],
-    };
+    let bounds = planish_mesh::BoundingBox { min: [-1.5; 3], max: [1.5; 3] };
     let hull = VisualHull::new(&views, &bounds, 60).unwrap();
     let all = run(&views).unwrap();
     assert_eq!(all.left_out.get("end_of_sequence"), None);
@@ -343,10 +300,7 @@ fn the_hull_says_what_no_contour_saw() {
     // Without one view more is left, and a place within all is as deep as before or deeper.
     let bound = SilhouetteBound::new(&views).unwrap();
     for p in hull.mesh.positions.iter().step_by(7) {
-        assert!(
-            bound.depth(*p).abs() < 0.1 && bound.depth_without_one(*p) >= bound.depth(*p),
-            "{p:?}"
-        );
+        assert!(bound.depth(*p).abs() < 0.1 && bound.depth_without_one(*p) >= bound.depth(*p), "{p:?}");
         let fewer = |left_out: usize| {
             let rest: Vec<ContourView> = (views.iter().enumerate())
                 .filter(|(k, _)| *k != left_out)
@@ -365,7 +319,8 @@ fn the_hull_says_what_no_contour_saw() {
     assert!(unseen < 0.25 && more > unseen + 0.3, "{unseen} {more}");
 }
 
-/// The mesh of an egg's strips: manifold, facing outwards, as near to the egg as σ says, and its depths nearer than the points' own.
+/// The mesh of an egg's strips: manifold, facing outwards, as near to the egg as σ says, and its depths
+/// nearer than the points' own.
 #[test]
 fn strips_become_meshes_with_regularised_depths() {
     let cameras = arc(25, 4.0, 1.0);
@@ -382,10 +337,7 @@ fn strips_become_meshes_with_regularised_depths() {
         vertices += mesh.positions.len();
         area += mesh.area();
     }
-    assert!(
-        vertices as f64 > 0.95 * found.points.len() as f64 && area > 4.0,
-        "{vertices} {area}"
-    );
+    assert!(vertices as f64 > 0.95 * found.points.len() as f64 && area > 4.0, "{vertices} {area}");
     let error = |moved: bool| {
         rms((found.points.iter().zip(&found.relaxed)).map(|(p, relaxed)| {
             let at = if moved { *relaxed } else { p.position };
@@ -402,12 +354,7 @@ fn mistakes_are_named() {
     let mut odd = views.clone();
     odd[1].sigma_px = 0.0;
     assert!(run(&odd).unwrap_err().to_string().contains("view `view1`"));
-    let options = OccludingOptions {
-        half_window_px: -1.0,
-        ..OccludingOptions::default()
-    };
-    let said = occluding_contours(&views, &options, &mut |_| Ok(()))
-        .unwrap_err()
-        .to_string();
+    let options = OccludingOptions { half_window_px: -1.0, ..OccludingOptions::default() };
+    let said = occluding_contours(&views, &options, &mut |_| Ok(())).unwrap_err().to_string();
     assert!(said.contains("window"), "{said}");
 }

@@ -49,24 +49,18 @@ fn pictures_that_contradict_their_lights_are_told() {
     let directions = lights(6);
     let mut pictures = ball(&directions, 1.0, 0.0, 0.0, 3);
     let found = |pictures: &[Image]| {
-        let stated = PhotometricOptions {
-            sigma_brightness: Some(1.0),
-            ..PhotometricOptions::default()
-        };
+        let stated = PhotometricOptions { sigma_brightness: Some(1.0), ..PhotometricOptions::default() };
         photometric_normals(pictures, &directions, None, &stated)
     };
     let true_order = found(&pictures).unwrap();
     let residual = true_order.sigma_of_residuals.unwrap();
     assert!((0.7..1.4).contains(&residual), "{residual} of 1");
-    // In another order the residuals say so, whatever σ is stated. (Not in one that only turns the ring of lights.)
+    // In another order the residuals say so, whatever σ is stated. (Not in one that only turns the ring of
+    // lights.)
     pictures.swap(0, 2);
     let wrong_order = found(&pictures).unwrap();
     let residual = wrong_order.sigma_of_residuals.unwrap();
-    assert!(
-        residual > 0.05 * wrong_order.brightest,
-        "{residual} of {}",
-        wrong_order.brightest
-    );
+    assert!(residual > 0.05 * wrong_order.brightest, "{residual} of {}", wrong_order.brightest);
     // One picture for all lights: no residual shows that.
     let e = found(&vec![pictures[0].clone(); 6]).unwrap_err();
     assert!(e.to_string().contains("images 1 and 2 are the same"), "{e}");
@@ -91,14 +85,12 @@ fn judge(map: &NormalMap) -> (Vec<f64>, Vec<f64>) {
 fn the_stated_sigma_is_that_of_the_errors() {
     for (count, stated) in [(3, Some(2.0)), (6, None), (12, None)] {
         let lights = lights(count);
-        let options = PhotometricOptions {
-            sigma_brightness: stated,
-            ambient: Some(0.0),
-            ..Default::default()
-        };
+        let options =
+            PhotometricOptions { sigma_brightness: stated, ambient: Some(0.0), ..Default::default() };
         let (mut squares, mut inside, mut n) = (0.0, 0, 0);
         for seed in 0..4 {
-            let map = photometric_normals(&ball(&lights, 2.0, 0.0, 0.0, seed), &lights, None, &options).unwrap();
+            let map =
+                photometric_normals(&ball(&lights, 2.0, 0.0, 0.0, seed), &lights, None, &options).unwrap();
             let (normalised, _) = judge(&map);
             squares += normalised.iter().map(|e| e * e).sum::<f64>();
             inside += normalised.iter().filter(|e| e.abs() < 1.96).count();
@@ -128,33 +120,19 @@ fn highlights_are_left_out() {
         for (l, image) in lights.iter().zip(&images) {
             (0..3).for_each(|c| r[c] += l[c] * f64::from(image.values[k]));
         }
-        Some(
-            dot(unit(multiply(&inverse, r))?, truth)
-                .clamp(-1.0, 1.0)
-                .acos()
-                .to_degrees(),
-        )
+        Some(dot(unit(multiply(&inverse, r))?, truth).clamp(-1.0, 1.0).acos().to_degrees())
     };
     let plain: Vec<f64> = (0..SIDE * SIDE).filter_map(plain).collect();
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
-    assert!(
-        mean(&robust) < 0.5 * mean(&plain),
-        "{} and {}",
-        mean(&robust),
-        mean(&plain)
-    );
+    assert!(mean(&robust) < 0.5 * mean(&plain), "{} and {}", mean(&robust), mean(&plain));
 }
 
 #[test]
 fn light_from_everywhere_is_found() {
     let lights = lights(8);
-    let map = photometric_normals(
-        &ball(&lights, 1.0, 0.12, 0.0, 3),
-        &lights,
-        None,
-        &PhotometricOptions::default(),
-    )
-    .unwrap();
+    let map =
+        photometric_normals(&ball(&lights, 1.0, 0.12, 0.0, 3), &lights, None, &PhotometricOptions::default())
+            .unwrap();
     assert!((map.ambient - 0.12).abs() < 0.04, "{}", map.ambient);
     let (_, degrees) = judge(&map);
     assert!(median(degrees.clone()) < 1.5, "{}", median(degrees));
@@ -194,9 +172,7 @@ fn what_does_not_determine_a_normal_is_refused() {
     let three = lights(3);
     let images = ball(&three, 1.0, 0.0, 0.0, 1);
     let said = |images: &[Image], lights: &[[f64; 3]]| {
-        photometric_normals(images, lights, None, &PhotometricOptions::default())
-            .unwrap_err()
-            .to_string()
+        photometric_normals(images, lights, None, &PhotometricOptions::default()).unwrap_err().to_string()
     };
     assert!(said(&images, &three).contains("state sigma_brightness"));
     assert!(said(&images, &lights(4)).contains("found 3 and 4"));

@@ -15,14 +15,7 @@ fn camera(at: [f64; 3], turns: [f64; 3], distortion: [f64; 5]) -> LensCamera {
             .after(&about([0.0, 0.0, 1.0], turns[2]))
     };
     let inverse = world_from_camera.inverse();
-    LensCamera {
-        pinhole: Pinhole {
-            k: K,
-            r: inverse.rotation,
-            t: inverse.translation,
-        },
-        distortion,
-    }
+    LensCamera { pinhole: Pinhole { k: K, r: inverse.rotation, t: inverse.translation }, distortion }
 }
 
 fn converging() -> StereoRig {
@@ -49,14 +42,9 @@ fn a_point_lies_in_the_same_row_of_both_pictures_and_its_disparity_gives_it_back
             let source = made.source(which, place).unwrap();
             let lens = rig.cameras[which];
             let expected = lens.pixel(sub(point, lens.pinhole.centre())).unwrap();
-            assert!(
-                (0..2).all(|k| (source[k] - expected[k]).abs() < 1e-9),
-                "{source:?} {expected:?}"
-            );
+            assert!((0..2).all(|k| (source[k] - expected[k]).abs() < 1e-9), "{source:?} {expected:?}");
         }
-        let found = made
-            .world_from_rectified()
-            .apply(camera.point(left[0], left[1], disparity).unwrap());
+        let found = made.world_from_rectified().apply(camera.point(left[0], left[1], disparity).unwrap());
         assert!(norm(sub(found, point)) < 1e-9, "{found:?}");
     }
 }
@@ -74,10 +62,7 @@ fn a_lens_undone_is_as_it_was() {
 #[test]
 fn pictures_that_are_rectified_already_come_out_as_they_were() {
     let mut rig = StereoRig {
-        cameras: [
-            camera([0.0; 3], [0.0; 3], [0.0; 5]),
-            camera([0.5, 0.0, 0.0], [0.0; 3], [0.0; 5]),
-        ],
+        cameras: [camera([0.0; 3], [0.0; 3], [0.0; 5]), camera([0.5, 0.0, 0.0], [0.0; 3], [0.0; 5])],
         sigma_disparity: 0.0,
     };
     rig.cameras[1].pinhole.k[0][2] += 7.0;
@@ -104,11 +89,8 @@ fn points_and_covariances_turn_with_the_rig() {
     let motion = Pose::from_rotation_vector([0.7, -0.4, 1.1], [5.0, -3.0, 2.0]);
     let mut moved = rig;
     for camera in &mut moved.cameras {
-        let camera_from_world = Pose {
-            rotation: camera.pinhole.r,
-            translation: camera.pinhole.t,
-        }
-        .after(&motion.inverse());
+        let camera_from_world =
+            Pose { rotation: camera.pinhole.r, translation: camera.pinhole.t }.after(&motion.inverse());
         (camera.pinhole.r, camera.pinhole.t) = (camera_from_world.rotation, camera_from_world.translation);
     }
     let scan = |rig: &StereoRig| {
@@ -130,10 +112,7 @@ fn points_and_covariances_turn_with_the_rig() {
 #[test]
 fn cameras_that_cannot_be_rectified_are_refused() {
     let with = |second: LensCamera| {
-        let rig = StereoRig {
-            cameras: [camera([0.0; 3], [0.0; 3], [0.0; 5]), second],
-            sigma_disparity: 0.0,
-        };
+        let rig = StereoRig { cameras: [camera([0.0; 3], [0.0; 3], [0.0; 5]), second], sigma_disparity: 0.0 };
         Rectification::new(&rig, [SIZE; 2]).unwrap_err().to_string()
     };
     let e = with(camera([0.1, 0.0, 3.0], [0.0; 3], [0.0; 5]));

@@ -1,10 +1,12 @@
 //! What it costs to match a pixel of the left image with one of the right.
 //!
-//! Comes in: two rectified images. Goes out, row by row: for every pixel and disparity a cost from 0 to [`WORST`].
-//! Not guaranteed: anything beyond the right image's border, where the cost is [`WORST`].
+//! Comes in: two rectified images. Goes out, row by row: for every pixel and disparity a cost from 0 to
+//! [`WORST`]. Not guaranteed: anything beyond the right image's border, where the cost is [`WORST`].
 //!
-//! The cost is the Hamming distance of two census transforms (Zabih and Woodfill 1994), which no change of exposure alters, and a share of the difference of brightness that no sampling
-//! explains (Birchfield and Tomasi 1998), after each image is scaled by its own contrast. Census alone errs at thin things, whose windows hold mostly background.
+//! The cost is the Hamming distance of two census transforms (Zabih and Woodfill 1994), which no change of
+//! exposure alters, and a share of the difference of brightness that no sampling explains (Birchfield and
+//! Tomasi 1998), after each image is scaled by its own contrast. Census alone errs at thin things, whose
+//! windows hold mostly background.
 
 use rayon::prelude::*;
 
@@ -25,7 +27,8 @@ const MOST_DIFFERENCE: i16 = 40;
 /// Hundredths of the contrast: twice the deviation of the brightness is 100.
 const CONTRAST_STEPS: f32 = 100.0;
 
-/// The two images as the cost sees them; rows of the right one run backwards, so that disparities run forwards.
+/// The two images as the cost sees them; rows of the right one run backwards, so that disparities run
+/// forwards.
 pub(super) struct MatchingCost {
     columns: usize,
     least: i32,
@@ -51,7 +54,8 @@ impl MatchingCost {
         all
     }
 
-    /// The costs of a row: `disparities` for each pixel, pixel after pixel. Meant to be inlined where wide instructions are.
+    /// The costs of a row: `disparities` for each pixel, pixel after pixel. Meant to be inlined where wide
+    /// instructions are.
     #[inline(always)]
     pub(super) fn row(&self, row: usize, disparities: usize, costs: &mut [u8]) {
         let columns = self.columns;
@@ -98,7 +102,8 @@ fn levels(image: &Image) -> [Vec<i16>; 3] {
         let row = image.row(row);
         for x in 0..row.len() {
             let here = level(row[x]);
-            let half = [x.saturating_sub(1), (x + 1).min(row.len() - 1)].map(|k| level(0.5 * (row[x] + row[k])));
+            let half =
+                [x.saturating_sub(1), (x + 1).min(row.len() - 1)].map(|k| level(0.5 * (row[x] + row[k])));
             levels[0].push(here);
             levels[1].push(here.min(half[0]).min(half[1]));
             levels[2].push(here.max(half[0]).max(half[1]));
@@ -136,9 +141,7 @@ mod tests {
 
     fn pattern(columns: usize, rows: usize, shift: usize) -> Image {
         let value = |x: usize, y: usize| ((x * 7919 + y * 104_729 + (x * y) % 13 * 31) % 97) as f32;
-        let values = (0..rows)
-            .flat_map(|y| (0..columns).map(move |x| value(x + shift, y)))
-            .collect();
+        let values = (0..rows).flat_map(|y| (0..columns).map(move |x| value(x + shift, y))).collect();
         Image::try_new(columns, rows, values).unwrap()
     }
 

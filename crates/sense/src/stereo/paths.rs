@@ -1,11 +1,14 @@
 //! Costs summed along eight paths: the semi-global part.
 //!
 //! Comes in: the costs of every pixel and disparity, row by row. Goes out: their sum over eight directions r,
-//! `S(p, d) = Σ_r L_r(p, d)`, `L_r(p, d) = C(p, d) + min(L_r(p−r, d), L_r(p−r, d±1) + P1, min_k L_r(p−r, k) + P2) − min_k L_r(p−r, k)`.
-//! P2 falls where brightness jumps, because depth jumps there rather than elsewhere: `P2 / (1 + |ΔI| / contrast)`, never below P1.
-//! Not guaranteed: a minimum over the whole image; each path is minimised alone.
+//! `S(p, d) = Σ_r L_r(p, d)`,
+//! `L_r(p, d) = C(p, d) + min(L_r(p−r, d), L_r(p−r, d±1) + P1, min_k L_r(p−r, k) + P2) − min_k L_r(p−r, k)`.
+//! P2 falls where brightness jumps, because depth jumps there rather than elsewhere:
+//! `P2 / (1 + |ΔI| / contrast)`, never below P1. Not guaranteed: a minimum over the whole image; each path is
+//! minimised alone.
 //!
-//! Sums are of whole numbers: the same bytes in any order and at any number of threads. Two bytes a pixel and disparity.
+//! Sums are of whole numbers: the same bytes in any order and at any number of threads. Two bytes a pixel and
+//! disparity.
 //!
 //! # References
 //! Hirschmüller, *Stereo Processing by Semi-Global Matching and Mutual Information*, PAMI 2008, eq. 13.
@@ -44,7 +47,8 @@ impl Penalties {
     }
 }
 
-/// The costs of one path at one pixel, with a border on both sides that no step takes, and their least behind.
+/// The costs of one path at one pixel, with a border on both sides that no step takes, and their least
+/// behind.
 #[inline(always)]
 fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sums: &mut [u16]) {
     let n = costs.len();
@@ -53,7 +57,9 @@ fn step(costs: &[u8], before: &[u16], more: u16, one: u16, here: &mut [u16], sum
     let neighbours = before[..n].iter().zip(&before[2..n + 2]);
     let from = before[1..=n].iter().zip(neighbours);
     let mut smallest = u16::MAX;
-    for (((here, sum), &cost), (&same, (&below, &above))) in here[1..=n].iter_mut().zip(sums).zip(costs).zip(from) {
+    for (((here, sum), &cost), (&same, (&below, &above))) in
+        here[1..=n].iter_mut().zip(sums).zip(costs).zip(from)
+    {
         let beside = below.min(above).wrapping_add(one);
         let path = u16::from(cost).wrapping_add(same.min(beside).min(jump).wrapping_sub(least));
         *here = path;
@@ -94,7 +100,13 @@ pub(super) fn sums(
 }
 
 /// The two directions along the rows.
-fn along_rows(image: &Image, cost: &MatchingCost, disparities: usize, penalties: Penalties, sums: &mut [u16]) {
+fn along_rows(
+    image: &Image,
+    cost: &MatchingCost,
+    disparities: usize,
+    penalties: Penalties,
+    sums: &mut [u16],
+) {
     let columns = image.columns;
     let row_length = columns * disparities;
     let simd = pulp::Arch::new();
@@ -130,14 +142,7 @@ impl WithSimd for AlongRow<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self {
-            brightness,
-            disparities,
-            penalties,
-            costs,
-            sums,
-            ..
-        } = self;
+        let Self { brightness, disparities, penalties, costs, sums, .. } = self;
         let columns = brightness.len();
         self.cost.row(self.row, disparities, costs);
         for backwards in [false, true] {
@@ -145,11 +150,7 @@ impl WithSimd for AlongRow<'_> {
             let (mut before, mut here) = path.split_at_mut(disparities + 3);
             for k in 0..columns {
                 let x = if backwards { columns - 1 - k } else { k };
-                let last = if backwards {
-                    (x + 1).min(columns - 1)
-                } else {
-                    x.saturating_sub(1)
-                };
+                let last = if backwards { (x + 1).min(columns - 1) } else { x.saturating_sub(1) };
                 let at = x * disparities..(x + 1) * disparities;
                 let more = penalties.more_at(brightness[x] - brightness[last]);
                 step(&costs[at.clone()], before, more, penalties.one, here, &mut sums[at]);
@@ -181,26 +182,14 @@ fn across_rows(
     for first in (0..rows).step_by(ROWS_OF_COSTS) {
         let block = ROWS_OF_COSTS.min(rows - first);
         let row_of = |k: usize| if upwards { rows - 1 - k } else { k };
-        costs[..block * row_length]
-            .par_chunks_exact_mut(row_length)
-            .enumerate()
-            .for_each(|(i, costs)| {
-                let (row, disparities) = (row_of(first + i), disparities);
-                simd.dispatch(RowCosts {
-                    cost,
-                    row,
-                    disparities,
-                    costs,
-                });
-            });
+        costs[..block * row_length].par_chunks_exact_mut(row_length).enumerate().for_each(|(i, costs)| {
+            let (row, disparities) = (row_of(first + i), disparities);
+            simd.dispatch(RowCosts { cost, row, disparities, costs });
+        });
         for i in 0..block {
             let k = first + i;
             let y = row_of(k);
-            let last = if upwards {
-                (y + 1).min(rows - 1)
-            } else {
-                y.saturating_sub(1)
-            };
+            let last = if upwards { (y + 1).min(rows - 1) } else { y.saturating_sub(1) };
             let (brightness, other) = (image.row(y), image.row(last));
             let costs = &costs[i * row_length..][..row_length];
             let tasks = here
@@ -264,28 +253,17 @@ impl WithSimd for Across<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self {
-            disparities,
-            penalties,
-            brightness,
-            ..
-        } = self;
+        let Self { disparities, penalties, brightness, .. } = self;
         let width = disparities + 3;
-        let pixels = self
-            .here
-            .chunks_exact_mut(3 * width)
-            .zip(self.sums.chunks_exact_mut(disparities));
+        let pixels = self.here.chunks_exact_mut(3 * width).zip(self.sums.chunks_exact_mut(disparities));
         for (x, (here, sums)) in (self.first..).zip(pixels) {
             let costs = &self.costs[x * disparities..][..disparities];
             for (path, here) in here.chunks_exact_mut(width).enumerate() {
-                let from = (x + path)
-                    .checked_sub(1)
-                    .filter(|from| *from < brightness.len() && self.begun);
+                let from = (x + path).checked_sub(1).filter(|from| *from < brightness.len() && self.begun);
                 let (before, change) = match from {
-                    Some(from) => (
-                        &self.before[(3 * from + path) * width..][..width],
-                        brightness[x] - self.other[from],
-                    ),
+                    Some(from) => {
+                        (&self.before[(3 * from + path) * width..][..width], brightness[x] - self.other[from])
+                    }
                     None => (self.start, 0.0),
                 };
                 step(costs, before, penalties.more_at(change), penalties.one, here, sums);

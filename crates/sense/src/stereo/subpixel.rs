@@ -1,18 +1,22 @@
 //! Disparities between whole pixels and their σ, by least squares on brightness.
 //!
-//! Comes in: both images and a first disparity for every pixel that is believed. Goes out: a [`Refined`] for each of them.
-//! Not guaranteed: anything across depth edges, where the window holds two surfaces; what lies on another is left out by its disparity and brightness.
+//! Comes in: both images and a first disparity for every pixel that is believed. Goes out: a [`Refined`] for
+//! each of them. Not guaranteed: anything across depth edges, where the window holds two surfaces; what lies
+//! on another is left out by its disparity and brightness.
 //!
-//! In a window about the pixel p the surface is a plane, `d(q) = d + s·(q − p)`, whose slopes s are fitted to the first disparities. Then
-//! `Σ_q w_q (I_L(q) − I_R(x_q − d(q)) − b)²` is minimised over d and the offset b by Gauss–Newton. The right image is interpolated by cubics, which do not
-//! draw disparities to whole numbers as lines do. The variance is that of least squares with weights that are no inverse variances,
-//! `σ² = s² Σ w² (g − ḡ)² / (Σ w (g − ḡ)²)²`, g the gradient of the right image, s² the variance of the residuals: steep texture makes
-//! it small, noise large.
+//! In a window about the pixel p the surface is a plane, `d(q) = d + s·(q − p)`, whose slopes s are fitted to
+//! the first disparities. Then `Σ_q w_q (I_L(q) − I_R(x_q − d(q)) − b)²` is minimised over d and the offset b
+//! by Gauss–Newton. The right image is interpolated by cubics, which do not draw disparities to whole numbers
+//! as lines do. The variance is that of least squares with weights that are no inverse variances,
+//! `σ² = s² Σ w² (g − ḡ)² / (Σ w (g − ḡ)²)²`, g the gradient of the right image, s² the variance of the
+//! residuals: steep texture makes it small, noise large.
 //!
 //! # References
 //! - Lucas and Kanade, *An iterative image registration technique*, 1981.
-//! - Kanade and Okutomi, *A stereo matching algorithm with an adaptive window*, PAMI 1994, eq. 13, for the variance.
-//! - Shimizu and Okutomi, *Precise sub-pixel estimation on area-based matching*, ICCV 2001, for the bias towards whole pixels.
+//! - Kanade and Okutomi, *A stereo matching algorithm with an adaptive window*, PAMI 1994, eq. 13, for the
+//!   variance.
+//! - Shimizu and Okutomi, *Precise sub-pixel estimation on area-based matching*, ICCV 2001, for the bias
+//!   towards whole pixels.
 
 use rayon::prelude::*;
 
@@ -49,7 +53,8 @@ pub(super) struct Refined {
     pub(super) support: f32,
 }
 
-/// Refines every disparity that is finite, where there is texture to do it by; `contrast` is the difference of brightness that halves a neighbour's weight.
+/// Refines every disparity that is finite, where there is texture to do it by; `contrast` is the difference
+/// of brightness that halves a neighbour's weight.
 pub(super) fn refine(left: &Image, right: &Image, first: &[f32], contrast: f32) -> Vec<Option<Refined>> {
     let columns = left.columns;
     let window = |x: usize, y: usize| {
@@ -130,13 +135,7 @@ impl Window {
             squares += w * residual * residual;
             weight += w;
         }
-        Self {
-            x,
-            y,
-            members,
-            plane: [middle + level, along, across],
-            rough: (squares / weight).sqrt(),
-        }
+        Self { x, y, members, plane: [middle + level, along, across], rough: (squares / weight).sqrt() }
     }
 
     /// The refined disparity and the variance of the residuals; none where the window has no texture.
@@ -248,9 +247,6 @@ mod tests {
     fn the_small_system_is_solved() {
         let m = [4.0, 1.0, 0.5, 3.0, -0.5, 2.0];
         let x = solve(m, [4.0 + 2.0 + 1.5, 1.0 + 6.0 - 1.5, 0.5 - 1.0 + 6.0]);
-        assert!(
-            x.iter().zip([1.0, 2.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-5),
-            "{x:?}"
-        );
+        assert!(x.iter().zip([1.0, 2.0, 3.0]).all(|(a, b)| (a - b).abs() < 1e-5), "{x:?}");
     }
 }

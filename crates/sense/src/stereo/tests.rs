@@ -19,19 +19,15 @@ impl Texture {
     }
 
     fn at(&self, x: f64, y: f64) -> f64 {
-        128.0
-            + self
-                .0
-                .iter()
-                .map(|[a, b, phase, h]| h * (a * x + b * y + phase).sin())
-                .sum::<f64>()
+        128.0 + self.0.iter().map(|[a, b, phase, h]| h * (a * x + b * y + phase).sin()).sum::<f64>()
     }
 }
 
 const COLUMNS: usize = 160;
 const ROWS: usize = 90;
 
-/// A slanted plane behind a level square, seen by two cameras with noise; with the left image's true disparities.
+/// A slanted plane behind a level square, seen by two cameras with noise; with the left image's true
+/// disparities.
 fn scene(seed: u64, sigma: f64) -> (Image, Image, Vec<f64>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (back, front) = (Texture::new(&mut rng), Texture::new(&mut rng));
@@ -50,20 +46,14 @@ fn scene(seed: u64, sigma: f64) -> (Image, Image, Vec<f64>) {
         let (x, y) = ((k % COLUMNS) as f64, (k / COLUMNS) as f64);
         // x_right = x − d(x) solved for x.
         let behind = (x + 6.0 + 0.01 * y) / 0.98;
-        if square(x + 17.3, y) {
-            front.at(x + 17.3, y)
-        } else {
-            back.at(behind, y)
-        }
+        if square(x + 17.3, y) { front.at(x + 17.3, y) } else { back.at(behind, y) }
     };
     let mut normal = || {
         let (a, b): (f64, f64) = (rng.random(), rng.random());
         (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
     };
     let mut image = |value: &dyn Fn(usize) -> f64| {
-        let values = (0..COLUMNS * ROWS)
-            .map(|k| (value(k) + sigma * normal()) as f32)
-            .collect();
+        let values = (0..COLUMNS * ROWS).map(|k| (value(k) + sigma * normal()) as f32).collect();
         Image::try_new(COLUMNS, ROWS, values).unwrap()
     };
     let (left, right) = (image(&left), image(&right));
@@ -157,10 +147,7 @@ fn the_number_of_threads_changes_nothing() {
 #[test]
 fn negative_disparities_are_found_with_the_images_exchanged() {
     let (left, right, _) = scene(3, 2.0);
-    let options = StereoOptions {
-        least_disparity: -31,
-        ..OPTIONS
-    };
+    let options = StereoOptions { least_disparity: -31, ..OPTIONS };
     let map = match_stereo(&right, &left, &options, &mut |_| Ok(())).unwrap();
     // The middle of the square, seen from the right.
     let middle = map.disparity[45 * COLUMNS + 68];
@@ -178,34 +165,14 @@ fn images_without_texture_give_nothing_to_believe() {
 fn sizes_and_options_that_cannot_be_are_refused() {
     let image = |columns, rows| Image::try_new(columns, rows, vec![0.0; columns * rows]).unwrap();
     let refused = |left: &Image, right: &Image, options: &StereoOptions| {
-        match_stereo(left, right, options, &mut |_| Ok(()))
-            .unwrap_err()
-            .to_string()
+        match_stereo(left, right, options, &mut |_| Ok(())).unwrap_err().to_string()
     };
     assert!(refused(&image(64, 32), &image(64, 33), &OPTIONS).contains("64 × 32 and 64 × 33"));
     let one = image(64, 32);
     for (options, words) in [
-        (
-            StereoOptions {
-                disparities: 2,
-                ..OPTIONS
-            },
-            "from 4 to 4096",
-        ),
-        (
-            StereoOptions {
-                large_step: 10,
-                ..OPTIONS
-            },
-            "penalties",
-        ),
-        (
-            StereoOptions {
-                least_disparity: -64,
-                ..OPTIONS
-            },
-            "below the images' width of 64",
-        ),
+        (StereoOptions { disparities: 2, ..OPTIONS }, "from 4 to 4096"),
+        (StereoOptions { large_step: 10, ..OPTIONS }, "penalties"),
+        (StereoOptions { least_disparity: -64, ..OPTIONS }, "below the images' width of 64"),
     ] {
         assert!(refused(&one, &one, &options).contains(words), "{words}");
     }

@@ -1,10 +1,12 @@
 //! The disparity that the sums of costs prefer, and whether to believe it.
 //!
-//! Comes in: sums for each pixel and disparity. Goes out: for each pixel its best disparity between whole numbers; then what tells which pixels are
-//! believed: a clear minimum, the same match from the right image, no speckle.
-//! Not guaranteed: that a repeated pattern is found out; its second minimum may be as good and as consistent.
+//! Comes in: sums for each pixel and disparity. Goes out: for each pixel its best disparity between whole
+//! numbers; then what tells which pixels are believed: a clear minimum, the same match from the right image,
+//! no speckle. Not guaranteed: that a repeated pattern is found out; its second minimum may be as good and as
+//! consistent.
 //!
-//! The right image's disparities are read off the same sums, along their diagonals (Hirschmüller 2008, section 2.3).
+//! The right image's disparities are read off the same sums, along their diagonals (Hirschmüller 2008,
+//! section 2.3).
 
 use rayon::prelude::*;
 
@@ -23,9 +25,16 @@ pub(super) struct Winner {
 
 /// The winners of all pixels.
 ///
-/// `share` is how much more than the least the next minimum must cost, in hundredths; `least` is the disparity of index 0, of which a row of `columns` pixels has fewer the nearer to
-/// its beginning: beyond, the right image ends. A least sum at either end is no minimum.
-pub(super) fn winners(sums: &[u16], columns: usize, disparities: usize, least: i32, share: u32) -> Vec<Winner> {
+/// `share` is how much more than the least the next minimum must cost, in hundredths; `least` is the
+/// disparity of index 0, of which a row of `columns` pixels has fewer the nearer to its beginning: beyond,
+/// the right image ends. A least sum at either end is no minimum.
+pub(super) fn winners(
+    sums: &[u16],
+    columns: usize,
+    disparities: usize,
+    least: i32,
+    share: u32,
+) -> Vec<Winner> {
     sums.par_chunks_exact(disparities)
         .enumerate()
         .map(|(pixel, sums)| {
@@ -51,8 +60,8 @@ fn winner(sums: &[u16], share: u32) -> Winner {
     }
 }
 
-/// Where the minimum lies between whole numbers: two lines of equal slope through three sums (Shimizu and Okutomi 2001), which
-/// sums of absolute differences and Hamming distances follow rather than a parabola.
+/// Where the minimum lies between whole numbers: two lines of equal slope through three sums (Shimizu and
+/// Okutomi 2001), which sums of absolute differences and Hamming distances follow rather than a parabola.
 fn offset(sums: &[u16], best: usize) -> f32 {
     if best == 0 || best + 1 >= sums.len() {
         return 0.0;
@@ -62,13 +71,12 @@ fn offset(sums: &[u16], best: usize) -> f32 {
     if rise > 0.0 { 0.5 * (below - above) / rise } else { 0.0 }
 }
 
-/// For every pixel of the right image the index of its disparity, row by row; `least` is the disparity of index 0.
+/// For every pixel of the right image the index of its disparity, row by row; `least` is the disparity of
+/// index 0.
 pub(super) fn right_winners(sums: &[u16], columns: usize, disparities: usize, least: i32) -> Vec<u16> {
     let rows = sums.len() / (columns * disparities);
     let mut all = vec![0; columns * rows];
-    let rows = all
-        .par_chunks_exact_mut(columns)
-        .zip(sums.par_chunks_exact(columns * disparities));
+    let rows = all.par_chunks_exact_mut(columns).zip(sums.par_chunks_exact(columns * disparities));
     rows.for_each(|(winners, sums)| {
         let mut costs = vec![u16::MAX; columns];
         for (x, sums) in sums.chunks_exact(disparities).enumerate() {
@@ -118,7 +126,9 @@ pub(super) fn region_sizes(values: &[f32], columns: usize, step: f32) -> Vec<u32
         }
         sizes.push(size);
     }
-    let size = |name: &u32| if *name == u32::MAX { 0 } else { sizes[*name as usize] };
+    let size = |name: &u32| {
+        if *name == u32::MAX { 0 } else { sizes[*name as usize] }
+    };
     label.iter().map(size).collect()
 }
 
@@ -140,7 +150,8 @@ mod tests {
 
     #[test]
     fn a_least_sum_at_an_end_of_the_range_is_no_minimum() {
-        // Two pixels at columns 0 and 9 of one row, disparities 2 to 5; the least is at the second, then at either end.
+        // Two pixels at columns 0 and 9 of one row, disparities 2 to 5; the least is at the second, then at
+        // either end.
         let clear = |sums: [u16; 4], column: usize| {
             let mut row = vec![200_u16; 40];
             row[4 * column..4 * column + 4].copy_from_slice(&sums);

@@ -2,17 +2,19 @@
 //!
 //! Comes in: a picture and its [`Ridges`]. Goes out: [`Crossing`]s.
 //!
-//! A crossing is first a place where the straight lines through many places nearby meet. Near it, where two stripes are one, no line is to be
-//! believed; so each stripe is a parabola `v = a + b t + c t²` through its places farther off, on both sides, and the crossing is where the parabolas meet. Without the term of
-//! second order bent stripes would be put beside their crossing; with it they cost half as much again of σ. Neighbouring places err together, and the covariance of a, b and c says so:
-//! `(XᵀX)⁻¹ Xᵀ C X (XᵀX)⁻¹`.
+//! A crossing is first a place where the straight lines through many places nearby meet. Near it, where two
+//! stripes are one, no line is to be believed; so each stripe is a parabola `v = a + b t + c t²` through its
+//! places farther off, on both sides, and the crossing is where the parabolas meet. Without the term of
+//! second order bent stripes would be put beside their crossing; with it they cost half as much again of σ.
+//! Neighbouring places err together, and the covariance of a, b and c says so: `(XᵀX)⁻¹ Xᵀ C X (XᵀX)⁻¹`.
 //!
 //! Not guaranteed: that what crosses is a stripe of the pattern; indexing tells.
 
 use super::ridges::{Ridge, Ridges, smoothed};
 use crate::Image;
 
-/// Places so far apart, in scales, say together where their lines cross; a crossing has so many votes at least.
+/// Places so far apart, in scales, say together where their lines cross; a crossing has so many votes at
+/// least.
 const VOTING_SCALES: f64 = 8.0;
 const LEAST_VOTES: f32 = 24.0;
 /// So near the other stripe, in scales, a stripe is not looked at.
@@ -22,7 +24,8 @@ const REACH: f64 = 0.48;
 const LEAST_REACH_SCALES: f64 = 6.0;
 /// Places on either side of a crossing that a stripe needs.
 const LEAST_PLACES: usize = 3;
-/// How far, in pixels, a place may lie off the straight line through its crossing, and its line turn from the stripe's, before the parabola is known.
+/// How far, in pixels, a place may lie off the straight line through its crossing, and its line turn from the
+/// stripe's, before the parabola is known.
 const OFF_LINE: f64 = 2.5;
 const TURNED_COS: f64 = 0.85;
 /// Directions of two stripes differ by so much at least (the sine).
@@ -33,7 +36,8 @@ const LEAST_CROSSING: f64 = 0.25;
 pub(super) struct Crossing {
     /// Where, in pixels.
     pub image: [f64; 2],
-    /// The angles of both stripes there, from x to y; the second is a positive turn of less than half from the first.
+    /// The angles of both stripes there, from x to y; the second is a positive turn of less than half from
+    /// the first.
     pub angles_rad: [f64; 2],
     /// Covariance of x, y and both angles, for places of strength one with σ 1.
     pub covariance: [[f64; 4]; 4],
@@ -67,11 +71,7 @@ impl Crossings {
         let reach = (REACH * spacing).max(least);
         let found = different(first.iter().filter_map(|c| crossing_at(ridges, c.image, reach)), least);
         let no_crossing = spots.len() - found.len();
-        Self {
-            found,
-            spacing,
-            no_crossing,
-        }
+        Self { found, spacing, no_crossing }
     }
 }
 
@@ -90,7 +90,8 @@ pub(super) fn apart(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// Where the straight lines through places meet: each pair of places nearby whose lines cross has a vote for where they do.
+/// Where the straight lines through places meet: each pair of places nearby whose lines cross has a vote for
+/// where they do.
 fn meeting_places(image: &Image, ridges: &Ridges) -> Vec<[f64; 2]> {
     let (columns, rows) = (image.columns, image.rows);
     let reach = VOTING_SCALES * ridges.scale;
@@ -194,12 +195,7 @@ impl Stripe {
             }
             let (curve, inverse) = parabola(&own)?;
             if last {
-                return Some(Self {
-                    centre,
-                    axis,
-                    curve,
-                    covariance: sandwich(ridges, &own, &inverse),
-                });
+                return Some(Self { centre, axis, curve, covariance: sandwich(ridges, &own, &inverse) });
             }
             // What is no part of the stripe lies far from it.
             let off = |p: &[f64; 3]| (p[1] - curve[0] - p[0] * (curve[1] + p[0] * curve[2])).abs();
@@ -291,7 +287,8 @@ fn aligned(ridge: &Ridge, axis: [f64; 2]) -> f64 {
     (ridge.direction[0] * axis[0] + ridge.direction[1] * axis[1]).abs()
 }
 
-/// The two directions about which those of the places gather, by two means of doubled angles, which have no ends.
+/// The two directions about which those of the places gather, by two means of doubled angles, which have no
+/// ends.
 fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
     let doubled: Vec<[f64; 2]> = (around.iter())
         .map(|r| {
@@ -301,7 +298,8 @@ fn two_directions(around: &[&Ridge]) -> Option<[[f64; 2]; 2]> {
         .collect();
     let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
     let first = *doubled.first()?;
-    let far = |from: [f64; 2]| (doubled.iter().copied()).min_by(|a, b| dot(*a, from).total_cmp(&dot(*b, from)));
+    let far =
+        |from: [f64; 2]| (doubled.iter().copied()).min_by(|a, b| dot(*a, from).total_cmp(&dot(*b, from)));
     let a = far(first)?;
     let mut means = [a, far(a)?];
     for _ in 0..6 {
@@ -368,7 +366,8 @@ fn meet(a: &Stripe, b: &Stripe) -> Option<Crossing> {
             jacobian[1][column] = moved[1] * basis;
             let own_slope = [0.0, 1.0, 2.0 * at][n] + 2.0 * own.curve[2] * ds * basis;
             jacobian[2 + k][column] = own_slope * turn(own, at);
-            jacobian[3 - k][column] = 2.0 * other_stripe.curve[2] * d_other * basis * turn(other_stripe, other_at);
+            jacobian[3 - k][column] =
+                2.0 * other_stripe.curve[2] * d_other * basis * turn(other_stripe, other_at);
         }
     }
     let mut covariance = [[0.0; 4]; 4];
@@ -388,11 +387,7 @@ fn meet(a: &Stripe, b: &Stripe) -> Option<Crossing> {
     if determinant < 0.0 {
         second += std::f64::consts::PI;
     }
-    Some(Crossing {
-        image,
-        angles_rad: [angles[0], second],
-        covariance,
-    })
+    Some(Crossing { image, angles_rad: [angles[0], second], covariance })
 }
 
 #[cfg(test)]

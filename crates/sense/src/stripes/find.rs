@@ -10,9 +10,11 @@
 //! | which stripes they are | indexing |
 //! | points, normals, curvatures | the module above |
 //!
-//! σ follows from the brightness of the picture: how noisy it is and how sharply each stripe stands out. What crossings keep as distance to their epipolar lines, which nothing was fitted to, says
-//! by how much that is too small or too large: texture of the object moves stripes too. The covariances of all crossings are multiplied by that one factor. Angles err by more than noise where
-//! shading and texture bend a stripe; chords between the crossings before and after tell by how much, as one σ that is added for all.
+//! σ follows from the brightness of the picture: how noisy it is and how sharply each stripe stands out. What
+//! crossings keep as distance to their epipolar lines, which nothing was fitted to, says by how much that is
+//! too small or too large: texture of the object moves stripes too. The covariances of all crossings are
+//! multiplied by that one factor. Angles err by more than noise where shading and texture bend a stripe;
+//! chords between the crossings before and after tell by how much, as one σ that is added for all.
 
 use std::collections::BTreeMap;
 
@@ -44,7 +46,8 @@ pub struct GridCamera {
     pub projector: Pinhole,
     /// What it throws.
     pub pattern: StripePattern,
-    /// σ of each coordinate of a place in either picture that finding does not see, such as of the calibration, in pixels.
+    /// σ of each coordinate of a place in either picture that finding does not see, such as of the
+    /// calibration, in pixels.
     pub sigma_px: f64,
 }
 
@@ -94,7 +97,8 @@ pub struct GridReadings {
     pub readings: Vec<GridReading>,
     /// σ of the crossings' places: the root of the mean variance of a coordinate, in pixels.
     pub sigma_px: Vec<f64>,
-    /// By how much σ is larger than the noise of the picture alone makes it; none where too few crossings judge it.
+    /// By how much σ is larger than the noise of the picture alone makes it; none where too few crossings
+    /// judge it.
     pub enlarged: Option<f64>,
     /// What was left out.
     pub rejected: GridRejected,
@@ -104,12 +108,14 @@ pub struct GridReadings {
 
 /// Finds stripes in a picture and what they say of the surface.
 ///
-/// `plain` is the same view without stripes: brightness is divided by its, so that the object's texture moves no stripe.
+/// `plain` is the same view without stripes: brightness is divided by its, so that the object's texture moves
+/// no stripe.
 ///
 /// Cost: some 0.7 s for a picture of 960 × 720.
 ///
 /// # Errors
-/// `Input` for a pattern, a scale or a σ that make no sense, and a plain picture of another size; `Undetermined` where no crossing can be told.
+/// `Input` for a pattern, a scale or a σ that make no sense, and a plain picture of another size;
+/// `Undetermined` where no crossing can be told.
 pub fn read_grid(
     image: &Image,
     plain: Option<&Image>,
@@ -126,9 +132,8 @@ pub fn read_grid(
     let ridges = Ridges::of(image, options.scale_px);
     let crossings = Crossings::of(image, &ridges);
     let net = pieces(&crossings, &ridges);
-    let indexed: Vec<Vec<Indexed>> = (net.iter())
-        .filter_map(|piece| index(piece, &crossings.found, &lines, &grid.pattern))
-        .collect();
+    let indexed: Vec<Vec<Indexed>> =
+        (net.iter()).filter_map(|piece| index(piece, &crossings.found, &lines, &grid.pattern)).collect();
     let told: usize = indexed.iter().map(Vec::len).sum();
     if told == 0 {
         return Err(Error::undetermined(format!(
@@ -166,16 +171,10 @@ pub fn read_grid(
     let sigma_angle = judged(&told_pieces.iter().flat_map(both_sides).collect::<Vec<_>>()).unwrap_or(0.0);
     for piece in &told_pieces {
         let straight = |at: &[i32; 2]| {
-            off_chords(piece, *at)
-                .iter()
-                .flatten()
-                .all(|r| r.normalised(sigma_angle) <= GATE * GATE)
+            off_chords(piece, *at).iter().flatten().all(|r| r.normalised(sigma_angle) <= GATE * GATE)
         };
-        let kept: BTreeMap<[i32; 2], &Told> = piece
-            .iter()
-            .filter(|(at, _)| straight(at))
-            .map(|(at, t)| (*at, t))
-            .collect();
+        let kept: BTreeMap<[i32; 2], &Told> =
+            piece.iter().filter(|(at, _)| straight(at)).map(|(at, t)| (*at, t)).collect();
         rejected.undetermined += made.add_piece(&kept, sigma_angle, grid);
     }
     rejected.off_line = told - made.readings.len() - rejected.undetermined;
@@ -189,13 +188,14 @@ pub fn read_grid(
 fn check(value: f64, name: &str, least: f64, most: f64) -> Result<()> {
     match value >= least && value <= most {
         true => Ok(()),
-        false => Err(Error::input(format!(
-            "needed a {name} from {least:e} to {most} pixels, found {value:e}"
-        ))),
+        false => {
+            Err(Error::input(format!("needed a {name} from {least:e} to {most} pixels, found {value:e}")))
+        }
     }
 }
 
-/// Brightness over that of the plain picture, in the scale of the picture; where the plain one is nearly black, nothing is left.
+/// Brightness over that of the plain picture, in the scale of the picture; where the plain one is nearly
+/// black, nothing is left.
 fn divide(image: &Image, plain: &Image) -> Result<Image> {
     if (image.columns, image.rows) != (plain.columns, plain.rows) {
         return Err(Error::input(format!(
@@ -206,7 +206,8 @@ fn divide(image: &Image, plain: &Image) -> Result<Image> {
     let white = plain.values.iter().fold(0.0_f32, |a, b| a.max(*b));
     // Below this share of white, noise would be all that is divided.
     let least = 0.04 * white;
-    let ratio = (image.values.iter().zip(&plain.values)).map(|(i, p)| if *p > least { i * white / p } else { 0.0 });
+    let ratio =
+        (image.values.iter().zip(&plain.values)).map(|(i, p)| if *p > least { i * white / p } else { 0.0 });
     Image::try_new(image.columns, image.rows, ratio.collect())
 }
 
@@ -251,18 +252,15 @@ fn judged(residuals: &[Residual]) -> Option<f64> {
     if residuals.len() < ENOUGH_TO_JUDGE {
         return None;
     }
-    let mean =
-        |x: f64| residuals.iter().map(|r| r.normalised(x).min(MOST_SQUARE)).sum::<f64>() / residuals.len() as f64;
+    let mean = |x: f64| {
+        residuals.iter().map(|r| r.normalised(x).min(MOST_SQUARE)).sum::<f64>() / residuals.len() as f64
+    };
     // The mean falls as x grows: halved in logarithms.
     let strength = residuals.iter().map(|r| r.scaled).sum::<f64>() / residuals.len() as f64;
     let (mut low, mut high) = (1e-5 / strength.sqrt(), 10.0 / strength.sqrt());
     for _ in 0..60 {
         let middle = (low * high).sqrt();
-        if mean(middle) > MEAN_SQUARE {
-            low = middle
-        } else {
-            high = middle
-        }
+        if mean(middle) > MEAN_SQUARE { low = middle } else { high = middle }
     }
     Some((low * high).sqrt())
 }
@@ -292,19 +290,14 @@ impl Told {
     }
 }
 
-/// How far each stripe of a crossing runs otherwise than the crossings before and after it on the stripe say. On a parabola the chord from the one before to the one after is as steep as the
-/// middle, and a chord as steep as the mean of both ends. x is the σ of an angle that noise does not make.
+/// How far each stripe of a crossing runs otherwise than the crossings before and after it on the stripe say.
+/// On a parabola the chord from the one before to the one after is as steep as the middle, and a chord as
+/// steep as the mean of both ends. x is the σ of an angle that noise does not make.
 fn off_chords(piece: &BTreeMap<[i32; 2], Told>, at: [i32; 2]) -> [Option<Residual>; 2] {
     let own = &piece[&at];
     [0, 1].map(|set| {
         // Along a stripe of one set those of the other are counted.
-        let beside = |by: i32| {
-            piece.get(&if set == 0 {
-                [at[0], at[1] + by]
-            } else {
-                [at[0] + by, at[1]]
-            })
-        };
+        let beside = |by: i32| piece.get(&if set == 0 { [at[0], at[1] + by] } else { [at[0] + by, at[1]] });
         let chord = |a: &Told, b: &Told| {
             let d = [b.image[0] - a.image[0], b.image[1] - a.image[1]];
             (d[1].atan2(d[0]), (a.place() + b.place()) / (d[0] * d[0] + d[1] * d[1]))
@@ -320,30 +313,18 @@ fn off_chords(piece: &BTreeMap<[i32; 2], Told>, at: [i32; 2]) -> [Option<Residua
                 let (slope, of_chord) = chord(own, other);
                 let there = half_turn(other.angles_rad[set] - slope);
                 let of_other = other.covariance[2 + set][2 + set];
-                (
-                    half_turn(angle - slope) + there,
-                    variance + of_other + 4.0 * of_chord,
-                    2.0,
-                )
+                (half_turn(angle - slope) + there, variance + of_other + 4.0 * of_chord, 2.0)
             }
             (None, None) => return None,
         };
-        Some(Residual {
-            square: off * off,
-            known,
-            scaled,
-        })
+        Some(Residual { square: off * off, known, scaled })
     })
 }
 
 /// The angle between two lines, from −π/2 to π/2.
 fn half_turn(angle: f64) -> f64 {
     let turned = angle.rem_euclid(std::f64::consts::PI);
-    if turned > std::f64::consts::FRAC_PI_2 {
-        turned - std::f64::consts::PI
-    } else {
-        turned
-    }
+    if turned > std::f64::consts::FRAC_PI_2 { turned - std::f64::consts::PI } else { turned }
 }
 
 impl GridReadings {
@@ -359,10 +340,7 @@ impl GridReadings {
             let mut image = told.covariance;
             (0..2).for_each(|i| image[i][i] += grid.sigma_px.powi(2));
             (2..4).for_each(|i| image[i][i] += sigma_angle.powi(2));
-            let covariance = JunctionCovariance {
-                image,
-                projector_px: grid.sigma_px,
-            };
+            let covariance = JunctionCovariance { image, projector_px: grid.sigma_px };
             let directions = grid.pattern.directions();
             if let Ok(made) = orientation(&grid.camera, &grid.projector, directions, &junction, &covariance) {
                 let sigma = (0.5 * (image[0][0] + image[1][1])).sqrt();
@@ -388,21 +366,15 @@ impl GridReadings {
         piece.len() - found.len()
     }
 
-    /// The readings as a scan: points with covariance, normals with σ, and curvatures, with a direction of zero where there are none.
+    /// The readings as a scan: points with covariance, normals with σ, and curvatures, with a direction of
+    /// zero where there are none.
     #[must_use]
     pub fn scan(&self, name: &str) -> Scan {
         let of = |r: &GridReading| r.orientation;
         let curvatures = self.readings.iter().map(|r| {
-            r.curvature.map_or(
-                PrincipalCurvatures {
-                    values: [0.0; 2],
-                    direction: [0.0; 3],
-                },
-                |c| PrincipalCurvatures {
-                    values: [c.k1, c.k2],
-                    direction: c.d1,
-                },
-            )
+            r.curvature.map_or(PrincipalCurvatures { values: [0.0; 2], direction: [0.0; 3] }, |c| {
+                PrincipalCurvatures { values: [c.k1, c.k2], direction: c.d1 }
+            })
         });
         Scan {
             name: name.to_owned(),
@@ -413,10 +385,7 @@ impl GridReadings {
             curvatures: Some(curvatures.collect()),
             // A σ is wanted above zero even where nothing is known.
             sigma_curvature: Some(
-                self.readings
-                    .iter()
-                    .map(|r| r.curvature.map_or(1.0, |c| c.sigma))
-                    .collect(),
+                self.readings.iter().map(|r| r.curvature.map_or(1.0, |c| c.sigma)).collect(),
             ),
             viewing: Viewing::Origin(self.viewpoint),
             ..Scan::default()

@@ -2,9 +2,11 @@
 //!
 //! Comes in: pieces of the net, camera, projector and pattern. Goes out: for every crossing its two stripes.
 //!
-//! What the projector throws through a pixel of its picture is seen on a line of the camera's. A piece of the net knows all of its stripes but for one shift by whole stripes and a quarter turn; each
-//! such guess puts all of its crossings on lines, and only the true one puts them *near* their lines. The more crossings a piece has the surer it is; where two guesses are as good as
-//! each other, as stripes along the line between camera and projector make them, the piece is left out.
+//! What the projector throws through a pixel of its picture is seen on a line of the camera's. A piece of the
+//! net knows all of its stripes but for one shift by whole stripes and a quarter turn; each such guess puts
+//! all of its crossings on lines, and only the true one puts them *near* their lines. The more crossings a
+//! piece has the surer it is; where two guesses are as good as each other, as stripes along the line between
+//! camera and projector make them, the piece is left out.
 //!
 //! # References
 //! - Hartley and Zisserman, *Multiple View Geometry*, 2004, section 9.1, for epipolar lines.
@@ -18,7 +20,8 @@ use super::{Pinhole, inverse, times, transposed};
 
 /// Farther than so many pixels off its line a crossing is as wrong as any.
 const FAR_OFF_PX: f64 = 2.0;
-/// A guess is believed with a mean square of at most so many pixels², and if every other one's is so many times as large.
+/// A guess is believed with a mean square of at most so many pixels², and if every other one's is so many
+/// times as large.
 const GOOD_PX2: f64 = 0.5;
 const SURE: f64 = 4.0;
 /// A mean square below this tells guesses apart no better, in pixels².
@@ -43,14 +46,11 @@ impl EpipolarLines {
         // Rᵀ K⁻¹ and K⁻ᵀ R, row by row.
         let ray = [0, 1, 2].map(|i| transposed(&of_projector, rows(&projector.r, i)));
         let line = [0, 1, 2].map(|i| transposed(&camera.r, rows(&of_camera, i)));
-        Some(Self {
-            baseline: sub(projector.centre(), camera.centre()),
-            ray,
-            line,
-        })
+        Some(Self { baseline: sub(projector.centre(), camera.centre()), ray, line })
     }
 
-    /// The line `l · (x, y, 1) = 0` of a projector's pixel, with a unit normal: the product is a distance in pixels.
+    /// The line `l · (x, y, 1) = 0` of a projector's pixel, with a unit normal: the product is a distance in
+    /// pixels.
     pub fn line(&self, projector: [f64; 2]) -> Option<[f64; 3]> {
         let along = times(&self.ray, [projector[0], projector[1], 1.0]);
         let line = times(&self.line, cross(self.baseline, along));
@@ -95,9 +95,8 @@ pub(super) fn index(
     let (mut best, mut second): (Option<(f64, usize, [i32; 2])>, f64) = (None, f64::INFINITY);
     for turn in 0..4 {
         let (e, f) = (steps[turn], steps[(turn + 1) % 4]);
-        let relative: Vec<[i32; 2]> = (piece.iter())
-            .map(|k| [0, 1].map(|s| k.at[0] * e[s] + k.at[1] * f[s]))
-            .collect();
+        let relative: Vec<[i32; 2]> =
+            (piece.iter()).map(|k| [0, 1].map(|s| k.at[0] * e[s] + k.at[1] * f[s])).collect();
         let reach = |s: usize| {
             let of = relative.iter().map(|r| r[s]);
             (of.clone().min().unwrap_or(0), of.max().unwrap_or(0))
@@ -107,7 +106,8 @@ pub(super) fn index(
             for other in b0 - low1..=b1 - high1 {
                 let off = |(k, r): (&Knot, &[i32; 2])| {
                     let [x, y] = crossings[k.crossing].image;
-                    let distance = line([first + r[0], other + r[1]]).map_or(f64::INFINITY, |l| dot(l, [x, y, 1.0]));
+                    let distance =
+                        line([first + r[0], other + r[1]]).map_or(f64::INFINITY, |l| dot(l, [x, y, 1.0]));
                     distance.powi(2).min(FAR_OFF_PX * FAR_OFF_PX)
                 };
                 let mean = piece.iter().zip(&relative).map(off).sum::<f64>() / piece.len() as f64;
@@ -141,16 +141,10 @@ mod tests {
     #[test]
     fn what_both_see_lies_on_its_line() {
         let k = [[900.0, 2.0, 310.0], [0.0, 910.0, 250.0], [0.0, 0.0, 1.0]];
-        let camera = Pinhole {
-            k,
-            r: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]],
-            t: [3.0, -4.0, 10.0],
-        };
-        let projector = Pinhole {
-            k,
-            r: [[1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, -0.6, 0.8]],
-            t: [-90.0, 20.0, 30.0],
-        };
+        let camera =
+            Pinhole { k, r: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]], t: [3.0, -4.0, 10.0] };
+        let projector =
+            Pinhole { k, r: [[1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, -0.6, 0.8]], t: [-90.0, 20.0, 30.0] };
         let lines = EpipolarLines::new(&camera, &projector).unwrap();
         for point in [[10.0, 20.0, 500.0], [-60.0, -30.0, 420.0], [80.0, 60.0, 610.0]] {
             let (seen, thrown) = (camera.project(point).unwrap(), projector.project(point).unwrap());

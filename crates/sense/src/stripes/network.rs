@@ -1,11 +1,14 @@
 //! Which crossings are neighbours along which stripe.
 //!
-//! Comes in: [`Crossings`] and the [`Ridges`] between them. Goes out: pieces of the net, whose crossings have whole coordinates.
+//! Comes in: [`Crossings`] and the [`Ridges`] between them. Goes out: pieces of the net, whose crossings have
+//! whole coordinates.
 //!
-//! From each crossing both stripes are followed both ways, place by place, to the next crossing. What is believed goes there and back, and is a side of a mesh that closes: from one crossing two
-//! ways round lead to the same fourth. A stripe that jumps from one surface to another behind it closes none.
+//! From each crossing both stripes are followed both ways, place by place, to the next crossing. What is
+//! believed goes there and back, and is a side of a mesh that closes: from one crossing two ways round lead
+//! to the same fourth. A stripe that jumps from one surface to another behind it closes none.
 //!
-//! Not guaranteed: which stripe of the pattern it is; pieces know themselves up to a shift and a quarter turn.
+//! Not guaranteed: which stripe of the pattern it is; pieces know themselves up to a shift and a quarter
+//! turn.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -36,12 +39,12 @@ pub(super) struct Knot {
 /// The next crossing in one of four directions, and which of that one's directions goes on.
 type Next = [Option<(usize, usize)>; 4];
 
-/// The pieces of the net, each with its crossings in the order of their coordinates; crossings that contradict each other are left out.
+/// The pieces of the net, each with its crossings in the order of their coordinates; crossings that
+/// contradict each other are left out.
 pub(super) fn pieces(crossings: &Crossings, ridges: &Ridges) -> Vec<Vec<Knot>> {
     let all = &crossings.found;
-    let ways: Vec<Next> = (0..all.len())
-        .map(|k| [0, 1, 2, 3].map(|way| follow(crossings, ridges, k, way)))
-        .collect();
+    let ways: Vec<Next> =
+        (0..all.len()).map(|k| [0, 1, 2, 3].map(|way| follow(crossings, ridges, k, way))).collect();
     let both: Vec<Next> = (0..all.len())
         .map(|k| {
             [0, 1, 2, 3].map(|way| {
@@ -52,10 +55,16 @@ pub(super) fn pieces(crossings: &Crossings, ridges: &Ridges) -> Vec<Vec<Knot>> {
         })
         .collect();
     let closed: Vec<Next> = (0..all.len())
-        .map(|k| [0, 1, 2, 3].map(|way| both[k][way].filter(|_| closes(&both, k, way, 1) || closes(&both, k, way, 3))))
+        .map(|k| {
+            [0, 1, 2, 3]
+                .map(|way| both[k][way].filter(|_| closes(&both, k, way, 1) || closes(&both, k, way, 3)))
+        })
         .collect();
     let closed: Vec<Next> = (0..all.len())
-        .map(|k| [0, 1, 2, 3].map(|way| closed[k][way].filter(|(other, on)| closed[*other][(on + 2) % 4].is_some())))
+        .map(|k| {
+            [0, 1, 2, 3]
+                .map(|way| closed[k][way].filter(|(other, on)| closed[*other][(on + 2) % 4].is_some()))
+        })
         .collect();
     let mut seen = vec![false; all.len()];
     let mut found = Vec::new();
@@ -121,7 +130,8 @@ fn follow(crossings: &Crossings, ridges: &Ridges, from: usize, way: usize) -> Op
     None
 }
 
-/// Whether the side of a mesh that a way is, with the mesh to one hand (1 or 3 quarter turns), belongs to one that closes.
+/// Whether the side of a mesh that a way is, with the mesh to one hand (1 or 3 quarter turns), belongs to one
+/// that closes.
 fn closes(next: &[Next], from: usize, way: usize, hand: usize) -> bool {
     let round = || {
         let (b, on) = next[from][way]?;
@@ -136,14 +146,7 @@ fn closes(next: &[Next], from: usize, way: usize, hand: usize) -> bool {
 fn piece(next: &[Next], start: usize, seen: &mut [bool]) -> Vec<Knot> {
     let mut knots: BTreeMap<usize, Knot> = BTreeMap::new();
     let mut wrong = Vec::new();
-    knots.insert(
-        start,
-        Knot {
-            crossing: start,
-            at: [0; 2],
-            turn: 0,
-        },
-    );
+    knots.insert(start, Knot { crossing: start, at: [0; 2], turn: 0 });
     let mut queue = VecDeque::from([start]);
     seen[start] = true;
     while let Some(from) = queue.pop_front() {

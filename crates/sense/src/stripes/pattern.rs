@@ -4,7 +4,8 @@ use planish_estimate::{Error, Result};
 
 /// Two sets of parallel, evenly spaced stripes in the projector's picture.
 ///
-/// Stripe k of a set with the direction φ is the line of places p with `(p − origin) · (−sin φ, cos φ) = k · spacing`: stripes 0 of both sets cross at the origin.
+/// Stripe k of a set with the direction φ is the line of places p with
+/// `(p − origin) · (−sin φ, cos φ) = k · spacing`: stripes 0 of both sets cross at the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StripePattern {
     /// Angles of both sets, from x (right) to y (down), in radians.
@@ -21,7 +22,8 @@ impl StripePattern {
     /// Refuses what is no pattern of crossing stripes.
     ///
     /// # Errors
-    /// `Input` for sets that run the same way to within 10°, a spacing that is not above 0, or ranges without two stripes.
+    /// `Input` for sets that run the same way to within 10°, a spacing that is not above 0, or ranges without
+    /// two stripes.
     pub fn sanity_check(&self) -> Result<()> {
         let [a, b] = self.directions_rad;
         let crossing = (b - a).sin().abs().asin().to_degrees();
@@ -37,9 +39,9 @@ impl StripePattern {
             )));
         }
         match self.range.iter().find(|[first, last]| last <= first) {
-            Some([first, last]) => Err(Error::input(format!(
-                "needed two stripes of each set or more, found {first} to {last}"
-            ))),
+            Some([first, last]) => {
+                Err(Error::input(format!("needed two stripes of each set or more, found {first} to {last}")))
+            }
             None => Ok(()),
         }
     }
@@ -72,9 +74,7 @@ impl StripePattern {
     /// Whether both stripes are part of the pattern.
     #[must_use]
     pub fn holds(&self, of: [i32; 2]) -> bool {
-        of.iter()
-            .zip(&self.range)
-            .all(|(k, [first, last])| k >= first && k <= last)
+        of.iter().zip(&self.range).all(|(k, [first, last])| k >= first && k <= last)
     }
 }
 
@@ -96,18 +96,8 @@ mod tests {
             assert!((0..2).all(|k| (found[k] - of[k]).abs() < 1e-12), "{found:?}");
         }
         assert!(pattern.holds([5, -5]) && !pattern.holds([6, 0]));
-        let same = StripePattern {
-            directions_rad: [0.4, 0.4 + std::f64::consts::PI],
-            ..pattern
-        };
+        let same = StripePattern { directions_rad: [0.4, 0.4 + std::f64::consts::PI], ..pattern };
         assert!(same.sanity_check().unwrap_err().to_string().contains("cross at 10°"));
-        assert!(
-            StripePattern {
-                range: [[0, 3], [1, 1]],
-                ..pattern
-            }
-            .sanity_check()
-            .is_err()
-        );
+        assert!(StripePattern { range: [[0, 3], [1, 1]], ..pattern }.sanity_check().is_err());
     }
 }

@@ -1,10 +1,11 @@
 //! Bright lines of a picture, to a fraction of a pixel.
 //!
-//! Comes in: a picture and the scale `s` that it is smoothed with. Goes out: for every pixel on a bright line its nearest place on the line, the line's direction and its
-//! strength.
+//! Comes in: a picture and the scale `s` that it is smoothed with. Goes out: for every pixel on a bright line
+//! its nearest place on the line, the line's direction and its strength.
 //!
-//! Across a line, along the eigenvector n of the Hessian with the eigenvalue λ of greatest size, the smoothed brightness is `I + g·n t + λ t²/2`: its top lies at `t = −g·n/λ`. White noise
-//! of σ in the picture moves that by `σ / (√(8π) s² |λ|)`, and along the line by errors that are correlated as `exp(−Δ²/4s²)`.
+//! Across a line, along the eigenvector n of the Hessian with the eigenvalue λ of greatest size, the smoothed
+//! brightness is `I + g·n t + λ t²/2`: its top lies at `t = −g·n/λ`. White noise of σ in the picture moves
+//! that by `σ / (√(8π) s² |λ|)`, and along the line by errors that are correlated as `exp(−Δ²/4s²)`.
 //!
 //! # References
 //! - Steger, *An unbiased detector of curvilinear structures*, PAMI 1998, equations 13–18.
@@ -54,11 +55,7 @@ impl Derivatives {
         let kernels = [0, 1, 2].map(|order| kernel(scale, order));
         let rows = [0, 1, 2].map(|order| along_rows(image, &kernels[order]));
         let down = |of: &Vec<f32>, order: usize| along_columns(of, image.columns, &kernels[order]);
-        let image_of = |values: Vec<f32>| Image {
-            columns: image.columns,
-            rows: image.rows,
-            values,
-        };
+        let image_of = |values: Vec<f32>| Image { columns: image.columns, rows: image.rows, values };
         Self {
             slopes: [image_of(down(&rows[1], 0)), image_of(down(&rows[0], 1))],
             xx: down(&rows[2], 0),
@@ -67,7 +64,8 @@ impl Derivatives {
         }
     }
 
-    /// The eigenvalues of the Hessian at a pixel, that of greatest size first, and the unit eigenvector of the first.
+    /// The eigenvalues of the Hessian at a pixel, that of greatest size first, and the unit eigenvector of
+    /// the first.
     pub fn bend(&self, k: usize) -> ([f64; 2], [f64; 2]) {
         let (a, b, c) = (f64::from(self.xx[k]), f64::from(self.xy[k]), f64::from(self.yy[k]));
         let (mean, half) = (0.5 * (a + c), (0.25 * (a - c) * (a - c) + b * b).sqrt());
@@ -169,25 +167,16 @@ impl Ridges {
                 };
                 let first = step(0.0);
                 let off = first + step(first);
-                // A little over half a pixel, so that no line falls between two. Far from a top no step leads there.
+                // A little over half a pixel, so that no line falls between two. Far from a top no step leads
+                // there.
                 let inside = across.iter().all(|c| (c * off).abs() <= 0.6);
                 let here = bend < 0.0 && inside && first.abs() <= 1.0 && (off - first).abs() <= 0.2;
-                here.then(|| Ridge {
-                    place: at(off),
-                    direction: [-across[1], across[0]],
-                    strength: -bend,
-                })
+                here.then(|| Ridge { place: at(off), direction: [-across[1], across[0]], strength: -bend })
             })
             .collect();
         let least = LEAST_STRENGTH * typical(at.iter().flatten().map(|r| r.strength));
-        at.iter_mut()
-            .for_each(|r| *r = r.filter(|r| r.strength > 0.0 && r.strength >= least));
-        Self {
-            columns,
-            rows,
-            at,
-            scale,
-        }
+        at.iter_mut().for_each(|r| *r = r.filter(|r| r.strength > 0.0 && r.strength >= least));
+        Self { columns, rows, at, scale }
     }
 
     /// Every place on a line.
@@ -208,7 +197,8 @@ impl Ridges {
         })
     }
 
-    /// σ of a place on a line of strength one: [`Ridge::strength`] divides it. `sigma_brightness` is that of a pixel of the picture.
+    /// σ of a place on a line of strength one: [`Ridge::strength`] divides it. `sigma_brightness` is that of
+    /// a pixel of the picture.
     pub fn unit_sigma(&self, sigma_brightness: f64) -> f64 {
         sigma_brightness / ((8.0 * std::f64::consts::PI).sqrt() * self.scale * self.scale)
     }
@@ -219,7 +209,8 @@ impl Ridges {
     }
 }
 
-/// σ of the pixels of a picture that are brighter than `least`: a robust mean of second differences along both axes, in which smooth brightness cancels.
+/// σ of the pixels of a picture that are brighter than `least`: a robust mean of second differences along
+/// both axes, in which smooth brightness cancels.
 ///
 /// # References
 /// Immerkær, *Fast noise variance estimation*, CVIU 1996; the median is ours.
@@ -288,12 +279,7 @@ mod tests {
         let (mut squares, mut stated, mut products, mut n) = (0.0, 0.0, 0.0, 0.0);
         for seed in 0..400 {
             let ridges = Ridges::of(&line(angle, sigma, seed), 1.5);
-            let at = |x: f64| {
-                ridges
-                    .near([x, 20.0], 1.0)
-                    .find(|r| (r.place[0] - x).abs() < 0.3)
-                    .copied()
-            };
+            let at = |x: f64| ridges.near([x, 20.0], 1.0).find(|r| (r.place[0] - x).abs() < 0.3).copied();
             if let (Some(a), Some(b)) = (at(15.0), at(17.0)) {
                 squares += off(&a, angle).powi(2);
                 products += off(&a, angle) * off(&b, angle);

@@ -9,11 +9,7 @@ const K: [[f64; 3]; 3] = [[1200.0, 0.0, 320.0], [0.0, 1200.0, 240.0], [0.0, 0.0,
 const STRIPES: [[f64; 2]; 2] = [[0.0, 1.0], [1.0, 0.0]];
 
 fn camera() -> Pinhole {
-    Pinhole {
-        k: K,
-        r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        t: [0.0; 3],
-    }
+    Pinhole { k: K, r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], t: [0.0; 3] }
 }
 
 /// 150 to the right and 60 up, turned towards the axis at 500.
@@ -22,11 +18,7 @@ fn projector() -> Pinhole {
     let z = unit(sub([0.0, 0.0, 500.0], centre)).unwrap();
     let x = unit(cross([0.0, 1.0, 0.0], z)).unwrap();
     let r = [x, cross(z, x), z];
-    Pinhole {
-        k: K,
-        r,
-        t: times(&r, centre).map(|c| -c),
-    }
+    Pinhole { k: K, r, t: times(&r, centre).map(|c| -c) }
 }
 
 /// Where a ray meets an ellipsoid about (0, 0, 560), and the ellipsoid's normal.
@@ -78,19 +70,12 @@ fn normal_number(rng: &mut ChaCha8Rng) -> f64 {
 
 fn noisy(j: &Junction, sigma: &JunctionSigma, rng: &mut ChaCha8Rng) -> Junction {
     let mut j = *j;
-    j.image
-        .iter_mut()
-        .for_each(|c| *c += sigma.place_px * normal_number(rng));
-    j.angles_rad
-        .iter_mut()
-        .for_each(|a| *a += sigma.angle_rad * normal_number(rng));
+    j.image.iter_mut().for_each(|c| *c += sigma.place_px * normal_number(rng));
+    j.angles_rad.iter_mut().for_each(|a| *a += sigma.angle_rad * normal_number(rng));
     j
 }
 
-const SIGMA: JunctionSigma = JunctionSigma {
-    place_px: 0.1,
-    angle_rad: 0.01,
-};
+const SIGMA: JunctionSigma = JunctionSigma { place_px: 0.1, angle_rad: 0.01 };
 
 fn oriented(j: &Junction) -> Orientation {
     orientation(&camera(), &projector(), STRIPES, j, &SIGMA.covariance()).unwrap()
@@ -142,12 +127,14 @@ fn pairs(pixel: [f64; 2], step: f64, see: &mut dyn FnMut([f64; 2]) -> Orientatio
         .to_vec()
 }
 
-/// Principal curvatures of the ellipsoid from its Gaussian and mean curvature in implicit form (Goldman 2005).
+/// Principal curvatures of the ellipsoid from its Gaussian and mean curvature in implicit form (Goldman
+/// 2005).
 fn true_curvatures(p: [f64; 3]) -> (f64, f64) {
     let g: [f64; 3] = std::array::from_fn(|k| 2.0 * (p[k] - [0.0, 0.0, 560.0][k]) / AXES[k].powi(2));
     let h = AXES.map(|a| 2.0 / (a * a));
     let square = dot(g, g);
-    let gauss = (g[0] * g[0] * h[1] * h[2] + g[1] * g[1] * h[0] * h[2] + g[2] * g[2] * h[0] * h[1]) / (square * square);
+    let gauss = (g[0] * g[0] * h[1] * h[2] + g[1] * g[1] * h[0] * h[2] + g[2] * g[2] * h[0] * h[1])
+        / (square * square);
     let along: f64 = (0..3).map(|k| g[k] * g[k] * h[k]).sum();
     let mean = (along - square * (h[0] + h[1] + h[2])) / (2.0 * square.powf(1.5));
     let root = (mean * mean - gauss).max(0.0).sqrt();
@@ -174,10 +161,7 @@ fn curvatures_of_an_ellipsoid_are_found() {
 fn the_curvatures_sigma_is_that_of_many_draws() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let pixel = [300.0, 230.0];
-    let sigma = JunctionSigma {
-        place_px: 0.1,
-        angle_rad: 0.004,
-    };
+    let sigma = JunctionSigma { place_px: 0.1, angle_rad: 0.004 };
     let truth = curvature(
         &oriented(&junction(pixel).unwrap()),
         &pairs(pixel, 24.0, &mut |p| oriented(&junction(p).unwrap())),
@@ -203,10 +187,7 @@ fn the_curvatures_sigma_is_that_of_many_draws() {
 #[test]
 fn what_determines_nothing_is_refused() {
     let j = junction([320.0, 240.0]).unwrap();
-    let one = Junction {
-        angles_rad: [j.angles_rad[0]; 2],
-        ..j
-    };
+    let one = Junction { angles_rad: [j.angles_rad[0]; 2], ..j };
     let same = orientation(&camera(), &projector(), [STRIPES[0]; 2], &one, &SIGMA.covariance());
     assert_eq!(same.unwrap_err().kind(), planish_estimate::ErrorKind::Undetermined);
     let middle = oriented(&j);

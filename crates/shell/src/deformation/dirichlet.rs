@@ -1,12 +1,15 @@
-//! Dirichlet free-form deformation (L. Moccozet, N. Magnenat-Thalmann 1997; C eq. 1): vertices follow the control points that are their natural neighbours.
+//! Dirichlet free-form deformation (L. Moccozet, N. Magnenat-Thalmann 1997; C eq. 1): vertices follow the
+//! control points that are their natural neighbours.
 //!
-//! Comes in: vertices, and control points anywhere: few, on a grid, in a plane, several at one place. Goes out: `V_v = V0_v + Σ_j w_vj ΔP_j` with Sibson's
-//! coordinates, exact at controls.
+//! Comes in: vertices, and control points anywhere: few, on a grid, in a plane, several at one place. Goes
+//! out: `V_v = V0_v + Σ_j w_vj ΔP_j` with Sibson's coordinates, exact at controls.
 //!
-//! Beyond the controls the corners of a box are natural neighbours as well. They move by the affine motion that fits the displacements of the controls best: a corner that stood
-//! still would break rigid motions. Where all controls lie in a plane, on a line or at a point, displacements do not change away from it.
+//! Beyond the controls the corners of a box are natural neighbours as well. They move by the affine motion
+//! that fits the displacements of the controls best: a corner that stood still would break rigid motions.
+//! Where all controls lie in a plane, on a line or at a point, displacements do not change away from it.
 //!
-//! Not guaranteed: that a vertex off the plane of coplanar controls turns with them: no linear map of displacements could do that.
+//! Not guaranteed: that a vertex off the plane of coplanar controls turns with them: no linear map of
+//! displacements could do that.
 
 use super::Deformation;
 use crate::natural_neighbour::{BOX_CORNERS, NaturalNeighbours};
@@ -90,12 +93,7 @@ impl Dirichlet {
                 }
             }
         }
-        Ok(Self {
-            controls: controls.to_vec(),
-            start,
-            weights,
-            reduction,
-        })
+        Ok(Self { controls: controls.to_vec(), start, weights, reduction })
     }
 
     /// Handles that move a vertex, and by how much: controls by index, then the four of the affine motion.
@@ -137,22 +135,19 @@ impl Deformation for Dirichlet {
     }
 }
 
-/// The affine motion `a0 + A (x − center)/size` that fits displacements of controls best: the four rows that displacements are multiplied by. Of many motions that fit as
-/// well it is the one that changes least in space.
+/// The affine motion `a0 + A (x − center)/size` that fits displacements of controls best: the four rows that
+/// displacements are multiplied by. Of many motions that fit as well it is the one that changes least in
+/// space.
 fn affine_fit(controls: &[[f64; 3]]) -> ([f64; 3], f64, DMatrix<f64>) {
     let count = controls.len();
-    let center = scale(
-        1.0 / count as f64,
-        controls.iter().fold([0.0; 3], |sum, p| add(sum, *p)),
-    );
+    let center = scale(1.0 / count as f64, controls.iter().fold([0.0; 3], |sum, p| add(sum, *p)));
     let reach = controls.iter().map(|p| norm(sub(*p, center))).fold(0.0, f64::max);
     let size = if reach > 0.0 { reach } else { 1.0 };
     let off = DMatrix::from_fn(count, 3, |row, axis| (controls[row][axis] - center[axis]) / size);
     let svd = off.svd(true, true);
     let least = FLAT * svd.singular_values.max();
-    let inverse = svd
-        .pseudo_inverse(least.max(f64::MIN_POSITIVE))
-        .unwrap_or_else(|_| DMatrix::zeros(3, count));
+    let inverse =
+        svd.pseudo_inverse(least.max(f64::MIN_POSITIVE)).unwrap_or_else(|_| DMatrix::zeros(3, count));
     let mut fit = DMatrix::from_element(AFFINE, count, 1.0 / count as f64);
     fit.rows_mut(1, 3).copy_from(&inverse);
     (center, size, fit)
@@ -169,25 +164,25 @@ mod tests {
 
     fn random_points(count: usize, seed: u64, size: f64) -> Vec<[f64; 3]> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        (0..count)
-            .map(|_| std::array::from_fn(|_| random.random_range(-size..size)))
-            .collect()
+        (0..count).map(|_| std::array::from_fn(|_| random.random_range(-size..size))).collect()
     }
 
-    /// Turns and moves all controls: every vertex does the same, inside the hull of the controls and far outside.
+    /// Turns and moves all controls: every vertex does the same, inside the hull of the controls and far
+    /// outside.
     #[test]
     fn rigid_motions_of_all_controls_move_every_vertex_rigidly() {
-        let grid: Vec<[f64; 3]> = (0..64)
-            .map(|k| [k % 4, k / 4 % 4, k / 16].map(|i| f64::from(i) - 1.5))
-            .collect();
+        let grid: Vec<[f64; 3]> =
+            (0..64).map(|k| [k % 4, k / 4 % 4, k / 16].map(|i| f64::from(i) - 1.5)).collect();
         let mut twice = random_points(20, 2, 1.0);
         twice.extend(twice.clone());
         let rotation = Rotation3::from_euler_angles(0.4, -1.1, 2.0);
-        let turned = |p: [f64; 3]| -> [f64; 3] { (rotation * Vector3::from(p) + Vector3::new(3.0, -1.0, 0.5)).into() };
+        let turned =
+            |p: [f64; 3]| -> [f64; 3] { (rotation * Vector3::from(p) + Vector3::new(3.0, -1.0, 0.5)).into() };
         let vertices = random_points(2000, 3, 4.0);
         for controls in [random_points(200, 1, 1.0), grid, twice, random_points(4, 5, 1.0)] {
             let made = Dirichlet::new(&controls, &vertices).unwrap();
-            let q = DVector::from_iterator(made.parameters(), controls.iter().flat_map(|p| sub(turned(*p), *p)));
+            let q =
+                DVector::from_iterator(made.parameters(), controls.iter().flat_map(|p| sub(turned(*p), *p)));
             for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
                 let off = distance(add(*vertex, by), turned(*vertex));
                 assert!(off < 1e-9, "{vertex:?}: {off:e}");
@@ -195,15 +190,14 @@ mod tests {
         }
         // In the plane of coplanar controls, and on the line of collinear ones, too.
         let flat: Vec<[f64; 3]> = random_points(30, 6, 1.0).iter().map(|p| [p[0], p[1], 0.25]).collect();
-        let line: Vec<[f64; 3]> = random_points(5, 7, 1.0)
-            .iter()
-            .map(|p| [p[0], 2.0 * p[0], -p[0]])
-            .collect();
+        let line: Vec<[f64; 3]> =
+            random_points(5, 7, 1.0).iter().map(|p| [p[0], 2.0 * p[0], -p[0]]).collect();
         let on_flat: Vec<[f64; 3]> = vertices.iter().map(|p| [p[0], p[1], 0.25]).collect();
         let on_line: Vec<[f64; 3]> = vertices.iter().map(|p| [p[0], 2.0 * p[0], -p[0]]).collect();
         for (controls, vertices) in [(flat, on_flat), (line, on_line)] {
             let made = Dirichlet::new(&controls, &vertices).unwrap();
-            let q = DVector::from_iterator(made.parameters(), controls.iter().flat_map(|p| sub(turned(*p), *p)));
+            let q =
+                DVector::from_iterator(made.parameters(), controls.iter().flat_map(|p| sub(turned(*p), *p)));
             for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
                 let off = distance(add(*vertex, by), turned(*vertex));
                 assert!(off < 1e-8, "{vertex:?}: {off:e}");

@@ -1,6 +1,8 @@
-//! Free-form deformation by a lattice of control points (T. Sederberg, S. Parry 1986): a box of polynomial or spline space.
+//! Free-form deformation by a lattice of control points (T. Sederberg, S. Parry 1986): a box of polynomial or
+//! spline space.
 //!
-//! Comes in: vertices, and how many control points a lattice about them has along each axis. Goes out: `V = V0 + Σ B_i(u) B_j(v) B_k(w) ΔP_ijk`.
+//! Comes in: vertices, and how many control points a lattice about them has along each axis. Goes out:
+//! `V = V0 + Σ B_i(u) B_j(v) B_k(w) ΔP_ijk`.
 //!
 //! Not guaranteed: anything for vertices outside of the box; there are none, as it is made around them.
 
@@ -13,7 +15,8 @@ use planish_mesh::BoundingBox;
 pub enum LatticeBasis {
     /// Bernstein polynomials, of a degree one below the number of points: every point moves everything.
     Bernstein,
-    /// Uniform cubic B-splines: a point moves what is within two steps of it. At least four points along each axis.
+    /// Uniform cubic B-splines: a point moves what is within two steps of it. At least four points along each
+    /// axis.
     CubicBSpline,
 }
 
@@ -30,7 +33,8 @@ impl Lattice {
     /// A lattice around vertices.
     ///
     /// # Errors
-    /// `Input` for fewer than two points along an axis (four for splines), more than a hundred thousand in all, or vertices that are not finite or none.
+    /// `Input` for fewer than two points along an axis (four for splines), more than a hundred thousand in
+    /// all, or vertices that are not finite or none.
     pub fn new(vertices: &[[f64; 3]], points: [usize; 3], basis: LatticeBasis) -> Result<Self> {
         let fewest = match basis {
             LatticeBasis::Bernstein => 2,
@@ -44,7 +48,8 @@ impl Lattice {
         }
         let bounds = BoundingBox::of(vertices)
             .filter(|b| {
-                b.min.iter().chain(&b.max).all(|x| x.is_finite()) && vertices.iter().flatten().all(|x| x.is_finite())
+                b.min.iter().chain(&b.max).all(|x| x.is_finite())
+                    && vertices.iter().flatten().all(|x| x.is_finite())
             })
             .ok_or_else(|| Error::input("a lattice needs finite vertices to stand around"))?;
         let size = bounds.diagonal();
@@ -54,7 +59,8 @@ impl Lattice {
         let middle = bounds.center();
         let low: [f64; 3] = std::array::from_fn(|k| middle[k] - 0.5 * extent[k]);
         let place = |axis: usize, index: usize| {
-            // Where a control stands such that an affine motion of the controls is one of everything: Greville's abscissae.
+            // Where a control stands such that an affine motion of the controls is one of everything:
+            // Greville's abscissae.
             let along = match basis {
                 LatticeBasis::Bernstein => index as f64 / (points[axis] - 1) as f64,
                 LatticeBasis::CubicBSpline => (index as f64 - 1.0) / (points[axis] - 3) as f64,
@@ -79,11 +85,7 @@ impl Lattice {
                 })
             })
             .collect();
-        Ok(Self {
-            points,
-            controls,
-            values,
-        })
+        Ok(Self { points, controls, values })
     }
 }
 
@@ -159,14 +161,11 @@ mod tests {
     #[test]
     fn affine_motions_are_kept() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let vertices: Vec<[f64; 3]> = (0..500)
-            .map(|_| [1.0, 2.0, 0.5].map(|size| size * random.random_range(-1.0..1.0)))
-            .collect();
+        let vertices: Vec<[f64; 3]> =
+            (0..500).map(|_| [1.0, 2.0, 0.5].map(|size| size * random.random_range(-1.0..1.0))).collect();
         let moved = |[x, y, z]: [f64; 3]| [0.3 + 0.2 * y - z, 0.1 * x, 1.0 - 0.5 * x + 0.25 * y];
-        for (basis, points) in [
-            (LatticeBasis::Bernstein, [3, 4, 2]),
-            (LatticeBasis::CubicBSpline, [4, 7, 5]),
-        ] {
+        for (basis, points) in [(LatticeBasis::Bernstein, [3, 4, 2]), (LatticeBasis::CubicBSpline, [4, 7, 5])]
+        {
             let made = Lattice::new(&vertices, points, basis).unwrap();
             let q = DVector::from_iterator(made.parameters(), made.controls.iter().flat_map(|p| moved(*p)));
             for (vertex, by) in vertices.iter().zip(displacements(&made, &q)) {
@@ -178,15 +177,10 @@ mod tests {
     #[test]
     fn too_few_points_are_refused() {
         let vertices = [[0.0; 3], [1.0; 3]];
-        for (basis, points) in [
-            (LatticeBasis::Bernstein, [1, 4, 2]),
-            (LatticeBasis::CubicBSpline, [3, 7, 5]),
-        ] {
+        for (basis, points) in [(LatticeBasis::Bernstein, [1, 4, 2]), (LatticeBasis::CubicBSpline, [3, 7, 5])]
+        {
             assert!(
-                Lattice::new(&vertices, points, basis)
-                    .unwrap_err()
-                    .to_string()
-                    .contains("along each axis")
+                Lattice::new(&vertices, points, basis).unwrap_err().to_string().contains("along each axis")
             );
         }
         assert!(Lattice::new(&[], [2; 3], LatticeBasis::Bernstein).is_err());

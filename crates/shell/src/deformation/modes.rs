@@ -1,9 +1,11 @@
 //! Deformations by principal modes of a family of meshes, and by every vertex on its own.
 //!
-//! Comes in: meshes of one connectivity, or nothing. Goes out: `V = V0 + Σ_m q_m M_m`, where a mode is as large as the family's standard deviation along it, so
-//! that `q` of a member of the family is a few ones (V. Blanz, T. Vetter 1999).
+//! Comes in: meshes of one connectivity, or nothing. Goes out: `V = V0 + Σ_m q_m M_m`, where a mode is as
+//! large as the family's standard deviation along it, so that `q` of a member of the family is a few ones (V.
+//! Blanz, T. Vetter 1999).
 //!
-//! Not guaranteed: that members of the family are brought into one pose; rotations between them are not linear and make many modes.
+//! Not guaranteed: that members of the family are brought into one pose; rotations between them are not
+//! linear and make many modes.
 
 use super::Deformation;
 use nalgebra::DMatrix;
@@ -26,7 +28,8 @@ impl Modes {
     /// The largest modes of a family, at most `most`. Positions are those of one vertex in every member.
     ///
     /// # Errors
-    /// `Input` for fewer than two members, or members of different numbers of vertices; `Undetermined` where all are the same.
+    /// `Input` for fewer than two members, or members of different numbers of vertices; `Undetermined` where
+    /// all are the same.
     pub fn of(family: &[Vec<[f64; 3]>], most: usize) -> Result<Self> {
         let Some(first) = family.first().filter(|_| family.len() > 1) else {
             return Err(Error::input("principal modes need at least two meshes"));
@@ -41,10 +44,7 @@ impl Modes {
         let count = family.len();
         let mean: Vec<[f64; 3]> = (0..first.len())
             .map(|v| {
-                scale(
-                    1.0 / count as f64,
-                    family.iter().fold([0.0; 3], |sum, member| add(sum, member[v])),
-                )
+                scale(1.0 / count as f64, family.iter().fold([0.0; 3], |sum, member| add(sum, member[v])))
             })
             .collect();
         let off: Vec<Vec<[f64; 3]>> = (family.iter())
@@ -53,10 +53,7 @@ impl Modes {
         // Few meshes of many vertices: the small matrix of their products has the same eigenvalues.
         let products = DMatrix::from_fn(count, count, |i, j| {
             let pairs = off[i].iter().zip(&off[j]);
-            pairs
-                .map(|(a, b)| (0..3).map(|k| a[k] * b[k]).sum::<f64>())
-                .sum::<f64>()
-                / (count - 1) as f64
+            pairs.map(|(a, b)| (0..3).map(|k| a[k] * b[k]).sum::<f64>()).sum::<f64>() / (count - 1) as f64
         });
         let eigen = products.symmetric_eigen();
         let mut order: Vec<usize> = (0..count).collect();
@@ -64,9 +61,7 @@ impl Modes {
         let deviation = |k: usize| eigen.eigenvalues[k].max(0.0).sqrt();
         let largest = deviation(order[0]);
         if largest == 0.0 || !largest.is_finite() {
-            return Err(Error::undetermined(
-                "the meshes of the family are all the same: there are no modes",
-            ));
+            return Err(Error::undetermined("the meshes of the family are all the same: there are no modes"));
         }
         order.retain(|&k| deviation(k) > ROUNDING * largest);
         order.truncate(most.min(count - 1));
@@ -76,19 +71,14 @@ impl Modes {
                 let factor = 1.0 / ((count - 1) as f64).sqrt();
                 (0..first.len())
                     .map(|v| {
-                        let sum = (0..count).fold([0.0; 3], |sum, i| {
-                            add(sum, scale(eigen.eigenvectors[(i, k)], off[i][v]))
-                        });
+                        let sum = (0..count)
+                            .fold([0.0; 3], |sum, i| add(sum, scale(eigen.eigenvectors[(i, k)], off[i][v])));
                         scale(factor, sum)
                     })
                     .collect()
             })
             .collect();
-        Ok(Self {
-            mean,
-            modes,
-            deviations: order.iter().map(|&k| deviation(k)).collect(),
-        })
+        Ok(Self { mean, modes, deviations: order.iter().map(|&k| deviation(k)).collect() })
     }
 
     /// The family's mean, which is to be `V0`.
@@ -97,7 +87,8 @@ impl Modes {
         &self.mean
     }
 
-    /// The family's standard deviation along each mode: the root of the mean sum of squares over all vertices.
+    /// The family's standard deviation along each mode: the root of the mean sum of squares over all
+    /// vertices.
     #[must_use]
     pub fn deviations(&self) -> &[f64] {
         &self.deviations
@@ -131,9 +122,7 @@ impl VertexDisplacements {
     /// Three parameters for each of these vertices.
     #[must_use]
     pub fn new(vertices: &[[f64; 3]]) -> Self {
-        Self {
-            vertices: vertices.to_vec(),
-        }
+        Self { vertices: vertices.to_vec() }
     }
 }
 
@@ -196,17 +185,7 @@ mod tests {
             }
         }
         assert!(Modes::of(&family[..1], 3).is_err());
-        assert!(
-            Modes::of(&[ball.clone(), ball.clone()], 3)
-                .unwrap_err()
-                .to_string()
-                .contains("the same")
-        );
-        assert!(
-            Modes::of(&[ball.clone(), vec![[0.0; 3]]], 3)
-                .unwrap_err()
-                .to_string()
-                .contains("mesh 1")
-        );
+        assert!(Modes::of(&[ball.clone(), ball.clone()], 3).unwrap_err().to_string().contains("the same"));
+        assert!(Modes::of(&[ball.clone(), vec![[0.0; 3]]], 3).unwrap_err().to_string().contains("mesh 1"));
     }
 }

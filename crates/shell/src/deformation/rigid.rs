@@ -1,15 +1,19 @@
 //! Parts of a mesh that stay rigid while the rest deforms.
 //!
-//! Comes in: a deformation, and parts: lists of vertices that are held or move rigidly. Goes out: a deformation whose parameters are those of the first, then six for each part that moves.
+//! Comes in: a deformation, and parts: lists of vertices that are held or move rigidly. Goes out: a
+//! deformation whose parameters are those of the first, then six for each part that moves.
 //!
-//! A part's weight `w_p` is 1 on it and falls to 0 within a distance, as `1 − (6s⁵ − 15s⁴ + 10s³)`: with both derivatives 0 at either end, so that seams show no crease. Where several parts are near, each
-//! counts as far as the others do not: `u_p = w_p Π_{q≠p} (1 − w_q)`. Then
+//! A part's weight `w_p` is 1 on it and falls to 0 within a distance, as `1 − (6s⁵ − 15s⁴ + 10s³)`: with both
+//! derivatives 0 at either end, so that seams show no crease. Where several parts are near, each counts as
+//! far as the others do not: `u_p = w_p Π_{q≠p} (1 − w_q)`. Then
 //!
 //! `V = V0 + (1 − Σ u_p) W q + Σ u_p (t_p + ω_p × (V0 − c_p))`.
 //!
-//! Fits are linear: `ω × r` stands for a rotation, and is off by `|ω|² r/2`. [`RigidParts::positions`] takes the rotation by `|ω|` itself.
+//! Fits are linear: `ω × r` stands for a rotation, and is off by `|ω|² r/2`. [`RigidParts::positions`] takes
+//! the rotation by `|ω|` itself.
 //!
-//! Not guaranteed: that what is near in space but far along the mesh (a hand on a hip) is blended with the part that it belongs to.
+//! Not guaranteed: that what is near in space but far along the mesh (a hand on a hip) is blended with the
+//! part that it belongs to.
 
 use super::{Deformation, displacements};
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
@@ -82,8 +86,14 @@ impl<'a> RigidParts<'a> {
     /// Makes parts of `mesh` rigid, blended over the distance `blend`.
     ///
     /// # Errors
-    /// `Input` for a part without vertices, vertices that are not there, a vertex of two parts, a blend that is no length, or a deformation of another number of vertices.
-    pub fn new(mesh: &TriangleMesh, inner: Box<dyn Deformation + 'a>, parts: &[RigidPart], blend: f64) -> Result<Self> {
+    /// `Input` for a part without vertices, vertices that are not there, a vertex of two parts, a blend that
+    /// is no length, or a deformation of another number of vertices.
+    pub fn new(
+        mesh: &TriangleMesh,
+        inner: Box<dyn Deformation + 'a>,
+        parts: &[RigidPart],
+        blend: f64,
+    ) -> Result<Self> {
         let count = mesh.positions.len();
         if inner.vertices() != count {
             return Err(Error::input(format!(
@@ -181,7 +191,8 @@ impl<'a> RigidParts<'a> {
         whole
     }
 
-    /// Parameters by which parts that move follow what the other deformation does to them, as nearly as a rigid motion can (W. Kabsch 1976).
+    /// Parameters by which parts that move follow what the other deformation does to them, as nearly as a
+    /// rigid motion can (W. Kabsch 1976).
     #[must_use]
     pub fn carried(&self, inner: &DVector<f64>) -> DVector<f64> {
         let by = displacements(&*self.inner, inner);
@@ -197,7 +208,8 @@ impl<'a> RigidParts<'a> {
                 let from = Vector3::from(sub(self.rest[*v as usize], part.center));
                 products += Vector3::from(sub(moved(v), center)) * from.transpose();
             }
-            let rotation = Rotation3::from_matrix_eps(&nearest_rotation(&products), 1e-12, 100, Rotation3::identity());
+            let rotation =
+                Rotation3::from_matrix_eps(&nearest_rotation(&products), 1e-12, 100, Rotation3::identity());
             let turn = rotation.scaled_axis() * part.radius;
             let slide = sub(center, part.center);
             for k in 0..3 {
@@ -283,16 +295,12 @@ fn falling(s: f64) -> f64 {
 /// How far vertices are from a part: from its faces, or from its vertices where it has none.
 fn distances(mesh: &TriangleMesh, part_of: &[Option<usize>], index: usize, blend: f64) -> Result<Vec<f64>> {
     let is_in = |v: &u32| part_of[*v as usize] == Some(index);
-    let mut triangles: Vec<[u32; 3]> = (mesh.triangles.iter().copied())
-        .filter(|t| t.iter().all(is_in))
-        .collect();
+    let mut triangles: Vec<[u32; 3]> =
+        (mesh.triangles.iter().copied()).filter(|t| t.iter().all(is_in)).collect();
     if triangles.is_empty() {
         triangles = (0..mesh.positions.len() as u32).filter(is_in).map(|v| [v; 3]).collect();
     }
-    let search = MeshSearch::try_new(&TriangleMesh {
-        positions: mesh.positions.clone(),
-        triangles,
-    })?;
+    let search = MeshSearch::try_new(&TriangleMesh { positions: mesh.positions.clone(), triangles })?;
     Ok((mesh.positions.par_iter())
         .map(|p| match blend > 0.0 {
             true => search.closest(*p).map_or(f64::INFINITY, |foot| foot.distance),
@@ -319,12 +327,11 @@ mod tests {
     use planish_mesh::{grid_sheet, icosphere};
 
     fn lower(mesh: &TriangleMesh, below: f64) -> Vec<u32> {
-        (0..mesh.positions.len() as u32)
-            .filter(|v| mesh.positions[*v as usize][2] < below)
-            .collect()
+        (0..mesh.positions.len() as u32).filter(|v| mesh.positions[*v as usize][2] < below).collect()
     }
 
-    /// Whatever the rest does, distances between vertices of a part stay; what follows a rotation of all controls turns by it, exactly; what is held stays.
+    /// Whatever the rest does, distances between vertices of a part stay; what follows a rotation of all
+    /// controls turns by it, exactly; what is held stays.
     #[test]
     fn parts_keep_their_shape() {
         let ball = icosphere(1.0, 3);
@@ -332,10 +339,7 @@ mod tests {
         let part = lower(&ball, -0.3);
         for motion in [PartMotion::Free, PartMotion::Held] {
             let inner = Box::new(Dirichlet::new(&controls, &ball.positions).unwrap());
-            let parts = [RigidPart {
-                vertices: part.clone(),
-                motion,
-            }];
+            let parts = [RigidPart { vertices: part.clone(), motion }];
             let made = RigidParts::new(&ball, inner, &parts, 0.4).unwrap();
             let turn = Rotation3::from_euler_angles(0.5, -0.4, 1.0);
             let q = DVector::from_iterator(
@@ -362,14 +366,8 @@ mod tests {
     fn rows_are_derivatives() {
         let ball = icosphere(1.0, 2);
         let parts = [
-            RigidPart {
-                vertices: lower(&ball, -0.5),
-                motion: PartMotion::Free,
-            },
-            RigidPart {
-                vertices: vec![0, 5],
-                motion: PartMotion::Free,
-            },
+            RigidPart { vertices: lower(&ball, -0.5), motion: PartMotion::Free },
+            RigidPart { vertices: vec![0, 5], motion: PartMotion::Free },
         ];
         let parts = match lower(&ball, -0.5).iter().any(|v| [0, 5].contains(v)) {
             true => &parts[..1],
@@ -388,7 +386,8 @@ mod tests {
         }
     }
 
-    /// At the seam of a part that moves, the slope of the displacement is continuous: halving the grid halves its jumps from one edge to the next.
+    /// At the seam of a part that moves, the slope of the displacement is continuous: halving the grid halves
+    /// its jumps from one edge to the next.
     #[test]
     fn seams_have_no_crease() {
         let worst = |columns: usize| {
@@ -397,10 +396,7 @@ mod tests {
                 .filter(|v| sheet.positions[*v as usize][0] < -2.0)
                 .collect();
             let inner = Box::new(VertexDisplacements::new(&sheet.positions));
-            let part = RigidPart {
-                vertices,
-                motion: PartMotion::Free,
-            };
+            let part = RigidPart { vertices, motion: PartMotion::Free };
             let made = RigidParts::new(&sheet, inner, &[part], 4.0).unwrap();
             let mut q = DVector::zeros(made.parameters());
             q[made.parameters() - NUMBERS + 2] = 1.0;
@@ -419,10 +415,7 @@ mod tests {
         let ball = icosphere(1.0, 1);
         let made = |lists: &[Vec<u32>], blend: f64| {
             let parts: Vec<RigidPart> = (lists.iter().cloned())
-                .map(|vertices| RigidPart {
-                    vertices,
-                    motion: PartMotion::Held,
-                })
+                .map(|vertices| RigidPart { vertices, motion: PartMotion::Held })
                 .collect();
             let inner = Box::new(VertexDisplacements::new(&ball.positions));
             RigidParts::new(&ball, inner, &parts, blend).err().unwrap().to_string()

@@ -1,6 +1,7 @@
 //! Derivatives of the smooth distance: the second by the place, and the first by the vertices of the mesh.
 //!
-//! Comes in: the shares of facets that [`Shell::distance`] left. Goes out: the Hessian, and what each vertex does to the distance or to the height over one facet.
+//! Comes in: the shares of facets that [`Shell::distance`] left. Goes out: the Hessian, and what each vertex
+//! does to the distance or to the height over one facet.
 
 use super::{Metaball, Over, Share, Shell, ShellDistance, away};
 use nalgebra::{Matrix3, Vector3};
@@ -8,7 +9,8 @@ use planish_estimate::vector3::{cross, dot, norm, sub};
 use planish_mesh::NearFacet;
 
 impl Shell<'_> {
-    /// `∂²D/∂x²`, from what [`Self::distance`] left. The derivative of `∇D = Σ p_i (n_i − k (s_i − D) u_i)`, with `s_i` the heights and `u_i` the directions away from the skeletons; symmetric.
+    /// `∂²D/∂x²`, from what [`Self::distance`] left. The derivative of `∇D = Σ p_i (n_i − k (s_i − D) u_i)`,
+    /// with `s_i` the heights and `u_i` the directions away from the skeletons; symmetric.
     #[must_use]
     pub fn hessian(&self, at: [f64; 3], shares: &[Share], of: &ShellDistance) -> Matrix3<f64> {
         let k = self.options.sharpness;
@@ -21,13 +23,15 @@ impl Shell<'_> {
             let (height, normal) = self.height(at, &one.near, facing);
             let part = normal - k * (height - of.distance) * u;
             // ∂p_i = −k p_i (u_i − ū); ∂s_i = n_i; ∂D = m.
-            sum += one.share * (-k * part * (u - mean_away).transpose() - k * u * (normal - gradient).transpose());
+            sum += one.share
+                * (-k * part * (u - mean_away).transpose() - k * u * (normal - gradient).transpose());
             sum -= one.share * k * (height - of.distance) * self.bending(&one.near, u);
         }
         sum
     }
 
-    /// The Hessian of the distance from a skeleton: 0 over a face, one curvature of `1/r` beside an edge, two beside a corner or a point.
+    /// The Hessian of the distance from a skeleton: 0 over a face, one curvature of `1/r` beside an edge, two
+    /// beside a corner or a point.
     fn bending(&self, near: &NearFacet, u: Vector3<f64>) -> Matrix3<f64> {
         if near.distance == 0.0 {
             return Matrix3::zeros();
@@ -48,7 +52,8 @@ impl Shell<'_> {
         flat / near.distance
     }
 
-    /// `∂D/∂V_j` for every vertex that the distance depends on; a vertex of several facets comes several times.
+    /// `∂D/∂V_j` for every vertex that the distance depends on; a vertex of several facets comes several
+    /// times.
     pub fn by_vertices(
         &self,
         at: [f64; 3],
@@ -67,7 +72,8 @@ impl Shell<'_> {
             let above = height - of.distance;
             let (own, twice) = (Vector3::from(facet.normal), 2.0 * facet.area);
             let off = Vector3::from(sub(at, one.near.point));
-            // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|. A facet without area has nothing to turn.
+            // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|. A facet without area has nothing to
+            // turn.
             let by_m = if twice > 0.0 {
                 let growing = match self.options.metaball {
                     Metaball::Spherical => above,
@@ -82,7 +88,8 @@ impl Shell<'_> {
                 // m changes by dV × (the side opposite, turned back).
                 let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
                 let by_corner = match self.skeletons.get(one.near.facet as usize) {
-                    // Which point of the facet is nearest changes as well, but within its plane, and by a step at a right angle to the way.
+                    // Which point of the facet is nearest changes as well, but within its plane, and by a
+                    // step at a right angle to the way.
                     None => one.near.barycentric[corner] * by_skeleton,
                     Some(skeleton) => skeleton.by_corner[corner].tr_mul(&by_skeleton),
                 };

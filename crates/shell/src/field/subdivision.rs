@@ -1,39 +1,36 @@
 //! Meshes cut into small facets, for spherical metaballs.
 //!
-//! Comes in: a mesh. Goes out: facets with vertices of their own, and by which vertices of the mesh these move.
+//! Comes in: a mesh. Goes out: facets with vertices of their own, and by which vertices of the mesh these
+//! move.
 
 use planish_estimate::vector3::distance;
 use planish_mesh::TriangleMesh;
 
-/// Subdivides a mesh until no circle about a facet is larger than `radius`, halving longest sides all over; stops before there are more than `most` facets.
+/// Subdivides a mesh until no circle about a facet is larger than `radius`, halving longest sides all over;
+/// stops before there are more than `most` facets.
 ///
-/// What comes with it: for every new vertex the corners of the facet that it lies on, and their weights, by which it moves with the mesh.
+/// What comes with it: for every new vertex the corners of the facet that it lies on, and their weights, by
+/// which it moves with the mesh.
 #[must_use]
 pub fn subdivided(mesh: &TriangleMesh, radius: f64, most: usize) -> (TriangleMesh, Vec<[(u32, f64); 3]>) {
     let mut positions = mesh.positions.clone();
-    let mut origins: Vec<[(u32, f64); 3]> = (0..positions.len() as u32)
-        .map(|v| [(v, 1.0), (v, 0.0), (v, 0.0)])
-        .collect();
+    let mut origins: Vec<[(u32, f64); 3]> =
+        (0..positions.len() as u32).map(|v| [(v, 1.0), (v, 0.0), (v, 0.0)]).collect();
     let mut triangles = Vec::with_capacity(mesh.triangles.len());
     let room = most.max(mesh.triangles.len());
     let mut total: usize = 0;
     let pieces: Vec<usize> = (mesh.triangles.iter())
         .map(|t| {
             let corners = t.map(|c| mesh.positions[c as usize]);
-            let longest = (0..3)
-                .map(|k| distance(corners[k], corners[(k + 1) % 3]))
-                .fold(0.0, f64::max);
-            // The circle about a piece is at most half of its longest side where it is obtuse, and less than 0.58 of it anywhere.
+            let longest = (0..3).map(|k| distance(corners[k], corners[(k + 1) % 3])).fold(0.0, f64::max);
+            // The circle about a piece is at most half of its longest side where it is obtuse, and less than
+            // 0.58 of it anywhere.
             let along = (longest / (1.73 * radius)).ceil().clamp(1.0, 1e4) as usize;
             total = total.saturating_add(along * along);
             along
         })
         .collect();
-    let shrink = if total > room {
-        (room as f64 / total as f64).sqrt()
-    } else {
-        1.0
-    };
+    let shrink = if total > room { (room as f64 / total as f64).sqrt() } else { 1.0 };
     for (t, pieces) in mesh.triangles.iter().zip(pieces) {
         let n = ((pieces as f64 * shrink) as usize).max(1);
         if n == 1 {
@@ -47,7 +44,9 @@ pub fn subdivided(mesh: &TriangleMesh, radius: f64, most: usize) -> (TriangleMes
             for column in 0..=n - row {
                 let [b, c] = [column, row].map(|i| i as f64 / n as f64);
                 let weights = [1.0 - b - c, b, c];
-                let at = std::array::from_fn(|k| (0..3).map(|i| weights[i] * mesh.positions[t[i] as usize][k]).sum());
+                let at = std::array::from_fn(|k| {
+                    (0..3).map(|i| weights[i] * mesh.positions[t[i] as usize][k]).sum()
+                });
                 positions.push(at);
                 origins.push(std::array::from_fn(|i| (t[i], weights[i])));
             }

@@ -19,21 +19,17 @@ fn rough_mesh() -> TriangleMesh {
 
 fn places(count: usize, seed: u64) -> Vec<[f64; 3]> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    (0..count)
-        .map(|_| std::array::from_fn(|_| random.random_range(-1.5..1.5)))
-        .collect()
+    (0..count).map(|_| std::array::from_fn(|_| random.random_range(-1.5..1.5))).collect()
 }
 
-/// The law of the Jacobians: derivatives by the place and by every vertex are those of differences, at a thousand random states.
+/// The law of the Jacobians: derivatives by the place and by every vertex are those of differences, at a
+/// thousand random states.
 #[test]
 fn derivatives_are_those_of_differences() {
     let step = 1e-6;
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
         let mesh = rough_mesh();
-        let options = ShellOptions {
-            reach: Some(40.0),
-            ..ShellOptions::new(metaball, 6.0)
-        };
+        let options = ShellOptions { reach: Some(40.0), ..ShellOptions::new(metaball, 6.0) };
         let shell = Shell::new(&mesh, &options).unwrap();
         let mut shares = Vec::new();
         let mut random = ChaCha8Rng::seed_from_u64(5);
@@ -60,17 +56,12 @@ fn derivatives_are_those_of_differences() {
                     );
                 }
             }
-            let (vertex, axis) = (
-                random.random_range(0..mesh.positions.len()),
-                random.random_range(0..3_usize),
-            );
+            let (vertex, axis) =
+                (random.random_range(0..mesh.positions.len()), random.random_range(0..3_usize));
             let [up, down] = [step, -step].map(|by| {
                 let mut mesh = mesh.clone();
                 mesh.positions[vertex][axis] += by;
-                Shell::new(&mesh, &options)
-                    .unwrap()
-                    .distance(at, &mut Vec::new())
-                    .unwrap()
+                Shell::new(&mesh, &options).unwrap().distance(at, &mut Vec::new()).unwrap()
             });
             if same_side(&up) && same_side(&down) {
                 let difference = (up.distance - down.distance) / (2.0 * step);
@@ -84,9 +75,8 @@ fn derivatives_are_those_of_differences() {
             let [up, down] =
                 [step, -step].map(|by| shell.distance([at[0] + by, at[1], at[2]], &mut Vec::new()).unwrap());
             // Over an edge's border the curvature of the distance jumps.
-            let near_jump = shares
-                .iter()
-                .any(|one| one.near.barycentric.iter().any(|b| *b > 0.0 && *b < 1e-4));
+            let near_jump =
+                shares.iter().any(|one| one.near.barycentric.iter().any(|b| *b > 0.0 && *b < 1e-4));
             if same_side(&up) && same_side(&down) && !(near_jump && metaball == Metaball::Triangular) {
                 for row in 0..3 {
                     let difference = (up.gradient[row] - down.gradient[row]) / (2.0 * step);
@@ -99,7 +89,8 @@ fn derivatives_are_those_of_differences() {
     }
 }
 
-/// A translation of the whole mesh is one of the place, backwards: what the vertices say adds up to what the place says.
+/// A translation of the whole mesh is one of the place, backwards: what the vertices say adds up to what the
+/// place says.
 #[test]
 fn moving_all_vertices_is_moving_the_place_backwards() {
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
@@ -109,25 +100,21 @@ fn moving_all_vertices_is_moving_the_place_backwards() {
         for at in places(200, 9) {
             let made = shell.distance(at, &mut shares).unwrap();
             let mut sum = made.gradient;
-            shell.by_vertices(at, &shares, &made, |_, by| {
-                sum = planish_estimate::vector3::add(sum, by)
-            });
+            shell.by_vertices(at, &shares, &made, |_, by| sum = planish_estimate::vector3::add(sum, by));
             assert!(norm(sum) < 1e-9, "{at:?}: {sum:?}");
         }
     }
 }
 
-/// On a plane spherical metaballs have no thickness and no bulge, triangular ones at most `ln(n)/k` of it, and the paper's shell lies at `d0 − ln(T)/k` of one facet.
+/// On a plane spherical metaballs have no thickness and no bulge, triangular ones at most `ln(n)/k` of it,
+/// and the paper's shell lies at `d0 − ln(T)/k` of one facet.
 #[test]
 fn thickness_and_bulge_are_as_stated() {
     let sheet = grid_sheet(4.0, 4.0, 40, 40);
     let k = 12.0;
     let spherical = Shell::new(&sheet, &ShellOptions::new(Metaball::Spherical, k)).unwrap();
     let triangular = Shell::new(&sheet, &ShellOptions::new(Metaball::Triangular, k)).unwrap();
-    let middle = sheet
-        .positions
-        .iter()
-        .fold([0.0; 3], |sum, p| planish_estimate::vector3::add(sum, *p));
+    let middle = sheet.positions.iter().fold([0.0; 3], |sum, p| planish_estimate::vector3::add(sum, *p));
     let middle = scale(1.0 / sheet.positions.len() as f64, middle);
     for height in [0.0, 0.01, 0.2, 1.0] {
         let at = [middle[0] + 0.013, middle[1] + 0.027, middle[2] + height];
@@ -142,11 +129,8 @@ fn thickness_and_bulge_are_as_stated() {
         positions: vec![[0.0; 3], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]],
         triangles: vec![[0, 1, 2]],
     };
-    let options = ShellOptions {
-        thickness: 0.5,
-        threshold: 0.7,
-        ..ShellOptions::new(Metaball::Triangular, 3.0)
-    };
+    let options =
+        ShellOptions { thickness: 0.5, threshold: 0.7, ..ShellOptions::new(Metaball::Triangular, 3.0) };
     let shell = Shell::new(&one, &options).unwrap();
     let sheet_at = options.thickness - options.threshold.ln() / options.sharpness;
     for side in [1.0, -1.0] {
@@ -155,7 +139,8 @@ fn thickness_and_bulge_are_as_stated() {
     }
 }
 
-/// Sharp enough, the field's distance is the mesh's over faces, with a gradient of length one, and nothing over- or underflows far away.
+/// Sharp enough, the field's distance is the mesh's over faces, with a gradient of length one, and nothing
+/// over- or underflows far away.
 #[test]
 fn sharp_shells_are_as_far_as_the_mesh() {
     let mesh = icosphere(1.0, 3);
@@ -168,10 +153,7 @@ fn sharp_shells_are_as_far_as_the_mesh() {
         all += 1;
         if closest.feature == planish_mesh::Feature::Face && closest.barycentric.iter().all(|b| *b > 0.1) {
             compared += 1;
-            assert!(
-                (made.distance - closest.signed_distance).abs() < 1e-3,
-                "{at:?} {made:?} {closest:?}"
-            );
+            assert!((made.distance - closest.signed_distance).abs() < 1e-3, "{at:?} {made:?} {closest:?}");
             assert!((norm(made.gradient) - 1.0).abs() < 1e-2);
         }
     }
@@ -189,10 +171,7 @@ fn what_is_left_out_is_less_than_stated() {
     let mesh = rough_mesh();
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
         let shell_of = |reach: f64| {
-            let options = ShellOptions {
-                reach: Some(reach),
-                ..ShellOptions::new(metaball, 20.0)
-            };
+            let options = ShellOptions { reach: Some(reach), ..ShellOptions::new(metaball, 20.0) };
             Shell::new(&mesh, &options).unwrap()
         };
         let others = 1e3 * mesh.triangles.len() as f64;
@@ -236,21 +215,17 @@ fn subdivision_keeps_the_surface() {
 #[test]
 fn odd_meshes_and_options_are_refused() {
     let mesh = icosphere(1.0, 1);
-    let refused = |mesh: &TriangleMesh, options: ShellOptions| Shell::new(mesh, &options).unwrap_err().to_string();
+    let refused =
+        |mesh: &TriangleMesh, options: ShellOptions| Shell::new(mesh, &options).unwrap_err().to_string();
     assert!(
-        refused(&TriangleMesh::default(), ShellOptions::new(Metaball::Triangular, 1.0)).contains("without triangles")
+        refused(&TriangleMesh::default(), ShellOptions::new(Metaball::Triangular, 1.0))
+            .contains("without triangles")
     );
     for k in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(refused(&mesh, ShellOptions::new(Metaball::Triangular, k)).contains("sharpness"));
     }
-    let line = TriangleMesh {
-        positions: vec![[0.0; 3], [1.0, 0.0, 0.0]],
-        triangles: vec![[0, 1, 1]],
-    };
+    let line = TriangleMesh { positions: vec![[0.0; 3], [1.0, 0.0, 0.0]], triangles: vec![[0, 1, 1]] };
     assert!(refused(&line, ShellOptions::new(Metaball::Spherical, 1.0)).contains("area"));
-    let nowhere = ShellOptions {
-        reach: Some(f64::NAN),
-        ..ShellOptions::new(Metaball::Triangular, 1.0)
-    };
+    let nowhere = ShellOptions { reach: Some(f64::NAN), ..ShellOptions::new(Metaball::Triangular, 1.0) };
     assert!(refused(&mesh, nowhere).contains("reach"));
 }

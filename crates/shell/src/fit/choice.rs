@@ -1,6 +1,7 @@
 //! Which points a step of sharpness looks at, and in which order.
 //!
-//! Comes in: points, and the mesh's bounds. Goes out: indices of points. Neighbours in space follow one another, so that facets, vertices and weights that one point needs are still in the cache for the next.
+//! Comes in: points, and the mesh's bounds. Goes out: indices of points. Neighbours in space follow one
+//! another, so that facets, vertices and weights that one point needs are still in the cache for the next.
 
 use super::readings::PointReading;
 use planish_mesh::BoundingBox;
@@ -8,7 +9,8 @@ use planish_mesh::BoundingBox;
 /// Cells along each axis, as a power of two.
 const BITS: u32 = 10;
 
-/// About `wanted` of `points`, spread evenly whatever their order; all, where there are no more. Along Morton's curve through the bounds.
+/// About `wanted` of `points`, spread evenly whatever their order; all, where there are no more. Along
+/// Morton's curve through the bounds.
 pub(super) fn chosen_points(points: &[PointReading], wanted: usize, bounds: &BoundingBox) -> Vec<u32> {
     let share = wanted as f64 / points.len().max(1) as f64;
     let mut keyed: Vec<(u32, u32)> = (0..points.len() as u32)
@@ -19,7 +21,8 @@ pub(super) fn chosen_points(points: &[PointReading], wanted: usize, bounds: &Bou
     keyed.into_iter().map(|(_, i)| i).collect()
 }
 
-/// A number in `[0, 1)`. Multiples of the golden ratio's fraction would follow the rows of a grid: a hash does not.
+/// A number in `[0, 1)`. Multiples of the golden ratio's fraction would follow the rows of a grid: a hash
+/// does not.
 fn hashed(i: u32) -> f64 {
     let mut x = u64::from(i).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -77,9 +80,7 @@ mod tests {
         let early = chosen.iter().filter(|i| **i < 4000).count();
         assert!((900..1100).contains(&early), "{early}");
         let way = |order: &[u32]| -> f64 {
-            (order.windows(2))
-                .map(|w| distance(points[w[0] as usize].at, points[w[1] as usize].at))
-                .sum()
+            (order.windows(2)).map(|w| distance(points[w[0] as usize].at, points[w[1] as usize].at)).sum()
         };
         let mut unordered = chosen.clone();
         unordered.sort_unstable();

@@ -1,7 +1,8 @@
 //! Cholesky factors of dense information matrices.
 //!
-//! Comes in: a symmetric matrix, of which the lower triangle is read. Goes out: its factor, solutions, its inverse. Blocks as large as the caches are factored at once: a thousand unknowns take 20 ms.
-//! Not guaranteed: a factor of a matrix that is not positive definite; there is none.
+//! Comes in: a symmetric matrix, of which the lower triangle is read. Goes out: its factor, solutions, its
+//! inverse. Blocks as large as the caches are factored at once: a thousand unknowns take 20 ms. Not
+//! guaranteed: a factor of a matrix that is not positive definite; there is none.
 
 use faer::linalg::solvers::{DenseSolveCore, Llt, SolveCore};
 use faer::{Conj, MatMut, MatRef, Side};

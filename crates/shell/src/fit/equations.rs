@@ -1,8 +1,10 @@
 //! Equations `D = 0` of readings, and their sum.
 //!
-//! Comes in: for each reading its distance, σ and derivatives by vertices of the mesh and by poses of cameras. Goes out: information and vector over the parameters.
+//! Comes in: for each reading its distance, σ and derivatives by vertices of the mesh and by poses of
+//! cameras. Goes out: information and vector over the parameters.
 //!
-//! Equations are kept by vertices until they are summed, so that what was looked up for a step that is taken need not be looked up again.
+//! Equations are kept by vertices until they are summed, so that what was looked up for a step that is taken
+//! need not be looked up again.
 
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
@@ -175,7 +177,8 @@ pub(super) fn cost(all: &[Equations], loss: &Loss, factors: &[f64; SCALES]) -> f
         .sum()
 }
 
-/// Sums equations over the parameters and six numbers for every pose. Regions count only with `with_regions`, and so many readings of each kind as `together` says weigh as one.
+/// Sums equations over the parameters and six numbers for every pose. Regions count only with `with_regions`,
+/// and so many readings of each kind as `together` says weigh as one.
 pub(super) fn sum(
     all: &[Equations],
     deformation: &dyn Deformation,
@@ -191,10 +194,7 @@ pub(super) fn sum(
     let per_group = all.len().div_ceil(groups).max(1);
     let sums: Vec<Pass> = (all.par_chunks(per_group))
         .map(|group| {
-            let mut pass = Pass {
-                information: DMatrix::zeros(size, size),
-                vector: DVector::zeros(size),
-            };
+            let mut pass = Pass { information: DMatrix::zeros(size, size), vector: DVector::zeros(size) };
             let (mut row, mut touched) = (vec![0.0; size], Vec::new());
             for (equation, vertices, own_poses) in group.iter().flat_map(Equations::iter) {
                 if equation.source == Source::Region && !with_regions {
@@ -202,8 +202,8 @@ pub(super) fn sum(
                 }
                 let sigma = equation.sigma * factors[equation.source.scale()];
                 let variance = sigma * sigma * together[equation.source.scale()];
-                let weight =
-                    equation.chance.0 * equation.source.loss(loss).weight(equation.distance / sigma) / variance;
+                let weight = equation.chance.0 * equation.source.loss(loss).weight(equation.distance / sigma)
+                    / variance;
                 if weight <= 0.0 {
                     continue;
                 }
@@ -230,10 +230,7 @@ pub(super) fn sum(
             pass
         })
         .collect();
-    let mut total = Pass {
-        information: DMatrix::zeros(size, size),
-        vector: DVector::zeros(size),
-    };
+    let mut total = Pass { information: DMatrix::zeros(size, size), vector: DVector::zeros(size) };
     for pass in sums {
         total.information += pass.information;
         total.vector += pass.vector;
@@ -242,7 +239,8 @@ pub(super) fn sum(
     reduced(total, deformation, poses)
 }
 
-/// Visits the entries of an equation's row over the basis, then over six numbers of every pose; an index may come more than once.
+/// Visits the entries of an equation's row over the basis, then over six numbers of every pose; an index may
+/// come more than once.
 pub(super) fn visit_row(
     deformation: &dyn Deformation,
     vertices: &[ByVertex],
@@ -272,19 +270,12 @@ fn reduced(pass: Pass, deformation: &dyn Deformation, poses: usize) -> Pass {
     let own = r.tr_mul(&(n.view((0, 0), (basis, basis)) * r));
     let mixed = r.tr_mul(&n.view((0, basis), (basis, rest)));
     information.view_mut((0, 0), (parameters, parameters)).copy_from(&own);
-    information
-        .view_mut((0, parameters), (parameters, rest))
-        .copy_from(&mixed);
-    information
-        .view_mut((parameters, 0), (rest, parameters))
-        .copy_from(&mixed.transpose());
-    (information.view_mut((parameters, parameters), (rest, rest))).copy_from(&n.view((basis, basis), (rest, rest)));
+    information.view_mut((0, parameters), (parameters, rest)).copy_from(&mixed);
+    information.view_mut((parameters, 0), (rest, parameters)).copy_from(&mixed.transpose());
+    (information.view_mut((parameters, parameters), (rest, rest)))
+        .copy_from(&n.view((basis, basis), (rest, rest)));
     let mut vector = DVector::zeros(size);
-    vector
-        .rows_mut(0, parameters)
-        .copy_from(&r.tr_mul(&pass.vector.rows(0, basis)));
-    vector
-        .rows_mut(parameters, rest)
-        .copy_from(&pass.vector.rows(basis, rest));
+    vector.rows_mut(0, parameters).copy_from(&r.tr_mul(&pass.vector.rows(0, basis)));
+    vector.rows_mut(parameters, rest).copy_from(&pass.vector.rows(basis, rest));
     Pass { information, vector }
 }

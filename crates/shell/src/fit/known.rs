@@ -55,9 +55,7 @@ impl Known<'_> {
         }
         for (view, noise) in &self.poses {
             let change = state.cameras[*view].change_from(&self.readings.views[*view].camera);
-            sum += (0..6)
-                .map(|k| 0.5 * information_of(noise, k) * change[k] * change[k])
-                .sum::<f64>();
+            sum += (0..6).map(|k| 0.5 * information_of(noise, k) * change[k] * change[k]).sum::<f64>();
         }
         sum
     }
@@ -65,10 +63,7 @@ impl Known<'_> {
     /// The state after a step.
     pub(super) fn moved(&self, state: &State, change: &DVector<f64>) -> State {
         let parameters = state.q.len();
-        let mut next = State {
-            q: &state.q + change.rows(0, parameters),
-            cameras: state.cameras.clone(),
-        };
+        let mut next = State { q: &state.q + change.rows(0, parameters), cameras: state.cameras.clone() };
         for (slot, (view, _)) in self.poses.iter().enumerate() {
             let by = std::array::from_fn(|k| change[parameters + 6 * slot + k]);
             next.cameras[*view] = state.cameras[*view].moved(by);
@@ -82,10 +77,7 @@ impl Known<'_> {
         let own = pass.information.view((0, 0), (parameters, parameters)).into_owned();
         let vector = pass.vector.rows(0, parameters).into_owned();
         if rest == 0 {
-            return Ok(Pass {
-                information: own,
-                vector,
-            });
+            return Ok(Pass { information: own, vector });
         }
         let (all, slope) = self.add(state, 0.0, pass);
         let corner = all.view((parameters, parameters), (rest, rest)).into_owned();
@@ -99,10 +91,6 @@ impl Known<'_> {
 }
 
 fn information_of(noise: &PoseNoise, k: usize) -> f64 {
-    let sigma = if k < 3 {
-        noise.sigma_rotation
-    } else {
-        noise.sigma_translation
-    };
+    let sigma = if k < 3 { noise.sigma_rotation } else { noise.sigma_translation };
     1.0 / (sigma * sigma)
 }

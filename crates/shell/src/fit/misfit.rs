@@ -1,14 +1,19 @@
 //! What controls cannot follow: residuals that hang together.
 //!
-//! Comes in: residuals of readings and where these are. Goes out: how many readings say no more than one, and the σ of what the mesh lacks.
+//! Comes in: residuals of readings and where these are. Goes out: how many readings say no more than one, and
+//! the σ of what the mesh lacks.
 //!
-//! Noise of one reading tells nothing of its neighbour's. Where the residuals `r_i = n_i + m(x_i)` of neighbours are alike, the rest `m` is shape that the controls do not make. In batches of `c` neighbours ([`NestedBatches`]) whose residuals
-//! are alike by `ρ`, a mean varies `1 + (c − 1) ρ` times as much as that of independent ones, and the mean of `r_i r_j` over pairs of small batches is the variance of `m`.
+//! Noise of one reading tells nothing of its neighbour's. Where the residuals `r_i = n_i + m(x_i)` of
+//! neighbours are alike, the rest `m` is shape that the controls do not make. In batches of `c` neighbours
+//! ([`NestedBatches`]) whose residuals are alike by `ρ`, a mean varies `1 + (c − 1) ρ` times as much as that
+//! of independent ones, and the mean of `r_i r_j` over pairs of small batches is the variance of `m`.
 //!
-//! A fit takes from residuals what its unknowns follow: of noise they are alike by `−h_ij`, with `H = A N⁻¹ Aᵀ` of the whitened equations `A`. That is what `m` has to be seen through where it is small, so it is taken off: `tr(B H)` over
-//! the pairs of a level by random signs (M. Hutchinson, 1990).
+//! A fit takes from residuals what its unknowns follow: of noise they are alike by `−h_ij`, with
+//! `H = A N⁻¹ Aᵀ` of the whitened equations `A`. That is what `m` has to be seen through where it is small,
+//! so it is taken off: `tr(B H)` over the pairs of a level by random signs (M. Hutchinson, 1990).
 //!
-//! Not guaranteed: shape finer than the distances between readings, which looks like noise; what is lacking where nothing is read.
+//! Not guaranteed: shape finer than the distances between readings, which looks like noise; what is lacking
+//! where nothing is read.
 
 use planish_estimate::NestedBatches;
 
@@ -42,16 +47,14 @@ pub(super) const DRAWS: usize = 4;
 pub(super) struct Misfit {
     /// So many readings know as much as one alone; one, where residuals are noise.
     pub together: f64,
-    /// The sums whose ratio is the variance of what the mesh lacks: over pairs of neighbours, of the products of residuals and of one, each over both σ.
+    /// The sums whose ratio is the variance of what the mesh lacks: over pairs of neighbours, of the products
+    /// of residuals and of one, each over both σ.
     pub shared: [f64; 2],
 }
 
 impl Misfit {
     /// Residuals that are noise, or too few to tell.
-    pub(super) const NONE: Self = Self {
-        together: 1.0,
-        shared: [0.0; 2],
-    };
+    pub(super) const NONE: Self = Self { together: 1.0, shared: [0.0; 2] };
 
     /// Cost: `n log n`.
     pub(super) fn of(residuals: &[Residual]) -> Self {
@@ -100,11 +103,7 @@ impl Misfit {
     pub(super) fn sigma(all: &[Self]) -> f64 {
         let [products, weights] =
             (all.iter()).fold([0.0; 2], |sum, one| [sum[0] + one.shared[0], sum[1] + one.shared[1]]);
-        if weights > 0.0 {
-            (products / weights).max(0.0).sqrt()
-        } else {
-            0.0
-        }
+        if weights > 0.0 { (products / weights).max(0.0).sqrt() } else { 0.0 }
     }
 }
 
@@ -144,7 +143,8 @@ mod tests {
         assert_eq!(Misfit::of(&residuals(10, 5.0, 1.0)), Misfit::NONE);
     }
 
-    /// Shape that is left over is found through noise that is larger, with its size; longer waves make more readings say the same.
+    /// Shape that is left over is found through noise that is larger, with its size; longer waves make more
+    /// readings say the same.
     #[test]
     fn waves_are_found_through_noise() {
         let [short, long] = [0.25, 0.5].map(|length| Misfit::of(&residuals(6000, 1.0, length)));
@@ -152,16 +152,14 @@ mod tests {
             let sigma = Misfit::sigma(&[found]);
             assert!((sigma - 1.0).abs() < 0.15, "{sigma}");
         }
-        assert!(
-            short.together > 5.0 && long.together > 1.5 * short.together,
-            "{short:?} {long:?}"
-        );
+        assert!(short.together > 5.0 && long.together > 1.5 * short.together, "{short:?} {long:?}");
         // Kinds without any leave it as it is.
         assert_eq!(Misfit::sigma(&[short, Misfit::NONE]), Misfit::sigma(&[short]));
         assert_eq!(Misfit::sigma(&[]), 0.0);
     }
 
-    /// A wave that is small beside what a fit of many unknowns takes from noise is found with its size, as that is taken off; noise alone stays noise.
+    /// A wave that is small beside what a fit of many unknowns takes from noise is found with its size, as
+    /// that is taken off; noise alone stays noise.
     #[test]
     fn what_a_fit_takes_is_taken_off() {
         let (count, waves) = (4000, 12);
@@ -197,9 +195,6 @@ mod tests {
 
         let taken = (waves * waves) as f64 / count as f64;
         assert!(sigma > 0.25 && sigma < 0.38, "{sigma}");
-        assert!(
-            (sigma * sigma - untold * untold - taken).abs() < 0.3 * taken,
-            "{sigma} {untold}"
-        );
+        assert!((sigma * sigma - untold * untold - taken).abs() < 0.3 * taken, "{sigma} {untold}");
     }
 }

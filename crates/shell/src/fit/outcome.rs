@@ -43,7 +43,8 @@ pub(super) fn finished(
     let misfits = misfits(equations, &left, known, counts);
     let together = misfits.map(|misfit| misfit.together);
     let mut pass = sum(equations, deformation, poses, loss, (factors, &together), false);
-    // Reweighted equations are mean-weight times those of the data; an M-estimate's covariance is ψ²/ψ'² of these.
+    // Reweighted equations are mean-weight times those of the data; an M-estimate's covariance is ψ²/ψ'² of
+    // these.
     pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
     let data_information = known.without_poses(&state, &pass)?.information;
     let (information, _) = known.add(&state, weight, &pass);
@@ -83,7 +84,9 @@ fn misfits(
     let readings = known.readings;
     // Pixels of one view lie in a plane, and views far from one another.
     let pixels: Vec<[f64; 3]> = (readings.views.iter().enumerate())
-        .flat_map(|(v, view)| (view.outline.iter()).map(move |place| [place.pixel[0], place.pixel[1], 1e6 * v as f64]))
+        .flat_map(|(v, view)| {
+            (view.outline.iter()).map(move |place| [place.pixel[0], place.pixel[1], 1e6 * v as f64])
+        })
         .collect();
     let mut all = [Misfit::NONE; SCALES];
     for source in [Source::Point, Source::Outline] {
@@ -106,17 +109,15 @@ fn misfits(
     all
 }
 
-/// The place on the mesh beneath a point. A height moves with the point as it moves against all vertices: `∇h = −Σ ∂h/∂V_j`, and the foot is `x − h ∇h/|∇h|²`.
+/// The place on the mesh beneath a point. A height moves with the point as it moves against all vertices:
+/// `∇h = −Σ ∂h/∂V_j`, and the foot is `x − h ∇h/|∇h|²`.
 ///
-/// Neighbours by the points themselves are alike in their noise: of points at one height over the mesh the nearest are at the same height.
+/// Neighbours by the points themselves are alike in their noise: of points at one height over the mesh the
+/// nearest are at the same height.
 fn foot(at: [f64; 3], height: f64, by_vertices: &[ByVertex]) -> [f64; 3] {
     let against = (by_vertices.iter()).fold([0.0; 3], |sum, (_, by)| add(sum, *by));
     let square = dot(against, against);
-    if square > 0.0 {
-        add_scaled(at, height / square, against)
-    } else {
-        at
-    }
+    if square > 0.0 { add_scaled(at, height / square, against) } else { at }
 }
 
 fn source_fit(
@@ -135,11 +136,7 @@ fn source_fit(
     let factor = factors[source.scale()];
     let mut outliers = vec![true; count];
     let (mut squares, mut kept) = (0.0, 0_usize);
-    for equation in equations
-        .iter()
-        .flat_map(|some| &some.list)
-        .filter(|e| e.source == source)
-    {
+    for equation in equations.iter().flat_map(|some| &some.list).filter(|e| e.source == source) {
         let reading = equation.reading as usize;
         if known.options.loss.weight(equation.normalized() / factor) < NOTHING {
             continue;
@@ -156,9 +153,5 @@ fn source_fit(
         squares += residual * residual;
         kept += 1;
     }
-    SourceFit {
-        sigma_factor: factor,
-        rms: (squares / kept.max(1) as f64).sqrt(),
-        outliers,
-    }
+    SourceFit { sigma_factor: factor, rms: (squares / kept.max(1) as f64).sqrt(), outliers }
 }

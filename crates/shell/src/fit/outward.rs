@@ -1,9 +1,12 @@
 //! Parts of a mesh turned so that their outer sides are their front sides, as lines of sight need it.
 //!
-//! Comes in: a mesh of any kind. Goes out: the same triangles, some of them turned over. A part is what hangs together over edges whose two facets agree. Parallel rays from all around say which side of a part is seen from outside, by majority of first hits.
-//! After K. Takayama, A. Jacobson, L. Kavan, O. Sorkine-Hornung, *A simple method for correcting facet orientations in polygon meshes based on ray casting*, 2014.
+//! Comes in: a mesh of any kind. Goes out: the same triangles, some of them turned over. A part is what hangs
+//! together over edges whose two facets agree. Parallel rays from all around say which side of a part is seen
+//! from outside, by majority of first hits. After K. Takayama, A. Jacobson, L. Kavan, O. Sorkine-Hornung, *A
+//! simple method for correcting facet orientations in polygon meshes based on ray casting*, 2014.
 //!
-//! Not guaranteed: parts that no ray meets, and sheets that are seen from both sides alike; they stay as they are.
+//! Not guaranteed: parts that no ray meets, and sheets that are seen from both sides alike; they stay as they
+//! are.
 
 use planish_estimate::Result;
 use planish_estimate::vector3::{add_scaled, dot, tangents};
@@ -72,13 +75,11 @@ pub(super) fn outward(mesh: &TriangleMesh) -> Result<Vec<[u32; 3]>> {
         *votes.entry(part).or_default() += if behind { 1 } else { -1 };
     }
     Ok((mesh.triangles.iter().zip(part))
-        .map(|([a, b, c], part)| {
-            if votes.get(&part).is_some_and(|votes| *votes > 0) {
-                [*a, *c, *b]
-            } else {
-                [*a, *b, *c]
-            }
-        })
+        .map(
+            |([a, b, c], part)| {
+                if votes.get(&part).is_some_and(|votes| *votes > 0) { [*a, *c, *b] } else { [*a, *b, *c] }
+            },
+        )
         .collect())
 }
 
@@ -87,14 +88,13 @@ mod tests {
     use super::*;
     use planish_mesh::icosphere;
 
-    /// A ball with a window in it that looks inwards, a patch of it turned, and a closed ball beside it: all are turned, a ball within is left alone.
+    /// A ball with a window in it that looks inwards, a patch of it turned, and a closed ball beside it: all
+    /// are turned, a ball within is left alone.
     #[test]
     fn what_is_seen_from_behind_is_turned() {
         let mut right = icosphere(1.0, 3);
         let positions = right.positions.clone();
-        right
-            .triangles
-            .retain(|t| t.iter().any(|v| positions[*v as usize][2] > -0.8));
+        right.triangles.retain(|t| t.iter().any(|v| positions[*v as usize][2] > -0.8));
         let own = right.triangles.len();
         for (radius, at) in [(0.5, 3.0), (0.2, 0.0)] {
             let first = right.positions.len() as u32;

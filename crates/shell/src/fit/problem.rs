@@ -2,10 +2,13 @@
 //!
 //! Comes in: parameters and poses. Goes out: the deformed mesh, and an equation for every reading.
 //!
-//! - A point: `D(x_i) = 0`, with variance `nᵀ Σ_i n` along the gradient (C eq. 9); in the last field one such equation for each sheet near it ([`super::sheets`]).
-//! - A place on an outline: `min_t D(o + t d) = 0`. At the minimum `D` does not change with `t`, so the derivative of the minimum by anything else is that of `D` at the place where it is taken (the envelope theorem).
-//!   σ in pixels becomes one of distance by `|∂D/∂(x, y)|`, how `D` changes as the pixel shifts.
-//! - A pixel inside of a mask must hit: the same minimum counts while its sign is wrong. One outside must not: what is hit belongs at the border that is nearest in the picture.
+//! - A point: `D(x_i) = 0`, with variance `nᵀ Σ_i n` along the gradient (C eq. 9); in the last field one
+//!   such equation for each sheet near it ([`super::sheets`]).
+//! - A place on an outline: `min_t D(o + t d) = 0`. At the minimum `D` does not change with `t`, so the
+//!   derivative of the minimum by anything else is that of `D` at the place where it is taken (the envelope
+//!   theorem). σ in pixels becomes one of distance by `|∂D/∂(x, y)|`, how `D` changes as the pixel shifts.
+//! - A pixel inside of a mask must hit: the same minimum counts while its sign is wrong. One outside must
+//!   not: what is hit belongs at the border that is nearest in the picture.
 //! - A track: [`super::tracks`].
 
 use super::equations::{ByVertex, Equations, SCALES, Source};
@@ -27,7 +30,8 @@ const POINTS: usize = 256;
 const LINES: usize = 48;
 /// Where the shell is all but parallel to the image, a pixel still stands for this share of its width there.
 const LEAST_SLOPE: f64 = 0.3;
-/// A point is left without derivatives if it would weigh nothing were its σ as many times larger: factors of σ change from step to step.
+/// A point is left without derivatives if it would weigh nothing were its σ as many times larger: factors of
+/// σ change from step to step.
 const SURELY: f64 = 2.0;
 
 /// What is estimated.
@@ -123,13 +127,16 @@ impl Problem<'_> {
         }
     }
 
-    /// The equations of all readings that are looked at. With a `weighing`, points that weigh nothing by far come without derivatives ([`Equations::lack_derivatives`]).
+    /// The equations of all readings that are looked at. With a `weighing`, points that weigh nothing by far
+    /// come without derivatives ([`Equations::lack_derivatives`]).
     pub(super) fn equations(&self, state: &State, weighing: Option<Weighing<'_>>) -> Result<Vec<Equations>> {
         let own = self.moved(&state.q);
         let subdivided = self.origins.map(|origins| TriangleMesh {
             positions: (origins.iter())
                 .map(|origin| {
-                    std::array::from_fn(|k| origin.iter().map(|(v, w)| w * own.positions[*v as usize][k]).sum())
+                    std::array::from_fn(|k| {
+                        origin.iter().map(|(v, w)| w * own.positions[*v as usize][k]).sum()
+                    })
                 })
                 .collect(),
             triangles: self.triangles.to_vec(),
@@ -137,15 +144,11 @@ impl Problem<'_> {
         let shell = Shell::new(subdivided.as_ref().unwrap_or(&own), &self.shell)?;
         let lines = self.readings.views.iter().any(|view| !view.outline.is_empty());
         let search = if lines { Some(MeshSearch::try_new(&own)?) } else { None };
-        let bounds = own
-            .surface_bounds()
-            .ok_or_else(|| Error::input("a mesh without vertices"))?;
-        let sight = search
-            .as_ref()
-            .map(|search| Sight::new(&shell, search, &bounds, 1.0 / self.shell.sharpness));
-        let mut work: Vec<Work> = pieces(self.chosen.len(), POINTS)
-            .map(|(a, b)| Work::Points(a, b))
-            .collect();
+        let bounds = own.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
+        let sight =
+            search.as_ref().map(|search| Sight::new(&shell, search, &bounds, 1.0 / self.shell.sharpness));
+        let mut work: Vec<Work> =
+            pieces(self.chosen.len(), POINTS).map(|(a, b)| Work::Points(a, b)).collect();
         for (v, view) in self.readings.views.iter().enumerate().filter(|_| lines) {
             work.extend(pieces(view.outline.len(), LINES).map(|(a, b)| Work::Outline(v, a, b)));
             work.extend(pieces(view.inside.len(), LINES).map(|(a, b)| Work::Inside(v, a, b)));
@@ -194,7 +197,8 @@ impl Problem<'_> {
                 }
             }
             (Work::Tracks(a, b), _) => {
-                let give = |vertex: u32, by: [f64; 3], to: &mut Vec<(u32, [f64; 3])>| self.give(vertex, by, to);
+                let give =
+                    |vertex: u32, by: [f64; 3], to: &mut Vec<(u32, [f64; 3])>| self.give(vertex, by, to);
                 for (i, track) in self.readings.tracks.iter().enumerate().take(b).skip(a) {
                     let cameras = (&state.cameras[..], self.slots);
                     // Behind a camera, or from one direction only: it says nothing now.
@@ -211,7 +215,17 @@ impl Problem<'_> {
                     if sight.search.first_hit(origin, direction).is_none() {
                         let found = sight.least(origin, direction, &mut shares);
                         if let Some(touch) = found.filter(|touch| touch.distance > 0.0) {
-                            self.line(Source::Region, v, 0, 1.0, camera, &touch, sight, &mut shares, &mut made);
+                            self.line(
+                                Source::Region,
+                                v,
+                                0,
+                                1.0,
+                                camera,
+                                &touch,
+                                sight,
+                                &mut shares,
+                                &mut made,
+                            );
                         }
                     }
                 }
@@ -226,7 +240,8 @@ impl Problem<'_> {
         made
     }
 
-    /// The equations of a point, one of each sheet that it may be of; none where no facet near by has an area.
+    /// The equations of a point, one of each sheet that it may be of; none where no facet near by has an
+    /// area.
     fn point_by_sheets(
         &self,
         i: u32,
@@ -240,13 +255,7 @@ impl Problem<'_> {
         let [xx, _, _, yy, _, zz] = point.covariance;
         let factor = weighing.factors[Source::Point.scale()];
         let mut sheets = std::mem::take(&mut gathered.sheets);
-        sheets.find(
-            shell,
-            point.at,
-            shares,
-            factor * ((xx + yy + zz) / 3.0).sqrt(),
-            weighing.loss,
-        );
+        sheets.find(shell, point.at, shares, factor * ((xx + yy + zz) / 3.0).sqrt(), weighing.loss);
         let mut any = false;
         for (g, sheet) in sheets.likely() {
             any = true;
@@ -285,26 +294,25 @@ impl Problem<'_> {
             };
             if let Some(touch) = found {
                 let reading = (before + i) as u32;
-                self.line(
-                    Source::Outline,
-                    v,
-                    reading,
-                    place.sigma_px,
-                    camera,
-                    &touch,
-                    sight,
-                    shares,
-                    made,
-                );
+                self.line(Source::Outline, v, reading, place.sigma_px, camera, &touch, sight, shares, made);
             }
         }
     }
 
-    /// Of a pixel outside of a mask whose line of sight hits: what it hits first and last belongs where the border is nearest in the picture.
+    /// Of a pixel outside of a mask whose line of sight hits: what it hits first and last belongs where the
+    /// border is nearest in the picture.
     ///
-    /// The equation is `uᵀ(π(x) − b) = 0`, with `u` from the border's place `b` to the pixel, and `x` moving with the facet. How deep the line runs within would not do: of a thin part that faces the camera that is half its thickness, and
-    /// says nothing of the way to its rim.
-    fn reaching_over(&self, v: usize, pixel: [f64; 2], camera: &Camera, sight: &Sight<'_>, made: &mut Equations) {
+    /// The equation is `uᵀ(π(x) − b) = 0`, with `u` from the border's place `b` to the pixel, and `x` moving
+    /// with the facet. How deep the line runs within would not do: of a thin part that faces the camera that
+    /// is half its thickness, and says nothing of the way to its rim.
+    fn reaching_over(
+        &self,
+        v: usize,
+        pixel: [f64; 2],
+        camera: &Camera,
+        sight: &Sight<'_>,
+        made: &mut Equations,
+    ) {
         let (origin, direction) = (camera.center(), camera.direction(pixel));
         let Some(first) = sight.search.first_hit(origin, direction) else {
             return;
@@ -323,10 +331,7 @@ impl Problem<'_> {
         }
         let along = off.map(|x| x / away);
         let last = sight.last_hit(origin, direction);
-        for hit in [Some(first), last.filter(|last| last.triangle != first.triangle)]
-            .into_iter()
-            .flatten()
-        {
+        for hit in [Some(first), last.filter(|last| last.triangle != first.triangle)].into_iter().flatten() {
             let gradient = camera.by_place(hit.point, along);
             let mut vertices: Vec<ByVertex> = (self.mesh.triangles[hit.triangle as usize].into_iter())
                 .zip(hit.barycentric)
@@ -380,13 +385,7 @@ impl Problem<'_> {
         let whole = camera.by_pixel_at_most(touch.at);
         let sigma = sigma_px * x.hypot(y).max(LEAST_SLOPE * whole);
         let by_pose = self.slots[view].map(|slot| (slot, camera.by_pose(touch.at, touch.gradient)));
-        made.push(
-            source,
-            reading,
-            (touch.distance, sigma),
-            &mut vertices,
-            by_pose.as_slice(),
-        );
+        made.push(source, reading, (touch.distance, sigma), &mut vertices, by_pose.as_slice());
     }
 
     /// What a vertex of the wrapped mesh is of that of the deformation.

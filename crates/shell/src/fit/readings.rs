@@ -34,7 +34,8 @@ impl PointReading {
 pub enum OutlineKind {
     /// It touches the thing and hits nothing: a place on the border of a mask.
     Border,
-    /// It touches the thing somewhere, and may hit other parts before or behind: a place on a contour inside of the mask.
+    /// It touches the thing somewhere, and may hit other parts before or behind: a place on a contour inside
+    /// of the mask.
     Contour,
 }
 
@@ -124,31 +125,29 @@ impl ShellReadings<'_> {
         }
         let good = |sigma: f64| sigma.is_finite() && sigma > 0.0;
         for (v, view) in self.views.iter().enumerate() {
-            if let Some(i) =
-                (view.outline.iter()).position(|p| !(good(p.sigma_px) && p.pixel.iter().all(|x| x.is_finite())))
+            if let Some(i) = (view.outline.iter())
+                .position(|p| !(good(p.sigma_px) && p.pixel.iter().all(|x| x.is_finite())))
             {
                 return Err(Error::input(format!(
                     "view {v}: outline point {i} is not finite or has no positive σ: {:?}",
                     view.outline[i]
                 )));
             }
-            if let Some(noise) = view
-                .pose
-                .filter(|n| !(good(n.sigma_rotation) && good(n.sigma_translation)))
+            if let Some(noise) = view.pose.filter(|n| !(good(n.sigma_rotation) && good(n.sigma_translation)))
             {
                 return Err(Error::input(format!(
                     "view {v}: needed positive σ of an uncertain pose, found {noise:?}"
                 )));
             }
             if (view.inside.iter().chain(&view.outside).flatten()).any(|x| !x.is_finite()) {
-                return Err(Error::input(format!(
-                    "view {v}: a pixel inside or outside is not finite"
-                )));
+                return Err(Error::input(format!("view {v}: a pixel inside or outside is not finite")));
             }
         }
         for (i, track) in self.tracks.iter().enumerate() {
             let bad = (track.sightings.iter()).find(|s| {
-                s.view as usize >= self.views.len() || !good(s.sigma_px) || s.pixel.iter().any(|x| !x.is_finite())
+                s.view as usize >= self.views.len()
+                    || !good(s.sigma_px)
+                    || s.pixel.iter().any(|x| !x.is_finite())
             });
             if let Some(bad) = bad {
                 return Err(Error::input(format!(

@@ -1,28 +1,39 @@
 //! A shell that is followed frame after frame: a Kalman filter of its parameters and their velocities.
 //!
-//! Comes in: the readings of each frame. Goes out: its parameters with their covariance, by all frames up to it.
+//! Comes in: the readings of each frame. Goes out: its parameters with their covariance, by all frames up to
+//! it.
 //!
-//! Parameters `q` go on as they went: `q' = q + v + a/2`, `v' = v + a`, with accelerations `a ~ N(0, c M)` that are smooth over the controls: `M ∝ (K + ε I)⁻¹`. The first frame is fitted alone, and of the velocity after it nothing is known
-//! but that it is smooth.
+//! Parameters `q` go on as they went: `q' = q + v + a/2`, `v' = v + a`, with accelerations `a ~ N(0, c M)`
+//! that are smooth over the controls: `M ∝ (K + ε I)⁻¹`. The first frame is fitted alone, and of the velocity
+//! after it nothing is known but that it is smooth.
 //!
-//! What the readings say goes through the filter; that shapes are smooth, `λ K` with the first frame's `λ`, is said of every frame once and goes no further. Every frame is first fitted from where the last one was found. What the readings alone say
-//! there, information `N` and vector `η`, says how strong accelerations are: `c` makes the readings of all frames so far most likely, older ones less. With `m` and `Λ(c)` of what was known before the frame,
+//! What the readings say goes through the filter; that shapes are smooth, `λ K` with the first frame's `λ`,
+//! is said of every frame once and goes no further. Every frame is first fitted from where the last one was
+//! found. What the readings alone say there, information `N` and vector `η`, says how strong accelerations
+//! are: `c` makes the readings of all frames so far most likely, older ones less. With `m` and `Λ(c)` of what
+//! was known before the frame,
 //!
 //! `ln L(c) = ηᵀm − ½ mᵀN m + ½ rᵀ (Λ + N)⁻¹ r + ½ ln |Λ| − ½ ln |Λ + N|`, `r = η − N m`.
 //!
-//! Prediction and smoothness are then the prior of a second fit, whose equations are linearised anew where it ends (an iterated filter).
+//! Prediction and smoothness are then the prior of a second fit, whose equations are linearised anew where it
+//! ends (an iterated filter).
 //!
-//! Source: Y. Bar-Shalom, X. Li, T. Kirubarajan, *Estimation with applications to tracking and navigation*, 2001, sections 6.2 and 11.2.
+//! Source: Y. Bar-Shalom, X. Li, T. Kirubarajan, *Estimation with applications to tracking and navigation*,
+//! 2001, sections 6.2 and 11.2.
 //!
-//! Not guaranteed: that a thing is found again which moved farther between two frames than [`super::fit_shell`] can follow.
+//! Not guaranteed: that a thing is found again which moved farther between two frames than
+//! [`super::fit_shell`] can follow.
 
-use super::{ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_watched, undetermined};
+use super::{
+    ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_watched, undetermined,
+};
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
 
-/// `ε` as a share of the mean of `K`'s diagonal: how much less a motion of everything costs than one of a control alone.
+/// `ε` as a share of the mean of `K`'s diagonal: how much less a motion of everything costs than one of a
+/// control alone.
 const WHOLE: f64 = 0.02;
 /// Steps of `c` for a factor of ten.
 const PER_DECADE: i32 = 3;
@@ -34,7 +45,8 @@ const DECADES: (i32, i32) = (-3, 6);
 /// A frame, fitted.
 #[derive(Debug, Clone)]
 pub struct FrameFit {
-    /// The fit by all frames up to this one: its parameters, covariance and positions are those of the filter.
+    /// The fit by all frames up to this one: its parameters, covariance and positions are those of the
+    /// filter.
     pub fit: ShellFit,
     /// What was predicted for it by those before; `None` for the first.
     pub predicted: Option<DVector<f64>>,
@@ -75,7 +87,11 @@ impl<'a> ShellTracker<'a> {
     ///
     /// # Errors
     /// `Input` where options have no stiffness, one of another size than the parameters, or a prior.
-    pub fn new(mesh: &'a TriangleMesh, deformation: &'a dyn Deformation, options: ShellFitOptions) -> Result<Self> {
+    pub fn new(
+        mesh: &'a TriangleMesh,
+        deformation: &'a dyn Deformation,
+        options: ShellFitOptions,
+    ) -> Result<Self> {
         let parameters = deformation.parameters();
         let k = (options.stiffness.as_ref())
             .filter(|k| k.shape() == (parameters, parameters) && options.prior.is_none())
@@ -108,7 +124,8 @@ impl<'a> ShellTracker<'a> {
         self.follow_watched(readings, &mut |_| Ok(()))
     }
 
-    /// [`ShellTracker::follow`] that tells how far the frame is before each iteration, and ends with the error that `watch` gives.
+    /// [`ShellTracker::follow`] that tells how far the frame is before each iteration, and ends with the
+    /// error that `watch` gives.
     ///
     /// # Errors
     /// As [`ShellTracker::follow`], and what `watch` says; the tracker is then as it was before.
@@ -139,11 +156,7 @@ impl<'a> ShellTracker<'a> {
                 moves: false,
                 evidence: Evidence::default(),
             });
-            return Ok(FrameFit {
-                fit,
-                predicted: None,
-                acceleration: 0.0,
-            });
+            return Ok(FrameFit { fit, predicted: None, acceleration: 0.0 });
         };
         let step = DMatrix::from_fn(2 * parameters, 2 * parameters, |i, j| {
             f64::from(u8::from(i == j || j == i + parameters))
@@ -151,23 +164,12 @@ impl<'a> ShellTracker<'a> {
         let mean = &step * &last.mean;
         let mut joint = &step * &last.covariance * step.transpose();
         // A velocity of which nothing is known moves parameters by all of itself, a change of it by half.
-        let of = if last.moves {
-            [[0.25, 0.5], [0.5, 1.0]]
-        } else {
-            [[1.0, 1.0], [1.0, 1.0]]
-        };
-        let options = ShellFitOptions {
-            start: Some(last.found.clone()),
-            ..self.options.clone()
-        };
+        let of = if last.moves { [[0.25, 0.5], [0.5, 1.0]] } else { [[1.0, 1.0], [1.0, 1.0]] };
+        let options = ShellFitOptions { start: Some(last.found.clone()), ..self.options.clone() };
         // The second fit begins near its end, and takes no longer than the first.
-        let mut half = |of: f64, at: ShellProgress| {
-            watch(ShellProgress {
-                share: of + 0.5 * at.share,
-                ..at
-            })
-        };
-        let first = fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.0, at))?;
+        let mut half = |of: f64, at: ShellProgress| watch(ShellProgress { share: of + 0.5 * at.share, ..at });
+        let first =
+            fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.0, at))?;
         // Where that fit ended, its readings pull as hard as smoothness does.
         let n = &first.data_information;
         let pull = first.smoothness_weight * (&self.stiffness * (&first.parameters - &last.found));
@@ -182,11 +184,7 @@ impl<'a> ShellTracker<'a> {
                 .map(|k| (unit * 10_f64.powf(f64::from(k) / f64::from(PER_DECADE)), 0.0))
                 .collect();
         }
-        evidence.add(
-            (&base, &(of[0][0] * &self.smooth)),
-            (&own_mean, &last.shape),
-            (n, &vector),
-        );
+        evidence.add((&base, &(of[0][0] * &self.smooth)), (&own_mean, &last.shape), (n, &vector));
         let acceleration = evidence.most_likely();
         for (i, row) in of.iter().enumerate() {
             for (j, share) in row.iter().enumerate() {
@@ -207,10 +205,13 @@ impl<'a> ShellTracker<'a> {
             softness: (finest, finest),
             ..self.options.clone()
         };
-        let fit = fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.5, at))?;
-        // Only what the readings say goes into the filter: smoothness of the shape counts once, in every frame anew.
+        let fit =
+            fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.5, at))?;
+        // Only what the readings say goes into the filter: smoothness of the shape counts once, in every
+        // frame anew.
         let n = &fit.data_information;
-        let innovation = n * (&fit.parameters - &own_mean) + &prior.information * (&fit.parameters - &prior.mean);
+        let innovation =
+            n * (&fit.parameters - &own_mean) + &prior.information * (&fit.parameters - &prior.mean);
         let both = (&identity + n * &own).lu();
         let by_readings = both.solve(&innovation).ok_or_else(undetermined)?;
         let gain = both.solve(n).ok_or_else(undetermined)?;
@@ -224,16 +225,16 @@ impl<'a> ShellTracker<'a> {
             moves: true,
             evidence,
         });
-        Ok(FrameFit {
-            fit,
-            predicted: Some(predicted),
-            acceleration,
-        })
+        Ok(FrameFit { fit, predicted: Some(predicted), acceleration })
     }
 }
 
 /// A prediction by the readings before, and a shape that is smooth.
-fn with_shape(covariance: &DMatrix<f64>, mean: &DVector<f64>, shape: &DMatrix<f64>) -> Option<ParameterPrior> {
+fn with_shape(
+    covariance: &DMatrix<f64>,
+    mean: &DVector<f64>,
+    shape: &DMatrix<f64>,
+) -> Option<ParameterPrior> {
     let own = covariance.clone().cholesky()?.inverse();
     let information = &own + shape;
     let mean = information.clone().cholesky()?.solve(&(own * mean));
@@ -248,7 +249,8 @@ struct Evidence {
 }
 
 impl Evidence {
-    /// Adds a frame: covariance and growth of its prediction, the mean of that and the smoothness of shapes, and what the readings say.
+    /// Adds a frame: covariance and growth of its prediction, the mean of that and the smoothness of shapes,
+    /// and what the readings say.
     fn add(
         &mut self,
         (base, growing): (&DMatrix<f64>, &DMatrix<f64>),
@@ -276,10 +278,7 @@ impl Evidence {
 
     fn most_likely(&self) -> f64 {
         (self.steps.iter())
-            .fold(
-                (0.0, f64::NEG_INFINITY),
-                |best, step| if step.1 > best.1 { *step } else { best },
-            )
+            .fold((0.0, f64::NEG_INFINITY), |best, step| if step.1 > best.1 { *step } else { best })
             .0
     }
 }

@@ -1,16 +1,27 @@
 //! Which sheet of a mesh a point is of, where several are near.
 //!
-//! Comes in: a point, and the facets that are near it. Goes out: sheets, facets that face the same way at one height; for each the height of the point over it, and with what probability the point was measured there.
+//! Comes in: a point, and the facets that are near it. Goes out: sheets, facets that face the same way at one
+//! height; for each the height of the point over it, and with what probability the point was measured there.
 //!
-//! Where sheets meet or cross, or lie on one another, the mean of their heights is no distance from any of them, and the nearest of them is too often the wrong one. A point that was measured with noise of σ somewhere on the mesh has the density
+//! Where sheets meet or cross, or lie on one another, the mean of their heights is no distance from any of
+//! them, and the nearest of them is too often the wrong one. A point that was measured with noise of σ
+//! somewhere on the mesh has the density
 //!
 //! `Σ_g m_g exp(−ρ(h_g/σ))`,
 //!
-//! with `h_g` its height over sheet `g` and `m_g` how much of the sheet lies beside its foot: of a Gaussian of σ in the plane, the part that is on the sheet. Its logarithm has the derivative `Σ_g p_g ρ'(h_g/σ) ∂h_g/σ`, with `p_g` the share
-//! of sheet `g` in the sum: every sheet has an equation of its own, weighed by the probability that it is the right one (A. Dempster, N. Laird, D. Rubin, *Maximum likelihood from incomplete data via the EM algorithm*, 1977). With
-//! a Gaussian density these derivatives are zero in the mean on the true surface; that of a redescending loss has longer tails, which leaves a part of the bias that the nearest sheet has, with the other sign, but finds parts that start far away. Which way normals point is not asked for: a sheet that is turned over has the same equation with both signs changed.
+//! with `h_g` its height over sheet `g` and `m_g` how much of the sheet lies beside its foot: of a Gaussian
+//! of σ in the plane, the part that is on the sheet. Its logarithm has the derivative
+//! `Σ_g p_g ρ'(h_g/σ) ∂h_g/σ`, with `p_g` the share of sheet `g` in the sum: every sheet has an equation of
+//! its own, weighed by the probability that it is the right one (A. Dempster, N. Laird, D. Rubin, *Maximum
+//! likelihood from incomplete data via the EM algorithm*, 1977). With a Gaussian density these derivatives
+//! are zero in the mean on the true surface; that of a redescending loss has longer tails, which leaves a
+//! part of the bias that the nearest sheet has, with the other sign, but finds parts that start far away.
+//! Which way normals point is not asked for: a sheet that is turned over has the same equation with both
+//! signs changed.
 //!
-//! Not guaranteed: `m` is that of the half planes within the facet's sides, or of a small piece; that it changes as the mesh moves is left out, and so is, in the covariance, what is lost as nobody knows the sheet.
+//! Not guaranteed: `m` is that of the half planes within the facet's sides, or of a small piece; that it
+//! changes as the mesh moves is left out, and so is, in the covariance, what is lost as nobody knows the
+//! sheet.
 
 use crate::field::{Share, Shell};
 use planish_estimate::Loss;
@@ -19,7 +30,8 @@ use std::f64::consts::TAU;
 
 /// Facets with a cosine above this face the same way.
 const ALIKE: f64 = 0.9;
-/// Facets that face the same way are of one sheet if a point's heights over them differ by less than so many σ.
+/// Facets that face the same way are of one sheet if a point's heights over them differ by less than so many
+/// σ.
 const NEAR: f64 = 1.0;
 /// A sheet less probable than this has no equation.
 const LEAST: f64 = 0.01;
@@ -74,7 +86,8 @@ fn up_to(t: f64) -> f64 {
     if t < 0.0 { beyond } else { 1.0 - beyond }
 }
 
-/// How much of a facet lies beside the foot: a small piece is as much as the Gaussian has there, a large one ends at its sides.
+/// How much of a facet lies beside the foot: a small piece is as much as the Gaussian has there, a large one
+/// ends at its sides.
 fn mass(across: f64, area: f64, sigma: f64, within: impl FnOnce() -> [f64; 3]) -> f64 {
     let in_plane = across / sigma;
     if in_plane > ASIDE {
@@ -86,8 +99,16 @@ fn mass(across: f64, area: f64, sigma: f64, within: impl FnOnce() -> [f64; 3]) -
 }
 
 impl Sheets {
-    /// Finds the sheets among the facets of `shares`; `sigma` is the mean of the point's over all directions. None are found where no facet has an area.
-    pub(super) fn find(&mut self, shell: &Shell<'_>, at: [f64; 3], shares: &[Share], sigma: f64, loss: &Loss) {
+    /// Finds the sheets among the facets of `shares`; `sigma` is the mean of the point's over all directions.
+    /// None are found where no facet has an area.
+    pub(super) fn find(
+        &mut self,
+        shell: &Shell<'_>,
+        at: [f64; 3],
+        shares: &[Share],
+        sigma: f64,
+        loss: &Loss,
+    ) {
         self.members.clear();
         self.order.clear();
         self.list.clear();
@@ -116,11 +137,7 @@ impl Sheets {
             });
             let g = found.unwrap_or(self.list.len());
             if found.is_none() {
-                self.list.push(Sheet {
-                    normal: own.normal,
-                    first: own.height,
-                    ..Sheet::default()
-                });
+                self.list.push(Sheet { normal: own.normal, first: own.height, ..Sheet::default() });
             }
             let sheet = &mut self.list[g];
             sheet.height += own.mass * own.height;
@@ -195,13 +212,11 @@ mod tests {
             [0.0, 1.0, 1.0],
             [0.0, -1.0, 1.0],
         ];
-        TriangleMesh {
-            positions,
-            triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]],
-        }
+        TriangleMesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]] }
     }
 
-    /// The floor beside a fin would be pressed down if each point were of the nearest sheet: those above it that are nearer to the fin would be missing.
+    /// The floor beside a fin would be pressed down if each point were of the nearest sheet: those above it
+    /// that are nearer to the fin would be missing.
     #[test]
     fn a_floor_stays_where_it_is_beside_a_fin() {
         let mesh = floor_with_a_fin();
@@ -274,7 +289,8 @@ mod tests {
         }
     }
 
-    /// Two sheets that face the same way, one over the other, are two: a point between them is of either, not of their mean.
+    /// Two sheets that face the same way, one over the other, are two: a point between them is of either, not
+    /// of their mean.
     #[test]
     fn parallel_sheets_are_told_apart() {
         let mut mesh = floor_with_a_fin();

@@ -1,11 +1,17 @@
 //! Where a line of sight comes nearest to a shell: the minima of `D(o + t d)` over `t`.
 //!
-//! Comes in: a line, the shell, and the same mesh prepared for closest points. Goes out: places, with `D` and `∇D` there.
+//! Comes in: a line, the shell, and the same mesh prepared for closest points. Goes out: places, with `D` and
+//! `∇D` there.
 //!
-//! On a shell whose normals point outwards `D` is negative within. The minimum over the whole line is then positive where it misses, its depth below the surface where it hits, and zero where it touches: an outline. It is looked for
-//! between the first hit and the last, or all along a line that hits nothing, by the distance from the mesh, which changes by no more than `t` does, so intervals that cannot hold the minimum are left out, and none is missed that is longer than the stated width. The minimum of `D` is then found from the sign of its slope.
+//! On a shell whose normals point outwards `D` is negative within. The minimum over the whole line is then
+//! positive where it misses, its depth below the surface where it hits, and zero where it touches: an
+//! outline. It is looked for between the first hit and the last, or all along a line that hits nothing, by
+//! the distance from the mesh, which changes by no more than `t` does, so intervals that cannot hold the
+//! minimum are left out, and none is missed that is longer than the stated width. The minimum of `D` is then
+//! found from the sign of its slope.
 //!
-//! A line that touches one part and hits another behind it has several minima; [`Sight::minima`] gives them all, and the data say which one is meant.
+//! A line that touches one part and hits another behind it has several minima; [`Sight::minima`] gives them
+//! all, and the data say which one is meant.
 //!
 //! Not guaranteed: minima closer together than the width are one.
 
@@ -21,7 +27,8 @@ const FINE_PIECES: usize = 64;
 const NARROW: f64 = 150.0;
 /// Looks at the mesh on one line, at most.
 const MOST_LOOKS: usize = 120;
-/// A slope of `D` along the line that counts as none: what `D` lacks of its minimum is half its square over the curvature.
+/// A slope of `D` along the line that counts as none: what `D` lacks of its minimum is half its square over
+/// the curvature.
 const SLOPE: f64 = 1e-3;
 /// Doublings of an interval that does not hold the minimum.
 const WIDER: u32 = 5;
@@ -44,9 +51,11 @@ pub(super) struct Touch {
 /// What the distance is made of.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum MadeOf {
-    /// Of the shell's shares at the place, or on either side of it where the slope of `D` jumps: place, distance and share of each.
+    /// Of the shell's shares at the place, or on either side of it where the slope of `D` jumps: place,
+    /// distance and share of each.
     Shell([([f64; 3], ShellDistance, f64); 2]),
-    /// Of one foot point on the mesh: beyond borders and at sharp edges, where heights over planes are no distance.
+    /// Of one foot point on the mesh: beyond borders and at sharp edges, where heights over planes are no
+    /// distance.
     Foot(ClosestPoint),
 }
 
@@ -62,7 +71,12 @@ pub(super) struct Sight<'a> {
 }
 
 impl<'a> Sight<'a> {
-    pub(super) fn new(shell: &'a Shell<'a>, search: &'a MeshSearch, bounds: &BoundingBox, softness: f64) -> Self {
+    pub(super) fn new(
+        shell: &'a Shell<'a>,
+        search: &'a MeshSearch,
+        bounds: &BoundingBox,
+        softness: f64,
+    ) -> Self {
         let diagonal = bounds.diagonal();
         Self {
             shell,
@@ -78,9 +92,7 @@ impl<'a> Sight<'a> {
     fn span(&self, origin: [f64; 3], direction: [f64; 3]) -> (f64, f64) {
         let middle = dot(sub(self.center, origin), direction);
         let away = norm(sub(add_scaled(origin, middle, direction), self.center));
-        let half = (self.radius * self.radius - away * away)
-            .max(0.04 * self.radius * self.radius)
-            .sqrt();
+        let half = (self.radius * self.radius - away * away).max(0.04 * self.radius * self.radius).sqrt();
         ((middle - half).max(0.0), (middle + half).max(self.width))
     }
 
@@ -92,13 +104,12 @@ impl<'a> Sight<'a> {
     pub(super) fn last_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<RayHit> {
         let beyond = norm(sub(self.center, origin)) + 2.0 * self.radius;
         let back = (self.search).first_hit(add_scaled(origin, beyond, direction), scale(-1.0, direction))?;
-        Some(RayHit {
-            distance: beyond - back.distance,
-            ..back
-        })
+        Some(RayHit { distance: beyond - back.distance, ..back })
     }
 
-    /// The part of a line that holds its minimum, and whether it runs within the thing there. A line that hits nothing is nowhere within: signs count only between the first hit and the last, as an open mesh has no inside far away.
+    /// The part of a line that holds its minimum, and whether it runs within the thing there. A line that
+    /// hits nothing is nowhere within: signs count only between the first hit and the last, as an open mesh
+    /// has no inside far away.
     fn within(&self, origin: [f64; 3], direction: [f64; 3]) -> ((f64, f64), bool) {
         let Some(first) = self.search.first_hit(origin, direction) else {
             return (self.span(origin, direction), false);
@@ -109,7 +120,12 @@ impl<'a> Sight<'a> {
     }
 
     /// The least `D` on a line; `None` where nothing is finite.
-    pub(super) fn least(&self, origin: [f64; 3], direction: [f64; 3], shares: &mut Vec<Share>) -> Option<Touch> {
+    pub(super) fn least(
+        &self,
+        origin: [f64; 3],
+        direction: [f64; 3],
+        shares: &mut Vec<Share>,
+    ) -> Option<Touch> {
         let ((from, to), signs) = self.within(origin, direction);
         let along = |t: f64| self.height(add_scaled(origin, t, direction), signs);
         // Interval, its ends' distances, and what is the least that it can hold.
@@ -154,7 +170,12 @@ impl<'a> Sight<'a> {
     }
 
     /// All minima of `D` on a line.
-    pub(super) fn minima(&self, origin: [f64; 3], direction: [f64; 3], shares: &mut Vec<Share>) -> Vec<Touch> {
+    pub(super) fn minima(
+        &self,
+        origin: [f64; 3],
+        direction: [f64; 3],
+        shares: &mut Vec<Share>,
+    ) -> Vec<Touch> {
         let (from, to) = self.span(origin, direction);
         let step = (to - from) / FINE_PIECES as f64;
         let heights: Vec<f64> = (0..=FINE_PIECES)
@@ -227,7 +248,8 @@ impl<'a> Sight<'a> {
                 }
             }
         }
-        // Where the slope jumps through zero, the minimum moves with the kink: its derivative is that mean of both sides which has no slope along the line.
+        // Where the slope jumps through zero, the minimum moves with the kink: its derivative is that mean of
+        // both sides which has no slope along the line.
         let share = if bracketed && best.1.abs() >= SLOPE && high.0 - low.0 < 0.01 * self.softness {
             high.1 / (high.1 - low.1)
         } else {
@@ -249,8 +271,11 @@ impl<'a> Sight<'a> {
         Some(Touch {
             at,
             distance: found.distance,
-            gradient: (sides.iter()).fold([0.0; 3], |sum, (side, share)| add_scaled(sum, *share, side.2.gradient)),
-            made_of: MadeOf::Shell(sides.map(|(side, share)| (add_scaled(origin, side.0, direction), side.2, share))),
+            gradient: (sides.iter())
+                .fold([0.0; 3], |sum, (side, share)| add_scaled(sum, *share, side.2.gradient)),
+            made_of: MadeOf::Shell(
+                sides.map(|(side, share)| (add_scaled(origin, side.0, direction), side.2, share)),
+            ),
         })
     }
 
@@ -302,9 +327,5 @@ impl<'a> Sight<'a> {
 
 /// The distance from the mesh, with its sign where signs count: beyond a border a mesh has no sides.
 fn height_of(foot: &ClosestPoint, signs: bool) -> f64 {
-    if signs && !foot.on_boundary {
-        foot.signed_distance
-    } else {
-        foot.distance
-    }
+    if signs && !foot.on_boundary { foot.signed_distance } else { foot.distance }
 }

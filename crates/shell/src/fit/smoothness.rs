@@ -1,7 +1,8 @@
 //! The prior of smooth displacements, and its weight by marginal likelihood.
 //!
-//! Comes in: a stiffness `K`, and the information of the data about the parameters. Goes out: `λ` of `λ/2 · (q − m)ᵀ K (q − m)`.
-//! Source: S. Wood, M. Fasiolo, *A generalized Fellner-Schall method for smoothing parameter optimization*, 2017.
+//! Comes in: a stiffness `K`, and the information of the data about the parameters. Goes out: `λ` of
+//! `λ/2 · (q − m)ᵀ K (q − m)`. Source: S. Wood, M. Fasiolo, *A generalized Fellner-Schall method for
+//! smoothing parameter optimization*, 2017.
 
 use super::dense::Factor;
 use super::undetermined;
@@ -10,7 +11,8 @@ use planish_estimate::{Dispersion, Error, Result, SmoothnessEvaluation, Smoothne
 
 /// Updates of the weight in one iteration of the fit.
 const TRIES: usize = 20;
-/// Of more unknowns than this an update costs as much as an iteration: there are fewer, and the weight comes to rest as the fit does.
+/// Of more unknowns than this an update costs as much as an iteration: there are fewer, and the weight comes
+/// to rest as the fit does.
 const MANY: usize = 1000;
 const TRIES_OF_MANY: usize = 3;
 
@@ -24,7 +26,8 @@ pub(super) struct Smoothness {
 }
 
 impl Smoothness {
-    /// A prior whose weight is at most that of displacements of `start_sigma`, all independent: those have a roughness of `σ² tr K`, and the prior expects `rank(K)/λ`.
+    /// A prior whose weight is at most that of displacements of `start_sigma`, all independent: those have a
+    /// roughness of `σ² tr K`, and the prior expects `rank(K)/λ`.
     pub(super) fn new(stiffness: DMatrix<f64>, start_sigma: Option<f64>) -> Result<Self> {
         let (own, times) = match of_one_coordinate(&stiffness) {
             Some(own) => (own, 3),
@@ -36,20 +39,17 @@ impl Smoothness {
             return Err(Error::input("the stiffness of controls is not positive semidefinite"));
         }
         let rank = times * eigen.iter().filter(|e| **e > 1e-10 * largest).count();
-        let most = start_sigma.map_or(f64::INFINITY, |sigma| rank as f64 / (sigma * sigma * stiffness.trace()));
-        Ok(Self {
-            rank,
-            stiffness,
-            weight: 0.0,
-            most,
-        })
+        let most =
+            start_sigma.map_or(f64::INFINITY, |sigma| rank as f64 / (sigma * sigma * stiffness.trace()));
+        Ok(Self { rank, stiffness, weight: 0.0, most })
     }
 
     pub(super) fn roughness(&self, q: &DVector<f64>) -> f64 {
         q.dot(&(&self.stiffness * q))
     }
 
-    /// The weight that makes the data most likely, linearised at `q`: they say `N x = N q + b` of the whole displacement `x`.
+    /// The weight that makes the data most likely, linearised at `q`: they say `N x = N q + b` of the whole
+    /// displacement `x`.
     pub(super) fn weight(
         &mut self,
         information: &DMatrix<f64>,
@@ -107,8 +107,9 @@ fn of_one_coordinate(stiffness: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         return None;
     }
     let own = DMatrix::from_fn(size / 3, size / 3, |i, j| stiffness[(3 * i, 3 * j)]);
-    let same = (0..size)
-        .all(|j| (0..size).all(|i| stiffness[(i, j)] == if i % 3 == j % 3 { own[(i / 3, j / 3)] } else { 0.0 }));
+    let same = (0..size).all(|j| {
+        (0..size).all(|i| stiffness[(i, j)] == if i % 3 == j % 3 { own[(i / 3, j / 3)] } else { 0.0 })
+    });
     same.then_some(own)
 }
 
@@ -116,7 +117,8 @@ fn of_one_coordinate(stiffness: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 mod tests {
     use super::*;
 
-    /// Readings that agree with the start make smoothness as heavy as can be, and the start is then believed; with σ of the start they do not.
+    /// Readings that agree with the start make smoothness as heavy as can be, and the start is then believed;
+    /// with σ of the start they do not.
     #[test]
     fn a_start_made_of_the_readings_is_not_believed() {
         let count = 10;

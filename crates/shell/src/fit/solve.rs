@@ -1,6 +1,8 @@
-//! Levenberg and Marquardt's steps on the equations of a shell, from coarse fields to sharp ones; then the covariance.
+//! Levenberg and Marquardt's steps on the equations of a shell, from coarse fields to sharp ones; then the
+//! covariance.
 //!
-//! Comes in: what is to be fitted, and who is told of every iteration. Goes out: a [`ShellFit`]. Unknowns are the parameters, then six numbers for every pose that is uncertain.
+//! Comes in: what is to be fitted, and who is told of every iteration. Goes out: a [`ShellFit`]. Unknowns are
+//! the parameters, then six numbers for every pose that is uncertain.
 
 use super::choice::chosen_points;
 use super::dense::Factor;
@@ -18,7 +20,8 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result, Termination, gated_scale};
 use planish_mesh::TriangleMesh;
 
-/// Metaballs that give less than `exp(−9)` of the largest are left out: on a surface all of them together give 0.1 %.
+/// Metaballs that give less than `exp(−9)` of the largest are left out: on a surface all of them together
+/// give 0.1 %.
 const REACH: f64 = 9.0;
 /// Gate of the scale of residuals, in standard deviations.
 const GATE: f64 = 3.0;
@@ -38,9 +41,11 @@ const LONGEST: f64 = 0.03;
 const LEAST_READINGS: usize = 8;
 /// Of more unknowns no redundancy is counted: it costs as much as the fit.
 const MOST_COUNTED: usize = 3000;
-/// Points for each unknown, and in all, that a coarse field is fitted to at least: it only finds where the sharp one starts.
+/// Points for each unknown, and in all, that a coarse field is fitted to at least: it only finds where the
+/// sharp one starts.
 const COARSE_POINTS: (usize, usize) = (12, 5000);
-/// [`REACH`] of coarse fields. With more of a thin part's far side in the sum, and with fewer points, parts that start far away are lost more often.
+/// [`REACH`] of coarse fields. With more of a thin part's far side in the sum, and with fewer points, parts
+/// that start far away are lost more often.
 const COARSE_REACH: f64 = 4.0;
 /// A step of so many σ, in the mean over the unknowns, is none.
 const SETTLED: f64 = 0.1;
@@ -69,18 +74,12 @@ pub(super) fn solve(
     watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
 ) -> Result<ShellFit> {
     let parameters = deformation.parameters();
-    let once = TriangleMesh {
-        positions: mesh.positions.clone(),
-        triangles: mesh.triangles_once(),
-    };
+    let once = TriangleMesh { positions: mesh.positions.clone(), triangles: mesh.triangles_once() };
     let mesh = &once;
     let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
     let with_outlines = readings.views.iter().any(|view| !view.outline.is_empty());
     let turned = match with_outlines {
-        true => Some(TriangleMesh {
-            positions: mesh.positions.clone(),
-            triangles: outward(mesh)?,
-        }),
+        true => Some(TriangleMesh { positions: mesh.positions.clone(), triangles: outward(mesh)? }),
         false => None,
     };
     let mesh = turned.as_ref().unwrap_or(mesh);
@@ -107,17 +106,10 @@ pub(super) fn solve(
         (None, Some(prior)) => prior.mean.clone(),
         (None, None) => DVector::zeros(parameters),
     };
-    let mut known = Known {
-        smooth: Smoothness::new(stiffness, options.start_sigma)?,
-        options,
-        start,
-        poses,
-        readings,
-    };
-    let mut state = State {
-        q: known.start.clone(),
-        cameras: readings.views.iter().map(|view| view.camera).collect(),
-    };
+    let mut known =
+        Known { smooth: Smoothness::new(stiffness, options.start_sigma)?, options, start, poses, readings };
+    let mut state =
+        State { q: known.start.clone(), cameras: readings.views.iter().map(|view| view.camera).collect() };
     let mut factors = [1.0; SCALES];
     let mut used = 0.0;
     let mut iterations = 0;
@@ -126,13 +118,13 @@ pub(super) fn solve(
     // Parameters that are no displacements have other units.
     let longest = deformation.controls().map(|_| LONGEST * size);
     let (first, finest) = options.softness;
-    let bounds = mesh
-        .surface_bounds()
-        .ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let bounds = mesh.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
     let enough = (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1);
     let few = chosen_points(readings.points, enough, &bounds);
     let all = chosen_points(readings.points, usize::MAX, &bounds);
-    // Where the controls lack something, folds make up for it: smoothness counts for more until none is left, if that costs little. What the data show to the last σ may fold, and what outlines alone draw has more faults than folds.
+    // Where the controls lack something, folds make up for it: smoothness counts for more until none is left,
+    // if that costs little. What the data show to the last σ may fold, and what outlines alone draw has more
+    // faults than folds.
     let mut heavier = 1.0;
     // The weight by likelihood: σ is by this one, as to be held is not to be known.
     let mut likely = None;
@@ -140,11 +132,7 @@ pub(super) fn solve(
     let mut step = 0;
     while step < options.steps {
         let coarse = step + 1 < options.steps;
-        let share = if options.steps > 1 {
-            step as f64 / (options.steps - 1) as f64
-        } else {
-            1.0
-        };
+        let share = if options.steps > 1 { step as f64 / (options.steps - 1) as f64 } else { 1.0 };
         let softness = size * first * (finest / first).powf(share);
         let fine = match options.metaball {
             Metaball::Triangular => None,
@@ -167,10 +155,7 @@ pub(super) fn solve(
         };
         let mut damping = 1e-3;
         termination = Termination::Limit;
-        let first = Weighing {
-            loss: &options.loss,
-            factors,
-        };
+        let first = Weighing { loss: &options.loss, factors };
         // Derivatives that were left out are asked for again, by the factors that now hold.
         let again = |factors| {
             let loss = &options.loss;
@@ -187,16 +172,14 @@ pub(super) fn solve(
             })?;
             iterations += 1;
             if !options.believe_sigma {
-                // While the mesh is far away, residuals are shape; σ falls to that of the noise as it comes near.
+                // While the mesh is far away, residuals are shape; σ falls to that of the noise as it comes
+                // near.
                 factors = scales(&equations, used, factors)?;
             }
             if Equations::lack_derivatives(&equations, &options.loss, &factors) {
                 equations = problem.equations(&state, again(factors))?;
             }
-            let weighing = Weighing {
-                loss: &options.loss,
-                factors,
-            };
+            let weighing = Weighing { loss: &options.loss, factors };
             let pass = sum(
                 &equations,
                 deformation,
@@ -251,15 +234,13 @@ pub(super) fn solve(
         }
         let may_be_heavier = weight > 0.0 && options.prior.is_none() && heavier < HEAVIEST;
         if step + 1 == options.steps && may_be_heavier && !readings.points.is_empty() {
-            let folds = mesh
-                .distortion(&displaced(&mesh.positions, deformation, &state.q))
-                .folds
-                > 0;
+            let folds = mesh.distortion(&displaced(&mesh.positions, deformation, &state.q)).folds > 0;
             let rms = rms_normalized(&equations);
             let good = folded.as_ref().is_none_or(|before| rms < WORSE * before.1);
             if folds && good {
                 if folded.is_none() {
-                    let made = finished(mesh, deformation, &known, state.clone(), &equations, &factors, weight)?;
+                    let made =
+                        finished(mesh, deformation, &known, state.clone(), &equations, &factors, weight)?;
                     if made.lack_of_fit > 0.0 {
                         likely = Some(weight);
                         folded = Some((made, rms));
@@ -277,13 +258,10 @@ pub(super) fn solve(
         step += 1;
     }
     if let Some((made, _)) = folded {
-        return Ok(ShellFit {
-            termination,
-            iterations,
-            ..made
-        });
+        return Ok(ShellFit { termination, iterations, ..made });
     }
-    let (equations, weight) = last.ok_or_else(|| Error::input("a fit needs at least one step of sharpness"))?;
+    let (equations, weight) =
+        last.ok_or_else(|| Error::input("a fit needs at least one step of sharpness"))?;
     let weight = likely.unwrap_or(weight);
     finished(mesh, deformation, &known, state, &equations, &factors, weight).map(|made| ShellFit {
         termination,
@@ -294,9 +272,10 @@ pub(super) fn solve(
 
 /// Root mean square of residuals over what was stated, of readings that may be of the mesh.
 fn rms_normalized(equations: &[Equations]) -> f64 {
-    let of_readings =
-        (equations.iter().flat_map(|some| &some.list)).filter(|e| e.source != Source::Region && e.is_likely());
-    let (squares, count) = of_readings.fold((0.0, 0_usize), |(sum, n), e| (sum + e.normalized().powi(2), n + 1));
+    let of_readings = (equations.iter().flat_map(|some| &some.list))
+        .filter(|e| e.source != Source::Region && e.is_likely());
+    let (squares, count) =
+        of_readings.fold((0.0, 0_usize), |(sum, n), e| (sum + e.normalized().powi(2), n + 1));
     (squares / count.max(1) as f64).sqrt()
 }
 
@@ -304,11 +283,13 @@ fn rms_normalized(equations: &[Equations]) -> f64 {
 fn rms_of_points(equations: &[Equations]) -> Option<f64> {
     let of_points =
         (equations.iter().flat_map(|some| &some.list)).filter(|e| e.source == Source::Point && e.is_likely());
-    let (squares, count) = of_points.fold((0.0, 0_usize), |(sum, n), e| (sum + e.distance * e.distance, n + 1));
+    let (squares, count) =
+        of_points.fold((0.0, 0_usize), |(sum, n), e| (sum + e.distance * e.distance, n + 1));
     (count > 0).then(|| (squares / count as f64).sqrt())
 }
 
-/// Whether a step of so many σ after another is as good as the last: it is short, or those that follow are, if each shrinks as this one did.
+/// Whether a step of so many σ after another is as good as the last: it is short, or those that follow are,
+/// if each shrinks as this one did.
 fn is_settled(length: f64, before: f64, coarse: bool) -> bool {
     let limit = if coarse { NEAR } else { SETTLED };
     let ratio = length / before;
@@ -324,7 +305,8 @@ fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[
         }
     }
     let count = of_scale.iter().map(Vec::len).sum::<usize>() as f64;
-    // Of fewer readings than unknowns nothing is left to tell σ by: at most half of the variance is taken for redundancy that is missing.
+    // Of fewer readings than unknowns nothing is left to tell σ by: at most half of the variance is taken for
+    // redundancy that is missing.
     let redundancy = (1.0 - used / count.max(1.0)).max(0.5);
     let mut factors = before;
     for (factor, residuals) in factors.iter_mut().zip(of_scale) {

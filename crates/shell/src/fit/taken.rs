@@ -1,6 +1,8 @@
-//! What a fit takes from its residuals: `s − H s` of random signs `s`, with `H = A N⁻¹ Aᵀ` of the whitened equations `A`.
+//! What a fit takes from its residuals: `s − H s` of random signs `s`, with `H = A N⁻¹ Aᵀ` of the whitened
+//! equations `A`.
 //!
-//! Comes in: the equations at the end, and their information with what is known beside them. Goes out: signs, and what the fit leaves of them. Two passes over the rows; no covariance of residuals is ever made.
+//! Comes in: the equations at the end, and their information with what is known beside them. Goes out: signs,
+//! and what the fit leaves of them. Two passes over the rows; no covariance of residuals is ever made.
 
 use super::dense::Factor;
 use super::equations::{Equation, Equations, SCALES, visit_row};
@@ -17,7 +19,9 @@ const GROUPS: usize = 16;
 /// Signs of an equation, and what is left of them.
 pub(super) type Signs = [[f64; DRAWS]; 2];
 
-/// The signs of equation `i`, and of the `i`-th equation what the fit leaves of them. `slope` is `E[ψ']` of the loss, `information` that of all equations by it with the priors, `counts` tells which equations the fit hears.
+/// The signs of equation `i`, and of the `i`-th equation what the fit leaves of them. `slope` is `E[ψ']` of
+/// the loss, `information` that of all equations by it with the priors, `counts` tells which equations the
+/// fit hears.
 pub(super) fn left_of_signs(
     equations: &[Equations],
     deformation: &dyn Deformation,
@@ -73,9 +77,7 @@ pub(super) fn left_of_signs(
         let own = x.rows(0, parameters).into_owned();
         let in_basis = crate::deformation::in_basis(deformation, &own);
         moved.view_mut((0, draw), (basis, 1)).copy_from(&in_basis);
-        moved
-            .view_mut((basis, draw), (rest, 1))
-            .copy_from(&x.rows(parameters, rest));
+        moved.view_mut((basis, draw), (rest, 1)).copy_from(&x.rows(parameters, rest));
     }
     let left: Vec<Vec<Signs>> = (equations.par_iter().zip(&firsts))
         .map(|(some, first)| {

@@ -65,23 +65,14 @@ fn truth(points: usize, seed: u64) -> Truth {
             })
         };
         let v = SIGMA * SIGMA;
-        readings.push(PointReading {
-            at,
-            covariance: [v, 0.0, 0.0, v, 0.0, v],
-        });
+        readings.push(PointReading { at, covariance: [v, 0.0, 0.0, v, 0.0, v] });
         sources.push((!gross).then_some((sample.triangle, sample.barycentric)));
     }
-    Truth {
-        mesh,
-        deformed,
-        deformation,
-        stiffness,
-        readings,
-        sources,
-    }
+    Truth { mesh, deformed, deformation, stiffness, readings, sources }
 }
 
-/// The same fit where it is known which place of the mesh each point is of: linear. Of a point along the true normal, as a shell knows it, or of all three of its coordinates.
+/// The same fit where it is known which place of the mesh each point is of: linear. Of a point along the true
+/// normal, as a shell knows it, or of all three of its coordinates.
 fn with_correspondences(truth: &Truth, weight: f64, normals_only: bool) -> Vec<[f64; 3]> {
     let normals = truth.deformed.face_normals();
     let basis = truth.deformation.basis();
@@ -97,9 +88,7 @@ fn with_correspondences(truth: &Truth, weight: f64, normals_only: bool) -> Vec<[
         for &direction in if normals_only { &normal[..] } else { &axes[..] } {
             let mut row = DVector::zeros(basis);
             for (vertex, w) in vertices.iter().zip(weights) {
-                truth
-                    .deformation
-                    .row(*vertex, direction, &mut |k, entry| row[k] += w * entry);
+                truth.deformation.row(*vertex, direction, &mut |k, entry| row[k] += w * entry);
             }
             let residual = dot(sub(reading.at, rest), direction);
             vector.axpy(residual / (SIGMA * SIGMA), &row, 1.0);
@@ -113,32 +102,29 @@ fn with_correspondences(truth: &Truth, weight: f64, normals_only: bool) -> Vec<[
     truth.mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect()
 }
 
-/// Distances from the true surface, by vertex. (Not from the true vertex: nothing tells where along the surface a vertex is.)
+/// Distances from the true surface, by vertex. (Not from the true vertex: nothing tells where along the
+/// surface a vertex is.)
 fn heights(truth: &Truth, positions: &[[f64; 3]]) -> Vec<f64> {
     let search = MeshSearch::try_new(&truth.deformed).unwrap();
-    positions
-        .iter()
-        .map(|p| search.closest(*p).unwrap().signed_distance)
-        .collect()
+    positions.iter().map(|p| search.closest(*p).unwrap().signed_distance).collect()
 }
 
 fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// Points closer together than their noise: of those at one height over the mesh the nearest are at the same height, and that is no shape that the controls lack.
+/// Points closer together than their noise: of those at one height over the mesh the nearest are at the same
+/// height, and that is no shape that the controls lack.
 #[test]
 fn dense_noise_is_nothing_that_is_lacking() {
     let truth = truth(20_000, 5);
-    let options = ShellFitOptions {
-        stiffness: Some(truth.stiffness.clone()),
-        ..ShellFitOptions::default()
-    };
+    let options = ShellFitOptions { stiffness: Some(truth.stiffness.clone()), ..ShellFitOptions::default() };
     let made = fit_points(&truth.mesh, &truth.deformation, &truth.readings, &options).unwrap();
     assert!(made.lack_of_fit < 0.1 * SIGMA, "{} of {SIGMA}", made.lack_of_fit);
 }
 
-/// Against a fit that knows which place each point is of, the shell's surface is at most a fifth farther from the truth, and its σ is true, for both kinds of metaballs.
+/// Against a fit that knows which place each point is of, the shell's surface is at most a fifth farther from
+/// the truth, and its σ is true, for both kinds of metaballs.
 #[test]
 fn shells_come_as_near_as_true_correspondences() {
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
@@ -165,15 +151,16 @@ fn shells_come_as_near_as_true_correspondences() {
             }
             println!(
                 "{metaball:?}: σ factor {:.3}, λ {:.3e}, rms {:.5}, {:?} after {}",
-                made.points.sigma_factor, made.smoothness_weight, made.points.rms, made.termination, made.iterations
+                made.points.sigma_factor,
+                made.smoothness_weight,
+                made.points.rms,
+                made.termination,
+                made.iterations
             );
             assert!((made.points.sigma_factor - 1.0).abs() < 0.1);
             ours.extend(off);
             let told = |normals_only| {
-                heights(
-                    &truth,
-                    &with_correspondences(&truth, made.smoothness_weight, normals_only),
-                )
+                heights(&truth, &with_correspondences(&truth, made.smoothness_weight, normals_only))
             };
             theirs.extend(told(true));
             of_all_three.extend(told(false));
@@ -214,26 +201,15 @@ fn a_lattice_is_fitted_by_the_same_code() {
 fn odd_input_is_named() {
     let mesh = icosphere(1.0, 1);
     let deformation = Dirichlet::new(&mesh.positions[..4], &mesh.positions).unwrap();
-    let good = PointReading {
-        at: [1.0, 0.0, 0.0],
-        covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
-    };
+    let good = PointReading { at: [1.0, 0.0, 0.0], covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0] };
     let refused = |points: &[PointReading], options: &ShellFitOptions| {
-        fit_points(&mesh, &deformation, points, options)
-            .unwrap_err()
-            .to_string()
+        fit_points(&mesh, &deformation, points, options).unwrap_err().to_string()
     };
     let usual = ShellFitOptions::default();
     assert!(refused(&[], &usual).contains("no points"));
-    let bad = PointReading {
-        at: [f64::NAN, 0.0, 0.0],
-        ..good
-    };
+    let bad = PointReading { at: [f64::NAN, 0.0, 0.0], ..good };
     assert!(refused(&[good, bad], &usual).contains("point 1"));
-    let small = ShellFitOptions {
-        stiffness: Some(DMatrix::identity(2, 2)),
-        ..usual.clone()
-    };
+    let small = ShellFitOptions { stiffness: Some(DMatrix::identity(2, 2)), ..usual.clone() };
     assert!(refused(&[good], &small).contains("2 × 2"));
     // One point says nothing of most controls.
     assert!(refused(&[good], &usual).contains("controls"));

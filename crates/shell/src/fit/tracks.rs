@@ -1,9 +1,12 @@
 //! Features tracked over views: a place on the surface, and a line of sight through it from every view.
 //!
-//! Comes in: pixels of one feature in several views. Goes out: equations between the poses of those views and the shell.
+//! Comes in: pixels of one feature in several views. Goes out: equations between the poses of those views and
+//! the shell.
 //!
-//! The feature's place `X` is unknown and of no interest. Its pixels say `π_v(X) = x_v`, the shell says `D(X) = 0`: `2 n + 1` equations, three of which go to find `X`. What is left is got by multiplying all, divided by their σ, with the left null space of
-//! their derivatives by `X` (A. Björck, *Numerical methods for least squares problems*, 1996, on separable problems).
+//! The feature's place `X` is unknown and of no interest. Its pixels say `π_v(X) = x_v`, the shell says
+//! `D(X) = 0`: `2 n + 1` equations, three of which go to find `X`. What is left is got by multiplying all,
+//! divided by their σ, with the left null space of their derivatives by `X` (A. Björck, *Numerical methods
+//! for least squares problems*, 1996, on separable problems).
 //!
 //! Not guaranteed: a place where lines of sight are all but parallel.
 
@@ -61,7 +64,8 @@ fn linearized(
 /// What vertices of the deformed mesh one of the wrapped mesh is made of, with the derivatives by them.
 type Give<'a> = dyn Fn(u32, [f64; 3], &mut Vec<ByVertex>) + 'a;
 
-/// Adds the equations of one track. `slots` says which cameras have a pose in the state, `give` what vertices of the wrapped mesh are of that which is deformed.
+/// Adds the equations of one track. `slots` says which cameras have a pose in the state, `give` what vertices
+/// of the wrapped mesh are of that which is deformed.
 pub(super) fn add(
     track: &FeatureTrack,
     index: u32,
@@ -102,9 +106,8 @@ pub(super) fn add(
     for column in 0..rows - 3 {
         let n = null.column(column);
         let on_surface = n[rows - 1] / track.sigma_surface;
-        let mut own: Vec<(u32, [f64; 3])> = (vertices.iter())
-            .map(|(vertex, by)| (*vertex, by.map(|x| on_surface * x)))
-            .collect();
+        let mut own: Vec<(u32, [f64; 3])> =
+            (vertices.iter()).map(|(vertex, by)| (*vertex, by.map(|x| on_surface * x))).collect();
         let mut poses = Vec::new();
         for (k, seen) in track.sightings.iter().enumerate() {
             let Some(slot) = slots[seen.view as usize] else {

@@ -20,20 +20,10 @@ impl Bound for Slab {
 }
 
 /// All of space.
-const EVERYWHERE: Slab = Slab {
-    from: -100.0,
-    to: 100.0,
-    sign: 1.0,
-};
+const EVERYWHERE: Slab = Slab { from: -100.0, to: 100.0, sign: 1.0 };
 
 fn renewal(room: &dyn Bound) -> Renewal<'_> {
-    Renewal {
-        room,
-        flow: None,
-        cell: 0.06,
-        least_part: 0.01,
-        smoothings: 0,
-    }
+    Renewal { room, flow: None, cell: 0.06, least_part: 0.01, smoothings: 0 }
 }
 
 /// Two balls that cross, the second one given inside of the first as well.
@@ -42,14 +32,14 @@ fn crossing() -> TriangleMesh {
     for (radius, x) in [(1.0, 1.2), (0.5, 0.0)] {
         let first = all.positions.len() as u32;
         let ball = icosphere(radius, 4);
-        all.positions
-            .extend(ball.positions.iter().map(|p| [p[0] + x, p[1], p[2]]));
+        all.positions.extend(ball.positions.iter().map(|p| [p[0] + x, p[1], p[2]]));
         (all.triangles).extend(ball.triangles.iter().map(|t| t.map(|v| v + first)));
     }
     all
 }
 
-/// A mesh that crosses itself comes out as the surface of what it encloses: one piece without crossings, on the outer spheres.
+/// A mesh that crosses itself comes out as the surface of what it encloses: one piece without crossings, on
+/// the outer spheres.
 #[test]
 fn what_crosses_becomes_one_surface() {
     let made = renewed(&crossing(), &renewal(&EVERYWHERE)).unwrap();
@@ -84,15 +74,8 @@ fn what_has_no_room_is_cut() {
 /// It flows where nothing is covered yet, as far as it may, and stays where something is.
 #[test]
 fn it_flows_out_of_what_is_covered_only() {
-    let covered = Slab {
-        from: -100.0,
-        to: 0.0,
-        sign: 1.0,
-    };
-    let flow = Renewal {
-        flow: Some((&covered, 0.3)),
-        ..renewal(&EVERYWHERE)
-    };
+    let covered = Slab { from: -100.0, to: 0.0, sign: 1.0 };
+    let flow = Renewal { flow: Some((&covered, 0.3)), ..renewal(&EVERYWHERE) };
     let made = renewed(&icosphere(1.0, 4), &flow).unwrap();
     assert!(made.check().watertight);
     for p in &made.positions {
@@ -114,14 +97,7 @@ fn smoothing_does_not_shrink() {
         *p = p.map(|x| share * x);
     }
     let spread = |smoothings| {
-        let made = renewed(
-            &rough,
-            &Renewal {
-                smoothings,
-                ..renewal(&EVERYWHERE)
-            },
-        )
-        .unwrap();
+        let made = renewed(&rough, &Renewal { smoothings, ..renewal(&EVERYWHERE) }).unwrap();
         let radii: Vec<f64> = made.positions.iter().map(|p| norm(*p)).collect();
         let mean = radii.iter().sum::<f64>() / radii.len() as f64;
         let variance = radii.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / radii.len() as f64;
@@ -132,7 +108,8 @@ fn smoothing_does_not_shrink() {
     assert!((after - before).abs() < 0.005, "{after} {before}");
 }
 
-/// Means keep what is the same everywhere, and spread what is at one place without adding to it where all have as many neighbours.
+/// Means keep what is the same everywhere, and spread what is at one place without adding to it where all
+/// have as many neighbours.
 #[test]
 fn local_means_are_means() {
     let ball = icosphere(1.0, 3);

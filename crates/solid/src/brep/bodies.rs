@@ -16,32 +16,23 @@ pub struct Body {
 }
 
 impl Solid {
-    /// The bodies, the largest first; each void belongs to the smallest outer shell around it, by a ray from one of its points.
+    /// The bodies, the largest first; each void belongs to the smallest outer shell around it, by a ray from
+    /// one of its points.
     #[must_use]
     pub fn bodies(&self) -> Vec<Body> {
-        let mut shells: Vec<(f64, Vec<usize>)> = self.shells().into_iter().map(|s| (self.volume_of(&s), s)).collect();
+        let mut shells: Vec<(f64, Vec<usize>)> =
+            self.shells().into_iter().map(|s| (self.volume_of(&s), s)).collect();
         shells.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (outer, voids): (Vec<_>, Vec<_>) = shells.into_iter().partition(|s| s.0 > 0.0);
-        let mut bodies: Vec<Body> = outer
-            .into_iter()
-            .map(|(_, outer)| Body {
-                outer,
-                voids: Vec::new(),
-            })
-            .collect();
+        let mut bodies: Vec<Body> =
+            outer.into_iter().map(|(_, outer)| Body { outer, voids: Vec::new() }).collect();
         for (_, void) in voids {
             let around = match bodies.len() {
                 0 => {
-                    return vec![Body {
-                        outer: void,
-                        voids: Vec::new(),
-                    }];
+                    return vec![Body { outer: void, voids: Vec::new() }];
                 }
                 1 => 0,
-                n => (0..n)
-                    .rev()
-                    .find(|k| self.is_around(&bodies[*k].outer, &void))
-                    .unwrap_or(0),
+                n => (0..n).rev().find(|k| self.is_around(&bodies[*k].outer, &void)).unwrap_or(0),
             };
             bodies[around].voids.push(void);
         }
@@ -55,12 +46,9 @@ impl Solid {
         };
         let edge = &self.edges[edge.edge];
         let from = edge.curve.point(0.37 * edge.range[0] + 0.63 * edge.range[1]);
-        let (lo, hi) = self
-            .vertices
-            .iter()
-            .fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
-                ([0, 1, 2].map(|k| lo[k].min(p[k])), [0, 1, 2].map(|k| hi[k].max(p[k])))
-            });
+        let (lo, hi) = self.vertices.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
+            ([0, 1, 2].map(|k| lo[k].min(p[k])), [0, 1, 2].map(|k| hi[k].max(p[k])))
+        });
         // No face bulges beyond this: whole balls and rings have vertices on both sides of them.
         let far = 4.0 * norm(sub(hi, lo));
         let reach = [lo.map(|c| c - far), hi.map(|c| c + far)];
@@ -69,9 +57,7 @@ impl Solid {
             .map(|f| {
                 let face = TrimmedFace::new(self, &self.faces[*f], reach);
                 let met = face.met(from, RAY, [0.0, 3.0 * far]);
-                met.into_iter()
-                    .filter(|t| *t > 0.0 && face.contains(along(from, *t, RAY)))
-                    .count()
+                met.into_iter().filter(|t| *t > 0.0 && face.contains(along(from, *t, RAY))).count()
             })
             .sum();
         crossings % 2 == 1

@@ -11,9 +11,10 @@ const SAMPLES: usize = 5;
 impl Solid {
     /// Checks topology and geometry.
     ///
-    /// Every edge is used once in each direction (closed and oriented); loops hang together; edges end at their vertices and lie on their faces
-    /// within `tolerance`; and Euler–Poincaré, `V − E + F − (L − F) = 2 (S − G)` with L loops, S shells and a genus G that is whole and
-    /// not negative. A cylinder's face between two loops around it counts as if it had a seam.
+    /// Every edge is used once in each direction (closed and oriented); loops hang together; edges end at
+    /// their vertices and lie on their faces within `tolerance`; and Euler–Poincaré,
+    /// `V − E + F − (L − F) = 2 (S − G)` with L loops, S shells and a genus G that is whole and not negative.
+    /// A cylinder's face between two loops around it counts as if it had a seam.
     ///
     /// # Errors
     /// [`Input`](planish_estimate::ErrorKind::Input), naming the edge or face that does not fit.
@@ -51,9 +52,7 @@ impl Solid {
         for (vertex, t) in [(edge.start, edge.range[0]), (edge.end, edge.range[1])] {
             let apart = norm(sub(self.vertices[vertex], edge.curve.point(t)));
             if apart > tolerance {
-                return Err(Error::input(format!(
-                    "edge {index} ends {apart:e} away from vertex {vertex}"
-                )));
+                return Err(Error::input(format!("edge {index} ends {apart:e} away from vertex {vertex}")));
             }
         }
         for k in 0..=SAMPLES {
@@ -71,7 +70,8 @@ impl Solid {
         let loops: usize = self.faces.iter().map(|f| f.loops.len()).sum();
         let count = |n: usize| n as i64;
         // A face of k loops is a disc with k − 1 handles cut into it, whatever it is bent to.
-        let euler = count(vertices.len()) - count(self.edges.len()) + 2 * count(self.faces.len()) - count(loops);
+        let euler =
+            count(vertices.len()) - count(self.edges.len()) + 2 * count(self.faces.len()) - count(loops);
         let genus2 = 2 * count(self.shells().len()) - euler;
         match genus2 >= 0 && genus2 % 2 == 0 {
             true => Ok(()),

@@ -1,10 +1,13 @@
 //! Where a boundary touches itself.
 //!
-//! Parts of a boundary that only touch have edges and vertices of their own in the same place. Each of them closes, so [`Solid::check`] passes; as sets of
-//! points they are not manifold: four faces meet along a line, or two fans of faces at a point. Within one body some parts are made like this (pockets that
-//! meet at their corners, a hole that touches a wall), and are read as solids; two bodies that only touch are neither one solid nor two.
+//! Parts of a boundary that only touch have edges and vertices of their own in the same place. Each of them
+//! closes, so [`Solid::check`] passes; as sets of points they are not manifold: four faces meet along a line,
+//! or two fans of faces at a point. Within one body some parts are made like this (pockets that meet at their
+//! corners, a hole that touches a wall), and are read as solids; two bodies that only touch are neither one
+//! solid nor two.
 //!
-//! Not found: an edge that touches a face in its midst, as that of a hole that touches a wall. There the faces are manifold as they are written.
+//! Not found: an edge that touches a face in its midst, as that of a hole that touches a wall. There the
+//! faces are manifold as they are written.
 
 use super::{Curve, Edge, Solid, along};
 use planish_estimate::vector3::{dot, norm, sub};
@@ -26,8 +29,8 @@ pub struct Contact {
 }
 
 impl Solid {
-    /// The places at which the boundary touches itself: pairs of edges within `tolerance` of each other along the shorter one, and of vertices, those
-    /// between bodies first.
+    /// The places at which the boundary touches itself: pairs of edges within `tolerance` of each other along
+    /// the shorter one, and of vertices, those between bodies first.
     ///
     /// Cost: edges are compared where their boxes meet, so at most the square of their number.
     #[must_use]
@@ -98,10 +101,7 @@ fn bounds(edge: &Edge, margin: f64) -> [[f64; 3]; 2] {
             _ => longest,
         };
     points.iter().fold([[f64::MAX; 3], [f64::MIN; 3]], |[lo, hi], p| {
-        [
-            [0, 1, 2].map(|k| lo[k].min(p[k] - more)),
-            [0, 1, 2].map(|k| hi[k].max(p[k] + more)),
-        ]
+        [[0, 1, 2].map(|k| lo[k].min(p[k] - more)), [0, 1, 2].map(|k| hi[k].max(p[k] + more))]
     })
 }
 
@@ -112,13 +112,12 @@ fn points(edge: &Edge) -> Vec<[f64; 3]> {
         Curve::Line { .. } => 1,
         _ => PIECES,
     };
-    (0..=n)
-        .map(|k| edge.curve.point(from + (to - from) * k as f64 / n as f64))
-        .collect()
+    (0..=n).map(|k| edge.curve.point(from + (to - from) * k as f64 / n as f64)).collect()
 }
 
 impl Edge {
-    /// The distance of a point: to the nearest of some points along the edge, and from there by steps across the tangent (Newton's without the curvature).
+    /// The distance of a point: to the nearest of some points along the edge, and from there by steps across
+    /// the tangent (Newton's without the curvature).
     fn distance(&self, p: [f64; 3]) -> f64 {
         let [from, to] = self.range;
         let points = points(self);

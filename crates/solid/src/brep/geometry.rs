@@ -1,4 +1,5 @@
-//! Curves and surfaces of faces: lines, circles, ellipses, splines; planes, cylinders, cones, spheres and tori.
+//! Curves and surfaces of faces: lines, circles, ellipses, splines; planes, cylinders, cones, spheres and
+//! tori.
 
 use planish_estimate::vector3::{add_scaled as along, cross, dot, norm, scale, sub};
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -13,7 +14,8 @@ pub enum Curve {
         /// A unit vector.
         direction: [f64; 3],
     },
-    /// `center + a cos t + b sin t` for orthogonal axes: a circle where they are equally long, else an ellipse.
+    /// `center + a cos t + b sin t` for orthogonal axes: a circle where they are equally long, else an
+    /// ellipse.
     Ellipse {
         /// The centre.
         center: [f64; 3],
@@ -46,12 +48,7 @@ impl Curve {
             Self::Spline { points, derivatives } => {
                 let (k, s) = piece(points.len(), t);
                 let (s2, s3) = (s * s, s * s * s);
-                let weights = [
-                    2.0 * s3 - 3.0 * s2 + 1.0,
-                    s3 - 2.0 * s2 + s,
-                    3.0 * s2 - 2.0 * s3,
-                    s3 - s2,
-                ];
+                let weights = [2.0 * s3 - 3.0 * s2 + 1.0, s3 - 2.0 * s2 + s, 3.0 * s2 - 2.0 * s3, s3 - s2];
                 hermite(points, derivatives, k, weights)
             }
         }
@@ -84,7 +81,10 @@ fn piece(points: usize, t: f64) -> (usize, f64) {
 
 fn hermite(points: &[[f64; 3]], derivatives: &[[f64; 3]], k: usize, w: [f64; 4]) -> [f64; 3] {
     [0, 1, 2].map(|c| {
-        w[0] * points[k][c] + w[1] * derivatives[k][c] + w[2] * points[k + 1][c] + w[3] * derivatives[k + 1][c]
+        w[0] * points[k][c]
+            + w[1] * derivatives[k][c]
+            + w[2] * points[k + 1][c]
+            + w[3] * derivatives[k + 1][c]
     })
 }
 
@@ -163,8 +163,9 @@ fn around(origin: [f64; 3], axis: [f64; 3], x: [f64; 3], [angle, distance, heigh
 }
 
 impl Surface {
-    /// The parameters (u, v) of a point: coordinates in a plane; else u is the angle around the axis in (−π, π], and v the height on a cylinder
-    /// or cone, the latitude on a sphere, the angle around the tube, in (−π, π], on a torus.
+    /// The parameters (u, v) of a point: coordinates in a plane; else u is the angle around the axis in (−π,
+    /// π], and v the height on a cylinder or cone, the latitude on a sphere, the angle around the tube, in
+    /// (−π, π], on a torus.
     #[must_use]
     pub fn parameters(&self, p: [f64; 3]) -> [f64; 2] {
         match self {
@@ -184,9 +185,7 @@ impl Surface {
                 let [a, b, h] = about(p, *center, *axis, *x);
                 [b.atan2(a), h.atan2(a.hypot(b))]
             }
-            Self::Torus {
-                center, axis, x, major, ..
-            } => {
+            Self::Torus { center, axis, x, major, .. } => {
                 let [a, b, h] = about(p, *center, *axis, *x);
                 [b.atan2(a), h.atan2(a.hypot(b) - major)]
             }
@@ -198,39 +197,24 @@ impl Surface {
     pub fn point(&self, [u, v]: [f64; 2]) -> [f64; 3] {
         match self {
             Self::Plane { origin, normal, x } => along(along(*origin, u, *x), v, cross(*normal, *x)),
-            Self::Cylinder {
-                origin,
-                axis,
-                x,
-                radius,
-            } => {
+            Self::Cylinder { origin, axis, x, radius } => {
                 let across = along(scale(radius * u.cos(), *x), radius * u.sin(), cross(*axis, *x));
                 along(along(*origin, 1.0, across), v, *axis)
             }
-            Self::Cone {
-                origin,
-                axis,
-                x,
-                radius,
-                half_angle_rad,
-            } => around(*origin, *axis, *x, [u, radius + v * half_angle_rad.tan(), v]),
-            Self::Sphere {
-                center,
-                axis,
-                x,
-                radius,
-            } => around(*center, *axis, *x, [u, radius * v.cos(), radius * v.sin()]),
-            Self::Torus {
-                center,
-                axis,
-                x,
-                major,
-                minor,
-            } => around(*center, *axis, *x, [u, major + minor * v.cos(), minor * v.sin()]),
+            Self::Cone { origin, axis, x, radius, half_angle_rad } => {
+                around(*origin, *axis, *x, [u, radius + v * half_angle_rad.tan(), v])
+            }
+            Self::Sphere { center, axis, x, radius } => {
+                around(*center, *axis, *x, [u, radius * v.cos(), radius * v.sin()])
+            }
+            Self::Torus { center, axis, x, major, minor } => {
+                around(*center, *axis, *x, [u, major + minor * v.cos(), minor * v.sin()])
+            }
         }
     }
 
-    /// The unit normal at a point: a plane's own, away from an axis, from a sphere's centre, or out of a torus' tube.
+    /// The unit normal at a point: a plane's own, away from an axis, from a sphere's centre, or out of a
+    /// torus' tube.
     #[must_use]
     pub fn normal(&self, p: [f64; 3]) -> [f64; 3] {
         match self {
@@ -239,20 +223,13 @@ impl Surface {
                 let d = sub(p, *origin);
                 unit(along(d, -dot(d, *axis), *axis))
             }
-            Self::Cone {
-                origin,
-                axis,
-                half_angle_rad,
-                ..
-            } => {
+            Self::Cone { origin, axis, half_angle_rad, .. } => {
                 let d = sub(p, *origin);
                 let out = unit(along(d, -dot(d, *axis), *axis));
                 along(scale(half_angle_rad.cos(), out), -half_angle_rad.sin(), *axis)
             }
             Self::Sphere { center, .. } => unit(sub(p, *center)),
-            Self::Torus {
-                center, axis, major, ..
-            } => {
+            Self::Torus { center, axis, major, .. } => {
                 let d = sub(p, *center);
                 let out = unit(along(d, -dot(d, *axis), *axis));
                 unit(along(d, -major, out))
@@ -265,37 +242,24 @@ impl Surface {
     pub fn distance(&self, p: [f64; 3]) -> f64 {
         match self {
             Self::Plane { origin, normal, .. } => dot(sub(p, *origin), *normal),
-            Self::Cylinder {
-                origin, axis, radius, ..
-            } => {
+            Self::Cylinder { origin, axis, radius, .. } => {
                 let d = sub(p, *origin);
                 norm(along(d, -dot(d, *axis), *axis)) - radius
             }
-            Self::Cone {
-                origin,
-                axis,
-                x,
-                radius,
-                half_angle_rad,
-            } => {
+            Self::Cone { origin, axis, x, radius, half_angle_rad } => {
                 let [a, b, h] = about(p, *origin, *axis, *x);
                 (a.hypot(b) - radius) * half_angle_rad.cos() - h * half_angle_rad.sin()
             }
             Self::Sphere { center, radius, .. } => norm(sub(p, *center)) - radius,
-            Self::Torus {
-                center,
-                axis,
-                x,
-                major,
-                minor,
-            } => {
+            Self::Torus { center, axis, x, major, minor } => {
                 let [a, b, h] = about(p, *center, *axis, *x);
                 (a.hypot(b) - major).hypot(h) - minor
             }
         }
     }
 
-    /// By how much each parameter comes back to the same points: 2π around an axis or a tube; none where it does not.
+    /// By how much each parameter comes back to the same points: 2π around an axis or a tube; none where it
+    /// does not.
     #[must_use]
     pub fn periods(&self) -> [Option<f64>; 2] {
         match self {
@@ -309,9 +273,7 @@ impl Surface {
     #[must_use]
     pub fn range_v(&self) -> [f64; 2] {
         match self {
-            Self::Cone {
-                radius, half_angle_rad, ..
-            } => [-radius / half_angle_rad.tan(), f64::INFINITY],
+            Self::Cone { radius, half_angle_rad, .. } => [-radius / half_angle_rad.tan(), f64::INFINITY],
             Self::Sphere { .. } => [-FRAC_PI_2, FRAC_PI_2],
             _ => [f64::NEG_INFINITY, f64::INFINITY],
         }

@@ -1,7 +1,8 @@
 //! Volume, area and centroid by the divergence theorem.
 //!
-//! `3 V = ∮ p · n dA`, and over a face `∬ f du dv = −∮ F du` with `F = ∫ f dv` along its loops (Green). On planes and cylinders the integrands
-//! are polynomials in v, so that F is exact (`turned` has the other surfaces); along edges Gauss–Legendre of ten points on pieces of at most 15°.
+//! `3 V = ∮ p · n dA`, and over a face `∬ f du dv = −∮ F du` with `F = ∫ f dv` along its loops (Green). On
+//! planes and cylinders the integrands are polynomials in v, so that F is exact (`turned` has the other
+//! surfaces); along edges Gauss–Legendre of ten points on pieces of at most 15°.
 
 use super::{Coedge, Face, Solid, Surface};
 use planish_estimate::vector3::{dot, sub};
@@ -48,22 +49,14 @@ impl Solid {
             }
         }
         let volume = flux / 3.0;
-        Measures {
-            volume,
-            area,
-            centroid: [0, 1, 2].map(|k| origin[k] + moments[k] / (2.0 * volume)),
-        }
+        Measures { volume, area, centroid: [0, 1, 2].map(|k| origin[k] + moments[k] / (2.0 * volume)) }
     }
 
     /// The volume that some faces enclose; negative for the inside of a void.
     #[must_use]
     pub fn volume_of(&self, faces: &[usize]) -> f64 {
         let origin = self.vertices.first().copied().unwrap_or_default();
-        faces
-            .iter()
-            .map(|f| self.integrals(&self.faces[*f], origin)[1])
-            .sum::<f64>()
-            / 3.0
+        faces.iter().map(|f| self.integrals(&self.faces[*f], origin)[1]).sum::<f64>() / 3.0
     }
 
     /// The area of some of its faces.
@@ -130,43 +123,27 @@ fn integrands(surface: &Surface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> 
     let [_, v] = surface.parameters(p);
     match surface {
         Surface::Cone { .. } | Surface::Sphere { .. } | Surface::Torus { .. } => [0.0; 5],
-        Surface::Plane {
-            origin: at, normal, x, ..
-        } => {
+        Surface::Plane { origin: at, normal, x, .. } => {
             let y = planish_estimate::vector3::cross(*normal, *x);
             let du = dot(d, *x);
             let level = dot(sub(*at, origin), *normal);
             // p_k along v, from v = 0: q + v y.
             let q = sub(super::along(p, -v, y), origin);
-            let second = |k: usize| normal[k] * (q[k] * q[k] * v + q[k] * y[k] * v * v + y[k] * y[k] * v * v * v / 3.0);
-            [
-                -v * du,
-                -level * v * du,
-                -second(0) * du,
-                -second(1) * du,
-                -second(2) * du,
-            ]
+            let second = |k: usize| {
+                normal[k] * (q[k] * q[k] * v + q[k] * y[k] * v * v + y[k] * y[k] * v * v * v / 3.0)
+            };
+            [-v * du, -level * v * du, -second(0) * du, -second(1) * du, -second(2) * du]
         }
-        Surface::Cylinder {
-            origin: at,
-            axis,
-            radius,
-            ..
-        } => {
+        Surface::Cylinder { origin: at, axis, radius, .. } => {
             let n = surface.normal(p);
             // The angle turns by (axis × n) · dp / r, and an element of area is r du dv.
             let du = dot(d, planish_estimate::vector3::cross(*axis, n));
             let q = sub(super::along(p, -v, *axis), origin);
             let level = dot(sub(*at, origin), n) + radius;
-            let second =
-                |k: usize| n[k] * (q[k] * q[k] * v + q[k] * axis[k] * v * v + axis[k] * axis[k] * v * v * v / 3.0);
-            [
-                -v * du,
-                -level * v * du,
-                -second(0) * du,
-                -second(1) * du,
-                -second(2) * du,
-            ]
+            let second = |k: usize| {
+                n[k] * (q[k] * q[k] * v + q[k] * axis[k] * v * v + axis[k] * axis[k] * v * v * v / 3.0)
+            };
+            [-v * du, -level * v * du, -second(0) * du, -second(1) * du, -second(2) * du]
         }
     }
 }

@@ -1,8 +1,9 @@
 //! Faces within their loops, for rays.
 //!
-//! A ray meets a surface in closed form for planes and cylinders; for any other by its signed distance, which changes by no more than the way
-//! gone: where it is larger than half an interval, the ray meets nothing there. Whether a point of the surface is in the face is told by the
-//! nearest loop along the second parameter, of spheres and tori else along the first: loops have their face to the left.
+//! A ray meets a surface in closed form for planes and cylinders; for any other by its signed distance, which
+//! changes by no more than the way gone: where it is larger than half an interval, the ray meets nothing
+//! there. Whether a point of the surface is in the face is told by the nearest loop along the second
+//! parameter, of spheres and tori else along the first: loops have their face to the left.
 
 use super::{Coedge, Curve, Edge, Face, Solid, Surface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
@@ -46,7 +47,8 @@ impl<'a> TrimmedFace<'a> {
             .loops
             .iter()
             .flatten()
-            // An edge that the face has on both sides bounds nothing: a seam, or where a hole touches a wall from behind.
+            // An edge that the face has on both sides bounds nothing: a seam, or where a hole touches a wall
+            // from behind.
             .filter(|c| face.loops.iter().flatten().filter(|d| d.edge == c.edge).count() == 1)
             .map(|&coedge| {
                 let edge = &solid.edges[coedge.edge];
@@ -79,14 +81,9 @@ impl<'a> TrimmedFace<'a> {
         }
         let probe = [0.3, 0.2];
         let second_is_angle =
-            (face.surface.parameters(face.surface.point([probe[0], probe[1] + TAU]))[1] - probe[1]).abs() < 1e-9;
-        Self {
-            solid,
-            face,
-            coedges,
-            second_is_angle,
-            bounds,
-        }
+            (face.surface.parameters(face.surface.point([probe[0], probe[1] + TAU]))[1] - probe[1]).abs()
+                < 1e-9;
+        Self { solid, face, coedges, second_is_angle, bounds }
     }
 
     pub(crate) fn surface(&self) -> &Surface {
@@ -109,11 +106,7 @@ impl<'a> TrimmedFace<'a> {
         self.coedges
             .iter()
             .flat_map(|(coedge, points)| points.iter().map(move |p| (coedge, p.t)))
-            .map(|(coedge, t)| {
-                self.face
-                    .surface
-                    .parameters(self.solid.edges[coedge.edge].curve.point(t))
-            })
+            .map(|(coedge, t)| self.face.surface.parameters(self.solid.edges[coedge.edge].curve.point(t)))
     }
 
     /// Whether a point of the surface lies in the face.
@@ -123,7 +116,9 @@ impl<'a> TrimmedFace<'a> {
         }
         let is_plane = matches!(self.face.surface, Surface::Plane { .. });
         let at = scan_parameters(&self.face.surface, p);
-        let first = |uv: [f64; 2]| if is_plane { uv[0] - at[0] } else { turn(uv[0] - at[0]) };
+        let first = |uv: [f64; 2]| {
+            if is_plane { uv[0] - at[0] } else { turn(uv[0] - at[0]) }
+        };
         let second = |uv: [f64; 2]| match self.second_is_angle {
             true => turn(uv[1] - at[1]),
             false => uv[1] - at[1],
@@ -131,8 +126,9 @@ impl<'a> TrimmedFace<'a> {
         if let Some(is_in) = self.by_scan(!is_plane, &first, &second) {
             return is_in;
         }
-        // Of spheres and tori no loop may have the point's first parameter. All places that do are in the face, then, or none is: one beside which a loop
-        // runs is looked at along the first parameter, with the axes turned by a right angle.
+        // Of spheres and tori no loop may have the point's first parameter. All places that do are in the
+        // face, then, or none is: one beside which a loop runs is looked at along the first parameter, with
+        // the axes turned by a right angle.
         let beside = (self.second_is_angle).then(|| self.steepest());
         let across = beside.flatten().and_then(|level| {
             let from_level = |uv: [f64; 2]| turn(uv[1] - level);
@@ -148,13 +144,12 @@ impl<'a> TrimmedFace<'a> {
             let step = turn(pair[1].uv[1] - pair[0].uv[1]);
             (step.abs(), pair[0].uv[1] + 0.5 * step)
         });
-        let steepest = middles
-            .filter(|(step, _)| *step > 1e-6)
-            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let steepest = middles.filter(|(step, _)| *step > 1e-6).max_by(|a, b| a.0.total_cmp(&b.0));
         steepest.map(|(_, middle)| middle)
     }
 
-    /// Whether a point is in the face by the nearest loop along the second of two parameters, each from the point's own; none where no loop has its first one.
+    /// Whether a point is in the face by the nearest loop along the second of two parameters, each from the
+    /// point's own; none where no loop has its first one.
     fn by_scan(
         &self,
         first_is_angle: bool,
@@ -186,7 +181,8 @@ impl<'a> TrimmedFace<'a> {
         None
     }
 
-    /// The second parameter, from the point's own, where a loop has the point's first one: between two parameters of its curve.
+    /// The second parameter, from the point's own, where a loop has the point's first one: between two
+    /// parameters of its curve.
     fn second_at(
         &self,
         coedge: Coedge,
@@ -202,11 +198,7 @@ impl<'a> TrimmedFace<'a> {
         // Regula falsi, with a halved end where one end stays (Illinois).
         let mut stays = 0;
         for _ in 0..60 {
-            let t = if a == b {
-                (from + to) / 2.0
-            } else {
-                from - a * (to - from) / (b - a)
-            };
+            let t = if a == b { (from + to) / 2.0 } else { from - a * (to - from) / (b - a) };
             found = at(t);
             let value = first(found);
             if value.abs() <= small {
@@ -230,8 +222,8 @@ impl<'a> TrimmedFace<'a> {
         matches!(self.face.surface, Surface::Plane { .. } | Surface::Cylinder { .. })
     }
 
-    /// For a point that no loop passes above or below: whether it lies to the left of the loops' nearest point. A ball's cap and a cone's tip do;
-    /// on planes and cylinders such a point is outside.
+    /// For a point that no loop passes above or below: whether it lies to the left of the loops' nearest
+    /// point. A ball's cap and a cone's tip do; on planes and cylinders such a point is outside.
     fn is_left_of_nearest(&self, p: [f64; 3]) -> bool {
         if self.is_ruled() {
             return false;
@@ -266,12 +258,7 @@ impl<'a> TrimmedFace<'a> {
                 }
                 vec![-self.face.surface.distance(origin) / speed]
             }
-            Surface::Cylinder {
-                origin: at,
-                axis,
-                radius,
-                ..
-            } => {
+            Surface::Cylinder { origin: at, axis, radius, .. } => {
                 let across = |a: [f64; 3]| along(a, -dot(a, *axis), *axis);
                 let (d, o) = (across(direction), across(sub(origin, *at)));
                 let square = dot(d, d);
@@ -295,7 +282,8 @@ impl<'a> TrimmedFace<'a> {
     }
 }
 
-/// Where a ray meets a surface of which only the signed distance is known; places where it only touches are left out.
+/// Where a ray meets a surface of which only the signed distance is known; places where it only touches are
+/// left out.
 pub(crate) fn met_by_distance(
     surface: &Surface,
     origin: [f64; 3],
@@ -322,7 +310,8 @@ pub(crate) fn met_by_distance(
     found
 }
 
-/// An edge's parameters at the ends of its pieces, and where its first scanned parameter turns back: between them it runs one way.
+/// An edge's parameters at the ends of its pieces, and where its first scanned parameter turns back: between
+/// them it runs one way.
 fn turning_points(edge: &Edge, pieces: usize, scanned: &dyn Fn(f64) -> [f64; 2]) -> Vec<f64> {
     let [from, to] = edge.range;
     let step = 1e-6 * (to - from);
@@ -357,7 +346,8 @@ fn scan_parameters(surface: &Surface, p: [f64; 3]) -> [f64; 2] {
 }
 
 impl Edge {
-    /// Pieces in which the edge turns by little: straight ones in one, others every 15° or at each of a spline's points.
+    /// Pieces in which the edge turns by little: straight ones in one, others every 15° or at each of a
+    /// spline's points.
     pub(crate) fn pieces(&self) -> usize {
         match &self.curve {
             Curve::Line { .. } => 1,

@@ -1,10 +1,12 @@
 //! Area, flux and moments of faces on cones, spheres and tori.
 //!
-//! Over a face in its parameters, `∬ f du dv = −∮ F du` with `F = ∫ f dv` from a base that the face does not cross: a pole of the sphere or the
-//! cone's apex, where circles around the axis have no length, or a v at which the tube of a torus has no face. Where a face goes all around the tube it is
-//! `∮ G dv` with `G = ∫ f du`. Inner integrals are Gauss–Legendre of ten points on pieces of at most 30°.
+//! Over a face in its parameters, `∬ f du dv = −∮ F du` with `F = ∫ f dv` from a base that the face does not
+//! cross: a pole of the sphere or the cone's apex, where circles around the axis have no length, or a v at
+//! which the tube of a torus has no face. Where a face goes all around the tube it is `∮ G dv` with
+//! `G = ∫ f du`. Inner integrals are Gauss–Legendre of ten points on pieces of at most 30°.
 //!
-//! Not guaranteed: a torus less a part that goes around neither its axis nor its tube, and edges through a sphere's poles.
+//! Not guaranteed: a torus less a part that goes around neither its axis nor its tube, and edges through a
+//! sphere's poles.
 
 use super::measures::{GAUSS, pieces};
 use super::{Face, Solid, Surface};
@@ -28,7 +30,8 @@ enum Base {
 }
 
 impl Solid {
-    /// Over a face of a cone, sphere or torus, with the surface's own normal and the sense of the loops: 1, `p · n`, `p_k² n_k`.
+    /// Over a face of a cone, sphere or torus, with the surface's own normal and the sense of the loops: 1,
+    /// `p · n`, `p_k² n_k`.
     pub(super) fn turned_integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
         let sense = if face.outward { 1.0 } else { -1.0 };
         if face.is_whole() {
@@ -43,7 +46,8 @@ impl Solid {
                 let mut best = [0.0; 5];
                 for base in v.chain(u) {
                     let found = of(base);
-                    // Where the face itself holds the base, the rest of the torus comes out, with the other sign.
+                    // Where the face itself holds the base, the rest of the torus comes out, with the other
+                    // sign.
                     if found[0] * sense > 0.0 {
                         return found;
                     }
@@ -90,16 +94,15 @@ impl Solid {
     }
 }
 
-/// The integrals over the whole of a sphere or torus: `∬ p · n = 3 V`, `∬ p_k² n_k = 2 V c_k` for its centre c.
+/// The integrals over the whole of a sphere or torus: `∬ p · n = 3 V`, `∬ p_k² n_k = 2 V c_k` for its centre
+/// c.
 fn whole(surface: &Surface, origin: [f64; 3]) -> [f64; 5] {
     let (area, volume, center) = match *surface {
         Surface::Sphere { center, radius, .. } => {
             let area = 4.0 * PI * radius * radius;
             (area, area * radius / 3.0, center)
         }
-        Surface::Torus {
-            center, major, minor, ..
-        } => {
+        Surface::Torus { center, major, minor, .. } => {
             let volume = 2.0 * PI * PI * major * minor * minor;
             (2.0 * volume / minor, volume, center)
         }
@@ -139,9 +142,9 @@ fn derivatives(surface: &Surface, p: [f64; 3], d: [f64; 3]) -> [f64; 2] {
 /// The area element over du dv.
 fn element(surface: &Surface, v: f64) -> f64 {
     match surface {
-        Surface::Cone {
-            radius, half_angle_rad, ..
-        } => (radius + v * half_angle_rad.tan()) / half_angle_rad.cos(),
+        Surface::Cone { radius, half_angle_rad, .. } => {
+            (radius + v * half_angle_rad.tan()) / half_angle_rad.cos()
+        }
         Surface::Sphere { radius, .. } => radius * radius * v.cos(),
         Surface::Torus { major, minor, .. } => minor * (major + minor * v.cos()),
         _ => 1.0,

@@ -9,17 +9,18 @@ use std::f64::consts::PI;
 pub struct Candidate {
     /// The relation.
     pub constraint: Constraint,
-    /// The width of the range over which each of its residuals would spread evenly if the parts had nothing to do with
-    /// each other: half a turn for directions, the larger of two lengths or radii, the drawing's extent for places.
+    /// The width of the range over which each of its residuals would spread evenly if the parts had nothing
+    /// to do with each other: half a turn for directions, the larger of two lengths or radii, the drawing's
+    /// extent for places.
     pub range: f64,
 }
 
 /// All relations that may be proposed for a drawing.
 ///
-/// Of every bar: horizontal, vertical. Of two bars: parallel, perpendicular, equally long. Of two circles: concentric,
-/// equal radii, tangent from outside and inside. Of a bar and a circle: tangent; of an
-/// arc and a bar that meet: tangent there. Of two points and an axis: symmetric.
-/// Distances are no candidates; [`snap`](crate::constraint::snap) proposes those.
+/// Of every bar: horizontal, vertical. Of two bars: parallel, perpendicular, equally long. Of two circles:
+/// concentric, equal radii, tangent from outside and inside. Of a bar and a circle: tangent; of an arc and a
+/// bar that meet: tangent there. Of two points and an axis: symmetric. Distances are no candidates;
+/// [`snap`](crate::constraint::snap) proposes those.
 #[must_use]
 pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
     let extent = drawing.extent();
@@ -86,11 +87,7 @@ fn meets_arc(drawing: &Drawing, bar: BarId, circle: CircleId) -> bool {
 
 /// Whether a circle's centre lies to the left of a bar.
 pub(super) fn is_left(drawing: &Drawing, circle: CircleId, bar: BarId) -> bool {
-    let offset = Constraint::PointLineDistance {
-        point: drawing.centre(circle),
-        bar,
-        value: 0.0,
-    };
+    let offset = Constraint::PointLineDistance { point: drawing.centre(circle), bar, value: 0.0 };
     offset.equations(drawing, drawing.values().as_slice())[0].residual >= 0.0
 }
 

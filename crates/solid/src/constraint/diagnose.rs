@@ -1,8 +1,9 @@
 //! How many freedoms constraints leave, which are redundant, and which contradict each other.
 //!
-//! Comes in: a drawing and constraints, in order of preference. Goes out: ranks at a witness, smallest redundant and
-//! smallest conflicting sets, and the structure's over-, well- and under-determined parts. Not guaranteed: that a
-//! conflict is real where the drawing is far from what its dimensions say; the search for a solution starts there.
+//! Comes in: a drawing and constraints, in order of preference. Goes out: ranks at a witness, smallest
+//! redundant and smallest conflicting sets, and the structure's over-, well- and under-determined parts. Not
+//! guaranteed: that a conflict is real where the drawing is far from what its dimensions say; the search for
+//! a solution starts there.
 
 use super::drawing::Drawing;
 use super::draws::Draws;
@@ -58,15 +59,16 @@ const STARTS: u64 = 3;
 
 /// Freedoms, redundant and conflicting constraints of a drawing.
 ///
-/// *Conflicting*: as long as all that is left has no solution, the smallest set without one is found (QuickXplain) and
-/// its last member, in the order given, is set aside. *Redundant*: of the rest, rows of the Jacobian at a [`witness`]
-/// that are combinations of earlier ones; the combination names the set. So both name the later of two that exclude
-/// each other: state what is sure first. *Structure*: [`Incidence::decomposition`], which sees no numbers, and takes a
-/// redundancy that geometry makes for a constraint. Cost: some `k log m` solutions for a conflict of `k` among `m`,
-/// and `m² n`.
+/// *Conflicting*: as long as all that is left has no solution, the smallest set without one is found
+/// (QuickXplain) and its last member, in the order given, is set aside. *Redundant*: of the rest, rows of the
+/// Jacobian at a [`witness`] that are combinations of earlier ones; the combination names the set. So both
+/// name the later of two that exclude each other: state what is sure first. *Structure*:
+/// [`Incidence::decomposition`], which sees no numbers, and takes a redundancy that geometry makes for a
+/// constraint. Cost: some `k log m` solutions for a conflict of `k` among `m`, and `m² n`.
 ///
 /// # Errors
-/// `Input` when a constraint names a part that is not there; `Undetermined` when constraints have no numbers at the drawing (a bar without length).
+/// `Input` when a constraint names a part that is not there; `Undetermined` when constraints have no numbers
+/// at the drawing (a bar without length).
 ///
 /// # Examples
 /// ```
@@ -92,9 +94,7 @@ const STARTS: u64 = 3;
 /// Michelucci and Foufou 2006, *Geometric constraint solving: the witness configuration method*; Junker 2004,
 /// *QuickXplain*; Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*.
 pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnosis> {
-    constraints
-        .iter()
-        .try_for_each(|constraint| constraint.require_parts(drawing))?;
+    constraints.iter().try_for_each(|constraint| constraint.require_parts(drawing))?;
     let all = ConstraintEquations::new(drawing, constraints);
     let finite = |x: &DVector<f64>| all.residuals_and_jacobian(x).1.iter().all(|slope| slope.is_finite());
     if !finite(&drawing.values()) {
@@ -129,12 +129,12 @@ pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnos
     })
 }
 
-/// Of relations that a drawing obeys anyway, those that follow from constraints, each with the smallest set it follows
-/// from.
+/// Of relations that a drawing obeys anyway, those that follow from constraints, each with the smallest set
+/// it follows from.
 ///
-/// Judged at the drawing, which must obey all of them: the gradient of one that follows is a combination of theirs, and
-/// the combination names the set. `constraint` counts the relations, `with` the constraints. Cost: `(m + r) m n` for
-/// `r` relations.
+/// Judged at the drawing, which must obey all of them: the gradient of one that follows is a combination of
+/// theirs, and the combination names the set. `constraint` counts the relations, `with` the constraints.
+/// Cost: `(m + r) m n` for `r` relations.
 ///
 /// # Errors
 /// `Input` when one names a part that is not there.
@@ -156,8 +156,7 @@ pub fn implications(
     relations: &[Constraint],
 ) -> Result<Vec<Dependence>> {
     let all: Vec<Constraint> = constraints.iter().chain(relations).copied().collect();
-    all.iter()
-        .try_for_each(|constraint| constraint.require_parts(drawing))?;
+    all.iter().try_for_each(|constraint| constraint.require_parts(drawing))?;
     let equations = ConstraintEquations::new(drawing, &all);
     let (_, mut jacobian) = equations.residuals_and_jacobian(&drawing.values());
     // One without a value where the drawing is follows from nothing.
@@ -183,9 +182,9 @@ pub fn implications(
 
 /// A configuration in general position that obeys every relation of a drawing, whatever its dimensions.
 ///
-/// The drawing is shaken by some percent of its extent, and relations without a size (parallel, tangent, …) are
-/// restored; dimensions and anchors are then taken as they came out. Ranks there are those of almost all dimensions:
-/// no accident of the drawing counts. `None` where relations could not be restored.
+/// The drawing is shaken by some percent of its extent, and relations without a size (parallel, tangent, …)
+/// are restored; dimensions and anchors are then taken as they came out. Ranks there are those of almost all
+/// dimensions: no accident of the drawing counts. `None` where relations could not be restored.
 #[must_use]
 pub fn witness(drawing: &Drawing, constraints: &[Constraint]) -> Option<DVector<f64>> {
     let values = drawing.values();
@@ -198,9 +197,7 @@ pub fn witness(drawing: &Drawing, constraints: &[Constraint]) -> Option<DVector<
         .iter()
         .enumerate()
         .filter_map(|(seed, &share)| {
-            drawing
-                .with_values(&shaken(&values, share * drawing.extent(), seed as u64))
-                .ok()
+            drawing.with_values(&shaken(&values, share * drawing.extent(), seed as u64)).ok()
         })
         .map(|moved| solve(&moved, &relations))
         .find(|solution| solution.holds)
@@ -265,11 +262,7 @@ fn redundancies(rank: &RowRank, owners: &[usize], kept: &[usize]) -> Vec<Depende
             with.append(&mut known.with);
             known.with = with;
         } else {
-            found.push(Dependence {
-                constraint,
-                with,
-                equations: 1,
-            });
+            found.push(Dependence { constraint, with, equations: 1 });
         }
     }
     for dependence in &mut found {

@@ -1,8 +1,8 @@
 //! A drawing: points, bars between them, circles and arcs, over one vector of parameters.
 //!
-//! Comes in: coordinates and radii. Goes out: names, values and the parameters of each part. Lengths are in the
-//! drawing's unit. Not guaranteed: that bars do not cross, or that an arc's ends lie on its circle; that is a
-//! constraint.
+//! Comes in: coordinates and radii. Goes out: names, values and the parameters of each part. Lengths are in
+//! the drawing's unit. Not guaranteed: that bars do not cross, or that an arc's ends lie on its circle; that
+//! is a constraint.
 
 use crate::constraint::Constraint;
 use nalgebra::DVector;
@@ -78,8 +78,8 @@ struct Arc {
 
 /// Points, bars, circles and arcs over one vector of parameters.
 ///
-/// Parameters stand in the order in which they were added: two for a point (`x1 y1`, counted from 1 as in the paper),
-/// one for a radius (`r1`). A covariance of the drawing is in that order.
+/// Parameters stand in the order in which they were added: two for a point (`x1 y1`, counted from 1 as in the
+/// paper), one for a radius (`r1`). A covariance of the drawing is in that order.
 ///
 /// # Examples
 /// ```
@@ -110,7 +110,8 @@ impl Drawing {
     /// Its parameters are those of an estimated polygon, `x0 y0 x1 y1 …`, in the same order.
     ///
     /// # Errors
-    /// `Input` when there are fewer than three vertices, a coordinate is not finite, or two neighbours coincide.
+    /// `Input` when there are fewer than three vertices, a coordinate is not finite, or two neighbours
+    /// coincide.
     pub fn polygon(vertices: &[[f64; 2]]) -> Result<Self> {
         let mut drawing = Self::default();
         drawing.add_polygon(vertices)?;
@@ -123,19 +124,13 @@ impl Drawing {
     /// As [`Self::polygon`]; nothing is added then.
     pub fn add_polygon(&mut self, vertices: &[[f64; 2]]) -> Result<Vec<BarId>> {
         if vertices.len() < 3 {
-            return Err(Error::input(format!(
-                "a polygon needs three vertices, not {}",
-                vertices.len()
-            )));
+            return Err(Error::input(format!("a polygon needs three vertices, not {}", vertices.len())));
         }
         let mut larger = self.clone();
         let points: Vec<PointId> = vertices.iter().map(|&vertex| larger.point(vertex)).collect();
         let next = points.iter().cycle().skip(1);
-        let bars = points
-            .iter()
-            .zip(next)
-            .map(|(&start, &end)| larger.bar(start, end))
-            .collect::<Result<_>>()?;
+        let bars =
+            points.iter().zip(next).map(|(&start, &end)| larger.bar(start, end)).collect::<Result<_>>()?;
         *self = larger;
         Ok(bars)
     }
@@ -164,16 +159,12 @@ impl Drawing {
                 self.point_name(end)
             )));
         }
-        self.bars.push(Bar {
-            start,
-            end,
-            axis: false,
-        });
+        self.bars.push(Bar { start, end, axis: false });
         Ok(BarId(self.bars.len() as u32 - 1))
     }
 
-    /// Adds a bar about which points may be symmetric: [`candidates`](crate::constraint::candidates) are made for
-    /// these alone.
+    /// Adds a bar about which points may be symmetric: [`candidates`](crate::constraint::candidates) are made
+    /// for these alone.
     ///
     /// # Errors
     /// As [`Self::bar`].
@@ -189,22 +180,18 @@ impl Drawing {
     /// `Input` when the radius is not positive and finite.
     pub fn circle(&mut self, centre: PointId, radius: f64) -> Result<CircleId> {
         if !(radius > 0.0 && radius.is_finite()) {
-            return Err(Error::input(format!(
-                "the radius of a circle must be positive, not {radius}"
-            )));
+            return Err(Error::input(format!("the radius of a circle must be positive, not {radius}")));
         }
         let number = self.circles.len() + 1;
-        self.circles.push(Circle {
-            centre,
-            radius: self.values.len(),
-        });
+        self.circles.push(Circle { centre, radius: self.values.len() });
         self.circle_names.push(format!("circle {number}"));
         self.values.push(radius);
         self.names.push(format!("r{number}"));
         Ok(CircleId(number as u32 - 1))
     }
 
-    /// Adds an arc of a circle, counter-clockwise between two points, which [`Self::arc_constraints`] hold on it.
+    /// Adds an arc of a circle, counter-clockwise between two points, which [`Self::arc_constraints`] hold on
+    /// it.
     pub fn arc(&mut self, circle: CircleId, start: PointId, end: PointId) -> ArcId {
         self.arcs.push(Arc { circle, start, end });
         ArcId(self.arcs.len() as u32 - 1)
@@ -212,18 +199,15 @@ impl Drawing {
 
     /// Adds all of another drawing behind what is there, such as another contour or another view.
     ///
-    /// Parameters keep their order, so that the covariance of both is made of the two blocks. Names get the prefix, or
-    /// go on counting where there is none. By how much numbers of parts grow comes back.
+    /// Parameters keep their order, so that the covariance of both is made of the two blocks. Names get the
+    /// prefix, or go on counting where there is none. By how much numbers of parts grow comes back.
     pub fn append(&mut self, other: &Self, prefix: Option<&str>) -> Offset {
         let offset = self.counts();
         let first = self.values.len();
         self.values.extend(&other.values);
         self.points.extend(other.points.iter().map(|x| first + x));
-        let (mut names, mut point_names, mut circle_names) = (
-            other.names.clone(),
-            other.point_names.clone(),
-            other.circle_names.clone(),
-        );
+        let (mut names, mut point_names, mut circle_names) =
+            (other.names.clone(), other.point_names.clone(), other.circle_names.clone());
         if let Some(prefix) = prefix {
             for name in names.iter_mut().chain(&mut point_names).chain(&mut circle_names) {
                 name.insert_str(0, prefix);
@@ -249,10 +233,12 @@ impl Drawing {
             end: offset.point(bar.end),
             axis: bar.axis,
         }));
-        self.circles.extend(other.circles.iter().map(|circle| Circle {
-            centre: offset.point(circle.centre),
-            radius: first + circle.radius,
-        }));
+        self.circles.extend(
+            other
+                .circles
+                .iter()
+                .map(|circle| Circle { centre: offset.point(circle.centre), radius: first + circle.radius }),
+        );
         self.arcs.extend(other.arcs.iter().map(|arc| Arc {
             circle: offset.circle(arc.circle),
             start: offset.point(arc.start),
@@ -448,11 +434,7 @@ impl Drawing {
         let [a, b] = [a, b].map(|point| self.point_name(point));
         // A prefix that both share is said once.
         let number = b.rfind('P').unwrap_or(0);
-        if a.get(..number) == b.get(..number) {
-            format!("{a}{}", &b[number..])
-        } else {
-            format!("{a} {b}")
-        }
+        if a.get(..number) == b.get(..number) { format!("{a}{}", &b[number..]) } else { format!("{a} {b}") }
     }
 
     /// The diagonal of the box around all points and circles; 1 for a drawing without extent.
@@ -469,10 +451,6 @@ impl Drawing {
         self.circles()
             .for_each(|circle| cover(self.position(self.centre(circle)), self.radius(circle).abs()));
         let diagonal = (high[0] - low[0]).hypot(high[1] - low[1]);
-        if diagonal > 0.0 && diagonal.is_finite() {
-            diagonal
-        } else {
-            1.0
-        }
+        if diagonal > 0.0 && diagonal.is_finite() { diagonal } else { 1.0 }
     }
 }

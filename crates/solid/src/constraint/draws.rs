@@ -12,9 +12,7 @@ pub(super) struct Draws {
 
 impl Draws {
     pub(super) fn new(seed: u64) -> Self {
-        Self {
-            state: seed.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15),
-        }
+        Self { state: seed.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15) }
     }
 
     /// Uniform from −1 to 1.

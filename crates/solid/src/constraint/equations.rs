@@ -25,8 +25,8 @@ impl Equation {
 
 /// Some equations of constraints as a measurement `f(x) + v = 0`, for the estimators.
 ///
-/// Lengths are divided by `scale`, so that all residuals are pure numbers of comparable size. With noise of zero
-/// covariance it is a constraint proper.
+/// Lengths are divided by `scale`, so that all residuals are pure numbers of comparable size. With noise of
+/// zero covariance it is a constraint proper.
 ///
 /// # Examples
 /// ```
@@ -96,11 +96,8 @@ impl<'a> ConstraintEquations<'a> {
     /// The equations at `x`, unscaled.
     #[must_use]
     pub fn at(&self, x: &[f64]) -> Vec<Equation> {
-        let all: Vec<Equation> = self
-            .constraints
-            .iter()
-            .flat_map(|constraint| constraint.equations(self.drawing, x))
-            .collect();
+        let all: Vec<Equation> =
+            self.constraints.iter().flat_map(|constraint| constraint.equations(self.drawing, x)).collect();
         self.rows.iter().map(|&row| all[row].clone()).collect()
     }
 
@@ -133,11 +130,7 @@ impl<'a> ConstraintEquations<'a> {
 
 impl MeasurementEquation for ConstraintEquations<'_> {
     fn dimensions(&self) -> Dimensions {
-        Dimensions {
-            state: self.drawing.parameters(),
-            noise: self.len(),
-            equations: self.len(),
-        }
+        Dimensions { state: self.drawing.parameters(), noise: self.len(), equations: self.len() }
     }
 
     fn linearize(&self, x: &DVector<f64>, v: &DVector<f64>, out: &mut Linearization) {

@@ -20,8 +20,8 @@ pub(super) struct State {
 
 /// Enough to tell the size of what is not linear.
 const OTHERS: u64 = 16;
-/// The share of the linear part's variance that may come from the rest. Where accepted relations cancel the linear
-/// part but for the estimate's own deviations, both are of one size.
+/// The share of the linear part's variance that may come from the rest. Where accepted relations cancel the
+/// linear part but for the estimate's own deviations, both are of one size.
 const STRAIGHT: f64 = 0.01;
 /// Scaled residuals of a drawing at which constraints are restored, as `solve` leaves them.
 const RESTORED: f64 = 1e-12;
@@ -34,11 +34,7 @@ const ZERO: f64 = 1e-6;
 impl State {
     /// An estimate on which nothing was imposed: it is taken as linear.
     pub(super) fn unconstrained(drawing: &Drawing, covariance: &DMatrix<f64>) -> Self {
-        Self {
-            drawing: drawing.clone(),
-            covariance: covariance.clone(),
-            others: Vec::new(),
-        }
+        Self { drawing: drawing.clone(), covariance: covariance.clone(), others: Vec::new() }
     }
 
     /// An estimate on which constraints were imposed.
@@ -63,7 +59,8 @@ struct Nearby<'a> {
     drawing: &'a Drawing,
     imposed: &'a [Constraint],
     equations: ConstraintEquations<'a>,
-    /// Slopes per extent where the constraints hold, and the factor of `J Jᵀ`; none where they are not independent.
+    /// Slopes per extent where the constraints hold, and the factor of `J Jᵀ`; none where they are not
+    /// independent.
     chord: Option<(DMatrix<f64>, Cholesky<f64, Dyn>)>,
 }
 
@@ -78,16 +75,11 @@ impl<'a> Nearby<'a> {
             let diagonal = factor.l_dirty().diagonal();
             diagonal.iter().all(|d| *d > SOUND * diagonal.amax())
         });
-        Self {
-            drawing,
-            imposed,
-            equations,
-            chord: sound.map(|factor| (slopes, factor)),
-        }
+        Self { drawing, imposed, equations, chord: sound.map(|factor| (slopes, factor)) }
     }
 
-    /// A drawing that obeys the constraints: steps with the slopes of the first one, and where these do not lead there,
-    /// the search from anew.
+    /// A drawing that obeys the constraints: steps with the slopes of the first one, and where these do not
+    /// lead there, the search from anew.
     fn restored(&self, values: &DVector<f64>) -> Option<DVector<f64>> {
         let size = self.drawing.extent();
         if let Some((slopes, factor)) = &self.chord {
@@ -125,7 +117,8 @@ pub(super) struct Test {
 }
 
 impl Test {
-    /// Of a relation without a value where the estimate is, such as tangent circles about one centre: it says nothing.
+    /// Of a relation without a value where the estimate is, such as tangent circles about one centre: it says
+    /// nothing.
     fn undefined(degrees: usize) -> Self {
         Self {
             chi_square: 0.0,
@@ -148,24 +141,17 @@ pub(super) struct Level {
 
 impl Level {
     pub(super) fn new(level: f64) -> Self {
-        Self {
-            bounds: [1, 2].map(|degrees| chi_square_bound(level, degrees)),
-        }
+        Self { bounds: [1, 2].map(|degrees| chi_square_bound(level, degrees)) }
     }
 }
 
 /// Tests a relation at a state; `reference` is the covariance before anything was imposed.
 pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64>, level: Level) -> Test {
-    let equations = candidate
-        .constraint
-        .equations(&state.drawing, state.drawing.raw_values());
+    let equations = candidate.constraint.equations(&state.drawing, state.drawing.raw_values());
     if !equations.iter().all(Equation::is_finite) {
         return Test::undefined(equations.len());
     }
-    let known: Vec<f64> = equations
-        .iter()
-        .map(|equation| KNOWN * sigma(equation, reference))
-        .collect();
+    let known: Vec<f64> = equations.iter().map(|equation| KNOWN * sigma(equation, reference)).collect();
     let covariance = |a: &Equation, b: &Equation| -> f64 {
         let rows = a.gradient.iter().map(|&(i, slope)| {
             let row = b.gradient.iter().map(|&(j, other)| other * state.covariance[(i, j)]);
@@ -191,9 +177,7 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
             before = before.or(Some((equation, variance)));
         }
     }
-    let holds = equations
-        .iter()
-        .all(|equation| equation.residual.abs() <= ZERO * candidate.range);
+    let holds = equations.iter().all(|equation| equation.residual.abs() <= ZERO * candidate.range);
     if degrees == 0 {
         return Test {
             chi_square: 0.0,
@@ -222,20 +206,15 @@ pub(super) fn test(candidate: &Candidate, state: &State, reference: &DMatrix<f64
 
 /// σ of a residual if the parameters were independent.
 fn sigma(equation: &Equation, covariance: &DMatrix<f64>) -> f64 {
-    let squares = equation
-        .gradient
-        .iter()
-        .map(|&(i, slope)| slope * slope * covariance[(i, i)]);
+    let squares = equation.gradient.iter().map(|&(i, slope)| slope * slope * covariance[(i, i)]);
     let sum: f64 = squares.sum();
     if sum > 0.0 { sum.sqrt() } else { 1.0 }
 }
 
-/// Whether a relation's residual spreads as its linear part does: what that leaves unexplained at the other drawings is
-/// small against it, or rounding.
+/// Whether a relation's residual spreads as its linear part does: what that leaves unexplained at the other
+/// drawings is small against it, or rounding.
 pub(super) fn is_linear(candidate: &Candidate, state: &State, reference: &DMatrix<f64>) -> bool {
-    let equations = candidate
-        .constraint
-        .equations(&state.drawing, state.drawing.raw_values());
+    let equations = candidate.constraint.equations(&state.drawing, state.drawing.raw_values());
     let mut linear = vec![0.0; equations.len()];
     let mut rest = vec![0.0; equations.len()];
     for (step, values) in &state.others {

@@ -1,8 +1,8 @@
 //! Constraints imposed on an estimate: measurements of zero, or small, covariance.
 //!
-//! Comes in: a drawing whose parameters are an estimate, its covariance, constraints. Goes out: the most likely
-//! drawing that obeys them, its covariance, and what it cost the estimate (χ²). Not guaranteed: the nearest one, where
-//! several branches obey the constraints.
+//! Comes in: a drawing whose parameters are an estimate, its covariance, constraints. Goes out: the most
+//! likely drawing that obeys them, its covariance, and what it cost the estimate (χ²). Not guaranteed: the
+//! nearest one, where several branches obey the constraints.
 
 use super::diagnose::satisfy;
 use super::drawing::Drawing;
@@ -42,18 +42,19 @@ const MAX_ITERATIONS: usize = 100;
 /// Scaled residuals that an imposed estimate may leave.
 const SETTLED: f64 = 1e-8;
 
-/// Imposes constraints on an estimate with the iterated Kalman filter: readings `f(x) = 0` with `R = σ² I`; in square roots
-/// where σ is zero.
+/// Imposes constraints on an estimate with the iterated Kalman filter: readings `f(x) = 0` with `R = σ² I`;
+/// in square roots where σ is zero.
 ///
-/// `covariance` is that of the drawing's parameters, in their order, and may be singular. `sigma` is how truly the
-/// constraints hold: angles in radians and lengths as shares of the drawing's extent; zero for exactly. Which of the
-/// equations are independent is judged where they hold, as at a noisy estimate redundant ones look independent. At the
-/// fixed point `χ² = (x − x̂)ᵀ P⁻¹ (x − x̂)`, the least that any drawing which obeys the constraints can have. Cost:
-/// some `n² m` steps.
+/// `covariance` is that of the drawing's parameters, in their order, and may be singular. `sigma` is how
+/// truly the constraints hold: angles in radians and lengths as shares of the drawing's extent; zero for
+/// exactly. Which of the equations are independent is judged where they hold, as at a noisy estimate
+/// redundant ones look independent. At the fixed point `χ² = (x − x̂)ᵀ P⁻¹ (x − x̂)`, the least that any
+/// drawing which obeys the constraints can have. Cost: some `n² m` steps.
 ///
 /// # Errors
-/// `Input` when the covariance does not fit, a constraint names a part that is not there, or the constraints contradict each other (the smallest set that does is
-/// named); `Undetermined` when the search does not settle on them.
+/// `Input` when the covariance does not fit, a constraint names a part that is not there, or the constraints
+/// contradict each other (the smallest set that does is named); `Undetermined` when the search does not
+/// settle on them.
 ///
 /// # Examples
 /// ```
@@ -68,12 +69,15 @@ const SETTLED: f64 = 1e-8;
 /// ```
 ///
 /// # References
-/// De Geeter, Van Brussel and De Schutter 1997, *A smoothly constrained Kalman filter*; Jazwinski 1970, section 8.3.
-pub fn impose(drawing: &Drawing, covariance: &DMatrix<f64>, constraints: &[Constraint], sigma: f64) -> Result<Imposed> {
-    let start = Start {
-        root: &square_root(covariance),
-        near: None,
-    };
+/// De Geeter, Van Brussel and De Schutter 1997, *A smoothly constrained Kalman filter*; Jazwinski 1970,
+/// section 8.3.
+pub fn impose(
+    drawing: &Drawing,
+    covariance: &DMatrix<f64>,
+    constraints: &[Constraint],
+    sigma: f64,
+) -> Result<Imposed> {
+    let start = Start { root: &square_root(covariance), near: None };
     impose_from(drawing, covariance, constraints, sigma, start)
 }
 
@@ -99,14 +103,9 @@ pub(super) fn impose_from(
             "the σ with which constraints hold must not be negative, but is {sigma}"
         )));
     }
-    constraints
-        .iter()
-        .try_for_each(|constraint| constraint.require_parts(drawing))?;
+    constraints.iter().try_for_each(|constraint| constraint.require_parts(drawing))?;
     KalmanFilter::new(drawing.values(), covariance.clone())?;
-    let near = start
-        .near
-        .map(|near| solve(near, constraints))
-        .filter(|solution| solution.holds);
+    let near = start.near.map(|near| solve(near, constraints)).filter(|solution| solution.holds);
     let solution = near.unwrap_or_else(|| satisfy(drawing, constraints));
     if !solution.holds {
         return Err(contradiction(drawing, constraints));
@@ -118,11 +117,7 @@ pub(super) fn impose_from(
     let independent = all.clone().with_rows(&rank.independent);
     let degrees = independent.len();
     let updated = if degrees == 0 {
-        Updated {
-            mean: drawing.values(),
-            covariance: covariance.clone(),
-            chi_square: 0.0,
-        }
+        Updated { mean: drawing.values(), covariance: covariance.clone(), chi_square: 0.0 }
     } else if sigma > 0.0 {
         with_noise(drawing, covariance, &independent, sigma)?
     } else {
@@ -171,8 +166,8 @@ fn with_noise(
     })
 }
 
-/// The iterated update without noise in square roots: with `P = L Lᵀ` and `Lᵀ Hᵀ = Q R`, `x ← x̂ − L Q R⁻ᵀ (f + H (x̂ − x))`
-/// from a place where the equations hold, `P ← L (I − Q Qᵀ) Lᵀ`.
+/// The iterated update without noise in square roots: with `P = L Lᵀ` and `Lᵀ Hᵀ = Q R`,
+/// `x ← x̂ − L Q R⁻ᵀ (f + H (x̂ − x))` from a place where the equations hold, `P ← L (I − Q Qᵀ) Lᵀ`.
 ///
 /// # References
 /// Björck 1996, *Numerical methods for least squares problems*, section 5.1 (the null-space method).
@@ -221,10 +216,7 @@ pub(super) fn row_sigmas(jacobian: &DMatrix<f64>, covariance: &DMatrix<f64>) -> 
     jacobian
         .row_iter()
         .map(|row| {
-            let squares = row
-                .iter()
-                .enumerate()
-                .map(|(j, slope)| slope * slope * covariance[(j, j)]);
+            let squares = row.iter().enumerate().map(|(j, slope)| slope * slope * covariance[(j, j)]);
             let sum: f64 = squares.sum();
             if sum > 0.0 { sum.sqrt() } else { 1.0 }
         })

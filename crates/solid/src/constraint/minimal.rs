@@ -1,13 +1,14 @@
 //! Smallest sets that fail: which of many demands contradict each other.
 //!
-//! Comes in: how many demands there are and an oracle that says whether some of them can hold together. Goes out: a
-//! set that cannot, of which every proper part can. Not guaranteed: that it is the only one, or the one of fewest
-//! members.
+//! Comes in: how many demands there are and an oracle that says whether some of them can hold together. Goes
+//! out: a set that cannot, of which every proper part can. Not guaranteed: that it is the only one, or the
+//! one of fewest members.
 
-/// A minimal failing set by deletion: each member is left out in turn, and stays out where the others still fail.
+/// A minimal failing set by deletion: each member is left out in turn, and stays out where the others still
+/// fail.
 ///
-/// `holds` is asked about ascending indices, and must hold for every part of a set for which it holds. Empty when all
-/// hold together. Cost: one question for each of `count`, so best where most of them take part.
+/// `holds` is asked about ascending indices, and must hold for every part of a set for which it holds. Empty
+/// when all hold together. Cost: one question for each of `count`, so best where most of them take part.
 ///
 /// # References
 /// Chinneck and Dravnieks 1991, *Locating minimal infeasible constraint sets in linear programs*.
@@ -27,9 +28,9 @@ pub fn deletion_filter(count: usize, mut holds: impl FnMut(&[usize]) -> bool) ->
 
 /// A minimal failing set by divide and conquer, made of early members where there is a choice.
 ///
-/// Demands are in order of preference: an explanation is sought among the first ones, so that the last member of what
-/// comes back is the first demand that cannot be granted after all before it. Empty when all hold together. Cost:
-/// about `2 k log₂(count/k) + 2 k` questions for a set of `k` members.
+/// Demands are in order of preference: an explanation is sought among the first ones, so that the last member
+/// of what comes back is the first demand that cannot be granted after all before it. Empty when all hold
+/// together. Cost: about `2 k log₂(count/k) + 2 k` questions for a set of `k` members.
 ///
 /// # Examples
 /// ```
@@ -54,7 +55,12 @@ pub fn quick_xplain(count: usize, mut holds: impl FnMut(&[usize]) -> bool) -> Ve
 }
 
 /// The members of `among` that fail together with `background`, which is known to fail with all of them.
-fn explain(background: &[usize], grown: bool, among: &[usize], holds: &mut impl FnMut(&[usize]) -> bool) -> Vec<usize> {
+fn explain(
+    background: &[usize],
+    grown: bool,
+    among: &[usize],
+    holds: &mut impl FnMut(&[usize]) -> bool,
+) -> Vec<usize> {
     if grown && !holds(&sorted(background)) {
         return Vec::new();
     }

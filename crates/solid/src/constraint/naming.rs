@@ -43,11 +43,7 @@ impl Constraint {
             Self::PointOnCircle { point, circle } => (&[*point], &[], &[*circle], 0.0),
             Self::Radius { circle, value } => (&[], &[], &[*circle], *value),
         };
-        let count = [
-            drawing.points().count(),
-            drawing.bars().count(),
-            drawing.circles().count(),
-        ];
+        let count = [drawing.points().count(), drawing.bars().count(), drawing.circles().count()];
         let missing = (points.iter().map(|p| ("point", p.0, count[0])))
             .chain(bars.iter().map(|b| ("bar", b.0, count[1])))
             .chain(circles.iter().map(|c| ("circle", c.0, count[2])))
@@ -57,27 +53,27 @@ impl Constraint {
                 "a constraint names {part} {}, but the drawing has {count}",
                 id + 1
             ))),
-            None if !value.is_finite() => Err(Error::input(format!(
-                "{} has no finite value: state one",
-                self.describe(drawing)
-            ))),
+            None if !value.is_finite() => {
+                Err(Error::input(format!("{} has no finite value: state one", self.describe(drawing))))
+            }
             None => Ok(()),
         }
     }
 
-    /// The constraint in words, such as `P1P2 parallel to P4P3`, values to eight digits; [`Self::parse`] reads them.
+    /// The constraint in words, such as `P1P2 parallel to P4P3`, values to eight digits; [`Self::parse`]
+    /// reads them.
     #[must_use]
     pub fn describe(&self, drawing: &Drawing) -> String {
         let bar = |bar: &BarId| drawing.bar_name(*bar);
         let point = |point: &PointId| drawing.point_name(*point);
         let circle = |circle: &CircleId| drawing.circle_name(*circle);
         match self {
-            Self::Distance { a, b, value } => format!("{} is {} long", drawing.pair_name(*a, *b), rounded(*value)),
-            Self::PointLineDistance {
-                point: p,
-                bar: b,
-                value,
-            } => format!("{} is {} from {}", point(p), rounded(*value), bar(b)),
+            Self::Distance { a, b, value } => {
+                format!("{} is {} long", drawing.pair_name(*a, *b), rounded(*value))
+            }
+            Self::PointLineDistance { point: p, bar: b, value } => {
+                format!("{} is {} from {}", point(p), rounded(*value), bar(b))
+            }
             Self::Angle { from, to, radians } => {
                 format!("{} to {} is {}°", bar(from), bar(to), rounded(radians.to_degrees()))
             }
@@ -88,7 +84,9 @@ impl Constraint {
             Self::Concentric { a, b } => format!("{} concentric with {}", circle(a), circle(b)),
             Self::EqualLength { a, b } => format!("{} as long as {}", bar(a), bar(b)),
             Self::EqualRadius { a, b } => format!("{} has the radius of {}", circle(a), circle(b)),
-            Self::Symmetric { a, b, about } => format!("{} and {} symmetric about {}", point(a), point(b), bar(about)),
+            Self::Symmetric { a, b, about } => {
+                format!("{} and {} symmetric about {}", point(a), point(b), bar(about))
+            }
             Self::Horizontal { bar: b } => format!("{} horizontal", bar(b)),
             Self::Vertical { bar: b } => format!("{} vertical", bar(b)),
             Self::Coordinate { point: p, axis, value } => {
@@ -98,14 +96,12 @@ impl Constraint {
                     rounded(*value)
                 )
             }
-            Self::Anchor { point: p, at } => format!("{} at ({}, {})", point(p), rounded(at[0]), rounded(at[1])),
+            Self::Anchor { point: p, at } => {
+                format!("{} at ({}, {})", point(p), rounded(at[0]), rounded(at[1]))
+            }
             Self::Coincident { a, b } => format!("{} on {}", point(a), point(b)),
             Self::PointOnCircle { point: p, circle: c } => format!("{} on {}", point(p), circle(c)),
-            Self::TangentAt {
-                bar: b,
-                circle: c,
-                point: p,
-            } => {
+            Self::TangentAt { bar: b, circle: c, point: p } => {
                 format!("{} tangent to {} at {}", bar(b), circle(c), point(p))
             }
             Self::Aligned { a, b } => format!("{} = {}", a.describe(drawing), b.describe(drawing)),
@@ -138,7 +134,9 @@ impl Constraint {
                 bars.push(bar);
             }
             Self::Angle { from, to, .. } => bars.extend([from, to]),
-            Self::Parallel { a, b } | Self::Perpendicular { a, b } | Self::EqualLength { a, b } => bars.extend([a, b]),
+            Self::Parallel { a, b } | Self::Perpendicular { a, b } | Self::EqualLength { a, b } => {
+                bars.extend([a, b])
+            }
             Self::Tangent { bar, circle, .. } => {
                 bars.push(bar);
                 circles.push(circle);

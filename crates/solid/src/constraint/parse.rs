@@ -14,11 +14,12 @@ const SENTENCES: &str = "P1P2 horizontal; P1P2 vertical; P1P2 parallel to P3P4; 
 impl Constraint {
     /// Reads a constraint from words, such as `P1P2 parallel to P3P4` or `circle 1 has radius 5`.
     ///
-    /// Parts are called as in the drawing. Which side of a bar a circle touches, and whether circles touch from inside, is
-    /// read off the drawing.
+    /// Parts are called as in the drawing. Which side of a bar a circle touches, and whether circles touch
+    /// from inside, is read off the drawing.
     ///
     /// # Errors
-    /// `Input` when the sentence is none of those that [`Self::describe`] makes, or names a part that is not there.
+    /// `Input` when the sentence is none of those that [`Self::describe`] makes, or names a part that is not
+    /// there.
     ///
     /// # Examples
     /// ```

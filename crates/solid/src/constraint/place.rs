@@ -1,7 +1,7 @@
 //! Coordinates that parts of a drawing reach: of points, and of circles where these end.
 //!
-//! Comes in: a part and an axis. Goes out: the coordinate as a sum of parameters. What is seen from two sides has such
-//! coordinates in both views.
+//! Comes in: a part and an axis. Goes out: the coordinate as a sum of parameters. What is seen from two sides
+//! has such coordinates in both views.
 
 use super::drawing::{CircleId, Drawing, Offset, PointId};
 use super::relation::Axis;
@@ -65,15 +65,10 @@ impl Place {
 
     pub(super) fn shifted(self, offset: Offset) -> Self {
         match self {
-            Self::Point { point, axis } => Self::Point {
-                point: offset.point(point),
-                axis,
-            },
-            Self::Extreme { circle, axis, upper } => Self::Extreme {
-                circle: offset.circle(circle),
-                axis,
-                upper,
-            },
+            Self::Point { point, axis } => Self::Point { point: offset.point(point), axis },
+            Self::Extreme { circle, axis, upper } => {
+                Self::Extreme { circle: offset.circle(circle), axis, upper }
+            }
         }
     }
 }

@@ -1,7 +1,8 @@
 //! χ² of sets of constraints to first order, for the many questions of which of them quarrel.
 //!
-//! Comes in: an estimate, and constraints linearised where they nearly hold. Goes out: what a set of them costs the estimate.
-//! Not guaranteed: second-order terms, which a last look with the real equations must take.
+//! Comes in: an estimate, and constraints linearised where they nearly hold. Goes out: what a set of them
+//! costs the estimate. Not guaranteed: second-order terms, which a last look with the real equations must
+//! take.
 
 use super::drawing::Drawing;
 use super::equations::ConstraintEquations;
@@ -40,7 +41,8 @@ impl Linearised {
         let x = at.values();
         let back = estimate.values() - &x;
         let rows = constraints.iter().map(|constraint| {
-            let (residuals, jacobian) = ConstraintEquations::new(at, &[*constraint]).residuals_and_jacobian(&x);
+            let (residuals, jacobian) =
+                ConstraintEquations::new(at, &[*constraint]).residuals_and_jacobian(&x);
             let whitened = &jacobian * root;
             let misclosures = residuals + &jacobian * &back;
             let sizes = row_sigmas(&jacobian, covariance);
@@ -54,8 +56,8 @@ impl Linearised {
         Self { rows: rows.collect() }
     }
 
-    /// What constraints cost together, in this order: `Σ c²` over rows made orthogonal, `c` what is left of a misclosure
-    /// over what is left of its row.
+    /// What constraints cost together, in this order: `Σ c²` over rows made orthogonal, `c` what is left of a
+    /// misclosure over what is left of its row.
     pub(super) fn cost(&self, chosen: impl Iterator<Item = usize>) -> Cost {
         let mut basis: Vec<(DVector<f64>, f64)> = Vec::new();
         let mut cost = Cost::default();

@@ -20,9 +20,9 @@ pub(crate) struct RowRank {
 
 /// Splits the rows of a matrix by orthogonalisation in order, each against all before it, twice.
 ///
-/// A row is dependent when less than `tolerance` of its `sizes` entry is left. The combination that makes it is
-/// unique, hence the smallest dependent set with it in (a circuit of the matroid of the rows). Cost: `rows² ·
-/// columns`.
+/// A row is dependent when less than `tolerance` of its `sizes` entry is left. The combination that makes it
+/// is unique, hence the smallest dependent set with it in (a circuit of the matroid of the rows). Cost:
+/// `rows² · columns`.
 pub(crate) fn row_rank(matrix: &DMatrix<f64>, sizes: &[f64], tolerance: f64) -> RowRank {
     let mut rank = RowRank::default();
     let mut basis: Vec<Vec<f64>> = Vec::new();
@@ -62,9 +62,5 @@ pub(crate) fn row_rank(matrix: &DMatrix<f64>, sizes: &[f64], tolerance: f64) -> 
 
 /// The lengths of the rows, and 1 for a row of zeros.
 pub(crate) fn row_norms(matrix: &DMatrix<f64>) -> Vec<f64> {
-    matrix
-        .row_iter()
-        .map(|row| row.norm())
-        .map(|norm| if norm > 0.0 { norm } else { 1.0 })
-        .collect()
+    matrix.row_iter().map(|row| row.norm()).map(|norm| if norm > 0.0 { norm } else { 1.0 }).collect()
 }

@@ -1,11 +1,11 @@
 //! The constraints, each with its residual and the residual's gradient.
 //!
-//! Comes in: a drawing. Goes out: equations `f(x) = 0`; one for a simple constraint, two for a compound one. Lengths
-//! are in the drawing's unit, directions in radians or as sines and cosines. Not guaranteed: a value where a bar has
-//! no length; it is NaN there.
+//! Comes in: a drawing. Goes out: equations `f(x) = 0`; one for a simple constraint, two for a compound one.
+//! Lengths are in the drawing's unit, directions in radians or as sines and cosines. Not guaranteed: a value
+//! where a bar has no length; it is NaN there.
 //!
-//! With `d = end − start` of a bar, `l = |d|`, `u = d/l` and `n = (−u_y, u_x)` the unit vector to its left, everything
-//! below follows from `∂l/∂d = u` and `∂(direction)/∂d = n/l`.
+//! With `d = end − start` of a bar, `l = |d|`, `u = d/l` and `n = (−u_y, u_x)` the unit vector to its left,
+//! everything below follows from `∂l/∂d = u` and `∂(direction)/∂d = n/l`.
 
 use super::drawing::{BarId, CircleId, Drawing, PointId};
 use super::equations::Equation;
@@ -25,13 +25,13 @@ pub enum Axis {
 
 /// Something that holds between parts of a drawing.
 ///
-/// The paper squares its distances and does not normalise its products (D eq. 4.1). Here residuals are lengths and
-/// angles, so that their σ means something; where a constraint holds, both forms have the same gradients up to a
-/// factor, and so the same ranks and graphs.
+/// The paper squares its distances and does not normalise its products (D eq. 4.1). Here residuals are
+/// lengths and angles, so that their σ means something; where a constraint holds, both forms have the same
+/// gradients up to a factor, and so the same ranks and graphs.
 ///
 /// # References
-/// Weiss-Cohen, Bondarenko and Halevi 2009, eq. 3.1–3.5; Lin, Gossard and Light 1981, *Variational geometry in
-/// computer-aided design*.
+/// Weiss-Cohen, Bondarenko and Halevi 2009, eq. 3.1–3.5; Lin, Gossard and Light 1981, *Variational geometry
+/// in computer-aided design*.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Constraint {
@@ -46,8 +46,8 @@ pub enum Constraint {
     },
     /// The distance of a point to the left of a bar, negative to its right: `u × (p − start) = value`.
     ///
-    /// D eq. 3.3–3.5 with the text's `V` from the bar's start to the point; eq. 3.4 is printed with the opposite sign,
-    /// which counts distances to the right.
+    /// D eq. 3.3–3.5 with the text's `V` from the bar's start to the point; eq. 3.4 is printed with the
+    /// opposite sign, which counts distances to the right.
     PointLineDistance {
         /// The point.
         point: PointId,
@@ -167,8 +167,8 @@ pub enum Constraint {
         /// The circle.
         circle: CircleId,
     },
-    /// A bar touches a circle at a point that is on both, such as where an arc goes on from a bar: the radius to the
-    /// point stands upright on the bar.
+    /// A bar touches a circle at a point that is on both, such as where an arc goes on from a bar: the radius
+    /// to the point stands upright on the bar.
     TangentAt {
         /// The bar.
         bar: BarId,
@@ -217,15 +217,7 @@ struct Builder<'a> {
 
 impl<'a> Builder<'a> {
     fn new(drawing: &'a Drawing, x: &'a [f64]) -> Self {
-        Self {
-            drawing,
-            x,
-            equation: Equation {
-                residual: 0.0,
-                gradient: Vec::new(),
-                is_length: true,
-            },
-        }
+        Self { drawing, x, equation: Equation { residual: 0.0, gradient: Vec::new(), is_length: true } }
     }
 
     fn at(&self, point: PointId) -> [f64; 2] {
@@ -241,11 +233,7 @@ impl<'a> Builder<'a> {
         let d = self.between(a, b);
         let length = d[0].hypot(d[1]);
         let along = [d[0] / length, d[1] / length];
-        Line {
-            along,
-            left: [-along[1], along[0]],
-            length,
-        }
+        Line { along, left: [-along[1], along[0]], length }
     }
 
     fn line(&self, bar: BarId) -> Line {
@@ -303,10 +291,7 @@ impl<'a> Builder<'a> {
             self.point(point, scaled(factor * weight, line.left));
         }
         self.point(self.drawing.ends(bar)[0], scaled(-factor, line.left));
-        self.bar(
-            bar,
-            scaled(-factor * dot(line.along, from_start) / line.length, line.left),
-        );
+        self.bar(bar, scaled(-factor * dot(line.along, from_start) / line.length, line.left));
     }
 
     /// A function of the angle from one bar to the other, given its derivative.
@@ -332,15 +317,18 @@ impl Constraint {
     #[must_use]
     pub fn equation_count(&self) -> usize {
         match self {
-            Self::Concentric { .. } | Self::Symmetric { .. } | Self::Anchor { .. } | Self::Coincident { .. } => 2,
+            Self::Concentric { .. }
+            | Self::Symmetric { .. }
+            | Self::Anchor { .. }
+            | Self::Coincident { .. } => 2,
             _ => 1,
         }
     }
 
     /// Its equations at the parameters `x` of a drawing: residuals and gradients.
     ///
-    /// The gradient names every parameter that the equation depends on, also where the slope is zero at `x`. Cost:
-    /// constant.
+    /// The gradient names every parameter that the equation depends on, also where the slope is zero at `x`.
+    /// Cost: constant.
     ///
     /// # Panics
     /// When it names a part that the drawing does not have, or `x` is too short.
@@ -394,15 +382,15 @@ impl Constraint {
                 return vec![coordinate(drawing, x, point, axis as usize, value)];
             }
             Self::Anchor { point, at } => {
-                return (0..2)
-                    .map(|axis| coordinate(drawing, x, point, axis, at[axis]))
-                    .collect();
+                return (0..2).map(|axis| coordinate(drawing, x, point, axis, at[axis])).collect();
             }
             Self::Concentric { a, b } => {
                 let centres = [drawing.centre(a), drawing.centre(b)];
                 return (0..2).map(|axis| difference(drawing, x, centres, axis)).collect();
             }
-            Self::Coincident { a, b } => return (0..2).map(|axis| difference(drawing, x, [a, b], axis)).collect(),
+            Self::Coincident { a, b } => {
+                return (0..2).map(|axis| difference(drawing, x, [a, b], axis)).collect();
+            }
             Self::Symmetric { a, b, about } => {
                 new.add_offset(&[(a, 0.5), (b, 0.5)], about, 1.0);
                 return vec![new.plus(0.0), along(drawing, x, [a, b], about)];
@@ -440,7 +428,9 @@ impl Constraint {
         let mut read = *self;
         let found = self.equations(drawing, x)[0].residual;
         match &mut read {
-            Self::Distance { value, .. } | Self::PointLineDistance { value, .. } if *value == 0.0 => return None,
+            Self::Distance { value, .. } | Self::PointLineDistance { value, .. } if *value == 0.0 => {
+                return None;
+            }
             Self::Angle { radians, .. } if (*radians / FRAC_PI_2).fract() == 0.0 => return None,
             Self::Angle { radians, .. } => *radians = wrapped(*radians + found),
             Self::Distance { value, .. }
@@ -462,20 +452,12 @@ fn wrapped(angle: f64) -> f64 {
 /// `b − a` along an axis.
 fn difference(drawing: &Drawing, x: &[f64], [a, b]: [PointId; 2], axis: usize) -> Equation {
     let (i, j) = (drawing.coordinates(a)[axis], drawing.coordinates(b)[axis]);
-    Equation {
-        residual: x[j] - x[i],
-        gradient: vec![(i, -1.0), (j, 1.0)],
-        is_length: true,
-    }
+    Equation { residual: x[j] - x[i], gradient: vec![(i, -1.0), (j, 1.0)], is_length: true }
 }
 
 fn coordinate(drawing: &Drawing, x: &[f64], point: PointId, axis: usize, value: f64) -> Equation {
     let parameter = drawing.coordinates(point)[axis];
-    Equation {
-        residual: x[parameter] - value,
-        gradient: vec![(parameter, 1.0)],
-        is_length: true,
-    }
+    Equation { residual: x[parameter] - value, gradient: vec![(parameter, 1.0)], is_length: true }
 }
 
 /// `(b − a) · u` of a bar: how far two points are from lying straight across it.

@@ -1,7 +1,8 @@
 //! The dimensions that, with the relations found, say all of a drawing.
 //!
-//! Comes in: a drawing and what holds in it. Goes out: sizes and places that are still free, as few as determine the
-//! drawing, each with its value and σ. Not guaranteed: the dimensions that a designer would choose.
+//! Comes in: a drawing and what holds in it. Goes out: sizes and places that are still free, as few as
+//! determine the drawing, each with its value and σ. Not guaranteed: the dimensions that a designer would
+//! choose.
 
 use super::diagnose::ROW_TOLERANCE;
 use super::drawing::Drawing;
@@ -25,10 +26,10 @@ pub struct Dimensioned {
 
 /// Dimensions that complete constraints to as many independent equations as there are parameters.
 ///
-/// The paper's scheme (D section 3): one point is the anchor, then lengths of bars and radii, as many as are still free.
-/// What is left after those is dimensioned by distances of points from bars, from the first point, and last by
-/// coordinates. A dimension is taken when its gradient is no combination of those before it, at the drawing. Cost:
-/// `(m + d)² n` for `d` dimensions looked at, some `p b` of them.
+/// The paper's scheme (D section 3): one point is the anchor, then lengths of bars and radii, as many as are
+/// still free. What is left after those is dimensioned by distances of points from bars, from the first
+/// point, and last by coordinates. A dimension is taken when its gradient is no combination of those before
+/// it, at the drawing. Cost: `(m + d)² n` for `d` dimensions looked at, some `p b` of them.
 ///
 /// # Examples
 /// ```
@@ -51,7 +52,11 @@ pub struct Dimensioned {
 /// # References
 /// Weiss-Cohen, Bondarenko and Halevi 2009, section 3.
 #[must_use]
-pub fn dimension_scheme(drawing: &Drawing, covariance: &DMatrix<f64>, constraints: &[Constraint]) -> Vec<Dimensioned> {
+pub fn dimension_scheme(
+    drawing: &Drawing,
+    covariance: &DMatrix<f64>,
+    constraints: &[Constraint],
+) -> Vec<Dimensioned> {
     let x = drawing.values();
     let looked_at: Vec<Constraint> = dimensions(drawing)
         .into_iter()
@@ -66,11 +71,8 @@ pub fn dimension_scheme(drawing: &Drawing, covariance: &DMatrix<f64>, constraint
     let (_, jacobian) = equations.residuals_and_jacobian(&x);
     let independent = row_rank(&jacobian, &row_norms(&jacobian), ROW_TOLERANCE).independent;
     let owners = equations.owners();
-    let mut taken: Vec<usize> = independent
-        .iter()
-        .map(|&row| owners[row])
-        .filter(|&owner| owner >= constraints.len())
-        .collect();
+    let mut taken: Vec<usize> =
+        independent.iter().map(|&row| owners[row]).filter(|&owner| owner >= constraints.len()).collect();
     // An anchor of which one coordinate is known already keeps the other alone.
     let halves: Vec<usize> = taken.clone();
     taken.dedup();
@@ -82,11 +84,7 @@ pub fn dimension_scheme(drawing: &Drawing, covariance: &DMatrix<f64>, constraint
                 Constraint::Anchor { point, at } if rows == 1 => {
                     let first = owners.iter().position(|&o| o == owner).unwrap_or_default();
                     let axis = if independent.contains(&first) { Axis::X } else { Axis::Y };
-                    Constraint::Coordinate {
-                        point,
-                        axis,
-                        value: at[axis as usize],
-                    }
+                    Constraint::Coordinate { point, axis, value: at[axis as usize] }
                 }
                 other => other,
             };
@@ -107,10 +105,7 @@ pub fn sigma(constraint: &Constraint, drawing: &Drawing, covariance: &DMatrix<f6
         let terms = gradient.iter().flat_map(|a| gradient.iter().map(move |b| (a, b)));
         terms.map(|(&(i, a), &(j, b))| a * b * covariance[(i, j)]).sum()
     };
-    let largest = equations
-        .iter()
-        .map(|equation| variance(&equation.gradient))
-        .fold(0.0, f64::max);
+    let largest = equations.iter().map(|equation| variance(&equation.gradient)).fold(0.0, f64::max);
     largest.sqrt()
 }
 
@@ -121,43 +116,21 @@ fn dimensions(drawing: &Drawing) -> Vec<Constraint> {
     let Some(&first) = points.first() else {
         return found;
     };
-    found.push(Constraint::Anchor {
-        point: first,
-        at: [0.0; 2],
-    });
+    found.push(Constraint::Anchor { point: first, at: [0.0; 2] });
     for bar in drawing.bars() {
         let [a, b] = drawing.ends(bar);
         found.push(Constraint::Distance { a, b, value: 1.0 });
     }
-    found.extend(
-        drawing
-            .circles()
-            .map(|circle| Constraint::Radius { circle, value: 1.0 }),
-    );
+    found.extend(drawing.circles().map(|circle| Constraint::Radius { circle, value: 1.0 }));
     for &point in &points {
-        for bar in drawing
-            .bars()
-            .filter(|&bar| !drawing.ends(bar).contains(&point))
-            .take(4)
-        {
+        for bar in drawing.bars().filter(|&bar| !drawing.ends(bar).contains(&point)).take(4) {
             found.push(Constraint::PointLineDistance { point, bar, value: 1.0 });
         }
     }
-    found.extend(points[1..].iter().map(|&b| Constraint::Distance {
-        a: first,
-        b,
-        value: 1.0,
-    }));
+    found.extend(points[1..].iter().map(|&b| Constraint::Distance { a: first, b, value: 1.0 }));
     for &point in &points {
-        found.extend([Axis::Y, Axis::X].map(|axis| Constraint::Coordinate {
-            point,
-            axis,
-            value: 0.0,
-        }));
+        found.extend([Axis::Y, Axis::X].map(|axis| Constraint::Coordinate { point, axis, value: 0.0 }));
     }
     let x = drawing.values();
-    found
-        .iter()
-        .filter_map(|dimension| dimension.measured(drawing, x.as_slice()))
-        .collect()
+    found.iter().filter_map(|dimension| dimension.measured(drawing, x.as_slice())).collect()
 }

@@ -1,8 +1,8 @@
 //! Dimensions put on a grid, where the statistics allow it.
 //!
-//! Comes in: a constrained estimate and a grid, such as 0.5 mm. Goes out: which dimensions lie on it, imposed like
-//! other constraints, and why the others were left. Not guaranteed: that a designer used this grid; a dimension known
-//! far better than the grid that is off it says no.
+//! Comes in: a constrained estimate and a grid, such as 0.5 mm. Goes out: which dimensions lie on it, imposed
+//! like other constraints, and why the others were left. Not guaranteed: that a designer used this grid; a
+//! dimension known far better than the grid that is off it says no.
 
 use super::candidates::Candidate;
 use super::drawing::{BarId, CircleId, Drawing, PointId};
@@ -44,10 +44,7 @@ impl Dimension {
                 let [a, b] = drawing.ends(bar);
                 Constraint::Distance { a, b, value }
             }
-            Self::Diameter(circle) => Constraint::Radius {
-                circle,
-                value: 0.5 * value,
-            },
+            Self::Diameter(circle) => Constraint::Radius { circle, value: 0.5 * value },
             Self::Distance(a, b) => Constraint::Distance { a, b, value },
             Self::Offset(point, bar) => Constraint::PointLineDistance { point, bar, value },
         }
@@ -62,7 +59,9 @@ impl Dimension {
         match self {
             Self::Length(bar) => format!("length of {}", drawing.bar_name(bar)),
             Self::Diameter(circle) => format!("diameter of {}", drawing.circle_name(circle)),
-            Self::Distance(a, b) => format!("distance of {} and {}", drawing.point_name(a), drawing.point_name(b)),
+            Self::Distance(a, b) => {
+                format!("distance of {} and {}", drawing.point_name(a), drawing.point_name(b))
+            }
             Self::Offset(point, bar) => format!("{} to {}", drawing.point_name(point), drawing.bar_name(bar)),
         }
     }
@@ -107,10 +106,11 @@ pub struct Snap {
 
 /// Puts dimensions on a grid, one after the other, the best known first.
 ///
-/// A dimension `d ± σ` is snapped to the nearest multiple `g` of `grid` when `(d − g)²/σ²` passes its χ² test, when
-/// the next multiple fails it (else the grid says nothing, and the dimension is left as *ambiguous*), and when all
-/// that is imposed still passes together. The level is shared among the dimensions (Bonferroni). σ falls on the way,
-/// as snapped dimensions sharpen the others. Cost: one [`impose`](crate::constraint::impose) a dimension.
+/// A dimension `d ± σ` is snapped to the nearest multiple `g` of `grid` when `(d − g)²/σ²` passes its χ²
+/// test, when the next multiple fails it (else the grid says nothing, and the dimension is left as
+/// *ambiguous*), and when all that is imposed still passes together. The level is shared among the dimensions
+/// (Bonferroni). σ falls on the way, as snapped dimensions sharpen the others. Cost: one
+/// [`impose`](crate::constraint::impose) a dimension.
 ///
 /// # Errors
 /// `Input` when the grid is not positive.
@@ -129,11 +129,13 @@ pub struct Snap {
 /// assert_eq!(height.outcome, SnapOutcome::OffGrid);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
-pub fn snap(constrained: &Constrained, grid: f64, dimensions: &[Dimension]) -> Result<(Constrained, Vec<Snap>)> {
+pub fn snap(
+    constrained: &Constrained,
+    grid: f64,
+    dimensions: &[Dimension],
+) -> Result<(Constrained, Vec<Snap>)> {
     if !(grid > 0.0 && grid.is_finite()) {
-        return Err(Error::input(format!(
-            "the grid to snap to must be positive, not {grid}"
-        )));
+        return Err(Error::input(format!("the grid to snap to must be positive, not {grid}")));
     }
     let search = &constrained.search;
     let mut state = Imposed {
@@ -198,10 +200,7 @@ fn look_at(
     let rounded = (value / grid).round() * grid;
     // A length of zero is none.
     let nearest = if rounded == 0.0 { grid.copysign(value) } else { rounded };
-    let candidate = Candidate {
-        constraint: dimension.constraint(drawing, nearest),
-        range: grid,
-    };
+    let candidate = Candidate { constraint: dimension.constraint(drawing, nearest), range: grid };
     let test = constrained.search.test(&candidate, now);
     let away = (value - nearest).abs();
     let sigma = if test.degrees == 0 {

@@ -1,7 +1,7 @@
 //! The nearest drawing that obeys constraints, found by damped steps from where it is.
 //!
-//! Comes in: a drawing and constraints. Goes out: parameters, and whether all constraints hold there. Not guaranteed:
-//! that a drawing which obeys them is found where one exists far from the start.
+//! Comes in: a drawing and constraints. Goes out: parameters, and whether all constraints hold there. Not
+//! guaranteed: that a drawing which obeys them is found where one exists far from the start.
 
 use super::drawing::Drawing;
 use super::equations::ConstraintEquations;
@@ -25,10 +25,11 @@ const HOLDS: f64 = 1e-10;
 const COLLAPSED: f64 = 1e-6;
 const MAX_STEPS: usize = 200;
 
-/// Moves a drawing as little as possible until constraints hold: steps `−Jᵀ (J Jᵀ + λ I)⁻¹ f` with `λ = min(|f|², 10⁻³)`.
+/// Moves a drawing as little as possible until constraints hold: steps `−Jᵀ (J Jᵀ + λ I)⁻¹ f` with
+/// `λ = min(|f|², 10⁻³)`.
 ///
-/// Redundant constraints do no harm. Cost: `m² n + m³` a step, for `m` equations of `n` parameters; a few steps where
-/// it succeeds.
+/// Redundant constraints do no harm. Cost: `m² n + m³` a step, for `m` equations of `n` parameters; a few
+/// steps where it succeeds.
 ///
 /// # Examples
 /// ```
@@ -41,8 +42,8 @@ const MAX_STEPS: usize = 200;
 /// ```
 ///
 /// # References
-/// Yamashita and Fukushima 2001, *On the rate of convergence of the Levenberg–Marquardt method* (this `λ` converges
-/// quadratically also where `J` has no full rank).
+/// Yamashita and Fukushima 2001, *On the rate of convergence of the Levenberg–Marquardt method* (this `λ`
+/// converges quadratically also where `J` has no full rank).
 #[must_use]
 pub fn solve(drawing: &Drawing, constraints: &[Constraint]) -> Solution {
     let equations = ConstraintEquations::new(drawing, constraints);
@@ -75,14 +76,15 @@ pub fn solve(drawing: &Drawing, constraints: &[Constraint]) -> Solution {
     }
     let residual = if residuals.is_empty() { 0.0 } else { residuals.amax() };
     let holds = residual <= HOLDS && !has_collapsed(drawing, &x);
-    Solution {
-        values: x,
-        holds,
-        residual,
-    }
+    Solution { values: x, holds, residual }
 }
 
-fn damped_step(jacobian: &DMatrix<f64>, residuals: &DVector<f64>, size: f64, damping: f64) -> Option<DVector<f64>> {
+fn damped_step(
+    jacobian: &DMatrix<f64>,
+    residuals: &DVector<f64>,
+    size: f64,
+    damping: f64,
+) -> Option<DVector<f64>> {
     // Residuals are pure numbers; so are these slopes, per extent of the drawing.
     let slopes = jacobian * size;
     let mut normal = &slopes * slopes.transpose();

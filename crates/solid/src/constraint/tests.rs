@@ -27,74 +27,28 @@ fn every_constraint() -> Vec<Constraint> {
     let [c, d] = [0, 1].map(CircleId);
     vec![
         Constraint::Distance { a: p, b: q, value: 2.0 },
-        Constraint::PointLineDistance {
-            point: r,
-            bar: a,
-            value: 1.0,
-        },
-        Constraint::Angle {
-            from: a,
-            to: b,
-            radians: FRAC_PI_3,
-        },
+        Constraint::PointLineDistance { point: r, bar: a, value: 1.0 },
+        Constraint::Angle { from: a, to: b, radians: FRAC_PI_3 },
         Constraint::Parallel { a, b },
         Constraint::Perpendicular { a, b },
-        Constraint::Tangent {
-            bar: a,
-            circle: c,
-            left: true,
-        },
-        Constraint::Tangent {
-            bar: b,
-            circle: d,
-            left: false,
-        },
-        Constraint::TangentCircles {
-            a: c,
-            b: d,
-            inside: false,
-        },
-        Constraint::TangentCircles {
-            a: c,
-            b: d,
-            inside: true,
-        },
+        Constraint::Tangent { bar: a, circle: c, left: true },
+        Constraint::Tangent { bar: b, circle: d, left: false },
+        Constraint::TangentCircles { a: c, b: d, inside: false },
+        Constraint::TangentCircles { a: c, b: d, inside: true },
         Constraint::Concentric { a: c, b: d },
         Constraint::EqualLength { a, b },
         Constraint::EqualRadius { a: c, b: d },
-        Constraint::Symmetric {
-            a: p,
-            b: r,
-            about: axis,
-        },
+        Constraint::Symmetric { a: p, b: r, about: axis },
         Constraint::Horizontal { bar: a },
         Constraint::Vertical { bar: b },
-        Constraint::Coordinate {
-            point: q,
-            axis: Axis::Y,
-            value: 3.0,
-        },
-        Constraint::Anchor {
-            point: p,
-            at: [1.0, 2.0],
-        },
+        Constraint::Coordinate { point: q, axis: Axis::Y, value: 3.0 },
+        Constraint::Anchor { point: p, at: [1.0, 2.0] },
         Constraint::Coincident { a: p, b: r },
         Constraint::PointOnCircle { point: r, circle: d },
-        Constraint::TangentAt {
-            bar: a,
-            circle: d,
-            point: r,
-        },
+        Constraint::TangentAt { bar: a, circle: d, point: r },
         Constraint::Aligned {
-            a: Place::Point {
-                point: p,
-                axis: Axis::Y,
-            },
-            b: Place::Extreme {
-                circle: d,
-                axis: Axis::X,
-                upper: false,
-            },
+            a: Place::Point { point: p, axis: Axis::Y },
+            b: Place::Extreme { circle: d, axis: Axis::X, upper: false },
         },
         Constraint::Radius { circle: d, value: 2.0 },
     ]
@@ -103,13 +57,8 @@ fn every_constraint() -> Vec<Constraint> {
 fn rectangle(width: f64, height: f64, turn: f64) -> Drawing {
     let (sin, cos) = turn.sin_cos();
     let corner = |x: f64, y: f64| [x * cos - y * sin, x * sin + y * cos];
-    Drawing::polygon(&[
-        corner(0.0, 0.0),
-        corner(width, 0.0),
-        corner(width, height),
-        corner(0.0, height),
-    ])
-    .unwrap()
+    Drawing::polygon(&[corner(0.0, 0.0), corner(width, 0.0), corner(width, height), corner(0.0, height)])
+        .unwrap()
 }
 
 /// A drawing with noise of a given covariance.
@@ -120,13 +69,7 @@ fn noisy(truth: &Drawing, root: &DMatrix<f64>, random: &mut ChaCha8Rng) -> Drawi
 
 /// Neighbouring parameters with correlated errors of size `sigma`.
 fn correlated_root(n: usize, sigma: f64) -> DMatrix<f64> {
-    DMatrix::from_fn(n, n, |i, j| {
-        if j > i {
-            0.0
-        } else {
-            sigma * 0.4_f64.powi((i - j) as i32)
-        }
-    })
+    DMatrix::from_fn(n, n, |i, j| if j > i { 0.0 } else { sigma * 0.4_f64.powi((i - j) as i32) })
 }
 
 #[test]
@@ -158,11 +101,15 @@ fn every_constraint_is_met_by_solving_it_and_what_it_says_is_then_true() {
         let apart = (e[0] - f[0]).hypot(e[1] - f[1]);
         let is_zero = match constraint {
             Constraint::Distance { .. } => (bx - cx).hypot(by - cy) - 2.0,
-            Constraint::PointLineDistance { .. } => (u[0] * (dy - ay) - u[1] * (dx - ax)) / u[0].hypot(u[1]) - 1.0,
+            Constraint::PointLineDistance { .. } => {
+                (u[0] * (dy - ay) - u[1] * (dx - ax)) / u[0].hypot(u[1]) - 1.0
+            }
             Constraint::Angle { .. } => cross.atan2(dot) - FRAC_PI_3,
             Constraint::Parallel { .. } => cross,
             Constraint::Perpendicular { .. } => dot,
-            Constraint::Tangent { left: true, .. } => (u[0] * (e[1] - ay) - u[1] * (e[0] - ax)) / u[0].hypot(u[1]) - r,
+            Constraint::Tangent { left: true, .. } => {
+                (u[0] * (e[1] - ay) - u[1] * (e[0] - ax)) / u[0].hypot(u[1]) - r
+            }
             Constraint::Tangent { .. } => (v[0] * (f[1] - cy) - v[1] * (f[0] - cx)) / v[0].hypot(v[1]) + s,
             Constraint::TangentCircles { inside: false, .. } => apart - r - s,
             Constraint::TangentCircles { .. } => apart - (r - s).abs(),
@@ -196,49 +143,30 @@ fn rectangle_with_a_redundant_parallel_and_a_contradictory_length_names_exactly_
     let [bottom, right, top, left] = [0, 1, 2, 3].map(BarId);
     let [p1, p2, p3, p4] = [0, 1, 2, 3].map(PointId);
     let mut constraints = vec![
-        Constraint::Anchor {
-            point: p1,
-            at: [0.0, 0.0],
-        },
+        Constraint::Anchor { point: p1, at: [0.0, 0.0] },
         Constraint::Horizontal { bar: bottom },
         Constraint::Perpendicular { a: bottom, b: right },
         Constraint::Perpendicular { a: right, b: top },
         Constraint::Perpendicular { a: left, b: bottom },
-        Constraint::Distance {
-            a: p1,
-            b: p2,
-            value: 40.0,
-        },
-        Constraint::Distance {
-            a: p2,
-            b: p3,
-            value: 30.0,
-        },
+        Constraint::Distance { a: p1, b: p2, value: 40.0 },
+        Constraint::Distance { a: p2, b: p3, value: 30.0 },
     ];
     let right_ones = diagnose(&drawing, &constraints).unwrap();
-    assert_eq!(
-        (right_ones.rank, right_ones.freedoms, right_ones.rigid_motions),
-        (8, 0, 0)
-    );
+    assert_eq!((right_ones.rank, right_ones.freedoms, right_ones.rigid_motions), (8, 0, 0));
     assert!(right_ones.redundant.is_empty() && right_ones.conflicting.is_empty());
-    assert!(right_ones.structure.over.equations.is_empty() && right_ones.structure.under.parameters.is_empty());
+    assert!(
+        right_ones.structure.over.equations.is_empty() && right_ones.structure.under.parameters.is_empty()
+    );
 
     constraints.push(Constraint::Parallel { a: bottom, b: top });
-    constraints.push(Constraint::Distance {
-        a: p3,
-        b: p4,
-        value: 45.0,
-    });
+    constraints.push(Constraint::Distance { a: p3, b: p4, value: 45.0 });
     let diagnosis = diagnose(&drawing, &constraints).unwrap();
     let named = |list: &[Dependence]| list.iter().map(|d| d.constraint).collect::<Vec<_>>();
     assert_eq!(named(&diagnosis.redundant), [7]);
     assert_eq!(named(&diagnosis.conflicting), [8]);
     assert_eq!(diagnosis.redundant[0].with, [2, 3]);
     assert_eq!(diagnosis.freedoms, 0);
-    assert_eq!(
-        diagnosis.structure.over.equations.len() + diagnosis.structure.well.equations.len(),
-        10
-    );
+    assert_eq!(diagnosis.structure.over.equations.len() + diagnosis.structure.well.equations.len(), 10);
     assert_eq!(diagnosis.structure.rank, 8);
 
     // The conflict is minimal: without any one member the others hold.
@@ -257,37 +185,20 @@ fn rectangle_with_a_redundant_parallel_and_a_contradictory_length_names_exactly_
 fn conflicts_that_ranks_do_not_see_are_found() {
     // Three lengths of a triangle are independent, but 1, 1 and 5 do not close.
     let triangle = Drawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]]).unwrap();
-    let length = |a, b, value| Constraint::Distance {
-        a: PointId(a),
-        b: PointId(b),
-        value,
-    };
-    let constraints = [
-        Constraint::Horizontal { bar: BarId(0) },
-        length(0, 1, 1.0),
-        length(1, 2, 1.0),
-        length(2, 0, 5.0),
-    ];
+    let length = |a, b, value| Constraint::Distance { a: PointId(a), b: PointId(b), value };
+    let constraints =
+        [Constraint::Horizontal { bar: BarId(0) }, length(0, 1, 1.0), length(1, 2, 1.0), length(2, 0, 5.0)];
     let diagnosis = diagnose(&triangle, &constraints).unwrap();
     assert_eq!(diagnosis.conflicting.len(), 1);
     assert_eq!(
-        (
-            diagnosis.conflicting[0].constraint,
-            diagnosis.conflicting[0].with.as_slice()
-        ),
+        (diagnosis.conflicting[0].constraint, diagnosis.conflicting[0].with.as_slice()),
         (3, [1, 2].as_slice())
     );
     // Horizontal and vertical at once leave a bar no length: a conflict with itself, not a solution.
-    let both = [
-        Constraint::Horizontal { bar: BarId(0) },
-        Constraint::Vertical { bar: BarId(0) },
-    ];
+    let both = [Constraint::Horizontal { bar: BarId(0) }, Constraint::Vertical { bar: BarId(0) }];
     let diagnosis = diagnose(&triangle, &both).unwrap();
     assert_eq!(
-        (
-            diagnosis.conflicting[0].constraint,
-            diagnosis.conflicting[0].with.as_slice()
-        ),
+        (diagnosis.conflicting[0].constraint, diagnosis.conflicting[0].with.as_slice()),
         (1, [0].as_slice())
     );
 }
@@ -296,17 +207,8 @@ fn conflicts_that_ranks_do_not_see_are_found() {
 fn accidents_of_the_drawing_are_no_redundancies() {
     // Drawn exactly square, two diagonals look equal by themselves; at a witness they are not.
     let square = Drawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]).unwrap();
-    let length = |a, b, value| Constraint::Distance {
-        a: PointId(a),
-        b: PointId(b),
-        value,
-    };
-    let sides = [
-        length(0, 1, 1.0),
-        length(1, 2, 1.0),
-        length(2, 3, 1.0),
-        length(3, 0, 1.0),
-    ];
+    let length = |a, b, value| Constraint::Distance { a: PointId(a), b: PointId(b), value };
+    let sides = [length(0, 1, 1.0), length(1, 2, 1.0), length(2, 3, 1.0), length(3, 0, 1.0)];
     let diagnosis = diagnose(&square, &sides).unwrap();
     assert_eq!((diagnosis.rank, diagnosis.freedoms, diagnosis.rigid_motions), (4, 4, 3));
     // Stretched flat, the third side of a degenerate triangle is stiff to first order only.
@@ -314,14 +216,8 @@ fn accidents_of_the_drawing_are_no_redundancies() {
     let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]].map(|p| flat.point(p));
     flat.bar(a, b).unwrap();
     let fixed = [
-        Constraint::Anchor {
-            point: a,
-            at: [0.0, 0.0],
-        },
-        Constraint::Anchor {
-            point: c,
-            at: [2.0, 0.0],
-        },
+        Constraint::Anchor { point: a, at: [0.0, 0.0] },
+        Constraint::Anchor { point: c, at: [2.0, 0.0] },
         Constraint::Distance { a, b, value: 1.0 },
         Constraint::Distance { a: b, b: c, value: 1.0 },
     ];
@@ -332,8 +228,9 @@ fn accidents_of_the_drawing_are_no_redundancies() {
 #[test]
 fn minimal_sets_of_both_filters_fail_and_their_parts_do_not() {
     // Sets fail that hold three of the multiples of three, or both 5 and 8.
-    let holds =
-        |set: &[usize]| set.iter().filter(|i| *i % 3 == 0).count() < 3 && !(set.contains(&5) && set.contains(&8));
+    let holds = |set: &[usize]| {
+        set.iter().filter(|i| *i % 3 == 0).count() < 3 && !(set.contains(&5) && set.contains(&8))
+    };
     for found in [quick_xplain(10, holds), deletion_filter(10, holds)] {
         assert!(!holds(&found));
         for leave in &found {
@@ -353,19 +250,15 @@ fn imposing_is_the_nearest_obedient_drawing_in_the_estimates_own_metric() {
     let covariance = &root * root.transpose();
     let seen = noisy(&truth, &root, &mut random);
     // All four right angles; any three imply the fourth.
-    let corners: Vec<Constraint> = (0..4)
-        .map(|i| Constraint::Perpendicular {
-            a: BarId(i),
-            b: BarId((i + 1) % 4),
-        })
-        .collect();
+    let corners: Vec<Constraint> =
+        (0..4).map(|i| Constraint::Perpendicular { a: BarId(i), b: BarId((i + 1) % 4) }).collect();
     let imposed = impose(&seen, &covariance, &corners, 0.0).unwrap();
     assert_eq!((imposed.degrees, imposed.implied.as_slice()), (3, [3].as_slice()));
     let moved = imposed.drawing.values() - seen.values();
     let distance = normalized_squared(&moved, &covariance).unwrap();
     assert!((distance - imposed.chi_square).abs() < 1e-6 * distance);
-    // At the nearest one, P⁻¹ (x − x̂) is a combination of the gradients: no direction that keeps the constraints is
-    // downhill.
+    // At the nearest one, P⁻¹ (x − x̂) is a combination of the gradients: no direction that keeps the
+    // constraints is downhill.
     let equations = ConstraintEquations::new(&seen, &corners);
     let (left, jacobian) = equations.residuals_and_jacobian(&imposed.drawing.values());
     assert!(left.amax() < 1e-9);
@@ -384,15 +277,9 @@ fn parts_that_are_not_there_and_values_that_are_none_are_told() {
     let seen = rectangle(4.0, 3.0, 0.0);
     let message = |constraint: Constraint| diagnose(&seen, &[constraint]).unwrap_err().to_string();
     assert!(message(Constraint::Horizontal { bar: BarId(4) }).contains("names bar 5, but the drawing has 4"));
-    let endless = Constraint::Distance {
-        a: PointId(0),
-        b: PointId(1),
-        value: f64::INFINITY,
-    };
+    let endless = Constraint::Distance { a: PointId(0), b: PointId(1), value: f64::INFINITY };
     assert!(message(endless).contains("P1P2 is inf long has no finite value"));
-    let error = impose(&seen, &DMatrix::identity(7, 7), &[], 0.0)
-        .unwrap_err()
-        .to_string();
+    let error = impose(&seen, &DMatrix::identity(7, 7), &[], 0.0).unwrap_err().to_string();
     assert!(error.contains("8 × 8, not 7 × 7"), "{error}");
 }
 
@@ -400,28 +287,12 @@ fn parts_that_are_not_there_and_values_that_are_none_are_told() {
 fn contradictions_are_named_when_imposed() {
     let seen = rectangle(4.0, 3.0, 0.0);
     let both = [
-        Constraint::Parallel {
-            a: BarId(0),
-            b: BarId(2),
-        },
-        Constraint::Distance {
-            a: PointId(0),
-            b: PointId(1),
-            value: 4.0,
-        },
-        Constraint::Distance {
-            a: PointId(1),
-            b: PointId(0),
-            value: 5.0,
-        },
+        Constraint::Parallel { a: BarId(0), b: BarId(2) },
+        Constraint::Distance { a: PointId(0), b: PointId(1), value: 4.0 },
+        Constraint::Distance { a: PointId(1), b: PointId(0), value: 5.0 },
     ];
-    let error = impose(&seen, &DMatrix::identity(8, 8), &both, 0.0)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.contains("P1P2 is 4 long; P2P1 is 5 long") && !error.contains("parallel"),
-        "{error}"
-    );
+    let error = impose(&seen, &DMatrix::identity(8, 8), &both, 0.0).unwrap_err().to_string();
+    assert!(error.contains("P1P2 is 4 long; P2P1 is 5 long") && !error.contains("parallel"), "{error}");
 }
 
 #[test]
@@ -459,26 +330,15 @@ fn true_relations_are_found_and_estimates_with_them_are_consistent() {
             .sum();
         nees.add(squared).unwrap();
         let sigma = |covariance: &DMatrix<f64>, at: &Drawing| {
-            let length = Constraint::Distance {
-                a: PointId(0),
-                b: PointId(1),
-                value: 0.0,
-            };
+            let length = Constraint::Distance { a: PointId(0), b: PointId(1), value: 0.0 };
             let gradient = &length.equations(at, at.values().as_slice())[0].gradient;
-            let row = gradient
-                .iter()
-                .fold(DVector::zeros(8), |mut row: DVector<f64>, &(i, slope)| {
-                    row[i] = slope;
-                    row
-                });
+            let row = gradient.iter().fold(DVector::zeros(8), |mut row: DVector<f64>, &(i, slope)| {
+                row[i] = slope;
+                row
+            });
             (row.transpose() * covariance * &row)[0].sqrt()
         };
-        width
-            .add(
-                found.drawing.length(BarId(0)) - 40.0,
-                sigma(&found.covariance, &found.drawing),
-            )
-            .unwrap();
+        width.add(found.drawing.length(BarId(0)) - 40.0, sigma(&found.covariance, &found.drawing)).unwrap();
         sharper += sigma(&found.covariance, &found.drawing) / sigma(&covariance, &seen);
     }
     println!(
@@ -511,12 +371,8 @@ fn bars_that_have_nothing_to_do_with_each_other_agree_as_often_as_is_said() {
             drawing.bar(start, end).unwrap();
         }
         let n = drawing.parameters();
-        let found = constrain(
-            &drawing,
-            &(DMatrix::identity(n, n) * 0.0025),
-            &ConstrainOptions::default(),
-        )
-        .unwrap();
+        let found =
+            constrain(&drawing, &(DMatrix::identity(n, n) * 0.0025), &ConstrainOptions::default()).unwrap();
         accepted += found
             .proposals
             .iter()
@@ -526,7 +382,8 @@ fn bars_that_have_nothing_to_do_with_each_other_agree_as_often_as_is_said() {
     }
     let (mean, expected) = (accepted as f64 / f64::from(runs), expected / f64::from(runs));
     println!("accepted by accident: {mean:.3} a drawing, expected {expected:.3}");
-    // Lengths between 10 and 20 lie closer together than the range that is assumed, and errors are on top of the window.
+    // Lengths between 10 and 20 lie closer together than the range that is assumed, and errors are on top of
+    // the window.
     assert!(mean < 2.0 * expected && mean > 0.4 * expected);
 }
 
@@ -570,10 +427,7 @@ fn outlines_of_many_corners() {
 fn relations_that_are_nearly_true_are_rejected_and_hopeless_ones_unclear() {
     // A side that leans by 2°, known to a tenth of a degree, then to twenty.
     let lean = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [41.05, 30.0], [0.0, 30.0]]).unwrap();
-    let pair = Constraint::Parallel {
-        a: BarId(1),
-        b: BarId(3),
-    };
+    let pair = Constraint::Parallel { a: BarId(1), b: BarId(3) };
     let outcome = |sigma: f64| {
         let covariance = DMatrix::identity(8, 8) * (sigma * sigma);
         let found = constrain(&lean, &covariance, &ConstrainOptions::default()).unwrap();
@@ -586,7 +440,8 @@ fn relations_that_are_nearly_true_are_rejected_and_hopeless_ones_unclear() {
 
 #[test]
 fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
-    // Three separate bars, each turned by 1° from the last and known to 0.3°: neighbours agree, the outer two do not.
+    // Three separate bars, each turned by 1° from the last and known to 0.3°: neighbours agree, the outer two
+    // do not.
     let mut drawing = Drawing::default();
     for (i, degrees) in [0.0_f64, 1.0, 2.0].into_iter().enumerate() {
         let (sin, cos) = (degrees + 20.0).to_radians().sin_cos();
@@ -602,43 +457,27 @@ fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
         .enumerate()
         .filter(|(_, p)| matches!(p.constraint, Constraint::Parallel { .. }))
         .collect();
-    let accepted: Vec<usize> = parallel
-        .iter()
-        .filter(|(_, p)| p.outcome == Outcome::Imposed)
-        .map(|(i, _)| *i)
-        .collect();
-    let refused: Vec<&Outcome> = parallel
-        .iter()
-        .map(|(_, p)| &p.outcome)
-        .filter(|o| matches!(o, Outcome::Refused { .. }))
-        .collect();
+    let accepted: Vec<usize> =
+        parallel.iter().filter(|(_, p)| p.outcome == Outcome::Imposed).map(|(i, _)| *i).collect();
+    let refused: Vec<&Outcome> =
+        parallel.iter().map(|(_, p)| &p.outcome).filter(|o| matches!(o, Outcome::Refused { .. })).collect();
     assert_eq!(accepted.len(), 1);
     assert!(
-        !refused.is_empty()
-            && refused
-                .iter()
-                .all(|o| **o == Outcome::Refused { with: accepted.clone() })
+        !refused.is_empty() && refused.iter().all(|o| **o == Outcome::Refused { with: accepted.clone() })
     );
     assert!(found.p_value >= 0.01);
     // The report says so in JSON too, without what only the search needs.
     let json = serde_json::to_value(&found).unwrap();
-    let refused = json["proposals"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .find(|p| p["outcome"] == "refused")
-        .unwrap();
+    let refused = json["proposals"].as_array().unwrap().iter().find(|p| p["outcome"] == "refused").unwrap();
     assert_eq!(refused["with"][0], accepted[0]);
-    assert_eq!(
-        (json["covariance"].as_array().unwrap().len(), json.get("search")),
-        (12, None)
-    );
+    assert_eq!((json["covariance"].as_array().unwrap().len(), json.get("search")), (12, None));
 }
 
 #[test]
 fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
-    // A slot: two arcs' circles of one radius, tangent to two parallel bars; and a hole concentric with one of them.
+    // A slot: two arcs' circles of one radius, tangent to two parallel bars; and a hole concentric with one
+    // of them.
     let mut truth = Drawing::default();
     let [a, b, c, d] = [[0.0, -4.0], [30.0, -4.0], [30.0, 4.0], [0.0, 4.0]].map(|p| truth.point(p));
     truth.bar(a, b).unwrap();
@@ -656,21 +495,16 @@ fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
         matches!(proposal.outcome, Outcome::Imposed | Outcome::Implied)
     };
     let [left, right, hole] = [0, 1, 2].map(CircleId);
-    assert!(is(Constraint::EqualRadius { a: left, b: right }) && is(Constraint::Concentric { a: left, b: hole }));
+    assert!(
+        is(Constraint::EqualRadius { a: left, b: right }) && is(Constraint::Concentric { a: left, b: hole })
+    );
     assert!(
         !is(Constraint::EqualRadius { a: left, b: hole })
-            && is(Constraint::Parallel {
-                a: BarId(0),
-                b: BarId(1)
-            })
+            && is(Constraint::Parallel { a: BarId(0), b: BarId(1) })
     );
     for bar in [0, 1].map(BarId) {
         for circle in [left, right] {
-            assert!(is(Constraint::Tangent {
-                bar,
-                circle,
-                left: true
-            }));
+            assert!(is(Constraint::Tangent { bar, circle, left: true }));
         }
     }
     assert!(found.p_value > 0.01);
@@ -685,7 +519,8 @@ fn circles_seen_twice_become_one() {
             let centre = twice.point([x, 0.0]);
             twice.circle(centre, 5.0 + x).unwrap();
         }
-        let found = constrain(&twice, &(DMatrix::identity(6, 6) * 1e-4), &ConstrainOptions::default()).unwrap();
+        let found =
+            constrain(&twice, &(DMatrix::identity(6, 6) * 1e-4), &ConstrainOptions::default()).unwrap();
         assert_eq!((found.degrees, found.freedoms), (3, 3));
     }
 }
@@ -704,10 +539,7 @@ fn dimensions_snap_when_the_grid_is_neither_contradicted_nor_too_fine() {
     let (snapped, known) = outcomes(0.02, &mut random);
     assert_eq!(known[1], SnapOutcome::OffGrid);
     // Both long sides are equal, so the second follows from the first.
-    assert!(
-        known.contains(&SnapOutcome::Snapped) && known.contains(&SnapOutcome::Implied),
-        "{known:?}"
-    );
+    assert!(known.contains(&SnapOutcome::Snapped) && known.contains(&SnapOutcome::Implied), "{known:?}");
     assert!((snapped.drawing.length(BarId(0)) - 40.0).abs() < 1e-8);
     assert!((snapped.drawing.length(BarId(1)) - 25.23).abs() < 0.1);
     assert_eq!(snapped.freedoms, 3);
@@ -721,7 +553,8 @@ fn dimensions_snap_when_the_grid_is_neither_contradicted_nor_too_fine() {
 
 #[test]
 fn estimates_of_fewer_freedoms_than_parameters_imply_what_they_were_made_of() {
-    // Corners computed from centre, width, height and angle: the covariance has rank five, and right angles are known.
+    // Corners computed from centre, width, height and angle: the covariance has rank five, and right angles
+    // are known.
     let truth = rectangle(40.0, 30.0, 0.2);
     let (sin, cos) = 0.2_f64.sin_cos();
     let mut jacobian = DMatrix::zeros(8, 5);
@@ -732,19 +565,14 @@ fn estimates_of_fewer_freedoms_than_parameters_imply_what_they_were_made_of() {
             [0.0, 1.0, x * sin, y * cos, w * cos - h * sin],
         ];
         for (axis, row) in rows.iter().enumerate() {
-            row.iter()
-                .enumerate()
-                .for_each(|(j, slope)| jacobian[(2 * i + axis, j)] = *slope);
+            row.iter().enumerate().for_each(|(j, slope)| jacobian[(2 * i + axis, j)] = *slope);
         }
     }
     let of_parameters = DMatrix::from_diagonal(&DVector::from_vec(vec![0.01, 0.01, 0.02, 0.02, 1e-6]));
     let covariance = &jacobian * of_parameters * jacobian.transpose();
     let found = constrain(&truth, &covariance, &ConstrainOptions::default()).unwrap();
     for (i, j) in [(0, 1), (1, 2), (2, 3)] {
-        let corner = Constraint::Perpendicular {
-            a: BarId(i),
-            b: BarId(j),
-        };
+        let corner = Constraint::Perpendicular { a: BarId(i), b: BarId(j) };
         let proposal = found.proposals.iter().find(|p| p.constraint == corner).unwrap();
         assert_eq!((proposal.degrees, &proposal.outcome), (0, &Outcome::Implied));
     }

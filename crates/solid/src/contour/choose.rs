@@ -1,4 +1,5 @@
-//! Which kind of contour: several hypotheses and the one of the least BIC, the simplest of those that are as good.
+//! Which kind of contour: several hypotheses and the one of the least BIC, the simplest of those that are as
+//! good.
 
 use super::fit::{ContourFit, FitOptions, RoughFit, count_of, finish, fit, polish, rough};
 use super::kind::Kind;
@@ -13,7 +14,8 @@ const MOST_SIDES: usize = 8;
 /// Kinds whose criterion is so far behind after a few steps are not fitted to the end.
 const WORTH_FINISHING: f64 = 30.0;
 
-/// Of kinds whose criteria are so near to the least one the one of the fewest unknowns is chosen: a smaller difference is no evidence (Kass and Raftery 1995).
+/// Of kinds whose criteria are so near to the least one the one of the fewest unknowns is chosen: a smaller
+/// difference is no evidence (Kass and Raftery 1995).
 const NO_EVIDENCE: f64 = 2.0;
 
 /// A kind with a side of which less than this was seen is not chosen where another has none.
@@ -33,7 +35,8 @@ pub struct Alternative {
 pub struct Choice {
     /// The best.
     pub fit: ContourFit,
-    /// By how much the BIC of the next kind is larger; `None` where only one was tried. Ten is very strong evidence; down to −2 where a simpler kind is as likely.
+    /// By how much the BIC of the next kind is larger; `None` where only one was tried. Ten is very strong
+    /// evidence; down to −2 where a simpler kind is as likely.
     pub bic_margin: Option<f64>,
     /// All others that could be fitted, best first.
     pub alternatives: Vec<Alternative>,
@@ -42,39 +45,34 @@ pub struct Choice {
 /// The kinds that `--kind auto` tries.
 #[must_use]
 pub fn auto_kinds() -> Vec<Kind> {
-    let mut kinds = vec![
-        Kind::Line,
-        Kind::Circle,
-        Kind::Ellipse,
-        Kind::Rectangle,
-        Kind::Slot,
-        Kind::RoundedRectangle,
-    ];
+    let mut kinds =
+        vec![Kind::Line, Kind::Circle, Kind::Ellipse, Kind::Rectangle, Kind::Slot, Kind::RoundedRectangle];
     kinds.extend([3, 5, 6, 8].map(Kind::RegularPolygon));
     kinds.extend((3..=MOST_SIDES).map(Kind::Polygon));
     kinds
 }
 
-/// Fits kinds, and chains of lines and arcs where `chains` asks for them, and chooses by the Bayesian information
-/// criterion `−2 ln L + k ln n`. A reading that a kind cannot explain costs as much as one at the gate.
+/// Fits kinds, and chains of lines and arcs where `chains` asks for them, and chooses by the Bayesian
+/// information criterion `−2 ln L + k ln n`. A reading that a kind cannot explain costs as much as one at the
+/// gate.
 ///
-/// All kinds are fitted roughly first, and those whose criterion is then less than 30 from the best are fitted to the end. Of
-/// the others [`Alternative::bic`] is the rough one. What has a side that was hardly seen explains readings with less than it
-/// says, as a triangle does an open angle: it is left out where another kind has no such side.
+/// All kinds are fitted roughly first, and those whose criterion is then less than 30 from the best are
+/// fitted to the end. Of the others [`Alternative::bic`] is the rough one. What has a side that was hardly
+/// seen explains readings with less than it says, as a triangle does an open angle: it is left out where
+/// another kind has no such side.
 ///
 /// # Errors
 /// `Undetermined` when none could be fitted.
 ///
 /// # References
-/// Schwarz 1978, *Estimating the dimension of a model*; Kass and Raftery 1995, *Bayes factors* (what margins mean).
+/// Schwarz 1978, *Estimating the dimension of a model*; Kass and Raftery 1995, *Bayes factors* (what margins
+/// mean).
 pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &FitOptions) -> Result<Choice> {
-    let mut tried: Vec<(Kind, FitOptions)> = kinds.iter().map(|kind| (kind.clone(), options.clone())).collect();
+    let mut tried: Vec<(Kind, FitOptions)> =
+        kinds.iter().map(|kind| (kind.clone(), options.clone())).collect();
     for (kind, mut start) in chains.then(|| chain_starts(sightings)).into_iter().flatten() {
         start.resize(kind.parameters() + options.motion.unknowns(), 0.0);
-        let options = FitOptions {
-            start: Some(start),
-            ..options.clone()
-        };
+        let options = FitOptions { start: Some(start), ..options.clone() };
         tried.push((kind, options));
     }
     if tried.is_empty() {
@@ -96,11 +94,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     refuse_one_place(sightings)?;
     if let [(kind, options)] = &tried[..] {
         let fit = fit(kind, sightings, options)?;
-        return Ok(Choice {
-            fit,
-            bic_margin: None,
-            alternatives: Vec::new(),
-        });
+        return Ok(Choice { fit, bic_margin: None, alternatives: Vec::new() });
     }
     let begun: Vec<Result<RoughFit>> = tried.par_iter().map(|(kind, o)| rough(kind, sightings, o)).collect();
     let mut last = None;
@@ -113,10 +107,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     }
     order.sort_by(|a, b| a.1.bic.total_cmp(&b.1.bic));
     let finish_one = |(kind, rough): &(&Kind, RoughFit)| {
-        let options = FitOptions {
-            start: Some(rough.state.clone()),
-            ..options.clone()
-        };
+        let options = FitOptions { start: Some(rough.state.clone()), ..options.clone() };
         finish(kind, sightings, &options)
     };
     let mut found: Vec<ContourFit> = Vec::new();
@@ -143,27 +134,19 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         found.retain(|one| one.least_seen >= LEAST_SEEN);
     }
     let least = found.iter().map(ContourFit::bic).fold(f64::INFINITY, f64::min);
-    let simplest = (0..found.len())
-        .filter(|&k| found[k].bic() < least + NO_EVIDENCE)
-        .min_by(|&a, &b| {
-            let unknowns = |k: usize| found[k].state.len();
-            (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
-        });
+    let simplest = (0..found.len()).filter(|&k| found[k].bic() < least + NO_EVIDENCE).min_by(|&a, &b| {
+        let unknowns = |k: usize| found[k].state.len();
+        (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
+    });
     let Some(simplest) = simplest else {
         return Err(none_fits(last));
     };
     let chosen = found.swap_remove(simplest);
-    let mut alternatives: Vec<Alternative> = found
-        .into_iter()
-        .map(|one| Alternative {
-            bic: one.bic(),
-            kind: one.kind,
-        })
-        .collect();
-    alternatives.extend(rest.iter().map(|(kind, rough)| Alternative {
-        bic: rough.bic.max(least),
-        kind: (*kind).clone(),
-    }));
+    let mut alternatives: Vec<Alternative> =
+        found.into_iter().map(|one| Alternative { bic: one.bic(), kind: one.kind }).collect();
+    alternatives.extend(
+        rest.iter().map(|(kind, rough)| Alternative { bic: rough.bic.max(least), kind: (*kind).clone() }),
+    );
     alternatives.sort_by(|a, b| a.bic.total_cmp(&b.bic));
     Ok(Choice {
         bic_margin: alternatives.first().map(|a| a.bic - chosen.bic()),
@@ -174,7 +157,8 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
 
 /// Many kinds were tried: the one that failed last is nobody's concern.
 fn none_fits(last: Option<Error>) -> Error {
-    let text = "no kind of contour fits the readings: they may see too little of one, or be of something else";
+    let text =
+        "no kind of contour fits the readings: they may see too little of one, or be of something else";
     match last {
         Some(last) => Error::undetermined(text).with_source(last),
         None => Error::undetermined(text),

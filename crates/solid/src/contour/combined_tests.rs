@@ -1,4 +1,5 @@
-//! What the default estimator is for: no bias where the noise is a good part of the radius, and no loss to wild readings.
+//! What the default estimator is for: no bias where the noise is a good part of the radius, and no loss to
+//! wild readings.
 
 use super::*;
 
@@ -15,10 +16,7 @@ const FAR: SensorOptions = SensorOptions {
 
 /// The mean error of a parameter over its stated standard deviation.
 fn mean_bias(kind: &Kind, theta: &[f64], parameter: usize, method: Method, runs: u64) -> f64 {
-    let options = FitOptions {
-        method,
-        ..FitOptions::default()
-    };
+    let options = FitOptions { method, ..FitOptions::default() };
     let one = |run: u64| {
         let made = ranges(kind, theta, [theta[0], theta[1]], 100, &FAR, run);
         let found = fit(kind, &made.noisy, &options).expect("a fit");
@@ -48,19 +46,16 @@ fn an_ellipse_is_not_too_long_by_default() {
     assert!(batch > default.abs(), "{batch} {default}");
 }
 
-/// All of the noise that the paper's experiments have: the mean squared error of all parameters over their stated covariance is one, which neither
-/// the nearest side (1.3) nor the filters (1.3) reach, and the sides are not longer than they are (0.6 σ).
+/// All of the noise that the paper's experiments have: the mean squared error of all parameters over their
+/// stated covariance is one, which neither the nearest side (1.3) nor the filters (1.3) reach, and the sides
+/// are not longer than they are (0.6 σ).
 #[test]
 fn rectangles_and_hexagons_are_known_as_well_as_they_say() {
     let sensor = SensorOptions::around(1.0, 1.0);
     let runs = 30;
     for (kind, theta, period) in [
         (Kind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5], std::f64::consts::PI),
-        (
-            Kind::RegularPolygon(6),
-            vec![0.0, 0.0, 1.0, 0.3],
-            std::f64::consts::PI / 3.0,
-        ),
+        (Kind::RegularPolygon(6), vec![0.0, 0.0, 1.0, 0.3], std::f64::consts::PI / 3.0),
     ] {
         let (mut squares, mut bias) = (0.0, 0.0);
         for run in 0..runs {
@@ -87,10 +82,7 @@ fn rectangles_and_hexagons_are_known_as_well_as_they_say() {
 #[test]
 fn wild_readings_do_not_pull_a_circle_away() {
     let circle = [0.1, -0.2, 1.0];
-    let sensor = SensorOptions {
-        outlier_share: 0.17,
-        ..FAR
-    };
+    let sensor = SensorOptions { outlier_share: 0.17, ..FAR };
     for run in 0..30 {
         let made = ranges(&Kind::Circle, &circle, [0.1, -0.2], 100, &sensor, run);
         let found = fit(&Kind::Circle, &made.noisy, &FitOptions::default()).expect("a fit");
@@ -104,16 +96,12 @@ fn wild_readings_do_not_pull_a_circle_away() {
 #[test]
 fn too_few_readings_for_any_kind_are_told_what_the_simplest_needs() {
     let one = points(&Kind::Circle, &[0.0, 0.0, 1.0], 1, 0.01, 1).noisy;
-    let e = choose(&auto_kinds(), true, &one, &FitOptions::default())
-        .unwrap_err()
-        .to_string();
-    assert!(
-        e.starts_with("1 reading ") && e.contains("a line, needs at least 2"),
-        "{e}"
-    );
+    let e = choose(&auto_kinds(), true, &one, &FitOptions::default()).unwrap_err().to_string();
+    assert!(e.starts_with("1 reading ") && e.contains("a line, needs at least 2"), "{e}");
 }
 
-/// With so much noise, two σ beside every corner are most of each side: what is left agrees with a hexagon turned by half a side.
+/// With so much noise, two σ beside every corner are most of each side: what is left agrees with a hexagon
+/// turned by half a side.
 #[test]
 fn a_hexagon_is_not_turned_by_leaving_out_its_corners() {
     let hexagon = [0.1, -0.2, 1.0, 0.2];

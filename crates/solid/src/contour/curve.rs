@@ -11,8 +11,15 @@ pub(crate) struct Distance {
 
 /// Distance to the carrier of a piece (the whole line or circle of it), positive outside; fills `∂g/∂θ`.
 ///
-/// Of an ellipse it is `√(ab) (|(q₁/a, q₂/b)| − 1)`, which is zero on it and has no singularity but the centre.
-pub(crate) fn distance(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2], by_theta: &mut [f64]) -> Distance {
+/// Of an ellipse it is `√(ab) (|(q₁/a, q₂/b)| − 1)`, which is zero on it and has no singularity but the
+/// centre.
+pub(crate) fn distance(
+    kind: &Kind,
+    theta: &[f64],
+    piece: usize,
+    p: [f64; 2],
+    by_theta: &mut [f64],
+) -> Distance {
     by_theta.fill(0.0);
     match kind {
         Kind::Line => line(theta, p, by_theta),
@@ -22,11 +29,7 @@ pub(crate) fn distance(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2], by
             let (from, to) = ends(kind, piece);
             let (a, b) = (kind.vertex(theta, from), kind.vertex(theta, to));
             let (bulge, index) = kind.bulge(theta, piece);
-            let at = if bulge == 0.0 {
-                segment(a, b, p)
-            } else {
-                arc(a, b, bulge, p)
-            };
+            let at = if bulge == 0.0 { segment(a, b, p) } else { arc(a, b, bulge, p) };
             kind.add_vertex_derivative(theta, from, at.by_from, by_theta);
             kind.add_vertex_derivative(theta, to, at.by_to, by_theta);
             if let Some(index) = index {
@@ -52,11 +55,7 @@ pub(crate) fn distance_hessian(kind: &Kind, theta: &[f64], piece: usize, p: [f64
             let factor = (a * b).sqrt() / length.powi(3);
             let w = [scaled[1] / a, -scaled[0] / b];
             let world = [cos * w[0] - sin * w[1], sin * w[0] + cos * w[1]];
-            [
-                factor * world[0] * world[0],
-                factor * world[0] * world[1],
-                factor * world[1] * world[1],
-            ]
+            [factor * world[0] * world[0], factor * world[0] * world[1], factor * world[1] * world[1]]
         }
         _ => {
             let bulge = kind.bulge(theta, piece).0;
@@ -77,9 +76,14 @@ fn round_hessian(center: [f64; 2], side: f64, p: [f64; 2]) -> [f64; 3] {
     [factor * d[1] * d[1], -factor * d[0] * d[1], factor * d[0] * d[0]]
 }
 
-/// The piece that explains a point of covariance `[xx, xy, yy]` best: least `d²/nᵀCn`, and what its foot lies beyond the
-/// ends of the piece over its σ there. `None` for outlines of very many pieces.
-pub(crate) fn nearest_piece(kind: &Kind, theta: &[f64], p: [f64; 2], [xx, xy, yy]: [f64; 3]) -> Option<usize> {
+/// The piece that explains a point of covariance `[xx, xy, yy]` best: least `d²/nᵀCn`, and what its foot lies
+/// beyond the ends of the piece over its σ there. `None` for outlines of very many pieces.
+pub(crate) fn nearest_piece(
+    kind: &Kind,
+    theta: &[f64],
+    p: [f64; 2],
+    [xx, xy, yy]: [f64; 3],
+) -> Option<usize> {
     let mut room = [[0.0; 2]; 48];
     let pieces = kind.pieces();
     let count = pieces + usize::from(!kind.is_closed());
@@ -90,11 +94,7 @@ pub(crate) fn nearest_piece(kind: &Kind, theta: &[f64], p: [f64; 2], [xx, xy, yy
     for piece in 0..pieces {
         let (a, b) = (vertices[piece], vertices[(piece + 1) % count]);
         let bulge = kind.bulge(theta, piece).0;
-        let at = if bulge == 0.0 {
-            segment(a, b, p).distance
-        } else {
-            arc(a, b, bulge, p).distance
-        };
+        let at = if bulge == 0.0 { segment(a, b, p).distance } else { arc(a, b, bulge, p).distance };
         let n = at.by_point;
         let pull = [xx * n[0] + xy * n[1], xy * n[0] + yy * n[1]];
         let across = n[0] * pull[0] + n[1] * pull[1];
@@ -130,7 +130,8 @@ fn overshoot(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> f64 {
         return (-along).max(along - length).max(0.0);
     }
     let (center, radius) = arc_circle(a, b, bulge);
-    // The angle from the middle of the arc, whose direction from the centre is that of the chord's right side.
+    // The angle from the middle of the arc, whose direction from the centre is that of the chord's right
+    // side.
     let e = [b[0] - a[0], b[1] - a[1]];
     let side = bulge.signum();
     let towards = [side * e[1], -side * e[0]];
@@ -140,8 +141,8 @@ fn overshoot(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> f64 {
     radius * (turn.abs() - half).max(0.0)
 }
 
-/// How far a point lies from the nearer end of a straight piece of a polygon, along it; infinitely far for all other kinds,
-/// whose pieces join smoothly or not at all.
+/// How far a point lies from the nearer end of a straight piece of a polygon, along it; infinitely far for
+/// all other kinds, whose pieces join smoothly or not at all.
 pub(crate) fn within(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
     if !matches!(kind, Kind::Rectangle | Kind::RegularPolygon(_) | Kind::Polygon(_)) {
         return f64::INFINITY;
@@ -164,10 +165,7 @@ fn line(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
     let (sin, cos) = theta[0].sin_cos();
     by_theta[0] = -cos * p[0] - sin * p[1];
     by_theta[1] = -1.0;
-    Distance {
-        value: cos * p[1] - sin * p[0] - theta[1],
-        by_point: [-sin, cos],
-    }
+    Distance { value: cos * p[1] - sin * p[0] - theta[1], by_point: [-sin, cos] }
 }
 
 fn circle(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
@@ -177,10 +175,7 @@ fn circle(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
     by_theta[0] = -by_point[0];
     by_theta[1] = -by_point[1];
     by_theta[2] = -1.0;
-    Distance {
-        value: length - theta[2],
-        by_point,
-    }
+    Distance { value: length - theta[2], by_point }
 }
 
 fn ellipse(theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> Distance {
@@ -218,10 +213,7 @@ fn segment(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> Piece {
     let d = [p[0] - a[0], p[1] - a[1]];
     let along = (d[0] * e[0] + d[1] * e[1]) / (length * length);
     Piece {
-        distance: Distance {
-            value: normal[0] * d[0] + normal[1] * d[1],
-            by_point: normal,
-        },
+        distance: Distance { value: normal[0] * d[0] + normal[1] * d[1], by_point: normal },
         by_from: normal.map(|n| -n * (1.0 - along)),
         by_to: normal.map(|n| -n * along),
         by_bulge: 0.0,
@@ -255,10 +247,7 @@ fn arc(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> Piece {
     let height_slope = -(1.0 + squared) / (4.0 * squared);
     let growth_slope = side * (squared - 1.0) / (4.0 * squared);
     Piece {
-        distance: Distance {
-            value: side * (reach - radius),
-            by_point: towards.map(|t| side * t),
-        },
+        distance: Distance { value: side * (reach - radius), by_point: towards.map(|t| side * t) },
         by_from: [0, 1].map(|k| 0.5 * by_center[k] - turned[k] - by_radius[k]),
         by_to: [0, 1].map(|k| 0.5 * by_center[k] + turned[k] + by_radius[k]),
         by_bulge: height_slope * (-e[1] * by_center[0] + e[0] * by_center[1]) - side * length * growth_slope,

@@ -1,8 +1,8 @@
 //! Where an open outline ends.
 //!
-//! Comes in: an open chain about where it is, and readings. Goes out: its two ends as equations beside the readings. A distance
-//! to a line or circle does not tell where on it the outline ends; how far readings reach along it does. Not guaranteed: that
-//! the thing ends there. It may go on where nothing was seen.
+//! Comes in: an open chain about where it is, and readings. Goes out: its two ends as equations beside the
+//! readings. A distance to a line or circle does not tell where on it the outline ends; how far readings
+//! reach along it does. Not guaranteed: that the thing ends there. It may go on where nothing was seen.
 
 use super::curve::{distance, nearest_piece};
 use super::kind::Kind;
@@ -35,11 +35,13 @@ impl End {
     }
 }
 
-/// Both ends of an open chain near `theta`, from points with their covariances `[xx, xy, yy]`; none of any other kind.
+/// Both ends of an open chain near `theta`, from points with their covariances `[xx, xy, yy]`; none of any
+/// other kind.
 ///
-/// With `n` places spread evenly over a last piece of length `e`, each with an error `σ_i` along it, the most likely `e` of
-/// `−n ln e + Σ ln Φ((e − x_i)/σ_i)` is taken, and its σ from the second derivative; at least `e/n`, the usual distance of the
-/// last reading from the end. Cost: 60 passes over the readings of the last pieces.
+/// With `n` places spread evenly over a last piece of length `e`, each with an error `σ_i` along it, the most
+/// likely `e` of `−n ln e + Σ ln Φ((e − x_i)/σ_i)` is taken, and its σ from the second derivative; at least
+/// `e/n`, the usual distance of the last reading from the end. Cost: 60 passes over the readings of the last
+/// pieces.
 pub(crate) fn ends(kind: &Kind, theta: &[f64], points: &[([f64; 2], [f64; 3])]) -> Vec<End> {
     let Kind::Chain { closed: false, .. } = kind else {
         return Vec::new();
@@ -71,12 +73,7 @@ pub(crate) fn ends(kind: &Kind, theta: &[f64], points: &[([f64; 2], [f64; 3])]) 
             let step = [end[0] - before[0], end[1] - before[1]];
             let size = step[0].hypot(step[1]).max(f64::MIN_POSITIVE);
             let direction = step.map(|s| s / size);
-            End {
-                vertex,
-                along: direction,
-                position: direction[0] * end[0] + direction[1] * end[1],
-                sigma,
-            }
+            End { vertex, along: direction, position: direction[0] * end[0] + direction[1] * end[1], sigma }
         })
         .collect()
 }
@@ -88,13 +85,7 @@ fn along(stroke: &Stroke, p: [f64; 2]) -> f64 {
             let e = [b[0] - a[0], b[1] - a[1]];
             ((p[0] - a[0]) * e[0] + (p[1] - a[1]) * e[1]) / e[0].hypot(e[1]).max(f64::MIN_POSITIVE)
         }
-        Stroke::Round {
-            center,
-            semi,
-            from,
-            sweep,
-            ..
-        } => {
+        Stroke::Round { center, semi, from, sweep, .. } => {
             let turn = (p[1] - center[1]).atan2(p[0] - center[0]) - from;
             // The turn nearest to the middle of the piece.
             let turn = turn - TAU * ((turn - 0.5 * sweep) / TAU).round();
@@ -103,8 +94,8 @@ fn along(stroke: &Stroke, p: [f64; 2]) -> f64 {
     }
 }
 
-/// The most likely length of a piece of which places `x` were seen with errors of σ, and its σ; where none were seen the
-/// length that was thought, and as much for its σ.
+/// The most likely length of a piece of which places `x` were seen with errors of σ, and its σ; where none
+/// were seen the length that was thought, and as much for its σ.
 fn longest(reach: &[(f64, f64)], thought: f64) -> (f64, f64) {
     let farthest = reach.iter().map(|(x, _)| *x).fold(0.0, f64::max);
     if reach.len() < 2 || farthest <= 0.0 {
@@ -135,11 +126,7 @@ fn longest(reach: &[(f64, f64)], thought: f64) -> (f64, f64) {
     let length = 0.5 * (low + high);
     let information = slopes(length).1;
     let spacing = length / count;
-    let sigma = if information > 0.0 {
-        information.sqrt().recip()
-    } else {
-        spacing
-    };
+    let sigma = if information > 0.0 { information.sqrt().recip() } else { spacing };
     (length, sigma.max(spacing))
 }
 
@@ -184,10 +171,7 @@ mod tests {
 
     #[test]
     fn ends_of_lines_and_arcs_are_where_readings_end() {
-        let kind = Kind::Chain {
-            arcs: vec![true, false],
-            closed: false,
-        };
+        let kind = Kind::Chain { arcs: vec![true, false], closed: false };
         // A quarter circle about the origin from (0, −1) to (1, 0), then up.
         let bulge = (std::f64::consts::PI / 8.0).tan();
         let theta = [0.0, -1.0, 1.0, 0.0, 1.0, 2.0, bulge];
@@ -203,18 +187,9 @@ mod tests {
         // What was seen of the arc begins at −72°, and the line ends at 1.5.
         let (sin, cos) = (-0.4 * std::f64::consts::PI).sin_cos();
         let first = found[0].along;
-        assert!(
-            (first[0] - sin).abs() < 0.05 && (first[1] + cos).abs() < 0.05,
-            "{found:?}"
-        );
-        assert!(
-            (found[0].position - (first[0] * cos + first[1] * sin)).abs() < 0.03,
-            "{found:?}"
-        );
-        assert!(
-            (found[1].position - 1.5).abs() < 0.03 && found[1].along[1] > 0.999,
-            "{found:?}"
-        );
+        assert!((first[0] - sin).abs() < 0.05 && (first[1] + cos).abs() < 0.05, "{found:?}");
+        assert!((found[0].position - (first[0] * cos + first[1] * sin)).abs() < 0.03, "{found:?}");
+        assert!((found[1].position - 1.5).abs() < 0.03 && found[1].along[1] > 0.999, "{found:?}");
         assert!(ends(&Kind::Circle, &[0.0, 0.0, 1.0], &points).is_empty());
     }
 }

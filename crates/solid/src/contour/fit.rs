@@ -17,20 +17,22 @@ use planish_estimate::{Error, Loss, Result, Termination};
 /// With fewer readings a side than this, those near corners count: the bias is small beside what they tell.
 const READINGS_A_SIDE: usize = 25;
 
-/// A fit without the readings near corners whose logarithm of the likelihood of all readings is less by more than this has lost its way.
+/// A fit without the readings near corners whose logarithm of the likelihood of all readings is less by more
+/// than this has lost its way.
 const LOST_BY_MARGIN: f64 = 20.0;
 
 /// What a reading may cost a likelihood where there is no gate, in standard deviations.
 const ROUGH_GATE: f64 = 10.0;
 
-/// Where readings begin to lose their weight (Tukey), one batch after the other: wide at first, since an outline that is not
-/// yet in place must not lose half of its readings.
+/// Where readings begin to lose their weight (Tukey), one batch after the other: wide at first, since an
+/// outline that is not yet in place must not lose half of its readings.
 pub(super) const ROBUST_THRESHOLDS: [f64; 2] = [20.0, 6.0];
 
 /// How parameters are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
-    /// All readings at once, then the most likely contour where it is not known from which place on it each of them is.
+    /// All readings at once, then the most likely contour where it is not known from which place on it each
+    /// of them is.
     Combined,
     /// All readings at once.
     Batch,
@@ -53,8 +55,9 @@ pub struct FitOptions {
     pub motion: Motion,
     /// Readings farther than this many standard deviations are left out; `None` keeps all.
     pub gate: Option<f64>,
-    /// Readings that lie nearer than so many σ to a corner of a rectangle or polygon do not count for its parameters: which
-    /// side they are of is not certain, and taking the nearer one is a bias. With less than 25 readings a side all count.
+    /// Readings that lie nearer than so many σ to a corner of a rectangle or polygon do not count for its
+    /// parameters: which side they are of is not certain, and taking the nearer one is a bias. With less than
+    /// 25 readings a side all count.
     pub corner_margin: Option<f64>,
     /// Whether what curvature adds to distances is taken off (batch and NUIEKF).
     pub correct_bias: bool,
@@ -89,11 +92,12 @@ pub struct ContourFit {
     pub distances: Vec<f64>,
     /// Whether each reading counted.
     pub used: Vec<bool>,
-    /// Logarithm of the likelihood of all readings, each anywhere on the outline, up to a constant that all kinds share; where
-    /// readings share poses `−½ Σ s²` over those that counted, less what a gate costs for each that did not.
+    /// Logarithm of the likelihood of all readings, each anywhere on the outline, up to a constant that all
+    /// kinds share; where readings share poses `−½ Σ s²` over those that counted, less what a gate costs for
+    /// each that did not.
     pub log_likelihood: f64,
-    /// The least share of a straight side that a reading came near; 1 where there is none, or where sides follow from one
-    /// another as those of a regular polygon do.
+    /// The least share of a straight side that a reading came near; 1 where there is none, or where sides
+    /// follow from one another as those of a regular polygon do.
     pub least_seen: f64,
     /// `Σ s²` over the readings that counted, and of the shared errors of their poses.
     pub squares: f64,
@@ -106,8 +110,8 @@ pub struct ContourFit {
 }
 
 impl ContourFit {
-    /// `−2 ln L + k ln n`; of a chain, whose pattern of lines and arcs was looked for, also twice the logarithm of the number
-    /// of patterns.
+    /// `−2 ln L + k ln n`; of a chain, whose pattern of lines and arcs was looked for, also twice the
+    /// logarithm of the number of patterns.
     #[must_use]
     pub fn bic(&self) -> f64 {
         criterion(&self.kind, self.state.len(), self.distances.len(), self.log_likelihood)
@@ -129,10 +133,12 @@ fn criterion(kind: &Kind, unknowns: usize, readings: usize, log_likelihood: f64)
     unknowns as f64 * (readings.max(2) as f64).ln() + 2.0 * (patterns - log_likelihood)
 }
 
-/// Fits a kind of contour to readings, with their poses in their noise, or as unknowns where readings share them.
+/// Fits a kind of contour to readings, with their poses in their noise, or as unknowns where readings share
+/// them.
 ///
-/// Starts as [`starts`]; a robust batch (Tukey), then the batch proper on what passes the gate. A recursive method takes the
-/// batch's place after readings enough to know all parameters, spread over the whole, which it does not take again.
+/// Starts as [`starts`]; a robust batch (Tukey), then the batch proper on what passes the gate. A recursive
+/// method takes the batch's place after readings enough to know all parameters, spread over the whole, which
+/// it does not take again.
 ///
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
@@ -150,11 +156,7 @@ pub(crate) fn polish(found: ContourFit, sightings: &[Sighting], options: &FitOpt
         return Ok(found);
     }
     let sightings = &own_poses(sightings)[..];
-    let setting = with_held(
-        &setting(&found.kind, sightings, options)?,
-        sightings,
-        found.state.as_slice(),
-    );
+    let setting = with_held(&setting(&found.kind, sightings, options)?, sightings, found.state.as_slice());
     combined(&setting, sightings, found, options)
 }
 
@@ -166,7 +168,12 @@ pub(crate) fn finish(kind: &Kind, sightings: &[Sighting], options: &FitOptions) 
     fit_within(kind, sightings, options, &ROBUST_THRESHOLDS[1..])
 }
 
-fn fit_within(kind: &Kind, sightings: &[Sighting], options: &FitOptions, thresholds: &[f64]) -> Result<ContourFit> {
+fn fit_within(
+    kind: &Kind,
+    sightings: &[Sighting],
+    options: &FitOptions,
+    thresholds: &[f64],
+) -> Result<ContourFit> {
     let sightings = &own_poses(sightings)[..];
     let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
     let setting = setting(kind, sightings, options)?;
@@ -223,21 +230,19 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
         let mut state = DVector::from_vec(start);
         let mut cost = f64::INFINITY;
         for threshold in ROBUST_THRESHOLDS {
-            let Ok(found) = fit_implicit(&readings, shared(&setting, &groups), &state, &settings(threshold)) else {
+            let Ok(found) = fit_implicit(&readings, shared(&setting, &groups), &state, &settings(threshold))
+            else {
                 break;
             };
             state = found.state;
-            let each = |d: &f64| if d.is_finite() { charge.min(0.5 * d * d) } else { charge };
+            let each = |d: &f64| {
+                if d.is_finite() { charge.min(0.5 * d * d) } else { charge }
+            };
             let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
             cost = poses + found.distances.iter().map(each).sum::<f64>();
         }
         let placed = placed(&setting, state.as_slice(), sightings, outlier_gate(options));
-        let bic = criterion(
-            kind,
-            state.len(),
-            sightings.len(),
-            placed.log_likelihood.unwrap_or(-cost),
-        );
+        let bic = criterion(kind, state.len(), sightings.len(), placed.log_likelihood.unwrap_or(-cost));
         if bic.is_finite()
             && stays_near(kind, state.as_slice(), setting.pivot, &points)
             && best.as_ref().is_none_or(|b| bic < b.bic)
@@ -257,11 +262,7 @@ fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
         form: options.form,
         motion: options.motion,
         pivot: mean(&points),
-        time_s: if options.motion == Motion::Still {
-            0.0
-        } else {
-            times.fold(f64::INFINITY, f64::min)
-        },
+        time_s: if options.motion == Motion::Still { 0.0 } else { times.fold(f64::INFINITY, f64::min) },
         shared_poses: sightings.iter().any(|s| s.pose.is_some()),
         held: Vec::new(),
     };
@@ -309,8 +310,8 @@ fn candidates(setting: &Setting, sightings: &[Sighting], options: &FitOptions) -
     Ok(with_motion(starts(&setting.kind, &first)?, setting, &first))
 }
 
-/// The Kanatani–Cramér–Rao bound on the covariance of the parameters of a kind at `truth`, from readings without errors that
-/// state the σ of those with errors.
+/// The Kanatani–Cramér–Rao bound on the covariance of the parameters of a kind at `truth`, from readings
+/// without errors that state the σ of those with errors.
 ///
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters.
@@ -328,7 +329,8 @@ pub fn bound(kind: &Kind, truth: &[f64], exact: &[Sighting]) -> Result<DMatrix<f
     kanatani_cramer_rao(&readings, shared(&setting, &groups), &DVector::from_column_slice(truth))
 }
 
-/// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no unknown is needed.
+/// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no
+/// unknown is needed.
 fn own_poses(sightings: &[Sighting]) -> Vec<Sighting> {
     let mut poses: Vec<usize> = sightings.iter().filter_map(|s| s.pose).collect();
     let all = poses.len();
@@ -376,7 +378,10 @@ fn with_motion(thetas: Vec<Vec<f64>>, setting: &Setting, sightings: &[Sighting])
     still.chain(moved).collect()
 }
 
-pub(super) fn equations<'a>(setting: &'a Setting, sightings: &'a [Sighting]) -> (Vec<ContourReading<'a>>, Vec<usize>) {
+pub(super) fn equations<'a>(
+    setting: &'a Setting,
+    sightings: &'a [Sighting],
+) -> (Vec<ContourReading<'a>>, Vec<usize>) {
     let mut numbers = std::collections::BTreeMap::new();
     let mut groups = Vec::with_capacity(sightings.len());
     let mut alone = 0;
@@ -391,16 +396,12 @@ pub(super) fn equations<'a>(setting: &'a Setting, sightings: &'a [Sighting]) -> 
         let next = numbers.len();
         groups.push(*numbers.entry(key).or_insert(next));
     }
-    let mut readings: Vec<ContourReading<'_>> = (sightings.iter())
-        .map(|sighting| ContourReading::of(setting, sighting))
-        .collect();
+    let mut readings: Vec<ContourReading<'_>> =
+        (sightings.iter()).map(|sighting| ContourReading::of(setting, sighting)).collect();
     if let Some(sighting) = sightings.first() {
         for &held in &setting.held {
             groups.push(numbers.len() + readings.len() - sightings.len());
-            readings.push(ContourReading {
-                held: Some(held),
-                ..ContourReading::of(setting, sighting)
-            });
+            readings.push(ContourReading { held: Some(held), ..ContourReading::of(setting, sighting) });
         }
     }
     (readings, groups)
@@ -410,7 +411,8 @@ pub(super) fn shared<'a>(setting: &Setting, groups: &'a [usize]) -> Option<Share
     setting.shared_poses.then_some(SharedNoise { size: 3, groups })
 }
 
-/// The margin, where every side has readings enough that the bias matters more than the readings near corners.
+/// The margin, where every side has readings enough that the bias matters more than the readings near
+/// corners.
 pub(super) fn corner_margin(setting: &Setting, readings: usize, options: &FitOptions) -> Option<f64> {
     let enough = readings >= READINGS_A_SIDE * setting.kind.pieces();
     options.corner_margin.filter(|_| enough)
@@ -439,16 +441,9 @@ impl Judged {
     pub(crate) fn of(distances: &[f64], gate: Option<f64>) -> Self {
         let near = |d: &f64| d.is_finite() && gate.is_none_or(|g| d.abs() <= g);
         let used: Vec<bool> = distances.iter().map(near).collect();
-        let squares: f64 = (distances.iter().zip(&used))
-            .filter(|(_, u)| **u)
-            .map(|(d, _)| d * d)
-            .sum();
+        let squares: f64 = (distances.iter().zip(&used)).filter(|(_, u)| **u).map(|(d, _)| d * d).sum();
         let left_out = used.iter().filter(|u| !**u).count() as f64;
-        Self {
-            used,
-            squares,
-            log_likelihood: -0.5 * squares - left_out * gate_cost(gate),
-        }
+        Self { used, squares, log_likelihood: -0.5 * squares - left_out * gate_cost(gate) }
     }
 }
 
@@ -490,22 +485,13 @@ pub(super) fn batch(
             };
             at = fit_implicit(&all, shared(setting, &groups), &at, &robust)?.state;
         }
-        let look = ImplicitOptions {
-            max_iterations: 0,
-            correct_bias: false,
-            ..plain
-        };
+        let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..plain };
         let seen = fit_implicit(&all, shared(setting, &groups), &at, &look)?;
         for (used, distance) in used.iter_mut().zip(&seen.distances) {
             *used = distance.abs() <= gate;
         }
     }
-    let kept: Vec<Sighting> = sightings
-        .iter()
-        .zip(&used)
-        .filter(|(_, u)| **u)
-        .map(|(s, _)| *s)
-        .collect();
+    let kept: Vec<Sighting> = sightings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
     if kept.len() < setting.unknowns() {
         return Err(Error::undetermined("too few readings lie near the contour"));
     }
@@ -518,24 +504,21 @@ pub(super) fn batch(
     let mut found = fit_implicit(&readings, shared(setting, &kept_groups), &at, &options_here)?;
     let mut placed_found = placed(setting, found.state.as_slice(), sightings, outlier_gate(options));
     if options_here.margin.is_some() && setting.kind.pieces() > 2 {
-        // Where the margin takes many readings, what is left may agree with another phase or size: all of them tell.
-        let all_count = ImplicitOptions {
-            margin: None,
-            ..options_here
-        };
+        // Where the margin takes many readings, what is left may agree with another phase or size: all of
+        // them tell.
+        let all_count = ImplicitOptions { margin: None, ..options_here };
         let other = fit_implicit(&readings, shared(setting, &kept_groups), &at, &all_count)?;
         let placed_other = placed(setting, other.state.as_slice(), sightings, outlier_gate(options));
         let is_lost = |of: f64, all: f64| of < all - LOST_BY_MARGIN;
         if other.covariance.is_some()
-            && (placed_found.log_likelihood.zip(placed_other.log_likelihood)).is_some_and(|(of, all)| is_lost(of, all))
+            && (placed_found.log_likelihood.zip(placed_other.log_likelihood))
+                .is_some_and(|(of, all)| is_lost(of, all))
         {
             (found, placed_found) = (other, placed_other);
         }
     }
     let Some(covariance) = found.covariance else {
-        return Err(Error::undetermined(
-            "the readings leave a parameter of the contour free",
-        ));
+        return Err(Error::undetermined("the readings leave a parameter of the contour free"));
     };
     let mut distances = vec![f64::NAN; sightings.len()];
     let mut next = found.distances.iter();
@@ -554,7 +537,8 @@ pub(super) fn batch(
         used,
         squares: 2.0 * found.loss,
         least_seen: placed_found.least_seen,
-        log_likelihood: (placed_found.log_likelihood).unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
+        log_likelihood: (placed_found.log_likelihood)
+            .unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
         termination: found.termination,
         pivot: setting.pivot,
         time_s: setting.time_s,

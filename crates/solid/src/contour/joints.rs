@@ -1,7 +1,8 @@
 //! Joints of a chain that look smooth.
 //!
-//! Where an arc goes on from a line in its direction, the joint can slide along the line while the arc's circle stays what it is: the outline changes to second
-//! order only, and readings alone leave it free. Comes in: a chain about where it is. Goes out: an equation for each joint that is nearly smooth: that it is
+//! Where an arc goes on from a line in its direction, the joint can slide along the line while the arc's
+//! circle stays what it is: the outline changes to second order only, and readings alone leave it free. Comes
+//! in: a chain about where it is. Goes out: an equation for each joint that is nearly smooth: that it is
 //! smooth, to a few degrees. Not guaranteed: that it is; where readings know better they overrule it.
 
 use super::curve::ends;
@@ -25,7 +26,8 @@ pub(crate) struct Joint {
 impl Joint {
     /// The angle by which the outline turns there, in (−π, π]; its derivative is added to `by_theta`.
     ///
-    /// With `e` the chord of a piece and `b = tan(θ/4)`, the outline leaves it at `atan2(e_y, e_x) + 2 atan b` and enters it at `… − 2 atan b`.
+    /// With `e` the chord of a piece and `b = tan(θ/4)`, the outline leaves it at
+    /// `atan2(e_y, e_x) + 2 atan b` and enters it at `… − 2 atan b`.
     pub(super) fn missed(&self, kind: &Kind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
         let mut turn = 0.0;
         for (piece, sign) in self.pieces.into_iter().zip([-1.0, 1.0]) {
@@ -46,7 +48,8 @@ impl Joint {
     }
 }
 
-/// The joints of a chain, with an arc on one side at least, that turn by less than 15° at `theta`; none of any other kind.
+/// The joints of a chain, with an arc on one side at least, that turn by less than 15° at `theta`; none of
+/// any other kind.
 pub(crate) fn joints(kind: &Kind, theta: &[f64]) -> Vec<Joint> {
     let Kind::Chain { arcs, closed } = kind else {
         return Vec::new();
@@ -54,10 +57,7 @@ pub(crate) fn joints(kind: &Kind, theta: &[f64]) -> Vec<Joint> {
     let count = arcs.len();
     let last = if *closed && count > 1 { count } else { count - 1 };
     (0..last)
-        .map(|k| Joint {
-            pieces: [k, (k + 1) % count],
-            sigma_rad: SIGMA_RAD,
-        })
+        .map(|k| Joint { pieces: [k, (k + 1) % count], sigma_rad: SIGMA_RAD })
         .filter(|joint| joint.pieces.iter().any(|&k| arcs[k]))
         .filter(|joint| joint.missed(kind, theta, &mut vec![0.0; theta.len()]).abs() <= CORNER * SIGMA_RAD)
         .collect()
@@ -69,10 +69,7 @@ mod tests {
 
     /// A line, a quarter circle that goes on from it, and a line that turns by half a right angle.
     fn bent() -> (Kind, Vec<f64>) {
-        let kind = Kind::Chain {
-            arcs: vec![false, true, false],
-            closed: false,
-        };
+        let kind = Kind::Chain { arcs: vec![false, true, false], closed: false };
         let bulge = (PI / 8.0).tan();
         (kind, vec![-1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 2.0, bulge])
     }
@@ -83,10 +80,7 @@ mod tests {
         let found = joints(&kind, &theta);
         assert_eq!(found.len(), 1);
         assert_eq!(found[0].pieces, [0, 1]);
-        let corner = Joint {
-            pieces: [1, 2],
-            sigma_rad: 1.0,
-        };
+        let corner = Joint { pieces: [1, 2], sigma_rad: 1.0 };
         let turn = corner.missed(&kind, &theta, &mut [0.0; 9]);
         assert!((turn - 0.25 * PI).abs() < 1e-12, "{turn}");
         assert!(joints(&Kind::Slot, &[0.0, 0.0, 2.0, 1.0, 0.0]).is_empty());
@@ -106,11 +100,7 @@ mod tests {
                     joint.missed(&kind, &near, &mut vec![0.0; theta.len()])
                 };
                 let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
-                assert!(
-                    (slope - by_theta[k]).abs() < 1e-8,
-                    "{pieces:?} {k}: {slope} {}",
-                    by_theta[k]
-                );
+                assert!((slope - by_theta[k]).abs() < 1e-8, "{pieces:?} {k}: {slope} {}", by_theta[k]);
             }
         }
     }

@@ -18,13 +18,15 @@ pub enum Kind {
     Rectangle,
     /// `center_x center_y width height angle_rad corner_radius`.
     RoundedRectangle,
-    /// A rectangle that ends in half circles: `center_x center_y length width angle_rad`, the length over all.
+    /// A rectangle that ends in half circles: `center_x center_y length width angle_rad`, the length over
+    /// all.
     Slot,
     /// `center_x center_y circumradius angle_rad`, the angle that of a vertex.
     RegularPolygon(usize),
     /// `x0 y0 x1 y1 …`.
     Polygon(usize),
-    /// Lines and arcs: the vertices as of a polygon, then `tan(θ/4)` of each piece that is an arc of the angle θ.
+    /// Lines and arcs: the vertices as of a polygon, then `tan(θ/4)` of each piece that is an arc of the
+    /// angle θ.
     Chain {
         /// Whether each piece is an arc.
         arcs: Vec<bool>,
@@ -33,12 +35,14 @@ pub enum Kind {
     },
 }
 
-/// Vertices and the pieces between them: piece `i` runs from vertex `i` to the next, counter-clockwise about the inside.
+/// Vertices and the pieces between them: piece `i` runs from vertex `i` to the next, counter-clockwise about
+/// the inside.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outline {
     /// The vertices.
     pub vertices: Vec<[f64; 2]>,
-    /// `tan(θ/4)` of the arc that each piece is, 0 for a line: as in a DXF polyline. Positive bulges outwards.
+    /// `tan(θ/4)` of the arc that each piece is, 0 for a line: as in a DXF polyline. Positive bulges
+    /// outwards.
     pub bulges: Vec<f64>,
     /// Whether the last vertex is joined to the first.
     pub closed: bool,
@@ -61,7 +65,8 @@ impl fmt::Display for Kind {
 }
 
 impl Kind {
-    /// A kind by the name that it is displayed with, polygons of three to so many corners; a chain is not known by its name.
+    /// A kind by the name that it is displayed with, polygons of three to so many corners; a chain is not
+    /// known by its name.
     #[must_use]
     pub fn of_name(name: &str, most_corners: usize) -> Option<Self> {
         let counted = |prefix: &str| {
@@ -120,10 +125,7 @@ impl Kind {
     pub fn names(&self) -> Vec<(String, f64)> {
         let fixed = |names: &[&str]| {
             let with_unit = |name: &&str| {
-                (
-                    (*name).to_owned(),
-                    if name.ends_with("_deg") { 1f64.to_degrees() } else { 1.0 },
-                )
+                ((*name).to_owned(), if name.ends_with("_deg") { 1f64.to_degrees() } else { 1.0 })
             };
             names.iter().map(with_unit).collect::<Vec<_>>()
         };
@@ -132,7 +134,9 @@ impl Kind {
             Self::Circle => fixed(&["center_x", "center_y", "radius"]),
             Self::Ellipse => fixed(&["center_x", "center_y", "semi_major", "semi_minor", "angle_deg"]),
             Self::Rectangle => fixed(&["center_x", "center_y", "width", "height", "angle_deg"]),
-            Self::RoundedRectangle => fixed(&["center_x", "center_y", "width", "height", "angle_deg", "corner_radius"]),
+            Self::RoundedRectangle => {
+                fixed(&["center_x", "center_y", "width", "height", "angle_deg", "corner_radius"])
+            }
             Self::Slot => fixed(&["center_x", "center_y", "length", "width", "angle_deg"]),
             Self::RegularPolygon(_) => fixed(&["center_x", "center_y", "circumradius", "angle_deg"]),
             Self::Polygon(count) => vertex_names(*count),
@@ -171,12 +175,10 @@ impl Kind {
             }
             _ => {
                 let corner = self.corner(i);
-                let local = [0, 1].map(|axis| (0..3).map(|k| corner[axis][k] * self.size(theta, k)).sum::<f64>());
+                let local =
+                    [0, 1].map(|axis| (0..3).map(|k| corner[axis][k] * self.size(theta, k)).sum::<f64>());
                 let (sin, cos) = theta[4].sin_cos();
-                [
-                    theta[0] + cos * local[0] - sin * local[1],
-                    theta[1] + sin * local[0] + cos * local[1],
-                ]
+                [theta[0] + cos * local[0] - sin * local[1], theta[1] + sin * local[0] + cos * local[1]]
             }
         }
     }
@@ -201,7 +203,8 @@ impl Kind {
                 let (sin, cos) = theta[4].sin_cos();
                 for (i, vertex) in out.iter_mut().enumerate() {
                     let corner = self.corner(i);
-                    let local = [0, 1].map(|axis| (0..3).map(|k| corner[axis][k] * self.size(theta, k)).sum::<f64>());
+                    let local =
+                        [0, 1].map(|axis| (0..3).map(|k| corner[axis][k] * self.size(theta, k)).sum::<f64>());
                     *vertex = [
                         theta[0] + cos * local[0] - sin * local[1],
                         theta[1] + sin * local[0] + cos * local[1],
@@ -305,17 +308,11 @@ impl Kind {
         let around = |point: &dyn Fn(f64) -> [f64; 2]| {
             let count = 256;
             let vertices = (0..count).map(|k| point(std::f64::consts::TAU * f64::from(k) / f64::from(count)));
-            Outline {
-                vertices: vertices.collect(),
-                bulges: vec![0.0; count as usize],
-                closed: true,
-            }
+            Outline { vertices: vertices.collect(), bulges: vec![0.0; count as usize], closed: true }
         };
         match self {
             Self::Line => None,
-            Self::Circle => Some(around(&|t| {
-                [theta[0] + theta[2] * t.cos(), theta[1] + theta[2] * t.sin()]
-            })),
+            Self::Circle => Some(around(&|t| [theta[0] + theta[2] * t.cos(), theta[1] + theta[2] * t.sin()])),
             Self::Ellipse => {
                 let (sin, cos) = theta[4].sin_cos();
                 Some(around(&|t| {
@@ -335,8 +332,8 @@ impl Kind {
         }
     }
 
-    /// The same contour in the parameters that files have: axes in order of size, angles in their half or whole turn, a
-    /// polygon from its lowest-leftmost vertex. Also which parameter each was, and its sign.
+    /// The same contour in the parameters that files have: axes in order of size, angles in their half or
+    /// whole turn, a polygon from its lowest-leftmost vertex. Also which parameter each was, and its sign.
     #[must_use]
     pub fn canonical(&self, theta: &[f64]) -> (Vec<f64>, Vec<(usize, f64)>) {
         let mut value = theta.to_vec();
@@ -395,13 +392,13 @@ impl Kind {
                 Self::Circle | Self::RegularPolygon(_) => theta[2] > 0.0,
                 Self::Ellipse | Self::Rectangle => theta[2] > 0.0 && theta[3] > 0.0,
                 Self::Slot => theta[3] > 0.0 && theta[2] > theta[3],
-                Self::RoundedRectangle => theta[5] > 0.0 && theta[2] > 2.0 * theta[5] && theta[3] > 2.0 * theta[5],
+                Self::RoundedRectangle => {
+                    theta[5] > 0.0 && theta[2] > 2.0 * theta[5] && theta[3] > 2.0 * theta[5]
+                }
             }
     }
 }
 
 fn vertex_names(count: usize) -> Vec<(String, f64)> {
-    (0..count)
-        .flat_map(|i| [(format!("x{i}"), 1.0), (format!("y{i}"), 1.0)])
-        .collect()
+    (0..count).flat_map(|i| [(format!("x{i}"), 1.0), (format!("y{i}"), 1.0)]).collect()
 }

@@ -1,9 +1,10 @@
 //! How likely readings are whose places on the outline are not known.
 //!
-//! Comes in: an outline and readings as points with a covariance. Goes out: the logarithm of their likelihood, the place of
-//! each integrated over the outline. Distances alone do not compare kinds: each reading lies at the place that suits it best,
-//! so that outlines with many corners or strong bends explain noise. Not guaranteed: anything where readings are far
-//! from evenly spread over what was seen of the outline.
+//! Comes in: an outline and readings as points with a covariance. Goes out: the logarithm of their
+//! likelihood, the place of each integrated over the outline. Distances alone do not compare kinds: each
+//! reading lies at the place that suits it best, so that outlines with many corners or strong bends explain
+//! noise. Not guaranteed: anything where readings are far from evenly spread over what was seen of the
+//! outline.
 
 use super::curve::arc_circle;
 use super::kind::Kind;
@@ -18,7 +19,8 @@ const SAGITTA: f64 = 0.02;
 const WINDOW: f64 = 7.0;
 /// Most chords of an arc that one reading looks at.
 const MOST_CHORDS: f64 = 200.0;
-/// The least share of a piece that is looked at as one: outlines may be far larger than what was seen of them.
+/// The least share of a piece that is looked at as one: outlines may be far larger than what was seen of
+/// them.
 const LEAST_STEP: f64 = 1e-4;
 /// Readings that are compared with the outline to tell what was seen of it, at most.
 const MOST_COMPARED: usize = 1000;
@@ -52,24 +54,28 @@ pub(super) enum Stroke {
 
 /// What readings say of an outline whose places are not known.
 pub(super) struct Placed {
-    /// The logarithm of their likelihood; `None` where readings share poses: their place then follows from the pose, and
-    /// needs no integral.
+    /// The logarithm of their likelihood; `None` where readings share poses: their place then follows from
+    /// the pose, and needs no integral.
     pub(super) log_likelihood: Option<f64>,
     /// The least share of a straight side that a reading came near; 1 where sides follow from one another.
     pub(super) least_seen: f64,
 }
 
-/// `Σ log(√2π σ ∫ N(z; p(s), C) ds · E/L + exp(−g²/2))` over all readings: their likelihood when each one's place is anywhere
-/// on what was seen of the outline, of the length `L`, and wild readings are as unlikely as those at the gate `g`.
+/// `Σ log(√2π σ ∫ N(z; p(s), C) ds · E/L + exp(−g²/2))` over all readings: their likelihood when each one's
+/// place is anywhere on what was seen of the outline, of the length `L`, and wild readings are as unlikely as
+/// those at the gate `g`.
 ///
-/// `σ² = tr C` and the perimeter `E` of the readings' box make it a number without unit that is about `−½ Σ s²`; all kinds
-/// share them. On a straight side that is long beside σ the integral is the normal density of the distance; at corners, and
-/// where the outline bends within a few σ, it is what the distance to the nearest side is not: the likelihood. An endless line
-/// counts from the first to the last reading, and so does a circle or ellipse of which a part was not seen. Cost: a few exponentials a reading and piece, thirty for an arc.
+/// `σ² = tr C` and the perimeter `E` of the readings' box make it a number without unit that is about
+/// `−½ Σ s²`; all kinds share them. On a straight side that is long beside σ the integral is the normal
+/// density of the distance; at corners, and where the outline bends within a few σ, it is what the distance
+/// to the nearest side is not: the likelihood. An endless line counts from the first to the last reading, and
+/// so does a circle or ellipse of which a part was not seen. Cost: a few exponentials a reading and piece,
+/// thirty for an arc.
 ///
 /// # References
-/// Kendall and Stuart 1979, *The advanced theory of statistics*, chapter 29 (structural and functional relations, and the
-/// incidental parameters of the latter); Neyman and Scott 1948, *Consistent estimates based on partially consistent observations*.
+/// Kendall and Stuart 1979, *The advanced theory of statistics*, chapter 29 (structural and functional
+/// relations, and the incidental parameters of the latter); Neyman and Scott 1948, *Consistent estimates
+/// based on partially consistent observations*.
 pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], gate: f64) -> Placed {
     let spots: Vec<Spot> = sightings
         .iter()
@@ -83,11 +89,9 @@ pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], g
     let seen = seen_lengths(&strokes, &spots, 0.5 * gap);
     let (low, high) = extent(&spots);
     let size = [high[0] - low[0], high[1] - low[1]];
-    // Of an outline that is far larger than the readings the part they see is hard to hit upon; it is no shorter than they reach.
-    let length = (seen.iter().sum::<f64>())
-        .max(size[0])
-        .max(size[1])
-        .max(f64::MIN_POSITIVE);
+    // Of an outline that is far larger than the readings the part they see is hard to hit upon; it is no
+    // shorter than they reach.
+    let length = (seen.iter().sum::<f64>()).max(size[0]).max(size[1]).max(f64::MIN_POSITIVE);
     let straight = strokes.iter().zip(&seen).filter_map(|(stroke, seen)| match stroke {
         Stroke::Straight(_) => Some(seen / stroke.speed()),
         Stroke::Round { .. } => None,
@@ -97,10 +101,7 @@ pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], g
         _ => straight.fold(1.0, f64::min),
     };
     if setting.shared_poses {
-        return Placed {
-            log_likelihood: None,
-            least_seen,
-        };
+        return Placed { log_likelihood: None, least_seen };
     }
     let around = 2.0 * (size[0] + size[1]);
     let wild = (-0.5 * gate * gate).exp();
@@ -110,10 +111,7 @@ pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], g
         let sigma = spot.variance().sqrt();
         (share * sigma * density + wild).ln()
     });
-    Placed {
-        log_likelihood: Some(each.sum()),
-        least_seen,
-    }
+    Placed { log_likelihood: Some(each.sum()), least_seen }
 }
 
 fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
@@ -127,7 +125,8 @@ fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
     bounds
 }
 
-/// The pieces of an outline; a whole circle or ellipse from its first to its last reading where none lies in a part that is wider than `gap`.
+/// The pieces of an outline; a whole circle or ellipse from its first to its last reading where none lies in
+/// a part that is wider than `gap`.
 pub(super) fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
     let round = |semi: [f64; 2], turn: [f64; 2]| {
         let center = [theta[0], theta[1]];
@@ -135,29 +134,20 @@ pub(super) fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> V
         angles.sort_by(f64::total_cmp);
         let (mut from, mut free) = (0.0, 0.0);
         for (k, &after) in angles.iter().enumerate() {
-            let before = if k > 0 {
-                angles[k - 1]
-            } else {
-                angles[angles.len() - 1] - TAU
-            };
+            let before = if k > 0 { angles[k - 1] } else { angles[angles.len() - 1] - TAU };
             if after - before > free {
                 (from, free) = (after, after - before);
             }
         }
         let is_whole = free * semi[0].max(semi[1]) <= gap;
-        Stroke::Round {
-            center,
-            semi,
-            turn,
-            from,
-            sweep: if is_whole { TAU } else { TAU - free },
-        }
+        Stroke::Round { center, semi, turn, from, sweep: if is_whole { TAU } else { TAU - free } }
     };
     match kind {
         Kind::Line => {
             let (sin, cos) = theta[0].sin_cos();
             let along = spots.iter().map(|s| cos * s.point[0] + sin * s.point[1]);
-            let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+            let (low, high) =
+                along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
             let at = |t: f64| [t * cos - theta[1] * sin, t * sin + theta[1] * cos];
             vec![Stroke::Straight([at(low), at(high)])]
         }
@@ -235,9 +225,7 @@ impl Stroke {
     pub(super) fn speed(&self) -> f64 {
         match self {
             Self::Straight([a, b]) => (b[0] - a[0]).hypot(b[1] - a[1]),
-            Self::Round {
-                semi: [a, b], sweep, ..
-            } => sweep.abs() * a.max(*b),
+            Self::Round { semi: [a, b], sweep, .. } => sweep.abs() * a.max(*b),
         }
         .max(f64::MIN_POSITIVE)
     }
@@ -256,10 +244,7 @@ impl Stroke {
             Self::Round { center, semi, turn, .. } => {
                 let (sin, cos) = t.sin_cos();
                 let (x, y) = (semi[0] * cos, semi[1] * sin);
-                [
-                    center[0] + turn[0] * x - turn[1] * y,
-                    center[1] + turn[1] * x + turn[0] * y,
-                ]
+                [center[0] + turn[0] * x - turn[1] * y, center[1] + turn[1] * x + turn[0] * y]
             }
         }
     }
@@ -268,23 +253,14 @@ impl Stroke {
     pub(super) fn part(&self, low: f64, high: f64) -> Self {
         match *self {
             Self::Straight(_) => Self::Straight([self.at(low), self.at(high)]),
-            Self::Round {
-                center,
-                semi,
-                turn,
-                from,
-                sweep,
-            } => Self::Round {
-                center,
-                semi,
-                turn,
-                from: from + low * sweep,
-                sweep: (high - low) * sweep,
-            },
+            Self::Round { center, semi, turn, from, sweep } => {
+                Self::Round { center, semi, turn, from: from + low * sweep, sweep: (high - low) * sweep }
+            }
         }
     }
 
-    /// The point of it that is nearest to `p`, of those from which `p` is not farther than the bend of an ellipse reaches inwards.
+    /// The point of it that is nearest to `p`, of those from which `p` is not farther than the bend of an
+    /// ellipse reaches inwards.
     pub(super) fn nearest(&self, p: [f64; 2]) -> [f64; 2] {
         match self {
             Self::Straight([a, b]) => {
@@ -292,16 +268,11 @@ impl Stroke {
                 let squared = (e[0] * e[0] + e[1] * e[1]).max(f64::MIN_POSITIVE);
                 self.at((((p[0] - a[0]) * e[0] + (p[1] - a[1]) * e[1]) / squared).clamp(0.0, 1.0))
             }
-            Self::Round {
-                center,
-                semi,
-                turn,
-                from,
-                sweep,
-            } => {
+            Self::Round { center, semi, turn, from, sweep } => {
                 let d = [p[0] - center[0], p[1] - center[1]];
                 let q = [turn[0] * d[0] + turn[1] * d[1], turn[0] * d[1] - turn[1] * d[0]];
-                // Newton's steps on the angle, from that of the scaled point; each no longer than an eighth of a turn.
+                // Newton's steps on the angle, from that of the scaled point; each no longer than an eighth
+                // of a turn.
                 let mut t = foot(p, *center, *semi, *turn);
                 for _ in 0..20 {
                     let (sin, cos) = t.sin_cos();
@@ -327,12 +298,7 @@ impl Stroke {
     pub(super) fn length(&self, low: f64, high: f64) -> f64 {
         match self {
             Self::Straight([a, b]) => (high - low) * (b[0] - a[0]).hypot(b[1] - a[1]),
-            Self::Round {
-                semi: [a, b],
-                from,
-                sweep,
-                ..
-            } => {
+            Self::Round { semi: [a, b], from, sweep, .. } => {
                 // Gauss and Legendre's rule for three places, of as many parts as an eighth of a turn needs.
                 let count = ((high - low) * sweep.abs() / 0.4).ceil().max(1.0);
                 let width = (high - low) / count;
@@ -354,13 +320,7 @@ impl Stroke {
     pub(super) fn density(&self, spot: &Spot) -> f64 {
         match self {
             Self::Straight(ends) => chord(ends, spot),
-            Self::Round {
-                center,
-                semi,
-                turn,
-                from,
-                sweep,
-            } => {
+            Self::Round { center, semi, turn, from, sweep } => {
                 let [xx, xy, yy] = spot.covariance;
                 let foot = foot(spot.point, *center, *semi, *turn);
                 let spread = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
@@ -369,11 +329,7 @@ impl Stroke {
                 let (long, short) = (semi[0].max(semi[1]), semi[0].min(semi[1]));
                 let near = (WINDOW * largest / short).min(PI);
                 // The part of the piece within the window, which may lie a turn away.
-                let (start, end) = if *sweep >= 0.0 {
-                    (*from, from + sweep)
-                } else {
-                    (from + sweep, *from)
-                };
+                let (start, end) = if *sweep >= 0.0 { (*from, from + sweep) } else { (from + sweep, *from) };
                 let step = (8.0 * SAGITTA * least / long).sqrt();
                 let mut total = 0.0;
                 let mut middle = foot + TAU * ((start - near - foot) / TAU).ceil();
@@ -400,7 +356,8 @@ impl Stroke {
     }
 }
 
-/// `∫ N(z; p(s), C) ds` along a segment: the density of the distance across, times how much of what is along lies on it.
+/// `∫ N(z; p(s), C) ds` along a segment: the density of the distance across, times how much of what is along
+/// lies on it.
 fn chord([a, b]: &[[f64; 2]; 2], spot: &Spot) -> f64 {
     let e = [b[0] - a[0], b[1] - a[1]];
     let length = e[0].hypot(e[1]);
@@ -431,21 +388,13 @@ mod tests {
     use super::*;
 
     fn spot(point: [f64; 2]) -> Spot {
-        Spot {
-            point,
-            covariance: [0.04, 0.01, 0.02],
-        }
+        Spot { point, covariance: [0.04, 0.01, 0.02] }
     }
 
     #[test]
     fn lengths_and_nearest_points_are_those_of_many_small_steps() {
-        let ellipse = Stroke::Round {
-            center: [0.3, -0.2],
-            semi: [1.0, 0.4],
-            turn: [0.8, 0.6],
-            from: 0.4,
-            sweep: 4.0,
-        };
+        let ellipse =
+            Stroke::Round { center: [0.3, -0.2], semi: [1.0, 0.4], turn: [0.8, 0.6], from: 0.4, sweep: 4.0 };
         for stroke in [
             ellipse,
             Stroke::Straight([[0.0, 1.0], [2.0, -1.0]]),
@@ -495,10 +444,7 @@ mod tests {
         for (i, stroke) in strokes.iter().enumerate() {
             for point in [[0.9, 0.4], [0.0, 0.0], [1.2, -0.2], [0.5, 0.9], [0.1, 1.1]] {
                 let (found, wanted) = (stroke.density(&spot(point)), summed(stroke, &spot(point)));
-                assert!(
-                    (found - wanted).abs() < 0.01 * wanted + 1e-6,
-                    "{i} {point:?}: {found} for {wanted}"
-                );
+                assert!((found - wanted).abs() < 0.01 * wanted + 1e-6, "{i} {point:?}: {found} for {wanted}");
             }
         }
     }
@@ -506,17 +452,10 @@ mod tests {
     #[test]
     fn the_density_of_a_whole_outline_integrates_to_its_length() {
         // So that likelihoods of different outlines can be compared at all.
-        let circle = [Stroke::Round {
-            center: [0.2, 0.1],
-            semi: [1.0, 1.0],
-            turn: [1.0, 0.0],
-            from: 0.0,
-            sweep: TAU,
-        }];
-        let corner = [
-            Stroke::Straight([[-1.0, 1.0], [0.0, 0.0]]),
-            Stroke::Straight([[0.0, 0.0], [1.0, 1.0]]),
-        ];
+        let circle =
+            [Stroke::Round { center: [0.2, 0.1], semi: [1.0, 1.0], turn: [1.0, 0.0], from: 0.0, sweep: TAU }];
+        let corner =
+            [Stroke::Straight([[-1.0, 1.0], [0.0, 0.0]]), Stroke::Straight([[0.0, 0.0], [1.0, 1.0]])];
         for outline in [&circle[..], &corner[..]] {
             let step = 0.05;
             let mut total = 0.0;
@@ -534,14 +473,10 @@ mod tests {
     #[test]
     fn what_no_reading_is_near_was_not_seen() {
         let square = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
-        let strokes: Vec<Stroke> = (0..4)
-            .map(|i| Stroke::Straight([square[i], square[(i + 1) % 4]]))
-            .collect();
+        let strokes: Vec<Stroke> =
+            (0..4).map(|i| Stroke::Straight([square[i], square[(i + 1) % 4]])).collect();
         let spots: Vec<Spot> = (0..41).map(|k| spot([0.1 * f64::from(k), 0.0])).collect();
         let seen = seen_lengths(&strokes, &spots, 0.2);
-        assert!(
-            (seen[0] - 4.0).abs() < 0.1 && seen[1] < 0.3 && seen[2] == 0.0,
-            "{seen:?}"
-        );
+        assert!((seen[0] - 4.0).abs() < 0.1 && seen[1] < 0.3 && seen[2] == 0.0, "{seen:?}");
     }
 }

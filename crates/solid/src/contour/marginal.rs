@@ -1,18 +1,21 @@
 //! The most likely outline when it is not known from which place on it each reading is.
 //!
-//! Comes in: an outline near the truth with its covariance, and readings whose errors are their own. Goes out: the outline of
-//! the greatest likelihood, the place of each reading integrated over the outline, and the covariance from the curvature of
-//! that likelihood. Not guaranteed: anything where readings share the error of their pose, or are too few to tell how they spread along the outline.
+//! Comes in: an outline near the truth with its covariance, and readings whose errors are their own. Goes
+//! out: the outline of the greatest likelihood, the place of each reading integrated over the outline, and
+//! the covariance from the curvature of that likelihood. Not guaranteed: anything where readings share the
+//! error of their pose, or are too few to tell how they spread along the outline.
 //!
-//! A distance to the nearest side takes every reading near a corner for the side that suits it better, and a distance to a
-//! round outline forgets that its foot is uncertain: both are biased, and their covariance, of the first order, is too small
-//! where the noise is a good part of a side or a radius. The likelihood has hardly anything of either while the noise is a tenth of a side; at a fifth of
-//! it, sides are still found too long, and σ too small, by what `docs/contours.md` measures. How densely each part of the outline was read is a nuisance
-//! parameter of its own, so that hidden or favoured parts do not pull at corners.
+//! A distance to the nearest side takes every reading near a corner for the side that suits it better, and a
+//! distance to a round outline forgets that its foot is uncertain: both are biased, and their covariance, of
+//! the first order, is too small where the noise is a good part of a side or a radius. The likelihood has
+//! hardly anything of either while the noise is a tenth of a side; at a fifth of it, sides are still found
+//! too long, and σ too small, by what `docs/contours.md` measures. How densely each part of the outline was
+//! read is a nuisance parameter of its own, so that hidden or favoured parts do not pull at corners.
 //!
 //! # References
-//! Kiefer and Wolfowitz 1956, *Consistency of the maximum likelihood estimator in the presence of infinitely many incidental
-//! parameters*; Berndt, Hall, Hall and Hausman 1974, *Estimation and inference in nonlinear structural models* (steps from the squares of scores).
+//! Kiefer and Wolfowitz 1956, *Consistency of the maximum likelihood estimator in the presence of infinitely
+//! many incidental parameters*; Berndt, Hall, Hall and Hausman 1974, *Estimation and inference in nonlinear
+//! structural models* (steps from the squares of scores).
 
 use super::kind::Kind;
 use super::likelihood::{Spot, Stroke, strokes};
@@ -37,9 +40,11 @@ const SHORT: f64 = 0.02;
 const MOST_STEPS: usize = 20;
 /// A step is at most this long, in σ of each parameter.
 const LONGEST: f64 = 2.0;
-/// With more readings than this the covariance is from the squares of the scores alone: they are enough to average over.
+/// With more readings than this the covariance is from the squares of the scores alone: they are enough to
+/// average over.
 const MOST_FOR_CURVATURE: usize = 4000;
-/// A circle or ellipse of which so much was seen is taken as whole: parts without readings have hardly a share.
+/// A circle or ellipse of which so much was seen is taken as whole: parts without readings have hardly a
+/// share.
 const LEAST_WHOLE: f64 = 0.6 * TAU;
 /// What is farther from a reading than so many of its σ says nothing of it.
 const FARTHEST: f64 = 7.0;
@@ -52,12 +57,14 @@ pub(super) struct MostLikely {
     pub(super) covariance: DMatrix<f64>,
 }
 
-/// Maximises `Σᵢ log(Σₖ πₖ/Lₖ(θ) ∫ₖ N(zᵢ; p(s), Cᵢ) ds + w)` over the parameters `θ` and the shares `πₖ` of cells of the outline, of
-/// lengths `Lₖ`; `w` is the density of wild readings, as unlikely as those at the gate and in inverse proportion to a reading's variance.
+/// Maximises `Σᵢ log(Σₖ πₖ/Lₖ(θ) ∫ₖ N(zᵢ; p(s), Cᵢ) ds + w)` over the parameters `θ` and the shares `πₖ` of
+/// cells of the outline, of lengths `Lₖ`; `w` is the density of wild readings, as unlikely as those at the
+/// gate and in inverse proportion to a reading's variance.
 ///
-/// Outlines without corners are then freed of what is left of a bias: the score that is to be expected at the maximum, if each reading were of the place
-/// nearest to it, is taken off. The places that a sensor sees from where it stands are not spread as evenly as those that all readings see
-/// together, and a heading's error bends its ray's end towards the sensor.
+/// Outlines without corners are then freed of what is left of a bias: the score that is to be expected at the
+/// maximum, if each reading were of the place nearest to it, is taken off. The places that a sensor sees from
+/// where it stands are not spread as evenly as those that all readings see together, and a heading's error
+/// bends its ray's end towards the sensor.
 ///
 /// `None` where the likelihood has no maximum nearby.
 pub(super) fn most_likely(
@@ -86,7 +93,8 @@ struct Model<'a> {
     /// `θ = start + scale u`.
     scale: DMatrix<f64>,
     cells: Vec<Cell>,
-    /// Where a whole circle or ellipse begins and how far it goes, which does not move; a part of one ends where its readings do.
+    /// Where a whole circle or ellipse begins and how far it goes, which does not move; a part of one ends
+    /// where its readings do.
     whole: Option<(f64, f64)>,
     gap: f64,
     /// The density of wild readings, times the variance of a reading.
@@ -118,12 +126,7 @@ impl<'a> Model<'a> {
         let scale = Cholesky::new(covariance.clone())?.unpack();
         let gap = usual_gap(sightings);
         let spots = spots(setting, sightings, start.as_slice());
-        let pieces = strokes(
-            &setting.kind,
-            &start.as_slice()[..setting.kind.parameters()],
-            &spots,
-            gap,
-        );
+        let pieces = strokes(&setting.kind, &start.as_slice()[..setting.kind.parameters()], &spots, gap);
         let lengths: Vec<f64> = pieces.iter().map(|piece| piece.length(0.0, 1.0)).collect();
         let perimeter = lengths.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         let many = sightings.len() as f64 / READINGS_A_CELL;
@@ -143,16 +146,7 @@ impl<'a> Model<'a> {
         let sigma = (spots.iter().map(Spot::variance).sum::<f64>() / spots.len() as f64).sqrt();
         // The density beside an outline that is read evenly, at the gate.
         let wild = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
-        Some(Self {
-            setting,
-            sightings,
-            start,
-            scale,
-            cells,
-            whole,
-            gap,
-            wild,
-        })
+        Some(Self { setting, sightings, start, scale, cells, whole, gap, wild })
     }
 
     fn state(&self, u: &DVector<f64>) -> DVector<f64> {
@@ -205,10 +199,7 @@ impl<'a> Model<'a> {
 
     fn climb(&self) -> Option<MostLikely> {
         let p = self.start.len();
-        let mut at = At {
-            u: DVector::zeros(p),
-            weights: DVector::zeros(self.cells.len()),
-        };
+        let mut at = At { u: DVector::zeros(p), weights: DVector::zeros(self.cells.len()) };
         for _ in 0..SHARE_ROUNDS {
             at.weights = self.terms(&at).chances.column_sum().map(|s| (s + BEFOREHAND).ln());
         }
@@ -252,10 +243,7 @@ impl<'a> Model<'a> {
                 at.u -= bias.rows(0, p);
             }
         }
-        Some(MostLikely {
-            state: self.state(&at.u),
-            covariance: &self.scale * of_u * self.scale.transpose(),
-        })
+        Some(MostLikely { state: self.state(&at.u), covariance: &self.scale * of_u * self.scale.transpose() })
     }
 
     fn information(&self, at: &At) -> Option<Cholesky<f64, Dyn>> {
@@ -337,7 +325,8 @@ impl<'a> Model<'a> {
                 out[(p + c, i)] = by[c];
             }
             for j in 0..i {
-                let mixed = corner(i, h, j, -h) + corner(i, -h, j, h) - corner(i, h, j, h) - corner(i, -h, j, -h);
+                let mixed =
+                    corner(i, h, j, -h) + corner(i, -h, j, h) - corner(i, h, j, h) - corner(i, -h, j, -h);
                 out[(i, j)] = mixed / (4.0 * h * h);
                 out[(j, i)] = out[(i, j)];
             }
@@ -360,8 +349,9 @@ impl<'a> Model<'a> {
         out
     }
 
-    /// What the scores are on average, if every reading is of the place of the outline that is nearest to it: the mean over errors of `√m` standard
-    /// deviations, both ways, in each of the `m` things that are measured, which is right to the third power of the errors (McNamee and Stenger 1967).
+    /// What the scores are on average, if every reading is of the place of the outline that is nearest to it:
+    /// the mean over errors of `√m` standard deviations, both ways, in each of the `m` things that are
+    /// measured, which is right to the third power of the errors (McNamee and Stenger 1967).
     fn expected_scores(&self, at: &At) -> DVector<f64> {
         let state = self.state(&at.u);
         let spots = spots(self.setting, self.sightings, state.as_slice());
@@ -373,13 +363,10 @@ impl<'a> Model<'a> {
         for axis in 0..MEASURED {
             for side in [-1.0, 1.0] {
                 let sigmas = side * (MEASURED as f64).sqrt();
-                let made: Vec<Sighting> = exact.iter().map(|sighting| sighting.with_error(axis, sigmas)).collect();
-                let model = Model {
-                    sightings: &made,
-                    scale: self.scale.clone(),
-                    cells: self.cells.clone(),
-                    ..*self
-                };
+                let made: Vec<Sighting> =
+                    exact.iter().map(|sighting| sighting.with_error(axis, sigmas)).collect();
+                let model =
+                    Model { sightings: &made, scale: self.scale.clone(), cells: self.cells.clone(), ..*self };
                 sum += model.scores(at).0;
             }
         }
@@ -434,27 +421,20 @@ fn shares(weights: &DVector<f64>) -> Vec<f64> {
     each.iter().map(|share| share / sum).collect()
 }
 
-/// The readings as points at rest. The end of a ray of an uncertain heading is nearer to the sensor than what it is of, on average.
+/// The readings as points at rest. The end of a ray of an uncertain heading is nearer to the sensor than what
+/// it is of, on average.
 fn spots(setting: &Setting, sightings: &[Sighting], state: &[f64]) -> Vec<Spot> {
     let one = |sighting: &Sighting| {
         let (point, covariance) = ContourReading::of(setting, sighting).seen_at_rest(state);
         let away = match sighting.target {
-            Target::Range {
-                heading_rad,
-                range,
-                sigma,
-                ..
-            } => {
+            Target::Range { heading_rad, range, sigma, .. } => {
                 // A thing that turns while it is measured turns the ray as well, by less than matters here.
                 let short = 0.5 * range * sigma[2] * sigma[2];
                 [short * heading_rad.cos(), short * heading_rad.sin()]
             }
             Target::Point { .. } => [0.0; 2],
         };
-        Spot {
-            point: [point[0] + away[0], point[1] + away[1]],
-            covariance,
-        }
+        Spot { point: [point[0] + away[0], point[1] + away[1]], covariance }
     };
     sightings.iter().map(one).collect()
 }

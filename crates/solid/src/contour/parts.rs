@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 
 /// Groups of indices of readings whose points hang together: single linkage over gaps of at most `gap`.
 ///
-/// Largest group first. Points in a grid of cells of that size, which lose what has been grouped: cost about `n`.
+/// Largest group first. Points in a grid of cells of that size, which lose what has been grouped: cost about
+/// `n`.
 #[must_use]
 pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
     let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
@@ -27,10 +28,13 @@ pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
             let p = points[members[next]];
             next += 1;
             let [cx, cy] = cell(p);
-            for place in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [cx.saturating_add(dx), cy.saturating_add(dy)]))
+            for place in
+                (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [cx.saturating_add(dx), cy.saturating_add(dy)]))
             {
                 // Cells keep those that belong to no group: dense readings are looked at a few times each.
-                let Some(free) = cells.get_mut(&place) else { continue };
+                let Some(free) = cells.get_mut(&place) else {
+                    continue;
+                };
                 free.retain(|&j| {
                     let is_near = (points[j][0] - p[0]).hypot(points[j][1] - p[1]) <= gap;
                     if is_near && !std::mem::replace(&mut is_taken[j], true) {
@@ -47,8 +51,8 @@ pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
     groups
 }
 
-/// A gap that readings of one contour hardly ever leave: neighbours along an outline of the readings' extent are
-/// exponentially apart, and the largest of `n` such gaps is about `ln n` of the mean; and noise.
+/// A gap that readings of one contour hardly ever leave: neighbours along an outline of the readings' extent
+/// are exponentially apart, and the largest of `n` such gaps is about `ln n` of the mean; and noise.
 #[must_use]
 pub fn usual_gap(sightings: &[Sighting]) -> f64 {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);

@@ -1,13 +1,14 @@
 //! Whether a fit is one that readings can have told.
 //!
-//! Comes in: a fit with its covariance, and the points that were seen. Goes out: whether its corners are corners, and whether
-//! it lies where the readings are. Not guaranteed: that it is what was seen; the likelihood says that.
+//! Comes in: a fit with its covariance, and the points that were seen. Goes out: whether its corners are
+//! corners, and whether it lies where the readings are. Not guaranteed: that it is what was seen; the
+//! likelihood says that.
 
 use super::fit::ContourFit;
 use super::kind::Kind;
 
-/// Whether every corner of a polygon or chain is one: its sides longer than three σ of their ends, and no spike. More corners
-/// than the readings tell apart would otherwise explain noise.
+/// Whether every corner of a polygon or chain is one: its sides longer than three σ of their ends, and no
+/// spike. More corners than the readings tell apart would otherwise explain noise.
 pub(super) fn corners_are_real(found: &ContourFit) -> bool {
     let (count, closed) = match &found.kind {
         Kind::Polygon(count) => (*count, true),
@@ -39,5 +40,6 @@ pub(super) fn stays_near(kind: &Kind, state: &[f64], middle: [f64; 2], points: &
     let reach = points.iter().map(|&p| from(p)).fold(0.0, f64::max);
     let theta = &state[..kind.parameters()];
     let near = |p: &[f64; 2]| from(*p) <= 3.0 * reach;
-    matches!(kind, Kind::Circle | Kind::Ellipse) || kind.outline(theta).is_none_or(|o| o.vertices.iter().all(near))
+    matches!(kind, Kind::Circle | Kind::Ellipse)
+        || kind.outline(theta).is_none_or(|o| o.vertices.iter().all(near))
 }

@@ -1,7 +1,8 @@
 //! One kind of contour fitted by a filter: a batch of a few readings, then one after the other.
 
 use super::fit::{
-    ContourFit, FitOptions, Judged, Method, ROBUST_THRESHOLDS, batch, corner_margin, equations, outlier_gate, shared,
+    ContourFit, FitOptions, Judged, Method, ROBUST_THRESHOLDS, batch, corner_margin, equations, outlier_gate,
+    shared,
 };
 use super::likelihood::placed;
 use super::sighting::{ContourReading, Setting, Sighting};
@@ -9,7 +10,8 @@ use nalgebra::DMatrix;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{KalmanFilter, Result, Termination};
 
-/// Readings that a filter starts from, spread over all, and the rest in their order. A sweep is not torn apart.
+/// Readings that a filter starts from, spread over all, and the rest in their order. A sweep is not torn
+/// apart.
 pub(super) fn seed_of(sightings: &[Sighting], setting: &Setting) -> (Vec<Sighting>, Vec<Sighting>) {
     // Some on every side: a filter does not find its way back from a wrong phase.
     let wanted = (4 * setting.unknowns())
@@ -29,12 +31,8 @@ pub(super) fn seed_of(sightings: &[Sighting], setting: &Setting) -> (Vec<Sightin
         }
     }
     let in_seed = |i: usize| taken[i] || sightings[i].pose.is_some_and(|p| poses.contains(&p));
-    let pick = |seed: bool| {
-        (0..sightings.len())
-            .filter(|&i| in_seed(i) == seed)
-            .map(|i| sightings[i])
-            .collect()
-    };
+    let pick =
+        |seed: bool| (0..sightings.len()).filter(|&i| in_seed(i) == seed).map(|i| sightings[i]).collect();
     (pick(true), pick(false))
 }
 
@@ -58,7 +56,9 @@ pub(super) fn recursive(
     let n = setting.unknowns();
     let mut pose: Option<usize> = None;
     for sighting in &rest {
-        if setting.shared_poses && (sighting.pose.is_none() || sighting.pose != pose || filter.mean().len() == n) {
+        if setting.shared_poses
+            && (sighting.pose.is_none() || sighting.pose != pose || filter.mean().len() == n)
+        {
             change_pose(&mut filter, n)?;
             pose = sighting.pose;
         }
@@ -70,19 +70,11 @@ pub(super) fn recursive(
     let covariance = filter.covariance().view((0, 0), (n, n)).into_owned();
     // Distances of all readings to what was found, without moving it.
     let (all, groups) = equations(setting, sightings);
-    let look = ImplicitOptions {
-        max_iterations: 0,
-        correct_bias: false,
-        ..ImplicitOptions::default()
-    };
+    let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
     let mut seen = fit_implicit(&all, shared(setting, &groups), &state, &look)?;
     // Behind them are those of what is held.
     seen.distances.truncate(sightings.len());
-    let Judged {
-        used,
-        squares,
-        log_likelihood: by_distance,
-    } = Judged::of(&seen.distances, options.gate);
+    let Judged { used, squares, log_likelihood: by_distance } = Judged::of(&seen.distances, options.gate);
     let placed = placed(setting, state.as_slice(), sightings, outlier_gate(options));
     Ok(ContourFit {
         kind: setting.kind.clone(),

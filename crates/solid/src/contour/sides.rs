@@ -1,7 +1,7 @@
 //! Lengths of the sides of a contour, which are no parameters of it, with σ.
 //!
-//! Comes in: parameters of a polygon or a chain, and their covariance. Goes out: the length of each straight side and the radius of each arc, with σ by
-//! propagation of the first order.
+//! Comes in: parameters of a polygon or a chain, and their covariance. Goes out: the length of each straight
+//! side and the radius of each arc, with σ by propagation of the first order.
 //!
 //! Not guaranteed: σ of sides that are as short as their own σ.
 
@@ -22,10 +22,12 @@ pub struct Side {
 }
 
 impl Kind {
-    /// The sides of a polygon or a chain, from parameters and their covariance (one row a parameter); none of other kinds, whose sizes are parameters.
-    /// The sides of a regular polygon are all alike: the first stands for them.
+    /// The sides of a polygon or a chain, from parameters and their covariance (one row a parameter); none of
+    /// other kinds, whose sizes are parameters. The sides of a regular polygon are all alike: the first
+    /// stands for them.
     ///
-    /// A side from `P` to `Q` is `l = |Q − P|` long; an arc over it of the bulge `b = tan(θ/4)` has the radius `l (1 + b²) / 4|b|`. `σ² = ∇ᵀ Σ ∇`.
+    /// A side from `P` to `Q` is `l = |Q − P|` long; an arc over it of the bulge `b = tan(θ/4)` has the
+    /// radius `l (1 + b²) / 4|b|`. `σ² = ∇ᵀ Σ ∇`.
     ///
     /// An open chain ends where readings end: its straight ends have no length.
     #[must_use]
@@ -58,11 +60,7 @@ impl Kind {
         }
         let (bulge, parameter) = self.bulge(theta, piece);
         let is_arc = bulge != 0.0;
-        let factor = if is_arc {
-            (1.0 + bulge * bulge) / (4.0 * bulge.abs())
-        } else {
-            1.0
-        };
+        let factor = if is_arc { (1.0 + bulge * bulge) / (4.0 * bulge.abs()) } else { 1.0 };
         let mut gradient = DVector::zeros(covariance.nrows());
         for (end, sign) in ends.into_iter().zip([-1.0, 1.0]) {
             let along = chord.map(|c| sign * factor * c / length);
@@ -97,10 +95,7 @@ mod tests {
         for side in kind.sides(theta, &covariance) {
             let size = |theta: &[f64]| {
                 let sides = kind.sides(theta, &exact);
-                sides
-                    .iter()
-                    .find(|s| s.piece == side.piece)
-                    .map_or(f64::NAN, |s| s.size)
+                sides.iter().find(|s| s.piece == side.piece).map_or(f64::NAN, |s| s.size)
             };
             let gradient = DVector::from_fn(theta.len(), |i, _| {
                 let at = |step: f64| {
@@ -111,10 +106,7 @@ mod tests {
                 (at(1e-5) - at(-1e-5)) / 2e-5
             });
             let expected = gradient.dot(&(&covariance * &gradient)).sqrt();
-            assert!(
-                (side.sigma / expected - 1.0).abs() < 1e-7,
-                "{side:?}, by differences {expected}"
-            );
+            assert!((side.sigma / expected - 1.0).abs() < 1e-7, "{side:?}, by differences {expected}");
         }
     }
 
@@ -128,29 +120,20 @@ mod tests {
         // The sides of a hexagon are as long as its circumradius.
         let hexagon = [1.0, 2.0, 5.0, 0.3];
         let side = Kind::RegularPolygon(6).sides(&hexagon, &DMatrix::from_diagonal_element(4, 4, 0.04))[0];
-        assert!(
-            (side.size - 5.0).abs() < 1e-12 && (side.sigma - 0.2).abs() < 1e-12,
-            "{side:?}"
-        );
+        assert!((side.size - 5.0).abs() < 1e-12 && (side.sigma - 0.2).abs() < 1e-12, "{side:?}");
         assert_sigma(&Kind::RegularPolygon(6), &hexagon);
     }
 
     #[test]
     fn arcs_of_chains_have_radii_and_open_ends_no_length() {
         let quarter = (std::f64::consts::PI / 8.0).tan();
-        let closed = Kind::Chain {
-            arcs: vec![false, true, false],
-            closed: true,
-        };
+        let closed = Kind::Chain { arcs: vec![false, true, false], closed: true };
         let theta = [0.0, 0.0, 2.0, 0.0, 0.0, 2.0, quarter];
         let sides = closed.sides(&theta, &covariance(7));
         assert_eq!(sides.len(), 3);
         assert!(sides[1].is_arc && (sides[1].size - 2.0).abs() < 1e-12, "{sides:?}");
         assert_sigma(&closed, &theta);
-        let open = Kind::Chain {
-            arcs: vec![false, false, true],
-            closed: false,
-        };
+        let open = Kind::Chain { arcs: vec![false, false, true], closed: false };
         let theta = [0.0, 0.0, 2.0, 0.0, 2.0, 2.0, 1.0, 4.0, -0.2];
         let sides = open.sides(&theta, &covariance(9));
         assert_eq!(sides.iter().map(|s| s.piece).collect::<Vec<_>>(), [1, 2]);

@@ -47,12 +47,7 @@ impl Sighting {
     #[must_use]
     pub fn point(&self) -> [f64; 2] {
         match self.target {
-            Target::Range {
-                origin,
-                heading_rad,
-                range,
-                ..
-            } => {
+            Target::Range { origin, heading_rad, range, .. } => {
                 let (sin, cos) = heading_rad.sin_cos();
                 [origin[0] + range * cos, origin[1] + range * sin]
             }
@@ -64,12 +59,7 @@ impl Sighting {
     #[must_use]
     pub fn covariance(&self) -> [f64; 3] {
         match self.target {
-            Target::Range {
-                heading_rad,
-                range,
-                sigma,
-                ..
-            } => {
+            Target::Range { heading_rad, range, sigma, .. } => {
                 let (sin, cos) = heading_rad.sin_cos();
                 let along = sigma[3] * sigma[3];
                 let across = (range * sigma[2]).powi(2);
@@ -99,16 +89,12 @@ impl Sighting {
         moved
     }
 
-    /// With an error of so many σ in `x`, `y`, the heading or the range; of a point, heading and range are `x` and `y` again.
+    /// With an error of so many σ in `x`, `y`, the heading or the range; of a point, heading and range are
+    /// `x` and `y` again.
     pub(super) fn with_error(&self, axis: usize, sigmas: f64) -> Self {
         let mut made = *self;
         match &mut made.target {
-            Target::Range {
-                origin,
-                heading_rad,
-                range,
-                sigma,
-            } => {
+            Target::Range { origin, heading_rad, range, sigma } => {
                 let by = sigmas * sigma[axis];
                 match axis {
                     0 | 1 => origin[axis] += by,
@@ -123,8 +109,8 @@ impl Sighting {
     }
 }
 
-/// How the thing moves while it is measured, about a fixed pivot: the state has its velocity behind the contour, which is
-/// that of time zero.
+/// How the thing moves while it is measured, about a fixed pivot: the state has its velocity behind the
+/// contour, which is that of time zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motion {
     /// It stands still.
@@ -152,8 +138,8 @@ impl Motion {
 pub enum Form {
     /// The distance to the piece that explains the reading best.
     ActiveFacet,
-    /// The product of the distances to all pieces. Its gradient vanishes at corners: the variance of the second order bounds
-    /// the weight there.
+    /// The product of the distances to all pieces. Its gradient vanishes at corners: the variance of the
+    /// second order bounds the weight there.
     Product,
 }
 
@@ -197,11 +183,7 @@ struct Place {
 impl<'a> ContourReading<'a> {
     /// That of a sighting.
     pub(crate) fn of(setting: &'a Setting, sighting: &'a Sighting) -> Self {
-        Self {
-            setting,
-            sighting,
-            held: None,
-        }
+        Self { setting, sighting, held: None }
     }
 
     fn place(&self, x: &[f64], u: &[f64]) -> Place {
@@ -217,29 +199,17 @@ impl<'a> ContourReading<'a> {
                 place.by_noise[0] = [-sigma, 0.0];
                 place.by_noise[1] = [0.0, -sigma];
             }
-            Target::Range {
-                origin,
-                heading_rad,
-                range,
-                sigma,
-            } => {
+            Target::Range { origin, heading_rad, range, sigma } => {
                 let shared = self.setting.shared_poses;
-                let (pose, own) = if shared {
-                    (&x[x.len() - 3..], u[0])
-                } else {
-                    (&u[..3], u[3])
-                };
+                let (pose, own) = if shared { (&x[x.len() - 3..], u[0]) } else { (&u[..3], u[3]) };
                 let (sin, cos) = (heading_rad - sigma[2] * pose[2]).sin_cos();
                 let length = range - sigma[3] * own;
                 place.point = [
                     origin[0] - sigma[0] * pose[0] + length * cos,
                     origin[1] - sigma[1] * pose[1] + length * sin,
                 ];
-                let by_pose = [
-                    [-sigma[0], 0.0],
-                    [0.0, -sigma[1]],
-                    [sigma[2] * length * sin, -sigma[2] * length * cos],
-                ];
+                let by_pose =
+                    [[-sigma[0], 0.0], [0.0, -sigma[1]], [sigma[2] * length * sin, -sigma[2] * length * cos]];
                 let by_own = [-sigma[3] * cos, -sigma[3] * sin];
                 if shared {
                     place.by_pose = by_pose;
@@ -248,17 +218,16 @@ impl<'a> ContourReading<'a> {
                     place.by_noise[..3].copy_from_slice(&by_pose);
                     place.by_noise[3] = by_own;
                     let (square, product) = (sigma[2] * sigma[2], sigma[2] * sigma[3]);
-                    place.by_heading = [
-                        [-square * length * cos, -square * length * sin],
-                        [-product * sin, product * cos],
-                    ];
+                    place.by_heading =
+                        [[-square * length * cos, -square * length * sin], [-product * sin, product * cos]];
                 }
             }
         }
         place
     }
 
-    /// Carries a point back to where the thing was at time zero: the point, its rotation (cos, sin), and the time between.
+    /// Carries a point back to where the thing was at time zero: the point, its rotation (cos, sin), and the
+    /// time between.
     fn carried_back(&self, x: &[f64], p: [f64; 2]) -> ([f64; 2], [f64; 2], f64) {
         let k = self.setting.kind.parameters();
         let pivot = self.setting.pivot;
@@ -272,16 +241,14 @@ impl<'a> ContourReading<'a> {
             _ => (0.0, 1.0),
         };
         (
-            [
-                pivot[0] + cos * moved[0] - sin * moved[1],
-                pivot[1] + sin * moved[0] + cos * moved[1],
-            ],
+            [pivot[0] + cos * moved[0] - sin * moved[1], pivot[1] + sin * moved[0] + cos * moved[1]],
             [cos, sin],
             time,
         )
     }
 
-    /// The point as measured and its covariance `[xx, xy, yy]`, carried back to where the thing was at time zero.
+    /// The point as measured and its covariance `[xx, xy, yy]`, carried back to where the thing was at time
+    /// zero.
     pub(crate) fn seen_at_rest(&self, x: &[f64]) -> ([f64; 2], [f64; 3]) {
         let (p, [cos, sin], _) = self.carried_back(x, self.sighting.point());
         let [xx, xy, yy] = self.sighting.covariance();
@@ -300,7 +267,8 @@ impl<'a> ContourReading<'a> {
         let mut by_theta = [0.0; MOST_STATE];
         let n = distance(&self.setting.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
         let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
-        let across = normal[0] * normal[0] * xx + 2.0 * normal[0] * normal[1] * xy + normal[1] * normal[1] * yy;
+        let across =
+            normal[0] * normal[0] * xx + 2.0 * normal[0] * normal[1] * xy + normal[1] * normal[1] * yy;
         ((xx * yy - xy * xy).max(f64::MIN_POSITIVE) / across).sqrt()
     }
 
@@ -362,7 +330,14 @@ impl ImplicitReading for ContourReading<'_> {
         }
     }
 
-    fn gradient(&self, branch: usize, x: &[f64], u: &[f64], by_state: &mut [f64], by_noise: &mut [f64]) -> f64 {
+    fn gradient(
+        &self,
+        branch: usize,
+        x: &[f64],
+        u: &[f64],
+        by_state: &mut [f64],
+        by_noise: &mut [f64],
+    ) -> f64 {
         let k = self.setting.kind.parameters();
         by_state.fill(0.0);
         if let Some(held) = self.held {
@@ -412,10 +387,7 @@ impl ImplicitReading for ContourReading<'_> {
         // Columns in the frame of the body.
         let mut columns = [[0.0; 2]; 4];
         for (column, by_noise) in columns.iter_mut().zip(&place.by_noise).take(count) {
-            *column = [
-                cos * by_noise[0] - sin * by_noise[1],
-                sin * by_noise[0] + cos * by_noise[1],
-            ];
+            *column = [cos * by_noise[0] - sin * by_noise[1], sin * by_noise[0] + cos * by_noise[1]];
         }
         for i in 0..count {
             let [a, b] = columns[i];

@@ -12,7 +12,8 @@ use rand_distr::StandardNormal;
 pub struct SensorOptions {
     /// Distance of the sensor from the middle of the contour.
     pub standoff: f64,
-    /// σ of `x`, `y`, the heading (radians) and the range; the last is the share of the range that `sigma_range_share` adds.
+    /// σ of `x`, `y`, the heading (radians) and the range; the last is the share of the range that
+    /// `sigma_range_share` adds.
     pub sigma: [f64; 4],
     /// σ of the range as a share of it, added to the other in quadrature.
     pub sigma_range_share: f64,
@@ -35,11 +36,12 @@ pub struct SimulatedReadings {
     pub exact: Vec<Sighting>,
 }
 
-/// Ranges to a closed contour from all around, at directions that follow one another, in an order that does not.
+/// Ranges to a closed contour from all around, at directions that follow one another, in an order that does
+/// not.
 ///
-/// Each ray aims at a place drawn evenly from the contour's outline, from within 25° of the direction in which that place
-/// lies from `middle`; what it meets first is read. The same seed gives the same readings. Rays that meet nothing are drawn
-/// anew, at most a hundred times each.
+/// Each ray aims at a place drawn evenly from the contour's outline, from within 25° of the direction in
+/// which that place lies from `middle`; what it meets first is read. The same seed gives the same readings.
+/// Rays that meet nothing are drawn anew, at most a hundred times each.
 #[must_use]
 pub fn ranges(
     kind: &Kind,
@@ -59,28 +61,19 @@ pub fn ranges(
     while made.exact.len() < count {
         let aim = places[random.random_range(0..places.len())];
         let towards = (aim[1] - middle[1]).atan2(aim[0] - middle[0]) + random.random_range(-0.44..0.44);
-        let origin = [
-            middle[0] + options.standoff * towards.cos(),
-            middle[1] + options.standoff * towards.sin(),
-        ];
+        let origin =
+            [middle[0] + options.standoff * towards.cos(), middle[1] + options.standoff * towards.sin()];
         let errors: [f64; 3] = [0; 3].map(|_: i32| random.sample(StandardNormal));
         let heading = (aim[1] - origin[1]).atan2(aim[0] - origin[0]);
         let beams = options.sweep.max(1).min(count - made.exact.len());
         for beam in 0..beams {
-            let fan = if beams > 1 {
-                0.35 * (beam as f64 / (beams - 1) as f64 - 0.5)
-            } else {
-                0.0
-            };
+            let fan = if beams > 1 { 0.35 * (beam as f64 / (beams - 1) as f64 - 0.5) } else { 0.0 };
             let heading = heading + fan;
             let time = made.exact.len() as f64 / options.rate_hz;
             // In the frame of the thing, which stands still there.
             let turn = -options.velocity[2] * time;
             let (sin, cos) = turn.sin_cos();
-            let shifted = [
-                origin[0] - time * options.velocity[0],
-                origin[1] - time * options.velocity[1],
-            ];
+            let shifted = [origin[0] - time * options.velocity[0], origin[1] - time * options.velocity[1]];
             let from = [cos * shifted[0] - sin * shifted[1], sin * shifted[0] + cos * shifted[1]];
             let Some(range) = first_hit(kind, theta, from, heading + turn) else {
                 continue;
@@ -88,23 +81,14 @@ pub fn ranges(
             let along = (options.sigma[3].powi(2) + (options.sigma_range_share * range).powi(2)).sqrt();
             let sigma = [options.sigma[0], options.sigma[1], options.sigma[2], along];
             let exact = Sighting {
-                target: Target::Range {
-                    origin,
-                    heading_rad: heading,
-                    range,
-                    sigma,
-                },
+                target: Target::Range { origin, heading_rad: heading, range, sigma },
                 pose: (options.sweep > 1).then_some(pose),
                 time_s: time,
                 line: made.exact.len() + 2,
             };
             let wild = random.random::<f64>() < options.outlier_share;
             let error: f64 = random.sample(StandardNormal);
-            let read = if wild {
-                range * random.random_range(0.5..2.0)
-            } else {
-                range + sigma[3] * error
-            };
+            let read = if wild { range * random.random_range(0.5..2.0) } else { range + sigma[3] * error };
             made.noisy.push(Sighting {
                 target: Target::Range {
                     origin: [origin[0] + sigma[0] * errors[0], origin[1] + sigma[1] * errors[1]],
@@ -140,8 +124,7 @@ pub fn points(kind: &Kind, theta: &[f64], count: usize, sigma: f64, seed: u64) -
         };
         made.exact.push(sighting(position));
         let noise = [0; 2].map(|_: i32| sigma * random.sample::<f64, _>(StandardNormal));
-        made.noisy
-            .push(sighting([position[0] + noise[0], position[1] + noise[1]]));
+        made.noisy.push(sighting([position[0] + noise[0], position[1] + noise[1]]));
     }
     made
 }
@@ -188,11 +171,7 @@ pub(crate) fn first_hit(kind: &Kind, theta: &[f64], from: [f64; 2], heading: f64
     let (sin, cos) = heading.sin_cos();
     let circle = |center: [f64; 2], radius: f64| {
         let d = [from[0] - center[0], from[1] - center[1]];
-        quadratic(
-            1.0,
-            cos * d[0] + sin * d[1],
-            d[0] * d[0] + d[1] * d[1] - radius * radius,
-        )
+        quadratic(1.0, cos * d[0] + sin * d[1], d[0] * d[0] + d[1] * d[1] - radius * radius)
     };
     let hits: Vec<f64> = match kind {
         Kind::Line => Vec::new(),
@@ -201,11 +180,7 @@ pub(crate) fn first_hit(kind: &Kind, theta: &[f64], from: [f64; 2], heading: f64
             let (s, c) = theta[4].sin_cos();
             let local = |v: [f64; 2]| [(c * v[0] + s * v[1]) / theta[2], (c * v[1] - s * v[0]) / theta[3]];
             let (d, e) = (local([from[0] - theta[0], from[1] - theta[1]]), local([cos, sin]));
-            quadratic(
-                e[0] * e[0] + e[1] * e[1],
-                d[0] * e[0] + d[1] * e[1],
-                d[0] * d[0] + d[1] * d[1] - 1.0,
-            )
+            quadratic(e[0] * e[0] + e[1] * e[1], d[0] * e[0] + d[1] * e[1], d[0] * d[0] + d[1] * d[1] - 1.0)
         }
         _ => (0..kind.pieces())
             .flat_map(|i| {
@@ -243,8 +218,9 @@ fn quadratic(a: f64, b: f64, c: f64) -> Vec<f64> {
 }
 
 impl SensorOptions {
-    /// A sensor three sizes away that knows its place to 2 % of the size and its heading to 2°, and reads to 1 %, all times `noise`; each reading from a
-    /// pose of its own, a hundred a second, of a thing that stands still.
+    /// A sensor three sizes away that knows its place to 2 % of the size and its heading to 2°, and reads to
+    /// 1 %, all times `noise`; each reading from a pose of its own, a hundred a second, of a thing that
+    /// stands still.
     #[must_use]
     pub fn around(size: f64, noise: f64) -> Self {
         Self {

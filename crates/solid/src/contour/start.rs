@@ -17,17 +17,18 @@ use sequence::Sequence;
 
 /// Starts for the parameters of a kind, most promising first; none where the readings do not allow any.
 ///
-/// Circles by Taubin's fit, ellipses by the direct fit of Halíř and Flusser, both and lines also by the least median of distances where wild readings pull these
-/// away, boxes by the least mean distance over all
-/// orientations, regular polygons by their phase, polygons and chains by an optimal segmentation, polygons of three and four
-/// corners by the hull of the readings too.
+/// Circles by Taubin's fit, ellipses by the direct fit of Halíř and Flusser, both and lines also by the least
+/// median of distances where wild readings pull these away, boxes by the least mean distance over all
+/// orientations, regular polygons by their phase, polygons and chains by an optimal segmentation, polygons of
+/// three and four corners by the hull of the readings too.
 ///
 /// # Errors
 /// `Undetermined` when there are fewer readings than parameters.
 ///
 /// # References
-/// Taubin 1991, *Estimation of planar curves*; Halíř and Flusser 1998, *Numerically stable direct least squares fitting of
-/// ellipses*; Bellman 1961, *On the approximation of curves by line segments using dynamic programming*.
+/// Taubin 1991, *Estimation of planar curves*; Halíř and Flusser 1998, *Numerically stable direct least
+/// squares fitting of ellipses*; Bellman 1961, *On the approximation of curves by line segments using dynamic
+/// programming*.
 pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
     let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
     if points.len() < kind.parameters() {
@@ -47,34 +48,25 @@ pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
             with_sampled(&curve, vec![line(&points)], &points)
         }
         Kind::Circle => {
-            let curve = Curve {
-                needed: 3,
-                fit: &circle,
-                distance: &|c, p| (p[0] - c[0]).hypot(p[1] - c[1]) - c[2],
-            };
+            let curve =
+                Curve { needed: 3, fit: &circle, distance: &|c, p| (p[0] - c[0]).hypot(p[1] - c[1]) - c[2] };
             with_sampled(&curve, circle(&points).into_iter().collect(), &points)
         }
         Kind::Ellipse => {
-            let curve = Curve {
-                needed: 5,
-                fit: &direct_ellipse,
-                distance: &|e, p| from_ellipse(e, p),
-            };
+            let curve = Curve { needed: 5, fit: &direct_ellipse, distance: &|e, p| from_ellipse(e, p) };
             with_sampled(&curve, ellipse_starts(&points), &points)
         }
         Kind::Rectangle => boxes(&points).into_iter().map(|b| b.to_vec()).collect(),
         Kind::RoundedRectangle => {
             let shares = [0.35, 0.15];
             let with = |b: &[f64; 5], share: f64| [&b[..], &[share * b[2].min(b[3])]].concat();
-            boxes(&points)
-                .iter()
-                .flat_map(|b| shares.map(|share| with(b, share)))
-                .collect()
+            boxes(&points).iter().flat_map(|b| shares.map(|share| with(b, share))).collect()
         }
         Kind::Slot => boxes(&points).into_iter().map(slot_of).collect(),
         Kind::RegularPolygon(sides) => regular(&points, *sides),
         Kind::Polygon(count) => {
-            let mut found: Vec<Vec<f64>> = polygon(&Sequence::closed(sightings), *count).into_iter().collect();
+            let mut found: Vec<Vec<f64>> =
+                polygon(&Sequence::closed(sightings), *count).into_iter().collect();
             // Sharp corners belong to polygons of few corners.
             if *count <= 4 {
                 found.extend(hull::polygon(&points, *count));
@@ -85,14 +77,12 @@ pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
     })
 }
 
-/// Starts, and the curve of the least median distance where that is clearly nearer to half of the points than any of them.
+/// Starts, and the curve of the least median distance where that is clearly nearer to half of the points than
+/// any of them.
 fn with_sampled(curve: &Curve<'_>, mut starts: Vec<Vec<f64>>, points: &[[f64; 2]]) -> Vec<Vec<f64>> {
     const NEARER: f64 = 0.85;
     if let Some(sampled) = curve.of_least_median(points) {
-        let least = starts
-            .iter()
-            .map(|s| curve.median(s, points))
-            .fold(f64::INFINITY, f64::min);
+        let least = starts.iter().map(|s| curve.median(s, points)).fold(f64::INFINITY, f64::min);
         if curve.median(&sampled, points) < NEARER * least {
             starts.push(sampled);
         }
@@ -108,7 +98,8 @@ fn from_ellipse(e: &[f64], p: [f64; 2]) -> f64 {
     d[0].hypot(d[1]) * (1.0 - 1.0 / scaled.max(f64::MIN_POSITIVE))
 }
 
-/// Chains of lines and arcs that may explain the readings, closed ones and open ones: their kinds and parameters.
+/// Chains of lines and arcs that may explain the readings, closed ones and open ones: their kinds and
+/// parameters.
 #[must_use]
 pub(crate) fn chain_starts(sightings: &[Sighting]) -> Vec<(Kind, Vec<f64>)> {
     let mut found = chains(&Sequence::closed(sightings));
@@ -170,10 +161,7 @@ pub(crate) fn circle(points: &[[f64; 2]]) -> Option<Vec<f64>> {
         (x, y) = (next, value);
     }
     let d = x * x - x * z + determinant;
-    let center = [
-        (xz * (yy - x) - yz * xy) / (2.0 * d),
-        (yz * (xx - x) - xz * xy) / (2.0 * d),
-    ];
+    let center = [(xz * (yy - x) - yz * xy) / (2.0 * d), (yz * (xx - x) - xz * xy) / (2.0 * d)];
     let radius = (center[0] * center[0] + center[1] * center[1] + z).sqrt();
     (radius.is_finite() && radius > 0.0).then(|| vec![center[0] + c[0], center[1] + c[1], radius])
 }
@@ -201,7 +189,8 @@ fn direct_ellipse(points: &[[f64; 2]]) -> Option<Vec<f64>> {
     let t = -s3.try_inverse()? * s2.transpose();
     let reduced = s1 + s2 * t;
     let swapped = Matrix3::from_rows(&[0.5 * reduced.row(2), -reduced.row(1), 0.5 * reduced.row(0)]);
-    // The iteration for eigenvalues does not end for what is no number, as from readings that are all of one place.
+    // The iteration for eigenvalues does not end for what is no number, as from readings that are all of one
+    // place.
     if !swapped.iter().all(|value| value.is_finite()) {
         return None;
     }
@@ -226,17 +215,13 @@ fn direct_ellipse(points: &[[f64; 2]]) -> Option<Vec<f64>> {
     let along = a * cos * cos + b * sin * cos + d * sin * sin;
     let across = a * sin * sin - b * sin * cos + d * cos * cos;
     let axes = [(-value / along).sqrt(), (-value / across).sqrt()];
-    let result = [
-        c[0] + spread * center[0],
-        c[1] + spread * center[1],
-        spread * axes[0],
-        spread * axes[1],
-        angle,
-    ];
+    let result =
+        [c[0] + spread * center[0], c[1] + spread * center[1], spread * axes[0], spread * axes[1], angle];
     result.iter().all(|v| v.is_finite()).then(|| result.to_vec())
 }
 
-/// The two best boxes `cx cy w h angle`, by the mean distance of the points to their sides, over all orientations.
+/// The two best boxes `cx cy w h angle`, by the mean distance of the points to their sides, over all
+/// orientations.
 pub(crate) fn boxes(points: &[[f64; 2]]) -> Vec<[f64; 5]> {
     let steps = 45;
     let mut found: Vec<(f64, [f64; 5])> = (0..steps)
@@ -261,11 +246,7 @@ fn box_at(points: &[[f64; 2]], angle: f64) -> (f64, [f64; 5]) {
     let (sin, cos) = angle.sin_cos();
     let mut axes = [0, 1].map(|axis| -> Vec<f64> {
         let along = |p: &[f64; 2]| {
-            if axis == 0 {
-                cos * p[0] + sin * p[1]
-            } else {
-                cos * p[1] - sin * p[0]
-            }
+            if axis == 0 { cos * p[0] + sin * p[1] } else { cos * p[1] - sin * p[0] }
         };
         points.iter().map(along).collect()
     });
@@ -301,18 +282,8 @@ fn box_at(points: &[[f64; 2]], angle: f64) -> (f64, [f64; 5]) {
 }
 
 fn slot_of(b: [f64; 5]) -> Vec<f64> {
-    let turned = if b[2] >= b[3] {
-        b
-    } else {
-        [b[0], b[1], b[3], b[2], b[4] + std::f64::consts::FRAC_PI_2]
-    };
-    vec![
-        turned[0],
-        turned[1],
-        turned[2].max(1.05 * turned[3]),
-        turned[3],
-        turned[4],
-    ]
+    let turned = if b[2] >= b[3] { b } else { [b[0], b[1], b[3], b[2], b[4] + std::f64::consts::FRAC_PI_2] };
+    vec![turned[0], turned[1], turned[2].max(1.05 * turned[3]), turned[3], turned[4]]
 }
 
 fn regular(points: &[[f64; 2]], sides: usize) -> Vec<Vec<f64>> {

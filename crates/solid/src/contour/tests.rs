@@ -17,10 +17,7 @@ const SENSOR: SensorOptions = SensorOptions {
 };
 
 fn examples() -> Vec<(Kind, Vec<f64>)> {
-    let chain = Kind::Chain {
-        arcs: vec![false, true, false, true],
-        closed: true,
-    };
+    let chain = Kind::Chain { arcs: vec![false, true, false, true], closed: true };
     vec![
         (Kind::Line, vec![0.4, 0.3]),
         (Kind::Circle, vec![0.1, -0.2, 1.0]),
@@ -48,11 +45,9 @@ fn derivatives_are_those_of_differences() {
         line: 1,
     };
     for (kind, theta) in examples() {
-        for (form, shared_poses) in [
-            (Form::ActiveFacet, false),
-            (Form::ActiveFacet, true),
-            (Form::Product, false),
-        ] {
+        for (form, shared_poses) in
+            [(Form::ActiveFacet, false), (Form::ActiveFacet, true), (Form::Product, false)]
+        {
             let setting = Setting {
                 kind: kind.clone(),
                 form,
@@ -94,11 +89,7 @@ fn check(reading: &ContourReading<'_>, branch: usize, x: &[f64], u: &[f64], name
             value(&x, &u).0
         };
         let difference = (moved(1.0) - moved(-1.0)) / (2.0 * step);
-        let stated = if k < x.len() {
-            by_state[k]
-        } else {
-            by_noise[k - x.len()]
-        };
+        let stated = if k < x.len() { by_state[k] } else { by_noise[k - x.len()] };
         assert!(
             (difference - stated).abs() < 1e-6 * (1.0 + stated.abs()),
             "{name}, {k}: {stated} for {difference}"
@@ -157,22 +148,14 @@ fn consistency(
 #[test]
 fn what_was_simulated_is_found_within_its_covariance() {
     for method in [Method::Combined, Method::Batch, Method::NoiseUpdated] {
-        let options = FitOptions {
-            method,
-            gate: None,
-            ..FitOptions::default()
-        };
+        let options = FitOptions { method, gate: None, ..FitOptions::default() };
         for (kind, theta) in [
             (Kind::Circle, vec![0.1, -0.2, 1.0]),
             (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
             (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]),
         ] {
             let nees = consistency(&kind, &theta, &SENSOR, &options, &[]);
-            assert!(
-                (0.6..1.5).contains(&nees.reduced()),
-                "{kind} {method:?}: {}",
-                nees.reduced()
-            );
+            assert!((0.6..1.5).contains(&nees.reduced()), "{kind} {method:?}: {}", nees.reduced());
         }
     }
 }
@@ -181,11 +164,7 @@ fn what_was_simulated_is_found_within_its_covariance() {
 fn a_sweep_shares_the_error_of_its_pose() {
     let sensor = SensorOptions { sweep: 10, ..SENSOR };
     for method in [Method::Batch, Method::NoiseUpdated] {
-        let options = FitOptions {
-            method,
-            gate: None,
-            ..FitOptions::default()
-        };
+        let options = FitOptions { method, gate: None, ..FitOptions::default() };
         let nees = consistency(&Kind::Circle, &[0.1, -0.2, 1.0], &sensor, &options, &[]);
         assert!((0.5..1.6).contains(&nees.reduced()), "{method:?}: {}", nees.reduced());
     }
@@ -193,15 +172,8 @@ fn a_sweep_shares_the_error_of_its_pose() {
 
 #[test]
 fn a_moving_thing_is_found_with_its_velocity() {
-    let sensor = SensorOptions {
-        velocity: [0.2, -0.1, 0.0],
-        ..SENSOR
-    };
-    let options = FitOptions {
-        motion: Motion::Linear,
-        gate: None,
-        ..FitOptions::default()
-    };
+    let sensor = SensorOptions { velocity: [0.2, -0.1, 0.0], ..SENSOR };
+    let options = FitOptions { motion: Motion::Linear, gate: None, ..FitOptions::default() };
     // The contour's time is that of the first reading, which is zero.
     let nees = consistency(&Kind::Circle, &[0.1, -0.2, 1.0], &sensor, &options, &[0.2, -0.1]);
     assert!((0.5..1.6).contains(&nees.reduced()), "{}", nees.reduced());
@@ -224,20 +196,12 @@ fn kinds_are_told_apart_where_the_noise_allows() {
 #[test]
 fn readings_near_corners_do_not_widen_a_rectangle() {
     // Noise of 2 % and 2°: the width is 1.2 σ too large where all readings count for the side that is nearer.
-    let sensor = SensorOptions {
-        sigma: [0.02, 0.02, 0.035, 0.0],
-        sigma_range_share: 0.01,
-        ..SENSOR
-    };
+    let sensor = SensorOptions { sigma: [0.02, 0.02, 0.035, 0.0], sigma_range_share: 0.01, ..SENSOR };
     let truth = [0.1, -0.2, 1.6, 1.2, 0.5];
     let runs = 24;
     let mean_of = |corner_margin| {
-        let options = FitOptions {
-            method: Method::Batch,
-            gate: None,
-            corner_margin,
-            ..FitOptions::default()
-        };
+        let options =
+            FitOptions { method: Method::Batch, gate: None, corner_margin, ..FitOptions::default() };
         let one = |run| {
             let made = ranges(&Kind::Rectangle, &truth, [0.1, -0.2], 800, &sensor, run);
             let found = fit(&Kind::Rectangle, &made.noisy, &options).expect("a fit");
@@ -265,10 +229,7 @@ fn parts_and_holes_are_told_apart() {
 
 #[test]
 fn wild_readings_are_left_out() {
-    let sensor = SensorOptions {
-        outlier_share: 0.15,
-        ..SENSOR
-    };
+    let sensor = SensorOptions { outlier_share: 0.15, ..SENSOR };
     let made = ranges(&Kind::Circle, &[0.1, -0.2, 1.0], [0.1, -0.2], 200, &sensor, 9);
     let found = fit(&Kind::Circle, &made.noisy, &FitOptions::default()).expect("a fit");
     let off = found.state - DVector::from_column_slice(&[0.1, -0.2, 1.0]);
@@ -301,27 +262,16 @@ fn triangles_with_sharp_corners_are_found() {
 
 #[test]
 fn open_outlines_and_outlines_with_arcs_are_chains() {
-    let chain = |arcs: &[bool], closed| Kind::Chain {
-        arcs: arcs.to_vec(),
-        closed,
-    };
+    let chain = |arcs: &[bool], closed| Kind::Chain { arcs: arcs.to_vec(), closed };
     for (kind, theta, middle) in [
         // An open angle, a rounded step, each from one side; a D from all around.
-        (
-            chain(&[false, false], false),
-            vec![-1.0, 0.3, 0.1, -0.5, 0.8, 0.7],
-            [0.0, 1.0],
-        ),
+        (chain(&[false, false], false), vec![-1.0, 0.3, 0.1, -0.5, 0.8, 0.7], [0.0, 1.0]),
         (
             chain(&[false, true, false], false),
             vec![-1.0, -0.4, 0.0, -0.4, 0.5, 0.1, 0.5, 0.9, 0.414],
             [-1.0, 1.0],
         ),
-        (
-            chain(&[false, true], true),
-            vec![-0.4, 0.8, -0.4, -0.8, 0.9],
-            [0.0, 0.0],
-        ),
+        (chain(&[false, true], true), vec![-0.4, 0.8, -0.4, -0.8, 0.9], [0.0, 0.0]),
     ] {
         let mut found = 0;
         for seed in 0..6 {
@@ -330,7 +280,9 @@ fn open_outlines_and_outlines_with_arcs_are_chains() {
             // A closed chain may begin at any of its vertices.
             let of_kind = |fit: &ContourFit| match (&fit.kind, &kind) {
                 (Kind::Chain { arcs: a, closed: c }, Kind::Chain { arcs: b, closed: d }) => {
-                    c == d && a.len() == b.len() && a.iter().filter(|x| **x).count() == b.iter().filter(|x| **x).count()
+                    c == d
+                        && a.len() == b.len()
+                        && a.iter().filter(|x| **x).count() == b.iter().filter(|x| **x).count()
                 }
                 _ => false,
             };
@@ -358,19 +310,13 @@ fn corners_that_are_rounded_are_told_from_sharp_ones_in_much_noise() {
 #[test]
 fn readings_that_are_all_of_one_place_are_refused_at_once() {
     let reading = Sighting {
-        target: Target::Point {
-            position: [1.0, 1.0],
-            sigma: 0.1,
-        },
+        target: Target::Point { position: [1.0, 1.0], sigma: 0.1 },
         time_s: 0.0,
         pose: None,
         line: 1,
     };
     for kind in auto_kinds() {
-        assert!(
-            fit(&kind, &vec![reading; 40], &FitOptions::default()).is_err(),
-            "{kind}"
-        );
+        assert!(fit(&kind, &vec![reading; 40], &FitOptions::default()).is_err(), "{kind}");
     }
 }
 

@@ -1,9 +1,9 @@
 //! The composite graph of several views: which points of different views are one vertex in space.
 //!
-//! Comes in: drawings in planes of one coordinate system, with their constraints and covariances. Goes out: vertices
-//! in space, each a point of every view, and edges between them. Not guaranteed: that all of them are on a solid: a
-//! diagonal of a flat face that two views see on edge is kept, and a line of a view with more vertices on it than its
-//! ends is taken as one bar.
+//! Comes in: drawings in planes of one coordinate system, with their constraints and covariances. Goes out:
+//! vertices in space, each a point of every view, and edges between them. Not guaranteed: that all of them
+//! are on a solid: a diagonal of a flat face that two views see on edge is kept, and a line of a view with
+//! more vertices on it than its ends is taken as one bar.
 
 use super::labelled::{LabelledArc, LabelledGraph, LabelledNode};
 use super::tour::{Tour, TourEdge, postman_tour};
@@ -81,15 +81,15 @@ const MOST_COMBINATIONS: usize = 100_000;
 
 /// Matches the vertices of two or three views.
 ///
-/// Points are one vertex when the coordinates that their views share agree: to `tolerance`, or to `gate` times the σ
-/// of the difference. *Initial matching*: the first point of the first view that agrees with one of every other view.
-/// *Complete matching*: from there along bars, in every view one or none, those with a distance first. Cost:
-/// combinations of points that agree, squared.
+/// Points are one vertex when the coordinates that their views share agree: to `tolerance`, or to `gate`
+/// times the σ of the difference. *Initial matching*: the first point of the first view that agrees with one
+/// of every other view. *Complete matching*: from there along bars, in every view one or none, those with a
+/// distance first. Cost: combinations of points that agree, squared.
 ///
 /// # Errors
-/// `Input` when there are not two or three views, two of them show the same axes, a view shows one axis twice, a
-/// covariance has a wrong size, or `tolerance` or `gate` is negative; `Undetermined` when no points agree, or far too
-/// many do.
+/// `Input` when there are not two or three views, two of them show the same axes, a view shows one axis
+/// twice, a covariance has a wrong size, or `tolerance` or `gate` is negative; `Undetermined` when no points
+/// agree, or far too many do.
 ///
 /// # Examples
 /// ```
@@ -135,11 +135,7 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
                 queue.push_back(there);
             }
             if !edges.iter().any(|edge| (edge.a, edge.b) == (there, here)) {
-                edges.push(CompositeEdge {
-                    a: here,
-                    b: there,
-                    has_distance,
-                });
+                edges.push(CompositeEdge { a: here, b: there, has_distance });
             }
         }
     }
@@ -159,8 +155,8 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
 }
 
 impl Composite {
-    /// The paper's composite graph: the points and bars of every view, and links, thick, between points that are one
-    /// vertex. The initial matching's links are labelled `initial`, the others by their vertex.
+    /// The paper's composite graph: the points and bars of every view, and links, thick, between points that
+    /// are one vertex. The initial matching's links are labelled `initial`, the others by their vertex.
     #[must_use]
     pub fn graph(&self) -> &LabelledGraph {
         &self.graph
@@ -177,11 +173,7 @@ impl Composite {
             .map(|edge| {
                 let (p, q) = (self.vertices[edge.a].position, self.vertices[edge.b].position);
                 let square: f64 = p.iter().zip(&q).map(|(p, q)| (p - q).powi(2)).sum();
-                TourEdge {
-                    a: edge.a,
-                    b: edge.b,
-                    length: square.sqrt(),
-                }
+                TourEdge { a: edge.a, b: edge.b, length: square.sqrt() }
             })
             .collect();
         postman_tour(&edges, 0)
@@ -190,10 +182,7 @@ impl Composite {
 
 fn check(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<()> {
     if !(2..=3).contains(&views.len()) {
-        return Err(Error::input(format!(
-            "a composite graph needs two or three views, not {}",
-            views.len()
-        )));
+        return Err(Error::input(format!("a composite graph needs two or three views, not {}", views.len())));
     }
     if !(tolerance >= 0.0 && gate >= 0.0 && tolerance.is_finite() && gate.is_finite()) {
         return Err(Error::input(format!(
@@ -216,9 +205,8 @@ fn check(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<()> {
                 covariance.ncols()
             )));
         }
-        if let Some(other) = views[..i]
-            .iter()
-            .find(|other| view.axes.iter().all(|axis| other.axes.contains(axis)))
+        if let Some(other) =
+            views[..i].iter().find(|other| view.axes.iter().all(|axis| other.axes.contains(axis)))
         {
             return Err(Error::input(format!(
                 "the {} and the {} view show the same axes",
@@ -274,9 +262,7 @@ fn fused(
 ) -> Option<[Known; 3]> {
     let position = view.drawing.position(point);
     for (k, parameter) in view.drawing.coordinates(point).into_iter().enumerate() {
-        let variance = view
-            .covariance
-            .map_or(0.0, |covariance| covariance[(parameter, parameter)].max(0.0));
+        let variance = view.covariance.map_or(0.0, |covariance| covariance[(parameter, parameter)].max(0.0));
         let axis = &mut known[view.axes[k] as usize];
         *axis = match *axis {
             None => Some((position[k], variance)),
@@ -323,12 +309,8 @@ fn unmatched(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> Vec<(usi
 }
 
 fn graph_of(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> LabelledGraph {
-    let mut graph = LabelledGraph {
-        name: "composite".to_owned(),
-        directed: false,
-        nodes: Vec::new(),
-        arcs: Vec::new(),
-    };
+    let mut graph =
+        LabelledGraph { name: "composite".to_owned(), directed: false, nodes: Vec::new(), arcs: Vec::new() };
     let mut first = Vec::new();
     for view in views {
         let offset = graph.nodes.len();
@@ -339,20 +321,11 @@ fn graph_of(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> LabelledG
         }));
         graph.arcs.extend(view.drawing.bars().map(|bar| {
             let [a, b] = view.drawing.ends(bar).map(|end| offset + end.0 as usize);
-            LabelledArc {
-                from: a,
-                to: b,
-                labels: Vec::new(),
-                strong: false,
-            }
+            LabelledArc { from: a, to: b, labels: Vec::new(), strong: false }
         }));
     }
     for (i, vertex) in vertices.iter().enumerate() {
-        let label = if i == 0 {
-            "initial".to_owned()
-        } else {
-            format!("V{}", i + 1)
-        };
+        let label = if i == 0 { "initial".to_owned() } else { format!("V{}", i + 1) };
         for view in 1..views.len() {
             graph.arcs.push(LabelledArc {
                 from: first[view - 1] + vertex.points[view - 1].0 as usize,

@@ -64,10 +64,11 @@ impl Incidence {
         self.select(|_| true)
     }
 
-    /// A maximum matching, `(parameter, equation)` in ascending order, of entries that do not vanish where those suffice.
+    /// A maximum matching, `(parameter, equation)` in ascending order, of entries that do not vanish where
+    /// those suffice.
     ///
-    /// First the entries that do not vanish are matched; others are let in only to match more. Cost: `entries ·
-    /// √(equations + parameters)`.
+    /// First the entries that do not vanish are matched; others are let in only to match more. Cost:
+    /// `entries · √(equations + parameters)`.
     ///
     /// # References
     /// Hopcroft and Karp 1973, *An n^{5/2} algorithm for maximum matchings in bipartite graphs*.
@@ -86,7 +87,8 @@ impl Incidence {
         pairs
     }
 
-    /// Whether pairs `(parameter, equation)` are a matching: entries of the graph, and no parameter or equation twice.
+    /// Whether pairs `(parameter, equation)` are a matching: entries of the graph, and no parameter or
+    /// equation twice.
     #[must_use]
     pub fn is_matching(&self, pairs: &[(usize, usize)]) -> bool {
         let of = self.parameters_of_equations();
@@ -138,11 +140,13 @@ fn augment(neighbours: &[Vec<usize>], right: usize, matched: &mut [Option<usize>
 }
 
 /// Distances from free left nodes along alternating paths; `None` when no path ends at a free right node.
-fn layers(neighbours: &[Vec<usize>], matched: &[Option<usize>], partner: &[Option<usize>]) -> Option<Vec<usize>> {
-    let mut layers: Vec<usize> = matched
-        .iter()
-        .map(|found| if found.is_none() { 0 } else { usize::MAX })
-        .collect();
+fn layers(
+    neighbours: &[Vec<usize>],
+    matched: &[Option<usize>],
+    partner: &[Option<usize>],
+) -> Option<Vec<usize>> {
+    let mut layers: Vec<usize> =
+        matched.iter().map(|found| if found.is_none() { 0 } else { usize::MAX }).collect();
     let mut queue: VecDeque<usize> = (0..matched.len()).filter(|&left| matched[left].is_none()).collect();
     let mut ends = false;
     while let Some(left) = queue.pop_front() {

@@ -8,7 +8,8 @@ use std::fmt::Write;
 pub struct LabelledNode {
     /// What it is called.
     pub label: String,
-    /// What kind of node it is, such as `parameter` or `constraint`; the name of the view in a composite graph.
+    /// What kind of node it is, such as `parameter` or `constraint`; the name of the view in a composite
+    /// graph.
     pub group: String,
 }
 
@@ -49,7 +50,8 @@ impl LabelledGraph {
         })
     }
 
-    /// The graph in the DOT language of Graphviz. Groups have different shapes, and what stands out is drawn thick.
+    /// The graph in the DOT language of Graphviz. Groups have different shapes, and what stands out is drawn
+    /// thick.
     ///
     /// # Examples
     /// ```
@@ -64,11 +66,7 @@ impl LabelledGraph {
     #[must_use]
     pub fn to_dot(&self) -> String {
         const SHAPES: [&str; 4] = ["ellipse", "box", "hexagon", "diamond"];
-        let (keyword, arrow) = if self.directed {
-            ("digraph", "->")
-        } else {
-            ("graph", "--")
-        };
+        let (keyword, arrow) = if self.directed { ("digraph", "->") } else { ("graph", "--") };
         let mut groups: Vec<&str> = Vec::new();
         // Writing to a string does not fail.
         let mut dot = format!("{keyword} {} {{\n", self.name);

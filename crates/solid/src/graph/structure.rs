@@ -32,13 +32,13 @@ pub struct Decomposition {
 impl Incidence {
     /// The Dulmage–Mendelsohn decomposition.
     ///
-    /// Over-determined is what alternating paths reach from an unmatched equation, under-determined what they reach
-    /// from an unmatched parameter. It does not depend on the matching. Blocks are the strong components of the rest.
-    /// Cost: that of the matching.
+    /// Over-determined is what alternating paths reach from an unmatched equation, under-determined what they
+    /// reach from an unmatched parameter. It does not depend on the matching. Blocks are the strong
+    /// components of the rest. Cost: that of the matching.
     ///
     /// # References
-    /// Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*; Pothen and Fan 1990, *Computing the block
-    /// triangular form of a sparse matrix*.
+    /// Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*; Pothen and Fan 1990, *Computing the
+    /// block triangular form of a sparse matrix*.
     #[must_use]
     pub fn decomposition(&self) -> Decomposition {
         let of = self.parameters_of_equations();
@@ -97,7 +97,12 @@ fn reached(
     (seen, seen_other)
 }
 
-fn blocks(well: &Part, of: &[Vec<usize>], equation_of: &[Option<usize>], parameter_of: &[Option<usize>]) -> Vec<Part> {
+fn blocks(
+    well: &Part,
+    of: &[Vec<usize>],
+    equation_of: &[Option<usize>],
+    parameter_of: &[Option<usize>],
+) -> Vec<Part> {
     let mut graph = DiGraph::<usize, ()>::new();
     let mut node_of = vec![None; of.len()];
     for &equation in &well.equations {
@@ -117,10 +122,8 @@ fn blocks(well: &Part, of: &[Vec<usize>], equation_of: &[Option<usize>], paramet
         .map(|component: Vec<NodeIndex>| {
             let mut equations: Vec<usize> = component.into_iter().map(|node| graph[node]).collect();
             equations.sort_unstable();
-            let mut parameters: Vec<usize> = equations
-                .iter()
-                .filter_map(|&equation| parameter_of[equation])
-                .collect();
+            let mut parameters: Vec<usize> =
+                equations.iter().filter_map(|&equation| parameter_of[equation]).collect();
             parameters.sort_unstable();
             Part { equations, parameters }
         })

@@ -1,5 +1,7 @@
 use super::*;
-use crate::constraint::{Axis, BarId, Constraint, ConstraintEquations, Drawing, PointId, constrain, diagnose, witness};
+use crate::constraint::{
+    Axis, BarId, Constraint, ConstraintEquations, Drawing, PointId, constrain, diagnose, witness,
+};
 use petgraph::algo::maximum_matching;
 use petgraph::graph::UnGraph;
 use rand::{RngExt, SeedableRng};
@@ -11,19 +13,11 @@ const B: f64 = 4.0;
 const D: f64 = 7.0;
 
 fn distance(a: u32, b: u32, value: f64) -> Constraint {
-    Constraint::Distance {
-        a: PointId(a),
-        b: PointId(b),
-        value,
-    }
+    Constraint::Distance { a: PointId(a), b: PointId(b), value }
 }
 
 fn fixed(axis: Axis) -> Constraint {
-    Constraint::Coordinate {
-        point: PointId(0),
-        axis,
-        value: 0.0,
-    }
+    Constraint::Coordinate { point: PointId(0), axis, value: 0.0 }
 }
 
 /// Eq. 4.1 with P6 read as P3 and f5 as y1 = e: right angle at P1, legs b along x and a.
@@ -32,10 +26,7 @@ fn front() -> (Drawing, Vec<Constraint>) {
     let constraints = vec![
         distance(0, 1, B),
         distance(0, 2, A),
-        Constraint::Perpendicular {
-            a: BarId(0),
-            b: BarId(2),
-        },
+        Constraint::Perpendicular { a: BarId(0), b: BarId(2) },
         fixed(Axis::X),
         fixed(Axis::Y),
         Constraint::Horizontal { bar: BarId(0) },
@@ -55,10 +46,7 @@ fn side() -> (Drawing, Vec<Constraint>) {
         distance(0, 2, A),
         distance(2, 3, D),
         distance(1, 3, A),
-        Constraint::Perpendicular {
-            a: BarId(0),
-            b: BarId(1),
-        },
+        Constraint::Perpendicular { a: BarId(0), b: BarId(1) },
         fixed(Axis::X),
         fixed(Axis::Y),
         Constraint::Horizontal { bar: BarId(0) },
@@ -93,10 +81,7 @@ fn perfect_matchings(of: &[Vec<usize>], used: &mut Vec<usize>) -> usize {
 fn the_prisms_views_have_ranks_six_and_eight() {
     for ((drawing, constraints), rank) in [(front(), 6), (side(), 8)] {
         let diagnosis = diagnose(&drawing, &constraints).unwrap();
-        assert_eq!(
-            (diagnosis.equations, diagnosis.rank, diagnosis.rank_at_solution),
-            (rank, rank, rank)
-        );
+        assert_eq!((diagnosis.equations, diagnosis.rank, diagnosis.rank_at_solution), (rank, rank, rank));
         assert_eq!((diagnosis.freedoms, diagnosis.structure.rank), (0, rank));
         assert!(diagnosis.is_generic && diagnosis.redundant.is_empty() && diagnosis.conflicting.is_empty());
     }
@@ -148,7 +133,8 @@ fn the_paper_s_equations_have_the_zeros_and_ranks_of_ours() {
         ],
     );
     let (drawing, constraints) = front();
-    let (_, ours) = ConstraintEquations::new(&drawing, &constraints).residuals_and_jacobian(&drawing.values());
+    let (_, ours) =
+        ConstraintEquations::new(&drawing, &constraints).residuals_and_jacobian(&drawing.values());
     assert_eq!(squared.rank(1e-9), 6);
     for row in 0..6 {
         let factor = squared.row(row).norm() / ours.row(row).norm();
@@ -163,37 +149,19 @@ fn the_paper_s_equations_have_the_zeros_and_ranks_of_ours() {
 fn the_published_matching_is_valid_but_uses_entries_that_vanish_and_ours_does_not() {
     let (drawing, constraints) = front();
     let incidence = Incidence::of(&drawing, &constraints);
-    let published = pairs(
-        &incidence,
-        &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 2), ("y3", 3)],
-    );
+    let published = pairs(&incidence, &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 2), ("y3", 3)]);
     assert!(incidence.is_matching(&published));
-    assert_eq!(
-        incidence.vanishing(&published),
-        pairs(&incidence, &[("x3", 2), ("y3", 3)])
-    );
+    assert_eq!(incidence.vanishing(&published), pairs(&incidence, &[("x3", 2), ("y3", 3)]));
     let ours = incidence.matching();
     assert_eq!(ours.len(), 6);
     assert!(incidence.is_matching(&ours) && incidence.vanishing(&ours).is_empty());
-    assert_eq!(
-        ours,
-        pairs(
-            &incidence,
-            &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 3), ("y3", 2)]
-        )
-    );
-    assert_eq!(
-        perfect_matchings(&incidence.parameters_of_equations(), &mut Vec::new()),
-        2
-    );
+    assert_eq!(ours, pairs(&incidence, &[("x1", 4), ("y1", 5), ("x2", 1), ("y2", 6), ("x3", 3), ("y3", 2)]));
+    assert_eq!(perfect_matchings(&incidence.parameters_of_equations(), &mut Vec::new()), 2);
     // The entries vanish at every prism, not just at this one.
     let generic = drawing.with_values(&witness(&drawing, &constraints).unwrap()).unwrap();
     assert!((generic.length(BarId(0)) - B).abs() > 1e-3);
     // A witness frees the anchor, but keeps right angle and horizontal bar.
-    assert_eq!(
-        Incidence::of(&generic, &constraints).vanishing(&published),
-        incidence.vanishing(&published)
-    );
+    assert_eq!(Incidence::of(&generic, &constraints).vanishing(&published), incidence.vanishing(&published));
     let (eight, sides) = side();
     assert_eq!(Incidence::of(&eight, &sides).matching().len(), 8);
 }
@@ -216,28 +184,15 @@ fn full_minimal_and_pair_graphs_of_the_front_view_are_those_of_the_paper() {
     // Read literally, the rule leaves nothing: no arc's label is the match of both its ends.
     for arc in &graphs.full.arcs {
         let [from, to] = [arc.from, arc.to].map(|i| own(&graphs.full.nodes[i].label));
-        assert!(
-            !arc.labels
-                .iter()
-                .any(|label| from.as_ref() == Some(label) && to.as_ref() == Some(label))
-        );
+        assert!(!arc.labels.iter().any(|label| from.as_ref() == Some(label) && to.as_ref() == Some(label)));
     }
     let pair: BTreeSet<(String, String)> = graphs
         .pair
         .arcs
         .iter()
-        .map(|arc| {
-            (
-                graphs.pair.nodes[arc.from].label.clone(),
-                graphs.pair.nodes[arc.to].label.clone(),
-            )
-        })
+        .map(|arc| (graphs.pair.nodes[arc.from].label.clone(), graphs.pair.nodes[arc.to].label.clone()))
         .collect();
-    let expected = [
-        ("{x1, y1}", "{x2, y2}"),
-        ("{x1, y1}", "{x3, y3}"),
-        ("{x2, y2}", "{x3, y3}"),
-    ];
+    let expected = [("{x1, y1}", "{x2, y2}"), ("{x1, y1}", "{x3, y3}"), ("{x2, y2}", "{x3, y3}")];
     assert_eq!(pair, expected.map(|(a, b)| (a.to_owned(), b.to_owned())).into());
     assert_eq!(graphs.to_dot().matches("penwidth=3").count(), 6);
 }
@@ -253,11 +208,7 @@ fn matchings_are_maximum_on_random_graphs() {
         for equation in 0..rows {
             for parameter in 0..columns {
                 if random.random_bool(0.3) {
-                    entries.push(Entry {
-                        equation,
-                        parameter,
-                        vanishes: random.random_bool(0.4),
-                    });
+                    entries.push(Entry { equation, parameter, vanishes: random.random_bool(0.4) });
                     reference.add_edge(nodes[equation], nodes[rows + parameter], ());
                 }
             }
@@ -274,19 +225,13 @@ fn matchings_are_maximum_on_random_graphs() {
     }
 }
 
-/// The laws of Dulmage and Mendelsohn: parts are apart, their sizes as said, and no entry leads from a later part's
-/// equation back.
+/// The laws of Dulmage and Mendelsohn: parts are apart, their sizes as said, and no entry leads from a later
+/// part's equation back.
 fn check_decomposition(incidence: &Incidence) {
     let parts = incidence.decomposition();
     let all = [&parts.over, &parts.well, &parts.under];
-    assert_eq!(
-        all.iter().map(|p| p.equations.len()).sum::<usize>(),
-        incidence.equations()
-    );
-    assert_eq!(
-        all.iter().map(|p| p.parameters.len()).sum::<usize>(),
-        incidence.parameters.len()
-    );
+    assert_eq!(all.iter().map(|p| p.equations.len()).sum::<usize>(), incidence.equations());
+    assert_eq!(all.iter().map(|p| p.parameters.len()).sum::<usize>(), incidence.parameters.len());
     assert!(parts.over.equations.len() > parts.over.parameters.len() || parts.over == Part::default());
     assert_eq!(parts.well.equations.len(), parts.well.parameters.len());
     assert!(parts.under.equations.len() < parts.under.parameters.len() || parts.under == Part::default());
@@ -298,25 +243,19 @@ fn check_decomposition(incidence: &Incidence) {
     for entry in &incidence.entries {
         let equation = rank_of(all.map(|p| &p.equations), entry.equation);
         let parameter = rank_of(all.map(|p| &p.parameters), entry.parameter);
-        // Over-determined equations use over-determined parameters only; well-determined ones none of the under-determined.
+        // Over-determined equations use over-determined parameters only; well-determined ones none of the
+        // under-determined.
         assert!(parameter <= equation);
     }
     // A block uses its own parameters and those of blocks before it.
     let mut known: BTreeSet<usize> = parts.over.parameters.iter().copied().collect();
     for block in &parts.blocks {
         known.extend(&block.parameters);
-        for entry in incidence
-            .entries
-            .iter()
-            .filter(|entry| block.equations.contains(&entry.equation))
-        {
+        for entry in incidence.entries.iter().filter(|entry| block.equations.contains(&entry.equation)) {
             assert!(known.contains(&entry.parameter));
         }
     }
-    assert_eq!(
-        parts.blocks.iter().map(|b| b.equations.len()).sum::<usize>(),
-        parts.well.equations.len()
-    );
+    assert_eq!(parts.blocks.iter().map(|b| b.equations.len()).sum::<usize>(), parts.well.equations.len());
 }
 
 fn edge(a: usize, b: usize, length: f64) -> TourEdge {
@@ -366,9 +305,8 @@ fn postman_tours_are_as_short_as_any_pairing() {
     for _ in 0..50 {
         let n = random.random_range(4..9);
         // A ring keeps it in one piece.
-        let mut edges: Vec<TourEdge> = (0..n)
-            .map(|i| edge(i, (i + 1) % n, random.random_range(1.0..5.0)))
-            .collect();
+        let mut edges: Vec<TourEdge> =
+            (0..n).map(|i| edge(i, (i + 1) % n, random.random_range(1.0..5.0))).collect();
         for _ in 0..random.random_range(1..7) {
             let (a, b) = (random.random_range(0..n), random.random_range(0..n));
             if a != b {
@@ -390,11 +328,7 @@ fn postman_tours_are_as_short_as_any_pairing() {
                 })
             })
             .map(|set| {
-                edges
-                    .iter()
-                    .enumerate()
-                    .map(|(i, e)| e.length * (1 + (set >> i & 1)) as f64)
-                    .sum::<f64>()
+                edges.iter().enumerate().map(|(i, e)| e.length * (1 + (set >> i & 1)) as f64).sum::<f64>()
             })
             .fold(f64::INFINITY, f64::min);
         assert!(tour.is_shortest && (tour.length - shortest).abs() < 1e-9);
@@ -414,12 +348,7 @@ fn many_odd_vertices_are_paired_near_each_other_and_it_is_said() {
             .to_string()
             .contains("several parts")
     );
-    assert!(
-        euler_tour(&[edge(0, 1, 1.0)], 0)
-            .unwrap_err()
-            .to_string()
-            .contains("odd degree")
-    );
+    assert!(euler_tour(&[edge(0, 1, 1.0)], 0).unwrap_err().to_string().contains("odd degree"));
 }
 
 #[test]
@@ -443,17 +372,11 @@ fn the_prism_s_views_make_six_vertices_and_a_tour_of_its_edges() {
         },
     ];
     let prism = composite(&views, 1e-9, 0.0).unwrap();
-    assert_eq!(
-        (prism.views.len(), prism.vertices.len(), prism.unmatched.len()),
-        (2, 6, 0)
-    );
+    assert_eq!((prism.views.len(), prism.vertices.len(), prism.unmatched.len()), (2, 6, 0));
     // The initial matching is P1 of both views, as in Fig. 10.
     assert_eq!(prism.vertices[0].points, [PointId(0), PointId(0)]);
-    let found: BTreeSet<[i64; 3]> = prism
-        .vertices
-        .iter()
-        .map(|v| v.position.map(|x| x.round() as i64))
-        .collect();
+    let found: BTreeSet<[i64; 3]> =
+        prism.vertices.iter().map(|v| v.position.map(|x| x.round() as i64)).collect();
     let truth = [[0, 0, 0], [4, 0, 0], [0, 3, 0], [0, 0, 7], [4, 0, 7], [0, 3, 7]];
     assert_eq!(found, truth.into());
     // Nine edges of the prism, and what two views cannot tell from edges: diagonals of faces.
@@ -464,15 +387,7 @@ fn the_prism_s_views_make_six_vertices_and_a_tour_of_its_edges() {
     assert_eq!(prism.edges.iter().filter(is_edge).count(), 9);
     let tour = prism.tour().unwrap();
     assert_eq!(tour.edges.iter().collect::<BTreeSet<_>>().len(), prism.edges.len());
-    assert_eq!(
-        prism
-            .graph()
-            .arcs
-            .iter()
-            .filter(|arc| arc.labels == ["initial"])
-            .count(),
-        1
-    );
+    assert_eq!(prism.graph().arcs.iter().filter(|arc| arc.labels == ["initial"]).count(), 1);
     assert_eq!(prism.graph().arcs.iter().filter(|arc| arc.strong).count(), 6);
     let json = serde_json::to_value(&prism).unwrap();
     assert_eq!(json["vertices"].as_array().unwrap().len(), 6);
@@ -481,13 +396,7 @@ fn the_prism_s_views_make_six_vertices_and_a_tour_of_its_edges() {
 #[test]
 fn views_that_do_not_belong_together_are_told() {
     let ((front, _), (side, _)) = (front(), side());
-    let view = |name, axes, drawing| SketchView {
-        name,
-        axes,
-        drawing,
-        constraints: &[],
-        covariance: None,
-    };
+    let view = |name, axes, drawing| SketchView { name, axes, drawing, constraints: &[], covariance: None };
     let (xy, zy) = ([SpaceAxis::X, SpaceAxis::Y], [SpaceAxis::Z, SpaceAxis::Y]);
     let moved = side.with_values(&side.values().map(|v| v + 0.5)).unwrap();
     let error = |views: &[SketchView<'_>]| composite(views, 1e-9, 0.0).unwrap_err().to_string();
@@ -510,7 +419,8 @@ fn noisy_views_of_the_prism_become_its_dimensions_with_sigma_that_covers_them() 
     let (mut all_six, runs) = (0, 100);
     for _ in 0..runs {
         let seen = [&front, &side].map(|truth| {
-            let noise = DVector::from_fn(truth.parameters(), |_, _| -> f64 { StandardNormal.sample(&mut random) });
+            let noise =
+                DVector::from_fn(truth.parameters(), |_, _| -> f64 { StandardNormal.sample(&mut random) });
             let drawing = truth.with_values(&(truth.values() + noise * sigma)).unwrap();
             let covariance = DMatrix::identity(truth.parameters(), truth.parameters()) * (sigma * sigma);
             constrain(&drawing, &covariance, &Default::default()).unwrap()
@@ -537,9 +447,7 @@ fn noisy_views_of_the_prism_become_its_dimensions_with_sigma_that_covers_them() 
             ];
             // One coordinate of each vertex; the six share their errors.
             coverage.add(vertex.position[1] - truth[1], vertex.sigma[1]).unwrap();
-            squared
-                .add(((vertex.position[1] - truth[1]) / vertex.sigma[1]).powi(2))
-                .unwrap();
+            squared.add(((vertex.position[1] - truth[1]) / vertex.sigma[1]).powi(2)).unwrap();
         }
     }
     println!(

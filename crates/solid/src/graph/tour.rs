@@ -1,7 +1,7 @@
 //! Tours that traverse every edge: Euler's, and the postman's.
 //!
-//! Comes in: edges with lengths. Goes out: a closed route through all of them. Not guaranteed: the shortest one where
-//! more than sixteen vertices have odd degree; the result says so.
+//! Comes in: edges with lengths. Goes out: a closed route through all of them. Not guaranteed: the shortest
+//! one where more than sixteen vertices have odd degree; the result says so.
 
 use petgraph::algo::dijkstra;
 use petgraph::graph::{NodeIndex, UnGraph};
@@ -39,12 +39,13 @@ const EXACT: usize = 16;
 
 /// The Chinese postman's tour from a vertex: all edges, and as little again as possible.
 ///
-/// Vertices of odd degree are joined in pairs by their shortest paths, by dynamic programming over subsets up to
-/// sixteen of them and by exchanges between nearest pairs beyond; then [`euler_tour`]. Cost: a search from each odd
-/// vertex, and `2^k k` for `k` of them.
+/// Vertices of odd degree are joined in pairs by their shortest paths, by dynamic programming over subsets up
+/// to sixteen of them and by exchanges between nearest pairs beyond; then [`euler_tour`]. Cost: a search from
+/// each odd vertex, and `2^k k` for `k` of them.
 ///
 /// # Errors
-/// `Input` when there is no edge at the start, an edge is not of positive length, or the edges do not hang together.
+/// `Input` when there is no edge at the start, an edge is not of positive length, or the edges do not hang
+/// together.
 ///
 /// # Examples
 /// ```
@@ -60,8 +61,8 @@ const EXACT: usize = 16;
 /// ```
 ///
 /// # References
-/// Kwan 1962, *Graphic programming using odd or even points*; Edmonds and Johnson 1973, *Matching, Euler tours and the
-/// Chinese postman*.
+/// Kwan 1962, *Graphic programming using odd or even points*; Edmonds and Johnson 1973, *Matching, Euler
+/// tours and the Chinese postman*.
 pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
     let mut graph = UnGraph::<(), usize>::default();
     let count = edges.iter().map(|edge| edge.a.max(edge.b) + 1).max().unwrap_or(0);
@@ -80,10 +81,7 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         .iter()
         .map(|&vertex| {
             let found = dijkstra(&graph, nodes[vertex], None, |edge| edges[*edge.weight()].length);
-            nodes
-                .iter()
-                .map(|node| found.get(node).copied().unwrap_or(f64::INFINITY))
-                .collect()
+            nodes.iter().map(|node| found.get(node).copied().unwrap_or(f64::INFINITY)).collect()
         })
         .collect();
     let distance = |i: usize, j: usize| from[i][odd[j]];
@@ -111,18 +109,18 @@ pub fn postman_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
 
 /// An Euler tour: every edge exactly once, from a vertex and back.
 ///
-/// The paper's next-node construction: walk along unused edges until stuck, start again from a vertex on the way with
-/// edges left, and note at each vertex reached from where it was; then follow the notes, last first. As printed (step
-/// 2: `Lv(kv) = y`) the note is made at the vertex that is *left*; the tour in step 5 can then end with edges left
-/// over. Noted where it arrives, the first note of every vertex leads back to the start, and none is. Where the paper
-/// picks edges at random, the first is taken. Cost: linear.
+/// The paper's next-node construction: walk along unused edges until stuck, start again from a vertex on the
+/// way with edges left, and note at each vertex reached from where it was; then follow the notes, last first.
+/// As printed (step 2: `Lv(kv) = y`) the note is made at the vertex that is *left*; the tour in step 5 can
+/// then end with edges left over. Noted where it arrives, the first note of every vertex leads back to the
+/// start, and none is. Where the paper picks edges at random, the first is taken. Cost: linear.
 ///
 /// # Errors
 /// `Input` when a vertex has odd degree, there is no edge at the start, or the edges do not hang together.
 ///
 /// # References
-/// Edmonds and Johnson 1973, *Matching, Euler tours and the Chinese postman*, section 5; Weiss-Cohen, Bondarenko and
-/// Halevi 2009, section 5.
+/// Edmonds and Johnson 1973, *Matching, Euler tours and the Chinese postman*, section 5; Weiss-Cohen,
+/// Bondarenko and Halevi 2009, section 5.
 pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
     let count = edges.iter().map(|edge| edge.a.max(edge.b) + 1).max().unwrap_or(0);
     let mut at = vec![Vec::new(); count];
@@ -136,9 +134,7 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
         )));
     }
     if at.get(start).is_none_or(Vec::is_empty) {
-        return Err(Error::input(format!(
-            "no edge leads to vertex {start}, where the tour starts"
-        )));
+        return Err(Error::input(format!("no edge leads to vertex {start}, where the tour starts")));
     }
     let mut notes: Vec<Vec<(usize, usize)>> = vec![Vec::new(); count];
     let mut used = vec![false; edges.len()];
@@ -188,10 +184,7 @@ pub fn euler_tour(edges: &[TourEdge], start: usize) -> Result<Tour> {
 }
 
 fn degree(edges: &[TourEdge], vertex: usize) -> usize {
-    edges
-        .iter()
-        .map(|edge| usize::from(edge.a == vertex) + usize::from(edge.b == vertex))
-        .sum()
+    edges.iter().map(|edge| usize::from(edge.a == vertex) + usize::from(edge.b == vertex)).sum()
 }
 
 /// The perfect pairing of least total distance, by dynamic programming over the subsets that are paired.

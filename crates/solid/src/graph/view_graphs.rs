@@ -8,14 +8,15 @@ use std::collections::BTreeMap;
 
 /// The graphs of one view's constraints.
 ///
-/// *full*: parameters, joined where an equation depends on both, labelled with all such equations. *bipartite*:
-/// parameters and equations, with the matching thick. *minimal*: parameter `v` matched to `f` depends on the other
-/// parameters of `f`, and on nothing else. *pair*: the same with `x_i` and `y_i` in one node.
+/// *full*: parameters, joined where an equation depends on both, labelled with all such equations.
+/// *bipartite*: parameters and equations, with the matching thick. *minimal*: parameter `v` matched to `f`
+/// depends on the other parameters of `f`, and on nothing else. *pair*: the same with `x_i` and `y_i` in one
+/// node.
 ///
-/// The paper's rule for the minimal graph, "for a matching pair (v, f) all arcs labelled other than f and incident on
-/// v are removed", leaves no arc at all when read literally: an arc `u v` labelled `f` would have to be matched to `f`
-/// at both ends. What Fig. 6 needs is the directed dependency of Serrano and Gossard: the rule removes arcs that
-/// *enter* `v`.
+/// The paper's rule for the minimal graph, "for a matching pair (v, f) all arcs labelled other than f and
+/// incident on v are removed", leaves no arc at all when read literally: an arc `u v` labelled `f` would have
+/// to be matched to `f` at both ends. What Fig. 6 needs is the directed dependency of Serrano and Gossard:
+/// the rule removes arcs that *enter* `v`.
 ///
 /// # Examples
 /// ```
@@ -63,20 +64,14 @@ impl ViewGraphs {
                 .iter()
                 .map(|&(parameter, equation)| (incidence.parameters[parameter].clone(), label(equation)))
                 .collect(),
-            equations: incidence
-                .owners
-                .iter()
-                .map(|&owner| constraints[owner].describe(drawing))
-                .collect(),
+            equations: incidence.owners.iter().map(|&owner| constraints[owner].describe(drawing)).collect(),
         }
     }
 
     /// All four graphs in the DOT language, one after the other.
     #[must_use]
     pub fn to_dot(&self) -> String {
-        [&self.full, &self.bipartite, &self.minimal, &self.pair]
-            .map(LabelledGraph::to_dot)
-            .concat()
+        [&self.full, &self.bipartite, &self.minimal, &self.pair].map(LabelledGraph::to_dot).concat()
     }
 }
 
@@ -85,31 +80,16 @@ fn label(equation: usize) -> String {
 }
 
 fn parameter_nodes(incidence: &Incidence) -> Vec<LabelledNode> {
-    incidence
-        .parameters
-        .iter()
-        .map(|name| node(name, "parameter"))
-        .collect()
+    incidence.parameters.iter().map(|name| node(name, "parameter")).collect()
 }
 
 fn node(label: &str, group: &str) -> LabelledNode {
-    LabelledNode {
-        label: label.to_owned(),
-        group: group.to_owned(),
-    }
+    LabelledNode { label: label.to_owned(), group: group.to_owned() }
 }
 
 /// Arcs from a map of ends to labels, in the order of the ends.
 fn arcs(labels: BTreeMap<(usize, usize), Vec<String>>) -> Vec<LabelledArc> {
-    labels
-        .into_iter()
-        .map(|((from, to), labels)| LabelledArc {
-            from,
-            to,
-            labels,
-            strong: false,
-        })
-        .collect()
+    labels.into_iter().map(|((from, to), labels)| LabelledArc { from, to, labels, strong: false }).collect()
 }
 
 fn full(incidence: &Incidence) -> LabelledGraph {
@@ -143,12 +123,7 @@ fn bipartite(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGrap
             strong: matching.contains(&(entry.parameter, entry.equation)),
         })
         .collect();
-    LabelledGraph {
-        name: "bipartite".to_owned(),
-        directed: false,
-        nodes,
-        arcs,
-    }
+    LabelledGraph { name: "bipartite".to_owned(), directed: false, nodes, arcs }
 }
 
 fn minimal(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph {
@@ -192,10 +167,5 @@ fn pair(drawing: &Drawing, minimal: &LabelledGraph) -> LabelledGraph {
             known.dedup();
         }
     }
-    LabelledGraph {
-        name: "pair".to_owned(),
-        directed: true,
-        nodes,
-        arcs: arcs(labels),
-    }
+    LabelledGraph { name: "pair".to_owned(), directed: true, nodes, arcs: arcs(labels) }
 }

@@ -2,7 +2,8 @@
 
 use super::NoisyView;
 use crate::constraint::{
-    Axis, Candidate, CircleId, Constrained, Constraint, Drawing, Offset, Place, PointId, chi_square_tail, sigma,
+    Axis, Candidate, CircleId, Constrained, Constraint, Drawing, Offset, Place, PointId, chi_square_tail,
+    sigma,
 };
 use crate::contour::Kind;
 use crate::sketch::SketchPart;
@@ -62,13 +63,11 @@ pub(super) fn places(views: &[NoisyView], offsets: &[Offset], drawing: &Drawing)
             for (k, axis) in [Axis::X, Axis::Y].into_iter().enumerate() {
                 let space = noisy.kind.axes()[k];
                 found.extend(
-                    of_part(part, offsets[view], axis, drawing)
-                        .into_iter()
-                        .map(|place| SpacePlace {
-                            axis: space,
-                            view,
-                            place,
-                        }),
+                    of_part(part, offsets[view], axis, drawing).into_iter().map(|place| SpacePlace {
+                        axis: space,
+                        view,
+                        place,
+                    }),
                 );
             }
         }
@@ -87,11 +86,7 @@ fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &Drawing) -> 
     let point = |i: u32| PointId(offset.points + part.first.points + i);
     let circle = |i: u32| CircleId(offset.circles + part.first.circles + i);
     let corner = |i: u32| Place::Point { point: point(i), axis };
-    let extreme = |i: u32, upper: bool| Place::Extreme {
-        circle: circle(i),
-        axis,
-        upper,
-    };
+    let extreme = |i: u32, upper: bool| Place::Extreme { circle: circle(i), axis, upper };
     match &part.kind {
         // A line has no ends of its own, and an ellipse is no outline of planes and cylinders along axes.
         Kind::Line | Kind::Ellipse => Vec::new(),
@@ -106,7 +101,8 @@ fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &Drawing) -> 
         Kind::Chain { arcs, closed } => {
             let count = arcs.len() + usize::from(!closed);
             let mut places: Vec<Place> = (0..count as u32).map(corner).collect();
-            for (i, (id, start, end)) in drawing.arcs().filter(|arc| in_part(part, offset, arc.0)).enumerate() {
+            for (i, (id, start, end)) in drawing.arcs().filter(|arc| in_part(part, offset, arc.0)).enumerate()
+            {
                 for upper in [false, true] {
                     if reaches(drawing, id, start, end, axis, upper) {
                         places.push(extreme(i as u32, upper));
@@ -124,7 +120,14 @@ fn in_part(part: &SketchPart, offset: Offset, circle: CircleId) -> bool {
 }
 
 /// Whether an arc passes through its circle's largest or least coordinate.
-fn reaches(drawing: &Drawing, circle: CircleId, start: PointId, end: PointId, axis: Axis, upper: bool) -> bool {
+fn reaches(
+    drawing: &Drawing,
+    circle: CircleId,
+    start: PointId,
+    end: PointId,
+    axis: Axis,
+    upper: bool,
+) -> bool {
     let centre = drawing.position(drawing.centre(circle));
     let angle = |point: PointId| {
         let p = drawing.position(point);
@@ -147,19 +150,14 @@ pub(super) fn candidates(places: &[SpacePlace], alone: &Constrained) -> Vec<Cand
     let mut found = Vec::new();
     for axis in 0..3 {
         let own: Vec<&Vec<usize>> = groups.iter().filter(|group| places[group[0]].axis == axis).collect();
-        let values = own.iter().map(|group| {
-            places[group[0]]
-                .place
-                .value(&alone.drawing, alone.drawing.values().as_slice())
-        });
+        let values = own
+            .iter()
+            .map(|group| places[group[0]].place.value(&alone.drawing, alone.drawing.values().as_slice()));
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         for (i, a) in own.iter().enumerate() {
             for b in &own[i + 1..] {
                 found.push(Candidate {
-                    constraint: Constraint::Aligned {
-                        a: places[a[0]].place,
-                        b: places[b[0]].place,
-                    },
+                    constraint: Constraint::Aligned { a: places[a[0]].place, b: places[b[0]].place },
                     range: (high - low).max(f64::MIN_POSITIVE),
                 });
             }
@@ -189,16 +187,15 @@ fn is_one(a: Place, b: Place, state: &Constrained, x: &[f64]) -> bool {
     let apart = (a.value(&state.drawing, x) - b.value(&state.drawing, x)).abs();
     let together = sigma(&Constraint::Aligned { a, b }, &state.drawing, &state.covariance);
     let each = [a, b].map(|place| place_sigma(place, state));
-    apart <= 1e-8 * state.drawing.extent() && together <= ONE * each[0].max(each[1]).max(ONE * state.drawing.extent())
+    apart <= 1e-8 * state.drawing.extent()
+        && together <= ONE * each[0].max(each[1]).max(ONE * state.drawing.extent())
 }
 
 /// σ of a coordinate.
 fn place_sigma(place: Place, state: &Constrained) -> f64 {
     let terms = place.terms(&state.drawing);
     let products = terms.iter().flat_map(|a| terms.iter().map(move |b| (a, b)));
-    let variance: f64 = products
-        .map(|(&(i, a), &(j, b))| a * b * state.covariance[(i, j)])
-        .sum();
+    let variance: f64 = products.map(|(&(i, a), &(j, b))| a * b * state.covariance[(i, j)]).sum();
     variance.max(0.0).sqrt()
 }
 
@@ -230,10 +227,7 @@ pub(super) struct End {
 impl End {
     /// That they end together.
     pub(super) fn constraint(&self) -> Constraint {
-        Constraint::Aligned {
-            a: self.a.place,
-            b: self.b.place,
-        }
+        Constraint::Aligned { a: self.a.place, b: self.b.place }
     }
 
     fn chi_square(&self, alone: &Constrained) -> f64 {
@@ -281,9 +275,7 @@ pub(super) fn ends(places: &[SpacePlace], alone: &Constrained, views: usize) -> 
 
 /// Names the ends that agree least.
 pub(super) fn not_one_thing(ends: &[End], alone: &Constrained, views: &[NoisyView]) -> Error {
-    let worst = ends
-        .iter()
-        .max_by(|a, b| a.chi_square(alone).total_cmp(&b.chi_square(alone)));
+    let worst = ends.iter().max_by(|a, b| a.chi_square(alone).total_cmp(&b.chi_square(alone)));
     let Some(worst) = worst else {
         return Error::undetermined("the views share no axis");
     };

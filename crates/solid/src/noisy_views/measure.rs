@@ -1,4 +1,5 @@
-//! Sizes in space with their σ: where a solid's vertices and edges come from in the views, and what is known of those.
+//! Sizes in space with their σ: where a solid's vertices and edges come from in the views, and what is known
+//! of those.
 
 use super::ConsistentViews;
 use crate::brep::{Curve, Solid};
@@ -64,7 +65,8 @@ impl ConsistentViews {
                 SpaceVertex {
                     name: format!("V{}", i + 1),
                     position,
-                    sigma: places.map(|places| places.map(|places| self.sigma_of(&places[0].terms(&self.drawing)))),
+                    sigma: places
+                        .map(|places| places.map(|places| self.sigma_of(&places[0].terms(&self.drawing)))),
                     seen_as: seen.map(|place| place.describe(&self.drawing)).collect(),
                 }
             })
@@ -72,7 +74,8 @@ impl ConsistentViews {
     }
 
     /// Extents, lengths of straight edges and diameters of circular ones of a solid that was made from
-    /// [`Self::exact_views`], with their standard deviations `√(gᵀ P g)` under the joint covariance of all views.
+    /// [`Self::exact_views`], with their standard deviations `√(gᵀ P g)` under the joint covariance of all
+    /// views.
     #[must_use]
     pub fn dimensions(&self, solid: &Solid) -> Vec<SpaceDimension> {
         let mut found = Vec::new();

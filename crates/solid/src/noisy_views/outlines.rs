@@ -10,8 +10,8 @@ impl ConsistentViews {
     /// The views as a drawing without errors: all that was seen is visible.
     ///
     /// # Errors
-    /// `Unsupported` for an ellipse or a line without end, of which no solid of planes and cylinders is made; `Input` where
-    /// what was imposed leaves no contour of its kind.
+    /// `Unsupported` for an ellipse or a line without end, of which no solid of planes and cylinders is made;
+    /// `Input` where what was imposed leaves no contour of its kind.
     pub fn exact_views(&self) -> Result<Drawing> {
         let mut drawing = Drawing::default();
         for (i, kind) in self.kinds.iter().enumerate() {
@@ -22,14 +22,10 @@ impl ConsistentViews {
                 let (theta, _) = self.sketches[i]
                     .contour(k, &own, &covariance)
                     .map_err(|e| e.in_context(format!("the {} view", kind.name())))?;
-                for (curve, what) in outline(&part.kind, &theta)
-                    .map_err(|e| e.in_context(format!("the {} view, contour {} ({})", kind.name(), k + 1, part.kind)))?
-                {
-                    curves.push(DrawnCurve {
-                        curve,
-                        style: LineStyle::Visible,
-                        entity: name(&what),
-                    });
+                for (curve, what) in outline(&part.kind, &theta).map_err(|e| {
+                    e.in_context(format!("the {} view, contour {} ({})", kind.name(), k + 1, part.kind))
+                })? {
+                    curves.push(DrawnCurve { curve, style: LineStyle::Visible, entity: name(&what) });
                 }
             }
             drawing.views.push(View { kind: *kind, curves });
@@ -41,12 +37,7 @@ impl ConsistentViews {
 /// The curves of a contour, each with its name.
 fn outline(kind: &Kind, theta: &[f64]) -> Result<Vec<(Curve2, String)>> {
     if let Kind::Circle = kind {
-        let circle = Curve2::Arc {
-            center: [theta[0], theta[1]],
-            radius: theta[2],
-            start: 0.0,
-            sweep: TAU,
-        };
+        let circle = Curve2::Arc { center: [theta[0], theta[1]], radius: theta[2], start: 0.0, sweep: TAU };
         return Ok(vec![(circle, "the whole".to_owned())]);
     }
     if matches!(kind, Kind::Ellipse | Kind::Line) {

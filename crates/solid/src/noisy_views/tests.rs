@@ -16,9 +16,7 @@ const LEVEL: f64 = 1e-3;
 fn noisy(kind: Kind, truth: &[f64], sigma: f64, random: &mut ChaCha8Rng) -> EstimatedContour {
     let n = truth.len();
     // Neighbouring parameters err together, as those of a fit do.
-    let root = DMatrix::from_fn(n, n, |i, j| {
-        sigma * [1.0, 0.4].get(i.abs_diff(j)).copied().unwrap_or(0.0)
-    });
+    let root = DMatrix::from_fn(n, n, |i, j| sigma * [1.0, 0.4].get(i.abs_diff(j)).copied().unwrap_or(0.0));
     let draws = nalgebra::DVector::from_fn(n, |_, _| StandardNormal.sample(random));
     let off: nalgebra::DVector<f64> = &root * draws;
     EstimatedContour {
@@ -31,18 +29,11 @@ fn noisy(kind: Kind, truth: &[f64], sigma: f64, random: &mut ChaCha8Rng) -> Esti
 
 fn view(kind: ViewKind, contours: &[EstimatedContour]) -> NoisyView {
     let sketch = Sketch::new(contours).unwrap();
-    let options = ConstrainOptions {
-        given: sketch.given.clone(),
-        level: LEVEL,
-        ..ConstrainOptions::default()
-    };
+    let options =
+        ConstrainOptions { given: sketch.given.clone(), level: LEVEL, ..ConstrainOptions::default() };
     let found = constrain(&sketch.drawing, &sketch.covariance, &options).unwrap();
     let constraints = found.accepted().map(|proposal| proposal.constraint).collect();
-    NoisyView {
-        kind,
-        sketch,
-        constraints,
-    }
+    NoisyView { kind, sketch, constraints }
 }
 
 fn box_of(a: f64, b: f64) -> Vec<f64> {
@@ -53,18 +44,9 @@ fn prism(sigma: f64, seed: u64) -> Vec<NoisyView> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let [x, y, z] = SIZE;
     vec![
-        view(
-            ViewKind::Front,
-            &[noisy(Kind::Polygon(3), &[0.0, 0.0, x, 0.0, 0.0, z], sigma, &mut random)],
-        ),
-        view(
-            ViewKind::Top,
-            &[noisy(Kind::Polygon(4), &box_of(x, y), sigma, &mut random)],
-        ),
-        view(
-            ViewKind::Side,
-            &[noisy(Kind::Polygon(4), &box_of(y, z), sigma, &mut random)],
-        ),
+        view(ViewKind::Front, &[noisy(Kind::Polygon(3), &[0.0, 0.0, x, 0.0, 0.0, z], sigma, &mut random)]),
+        view(ViewKind::Top, &[noisy(Kind::Polygon(4), &box_of(x, y), sigma, &mut random)]),
+        view(ViewKind::Side, &[noisy(Kind::Polygon(4), &box_of(y, z), sigma, &mut random)]),
     ]
 }
 
@@ -75,10 +57,7 @@ fn a_noisy_prism_becomes_one_solid_whose_sizes_cover_the_truth() {
     let (mut squares, mut lost) = (0.0, 0);
     for seed in 0..runs {
         let views = prism(0.1, seed);
-        let options = MatchOptions {
-            level: LEVEL,
-            ..MatchOptions::default()
-        };
+        let options = MatchOptions { level: LEVEL, ..MatchOptions::default() };
         let found = match_views(&views, &options).unwrap();
         let solved = solve(&found.exact_views().unwrap()).map(|found| found.solutions);
         let Some(best) = solved.iter().flatten().next() else {
@@ -101,18 +80,10 @@ fn a_noisy_prism_becomes_one_solid_whose_sizes_cover_the_truth() {
             inside += u32::from(off.abs() < 1.96);
             sizes += 1;
         }
-        let extents: Vec<f64> = dimensions[..3]
-            .iter()
-            .zip(SIZE)
-            .map(|(d, t)| (d.value - t) / d.sigma.unwrap())
-            .collect();
+        let extents: Vec<f64> =
+            dimensions[..3].iter().zip(SIZE).map(|(d, t)| (d.value - t) / d.sigma.unwrap()).collect();
         squares += extents.iter().map(|e| e * e).sum::<f64>();
-        assert!(
-            found
-                .vertices(&best.solid)
-                .iter()
-                .all(|v| v.sigma.iter().all(Option::is_some))
-        );
+        assert!(found.vertices(&best.solid).iter().all(|v| v.sigma.iter().all(Option::is_some)));
     }
     let coverage = f64::from(inside) / f64::from(sizes);
     let mean = squares / (3.0 * (runs - lost) as f64);
@@ -128,14 +99,8 @@ fn views_tell_each_other_what_they_know() {
     // A side view ten times worse than the others: its height is that of the front view.
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let [x, y, z] = SIZE;
-    let good = view(
-        ViewKind::Front,
-        &[noisy(Kind::Polygon(4), &box_of(x, z), 0.02, &mut random)],
-    );
-    let poor = view(
-        ViewKind::Side,
-        &[noisy(Kind::Polygon(4), &box_of(y, z), 0.2, &mut random)],
-    );
+    let good = view(ViewKind::Front, &[noisy(Kind::Polygon(4), &box_of(x, z), 0.02, &mut random)]);
+    let poor = view(ViewKind::Side, &[noisy(Kind::Polygon(4), &box_of(y, z), 0.2, &mut random)]);
     let found = match_views(&[good.clone(), poor], &MatchOptions::default()).unwrap();
     let solid = solve(&found.exact_views().unwrap()).unwrap().solutions.remove(0).solid;
     let height = &found.dimensions(&solid)[2];
@@ -152,17 +117,9 @@ fn a_cylinder_is_seen_as_a_circle_and_two_rectangles() {
     let views = [
         view(
             ViewKind::Front,
-            &[noisy(
-                Kind::Polygon(4),
-                &[-20.0, 0.0, 20.0, 0.0, 20.0, 50.0, -20.0, 50.0],
-                0.05,
-                &mut random,
-            )],
+            &[noisy(Kind::Polygon(4), &[-20.0, 0.0, 20.0, 0.0, 20.0, 50.0, -20.0, 50.0], 0.05, &mut random)],
         ),
-        view(
-            ViewKind::Top,
-            &[noisy(Kind::Circle, &[0.0, 0.0, 20.0], 0.05, &mut random)],
-        ),
+        view(ViewKind::Top, &[noisy(Kind::Circle, &[0.0, 0.0, 20.0], 0.05, &mut random)]),
     ];
     let found = match_views(&views, &MatchOptions::default()).unwrap();
     let solid = solve(&found.exact_views().unwrap()).unwrap().solutions.remove(0).solid;
@@ -181,10 +138,7 @@ fn views_that_do_not_agree_are_told_by_name() {
     assert!(said(&[views[0].clone(), views[0].clone()]).contains("two front views"));
     // The top view at a scale of 1.1.
     let mut random = ChaCha8Rng::seed_from_u64(2);
-    let large = view(
-        ViewKind::Top,
-        &[noisy(Kind::Polygon(4), &box_of(44.0, 77.0), 0.05, &mut random)],
-    );
+    let large = view(ViewKind::Top, &[noisy(Kind::Polygon(4), &box_of(44.0, 77.0), 0.05, &mut random)]);
     let refused = said(&[views[0].clone(), large]);
     assert!(
         refused.contains("the front view ends at x = ")
@@ -193,10 +147,7 @@ fn views_that_do_not_agree_are_told_by_name() {
         "{refused}"
     );
     let ellipse = noisy(Kind::Ellipse, &[0.0, 0.0, 20.0, 10.0, 0.0], 0.01, &mut random);
-    let round = NoisyView {
-        kind: ViewKind::Top,
-        sketch: Sketch::new(&[ellipse]).unwrap(),
-        constraints: Vec::new(),
-    };
+    let round =
+        NoisyView { kind: ViewKind::Top, sketch: Sketch::new(&[ellipse]).unwrap(), constraints: Vec::new() };
     assert!(said(&[views[0].clone(), round]).contains("the top view has neither corners nor circles"));
 }

@@ -61,10 +61,7 @@ impl Curve {
     #[must_use]
     pub fn at(&self, t: f64) -> ([f64; 3], [f64; 3]) {
         let pair = |p: [f64; 3], x: [f64; 2], a: [f64; 3], y: [f64; 2], b: [f64; 3]| {
-            (
-                add_scaled(add_scaled(p, x[0], a), y[0], b),
-                add_scaled(scale(x[1], a), y[1], b),
-            )
+            (add_scaled(add_scaled(p, x[0], a), y[0], b), add_scaled(scale(x[1], a), y[1], b))
         };
         match self {
             Self::Line { origin, along } => (add_scaled(*origin, t, *along), *along),
@@ -91,10 +88,12 @@ impl Curve {
         }
     }
 
-    /// The parameter of the point nearest to a place; near `guess`, where a curve that is given in pieces passes by more than once.
+    /// The parameter of the point nearest to a place; near `guess`, where a curve that is given in pieces
+    /// passes by more than once.
     #[must_use]
     pub fn parameter(&self, p: [f64; 3], guess: Option<f64>) -> f64 {
-        let along = |center: &[f64; 3], a: &[f64; 3]| dot(sub(p, *center), *a) / dot(*a, *a).max(f64::MIN_POSITIVE);
+        let along =
+            |center: &[f64; 3], a: &[f64; 3]| dot(sub(p, *center), *a) / dot(*a, *a).max(f64::MIN_POSITIVE);
         match self {
             Self::Line { origin, along: d } => along(origin, d),
             Self::Ellipse { center, a, b } => along(center, b).atan2(along(center, a)),
@@ -104,7 +103,8 @@ impl Curve {
         }
     }
 
-    /// The parameter at which `residual` of the point is shortest. `turned` is the derivative of the residual for the point's derivative.
+    /// The parameter at which `residual` of the point is shortest. `turned` is the derivative of the residual
+    /// for the point's derivative.
     pub(super) fn nearest(
         &self,
         residual: &dyn Fn([f64; 3]) -> [f64; 3],
@@ -181,9 +181,11 @@ impl Curve {
         found
     }
 
-    /// Parameters in a range at which it is looked at first, both ends included: where pieces meet, every 30° of an ellipse.
+    /// Parameters in a range at which it is looked at first, both ends included: where pieces meet, every 30°
+    /// of an ellipse.
     pub(super) fn breaks(&self, [from, to]: [f64; 2]) -> Vec<f64> {
-        let even = |n: usize| -> Vec<f64> { (0..=n).map(|k| from + (to - from) * k as f64 / n as f64).collect() };
+        let even =
+            |n: usize| -> Vec<f64> { (0..=n).map(|k| from + (to - from) * k as f64 / n as f64).collect() };
         match self {
             Self::Line { .. } => vec![from, to],
             Self::Ellipse { .. } => even((((to - from) / FRAC_PI_6).ceil() as usize).clamp(2, 1000)),
@@ -212,7 +214,8 @@ impl Curve {
         }
     }
 
-    /// The range of an edge between two points; `is_closed` where they are one. Ascending, whichever way the edge runs.
+    /// The range of an edge between two points; `is_closed` where they are one. Ascending, whichever way the
+    /// edge runs.
     #[must_use]
     pub fn range(&self, [from, to]: [[f64; 3]; 2], is_closed: bool) -> [f64; 2] {
         let first = self.parameter(from, None);
@@ -227,7 +230,8 @@ impl Curve {
         }
     }
 
-    /// Parameters within a range, its ends left out, whose points' chords miss the curve by half of the chord tolerance at most and are no longer than the longest edge.
+    /// Parameters within a range, its ends left out, whose points' chords miss the curve by half of the chord
+    /// tolerance at most and are no longer than the longest edge.
     #[must_use]
     pub fn chords(&self, range: [f64; 2], fineness: &Fineness) -> Vec<f64> {
         let [from, to] = range;
@@ -277,36 +281,17 @@ mod tests {
                 [t.cos() * (2.0 + (3.0 * t).sin()), t.sin() * 3.0, 0.5 * (2.0 * t).cos()]
             })
             .collect();
-        let knots: Vec<f64> = [0.0; 3]
-            .into_iter()
-            .chain((0..=9).map(f64::from))
-            .chain([9.0; 3])
-            .collect();
+        let knots: Vec<f64> = [0.0; 3].into_iter().chain((0..=9).map(f64::from)).chain([9.0; 3]).collect();
         Curve::Spline(SplineCurve::try_new(3, knots, &poles, None).unwrap())
     }
 
     #[test]
     fn nearest_parameters_of_points_beside_the_curve_are_theirs() {
         let shapes = [
-            Curve::Line {
-                origin: [1.0, 2.0, 3.0],
-                along: [0.5, -2.0, 0.25],
-            },
-            Curve::Ellipse {
-                center: [1.0, 0.0, 0.0],
-                a: [3.0, 0.0, 0.0],
-                b: [0.0, 0.0, 2.0],
-            },
-            Curve::Hyperbola {
-                center: [0.0; 3],
-                a: [1.0, 0.0, 0.0],
-                b: [0.0, 2.0, 0.0],
-            },
-            Curve::Parabola {
-                vertex: [0.0; 3],
-                a: [1.0, 0.0, 0.0],
-                b: [0.0, 1.0, 0.0],
-            },
+            Curve::Line { origin: [1.0, 2.0, 3.0], along: [0.5, -2.0, 0.25] },
+            Curve::Ellipse { center: [1.0, 0.0, 0.0], a: [3.0, 0.0, 0.0], b: [0.0, 0.0, 2.0] },
+            Curve::Hyperbola { center: [0.0; 3], a: [1.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] },
+            Curve::Parabola { vertex: [0.0; 3], a: [1.0, 0.0, 0.0], b: [0.0, 1.0, 0.0] },
             wave(),
         ];
         for curve in shapes {
@@ -323,10 +308,7 @@ mod tests {
 
     #[test]
     fn chords_keep_to_the_curve_and_below_the_longest() {
-        let fineness = Fineness {
-            chord: 1e-3,
-            longest: 0.2,
-        };
+        let fineness = Fineness { chord: 1e-3, longest: 0.2 };
         let curve = wave();
         let period = curve.period().expect("closed");
         assert_eq!(period, 9.0);

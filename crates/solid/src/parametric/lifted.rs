@@ -90,10 +90,7 @@ impl Lifter<'_> {
                 at[1 - pole.constant] = self.past(&pole, last, at, is_seam);
                 let mut again = at;
                 again[pole.constant] = pole.value;
-                corners.push(Corner {
-                    vertex: ring.vertices[before],
-                    at: again,
-                });
+                corners.push(Corner { vertex: ring.vertices[before], at: again });
             } else if let Some(last) = last {
                 at = self.near(last, at);
             }
@@ -130,7 +127,8 @@ impl Lifter<'_> {
         })
     }
 
-    /// Where a loop that went into a pole comes out of it: the face to its left says which way it went along the pole.
+    /// Where a loop that went into a pole comes out of it: the face to its left says which way it went along
+    /// the pole.
     fn past(&self, pole: &Pole, last: [f64; 2], at: [f64; 2], is_seam: bool) -> f64 {
         let k = 1 - pole.constant;
         let Some(period) = self.periods[k] else {

@@ -74,10 +74,7 @@ impl EdgePoints {
 
     /// A loop with the face to its left along the surface's normal.
     fn ring(&self, coedges: &[(usize, bool)], is_outward: bool) -> Ring {
-        let mut ring = Ring {
-            vertices: Vec::new(),
-            along: Vec::new(),
-        };
+        let mut ring = Ring { vertices: Vec::new(), along: Vec::new() };
         let mut end = None;
         for &(edge, forward) in coedges {
             let mut points = self.of_edge[edge].clone();
@@ -123,9 +120,7 @@ fn inner_points(shape: &Shape, edge: &Edge, fineness: &Fineness) -> Vec<[f64; 3]
     if is_closed && matches!(edge.curve, Curve::Line { .. }) {
         return Vec::new();
     }
-    let range = edge
-        .curve
-        .range(if edge.is_forward { [a, b] } else { [b, a] }, is_closed);
+    let range = edge.curve.range(if edge.is_forward { [a, b] } else { [b, a] }, is_closed);
     let at = edge.curve.chords(range, fineness);
     let mut points: Vec<[f64; 3]> = at.into_iter().map(|t| edge.curve.point(t)).collect();
     if !edge.is_forward {
@@ -138,13 +133,12 @@ impl Shape {
     /// Triangles of every face that can be filled.
     ///
     /// # Errors
-    /// [`Input`](planish_estimate::ErrorKind::Input) for a fineness that is not positive, and for indices that do not exist.
+    /// [`Input`](planish_estimate::ErrorKind::Input) for a fineness that is not positive, and for indices
+    /// that do not exist.
     pub fn triangles(&self, fineness: &Fineness) -> Result<Meshed> {
         self.check(fineness)?;
-        let mut points = EdgePoints {
-            positions: self.vertices.clone(),
-            of_edge: vec![Vec::new(); self.edges.len()],
-        };
+        let mut points =
+            EdgePoints { positions: self.vertices.clone(), of_edge: vec![Vec::new(); self.edges.len()] };
         let mut cuts = vec![0_u8; self.edges.len()];
         let mut filled: Vec<Option<Result<Filled>>> = (0..self.faces.len()).map(|_| None).collect();
         let mut stale: Vec<usize> = (0..self.edges.len()).collect();
@@ -209,7 +203,9 @@ impl Shape {
             .filter(|ring| !ring.vertices.is_empty())
             .collect();
         // A loop of one vertex marks a pole, and one of two has nothing in it.
-        rings.retain(|ring| ring.vertices.len() > 2 || ring.vertices.len() == 2 && ring.along[0] != ring.along[1]);
+        rings.retain(|ring| {
+            ring.vertices.len() > 2 || ring.vertices.len() == 2 && ring.along[0] != ring.along[1]
+        });
         if rings.is_empty() && face.loops.iter().any(|l| !l.is_empty()) && face.surface.poles().is_empty() {
             return Err(Error::unsupported("its loops have less than three points"));
         }

@@ -1,12 +1,15 @@
 //! What a face covers of its surface's parameters: polygons without jumps.
 //!
-//! Comes in: loops in parameters. Goes out: polygons; a point in an odd number of them is in the face. Two loops that wind around are cut open along a bridge,
-//! which both sides of the cut share; where the face holds a pole, or all of a closed surface, loops are made for it.
+//! Comes in: loops in parameters. Goes out: polygons; a point in an odd number of them is in the face. Two
+//! loops that wind around are cut open along a bridge, which both sides of the cut share; where the face
+//! holds a pole, or all of a closed surface, loops are made for it.
 
 use super::lifted::{Lifted, Lifter, Ring};
 use super::surface::{Feet, Surface};
 use super::{Face, Fineness};
-use crate::tessellation::polygon::{Corner, contains, part_touching, segments_cross, shift_into_outer, signed_area};
+use crate::tessellation::polygon::{
+    Corner, contains, part_touching, segments_cross, shift_into_outer, signed_area,
+};
 use planish_estimate::vector3::{distance, norm};
 use planish_estimate::{Error, Result};
 
@@ -40,21 +43,15 @@ impl<'a> Outliner<'a> {
             poles: surface.poles(),
             close: 0.1 * fineness.chord,
         };
-        Self {
-            surface,
-            lifter,
-            fineness,
-            positions,
-        }
+        Self { surface, lifter, fineness, positions }
     }
 
     /// The polygons of a face within loops that have it to their left.
     pub(super) fn outline(&mut self, rings: &[Ring]) -> Result<Outline> {
-        let lifted: Result<Vec<Lifted>> = rings
-            .iter()
-            .map(|ring| self.lifter.lift(ring, self.positions))
-            .collect();
-        // A loop along both sides of a seam goes around what is in it, whichever way it runs; some files have that wrong.
+        let lifted: Result<Vec<Lifted>> =
+            rings.iter().map(|ring| self.lifter.lift(ring, self.positions)).collect();
+        // A loop along both sides of a seam goes around what is in it, whichever way it runs; some files have
+        // that wrong.
         let is_seamed = rings.iter().any(Ring::has_seam);
         let mut polygons = self.polygons(lifted?, is_seamed)?;
         let periods = self.lifter.periods;
@@ -77,7 +74,8 @@ impl<'a> Outliner<'a> {
         let Some(k) = along else {
             return self.unwound(loops.into_iter().map(|l| l.corners).collect(), is_seamed);
         };
-        let (winding, others): (Vec<Lifted>, Vec<Lifted>) = loops.into_iter().partition(|l| l.windings[k] != 0);
+        let (winding, others): (Vec<Lifted>, Vec<Lifted>) =
+            loops.into_iter().partition(|l| l.windings[k] != 0);
         let mut around: Vec<(bool, Vec<Corner>)> =
             winding.into_iter().map(|l| (l.windings[k] > 0, l.corners)).collect();
         let n = around.len();
@@ -107,7 +105,8 @@ impl<'a> Outliner<'a> {
             }
             sorted.sort_by_key(|(is_on, _)| !is_on);
         } else {
-            // Only one part lies between two loops: which way they run says nothing more, and is wrong in some files.
+            // Only one part lies between two loops: which way they run says nothing more, and is wrong in
+            // some files.
             sorted.sort_by(|a, b| mean(&a.1).total_cmp(&mean(&b.1)));
             if k == 1 {
                 sorted.reverse();
@@ -138,12 +137,7 @@ impl<'a> Outliner<'a> {
     /// The loop that stands for the pole on the side of a loop around, to its left where there are two.
     fn pole_beside(&mut self, k: usize, is_on: bool) -> Result<Vec<Corner>> {
         let is_above = is_on == (k == 0);
-        let of = |low: bool| {
-            self.lifter
-                .poles
-                .iter()
-                .find(|p| p.constant == 1 - k && p.is_low == low)
-        };
+        let of = |low: bool| self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.is_low == low);
         match of(!is_above).or(of(is_above)).copied() {
             Some(pole) => {
                 let vertex = self.positions.len() as u32;
@@ -170,20 +164,21 @@ impl<'a> Outliner<'a> {
             .map(|i| {
                 let mut at = [value; 2];
                 at[k] = lo + period * i as f64 / n as f64;
-                Corner {
-                    vertex: vertex(self, at),
-                    at,
-                }
+                Corner { vertex: vertex(self, at), at }
             })
             .collect()
     }
 
-    /// A face none of whose loops winds around: within the outer one, or what holes leave of a closed surface, or all of it.
+    /// A face none of whose loops winds around: within the outer one, or what holes leave of a closed
+    /// surface, or all of it.
     fn unwound(&mut self, loops: Vec<Vec<Corner>>, is_seamed: bool) -> Result<Vec<Vec<Corner>>> {
         let periods = self.lifter.periods;
-        // A direction around which loops could be made: its ends across are poles, or it comes back across, too, or nothing bounds it at all.
-        let low = |k: usize, low: bool| self.lifter.poles.iter().any(|p| p.constant == 1 - k && p.is_low == low);
-        let closes = |k: usize| periods[k].is_some() && (periods[1 - k].is_some() || low(k, true) && low(k, false));
+        // A direction around which loops could be made: its ends across are poles, or it comes back across,
+        // too, or nothing bounds it at all.
+        let low =
+            |k: usize, low: bool| self.lifter.poles.iter().any(|p| p.constant == 1 - k && p.is_low == low);
+        let closes =
+            |k: usize| periods[k].is_some() && (periods[1 - k].is_some() || low(k, true) && low(k, false));
         let closed = [0, 1].into_iter().find(|k| closes(*k));
         if let Some(k) = closed
             && (loops.is_empty() || !is_seamed && signed_area(&loops) < 0.0)
@@ -225,11 +220,7 @@ impl<'a> Outliner<'a> {
                     corner.at[across] += period;
                 }
                 there.reverse();
-                if k == 0 {
-                    [here, there]
-                } else {
-                    reversed_pair(here, there)
-                }
+                if k == 0 { [here, there] } else { reversed_pair(here, there) }
             }
         };
         let joined = self.joined(k, pair, &holes)?;
@@ -239,11 +230,7 @@ impl<'a> Outliner<'a> {
     }
 
     fn pole_at(&mut self, k: usize, value: f64) -> Result<Vec<Corner>> {
-        let pole = self
-            .lifter
-            .poles
-            .iter()
-            .find(|p| p.constant == 1 - k && p.value == value);
+        let pole = self.lifter.poles.iter().find(|p| p.constant == 1 - k && p.value == value);
         let Some(point) = pole.map(|p| p.point) else {
             return Err(Error::unsupported("it has no pole where it should end"));
         };
@@ -349,8 +336,14 @@ impl<'a> Outliner<'a> {
         n
     }
 
-    /// One polygon of two loops around, the first running on and the second back, along a bridge that crosses no loop.
-    fn joined(&mut self, k: usize, [on, back]: [Vec<Corner>; 2], others: &[Vec<Corner>]) -> Result<Vec<Corner>> {
+    /// One polygon of two loops around, the first running on and the second back, along a bridge that crosses
+    /// no loop.
+    fn joined(
+        &mut self,
+        k: usize,
+        [on, back]: [Vec<Corner>; 2],
+        others: &[Vec<Corner>],
+    ) -> Result<Vec<Corner>> {
         let period = self.lifter.periods[k].unwrap_or(1.0);
         let near = |x: f64, to: f64| x - period * ((x - to) / period).round();
         let across = 1 - k;
@@ -452,12 +445,11 @@ impl<'a> Outliner<'a> {
 
 /// Least and largest of a parameter along a loop.
 fn extent(corners: &[Corner], k: usize) -> (f64, f64) {
-    corners
-        .iter()
-        .fold((f64::MAX, f64::MIN), |(lo, hi), c| (lo.min(c.at[k]), hi.max(c.at[k])))
+    corners.iter().fold((f64::MAX, f64::MIN), |(lo, hi), c| (lo.min(c.at[k]), hi.max(c.at[k])))
 }
 
-/// A low loop that runs on and a high one that runs back, with the face on their other sides: high on, low back.
+/// A low loop that runs on and a high one that runs back, with the face on their other sides: high on, low
+/// back.
 fn reversed_pair(mut low: Vec<Corner>, mut high: Vec<Corner>) -> [Vec<Corner>; 2] {
     low.reverse();
     high.reverse();

@@ -104,12 +104,8 @@ fn spacings(surface: &Surface, lo: [f64; 2], hi: [f64; 2], steps: [f64; 2], fine
 
 /// Sides of polygons that come within a distance of a level of the second coordinate.
 fn sides_near(polygons: &[Vec<Corner>], y: f64, apart: f64) -> Vec<[[f64; 2]; 2]> {
-    let sides = polygons
-        .iter()
-        .flat_map(|p| (0..p.len()).map(move |k| [p[k].at, p[(k + 1) % p.len()].at]));
-    sides
-        .filter(|[a, b]| a[1].min(b[1]) <= y + apart && a[1].max(b[1]) >= y - apart)
-        .collect()
+    let sides = polygons.iter().flat_map(|p| (0..p.len()).map(move |k| [p[k].at, p[(k + 1) % p.len()].at]));
+    sides.filter(|[a, b]| a[1].min(b[1]) <= y + apart && a[1].max(b[1]) >= y - apart).collect()
 }
 
 /// The distance of a point from a side.

@@ -1,10 +1,11 @@
 //! Rational B-spline curves and surfaces of any degree: points and first derivatives.
 //!
-//! Comes in: degree, knots, control points and weights. Goes out: places at parameters, clamped to the domain.
-//! Not guaranteed: continuity; a knot may be as multiple as the degree allows.
+//! Comes in: degree, knots, control points and weights. Goes out: places at parameters, clamped to the
+//! domain. Not guaranteed: continuity; a knot may be as multiple as the degree allows.
 //!
 //! # References
-//! de Boor 1972, *On calculating with B-splines* (recurrence); Piegl and Tiller 1997, *The NURBS Book*, eqs. 2.5 and 2.7 (basis and its derivative), 4.1 and 4.11 (rational curves and surfaces).
+//! de Boor 1972, *On calculating with B-splines* (recurrence); Piegl and Tiller 1997, *The NURBS Book*, eqs.
+//! 2.5 and 2.7 (basis and its derivative), 4.1 and 4.11 (rational curves and surfaces).
 
 use planish_estimate::vector3::distance;
 use planish_estimate::{Error, Result};
@@ -35,9 +36,7 @@ struct Knots {
 impl Knots {
     fn try_new(degree: usize, at: Vec<f64>, n: usize) -> Result<Self> {
         if !(1..=MOST_DEGREE).contains(&degree) {
-            return Err(Error::input(format!(
-                "needed a degree from 1 to {MOST_DEGREE}, found {degree}"
-            )));
+            return Err(Error::input(format!("needed a degree from 1 to {MOST_DEGREE}, found {degree}")));
         }
         if n <= degree || at.len() != n + degree + 1 {
             return Err(Error::input(format!(
@@ -49,9 +48,7 @@ impl Knots {
             return Err(Error::input("needed finite ascending knots"));
         }
         if at[degree] >= at[n] {
-            return Err(Error::input(
-                "needed knots that enclose a range, found all in one place",
-            ));
+            return Err(Error::input("needed knots that enclose a range, found all in one place"));
         }
         Ok(Self { degree, at, n })
     }
@@ -112,11 +109,7 @@ impl Knots {
                 slope[r] -= part(lower[r], k[i + p + 1] - k[i + 1]);
             }
         }
-        Basis {
-            first: span - p,
-            value,
-            slope,
-        }
+        Basis { first: span - p, value, slope }
     }
 }
 
@@ -160,11 +153,17 @@ pub struct SplineCurve {
 }
 
 impl SplineCurve {
-    /// From a degree, knots that are repeated as often as they count, control points, and weights where it is rational.
+    /// From a degree, knots that are repeated as often as they count, control points, and weights where it is
+    /// rational.
     ///
     /// # Errors
     /// [`Input`](planish_estimate::ErrorKind::Input) where numbers do not fit together.
-    pub fn try_new(degree: usize, knots: Vec<f64>, poles: &[[f64; 3]], weights: Option<&[f64]>) -> Result<Self> {
+    pub fn try_new(
+        degree: usize,
+        knots: Vec<f64>,
+        poles: &[[f64; 3]],
+        weights: Option<&[f64]>,
+    ) -> Result<Self> {
         let mut made = Self {
             knots: Knots::try_new(degree, knots, poles.len())?,
             poles: homogeneous(poles, weights)?,
@@ -239,7 +238,8 @@ pub struct SplineSurface {
 }
 
 impl SplineSurface {
-    /// From degrees and knots along u and v, and control points (and weights where it is rational), along v fastest.
+    /// From degrees and knots along u and v, and control points (and weights where it is rational), along v
+    /// fastest.
     ///
     /// # Errors
     /// [`Input`](planish_estimate::ErrorKind::Input) where numbers do not fit together.
@@ -279,9 +279,7 @@ impl SplineSurface {
             self.at(at).0
         };
         let shares = || (0..=16).map(|i| f64::from(i) / 16.0);
-        let size = shares()
-            .map(|s| distance(at(lo, s), at(0.5 * (lo + hi), s)))
-            .fold(0.0, f64::max);
+        let size = shares().map(|s| distance(at(lo, s), at(0.5 * (lo + hi), s))).fold(0.0, f64::max);
         size > 0.0 && shares().all(|s| distance(at(lo, s), at(hi, s)) <= CLOSED * size)
     }
 
@@ -340,13 +338,7 @@ mod tests {
     #[test]
     fn a_rational_quadratic_is_a_circle_and_its_derivative_that_of_differences() {
         let h = 0.5_f64.sqrt();
-        let poles = [
-            [1.0, 0.0, 0.0],
-            [1.0, 1.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [-1.0, 1.0, 0.0],
-            [-1.0, 0.0, 0.0],
-        ];
+        let poles = [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
         let weights = [1.0, h, 1.0, h, 1.0];
         let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0];
         let half = SplineCurve::try_new(2, knots, &poles, Some(&weights)).unwrap();
@@ -369,10 +361,8 @@ mod tests {
         // Greville's abscissae as control points give the identity.
         let knots = vec![0.0, 0.0, 0.0, 0.0, 1.0, 2.5, 3.0, 3.0, 3.0, 3.0];
         let greville: Vec<f64> = (0..6).map(|i| knots[i + 1..i + 4].iter().sum::<f64>() / 3.0).collect();
-        let poles: Vec<[f64; 3]> = greville
-            .iter()
-            .flat_map(|u| greville.iter().map(move |v| [*u, *v, 2.0 * u - 3.0 * v]))
-            .collect();
+        let poles: Vec<[f64; 3]> =
+            greville.iter().flat_map(|u| greville.iter().map(move |v| [*u, *v, 2.0 * u - 3.0 * v])).collect();
         let plane = SplineSurface::try_new([3, 3], [knots.clone(), knots], &poles, None).unwrap();
         for at in [[0.0, 0.0], [0.3, 2.9], [1.0, 2.5], [3.0, 3.0]] {
             let (p, [u, v]) = plane.at(at);

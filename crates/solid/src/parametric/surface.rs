@@ -166,31 +166,27 @@ impl Surface {
         }
     }
 
-    /// Lines of one parameter that are points: poles of a sphere, the tip of a cone, sides of a spline, ends of a curve on its axis.
+    /// Lines of one parameter that are points: poles of a sphere, the tip of a cone, sides of a spline, ends
+    /// of a curve on its axis.
     #[must_use]
     pub fn poles(&self) -> Vec<Pole> {
         let pole = |constant: usize, value: f64, is_low: bool| {
             let mut at = [0, 1].map(|k| self.domain()[k].map_or(0.0, |d| d[0]));
             at[constant] = value;
-            Pole {
-                constant,
-                value,
-                is_low,
-                point: self.point(at),
-            }
+            Pole { constant, value, is_low, point: self.point(at) }
         };
         match self {
             Self::Elementary(brep::Surface::Sphere { .. }) => {
                 vec![pole(1, -FRAC_PI_2, true), pole(1, FRAC_PI_2, false)]
             }
-            Self::Elementary(surface @ brep::Surface::Cone { .. }) => vec![pole(1, surface.range_v()[0], true)],
+            Self::Elementary(surface @ brep::Surface::Cone { .. }) => {
+                vec![pole(1, surface.range_v()[0], true)]
+            }
             Self::Elementary(_) | Self::Extrusion { .. } => Vec::new(),
             Self::Spline(_) => self.collapsed_sides().map(|(k, x, low)| pole(k, x, low)).collect(),
-            Self::Offset { base, .. } => base
-                .poles()
-                .into_iter()
-                .map(|p| pole(p.constant, p.value, p.is_low))
-                .collect(),
+            Self::Offset { base, .. } => {
+                base.poles().into_iter().map(|p| pole(p.constant, p.value, p.is_low)).collect()
+            }
             Self::Revolution { curve, origin, axis } => {
                 let Curve::Spline(spline) = curve else {
                     // Circles that reach their axis are not asked where.
@@ -210,15 +206,15 @@ impl Surface {
         }
     }
 
-    /// Sides of the domain that are points: the parameter that is constant, its value, whether it is the low one.
+    /// Sides of the domain that are points: the parameter that is constant, its value, whether it is the low
+    /// one.
     fn collapsed_sides(&self) -> impl Iterator<Item = (usize, f64, bool)> {
         let domain = self.domain();
         let periods = self.periods();
         let size = match domain {
-            [Some(u), Some(v)] => distance(
-                self.point([u[0], v[0]]),
-                self.point([0.5 * (u[0] + u[1]), 0.5 * (v[0] + v[1])]),
-            ),
+            [Some(u), Some(v)] => {
+                distance(self.point([u[0], v[0]]), self.point([0.5 * (u[0] + u[1]), 0.5 * (v[0] + v[1])]))
+            }
             _ => 0.0,
         };
         (0..2)
@@ -262,7 +258,9 @@ impl Surface {
     pub(super) fn breaks(&self, direction: usize) -> Vec<f64> {
         match (self, direction) {
             (Self::Spline(spline), k) => spline.breaks(k),
-            (Self::Extrusion { curve, .. }, 0) | (Self::Revolution { curve, .. }, 1) => curve.breaks(curve.domain()),
+            (Self::Extrusion { curve, .. }, 0) | (Self::Revolution { curve, .. }, 1) => {
+                curve.breaks(curve.domain())
+            }
             (Self::Offset { base, .. }, k) => base.breaks(k),
             _ => Vec::new(),
         }
@@ -283,11 +281,7 @@ impl<'a> Feet<'a> {
     }
 
     pub(super) fn new(surface: &'a Surface) -> Self {
-        Self {
-            surface,
-            periods: surface.periods(),
-            places: Vec::new(),
-        }
+        Self { surface, periods: surface.periods(), places: Vec::new() }
     }
 
     /// The parameters of the point nearest to `p`; near `guess` where that is good within `close`.
@@ -334,7 +328,8 @@ impl<'a> Feet<'a> {
         if self.places.is_empty() {
             self.places = places(surface);
         }
-        let mut order: Vec<(f64, [f64; 2])> = self.places.iter().map(|(at, q)| (distance(p, *q), *at)).collect();
+        let mut order: Vec<(f64, [f64; 2])> =
+            self.places.iter().map(|(at, q)| (distance(p, *q), *at)).collect();
         let few = order.len().min(6);
         if few > 0 {
             order.select_nth_unstable_by(few - 1, |a, b| a.0.total_cmp(&b.0));
@@ -345,19 +340,13 @@ impl<'a> Feet<'a> {
     }
 }
 
-/// Parameters of a point on an elementary surface, on the other side of the axis where the surface has crossed it: beyond the tip of a cone, and inside a torus whose tube is
-/// wider than its ring.
+/// Parameters of a point on an elementary surface, on the other side of the axis where the surface has
+/// crossed it: beyond the tip of a cone, and inside a torus whose tube is wider than its ring.
 fn elementary(surface: &brep::Surface, p: [f64; 3]) -> [f64; 2] {
     let [u, v] = surface.parameters(p);
     let beyond = match *surface {
         brep::Surface::Cone { .. } => (v < surface.range_v()[0]).then_some([u + PI, v]),
-        brep::Surface::Torus {
-            center,
-            axis,
-            major,
-            minor,
-            ..
-        } if minor > major => {
+        brep::Surface::Torus { center, axis, major, minor, .. } if minor > major => {
             let d = sub(p, center);
             let h = dot(d, axis);
             let across = norm(add_scaled(d, -h, axis));
@@ -369,22 +358,21 @@ fn elementary(surface: &brep::Surface, p: [f64; 3]) -> [f64; 2] {
     beyond.filter(|b| off(*b) < off([u, v])).unwrap_or([u, v])
 }
 
-/// The parameter of a curve that is turned about an axis: of a line in closed form by its height or its radius, of others by the shortest residual.
+/// The parameter of a curve that is turned about an axis: of a line in closed form by its height or its
+/// radius, of others by the shortest residual.
 fn on_profile(curve: &Curve, residual: &dyn Fn([f64; 3]) -> [f64; 3], guess: Option<f64>) -> f64 {
     // Derivatives of radius and height by differences.
     let mut best = (f64::MAX, 0.0);
     let ends = match curve {
         Curve::Line { .. } => {
-            // Residuals change at most linearly: Newton's steps from two sides find both places of equal radius.
+            // Residuals change at most linearly: Newton's steps from two sides find both places of equal
+            // radius.
             vec![guess.unwrap_or(0.0), -1.0, 1.0]
         }
         _ => {
             let [lo, hi] = curve.domain();
             let n = 8 * curve.breaks([lo, hi]).len();
-            guess
-                .into_iter()
-                .chain((0..=n).map(|k| lo + (hi - lo) * k as f64 / n as f64))
-                .collect()
+            guess.into_iter().chain((0..=n).map(|k| lo + (hi - lo) * k as f64 / n as f64)).collect()
         }
     };
     let square = |t: f64| {
@@ -441,9 +429,7 @@ fn places(surface: &Surface) -> Vec<([f64; 2], [f64; 3])> {
         let wanted = (breaks.len() - 1) * 2 * spline.degrees()[k];
         let [lo, hi] = spline.domain()[k];
         let n = wanted.clamp(4, MOST_PLACES);
-        (0..=n)
-            .map(|i| lo + (hi - lo) * i as f64 / n as f64)
-            .collect::<Vec<f64>>()
+        (0..=n).map(|i| lo + (hi - lo) * i as f64 / n as f64).collect::<Vec<f64>>()
     });
     let mut found = Vec::with_capacity(lines[0].len() * lines[1].len());
     for u in &lines[0] {

@@ -3,10 +3,7 @@ use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
 use planish_mesh::TriangleMesh;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-const FINE: Fineness = Fineness {
-    chord: 1e-3,
-    longest: f64::INFINITY,
-};
+const FINE: Fineness = Fineness { chord: 1e-3, longest: f64::INFINITY };
 
 fn elementary(surface: crate::brep::Surface) -> Surface {
     Surface::Elementary(surface)
@@ -35,21 +32,12 @@ fn torus() -> Surface {
 fn circle(shape: &mut Shape, center: [f64; 3], a: [f64; 3], b: [f64; 3]) -> usize {
     shape.vertices.push(add_scaled(center, 1.0, a));
     let v = shape.vertices.len() - 1;
-    shape.edges.push(Edge {
-        curve: Curve::Ellipse { center, a, b },
-        ends: [v, v],
-        is_forward: true,
-    });
+    shape.edges.push(Edge { curve: Curve::Ellipse { center, a, b }, ends: [v, v], is_forward: true });
     shape.edges.len() - 1
 }
 
 fn face(surface: Surface, is_outward: bool, loops: Vec<Vec<(usize, bool)>>) -> Face {
-    Face {
-        name: "face".to_owned(),
-        surface,
-        is_outward,
-        loops,
-    }
+    Face { name: "face".to_owned(), surface, is_outward, loops }
 }
 
 /// The one part of a shape, its area and what the check of its mesh says.
@@ -75,10 +63,9 @@ fn near(found: f64, truth: f64, share: f64) {
 
 #[test]
 fn whole_spheres_and_tori_close_and_face_outwards() {
-    for (surface, area, volume) in [
-        (sphere(), 16.0 * PI, 32.0 / 3.0 * PI),
-        (torus(), 12.0 * PI * PI, 6.0 * PI * PI),
-    ] {
+    for (surface, area, volume) in
+        [(sphere(), 16.0 * PI, 32.0 / 3.0 * PI), (torus(), 12.0 * PI * PI, 6.0 * PI * PI)]
+    {
         for (outward, sign) in [(true, 1.0), (false, -1.0)] {
             let mut shape = Shape::default();
             shape.faces.push(face(surface.clone(), outward, Vec::new()));
@@ -94,17 +81,12 @@ fn whole_spheres_and_tori_close_and_face_outwards() {
 fn a_cap_holds_the_pole_that_its_loop_has_to_its_left() {
     // The circle of latitude 30° of a ball of radius 2 about (1, 2, 3), seen from above counter-clockwise.
     let (r, h) = (2.0 * (PI / 6.0).cos(), 1.0);
-    for (is_outward, forward, is_upper) in [
-        (true, true, true),
-        (true, false, false),
-        (false, true, false),
-        (false, false, true),
-    ] {
+    for (is_outward, forward, is_upper) in
+        [(true, true, true), (true, false, false), (false, true, false), (false, false, true)]
+    {
         let mut shape = Shape::default();
         let edge = circle(&mut shape, [1.0, 2.0, 3.0 + h], [r, 0.0, 0.0], [0.0, r, 0.0]);
-        shape
-            .faces
-            .push(face(sphere(), is_outward, vec![vec![(edge, forward)]]));
+        shape.faces.push(face(sphere(), is_outward, vec![vec![(edge, forward)]]));
         let (mesh, area, check) = meshed(&shape, &FINE);
         assert_eq!(check.boundary_loops, 1);
         near(area, if is_upper { 4.0 * PI } else { 12.0 * PI }, 3e-3);
@@ -139,12 +121,7 @@ fn loops_choose_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
     for (up, area) in [(true, PI * (3.0 * PI + 2.0)), (false, PI * (3.0 * PI - 2.0))] {
         let mut shape = Shape::default();
         let loops = [-1.0, 1.0]
-            .map(|z| {
-                (
-                    circle(&mut shape, [0.0, 0.0, z], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]),
-                    (z < 0.0) == up,
-                )
-            })
+            .map(|z| (circle(&mut shape, [0.0, 0.0, z], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]), (z < 0.0) == up))
             .map(|coedge| vec![coedge]);
         shape.faces.push(face(torus(), true, loops.to_vec()));
         let (_, found, _) = meshed(&shape, &FINE);
@@ -191,11 +168,7 @@ fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
     let edge = circle(&mut shape, [0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
     shape.faces.push(face(cylinder, true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
-    assert!(
-        made.left_out[0].reason.contains("one loop runs around it"),
-        "{:?}",
-        made.left_out
-    );
+    assert!(made.left_out[0].reason.contains("one loop runs around it"), "{:?}", made.left_out);
 }
 
 #[test]
@@ -224,23 +197,15 @@ fn a_cone_reaches_its_tip_and_beyond() {
     near(area, 8.0 * PI * 2_f64.sqrt(), 1e-3);
 }
 
-/// Half a circle of radius 2 from pole to pole as a rational spline, turned about the axis between them: a ball.
+/// Half a circle of radius 2 from pole to pole as a rational spline, turned about the axis between them: a
+/// ball.
 fn turned_spline() -> (Surface, SplineCurve) {
     let h = 0.5_f64.sqrt();
-    let poles = [
-        [0.0, 0.0, -2.0],
-        [2.0, 0.0, -2.0],
-        [2.0, 0.0, 0.0],
-        [2.0, 0.0, 2.0],
-        [0.0, 0.0, 2.0],
-    ];
+    let poles = [[0.0, 0.0, -2.0], [2.0, 0.0, -2.0], [2.0, 0.0, 0.0], [2.0, 0.0, 2.0], [0.0, 0.0, 2.0]];
     let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0];
     let half = SplineCurve::try_new(2, knots, &poles, Some(&[1.0, h, 1.0, h, 1.0])).unwrap();
-    let surface = Surface::Revolution {
-        curve: Curve::Spline(half.clone()),
-        origin: [0.0; 3],
-        axis: [0.0, 0.0, 1.0],
-    };
+    let surface =
+        Surface::Revolution { curve: Curve::Spline(half.clone()), origin: [0.0; 3], axis: [0.0, 0.0, 1.0] };
     (surface, half)
 }
 
@@ -248,10 +213,7 @@ fn turned_spline() -> (Surface, SplineCurve) {
 fn a_profile_between_poles_turned_is_a_ball_and_beside_it_a_larger_one() {
     let (ball, _) = turned_spline();
     assert_eq!(ball.poles().len(), 2);
-    let beside = Surface::Offset {
-        base: Box::new(ball.clone()),
-        distance: 0.5,
-    };
+    let beside = Surface::Offset { base: Box::new(ball.clone()), distance: 0.5 };
     for (surface, r) in [(ball, 2.0), (beside, 2.5)] {
         let mut shape = Shape::default();
         shape.faces.push(face(surface, true, Vec::new()));
@@ -276,15 +238,9 @@ fn feet_on_every_kind_of_surface_are_those_of_its_points() {
     let surfaces = [
         Surface::Spline(Box::new(sheet)),
         ball,
-        Surface::Extrusion {
-            curve: Curve::Spline(profile),
-            along: [0.3, 1.0, 0.1],
-        },
+        Surface::Extrusion { curve: Curve::Spline(profile), along: [0.3, 1.0, 0.1] },
         Surface::Revolution {
-            curve: Curve::Line {
-                origin: [2.0, 0.0, 0.0],
-                along: [0.5, 1.0, 2.0],
-            },
+            curve: Curve::Line { origin: [2.0, 0.0, 0.0], along: [0.5, 1.0, 2.0] },
             origin: [0.0; 3],
             axis: [0.0, 0.0, 1.0],
         },
@@ -319,10 +275,7 @@ fn faces_that_are_written_apart_share_edges_once_welded() {
             let ends = [4 * k + side, 4 * k + (side + 1) % 4];
             let [from, to] = ends.map(|v| shape.vertices[v]);
             shape.edges.push(Edge {
-                curve: Curve::Line {
-                    origin: from,
-                    along: sub(to, from),
-                },
+                curve: Curve::Line { origin: from, along: sub(to, from) },
                 ends,
                 is_forward: true,
             });

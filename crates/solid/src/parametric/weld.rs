@@ -35,7 +35,8 @@ fn same_points(points: &[[f64; 3]], tolerance: f64) -> Vec<usize> {
 }
 
 impl Shape {
-    /// Makes vertices that are nearer than a tolerance one, and edges that run the same way between the same vertices: many programs write faces that share neither.
+    /// Makes vertices that are nearer than a tolerance one, and edges that run the same way between the same
+    /// vertices: many programs write faces that share neither.
     pub fn weld(&mut self, tolerance: f64) {
         let vertex = same_points(&self.vertices, tolerance);
         for edge in &mut self.edges {

@@ -20,7 +20,8 @@ pub struct PrimitiveFit {
     pub shape: Shape,
     /// Its parameters, in the order of [`Shape::names`].
     pub parameters: Vec<f64>,
-    /// Their covariance: of the rank of the shape's unknowns, which are fewer where directions are among them.
+    /// Their covariance: of the rank of the shape's unknowns, which are fewer where directions are among
+    /// them.
     pub covariance: DMatrix<f64>,
     /// Distance of each reading in standard deviations; NaN where it has none.
     pub distances: Vec<f64>,
@@ -49,8 +50,9 @@ impl PrimitiveFit {
     }
 }
 
-/// Fits a shape to rays, their poses in their noise: from each start a robust batch (Tukey), then on what passes the gate the
-/// batch proper, or a filter after readings enough. Form, motion and start of the options are those of contours, and not used.
+/// Fits a shape to rays, their poses in their noise: from each start a robust batch (Tukey), then on what
+/// passes the gate the batch proper, or a filter after readings enough. Form, motion and start of the options
+/// are those of contours, and not used.
 ///
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
@@ -83,7 +85,11 @@ pub fn fit(shape: Shape, rays: &[Ray], options: &FitOptions) -> Result<Primitive
 ///
 /// # Errors
 /// `Undetermined` when none could be fitted.
-pub fn choose(shapes: &[Shape], rays: &[Ray], options: &FitOptions) -> Result<(PrimitiveFit, Vec<(Shape, f64)>)> {
+pub fn choose(
+    shapes: &[Shape],
+    rays: &[Ray],
+    options: &FitOptions,
+) -> Result<(PrimitiveFit, Vec<(Shape, f64)>)> {
     let mut found = Vec::new();
     let mut last = None;
     for &shape in shapes {
@@ -100,17 +106,24 @@ pub fn choose(shapes: &[Shape], rays: &[Ray], options: &FitOptions) -> Result<(P
     Ok((best, found.map(|one| (one.shape, one.bic())).collect()))
 }
 
-fn readings<'a>(shape: Shape, chart: &'a Chart, rays: impl Iterator<Item = &'a Ray>) -> Vec<ShapeReading<'a>> {
+fn readings<'a>(
+    shape: Shape,
+    chart: &'a Chart,
+    rays: impl Iterator<Item = &'a Ray>,
+) -> Vec<ShapeReading<'a>> {
     rays.map(|ray| ShapeReading { shape, chart, ray }).collect()
 }
 
-fn fit_from(shape: Shape, chart: &Chart, rays: &[Ray], start: &[f64], options: &FitOptions) -> Result<PrimitiveFit> {
+fn fit_from(
+    shape: Shape,
+    chart: &Chart,
+    rays: &[Ray],
+    start: &[f64],
+    options: &FitOptions,
+) -> Result<PrimitiveFit> {
     let all = readings(shape, chart, rays.iter());
     let mut at = DVector::from_column_slice(start);
-    let settings = ImplicitOptions {
-        correct_bias: false,
-        ..ImplicitOptions::default()
-    };
+    let settings = ImplicitOptions { correct_bias: false, ..ImplicitOptions::default() };
     for threshold in [20.0, 6.0] {
         let robust = ImplicitOptions {
             loss: Loss::Tukey { threshold },
@@ -120,16 +133,9 @@ fn fit_from(shape: Shape, chart: &Chart, rays: &[Ray], start: &[f64], options: &
         };
         at = fit_implicit(&all, None, &at, &robust)?.state;
     }
-    let look = ImplicitOptions {
-        max_iterations: 0,
-        ..settings
-    };
+    let look = ImplicitOptions { max_iterations: 0, ..settings };
     let near = Judged::of(&fit_implicit(&all, None, &at, &look)?.distances, options.gate).used;
-    let kept = readings(
-        shape,
-        chart,
-        rays.iter().zip(&near).filter(|(_, u)| **u).map(|(ray, _)| ray),
-    );
+    let kept = readings(shape, chart, rays.iter().zip(&near).filter(|(_, u)| **u).map(|(ray, _)| ray));
     if kept.len() < shape.unknowns() {
         return Err(Error::undetermined("too few readings lie near the shape"));
     }
@@ -141,14 +147,10 @@ fn fit_from(shape: Shape, chart: &Chart, rays: &[Ray], start: &[f64], options: &
     let undetermined = || Error::undetermined("the readings leave a parameter of the shape free");
     let (state, covariance, termination) = if matches!(options.method, Method::Batch | Method::Combined) {
         let found = fit_implicit(&kept, None, &at, &last)?;
-        (
-            found.state,
-            found.covariance.ok_or_else(undetermined)?,
-            found.termination,
-        )
+        (found.state, found.covariance.ok_or_else(undetermined)?, found.termination)
     } else {
-        // Readings enough on every side: a filter decides once which side a reading is of, and does not find back from an edge
-        // that was taken to be elsewhere.
+        // Readings enough on every side: a filter decides once which side a reading is of, and does not find
+        // back from an edge that was taken to be elsewhere.
         let wanted = ((4 * shape.unknowns()).max(12))
             .max(SEED_A_SIDE * shape.pieces().saturating_sub(1))
             .min(kept.len());
@@ -169,26 +171,16 @@ fn fit_from(shape: Shape, chart: &Chart, rays: &[Ray], start: &[f64], options: &
             // An equation without a value at the prediction says nothing: the reading is left out.
             let _ = filter.update_implicit(reading, &update);
         }
-        (
-            filter.mean().clone(),
-            filter.covariance().clone(),
-            Termination::Converged,
-        )
+        (filter.mean().clone(), filter.covariance().clone(), Termination::Converged)
     };
     if !shape.is_valid(state.as_slice()) {
         return Err(Error::undetermined("a size is not positive"));
     }
     if shape == Shape::Box && sides_are_one(rays, state.as_slice()) {
-        return Err(Error::undetermined(
-            "the box is so thin that noise does not tell its two sides apart",
-        ));
+        return Err(Error::undetermined("the box is so thin that noise does not tell its two sides apart"));
     }
     let distances = fit_implicit(&all, None, &state, &look)?.distances;
-    let Judged {
-        used,
-        squares,
-        log_likelihood,
-    } = Judged::of(&distances, options.gate);
+    let Judged { used, squares, log_likelihood } = Judged::of(&distances, options.gate);
     Ok(PrimitiveFit {
         shape,
         parameters: chart.reported(shape, state.as_slice()),
@@ -201,13 +193,19 @@ fn fit_from(shape: Shape, chart: &Chart, rays: &[Ray], start: &[f64], options: &
     })
 }
 
-/// Whether a size of a box is less than four σ of a reading: two sides so near would explain noise, each what is nearer to it.
+/// Whether a size of a box is less than four σ of a reading: two sides so near would explain noise, each what
+/// is nearer to it.
 fn sides_are_one(rays: &[Ray], x: &[f64]) -> bool {
     let variance = rays.iter().map(|ray| ray.covariance().trace() / 3.0).sum::<f64>() / rays.len() as f64;
     x[6..9].iter().any(|size| size * size < 16.0 * variance)
 }
 
-fn reported_covariance(shape: Shape, chart: &Chart, state: &DVector<f64>, covariance: &DMatrix<f64>) -> DMatrix<f64> {
+fn reported_covariance(
+    shape: Shape,
+    chart: &Chart,
+    state: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+) -> DMatrix<f64> {
     let columns: Vec<DVector<f64>> = (0..state.len())
         .map(|k| {
             let step = SPACING * covariance[(k, k)].sqrt();

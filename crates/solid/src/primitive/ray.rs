@@ -58,17 +58,9 @@ impl Ray {
                 for (k, column) in by_noise.iter_mut().enumerate().take(3) {
                     column[k] = -sigma;
                 }
-                (
-                    Vector3::from(position) - Vector3::new(u[0], u[1], u[2]) * sigma,
-                    by_noise,
-                )
+                (Vector3::from(position) - Vector3::new(u[0], u[1], u[2]) * sigma, by_noise)
             }
-            Seen::Range {
-                origin,
-                direction_rad,
-                range,
-                sigma,
-            } => {
+            Seen::Range { origin, direction_rad, range, sigma } => {
                 let (sa, ca) = (direction_rad[0] - sigma[3] * u[3]).sin_cos();
                 let (se, ce) = (direction_rad[1] - sigma[4] * u[4]).sin_cos();
                 let length = range - sigma[5] * u[5];
@@ -100,7 +92,8 @@ pub(crate) struct ShapeReading<'a> {
 }
 
 impl ShapeReading<'_> {
-    /// `dᵀ Q⁻¹ d` of a displacement `d` in a side's plane, with `Q` the covariance of a point that is held to that plane.
+    /// `dᵀ Q⁻¹ d` of a displacement `d` in a side's plane, with `Q` the covariance of a point that is held to
+    /// that plane.
     fn squared_along(&self, x: &[f64], branch: usize, p: &Vector3<f64>, d: &Vector3<f64>) -> f64 {
         let mut by_state = [0.0; MOST_STATE];
         let (_, n) = distance(self.shape, self.chart, x, branch, p, &mut by_state[..x.len()]);
@@ -126,7 +119,14 @@ impl ImplicitReading for ShapeReading<'_> {
         self.shape.pieces()
     }
 
-    fn gradient(&self, branch: usize, x: &[f64], u: &[f64], by_state: &mut [f64], by_noise: &mut [f64]) -> f64 {
+    fn gradient(
+        &self,
+        branch: usize,
+        x: &[f64],
+        u: &[f64],
+        by_state: &mut [f64],
+        by_noise: &mut [f64],
+    ) -> f64 {
         let (p, columns) = self.ray.place(u);
         let (value, by_point) = distance(self.shape, self.chart, x, branch, &p, by_state);
         for (out, column) in by_noise.iter_mut().zip(columns) {

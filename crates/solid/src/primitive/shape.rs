@@ -10,8 +10,8 @@ pub enum Shape {
     Plane,
     /// `center_x center_y center_z radius`.
     Sphere,
-    /// A cylinder without ends: `point_x point_y point_z axis_x axis_y axis_z radius`, the point that of the axis nearest to
-    /// the middle of the readings.
+    /// A cylinder without ends: `point_x point_y point_z axis_x axis_y axis_z radius`, the point that of the
+    /// axis nearest to the middle of the readings.
     Cylinder,
     /// `center_x center_y center_z length width height` and its three axes, `length_x … height_z`.
     Box,
@@ -51,8 +51,8 @@ impl Shape {
             Self::Sphere => &["center_x", "center_y", "center_z", "radius"],
             Self::Cylinder => &["point_x", "point_y", "point_z", "axis_x", "axis_y", "axis_z", "radius"],
             Self::Box => &[
-                "center_x", "center_y", "center_z", "length", "width", "height", "length_x", "length_y", "length_z",
-                "width_x", "width_y", "width_z", "height_x", "height_y", "height_z",
+                "center_x", "center_y", "center_z", "length", "width", "height", "length_x", "length_y",
+                "length_z", "width_x", "width_y", "width_z", "height_x", "height_y", "height_z",
             ],
         }
     }
@@ -74,7 +74,8 @@ impl Shape {
     }
 }
 
-/// A frame in which directions are near the third axis, or rotations near none: no parameter is singular there.
+/// A frame in which directions are near the third axis, or rotations near none: no parameter is singular
+/// there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Chart {
     /// Where coordinates are counted from.
@@ -90,10 +91,7 @@ impl Chart {
         let smallest = third.iamin();
         let first = Vector3::ith(smallest, 1.0).cross(&third).normalize();
         let second = third.cross(&first);
-        Self {
-            pivot,
-            frame: Matrix3::from_columns(&[first, second, third]),
-        }
+        Self { pivot, frame: Matrix3::from_columns(&[first, second, third]) }
     }
 
     /// The unit vector of `(a, b)`, and its derivatives by them.
@@ -211,8 +209,8 @@ pub(crate) fn distance(
     }
 }
 
-/// How far a point lies from the nearest edge of a side of a box, within it; less than none beyond it. Infinitely far for
-/// what has no edges.
+/// How far a point lies from the nearest edge of a side of a box, within it; less than none beyond it.
+/// Infinitely far for what has no edges.
 pub(crate) fn within(shape: Shape, chart: &Chart, x: &[f64], piece: usize, p: &Vector3<f64>) -> f64 {
     if shape != Shape::Box {
         return f64::INFINITY;
@@ -220,9 +218,7 @@ pub(crate) fn within(shape: Shape, chart: &Chart, x: &[f64], piece: usize, p: &V
     let q = local(chart, x, p);
     let (axis, _) = side(piece);
     let others = (0..3).filter(|&k| k != axis);
-    others
-        .map(|k| 0.5 * x[6 + k] - q[k].abs())
-        .fold(f64::INFINITY, f64::min)
+    others.map(|k| 0.5 * x[6 + k] - q[k].abs()).fold(f64::INFINITY, f64::min)
 }
 
 /// The part by which a point overshoots a side of a box, as a vector in space.

@@ -16,8 +16,9 @@ pub struct Solid {
     pub center: [f64; 3],
     /// Rotation vector, world from its own axes; planes look along their third axis, cylinders lie along it.
     pub turn: [f64; 3],
-    /// Of a box its length, width and height; of a sphere the radius; of a cylinder the radius and what is seen of its length;
-    /// of a plane the two sides of the square that is seen. What is not needed is not looked at.
+    /// Of a box its length, width and height; of a sphere the radius; of a cylinder the radius and what is
+    /// seen of its length; of a plane the two sides of the square that is seen. What is not needed is not
+    /// looked at.
     pub size: [f64; 3],
 }
 
@@ -109,8 +110,8 @@ impl Solid {
     }
 }
 
-/// Rays to a shape from all around. Each aims at a place drawn evenly from the surface, from within 35° of the normal there:
-/// what it meets first is that place. The same seed gives the same rays.
+/// Rays to a shape from all around. Each aims at a place drawn evenly from the surface, from within 35° of
+/// the normal there: what it meets first is that place. The same seed gives the same rays.
 #[must_use]
 pub fn rays(solid: &Solid, count: usize, sensor: &SpaceSensor, seed: u64) -> SimulatedRays {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -118,10 +119,7 @@ pub fn rays(solid: &Solid, count: usize, sensor: &SpaceSensor, seed: u64) -> Sim
     let (rotation, center) = (solid.rotation(), Vector3::from(solid.center));
     for line in 0..count {
         let (place, normal) = solid.draw(&mut random);
-        let tilt = (
-            0.61 * random.random::<f64>().sqrt(),
-            std::f64::consts::TAU * random.random::<f64>(),
-        );
+        let tilt = (0.61 * random.random::<f64>().sqrt(), std::f64::consts::TAU * random.random::<f64>());
         let first = normal.cross(&Vector3::ith(normal.iamin(), 1.0)).normalize();
         let second = normal.cross(&first);
         let back = normal * tilt.0.cos() + (first * tilt.1.cos() + second * tilt.1.sin()) * tilt.0.sin();
@@ -140,20 +138,9 @@ pub fn rays(solid: &Solid, count: usize, sensor: &SpaceSensor, seed: u64) -> Sim
             range: range + error(sigma_range),
             sigma,
         };
-        let exact = Seen::Range {
-            origin: origin.into(),
-            direction_rad,
-            range,
-            sigma,
-        };
-        made.noisy.push(Ray {
-            seen: noisy,
-            line: line + 2,
-        });
-        made.exact.push(Ray {
-            seen: exact,
-            line: line + 2,
-        });
+        let exact = Seen::Range { origin: origin.into(), direction_rad, range, sigma };
+        made.noisy.push(Ray { seen: noisy, line: line + 2 });
+        made.exact.push(Ray { seen: exact, line: line + 2 });
     }
     made
 }

@@ -11,8 +11,9 @@ const ROTATIONS: usize = 500;
 
 /// Charts and unknowns to start from, the most promising first; none where the points do not allow any.
 ///
-/// Planes by the least principal direction, spheres by Kåsa's fit, cylinders by Taubin's circle across each of many directions,
-/// boxes by the mean squared distance to the sides of the box about the points in each of many rotations.
+/// Planes by the least principal direction, spheres by Kåsa's fit, cylinders by Taubin's circle across each
+/// of many directions, boxes by the mean squared distance to the sides of the box about the points in each of
+/// many rotations.
 ///
 /// # References
 /// Kåsa 1976, *A circle fitting procedure and its error analysis*; Taubin 1991.
@@ -69,10 +70,8 @@ fn cylinders(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f
     let mut found: Vec<(f64, Chart, Vec<f64>)> = directions()
         .filter_map(|direction| {
             let chart = Chart::along(middle, direction);
-            let flat: Vec<[f64; 2]> = points
-                .iter()
-                .map(|p| [0, 1].map(|k| chart.frame.column(k).dot(&(p - middle))))
-                .collect();
+            let flat: Vec<[f64; 2]> =
+                points.iter().map(|p| [0, 1].map(|k| chart.frame.column(k).dot(&(p - middle)))).collect();
             let circle = circle_of_points(&flat)?;
             let off = |p: &[f64; 2]| ((p[0] - circle[0]).hypot(p[1] - circle[1]) - circle[2]).powi(2);
             let cost = flat.iter().map(off).sum();
@@ -80,20 +79,13 @@ fn cylinders(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f
         })
         .collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    found
-        .into_iter()
-        .take(3)
-        .map(|(_, chart, start)| (chart, start))
-        .collect()
+    found.into_iter().take(3).map(|(_, chart, start)| (chart, start)).collect()
 }
 
 fn boxes(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f64>)> {
     let mut found: Vec<(f64, Chart, Vec<f64>)> = (0..ROTATIONS)
         .map(|k| {
-            let chart = Chart {
-                pivot: middle,
-                frame: rotation(k),
-            };
+            let chart = Chart { pivot: middle, frame: rotation(k) };
             let local: Vec<Vector3<f64>> = points.iter().map(|p| chart.frame.tr_mul(&(p - middle))).collect();
             let (mut low, mut high) = (Vector3::zeros(), Vector3::zeros());
             for axis in 0..3 {
@@ -116,25 +108,18 @@ fn boxes(points: &[Vector3<f64>], middle: Vector3<f64>) -> Vec<(Chart, Vec<f64>)
         })
         .collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    found
-        .into_iter()
-        .take(4)
-        .map(|(_, chart, start)| (chart, start))
-        .collect()
+    found.into_iter().take(4).map(|(_, chart, start)| (chart, start)).collect()
 }
 
-/// Rotations spread evenly, up to the symmetries of a box: the turn nearest to none of each of a low-discrepancy sequence.
+/// Rotations spread evenly, up to the symmetries of a box: the turn nearest to none of each of a
+/// low-discrepancy sequence.
 ///
 /// # References
 /// Shoemake 1992, *Uniform random rotations*; Roberts 2018 for the sequence.
 fn rotation(k: usize) -> Matrix3<f64> {
     // 1/φ, 1/φ², 1/φ³ of the root of φ⁴ = φ + 1.
-    let [a, b, c] = [
-        0.819_172_513_396_164_4,
-        0.671_043_606_703_789_2,
-        0.549_700_477_901_970_3,
-    ]
-    .map(|step: f64| (0.5 + step * k as f64).fract());
+    let [a, b, c] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3]
+        .map(|step: f64| (0.5 + step * k as f64).fract());
     let (inner, outer) = ((1.0 - a).sqrt(), a.sqrt());
     let turn = std::f64::consts::TAU;
     let quaternion = nalgebra::Quaternion::new(

@@ -7,20 +7,11 @@ use crate::contour::{FitOptions, Method};
 use nalgebra::Vector3;
 use planish_estimate::implicit::ImplicitReading;
 
-const SENSOR: SpaceSensor = SpaceSensor {
-    standoff: 3.0,
-    sigma_position: 0.01,
-    sigma_angle_rad: 0.0175,
-    sigma_range_share: 0.005,
-};
+const SENSOR: SpaceSensor =
+    SpaceSensor { standoff: 3.0, sigma_position: 0.01, sigma_angle_rad: 0.0175, sigma_range_share: 0.005 };
 
 fn solids() -> Vec<Solid> {
-    let solid = |shape, size| Solid {
-        shape,
-        center: [0.3, -0.2, 0.5],
-        turn: [0.3, -0.5, 0.7],
-        size,
-    };
+    let solid = |shape, size| Solid { shape, center: [0.3, -0.2, 0.5], turn: [0.3, -0.5, 0.7], size };
     vec![
         solid(Shape::Plane, [1.5, 1.2, 0.0]),
         solid(Shape::Sphere, [0.8, 0.0, 0.0]),
@@ -42,11 +33,7 @@ fn derivatives_are_those_of_differences() {
     };
     let chart = Chart::along(Vector3::new(0.1, -0.2, 0.3), Vector3::new(0.2, 0.3, 0.9));
     for shape in Shape::ALL {
-        let reading = ShapeReading {
-            shape,
-            chart: &chart,
-            ray: &ray,
-        };
+        let reading = ShapeReading { shape, chart: &chart, ray: &ray };
         let (n, p) = (reading.state(), reading.noise());
         let x: Vec<f64> = (0..n).map(|k| 0.3 + 0.1 * k as f64).collect();
         let u = vec![0.4; p];
@@ -64,10 +51,7 @@ fn derivatives_are_those_of_differences() {
                     value(&both[..n], &both[n..]).0
                 };
                 let difference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
-                assert!(
-                    (difference - stated[k]).abs() < 1e-7,
-                    "{shape} {branch} {k}: {difference}"
-                );
+                assert!((difference - stated[k]).abs() < 1e-7, "{shape} {branch} {k}: {difference}");
             }
         }
     }
@@ -77,10 +61,7 @@ fn derivatives_are_those_of_differences() {
 fn what_was_simulated_is_found_within_its_covariance() {
     for solid in solids() {
         for method in [Method::Batch, Method::NoiseUpdated] {
-            let options = FitOptions {
-                method,
-                ..FitOptions::default()
-            };
+            let options = FitOptions { method, ..FitOptions::default() };
             let truth = solid.parameters();
             let (mut sum, mut count) = (0.0, 0.0);
             for seed in 0..20 {
@@ -95,12 +76,7 @@ fn what_was_simulated_is_found_within_its_covariance() {
                     count += 1.0;
                 }
             }
-            assert!(
-                (0.7..1.4).contains(&(sum / count)),
-                "{} {method:?}: {}",
-                solid.shape,
-                sum / count
-            );
+            assert!((0.7..1.4).contains(&(sum / count)), "{} {method:?}: {}", solid.shape, sum / count);
         }
     }
 }

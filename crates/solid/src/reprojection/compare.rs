@@ -13,11 +13,8 @@ pub(super) fn disagreements(solid: &Solid, drawing: &Drawing, options: &CompareO
     let size = drawing.size();
     let edges = Edges::of(solid, size);
     let reach = reach(solid, size);
-    let scene = Scene {
-        faces: solid.faces.iter().map(|f| TrimmedFace::new(solid, f, reach)).collect(),
-        size,
-        reach,
-    };
+    let scene =
+        Scene { faces: solid.faces.iter().map(|f| TrimmedFace::new(solid, f, reach)).collect(), size, reach };
     let mut found = Vec::new();
     for view in &drawing.views {
         let eye = Eye::of(view.kind);
@@ -84,11 +81,7 @@ impl Chain {
         let last = self.points.len() - 2;
         let piece = self.ways.partition_point(|w| *w <= way).clamp(1, last + 1) - 1;
         let length = self.ways[piece + 1] - self.ways[piece];
-        let share = if length > 0.0 {
-            (way - self.ways[piece]) / length
-        } else {
-            0.0
-        };
+        let share = if length > 0.0 { (way - self.ways[piece]) / length } else { 0.0 };
         (piece, share.clamp(0.0, 1.0))
     }
 
@@ -101,10 +94,7 @@ impl Chain {
     fn samples(&self, spacing: f64) -> Vec<Sample> {
         let n = (self.length() / spacing).ceil().max(1.0);
         (0..n as usize)
-            .map(|k| Sample {
-                way: self.length() * (k as f64 + 0.42) / n,
-                length: self.length() / n,
-            })
+            .map(|k| Sample { way: self.length() * (k as f64 + 0.42) / n, length: self.length() / n })
             .collect()
     }
 }
@@ -126,14 +116,16 @@ impl Differences {
 }
 
 impl<'a> Compared<'a> {
-    fn new(view: &'a View, lines: &'a [Outline], scene: &'a Scene<'a>, eye: Eye, options: &'a CompareOptions) -> Self {
+    fn new(
+        view: &'a View,
+        lines: &'a [Outline],
+        scene: &'a Scene<'a>,
+        eye: Eye,
+        options: &'a CompareOptions,
+    ) -> Self {
         let size = scene.size;
         let shown = pieces(lines.iter().map(|line| projected(line, eye)));
-        let drawn = pieces(
-            view.curves
-                .iter()
-                .map(|c| drawn_points(&c.curve, 0.05 * options.near * size)),
-        );
+        let drawn = pieces(view.curves.iter().map(|c| drawn_points(&c.curve, 0.05 * options.near * size)));
         let (near, side) = (options.near * size, 0.02 * size);
         Self {
             view,
@@ -162,10 +154,10 @@ impl<'a> Compared<'a> {
                         Some("a hidden line is drawn, and the solid has none there")
                     }
                     LineStyle::Hidden => None,
-                    LineStyle::Visible => (!near
-                        .iter()
-                        .any(|(piece, share, _)| self.is_seen(piece.line, piece.index, *share)))
-                    .then_some("a visible line is drawn, and the solid has it hidden there"),
+                    LineStyle::Visible => {
+                        (!near.iter().any(|(piece, share, _)| self.is_seen(piece.line, piece.index, *share)))
+                            .then_some("a visible line is drawn, and the solid has it hidden there")
+                    }
                 }
             });
             found.extend(self.named(differences, Some(&curve.entity)));
@@ -181,7 +173,8 @@ impl<'a> Compared<'a> {
             let differences = found.entry(line.group).or_default();
             self.add_differences(&chain, differences, |way| {
                 let near = self.drawn.at(chain.point(way));
-                let styles: Vec<LineStyle> = near.map(|(piece, ..)| self.view.curves[piece.line].style).collect();
+                let styles: Vec<LineStyle> =
+                    near.map(|(piece, ..)| self.view.curves[piece.line].style).collect();
                 if styles.contains(&LineStyle::Visible) {
                     return None;
                 }
@@ -194,14 +187,16 @@ impl<'a> Compared<'a> {
                 }
             });
         }
-        found
-            .into_values()
-            .flat_map(|differences| self.named(differences, None))
-            .collect()
+        found.into_values().flat_map(|differences| self.named(differences, None)).collect()
     }
 
     /// Looks at points along a line; what differs at a point must differ on both sides of it, too.
-    fn add_differences(&self, chain: &Chain, differences: &mut Differences, why: impl Fn(f64) -> Option<&'static str>) {
+    fn add_differences(
+        &self,
+        chain: &Chain,
+        differences: &mut Differences,
+        why: impl Fn(f64) -> Option<&'static str>,
+    ) {
         let (size, length) = (self.scene.size, chain.length());
         // Seen from its end a line is a point.
         if length < 1e-3 * self.options.shortest * size {
@@ -240,11 +235,7 @@ impl<'a> Compared<'a> {
         let [from, to] = [self.eye.seen(a), self.eye.seen(b)];
         let d = [to[0] - from[0], to[1] - from[1]];
         let length = d[0].hypot(d[1]);
-        let across = if length > 0.0 {
-            [-d[1] / length, d[0] / length]
-        } else {
-            [1.0, 0.0]
-        };
+        let across = if length > 0.0 { [-d[1] / length, d[0] / length] } else { [1.0, 0.0] };
         self.scene.is_visible(self.eye, p, across)
     }
 }
@@ -252,9 +243,7 @@ impl<'a> Compared<'a> {
 fn pieces(lines: impl Iterator<Item = Vec<[f64; 2]>>) -> Vec<Piece> {
     let of_line = |(line, points): (usize, Vec<[f64; 2]>)| -> Vec<Piece> {
         let ends = points.windows(2).map(|p| [p[0], p[1]]);
-        ends.enumerate()
-            .map(|(index, ends)| Piece { ends, line, index })
-            .collect()
+        ends.enumerate().map(|(index, ends)| Piece { ends, line, index }).collect()
     };
     lines.enumerate().flat_map(of_line).collect()
 }
@@ -265,13 +254,7 @@ fn projected(line: &Outline, eye: Eye) -> Vec<[f64; 2]> {
 
 /// Points along a drawn curve; chords miss an arc by `chord` at most.
 fn drawn_points(curve: &Curve2, chord: f64) -> Vec<[f64; 2]> {
-    let Curve2::Arc {
-        center,
-        radius,
-        start,
-        sweep,
-    } = curve
-    else {
+    let Curve2::Arc { center, radius, start, sweep } = curve else {
         return curve.points();
     };
     let step = 2.0 * (1.0 - (chord / radius).min(0.5)).acos();

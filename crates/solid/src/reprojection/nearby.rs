@@ -43,12 +43,7 @@ impl Nearby {
                 }
             }
         }
-        Self {
-            pieces,
-            squares,
-            side,
-            near,
-        }
+        Self { pieces, squares, side, near }
     }
 
     /// Pieces within reach of a point, with the share of the piece at its nearest point and the distance.

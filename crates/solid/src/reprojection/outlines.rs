@@ -58,20 +58,18 @@ impl Edges {
         let middles: Vec<[f64; 3]> = (0..solid.edges.len()).map(middle).collect();
         let touches = |k: usize, p: [f64; 3]| chains[k].windows(2).any(|q| far_from(p, q[0], q[1]) < near);
         let boxes: Vec<[[f64; 3]; 2]> = chains.iter().map(|c| bounds(c)).collect();
-        let in_box = |b: &[[f64; 3]; 2], p: [f64; 3]| (0..3).all(|c| p[c] > b[0][c] - near && p[c] < b[1][c] + near);
+        let in_box =
+            |b: &[[f64; 3]; 2], p: [f64; 3]| (0..3).all(|c| p[c] > b[0][c] - near && p[c] < b[1][c] + near);
         let is_double = (0..chains.len())
             .map(|k| {
                 (0..chains.len()).any(|other| {
-                    let between = |a: usize, b: usize| in_box(&boxes[a], middles[b]) && touches(a, middles[b]);
+                    let between =
+                        |a: usize, b: usize| in_box(&boxes[a], middles[b]) && touches(a, middles[b]);
                     other != k && (between(other, k) || between(k, other))
                 })
             })
             .collect();
-        Self {
-            uses,
-            chains,
-            is_double,
-        }
+        Self { uses, chains, is_double }
     }
 }
 
@@ -105,7 +103,13 @@ fn chain(edge: &crate::brep::Edge, size: f64) -> Vec<[f64; 3]> {
 }
 
 /// All lines of a solid in a view.
-pub(super) fn outlines(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, eye: Eye, size: f64) -> Vec<Outline> {
+pub(super) fn outlines(
+    solid: &Solid,
+    faces: &[TrimmedFace<'_>],
+    edges: &Edges,
+    eye: Eye,
+    size: f64,
+) -> Vec<Outline> {
     let mut found = Vec::new();
     for index in 0..solid.edges.len() {
         if let Some(is_required) = of_edge(solid, faces, edges, index, eye, size) {
@@ -130,7 +134,14 @@ pub(super) fn outlines(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, 
 }
 
 /// Whether an edge must be drawn; none where it cannot be.
-fn of_edge(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, index: usize, eye: Eye, size: f64) -> Option<bool> {
+fn of_edge(
+    solid: &Solid,
+    faces: &[TrimmedFace<'_>],
+    edges: &Edges,
+    index: usize,
+    eye: Eye,
+    size: f64,
+) -> Option<bool> {
     let [(f, first), (g, second)] = edges.uses[index][..] else {
         return Some(false);
     };
@@ -162,13 +173,12 @@ fn of_edge(solid: &Solid, faces: &[TrimmedFace<'_>], edges: &Edges, index: usize
         }
     }
     // A plane is only cut where something touches it from behind.
-    let are_planes = [f, g]
-        .iter()
-        .all(|k| matches!(faces[*k].surface(), Surface::Plane { .. }));
+    let are_planes = [f, g].iter().all(|k| matches!(faces[*k].surface(), Surface::Plane { .. }));
     (any || are_planes || is_tangent(solid, f, g)).then_some(any && all)
 }
 
-/// Whether a smooth edge of two faces is where one surface runs into another, which some drawings show: not a seam, or a cut of one surface.
+/// Whether a smooth edge of two faces is where one surface runs into another, which some drawings show: not a
+/// seam, or a cut of one surface.
 fn is_tangent(solid: &Solid, f: usize, g: usize) -> bool {
     let radius = |k: usize| match solid.faces[k].surface {
         Surface::Cylinder { radius, .. } | Surface::Sphere { radius, .. } => radius,
@@ -194,7 +204,8 @@ fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
     touching_by_cells(face, eye, size)
 }
 
-/// The circles along which the line of sight touches a sphere, or a torus whose axis lies along or across it; none of any other surface.
+/// The circles along which the line of sight touches a sphere, or a torus whose axis lies along or across it;
+/// none of any other surface.
 fn touching_circles(surface: &Surface, e: [f64; 3]) -> Option<Vec<Curve>> {
     let circle = |center: [f64; 3], a: [f64; 3], b: [f64; 3], radius: f64| Curve::Ellipse {
         center,
@@ -202,23 +213,12 @@ fn touching_circles(surface: &Surface, e: [f64; 3]) -> Option<Vec<Curve>> {
         b: scale(radius, b),
     };
     match *surface {
-        Surface::Sphere {
-            center,
-            axis,
-            x,
-            radius,
-        } => {
+        Surface::Sphere { center, axis, x, radius } => {
             let a = if dot(axis, e).abs() < 0.9 { axis } else { x };
             let a = unit(along(a, -dot(a, e), e));
             Some(vec![circle(center, a, cross(e, a), radius)])
         }
-        Surface::Torus {
-            center,
-            axis,
-            x,
-            major,
-            minor,
-        } => {
+        Surface::Torus { center, axis, x, major, minor } => {
             let y = cross(axis, x);
             let tilt = dot(axis, e).abs();
             if tilt > 1.0 - 1e-9 {
@@ -274,10 +274,7 @@ fn touching_by_cells(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f6
     let [from, to] = second_range(face);
     let [columns, rows] = CELLS;
     let at = |i: usize, j: usize| {
-        [
-            -PI + TAU * (i as f64 + 0.137) / columns as f64,
-            from + (to - from) * j as f64 / rows as f64,
-        ]
+        [-PI + TAU * (i as f64 + 0.137) / columns as f64, from + (to - from) * j as f64 / rows as f64]
     };
     let mut values = Vec::with_capacity((columns + 1) * (rows + 1));
     for j in 0..=rows {
@@ -313,13 +310,9 @@ fn second_range(face: &TrimmedFace<'_>) -> [f64; 2] {
     if face.second_is_angle() {
         return [-PI, PI];
     }
-    let [mut from, mut to] = face
-        .loop_parameters()
-        .fold([f64::MAX, f64::MIN], |[lo, hi], uv| [lo.min(uv[1]), hi.max(uv[1])]);
-    if let Surface::Cone {
-        radius, half_angle_rad, ..
-    } = face.surface()
-    {
+    let [mut from, mut to] =
+        face.loop_parameters().fold([f64::MAX, f64::MIN], |[lo, hi], uv| [lo.min(uv[1]), hi.max(uv[1])]);
+    if let Surface::Cone { radius, half_angle_rad, .. } = face.surface() {
         let tip = -radius / half_angle_rad.tan();
         from = from.min(tip);
         to = to.max(tip);
@@ -353,15 +346,15 @@ fn part_in_face(
         }
         let across = [ends[0][1] - ends[1][1], ends[1][0] - ends[0][0]];
         let side = |s: f64| [p[0] + s * across[0], p[1] + s * across[1]];
-        let reach = [0.05, 0.3, 1.0]
-            .into_iter()
-            .find(|r| (towards(side(*r)) > 0.0) != (towards(side(-*r)) > 0.0));
+        let reach =
+            [0.05, 0.3, 1.0].into_iter().find(|r| (towards(side(*r)) > 0.0) != (towards(side(-*r)) > 0.0));
         reach.map_or(p, |r| zero_between(towards, side(-r), side(r)))
     };
     let is_in = |share: f64| {
         let uv = on(share);
         let q = surface.point(uv);
-        // Across the outline on the surface: along the line of sight's shadow there, which is the line of sight itself.
+        // Across the outline on the surface: along the line of sight's shadow there, which is the line of
+        // sight itself.
         [-1.0, 1.0].into_iter().all(|s| {
             let h = 1e-6;
             let du = sub(surface.point([uv[0] + h, uv[1]]), q).map(|c| c / h);
@@ -395,22 +388,12 @@ fn part_in_face(
     let from = if is_in(0.0) {
         0.0
     } else {
-        reach(
-            share(first as f64),
-            if first == 0 { 0.0 } else { share(first as f64 - 1.0) },
-        )
+        reach(share(first as f64), if first == 0 { 0.0 } else { share(first as f64 - 1.0) })
     };
     let to = if is_in(1.0) {
         1.0
     } else {
-        reach(
-            share(last as f64),
-            if last + 1 == PARTS {
-                1.0
-            } else {
-                share(last as f64 + 1.0)
-            },
-        )
+        reach(share(last as f64), if last + 1 == PARTS { 1.0 } else { share(last as f64 + 1.0) })
     };
     let count = 1 << HALVINGS;
     let straight = [0.25, 0.5].iter().all(|s| {
@@ -418,9 +401,5 @@ fn part_in_face(
         towards(p).abs() < 1e-9
     }) && matches!(surface, Surface::Cylinder { .. });
     let pieces = if straight { 1 } else { count };
-    Some(
-        (0..=pieces)
-            .map(|k| surface.point(on(from + (to - from) * k as f64 / pieces as f64)))
-            .collect(),
-    )
+    Some((0..=pieces).map(|k| surface.point(on(from + (to - from) * k as f64 / pieces as f64))).collect())
 }

@@ -17,10 +17,7 @@ pub(super) struct Eye {
 
 impl Eye {
     pub(super) fn of(kind: ViewKind) -> Self {
-        Self {
-            axes: kind.axes(),
-            sign: if kind.nearest_is_least() { -1.0 } else { 1.0 },
-        }
+        Self { axes: kind.axes(), sign: if kind.nearest_is_least() { -1.0 } else { 1.0 } }
     }
 
     /// The unit vector to the eye.
@@ -50,11 +47,10 @@ pub(super) struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// Whether a point of a line is seen: on one side of the line, `across` in the view, nothing stands before it.
+    /// Whether a point of a line is seen: on one side of the line, `across` in the view, nothing stands
+    /// before it.
     pub(super) fn is_visible(&self, eye: Eye, p: [f64; 3], across: [f64; 2]) -> bool {
-        [-1.0, 1.0]
-            .into_iter()
-            .any(|side| !self.is_covered(eye, p, across, side * ASIDE * self.size))
+        [-1.0, 1.0].into_iter().any(|side| !self.is_covered(eye, p, across, side * ASIDE * self.size))
     }
 
     fn is_covered(&self, eye: Eye, p: [f64; 3], across: [f64; 2], aside: f64) -> bool {
@@ -79,7 +75,8 @@ impl Scene<'_> {
                     return false;
                 }
                 let hit = crate::brep::along(from, t, direction);
-                // A face that the line lies on is met before it where it slopes towards the eye; the steeper, the further.
+                // A face that the line lies on is met before it where it slopes towards the eye; the steeper,
+                // the further.
                 let facing = dot(face.surface().normal(hit), direction).abs().max(1e-9);
                 let slope = (1.0 - facing * facing).max(0.0).sqrt() / facing;
                 t > aside.abs() * (1.0 + 4.0 * slope) && face.contains(hit)

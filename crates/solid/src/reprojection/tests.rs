@@ -4,11 +4,7 @@ use crate::views::{Curve2, DrawnCurve, LineStyle, View, solve};
 use std::f64::consts::{PI, TAU};
 
 fn drawn(curve: Curve2, style: LineStyle, entity: &str) -> DrawnCurve {
-    DrawnCurve {
-        curve,
-        style,
-        entity: entity.to_owned(),
-    }
+    DrawnCurve { curve, style, entity: entity.to_owned() }
 }
 
 fn rectangle([x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Vec<DrawnCurve> {
@@ -26,12 +22,7 @@ fn level(z: f64, u: [f64; 2], style: LineStyle, entity: &str) -> DrawnCurve {
 }
 
 fn ring(center: [f64; 2], radius: f64, style: LineStyle, entity: &str) -> DrawnCurve {
-    let circle = Curve2::Arc {
-        center,
-        radius,
-        start: 0.0,
-        sweep: TAU,
-    };
+    let circle = Curve2::Arc { center, radius, start: 0.0, sweep: TAU };
     drawn(circle, style, entity)
 }
 
@@ -68,11 +59,7 @@ fn compared(solid: &Solid, drawing: &Drawing) -> Vec<Disagreement> {
 }
 
 fn curve<'a>(drawing: &'a mut Drawing, view: usize, entity: &str) -> &'a mut DrawnCurve {
-    drawing.views[view]
-        .curves
-        .iter_mut()
-        .find(|c| c.entity == entity)
-        .unwrap()
+    drawing.views[view].curves.iter_mut().find(|c| c.entity == entity).unwrap()
 }
 
 #[test]
@@ -88,13 +75,8 @@ fn a_line_that_the_solid_does_not_have_is_named() {
     let solid = solved(&drawing);
     let stray = level(5.0, [0.0, 40.0], LineStyle::Hidden, "LINE 7F (line 12)");
     drawing.views[0].curves.push(stray);
-    let [named] = &compared(&solid, &drawing)[..] else {
-        panic!("needed one difference")
-    };
-    assert_eq!(
-        (named.view, named.entity.as_deref()),
-        (ViewKind::Front, Some("LINE 7F (line 12)"))
-    );
+    let [named] = &compared(&solid, &drawing)[..] else { panic!("needed one difference") };
+    assert_eq!((named.view, named.entity.as_deref()), (ViewKind::Front, Some("LINE 7F (line 12)")));
     assert_eq!(named.why, "a hidden line is drawn, and the solid has none there");
 }
 
@@ -121,17 +103,8 @@ fn a_hidden_line_drawn_visible_and_a_visible_one_drawn_hidden_are_told_apart() {
     curve(&mut drawing, 1, "wide circle").style = LineStyle::Hidden;
     let found = compared(&solid, &drawing);
     let says = |view, why: &str| found.iter().any(|d| d.view == view && d.why == why);
-    assert!(
-        says(
-            ViewKind::Side,
-            "a visible line is drawn, and the solid has it hidden there"
-        ),
-        "{found:?}"
-    );
-    assert!(
-        says(ViewKind::Top, "the solid shows a visible line, and it is drawn hidden"),
-        "{found:?}"
-    );
+    assert!(says(ViewKind::Side, "a visible line is drawn, and the solid has it hidden there"), "{found:?}");
+    assert!(says(ViewKind::Top, "the solid shows a visible line, and it is drawn hidden"), "{found:?}");
     assert!(found.iter().all(|d| d.view != ViewKind::Front));
 }
 
@@ -140,8 +113,7 @@ fn another_solid_with_the_same_outlines_is_refused() {
     let drawing = stepped_hole();
     let mut through = drawing.clone();
     for view in &mut through.views {
-        view.curves
-            .retain(|c| c.entity != "narrow circle" && c.entity != "the step");
+        view.curves.retain(|c| c.entity != "narrow circle" && c.entity != "the step");
         for drawn in &mut view.curves {
             if let Curve2::Segment(a, b) = &mut drawn.curve
                 && drawn.entity.ends_with("hole")
@@ -153,10 +125,8 @@ fn another_solid_with_the_same_outlines_is_refused() {
         }
     }
     let found = compared(&solved(&through), &drawing);
-    let views: Vec<ViewKind> = ViewKind::ALL
-        .into_iter()
-        .filter(|v| found.iter().any(|d| d.view == *v))
-        .collect();
+    let views: Vec<ViewKind> =
+        ViewKind::ALL.into_iter().filter(|v| found.iter().any(|d| d.view == *v)).collect();
     assert_eq!(views, ViewKind::ALL, "{found:?}");
 }
 
@@ -171,26 +141,13 @@ fn a_rounded_edge_shows_an_outline_only_where_it_turns_away() {
         drawn(Curve2::Segment([0.0, 10.0], [0.0, 0.0]), Visible, "d"),
     ];
     front.push(drawn(
-        Curve2::Arc {
-            center: [16.0, 6.0],
-            radius: 4.0,
-            start: 0.0,
-            sweep: PI / 2.0,
-        },
+        Curve2::Arc { center: [16.0, 6.0], radius: 4.0, start: 0.0, sweep: PI / 2.0 },
         Visible,
         "rounding",
     ));
-    let views = [
-        front,
-        rectangle([0.0, 0.0], [20.0, 30.0]),
-        rectangle([0.0, 0.0], [30.0, 10.0]),
-    ];
+    let views = [front, rectangle([0.0, 0.0], [20.0, 30.0]), rectangle([0.0, 0.0], [30.0, 10.0])];
     let drawing = Drawing {
-        views: ViewKind::ALL
-            .into_iter()
-            .zip(views)
-            .map(|(kind, curves)| View { kind, curves })
-            .collect(),
+        views: ViewKind::ALL.into_iter().zip(views).map(|(kind, curves)| View { kind, curves }).collect(),
     };
     let solid = solved(&drawing);
     assert_eq!(solid.faces_by_kind(), [6, 1, 0, 0, 0]);
@@ -208,11 +165,8 @@ fn a_rounded_edge_shows_an_outline_only_where_it_turns_away() {
 fn rays_meet_a_cylinder_where_its_distance_says() {
     let solid = solved(&stepped_hole());
     let reach = [[-50.0; 3], [90.0; 3]];
-    let cylinder = solid
-        .faces
-        .iter()
-        .find(|f| matches!(f.surface, crate::brep::Surface::Cylinder { .. }))
-        .unwrap();
+    let cylinder =
+        solid.faces.iter().find(|f| matches!(f.surface, crate::brep::Surface::Cylinder { .. })).unwrap();
     let face = TrimmedFace::new(&solid, cylinder, reach);
     let direction = [0.6, 0.0, 0.8];
     for y in [12.5, 14.0, 15.3, 16.9] {
@@ -232,7 +186,8 @@ fn rays_meet_a_cylinder_where_its_distance_says() {
 #[test]
 fn a_plane_with_holes_contains_what_lies_between_its_loops() {
     let solid = solved(&stepped_hole());
-    let above = |f: &&crate::brep::Face| f.surface.distance([1.0, 1.0, 20.0]).abs() < 1e-9 && f.loops.len() == 2;
+    let above =
+        |f: &&crate::brep::Face| f.surface.distance([1.0, 1.0, 20.0]).abs() < 1e-9 && f.loops.len() == 2;
     let face = solid.faces.iter().find(above).unwrap();
     let face = TrimmedFace::new(&solid, face, [[-50.0; 3], [90.0; 3]]);
     for k in 0..720 {

@@ -43,10 +43,7 @@ pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> 
         }
         Kind::Rectangle | Kind::RoundedRectangle => {
             let bars = drawing.add_polygon(&corners(theta))?;
-            given.extend((0..3).map(|i| Constraint::Perpendicular {
-                a: bars[i],
-                b: bars[i + 1],
-            }));
+            given.extend((0..3).map(|i| Constraint::Perpendicular { a: bars[i], b: bars[i + 1] }));
             if *kind == Kind::RoundedRectangle {
                 let (sin, cos) = theta[4].sin_cos();
                 let local = [theta[5] - 0.5 * theta[2], theta[5] - 0.5 * theta[3]];
@@ -55,11 +52,7 @@ pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> 
                     theta[1] + sin * local[0] + cos * local[1],
                 ]);
                 let circle = drawing.circle(centre, theta[5])?;
-                given.extend([bars[3], bars[0]].map(|bar| Constraint::Tangent {
-                    bar,
-                    circle,
-                    left: true,
-                }));
+                given.extend([bars[3], bars[0]].map(|bar| Constraint::Tangent { bar, circle, left: true }));
             }
         }
         Kind::Slot => {
@@ -78,17 +71,10 @@ pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> 
             let vertices: Vec<[f64; 2]> = (0..*sides).map(corner).collect();
             let bars = drawing.add_polygon(&vertices)?;
             let radians = TAU / *sides as f64;
-            given.extend(
-                bars.windows(2)
-                    .map(|pair| Constraint::EqualLength { a: pair[0], b: pair[1] }),
-            );
+            given.extend(bars.windows(2).map(|pair| Constraint::EqualLength { a: pair[0], b: pair[1] }));
             // The last two angles follow from the closed polygon.
             let turns = bars.windows(2).take(sides - 3);
-            given.extend(turns.map(|pair| Constraint::Angle {
-                from: pair[0],
-                to: pair[1],
-                radians,
-            }));
+            given.extend(turns.map(|pair| Constraint::Angle { from: pair[0], to: pair[1], radians }));
         }
         Kind::Polygon(count) => {
             let vertices: Vec<[f64; 2]> = (0..*count).map(|i| [theta[2 * i], theta[2 * i + 1]]).collect();
@@ -100,7 +86,13 @@ pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> 
 }
 
 /// Vertices, bars of the straight pieces, and a circle with an arc for each of the others.
-fn chain(drawing: &mut Drawing, given: &mut Vec<Constraint>, arcs: &[bool], closed: bool, theta: &[f64]) -> Result<()> {
+fn chain(
+    drawing: &mut Drawing,
+    given: &mut Vec<Constraint>,
+    arcs: &[bool],
+    closed: bool,
+    theta: &[f64],
+) -> Result<()> {
     let count = arcs.len() + usize::from(!closed);
     let at = |i: usize| [theta[2 * (i % count)], theta[2 * (i % count) + 1]];
     let points: Vec<PointId> = (0..count).map(|i| drawing.point(at(i))).collect();

@@ -3,10 +3,7 @@ use crate::constraint::{BarId, ConstrainOptions, Outcome, constrain, diagnose, i
 
 /// A contour of every kind with a covariance of full rank.
 fn every_kind() -> Vec<EstimatedContour> {
-    let chain = Kind::Chain {
-        arcs: vec![false, true, false, true],
-        closed: true,
-    };
+    let chain = Kind::Chain { arcs: vec![false, true, false, true], closed: true };
     let kinds = [
         (Kind::Circle, vec![3.0, -2.0, 7.0]),
         (Kind::Ellipse, vec![3.0, -2.0, 9.0, 5.0, 0.4]),
@@ -25,18 +22,9 @@ fn every_kind() -> Vec<EstimatedContour> {
 fn with_covariance(kind: Kind, theta: Vec<f64>) -> EstimatedContour {
     let n = theta.len();
     let root = DMatrix::from_fn(n, n, |i, j| {
-        0.01 * (if i == j {
-            2.0
-        } else {
-            0.3 * ((3 * i + 5 * j) as f64).sin()
-        })
+        0.01 * (if i == j { 2.0 } else { 0.3 * ((3 * i + 5 * j) as f64).sin() })
     });
-    EstimatedContour {
-        kind,
-        theta,
-        covariance: &root * root.transpose(),
-        seen: None,
-    }
+    EstimatedContour { kind, theta, covariance: &root * root.transpose(), seen: None }
 }
 
 #[test]
@@ -45,12 +33,7 @@ fn contours_of_every_kind_come_back_with_their_covariance() {
         let sketch = Sketch::new(std::slice::from_ref(&contour)).unwrap();
         let held = impose(&sketch.drawing, &sketch.covariance, &sketch.given, 0.0).unwrap();
         assert!(held.chi_square < 1e-12, "{}: {}", contour.kind, held.chi_square);
-        assert_eq!(
-            sketch.drawing.parameters() - held.degrees,
-            contour.kind.parameters(),
-            "{}",
-            contour.kind
-        );
+        assert_eq!(sketch.drawing.parameters() - held.degrees, contour.kind.parameters(), "{}", contour.kind);
         let (theta, covariance) = sketch.contour(0, &held.drawing, &held.covariance).unwrap();
         for (a, b) in theta.iter().zip(&contour.theta) {
             assert!((a - b).abs() < 1e-9, "{}: {theta:?}", contour.kind);
@@ -58,12 +41,7 @@ fn contours_of_every_kind_come_back_with_their_covariance() {
         let off = (&covariance - &contour.covariance).amax() / contour.covariance.amax();
         assert!(off < 1e-5, "{}: covariance off by {off:.1e}", contour.kind);
         let free = diagnose(&sketch.drawing, &sketch.given).unwrap();
-        assert_eq!(
-            (free.redundant.len(), free.conflicting.len()),
-            (0, 0),
-            "{}",
-            contour.kind
-        );
+        assert_eq!((free.redundant.len(), free.conflicting.len()), (0, 0), "{}", contour.kind);
     }
 }
 
@@ -71,10 +49,7 @@ fn contours_of_every_kind_come_back_with_their_covariance() {
 fn lines_keep_their_ends_and_are_refused_without() {
     let mut line = with_covariance(Kind::Line, vec![0.3, 2.0]);
     let refused = Sketch::new(std::slice::from_ref(&line)).unwrap_err().to_string();
-    assert!(
-        refused.contains("contour 1 (line)") && refused.contains("ends"),
-        "{refused}"
-    );
+    assert!(refused.contains("contour 1 (line)") && refused.contains("ends"), "{refused}");
     line.seen = Some([[0.0, 2.1], [10.0, 5.2]]);
     let sketch = Sketch::new(std::slice::from_ref(&line)).unwrap();
     let (theta, covariance) = sketch.contour(0, &sketch.drawing, &sketch.covariance).unwrap();
@@ -107,10 +82,7 @@ fn a_hole_in_the_middle_of_a_turned_rectangle_is_tested_with_the_rectangle_s_own
         ..with_covariance(Kind::Circle, vec![0.3, 0.1, 6.0])
     };
     let sketch = Sketch::new(&[plate, hole]).unwrap();
-    let options = ConstrainOptions {
-        given: sketch.given.clone(),
-        ..ConstrainOptions::default()
-    };
+    let options = ConstrainOptions { given: sketch.given.clone(), ..ConstrainOptions::default() };
     let found = constrain(&sketch.drawing, &sketch.covariance, &options).unwrap();
     let upright = found
         .proposals
@@ -119,10 +91,7 @@ fn a_hole_in_the_middle_of_a_turned_rectangle_is_tested_with_the_rectangle_s_own
         .map(|p| p.text.as_str())
         .collect::<Vec<_>>();
     assert_eq!(upright.len(), 1, "{upright:?}");
-    assert!(
-        upright[0].ends_with("horizontal") || upright[0].ends_with("vertical"),
-        "{upright:?}"
-    );
+    assert!(upright[0].ends_with("horizontal") || upright[0].ends_with("vertical"), "{upright:?}");
     // χ² of the angle alone, 0.9², whichever bar stands for it.
     let chi_square = found.accepted().next().unwrap().chi_square;
     assert!((chi_square - 0.81).abs() < 1e-3, "{chi_square}");

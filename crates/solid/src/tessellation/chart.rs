@@ -1,7 +1,8 @@
 //! Plane coordinates of a face's surface, in which it is cut into triangles.
 //!
-//! Parameters have no one value at a pole of a sphere or the tip of a cone. A face of a sphere is therefore projected from a point of the sphere that it
-//! does not hold (stereographic: circles stay circles), and a cone's face that holds the tip is looked at along its axis.
+//! Parameters have no one value at a pole of a sphere or the tip of a cone. A face of a sphere is therefore
+//! projected from a point of the sphere that it does not hold (stereographic: circles stay circles), and a
+//! cone's face that holds the tip is looked at along its axis.
 
 use crate::brep::{Surface, unit};
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
@@ -9,12 +10,9 @@ use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
 /// A point of a plane for every point of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Chart {
-    /// The surface's parameters times the lengths of their steps; `is_swapped`: the second one first, so that it is seen mirrored.
-    Parameters {
-        surface: Surface,
-        steps: [f64; 2],
-        is_swapped: bool,
-    },
+    /// The surface's parameters times the lengths of their steps; `is_swapped`: the second one first, so that
+    /// it is seen mirrored.
+    Parameters { surface: Surface, steps: [f64; 2], is_swapped: bool },
     /// A sphere, projected from `center + radius pole` on the plane that touches it opposite of that.
     Sphere {
         center: [f64; 3],
@@ -24,41 +22,20 @@ pub(super) enum Chart {
         plane: [[f64; 3]; 2],
     },
     /// A cone, seen from its tip along the axis.
-    Cone {
-        tip: [f64; 3],
-        axis: [f64; 3],
-        plane: [[f64; 3]; 2],
-        slope: f64,
-    },
+    Cone { tip: [f64; 3], axis: [f64; 3], plane: [[f64; 3]; 2], slope: f64 },
 }
 
 impl Chart {
     /// A sphere from a pole.
     pub(super) fn sphere(center: [f64; 3], radius: f64, pole: [f64; 3]) -> Self {
-        let aside = if pole[0].abs() < 0.7 {
-            [1.0, 0.0, 0.0]
-        } else {
-            [0.0, 1.0, 0.0]
-        };
+        let aside = if pole[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
         let x = unit(cross(aside, pole));
-        Self::Sphere {
-            center,
-            radius,
-            pole,
-            plane: [x, cross(x, pole)],
-        }
+        Self::Sphere { center, radius, pole, plane: [x, cross(x, pole)] }
     }
 
     /// A cone from its tip; none of another surface.
     pub(super) fn cone(surface: &Surface) -> Option<Self> {
-        let Surface::Cone {
-            origin,
-            axis,
-            x,
-            radius,
-            half_angle_rad,
-        } = *surface
-        else {
+        let Surface::Cone { origin, axis, x, radius, half_angle_rad } = *surface else {
             return None;
         };
         let slope = half_angle_rad.tan();
@@ -70,24 +47,16 @@ impl Chart {
         })
     }
 
-    /// The plane's point of a point on the surface; parameters come back by turns, and here those between −π and π.
+    /// The plane's point of a point on the surface; parameters come back by turns, and here those between −π
+    /// and π.
     pub(super) fn at(&self, p: [f64; 3]) -> [f64; 2] {
         match self {
-            Self::Parameters {
-                surface,
-                steps,
-                is_swapped,
-            } => {
+            Self::Parameters { surface, steps, is_swapped } => {
                 let [u, v] = surface.parameters(p);
                 let at = if *is_swapped { [v, u] } else { [u, v] };
                 [at[0] * steps[0], at[1] * steps[1]]
             }
-            Self::Sphere {
-                center,
-                radius,
-                pole,
-                plane,
-            } => {
+            Self::Sphere { center, radius, pole, plane } => {
                 let d = unit(sub(p, *center));
                 let stretch = 2.0 * radius / (1.0 - dot(d, *pole)).max(f64::MIN_POSITIVE);
                 plane.map(|x| stretch * dot(d, x))
@@ -99,39 +68,26 @@ impl Chart {
     /// The surface's point of a point of the plane.
     pub(super) fn point(&self, at: [f64; 2]) -> [f64; 3] {
         match self {
-            Self::Parameters {
-                surface,
-                steps,
-                is_swapped,
-            } => {
+            Self::Parameters { surface, steps, is_swapped } => {
                 let [a, b] = [at[0] / steps[0], at[1] / steps[1]];
                 surface.point(if *is_swapped { [b, a] } else { [a, b] })
             }
-            Self::Sphere {
-                center,
-                radius,
-                pole,
-                plane,
-            } => {
+            Self::Sphere { center, radius, pole, plane } => {
                 let q = at.map(|c| c / (2.0 * radius));
                 let square = q[0] * q[0] + q[1] * q[1];
                 let across = add_scaled(scale(2.0 * q[0], plane[0]), 2.0 * q[1], plane[1]);
                 let d = scale(1.0 / (square + 1.0), add_scaled(across, square - 1.0, *pole));
                 add_scaled(*center, *radius, d)
             }
-            Self::Cone {
-                tip,
-                axis,
-                plane,
-                slope,
-            } => {
+            Self::Cone { tip, axis, plane, slope } => {
                 let across = add_scaled(scale(at[0], plane[0]), at[1], plane[1]);
                 add_scaled(add_scaled(*tip, 1.0, across), norm(across) / slope, *axis)
             }
         }
     }
 
-    /// Whether triangles that run counter-clockwise in the plane run clockwise as seen along the surface's normal.
+    /// Whether triangles that run counter-clockwise in the plane run clockwise as seen along the surface's
+    /// normal.
     pub(super) fn is_mirrored(&self) -> bool {
         matches!(self, Self::Parameters { is_swapped: true, .. })
     }
@@ -168,12 +124,10 @@ mod tests {
                 let p = chart.point(at);
                 assert!(surface.distance(p).abs() < 1e-12);
                 let back = chart.at(p);
-                assert!(
-                    (0..2).all(|k| (back[k] - at[k]).abs() < 1e-12),
-                    "{back:?} is not {at:?}"
-                );
+                assert!((0..2).all(|k| (back[k] - at[k]).abs() < 1e-12), "{back:?} is not {at:?}");
                 let h = 1e-5;
-                let [right, up] = [[h, 0.0], [0.0, h]].map(|d| sub(chart.point([at[0] + d[0], at[1] + d[1]]), p));
+                let [right, up] =
+                    [[h, 0.0], [0.0, h]].map(|d| sub(chart.point([at[0] + d[0], at[1] + d[1]]), p));
                 assert!(dot(cross(right, up), surface.normal(p)) > 0.0);
             }
         }

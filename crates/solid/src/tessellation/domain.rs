@@ -1,7 +1,8 @@
 //! The part of a surface's parameters that a face covers: polygons, an outer one and holes.
 //!
-//! Comes in: a face with the points of its edges. Goes out: polygons of mesh vertices in a plane ([`Chart`]). In parameters these do not jump by a turn:
-//! a face between two loops around an axis, or around the tube of a torus, is cut along a bridge from one to the other, which both sides of the cut share.
+//! Comes in: a face with the points of its edges. Goes out: polygons of mesh vertices in a plane ([`Chart`]).
+//! In parameters these do not jump by a turn: a face between two loops around an axis, or around the tube of
+//! a torus, is cut along a bridge from one to the other, which both sides of the cut share.
 
 use super::Points;
 use super::chart::Chart;
@@ -46,11 +47,7 @@ impl Domain {
             },
             _ => in_parameters(face, points, &rings, tolerance)?,
         };
-        let left = if face.outward == domain.chart.is_mirrored() {
-            -1.0
-        } else {
-            1.0
-        };
+        let left = if face.outward == domain.chart.is_mirrored() { -1.0 } else { 1.0 };
         part_touching(&mut domain.polygons, left);
         Ok(domain)
     }
@@ -58,15 +55,18 @@ impl Domain {
 
 /// The polygons of rings in a chart without jumps.
 fn flat(chart: &Chart, points: &Points, rings: &[Vec<u32>]) -> Vec<Vec<Corner>> {
-    let corner = |vertex: &u32| Corner {
-        vertex: *vertex,
-        at: chart.at(points.positions[*vertex as usize]),
-    };
+    let corner = |vertex: &u32| Corner { vertex: *vertex, at: chart.at(points.positions[*vertex as usize]) };
     rings.iter().map(|ring| ring.iter().map(corner).collect()).collect()
 }
 
 /// A face of a sphere, projected from the point off the face that is farthest from its loops.
-fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: [f64; 3], radius: f64) -> Result<Domain> {
+fn on_sphere(
+    face: &Face,
+    points: &Points,
+    rings: &[Vec<u32>],
+    center: [f64; 3],
+    radius: f64,
+) -> Result<Domain> {
     let sense = if face.outward { 1.0 } else { -1.0 };
     let direction = |vertex: &u32| unit(sub(points.positions[*vertex as usize], center));
     let of: Vec<Vec<[f64; 3]>> = rings.iter().map(|ring| ring.iter().map(direction).collect()).collect();
@@ -99,11 +99,7 @@ fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: [f64; 3],
         let polygons = flat(&chart, points, rings);
         // Seen from a point of the face itself, the loops would enclose what is not the face.
         if sense * signed_area(&polygons) > 0.0 {
-            return Ok(Domain {
-                polygons,
-                inner: Vec::new(),
-                chart,
-            });
+            return Ok(Domain { polygons, inner: Vec::new(), chart });
         }
     }
     Err(Error::unsupported("its loops leave no part of the sphere out"))
@@ -113,11 +109,7 @@ fn on_sphere(face: &Face, points: &Points, rings: &[Vec<u32>], center: [f64; 3],
 fn with_tip(face: &Face, points: &mut Points, rings: &[Vec<u32>]) -> Option<Domain> {
     let chart = Chart::cone(&face.surface)?;
     let polygons = flat(&chart, points, rings);
-    let reach = polygons
-        .iter()
-        .flatten()
-        .map(|c| c.at[0].hypot(c.at[1]))
-        .fold(0.0, f64::max);
+    let reach = polygons.iter().flatten().map(|c| c.at[0].hypot(c.at[1])).fold(0.0, f64::max);
     let at_tip = |c: &Corner| c.at[0].hypot(c.at[1]) < 1e-9 * reach;
     if polygons.iter().flatten().any(at_tip) {
         let inner = Vec::new();
@@ -132,10 +124,7 @@ fn with_tip(face: &Face, points: &mut Points, rings: &[Vec<u32>]) -> Option<Doma
     };
     let windings = polygons.iter().filter(|p| around(p).abs() > TAU / 2.0).count();
     (windings % 2 == 1).then(|| {
-        let tip = Corner {
-            vertex: points.add(chart.point([0.0; 2])),
-            at: [0.0; 2],
-        };
+        let tip = Corner { vertex: points.add(chart.point([0.0; 2])), at: [0.0; 2] };
         let inner = vec![tip];
         Domain { polygons, inner, chart }
     })
@@ -179,11 +168,7 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
         }
     }
     let of = |w: &[i32; 2]| w[usize::from(is_swapped)];
-    let unit_chart = Chart::Parameters {
-        surface: face.surface,
-        steps: [1.0; 2],
-        is_swapped,
-    };
+    let unit_chart = Chart::Parameters { surface: face.surface, steps: [1.0; 2], is_swapped };
     let mut polygons = match windings.iter().filter(|w| of(w) != 0).count() {
         0 => loops,
         2 => {
@@ -202,16 +187,11 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
                 }
             }
             let joined = joined(&unit_chart, points, &loops, [first, second], steps, tolerance)?;
-            let others = loops
-                .into_iter()
-                .enumerate()
-                .filter(|(k, _)| *k != first && *k != second);
+            let others = loops.into_iter().enumerate().filter(|(k, _)| *k != first && *k != second);
             std::iter::once(joined).chain(others.map(|(_, l)| l)).collect()
         }
         n => {
-            return Err(Error::unsupported(format!(
-                "{n} of its loops run around it: needed none or two"
-            )));
+            return Err(Error::unsupported(format!("{n} of its loops run around it: needed none or two")));
         }
     };
     let periods = [usize::from(is_swapped), usize::from(!is_swapped)].map(|k| has_period[k].then_some(TAU));
@@ -224,11 +204,7 @@ fn in_parameters(face: &Face, points: &mut Points, rings: &[Vec<u32>], tolerance
     Ok(Domain {
         polygons,
         inner: Vec::new(),
-        chart: Chart::Parameters {
-            surface: face.surface,
-            steps,
-            is_swapped,
-        },
+        chart: Chart::Parameters { surface: face.surface, steps, is_swapped },
     })
 }
 
@@ -283,16 +259,10 @@ fn joined(
     let between: Vec<Corner> = (1..n)
         .map(|k| {
             let at = [0, 1].map(|c| from[c] + (to[c] - from[c]) * k as f64 / n as f64);
-            Corner {
-                vertex: points.add(chart.point(at)),
-                at,
-            }
+            Corner { vertex: points.add(chart.point(at)), at }
         })
         .collect();
-    let shifted = |c: &Corner| Corner {
-        at: [c.at[0] + TAU, c.at[1]],
-        ..*c
-    };
+    let shifted = |c: &Corner| Corner { at: [c.at[0] + TAU, c.at[1]], ..*c };
     polygon.extend(between.iter().map(shifted));
     polygon.extend(unrolled(b, j, to[0] + TAU));
     polygon.extend(between.iter().rev());
@@ -306,10 +276,7 @@ fn unrolled(ring: &[Corner], from: usize, angle: f64) -> Vec<Corner> {
     for k in 0..=ring.len() {
         let corner = ring[(from + k) % ring.len()];
         at += turn(corner.at[0] - at);
-        found.push(Corner {
-            at: [at, corner.at[1]],
-            ..corner
-        });
+        found.push(Corner { at: [at, corner.at[1]], ..corner });
     }
     found
 }

@@ -7,23 +7,28 @@ use planish_estimate::vector3::norm;
 /// A mesh of more triangles is not made.
 pub const MOST_TRIANGLES: f64 = 1e6;
 
-/// About how many triangles a mesh of a solid has that misses it by `tolerance` at most, in the unit of its coordinates.
+/// About how many triangles a mesh of a solid has that misses it by `tolerance` at most, in the unit of its
+/// coordinates.
 ///
-/// A chord over an angle θ misses an arc of radius r by `r (1 − cos θ/2)`, so edges need `1/√tolerance` chords, each with a triangle on both sides, and
-/// faces that bend in two directions `1/tolerance` triangles: four times their area over the product of these chords, as the misses of both directions add up.
+/// A chord over an angle θ misses an arc of radius r by `r (1 − cos θ/2)`, so edges need `1/√tolerance`
+/// chords, each with a triangle on both sides, and faces that bend in two directions `1/tolerance` triangles:
+/// four times their area over the product of these chords, as the misses of both directions add up.
 #[must_use]
 pub fn triangles_needed(solid: &Solid, tolerance: f64) -> f64 {
     let edges: f64 = solid.edges.iter().map(|edge| 2.0 * chords(edge, tolerance)).sum();
     let chord = |radius: f64| radius * widest(radius, tolerance);
     let faces = solid.faces.iter().enumerate().map(|(index, face)| match face.surface {
         Surface::Sphere { radius, .. } => 4.0 * solid.area_of(&[index]) / chord(radius).powi(2),
-        Surface::Torus { major, minor, .. } => 4.0 * solid.area_of(&[index]) / (chord(major + minor) * chord(minor)),
+        Surface::Torus { major, minor, .. } => {
+            4.0 * solid.area_of(&[index]) / (chord(major + minor) * chord(minor))
+        }
         _ => 0.0,
     });
     edges + faces.sum::<f64>()
 }
 
-/// The least tolerance for which a mesh needs no more than [`MOST_TRIANGLES`], by halving to a hundredth of itself.
+/// The least tolerance for which a mesh needs no more than [`MOST_TRIANGLES`], by halving to a hundredth of
+/// itself.
 #[must_use]
 pub fn least_tolerance(solid: &Solid) -> f64 {
     let is_enough = |tolerance: f64| triangles_needed(solid, tolerance) <= MOST_TRIANGLES;
@@ -35,11 +40,7 @@ pub fn least_tolerance(solid: &Solid) -> f64 {
     }
     while enough - too_fine > 0.01 {
         let middle = (enough + too_fine) / 2.0;
-        *(if is_enough(middle.exp()) {
-            &mut enough
-        } else {
-            &mut too_fine
-        }) = middle;
+        *(if is_enough(middle.exp()) { &mut enough } else { &mut too_fine }) = middle;
     }
     enough.exp()
 }
@@ -48,11 +49,7 @@ pub fn least_tolerance(solid: &Solid) -> f64 {
 fn widest(radius: f64, tolerance: f64) -> f64 {
     // 2 acos(1 − s) is 2 √(2 s) for small s, where 1 − s has no digits left.
     let share = (tolerance / radius).min(1.0);
-    let angle = if share < 1e-8 {
-        2.0 * (2.0 * share).sqrt()
-    } else {
-        2.0 * (1.0 - share).acos()
-    };
+    let angle = if share < 1e-8 { 2.0 * (2.0 * share).sqrt() } else { 2.0 * (1.0 - share).acos() };
     angle.min(WIDEST_CHORD)
 }
 

@@ -47,7 +47,12 @@ impl HasPosition for Placed {
 type Triangles = ConstrainedDelaunayTriangulation<Placed>;
 
 /// The triangles of a face, oriented outwards.
-pub(super) fn triangles(face: &Face, domain: &Domain, points: &mut Points, tolerance: f64) -> Result<Vec<[u32; 3]>> {
+pub(super) fn triangles(
+    face: &Face,
+    domain: &Domain,
+    points: &mut Points,
+    tolerance: f64,
+) -> Result<Vec<[u32; 3]>> {
     let filling = Filling {
         polygons: &domain.polygons,
         inner: &domain.inner,
@@ -66,7 +71,8 @@ pub(super) fn triangles(face: &Face, domain: &Domain, points: &mut Points, toler
 }
 
 impl Filling<'_> {
-    /// Triangles that run counter-clockwise in the plane; points that are added come last among the positions.
+    /// Triangles that run counter-clockwise in the plane; points that are added come last among the
+    /// positions.
     pub(crate) fn triangles(&self, positions: &mut Vec<[f64; 3]>) -> Result<Vec<[u32; 3]>> {
         let mut made = bounded(self.polygons, self.inner)?;
         for _ in 0..if self.is_flat { 0 } else { ROUNDS } {
@@ -105,10 +111,7 @@ fn bounded(polygons: &[Vec<Corner>], inner: &[Corner]) -> Result<Triangles> {
     for polygon in polygons {
         let mut handles = Vec::with_capacity(polygon.len());
         for corner in polygon {
-            let placed = Placed {
-                at: corner.at,
-                vertex: corner.vertex,
-            };
+            let placed = Placed { at: corner.at, vertex: corner.vertex };
             handles.push(made.insert(placed).map_err(refused)?);
         }
         for k in 0..handles.len() {
@@ -164,7 +167,8 @@ fn missing(
     let miss = |corners: &[Placed]| {
         let n = corners.len() as f64;
         let at = [0, 1].map(|k| corners.iter().map(|c| c.at[k]).sum::<f64>() / n);
-        let flat = [0, 1, 2].map(|k| corners.iter().map(|c| positions[c.vertex as usize][k]).sum::<f64>() / n);
+        let flat =
+            [0, 1, 2].map(|k| corners.iter().map(|c| positions[c.vertex as usize][k]).sum::<f64>() / n);
         (at, norm(sub(on_surface(at), flat)))
     };
     let mut wanted = Vec::new();

@@ -25,19 +25,20 @@ pub(crate) fn signed_area(polygons: &[Vec<Corner>]) -> f64 {
 
 /// Whether two segments meet.
 pub(crate) fn segments_cross(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
-    let side = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
+    let side =
+        |p: [f64; 2], q: [f64; 2], r: [f64; 2]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
     side(a, b, c) * side(a, b, d) <= 0.0 && side(c, d, a) * side(c, d, b) <= 0.0
 }
 
 /// Moves holes by whole periods of the coordinates that have one into the largest polygon.
 pub(crate) fn shift_into_outer(polygons: &mut [Vec<Corner>], periods: [Option<f64>; 2]) {
     let width = |p: &Vec<Corner>| {
-        let (lo, hi) = p
-            .iter()
-            .fold((f64::MAX, f64::MIN), |(lo, hi), c| (lo.min(c.at[0]), hi.max(c.at[0])));
+        let (lo, hi) = p.iter().fold((f64::MAX, f64::MIN), |(lo, hi), c| (lo.min(c.at[0]), hi.max(c.at[0])));
         hi - lo
     };
-    let Some(outer) = (0..polygons.len()).max_by(|a, b| width(&polygons[*a]).total_cmp(&width(&polygons[*b]))) else {
+    let Some(outer) =
+        (0..polygons.len()).max_by(|a, b| width(&polygons[*a]).total_cmp(&width(&polygons[*b])))
+    else {
         return;
     };
     let within = polygons[outer].clone();
@@ -45,11 +46,7 @@ pub(crate) fn shift_into_outer(polygons: &mut [Vec<Corner>], periods: [Option<f6
     let by = periods.map(|p| p.unwrap_or(0.0));
     let shifts: Vec<[f64; 2]> = turns[0]
         .clone()
-        .flat_map(|i| {
-            turns[1]
-                .clone()
-                .map(move |j| [by[0] * f64::from(i), by[1] * f64::from(j)])
-        })
+        .flat_map(|i| turns[1].clone().map(move |j| [by[0] * f64::from(i), by[1] * f64::from(j)]))
         .collect();
     for (_, hole) in polygons.iter_mut().enumerate().filter(|(k, _)| *k != outer) {
         let at = hole[0].at;
@@ -71,8 +68,9 @@ pub(crate) fn contains(polygon: &[Corner], p: [f64; 2]) -> bool {
     })
 }
 
-/// Where two corners of different vertices are in one place, the second one is moved a little into its own corner, and on a straight side to the face's
-/// side, which is its left where `left` is 1 and its right where it is −1: loops that touch stay apart, and slits open.
+/// Where two corners of different vertices are in one place, the second one is moved a little into its own
+/// corner, and on a straight side to the face's side, which is its left where `left` is 1 and its right where
+/// it is −1: loops that touch stay apart, and slits open.
 pub(crate) fn part_touching(polygons: &mut [Vec<Corner>], left: f64) {
     let mut seen: HashMap<[u64; 2], u32> = HashMap::new();
     for polygon in polygons {
@@ -84,13 +82,9 @@ pub(crate) fn part_touching(polygons: &mut [Vec<Corner>], left: f64) {
                 let (before, behind) = (polygon[(k + n - 1) % n].at, polygon[(k + 1) % n].at);
                 let run = [behind[0] - before[0], behind[1] - before[1]];
                 let inward = [0, 1].map(|c| (before[c] + behind[c]) / 2.0 - corner.at[c]);
-                let is_straight =
-                    (run[0] * inward[1] - run[1] * inward[0]).abs() < 1e-6 * (run[0] * run[0] + run[1] * run[1]);
-                let to = if is_straight {
-                    [-left * run[1] / 2.0, left * run[0] / 2.0]
-                } else {
-                    inward
-                };
+                let is_straight = (run[0] * inward[1] - run[1] * inward[0]).abs()
+                    < 1e-6 * (run[0] * run[0] + run[1] * run[1]);
+                let to = if is_straight { [-left * run[1] / 2.0, left * run[0] / 2.0] } else { inward };
                 polygon[k].at = [0, 1].map(|c| corner.at[c] + 1e-7 * to[c]);
             }
         }

@@ -4,27 +4,16 @@ use crate::views::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, solve
 use std::f64::consts::TAU;
 
 fn drawn(curve: Curve2, style: LineStyle) -> DrawnCurve {
-    DrawnCurve {
-        curve,
-        style,
-        entity: "test".to_owned(),
-    }
+    DrawnCurve { curve, style, entity: "test".to_owned() }
 }
 
 fn rectangle([x, y]: [f64; 2]) -> Vec<DrawnCurve> {
     let corners = [[0.0, 0.0], [x, 0.0], [x, y], [0.0, y]];
-    (0..4)
-        .map(|k| drawn(Curve2::Segment(corners[k], corners[(k + 1) % 4]), LineStyle::Visible))
-        .collect()
+    (0..4).map(|k| drawn(Curve2::Segment(corners[k], corners[(k + 1) % 4]), LineStyle::Visible)).collect()
 }
 
 fn circle(center: [f64; 2], radius: f64) -> DrawnCurve {
-    let curve = Curve2::Arc {
-        center,
-        radius,
-        start: 0.0,
-        sweep: TAU,
-    };
+    let curve = Curve2::Arc { center, radius, start: 0.0, sweep: TAU };
     drawn(curve, LineStyle::Visible)
 }
 
@@ -34,9 +23,7 @@ fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
 
 fn solved(views: [Vec<DrawnCurve>; 3]) -> Solid {
     let views = ViewKind::ALL.into_iter().zip(views);
-    let drawing = Drawing {
-        views: views.map(|(kind, curves)| View { kind, curves }).collect(),
-    };
+    let drawing = Drawing { views: views.map(|(kind, curves)| View { kind, curves }).collect() };
     let found = solve(&drawing).unwrap();
     assert!(!found.solutions.is_empty(), "{found:?}");
     found.solutions[0].solid.clone()
@@ -50,11 +37,7 @@ fn box_with_hole() -> Solid {
     };
     let mut top = rectangle([40.0, 30.0]);
     top.push(circle([20.0, 15.0], 6.0));
-    solved([
-        with(rectangle([40.0, 20.0]), [14.0, 26.0]),
-        top,
-        with(rectangle([30.0, 20.0]), [9.0, 21.0]),
-    ])
+    solved([with(rectangle([40.0, 20.0]), [14.0, 26.0]), top, with(rectangle([30.0, 20.0]), [9.0, 21.0])])
 }
 
 /// Holes of different diameter along x and along z that cross: their edges are splines.
@@ -77,10 +60,7 @@ fn crossing_holes() -> Solid {
     for (sx, sz) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
         let point = |k: i32| {
             let y = 3.0 * (TAU / 4.0 * f64::from(k) / 60.0).sin();
-            [
-                10.0 + sx * (25.0 - y * y).sqrt(),
-                10.0 + sz * (9.0 - y * y).max(0.0).sqrt(),
-            ]
+            [10.0 + sx * (25.0 - y * y).sqrt(), 10.0 + sz * (9.0 - y * y).max(0.0).sqrt()]
         };
         front.push(drawn(Curve2::Chain((0..=60).map(point).collect()), LineStyle::Hidden));
     }
@@ -99,17 +79,10 @@ fn a_box_with_a_hole_is_closed_and_holds_its_volume() {
         assert_eq!(found.euler_characteristic, 0);
         let off = (mesh.signed_volume().unwrap() - exact.volume).abs();
         // A polygon around the hole leaves a sixth of its chord error's ring, over 240 π of wall.
-        assert!(
-            off < tolerance * 240.0 * std::f64::consts::PI && off < last,
-            "{tolerance}: {off}"
-        );
+        assert!(off < tolerance * 240.0 * std::f64::consts::PI && off < last, "{tolerance}: {off}");
         last = off;
         for p in &mesh.positions {
-            let nearest = solid
-                .faces
-                .iter()
-                .map(|f| f.surface.distance(*p).abs())
-                .fold(f64::MAX, f64::min);
+            let nearest = solid.faces.iter().map(|f| f.surface.distance(*p).abs()).fold(f64::MAX, f64::min);
             assert!(nearest < 1e-9);
         }
     }
@@ -128,11 +101,7 @@ fn holes_that_cross_share_the_points_of_their_edges() {
     // Every triangle's middle is as near to the solid's faces as was asked for.
     for t in 0..mesh.triangles.len() {
         let p = mesh.point_at(t, [1.0 / 3.0; 3]);
-        let off = solid
-            .faces
-            .iter()
-            .map(|f| f.surface.distance(p).abs())
-            .fold(f64::MAX, f64::min);
+        let off = solid.faces.iter().map(|f| f.surface.distance(p).abs()).fold(f64::MAX, f64::min);
         assert!(off <= 0.011, "{off}");
     }
 }
@@ -158,12 +127,7 @@ fn turned(across: Vec<DrawnCurve>, top: Vec<DrawnCurve>) -> Solid {
 }
 
 fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> DrawnCurve {
-    let curve = Curve2::Arc {
-        center,
-        radius,
-        start,
-        sweep,
-    };
+    let curve = Curve2::Arc { center, radius, start, sweep };
     drawn(curve, LineStyle::Visible)
 }
 
@@ -179,21 +143,14 @@ fn half_a_cone() -> Solid {
         let span = planish_estimate::vector3::sub(to, from);
         let length = planish_estimate::vector3::norm(span);
         Edge {
-            curve: Curve::Line {
-                origin: from,
-                direction: span.map(|c| c / length),
-            },
+            curve: Curve::Line { origin: from, direction: span.map(|c| c / length) },
             range: [0.0, length],
             start: ends[0],
             end: ends[1],
         }
     };
     let arc = Edge {
-        curve: Curve::Ellipse {
-            center: [0.0; 3],
-            a: right,
-            b: [0.0, 10.0, 0.0],
-        },
+        curve: Curve::Ellipse { center: [0.0; 3], a: right, b: [0.0, 10.0, 0.0] },
         range: [0.0, std::f64::consts::PI],
         start: 1,
         end: 2,
@@ -203,11 +160,7 @@ fn half_a_cone() -> Solid {
         outward: true,
         loops: vec![ring.iter().map(|&(edge, forward)| Coedge { edge, forward }).collect()],
     };
-    let plane = |normal: [f64; 3]| Surface::Plane {
-        origin: [0.0; 3],
-        normal,
-        x: [1.0, 0.0, 0.0],
-    };
+    let plane = |normal: [f64; 3]| Surface::Plane { origin: [0.0; 3], normal, x: [1.0, 0.0, 0.0] };
     let cone = Surface::Cone {
         origin: [0.0; 3],
         axis: [0.0, 0.0, -1.0],
@@ -217,12 +170,7 @@ fn half_a_cone() -> Solid {
     };
     let solid = Solid {
         vertices: vec![tip, right, left],
-        edges: vec![
-            arc,
-            line(left, right, [2, 1]),
-            line(right, tip, [1, 0]),
-            line(left, tip, [2, 0]),
-        ],
+        edges: vec![arc, line(left, right, [2, 1]), line(right, tip, [1, 0]), line(left, tip, [2, 0])],
         faces: vec![
             face(plane([0.0, 0.0, -1.0]), &[(0, false), (1, false)]),
             face(plane([0.0, -1.0, 0.0]), &[(1, true), (2, true), (3, false)]),
@@ -233,7 +181,8 @@ fn half_a_cone() -> Solid {
     solid
 }
 
-/// Poles of a sphere and tips of cones within a face, on its border, and faces without a border: all close, and hold what the solid holds.
+/// Poles of a sphere and tips of cones within a face, on its border, and faces without a border: all close,
+/// and hold what the solid holds.
 #[test]
 fn faces_over_poles_and_tips_close() {
     use std::f64::consts::{FRAC_PI_2, PI};
@@ -257,11 +206,7 @@ fn faces_over_poles_and_tips_close() {
         ("ball", turned(disc(), disc()), 4000.0 / 3.0 * PI),
         ("cone", turned(cone, disc()), 1000.0 * PI),
         ("double cone", turned(bicone, disc()), 3500.0 / 3.0 * PI),
-        (
-            "quarter of a ball",
-            solved([dome(), half_disc(), quarter_side]),
-            1000.0 / 3.0 * PI,
-        ),
+        ("quarter of a ball", solved([dome(), half_disc(), quarter_side]), 1000.0 / 3.0 * PI),
         ("half a cone", half_a_cone(), 500.0 * PI),
     ];
     for (name, solid, volume) in solids {
@@ -281,20 +226,16 @@ fn faces_over_poles_and_tips_close() {
 #[test]
 fn a_tolerance_that_needs_too_many_triangles_is_refused_with_the_least_that_works() {
     let mut ball = Solid::default();
-    let surface = Surface::Sphere {
-        center: [0.0; 3],
-        axis: [0.0, 0.0, 1.0],
-        x: [1.0, 0.0, 0.0],
-        radius: 10.0,
-    };
+    let surface =
+        Surface::Sphere { center: [0.0; 3], axis: [0.0, 0.0, 1.0], x: [1.0, 0.0, 0.0], radius: 10.0 };
     ball.add_whole(surface, true);
     let told = tessellate(&ball, 1e-9).unwrap_err().to_string();
-    assert!(
-        told.contains("needs about") && told.contains("as with a tolerance of"),
-        "{told}"
-    );
+    assert!(told.contains("needs about") && told.contains("as with a tolerance of"), "{told}");
     let least = least_tolerance(&ball);
-    assert!(triangles_needed(&ball, least) <= MOST_TRIANGLES && triangles_needed(&ball, 0.98 * least) > MOST_TRIANGLES);
+    assert!(
+        triangles_needed(&ball, least) <= MOST_TRIANGLES
+            && triangles_needed(&ball, 0.98 * least) > MOST_TRIANGLES
+    );
     // What is said to be needed is what is made, within a factor of three.
     let made = tessellate(&ball, 1e-2).unwrap().triangles.len() as f64;
     let needed = triangles_needed(&ball, 1e-2);

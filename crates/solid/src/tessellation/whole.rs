@@ -1,6 +1,7 @@
 //! Faces without a border: whole spheres and whole tori.
 //!
-//! Their boundary holds only seams, edges along which the face borders itself. They are cut by a lattice of their parameters instead of along these.
+//! Their boundary holds only seams, edges along which the face borders itself. They are cut by a lattice of
+//! their parameters instead of along these.
 
 use super::{Points, WIDEST_CHORD};
 use crate::brep::{Face, Surface};
@@ -19,7 +20,9 @@ pub(super) fn triangles(face: &Face, points: &mut Points, tolerance: f64) -> Vec
             let n = around(radius, tolerance).next_multiple_of(2);
             (n, n / 2, true)
         }
-        Surface::Torus { major, minor, .. } => (around(major + minor, tolerance), around(minor, tolerance), false),
+        Surface::Torus { major, minor, .. } => {
+            (around(major + minor, tolerance), around(minor, tolerance), false)
+        }
         _ => return Vec::new(),
     };
     let surface = face.surface;
@@ -31,9 +34,8 @@ pub(super) fn triangles(face: &Face, points: &mut Points, tolerance: f64) -> Vec
         };
         let is_pole = is_sphere && (row == 0 || row == rows);
         let made = if is_pole { 1 } else { columns };
-        let at: Vec<u32> = (0..made)
-            .map(|k| points.add(surface.point([TAU * k as f64 / columns as f64, v])))
-            .collect();
+        let at: Vec<u32> =
+            (0..made).map(|k| points.add(surface.point([TAU * k as f64 / columns as f64, v]))).collect();
         lattice.push((0..columns).map(|k| at[k % made]).collect());
     }
     let mut found = Vec::with_capacity(2 * columns * rows);

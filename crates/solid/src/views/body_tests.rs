@@ -31,10 +31,7 @@ fn two_cubes_apart_are_two_bodies() {
 #[test]
 fn two_cubes_that_touch_along_an_edge_are_no_solid() {
     let refused = solve(&two_cubes([10.0, 10.0])).unwrap_err().to_string();
-    assert!(
-        refused.contains("two bodies only touch along a line through 10.0000 10.0000"),
-        "{refused}"
-    );
+    assert!(refused.contains("two bodies only touch along a line through 10.0000 10.0000"), "{refused}");
 }
 
 /// Half balls of radius 10 on a plate of height 5, in front and top view.
@@ -59,15 +56,9 @@ fn a_dome_in_two_views_means_no_solid_that_only_touches_itself() {
     let found = solve(&drawing(vec![(ViewKind::Front, half), (ViewKind::Top, top)])).unwrap();
     assert_eq!(found.solutions.len(), 4);
     assert!(found.solutions.iter().all(|s| s.solid.contacts(1e-3).is_empty()));
-    let [dropped] = &found.rejected[..] else {
-        panic!("{:?}", found.rejected)
-    };
+    let [dropped] = &found.rejected[..] else { panic!("{:?}", found.rejected) };
     assert_eq!(dropped.why, Rejection::Touches);
-    assert!(
-        dropped.message.starts_with("two bodies only touch along a line"),
-        "{}",
-        dropped.message
-    );
+    assert!(dropped.message.starts_with("two bodies only touch along a line"), "{}", dropped.message);
 }
 
 #[test]
@@ -80,11 +71,7 @@ fn three_domes_in_two_views_are_three_half_balls_first() {
 
 #[test]
 fn four_domes_in_two_views_are_four_half_balls_first() {
-    let square = domes(
-        &[[-12.0, -12.0], [12.0, -12.0], [-12.0, 12.0], [12.0, 12.0]],
-        54.0,
-        54.0,
-    );
+    let square = domes(&[[-12.0, -12.0], [12.0, -12.0], [-12.0, 12.0], [12.0, 12.0]], 54.0, 54.0);
     let best = solve(&square).unwrap().solutions.remove(0);
     assert_eq!(best.solid.faces_by_kind(), [6, 0, 0, 4, 0]);
     assert_near(best.measures.volume, 54.0 * 54.0 * 5.0 + 8000.0 / 3.0 * PI, 1e-9);

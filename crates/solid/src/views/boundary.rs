@@ -1,8 +1,9 @@
 //! From solid cells to faces.
 //!
-//! Surfaces with a solid on one side only are *used*. Two of them meet along curves, which third ones cut at vertices. Around the middle of each
-//! stretch of a curve stand half-surfaces; those between a solid and an empty sector are boundary, and where two different surfaces bound a
-//! solid sector there is an edge. Edges chain to loops on each surface, loops to faces: everything between edges is one face.
+//! Surfaces with a solid on one side only are *used*. Two of them meet along curves, which third ones cut at
+//! vertices. Around the middle of each stretch of a curve stand half-surfaces; those between a solid and an
+//! empty sector are boundary, and where two different surfaces bound a solid sector there is an edge. Edges
+//! chain to loops on each surface, loops to faces: everything between edges is one face.
 
 use super::candidates::{Candidate, corners, curves};
 use super::cells::{Cells, is_plain, pieces_in};
@@ -115,9 +116,7 @@ impl Maker<'_> {
         let by_piece = plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
             let at = [p[axes[0]], p[axes[1]]];
-            pieces_in(plan, v, cell)
-                .iter()
-                .any(|&n| view.profile(n).value(at).abs() < near)
+            pieces_in(plan, v, cell).iter().any(|&n| view.profile(n).value(at).abs() < near)
         });
         by_piece || self.touched_by_wall(p, cell, near, Some(wall))
     }
@@ -136,11 +135,7 @@ impl Maker<'_> {
                     let hi = [0, 1, 2].map(|a| plan.grid[a][cell[a] + 1]);
                     let at = |shares: [f64; 3]| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * shares[a]);
                     let plain = is_plain(plan, cell);
-                    let samples: &[f64] = if plain {
-                        &[0.47]
-                    } else {
-                        &[0.03, 0.21, 0.47, 0.79, 0.96]
-                    };
+                    let samples: &[f64] = if plain { &[0.47] } else { &[0.03, 0.21, 0.47, 0.79, 0.96] };
                     for axis in (0..3).filter(|a| cell[*a] > 0) {
                         let id = SurfaceId::Grid(axis, cell[axis]);
                         if used.contains(&id) {
@@ -155,7 +150,8 @@ impl Maker<'_> {
                                 let back = step.min(0.1 * (lo[axis] - plan.grid[axis][cell[axis] - 1]));
                                 let mut before = cell;
                                 before[axis] -= 1;
-                                if self.touched(p, cell, 3.0 * step, None) || self.touched(p, before, 3.0 * step, None)
+                                if self.touched(p, cell, 3.0 * step, None)
+                                    || self.touched(p, before, 3.0 * step, None)
                                 {
                                     continue;
                                 }
@@ -222,12 +218,9 @@ impl Maker<'_> {
         });
         for s in 0..n {
             for t in s + 1..n {
-                for meeting in curves(
-                    &self.surfaces[s],
-                    &self.surfaces[t],
-                    self.cells.plan.size,
-                    self.tolerance,
-                ) {
+                for meeting in
+                    curves(&self.surfaces[s], &self.surfaces[t], self.cells.plan.size, self.tolerance)
+                {
                     let mut points = meeting.ends.clone();
                     for u in (0..n).filter(|u| *u != s && *u != t) {
                         let three = [s, t, u].map(|k| &self.surfaces[k]);
@@ -245,7 +238,9 @@ impl Maker<'_> {
         let near = self.tolerance;
         let mut cuts: Vec<(f64, [f64; 3])> = Vec::new();
         for p in points {
-            let Some(t) = curve.parameter(p, near) else { continue };
+            let Some(t) = curve.parameter(p, near) else {
+                continue;
+            };
             if !cuts.iter().any(|c| norm(sub(c.1, p)) < 20.0 * near) {
                 cuts.push((t, p));
             }
@@ -269,7 +264,13 @@ impl Maker<'_> {
         }
     }
 
-    fn add_stretch(&mut self, curve: &Curve3, range: [f64; 2], ends: Option<[[f64; 3]; 2]>, pair: [usize; 2]) {
+    fn add_stretch(
+        &mut self,
+        curve: &Curve3,
+        range: [f64; 2],
+        ends: Option<[[f64; 3]; 2]>,
+        pair: [usize; 2],
+    ) {
         let middle = (range[0] + range[1]) / 2.0;
         let m = curve.point(middle);
         let h = 1e-4 * (range[1] - range[0]);
@@ -312,10 +313,7 @@ impl Maker<'_> {
                 let w = along(along([0.0; 3], cos, e1), sin, e2);
                 let outward = if begins { cross(w, tangent) } else { cross(tangent, w) };
                 let same = dot(outward, self.surfaces[half.1].normal(m)) > 0.0;
-                self.coedges
-                    .entry((half.1, same))
-                    .or_default()
-                    .push(Coedge { edge, forward: !begins });
+                self.coedges.entry((half.1, same)).or_default().push(Coedge { edge, forward: !begins });
             }
         }
     }
@@ -366,31 +364,15 @@ impl Maker<'_> {
             None => [self.vertex(curve.point(range[0])); 2],
         };
         let (curve, range) = match curve {
-            Curve3::Line { origin, direction } => (
-                Curve::Line {
-                    origin: *origin,
-                    direction: *direction,
-                },
-                range,
-            ),
+            Curve3::Line { origin, direction } => {
+                (Curve::Line { origin: *origin, direction: *direction }, range)
+            }
             Curve3::Ellipse { center, a, b } => match norm(*a) >= norm(*b) * (1.0 - 1e-12) {
-                true => (
-                    Curve::Ellipse {
-                        center: *center,
-                        a: *a,
-                        b: *b,
-                    },
-                    range,
-                ),
+                true => (Curve::Ellipse { center: *center, a: *a, b: *b }, range),
                 // t = s + π/2 turns (a, b) into (b, −a).
-                false => (
-                    Curve::Ellipse {
-                        center: *center,
-                        a: *b,
-                        b: a.map(|c| -c),
-                    },
-                    range.map(|t| t - PI / 2.0),
-                ),
+                false => {
+                    (Curve::Ellipse { center: *center, a: *b, b: a.map(|c| -c) }, range.map(|t| t - PI / 2.0))
+                }
             },
             Curve3::Branch { .. } => (spline(curve, range), [0.0, SPLINE_PIECES as f64]),
             Curve3::Traced(traced) => {
@@ -398,12 +380,7 @@ impl Maker<'_> {
                 (curve, [0.0, TRACED_PIECES as f64])
             }
         };
-        self.solid.edges.push(Edge {
-            curve,
-            range,
-            start,
-            end,
-        });
+        self.solid.edges.push(Edge { curve, range, start, end });
         self.solid.edges.len() - 1
     }
 
@@ -420,11 +397,7 @@ impl Maker<'_> {
             };
             for loops in grouped {
                 let surface = with_free_poles(&self.solid, surface, &loops);
-                self.solid.faces.push(Face {
-                    surface,
-                    outward,
-                    loops,
-                });
+                self.solid.faces.push(Face { surface, outward, loops });
             }
         }
         self.add_whole_faces(&edged);
@@ -459,7 +432,12 @@ impl Maker<'_> {
     }
 
     /// Chains coedges: where several go on from a vertex, the one that leaves the narrowest corner of face.
-    pub(super) fn loops(&self, surface: &Surface, outward: bool, mut uses: Vec<Coedge>) -> Result<Vec<Vec<Coedge>>> {
+    pub(super) fn loops(
+        &self,
+        surface: &Surface,
+        outward: bool,
+        mut uses: Vec<Coedge>,
+    ) -> Result<Vec<Vec<Coedge>>> {
         let mut loops = Vec::new();
         while let Some(first) = uses.pop() {
             let mut ring = vec![first];
@@ -504,11 +482,7 @@ impl Maker<'_> {
             let edge = &self.solid.edges[coedge.edge];
             let [lo, hi] = edge.range;
             let near_lo = coedge.forward == from_start;
-            let t = if near_lo {
-                lo + 0.01 * (hi - lo)
-            } else {
-                hi - 0.01 * (hi - lo)
-            };
+            let t = if near_lo { lo + 0.01 * (hi - lo) } else { hi - 0.01 * (hi - lo) };
             unit(sub(edge.curve.point(t), p))
         };
         let back = away(last, false);
@@ -536,7 +510,8 @@ fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> Curve {
     let at = |k: usize| from + h * k as f64;
     let mut points: Vec<[f64; 3]> = (0..=n).map(|k| curve.point(at(k))).collect();
     points[n] = curve.point(to);
-    // Central differences of fourth order over the analytic continuation: a branch's parameter is an angle, so it goes on beyond its ends.
+    // Central differences of fourth order over the analytic continuation: a branch's parameter is an angle,
+    // so it goes on beyond its ends.
     let e = 0.02 * h.abs().max(1e-3);
     let derivatives = (0..=n)
         .map(|k| {
@@ -556,8 +531,9 @@ fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> Curve {
                     let s = if t < 1.0 { 1.0 } else { -1.0 };
                     let q = |m: f64| curve.point(t + s * m * e);
                     let (a, b, c, d, f) = (q(0.0), q(1.0), q(2.0), q(3.0), q(4.0));
-                    [0, 1, 2]
-                        .map(|i| s * (-25.0 * a[i] + 48.0 * b[i] - 36.0 * c[i] + 16.0 * d[i] - 3.0 * f[i]) / (12.0 * e))
+                    [0, 1, 2].map(|i| {
+                        s * (-25.0 * a[i] + 48.0 * b[i] - 36.0 * c[i] + 16.0 * d[i] - 3.0 * f[i]) / (12.0 * e)
+                    })
                 }
             };
             d.map(|c| c * h)
@@ -581,7 +557,8 @@ fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) 
             let chord = unit(sub(points[hi], points[lo]));
             let tangent = traced.tangent(points[k]);
             let turn = dot(tangent, chord);
-            // At an end where the surfaces touch there is no tangent; the curve goes on as its last chord, or better, as it bends.
+            // At an end where the surfaces touch there is no tangent; the curve goes on as its last chord, or
+            // better, as it bends.
             match turn.abs() > 0.9 {
                 true => tangent.map(|c| turn.signum() * length * c),
                 false => chord.map(|c| length * c),

@@ -86,18 +86,19 @@ pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) ->
 
 fn with_ends(curves: Vec<Curve3>, ends_of_lines: &[[f64; 3]]) -> Vec<Meeting> {
     let meeting = |curve: Curve3| Meeting {
-        ends: if matches!(curve, Curve3::Line { .. }) {
-            ends_of_lines.to_vec()
-        } else {
-            Vec::new()
-        },
+        ends: if matches!(curve, Curve3::Line { .. }) { ends_of_lines.to_vec() } else { Vec::new() },
         curve,
     };
     curves.into_iter().map(meeting).collect()
 }
 
 /// Where a curve of two candidates meets a third one.
-pub(super) fn corners(three: [&Candidate; 3], curve: &Curve3, bounds: [[f64; 2]; 3], tolerance: f64) -> Vec<[f64; 3]> {
+pub(super) fn corners(
+    three: [&Candidate; 3],
+    curve: &Curve3,
+    bounds: [[f64; 2]; 3],
+    tolerance: f64,
+) -> Vec<[f64; 3]> {
     match three {
         [Candidate::Drawn(s), Candidate::Drawn(t), Candidate::Drawn(u)] => triple([s, t, u], tolerance),
         [_, _, third] => crossings(curve, third, bounds, tolerance),
@@ -108,14 +109,16 @@ pub(super) fn corners(three: [&Candidate; 3], curve: &Curve3, bounds: [[f64; 2];
 fn crossings(curve: &Curve3, third: &Candidate, bounds: [[f64; 2]; 3], tolerance: f64) -> Vec<[f64; 3]> {
     let [from, to] = match curve {
         Curve3::Line { origin, .. } => {
-            let far = [0, 1, 2].map(|k| (bounds[k][0] - origin[k]).abs().max((bounds[k][1] - origin[k]).abs()));
+            let far =
+                [0, 1, 2].map(|k| (bounds[k][0] - origin[k]).abs().max((bounds[k][1] - origin[k]).abs()));
             [-norm(far), norm(far)]
         }
         Curve3::Ellipse { .. } => [0.0, TAU],
         Curve3::Branch { .. } => [0.0, std::f64::consts::PI],
         Curve3::Traced(traced) => [0.0, traced.end()],
     };
-    // A traced curve has points of its own; of others no sample lies on a grid line, where values would be zero.
+    // A traced curve has points of its own; of others no sample lies on a grid line, where values would be
+    // zero.
     let count = match curve {
         Curve3::Traced(_) => to as usize,
         _ => SAMPLES,
@@ -189,29 +192,19 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
     match (other, other.surface()) {
         (Candidate::Wall(Wall::Turned(second)), _) => {
             // A sphere is turned about any line through its centre.
-            let [turned, other_turned] = [
-                sphere_about(wall, second, tolerance),
-                sphere_about(second, wall, tolerance),
-            ];
+            let [turned, other_turned] =
+                [sphere_about(wall, second, tolerance), sphere_about(second, wall, tolerance)];
             let wall = turned.as_ref().unwrap_or(wall);
-            let second = if turned.is_some() {
-                second
-            } else {
-                other_turned.as_ref().unwrap_or(second)
-            };
-            let coaxial = second.axis == wall.axis && super::drawing::distance(second.center, wall.center) < tolerance;
+            let second = if turned.is_some() { second } else { other_turned.as_ref().unwrap_or(second) };
+            let coaxial =
+                second.axis == wall.axis && super::drawing::distance(second.center, wall.center) < tolerance;
             match coaxial {
                 true => circles(meet(&wall.profile, &second.profile, tolerance)),
                 false if wall.is_sphere() && second.is_sphere() => Some(two_spheres(wall, second, tolerance)),
                 false => None,
             }
         }
-        (
-            _,
-            Surface::Cylinder {
-                origin, axis, radius, ..
-            },
-        ) => {
+        (_, Surface::Cylinder { origin, axis, radius, .. }) => {
             if wall.is_sphere() {
                 return sphere_and_cylinder(wall, origin, axis, radius, tolerance);
             }
@@ -234,29 +227,29 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
                 return Some(sphere_and_plane(wall, origin, normal, tolerance));
             }
             let middle = wall.point(0.0, [0.0, 0.0]);
-            let holds_axis = normal[wall.axis].abs() < 1e-9 && dot(sub(middle, origin), normal).abs() < tolerance;
+            let holds_axis =
+                normal[wall.axis].abs() < 1e-9 && dot(sub(middle, origin), normal).abs() < tolerance;
             holds_axis.then(|| meridians(wall, normal))
         }
         _ => None,
     }
 }
 
-/// A sphere as turned about the axis of another wall, where that passes through its centre; none of other walls.
+/// A sphere as turned about the axis of another wall, where that passes through its centre; none of other
+/// walls.
 fn sphere_about(wall: &Turned, other: &Turned, tolerance: f64) -> Option<Turned> {
     let (center, radius) = wall.is_sphere().then(|| sphere_of(wall))?;
     let at = other.on_profile(center);
     (at[0] < tolerance && !other.is_sphere()).then(|| Turned {
         axis: other.axis,
         center: other.center,
-        profile: Profile::Circle {
-            center: [0.0, at[1]],
-            radius,
-        },
+        profile: Profile::Circle { center: [0.0, at[1]], radius },
         extents: wall.extents.clone(),
     })
 }
 
-/// The circles in which a sphere meets a cylinder whose axis passes through its centre, one where they touch; none where it passes elsewhere.
+/// The circles in which a sphere meets a cylinder whose axis passes through its centre, one where they touch;
+/// none where it passes elsewhere.
 fn sphere_and_cylinder(
     wall: &Turned,
     origin: [f64; 3],
@@ -277,9 +270,8 @@ fn sphere_and_cylinder(
         }
         _ => Vec::new(),
     };
-    let circles = heights
-        .into_iter()
-        .flat_map(|h| sphere_and_plane(wall, along(center, h, axis), axis, tolerance));
+    let circles =
+        heights.into_iter().flat_map(|h| sphere_and_plane(wall, along(center, h, axis), axis, tolerance));
     Some(circles.collect())
 }
 
@@ -297,14 +289,7 @@ fn sphere_and_plane(wall: &Turned, origin: [f64; 3], normal: [f64; 3], tolerance
         return Vec::new();
     }
     let distance = (radius * radius - off * off).sqrt();
-    let x = unit(cross(
-        normal,
-        if normal[0].abs() < 0.9 {
-            [1.0, 0.0, 0.0]
-        } else {
-            [0.0, 1.0, 0.0]
-        },
-    ));
+    let x = unit(cross(normal, if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] }));
     vec![Curve3::Ellipse {
         center: along(center, -off, normal),
         a: scale(distance, x),
@@ -342,10 +327,7 @@ fn meridians(wall: &Turned, normal: [f64; 3]) -> Vec<Curve3> {
                 }
                 Profile::Line { .. } => {
                     let p = at(wall.profile.point(0.0));
-                    Curve3::Line {
-                        origin: p,
-                        direction: unit(sub(at(wall.profile.point(1.0)), p)),
-                    }
+                    Curve3::Line { origin: p, direction: unit(sub(at(wall.profile.point(1.0)), p)) }
                 }
             }
         })
@@ -368,23 +350,18 @@ fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
         Profile::Circle { radius, .. } => radius.min(reach),
         Profile::Line { .. } => reach,
     };
-    let step = (TAU * smallest / STEPS_AROUND)
-        .max(TAU * reach / MOST_AROUND)
-        .min((height[1] - height[0]) / 8.0);
+    let step =
+        (TAU * smallest / STEPS_AROUND).max(TAU * reach / MOST_AROUND).min((height[1] - height[0]) / 8.0);
     let margin = 3.0 * step + 1e-3 * size;
     let inside = |p: [f64; 3]| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
     // Sign changes over the wall: around it, and along its profile.
     let mut profile: Vec<Vec<[f64; 2]>> = Vec::new();
     const ALONG: usize = 40;
     for k in 0..=ALONG {
-        let h = height[0] - step + (height[1] - height[0] + 2.0 * step) * (k as f64 + 0.031) / (ALONG as f64 + 0.07);
+        let h = height[0] - step
+            + (height[1] - height[0] + 2.0 * step) * (k as f64 + 0.031) / (ALONG as f64 + 0.07);
         profile.push(
-            wall.profile
-                .crossings(1, h, 0.0)
-                .into_iter()
-                .filter(|r| *r > 0.0)
-                .map(|r| [r, h])
-                .collect(),
+            wall.profile.crossings(1, h, 0.0).into_iter().filter(|r| *r > 0.0).map(|r| [r, h]).collect(),
         );
     }
     const TURNS: usize = 120;
@@ -408,10 +385,7 @@ fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
             }
         }
     }
-    traced(&surfaces, &seeds, step, inside)
-        .into_iter()
-        .map(Curve3::Traced)
-        .collect()
+    traced(&surfaces, &seeds, step, inside).into_iter().map(Curve3::Traced).collect()
 }
 
 /// Curves on a cylinder oblique to all views, followed step by step.
@@ -441,8 +415,5 @@ fn followed_around(wall: &Oblique, other: &Candidate, size: f64) -> Vec<Curve3> 
             }
         }
     }
-    traced(&surfaces, &seeds, step, inside)
-        .into_iter()
-        .map(Curve3::Traced)
-        .collect()
+    traced(&surfaces, &seeds, step, inside).into_iter().map(Curve3::Traced).collect()
 }

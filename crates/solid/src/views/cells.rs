@@ -1,7 +1,8 @@
 //! Cells: the parts into which the drawing's lines cut space, each wholly solid or wholly empty.
 //!
-//! A box of the grid is cut by the pieces of all three views; an *atom* is what has one sign for each of them. Where a view shows no line,
-//! nothing separates the atoms on both sides of its grid line: they are one cell (union–find).
+//! A box of the grid is cut by the pieces of all three views; an *atom* is what has one sign for each of
+//! them. Where a view shows no line, nothing separates the atoms on both sides of its grid line: they are one
+//! cell (union–find).
 
 use super::column::SurfaceId;
 use super::plan::Plan;
@@ -20,7 +21,8 @@ pub(crate) struct Cells<'a> {
     parent: Vec<u32>,
     /// Cells thicker somewhere than rounding, where there are walls.
     thick: HashSet<u32>,
-    /// Cells in boxes with walls of which no point was found that lies away from everything that cuts the box.
+    /// Cells in boxes with walls of which no point was found that lies away from everything that cuts the
+    /// box.
     slivers: HashSet<u32>,
 }
 
@@ -48,7 +50,8 @@ impl<'a> Cells<'a> {
             for j in 0..n[1] {
                 for k in 0..n[2] {
                     first.push(total as u32);
-                    let pieces: usize = (0..plan.views.len()).map(|v| pieces_in(plan, v, [i, j, k]).len()).sum();
+                    let pieces: usize =
+                        (0..plan.views.len()).map(|v| pieces_in(plan, v, [i, j, k]).len()).sum();
                     let cuts = pieces + plan.walls_in([i, j, k]).len();
                     total += 1_usize << cuts.min(24);
                     if total > MOST_ATOMS {
@@ -85,10 +88,7 @@ impl<'a> Cells<'a> {
         let (mut walled, mut real) = (HashSet::new(), HashSet::new());
         for place in 0..n[0] * n[1] * n[2] {
             let cell = [place / (n[1] * n[2]), place / n[2] % n[1], place % n[2]];
-            let last = self
-                .first
-                .get(place + 1)
-                .map_or(self.parent.len(), |next| *next as usize);
+            let last = self.first.get(place + 1).map_or(self.parent.len(), |next| *next as usize);
             let roots = self.parent[self.first[place] as usize..last].iter().copied();
             if plan.walls_in(cell).is_empty() {
                 real.extend(roots);
@@ -129,12 +129,14 @@ impl<'a> Cells<'a> {
         (0..3).all(|a| p[a] > lo[a] + room && p[a] < hi[a] - room) && !self.is_near_cut(cell, p, room)
     }
 
-    /// Whether nothing was found of a cell but slivers, which rounding leaves where walls and surfaces drawn out mean one curve.
+    /// Whether nothing was found of a cell but slivers, which rounding leaves where walls and surfaces drawn
+    /// out mean one curve.
     pub(crate) fn is_sliver_only(&self, of: u32) -> bool {
         self.slivers.contains(&of)
     }
 
-    /// Whether a stretch of a line through a box is a sliver: where a wall and a surface that is drawn out mean one curve, rounding leaves such between them.
+    /// Whether a stretch of a line through a box is a sliver: where a wall and a surface that is drawn out
+    /// mean one curve, rounding leaves such between them.
     pub(crate) fn is_sliver(&self, cell: [usize; 3], length: f64, of: u32) -> bool {
         !self.plan.walls_in(cell).is_empty() && length < self.plan.tolerance && !self.thick.contains(&of)
     }
@@ -206,7 +208,8 @@ impl<'a> Cells<'a> {
         self.parent[self.atom(cell, p) as usize]
     }
 
-    /// Joins atoms on both sides of the grid planes across an axis, where a view that sees the plane edge-on draws nothing.
+    /// Joins atoms on both sides of the grid planes across an axis, where a view that sees the plane edge-on
+    /// draws nothing.
     fn join_across(&mut self, axis: usize) {
         let plan = self.plan;
         let drawn: Vec<Drawn> = (0..plan.views.len()).filter_map(|v| Drawn::of(plan, v, axis)).collect();
@@ -244,15 +247,11 @@ impl<'a> Cells<'a> {
         let at_piece = self.plan.views.iter().enumerate().any(|(v, view)| {
             let axes = view.kind.axes();
             let q = [p[axes[0]], p[axes[1]]];
-            pieces_in(self.plan, v, cell)
-                .iter()
-                .any(|n| view.profile(*n).value(q).abs() < near)
+            pieces_in(self.plan, v, cell).iter().any(|n| view.profile(*n).value(q).abs() < near)
         });
         let walls = self.plan.walls_in(cell);
         at_piece
-            || walls
-                .iter()
-                .any(|&(wall, side)| self.plan.walls[wall as usize].value_of(side, p).abs() < near)
+            || walls.iter().any(|&(wall, side)| self.plan.walls[wall as usize].value_of(side, p).abs() < near)
     }
 
     /// Where the line along an axis through a point meets the walls of a box.
@@ -265,7 +264,8 @@ impl<'a> Cells<'a> {
         found
     }
 
-    /// Where, along another axis, surfaces seen along the third one cross a plane in two boxes: with the boxes' own ends, ascending.
+    /// Where, along another axis, surfaces seen along the third one cross a plane in two boxes: with the
+    /// boxes' own ends, ascending.
     fn sections(&self, boxes: &[[usize; 3]], axis: usize, value: f64, along: usize) -> Vec<f64> {
         let cell = boxes[0][along];
         let ends = [self.plan.grid[along][cell], self.plan.grid[along][cell + 1]];
@@ -366,11 +366,7 @@ fn within(mut cuts: Vec<f64>, ends: &[f64]) -> Vec<f64> {
 
 /// So many values between each two neighbours that are further apart than `least`.
 fn samples(cuts: &[f64], each: usize, least: f64) -> Vec<f64> {
-    let shares: &[f64] = if each > 1 {
-        &[0.021, 0.237, 0.487, 0.763, 0.979]
-    } else {
-        &[0.487]
-    };
+    let shares: &[f64] = if each > 1 { &[0.021, 0.237, 0.487, 0.763, 0.979] } else { &[0.487] };
     cuts.windows(2)
         .filter(|c| c[1] - c[0] > least)
         .flat_map(|c| shares.iter().map(|s| c[0] + s * (c[1] - c[0])))

@@ -1,4 +1,5 @@
-//! Cylinders oblique to all views, by their ends: curves of a view that, lifted into a plane, are circles along an axis, and that the other views show as well.
+//! Cylinders oblique to all views, by their ends: curves of a view that, lifted into a plane, are circles
+//! along an axis, and that the other views show as well.
 
 use super::drawing::{Curve2, Drawing, distance_to_segment};
 use super::oblique::bounds_of;
@@ -21,7 +22,8 @@ const EXACT: f64 = 1e-6;
 const LEAST_POINTS: usize = 5;
 /// Directions are one below this sine of the angle between them.
 const PARALLEL: f64 = 1e-4;
-/// A plane cuts a cylinder in an end where the cosine of the angle between its normal and the axis is so large.
+/// A plane cuts a cylinder in an end where the cosine of the angle between its normal and the axis is so
+/// large.
 const LEAST_STEEP: f64 = 0.2;
 /// Half of the widest sector for which the rest of a cylinder is not meant, in radians.
 const WIDEST: f64 = 1.5;
@@ -59,7 +61,9 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
     for view in &drawing.views {
         let axes = view.kind.axes();
         for drawn in &view.curves {
-            let Curve2::Segment(a, b) = drawn.curve else { continue };
+            let Curve2::Segment(a, b) = drawn.curve else {
+                continue;
+            };
             if (0..2).any(|k| (a[k] - b[k]).abs() <= near) {
                 continue;
             }
@@ -67,7 +71,8 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
             (normal[axes[0]], normal[axes[1]]) = (a[1] - b[1], b[0] - a[0]);
             let normal = unit(normal);
             let offset = normal[axes[0]] * a[0] + normal[axes[1]] * a[1];
-            let same = |p: &Plane| norm(cross(p.normal, normal)) * size < near && (p.offset - offset).abs() < near;
+            let same =
+                |p: &Plane| norm(cross(p.normal, normal)) * size < near && (p.offset - offset).abs() < near;
             if !planes.iter().any(same) {
                 planes.push(Plane { normal, offset });
             }
@@ -89,10 +94,7 @@ pub(super) fn circles(drawing: &Drawing, frame: &Wireframe, oblique: &[Oblique],
             None => groups.push(vec![circle]),
         }
     }
-    groups
-        .iter()
-        .filter_map(|group| cylinder(drawing, frame, group, near))
-        .collect()
+    groups.iter().filter_map(|group| cylinder(drawing, frame, group, near)).collect()
 }
 
 /// Directions of edges between ends of curves: along a cylinder from end to end.
@@ -101,10 +103,7 @@ fn axes(frame: &Wireframe) -> Vec<[f64; 3]> {
     for [i, j] in &frame.edges {
         if frame.ends_curve[*i] && frame.ends_curve[*j] {
             let d = sub(frame.points[*j], frame.points[*i]);
-            match found
-                .iter_mut()
-                .find(|f| norm(cross(unit(**f), d)) < PARALLEL * norm(d))
-            {
+            match found.iter_mut().find(|f| norm(cross(unit(**f), d)) < PARALLEL * norm(d)) {
                 // The longer all edges of a direction are, the better they tell it.
                 Some(known) => *known = along(*known, dot(*known, d).signum(), d),
                 None => found.push(d),
@@ -114,7 +113,8 @@ fn axes(frame: &Wireframe) -> Vec<[f64; 3]> {
     found.into_iter().map(unit).collect()
 }
 
-/// The curves of all views that, lifted into a plane, are circles across its normal or an axis, and lie on something drawn in every other view.
+/// The curves of all views that, lifted into a plane, are circles across its normal or an axis, and lie on
+/// something drawn in every other view.
 fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]]) -> Vec<Circle> {
     let size = drawing.size();
     let steep = axes.iter().copied().filter(|a| {
@@ -130,7 +130,9 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
             continue;
         }
         for drawn in &view.curves {
-            let Curve2::Chain(chain) = &drawn.curve else { continue };
+            let Curve2::Chain(chain) = &drawn.curve else {
+                continue;
+            };
             if chain.len() < LEAST_POINTS {
                 continue;
             }
@@ -187,7 +189,8 @@ fn is_shown(drawing: &Drawing, of: usize, points: &[[f64; 3]], size: f64) -> boo
     })
 }
 
-/// The cylinder of circles about one axis; none where there is one end only, or nothing tells exactly where it is.
+/// The cylinder of circles about one axis; none where there is one end only, or nothing tells exactly where
+/// it is.
 fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -> Option<Oblique> {
     let size = drawing.size();
     let best = group.iter().min_by(|a, b| a.off.total_cmp(&b.off))?;
@@ -200,24 +203,18 @@ fn cylinder(drawing: &Drawing, frame: &Wireframe, group: &[Circle], near: f64) -
         false => measured(drawing, frame, group, best, near)?,
     };
     let round = (radius * 1e4).round() / 1e4;
-    let radius = if (radius - round).abs() < EXACT * size {
-        round
-    } else {
-        radius
-    };
+    let radius = if (radius - round).abs() < EXACT * size { round } else { radius };
     let points: Vec<[f64; 3]> = group.iter().flat_map(|c| c.points.iter().copied()).collect();
     let form = Form::Cylinder { origin, axis, radius };
     Some(Oblique {
         form,
         sector: sector(axis, origin, &points),
-        extents: vec![Extent {
-            bounds: bounds_of(&points),
-            side: Side::Both,
-        }],
+        extents: vec![Extent { bounds: bounds_of(&points), side: Side::Both }],
     })
 }
 
-/// The sector of some points about an axis, where it is less than half of all: what is left of the widest gap.
+/// The sector of some points about an axis, where it is less than half of all: what is left of the widest
+/// gap.
 fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Sector> {
     let (e1, e2) = tangents(axis);
     let angle = |p: &[f64; 3]| {
@@ -227,20 +224,15 @@ fn sector(axis: [f64; 3], origin: [f64; 3], points: &[[f64; 3]]) -> Option<Secto
     let mut angles: Vec<f64> = points.iter().map(angle).collect();
     angles.sort_by(f64::total_cmp);
     angles.push(angles[0] + TAU);
-    let (gap, after) = angles
-        .windows(2)
-        .map(|a| (a[1] - a[0], a[1]))
-        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (gap, after) = angles.windows(2).map(|a| (a[1] - a[0], a[1])).max_by(|a, b| a.0.total_cmp(&b.0))?;
     let half_width = (TAU - gap) / 2.0;
     let (sin, cos) = (after + half_width).sin_cos();
-    (half_width < WIDEST).then(|| Sector {
-        middle: along(scale(cos, e1), sin, e2),
-        half_width,
-    })
+    (half_width < WIDEST).then(|| Sector { middle: along(scale(cos, e1), sin, e2), half_width })
 }
 
-/// A cylinder's axis and radius by what is exact: points of the wireframe at `|p − c| = r` across the axis, and straight outlines at the distance r from the
-/// axis' image. Newton's method for the two coordinates of the axis and the radius, by least squares.
+/// A cylinder's axis and radius by what is exact: points of the wireframe at `|p − c| = r` across the axis,
+/// and straight outlines at the distance r from the axis' image. Newton's method for the two coordinates of
+/// the axis and the radius, by least squares.
 fn measured(
     drawing: &Drawing,
     frame: &Wireframe,
@@ -259,7 +251,8 @@ fn measured(
         .filter(|p| (0..3).all(|k| p[k] > bounds[k][0] - near && p[k] < bounds[k][1] + near))
         .filter(|p| is_near(norm(across(sub(*p, best.center)))))
         .collect();
-    // Outlines: unit vectors across the axis and across the line of sight, and how far along them the outline stands.
+    // Outlines: unit vectors across the axis and across the line of sight, and how far along them the outline
+    // stands.
     let mut lines: Vec<([f64; 3], f64)> = Vec::new();
     for view in &drawing.views {
         let [right, up, sight] = view.kind.axes();
@@ -267,7 +260,9 @@ fn measured(
         e[sight] = 1.0;
         let beside = unit(cross(axis, e));
         for drawn in &view.curves {
-            let Curve2::Segment(a, b) = drawn.curve else { continue };
+            let Curve2::Segment(a, b) = drawn.curve else {
+                continue;
+            };
             let at = |p: [f64; 2]| beside[right] * p[0] + beside[up] * p[1];
             let far = at(a) - dot(beside, best.center);
             if (at(a) - at(b)).abs() < near && is_near(far.abs()) {
@@ -300,7 +295,8 @@ struct Adjusted {
     residuals: Vec<f64>,
 }
 
-/// The axis' place and the radius by least squares, with the absolute residuals; none where points and outlines leave them open, or only just tell them.
+/// The axis' place and the radius by least squares, with the absolute residuals; none where points and
+/// outlines leave them open, or only just tell them.
 fn adjusted(
     axis: [f64; 3],
     (mut center, mut radius): ([f64; 3], f64),
@@ -335,9 +331,5 @@ fn adjusted(
         center = along(along(center, step[0], e1), step[1], e2);
         radius += step[2];
     }
-    Some(Adjusted {
-        center,
-        radius,
-        residuals,
-    })
+    Some(Adjusted { center, radius, residuals })
 }

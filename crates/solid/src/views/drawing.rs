@@ -77,17 +77,13 @@ pub enum Curve2 {
 }
 
 impl Curve2 {
-    /// Points along the curve, from its start to its end; a segment's ends, an arc's points every few degrees.
+    /// Points along the curve, from its start to its end; a segment's ends, an arc's points every few
+    /// degrees.
     #[must_use]
     pub fn points(&self) -> Vec<[f64; 2]> {
         match self {
             Self::Segment(a, b) => vec![*a, *b],
-            Self::Arc {
-                center,
-                radius,
-                start,
-                sweep,
-            } => {
+            Self::Arc { center, radius, start, sweep } => {
                 let n = ((sweep / TAU * 96.0).ceil() as usize).max(4);
                 (0..=n)
                     .map(|k| {
@@ -100,17 +96,13 @@ impl Curve2 {
         }
     }
 
-    /// The curve where a rigid motion `to` of the plane takes it; `mirrored` where that also mirrors x, which runs arcs the other way.
+    /// The curve where a rigid motion `to` of the plane takes it; `mirrored` where that also mirrors x, which
+    /// runs arcs the other way.
     #[must_use]
     pub fn moved(&self, to: impl Fn([f64; 2]) -> [f64; 2], mirrored: bool) -> Self {
         match self {
             Self::Segment(a, b) => Self::Segment(to(*a), to(*b)),
-            Self::Arc {
-                center,
-                radius,
-                start,
-                sweep,
-            } => Self::Arc {
+            Self::Arc { center, radius, start, sweep } => Self::Arc {
                 center: to(*center),
                 radius: *radius,
                 start: if mirrored { PI - start - sweep } else { *start },
@@ -149,13 +141,7 @@ pub fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
 /// The point of a curve that is nearest to a point.
 #[must_use]
 pub fn nearest_on_curve(curve: &Curve2, p: [f64; 2]) -> [f64; 2] {
-    if let Curve2::Arc {
-        center,
-        radius,
-        start,
-        sweep,
-    } = curve
-    {
+    if let Curve2::Arc { center, radius, start, sweep } = curve {
         let angle = (p[1] - center[1]).atan2(p[0] - center[0]);
         let along = (angle - start).rem_euclid(TAU);
         // Beyond the arc, the nearer of its ends.
@@ -178,8 +164,7 @@ pub fn nearest_on_curve(curve: &Curve2, p: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|k| pair[0][k] + share * d[k])
     };
     let all = points.windows(2).map(on);
-    all.min_by(|a, b| distance(*a, p).total_cmp(&distance(*b, p)))
-        .unwrap_or(points[0])
+    all.min_by(|a, b| distance(*a, p).total_cmp(&distance(*b, p))).unwrap_or(points[0])
 }
 
 /// A curve with its style, and what the file calls it.
@@ -230,17 +215,9 @@ impl Drawing {
         let at = |p: &[f64; 2]| p.map(|c| factor * c);
         let curve = |curve: &Curve2| match curve {
             Curve2::Segment(a, b) => Curve2::Segment(at(a), at(b)),
-            Curve2::Arc {
-                center,
-                radius,
-                start,
-                sweep,
-            } => Curve2::Arc {
-                center: at(center),
-                radius: factor * radius,
-                start: *start,
-                sweep: *sweep,
-            },
+            Curve2::Arc { center, radius, start, sweep } => {
+                Curve2::Arc { center: at(center), radius: factor * radius, start: *start, sweep: *sweep }
+            }
             Curve2::Chain(points) => Curve2::Chain(points.iter().map(at).collect()),
         };
         let mut scaled = self.clone();
@@ -256,7 +233,8 @@ impl Drawing {
         let points = || self.views.iter().flat_map(|v| &v.curves).flat_map(|c| c.curve.points());
         (0..2)
             .map(|a| {
-                let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[a]), hi.max(p[a])));
+                let (lo, hi) =
+                    points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[a]), hi.max(p[a])));
                 hi - lo
             })
             .fold(0.0, f64::max)

@@ -1,9 +1,11 @@
 //! A drawing whose coordinates that nearly agree are one.
 //!
-//! Comes in: a drawing and a tolerance. Goes out: the same drawing, where coordinates of an axis that are no farther apart than the tolerance, in any view,
-//! have one value: ends of lines, centres of circles, and how far circles reach. Points along other curves stay.
+//! Comes in: a drawing and a tolerance. Goes out: the same drawing, where coordinates of an axis that are no
+//! farther apart than the tolerance, in any view, have one value: ends of lines, centres of circles, and how
+//! far circles reach. Points along other curves stay.
 //!
-//! Not guaranteed: that coordinates which are different stay so; a row of values, each within the tolerance of the next, becomes one.
+//! Not guaranteed: that coordinates which are different stay so; a row of values, each within the tolerance
+//! of the next, becomes one.
 
 use super::drawing::{Curve2, Drawing};
 use planish_estimate::{Error, Result};
@@ -11,7 +13,8 @@ use planish_estimate::{Error, Result};
 /// Joins coordinates that are no farther apart than `tolerance`, in the drawing's unit.
 ///
 /// # Errors
-/// `Input` for a tolerance that is not positive or as large as a hundredth of the drawing, and where a line would lose its length, naming it.
+/// `Input` for a tolerance that is not positive or as large as a hundredth of the drawing, and where a line
+/// would lose its length, naming it.
 pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
     let size = drawing.size();
     if !(tolerance > 0.0 && tolerance <= 0.01 * size) {
@@ -64,7 +67,8 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
     Ok(found)
 }
 
-/// Values in groups: ascending, each no farther from the next than the tolerance; the least and greatest of a group, and what stands for it.
+/// Values in groups: ascending, each no farther from the next than the tolerance; the least and greatest of a
+/// group, and what stands for it.
 fn grouped(mut values: Vec<f64>, tolerance: f64) -> Vec<[f64; 3]> {
     values.sort_by(f64::total_cmp);
     let mut groups: Vec<Vec<f64>> = Vec::new();
@@ -119,15 +123,8 @@ mod tests {
     #[test]
     fn ends_that_nearly_meet_and_views_that_nearly_fit_become_one_solid() {
         for (drawing, tolerance) in [(block(1e-3, 1.0), 2e-3), (block(0.0, 1.001), 0.05)] {
-            let best = solve(&joined(&drawing, tolerance).unwrap())
-                .unwrap()
-                .solutions
-                .remove(0);
-            assert!(
-                (best.measures.volume - 24_000.0).abs() < 1e-6,
-                "{}",
-                best.measures.volume
-            );
+            let best = solve(&joined(&drawing, tolerance).unwrap()).unwrap().solutions.remove(0);
+            assert!((best.measures.volume - 24_000.0).abs() < 1e-6, "{}", best.measures.volume);
         }
     }
 

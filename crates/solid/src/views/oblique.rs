@@ -1,14 +1,18 @@
 //! Which planes and cylinders oblique to all views a drawing may mean.
 //!
-//! Comes in: a drawing of three views. Goes out: walls, and the curves that they explain without any surface seen edge-on.
+//! Comes in: a drawing of three views. Goes out: walls, and the curves that they explain without any surface
+//! seen edge-on.
 //!
-//! - Two edges of the wireframe that meet and are not parallel span a plane. It is a candidate where it is oblique to all views and holds at least three edges of
-//!   which each goes on, at both ends, in another one or in a curve.
-//! - A curve of a view, lifted into such a plane or into one that another view sees edge-on, is an end of a cylinder where it is a circle there and all
-//!   views show its points. Its axis is the plane's normal. Exported curves are rough, so centre and radius are measured by straight lines where there are any:
+//! - Two edges of the wireframe that meet and are not parallel span a plane. It is a candidate where it is
+//!   oblique to all views and holds at least three edges of which each goes on, at both ends, in another one
+//!   or in a curve.
+//! - A curve of a view, lifted into such a plane or into one that another view sees edge-on, is an end of a
+//!   cylinder where it is a circle there and all views show its points. Its axis is the plane's normal.
+//!   Exported curves are rough, so centre and radius are measured by straight lines where there are any:
 //!   points of the wireframe on the circle, and outlines parallel to the axis' image.
 //!
-//! Not guaranteed: drawings of two views, planes whose edges are mostly smooth and not drawn, cylinders whose ends are all cut obliquely.
+//! Not guaranteed: drawings of two views, planes whose edges are mostly smooth and not drawn, cylinders whose
+//! ends are all cut obliquely.
 
 use super::circles::circles;
 use super::drawing::{Curve2, Drawing};
@@ -76,7 +80,8 @@ fn planes(frame: &Wireframe, near: f64) -> Vec<Oblique> {
                 }
                 let normal = unit(normal);
                 let three = [i, j, k].map(|v| frame.points[v]);
-                let is_known = |(n, d): &([f64; 3], f64)| three.iter().all(|p| (dot(*n, *p) - d).abs() < 3.0 * near);
+                let is_known =
+                    |(n, d): &([f64; 3], f64)| three.iter().all(|p| (dot(*n, *p) - d).abs() < 3.0 * near);
                 if normal.iter().any(|c| c.abs() < LEAST_LEAN) || tried.iter().any(is_known) {
                     continue;
                 }
@@ -92,19 +97,11 @@ fn planes(frame: &Wireframe, near: f64) -> Vec<Oblique> {
 /// The plane of the edges that lie in a plane and go on at both ends; none where there are too few.
 fn face_plane(frame: &Wireframe, normal: [f64; 3], offset: f64, near: f64) -> Option<Oblique> {
     let is_in = |k: usize| (dot(normal, frame.points[k]) - offset).abs() < 3.0 * near;
-    let mut edges: Vec<[usize; 2]> = frame
-        .edges
-        .iter()
-        .copied()
-        .filter(|e| e.iter().all(|k| is_in(*k)))
-        .collect();
+    let mut edges: Vec<[usize; 2]> =
+        frame.edges.iter().copied().filter(|e| e.iter().all(|k| is_in(*k))).collect();
     loop {
         let goes_on = |k: usize| frame.ends_curve[k] || edges.iter().filter(|e| e.contains(&k)).count() > 1;
-        let kept: Vec<[usize; 2]> = edges
-            .iter()
-            .copied()
-            .filter(|e| e.iter().all(|k| goes_on(*k)))
-            .collect();
+        let kept: Vec<[usize; 2]> = edges.iter().copied().filter(|e| e.iter().all(|k| goes_on(*k))).collect();
         if kept.len() == edges.len() {
             break;
         }
@@ -120,7 +117,8 @@ fn face_plane(frame: &Wireframe, normal: [f64; 3], offset: f64, near: f64) -> Op
     Some(Oblique::within(Form::Plane { normal, offset }, bounds))
 }
 
-/// The plane with the least squares of distances to some points: `Σ (n · (p − c))²` is least for the eigenvector of the smallest eigenvalue.
+/// The plane with the least squares of distances to some points: `Σ (n · (p − c))²` is least for the
+/// eigenvector of the smallest eigenvalue.
 fn plane_through(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     let count = points.len() as f64;
     let center = [0, 1, 2].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / count);
@@ -146,8 +144,8 @@ pub(super) fn bounds_of(points: &[[f64; 3]]) -> [[f64; 2]; 3] {
     })
 }
 
-/// Curves of the views that need no surface seen edge-on: lines of edges of which each lies on two walls, or on one and on a
-/// plane across an axis, and outlines of cylinders.
+/// Curves of the views that need no surface seen edge-on: lines of edges of which each lies on two walls, or
+/// on one and on a plane across an axis, and outlines of cylinders.
 fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64) -> BTreeSet<(usize, usize)> {
     let on_two: Vec<bool> = frame
         .edges
@@ -156,7 +154,8 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
             let middle = [0, 1, 2].map(|k| e.iter().map(|i| frame.points[*i][k]).sum::<f64>() / 2.0);
             let [p, q] = e.map(|i| frame.points[i]);
             let is_on = |w: &&Oblique| [p, middle, q].iter().all(|p| w.value(*p).abs() < 3.0 * near);
-            // An edge parallel to a view lies in a plane that the other two see edge-on, and that they draw there.
+            // An edge parallel to a view lies in a plane that the other two see edge-on, and that they draw
+            // there.
             let in_axis_plane = (0..3).any(|k| (p[k] - q[k]).abs() < near);
             walls.iter().filter(is_on).count() + usize::from(in_axis_plane) > 1
         })
@@ -168,12 +167,15 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
         let outlines: Vec<[[f64; 2]; 2]> = walls
             .iter()
             .filter_map(|w| w.outlines(sight))
-            // Where the axis lies in the view, planes that touch the cylinder are seen edge-on along its outlines.
+            // Where the axis lies in the view, planes that touch the cylinder are seen edge-on along its
+            // outlines.
             .filter(|(_, d)| d[sight].abs() > ROUGH_LEAN)
             .flat_map(|(points, d)| points.map(|p| [image(p), image(d)]))
             .collect();
         for (index, drawn) in view.curves.iter().enumerate() {
-            let Curve2::Segment(a, b) = drawn.curve else { continue };
+            let Curve2::Segment(a, b) = drawn.curve else {
+                continue;
+            };
             if (0..2).any(|k| (a[k] - b[k]).abs() <= near) {
                 continue;
             }

@@ -1,4 +1,5 @@
-//! Where planes and cylinders oblique to all views would be seen: cylinders' outlines, and the curves in which such walls meet each other.
+//! Where planes and cylinders oblique to all views would be seen: cylinders' outlines, and the curves in
+//! which such walls meet each other.
 
 use super::candidates::{Candidate, corners, curves};
 use super::cells::Cells;
@@ -33,7 +34,8 @@ impl Looks {
         }
     }
 
-    /// Looks along the curves in which two walls meet, of which one at least is oblique, between the corners with third ones.
+    /// Looks along the curves in which two walls meet, of which one at least is oblique, between the corners
+    /// with third ones.
     pub(super) fn oblique_crossings(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
         let plan = cells.plan;
         let walls: Vec<Candidate> = plan.walls.iter().cloned().map(Candidate::Wall).collect();
@@ -50,9 +52,7 @@ impl Looks {
                         let three = [&walls[i], &walls[j], &walls[k]];
                         let found = corners(three, &meeting.curve, bounds, plan.tolerance);
                         cuts.extend(
-                            found
-                                .into_iter()
-                                .filter_map(|p| meeting.curve.parameter(p, plan.tolerance)),
+                            found.into_iter().filter_map(|p| meeting.curve.parameter(p, plan.tolerance)),
                         );
                     }
                     for t in stretches(&meeting.curve, cuts) {
@@ -88,8 +88,5 @@ fn stretches(curve: &Curve3, mut cuts: Vec<f64>) -> Vec<f64> {
     }
     let length = |from: f64, to: f64| norm(sub(curve.point(to), curve.point(from)));
     let within = |c: &&[f64]| c[1] - c[0] > 1e-9 * TAU && length(c[0], c[1]) > 0.0 || c[1] - c[0] > 1.0;
-    cuts.windows(2)
-        .filter(within)
-        .flat_map(|c| SHARES.map(|s| c[0] + s * (c[1] - c[0])))
-        .collect()
+    cuts.windows(2).filter(within).flat_map(|c| SHARES.map(|s| c[0] + s * (c[1] - c[0]))).collect()
 }

@@ -46,7 +46,8 @@ const FRAME: [[f64; 3]; 3] = [
     [5.0 / 15.0, 10.0 / 15.0, -10.0 / 15.0],
 ];
 
-/// A block turned about all axes, one edge along its third direction rounded where the radius is not zero; edges of tangent faces are not drawn.
+/// A block turned about all axes, one edge along its third direction rounded where the radius is not zero;
+/// edges of tangent faces are not drawn.
 struct Block {
     frame: [[f64; 3]; 3],
     size: [f64; 3],
@@ -61,9 +62,7 @@ impl Block {
 
     fn drawing(&self) -> Drawing {
         let kinds = ViewKind::ALL.into_iter();
-        Drawing {
-            views: kinds.map(|kind| self.view(kind)).collect(),
-        }
+        Drawing { views: kinds.map(|kind| self.view(kind)).collect() }
     }
 
     fn view(&self, kind: ViewKind) -> View {
@@ -72,7 +71,9 @@ impl Block {
         eye[sight] = if kind.nearest_is_least() { -1.0 } else { 1.0 };
         let image = |p: [f64; 3]| [self.at(p)[right], self.at(p)[up]];
         let faces = |n: [f64; 3]| dot(self.at(n), eye) > 0.0;
-        let style = |is_seen: bool| if is_seen { LineStyle::Visible } else { LineStyle::Hidden };
+        let style = |is_seen: bool| {
+            if is_seen { LineStyle::Visible } else { LineStyle::Hidden }
+        };
         let [w, h, d] = self.size;
         let r = self.radius;
         let mut curves = Vec::new();
@@ -128,11 +129,7 @@ impl Block {
 
 #[test]
 fn a_block_turned_about_all_axes_is_the_only_solid_of_its_views() {
-    let block = Block {
-        frame: FRAME,
-        size: [10.0, 8.0, 6.0],
-        radius: 0.0,
-    };
+    let block = Block { frame: FRAME, size: [10.0, 8.0, 6.0], radius: 0.0 };
     let solution = only(&block.drawing());
     assert_eq!(solution.solid.faces_by_kind(), [6, 0, 0, 0, 0]);
     assert!((solution.measures.volume / 480.0 - 1.0).abs() < 1e-9);
@@ -140,11 +137,7 @@ fn a_block_turned_about_all_axes_is_the_only_solid_of_its_views() {
 
 #[test]
 fn a_rounded_edge_of_a_turned_block_is_a_cylinder() {
-    let block = Block {
-        frame: FRAME,
-        size: [10.0, 8.0, 6.0],
-        radius: 3.0,
-    };
+    let block = Block { frame: FRAME, size: [10.0, 8.0, 6.0], radius: 3.0 };
     let solution = only(&block.drawing());
     assert_eq!(solution.solid.faces_by_kind(), [6, 1, 0, 0, 0]);
     let volume = 6.0 * (80.0 - 9.0 * (1.0 - PI / 4.0));
@@ -154,11 +147,7 @@ fn a_rounded_edge_of_a_turned_block_is_a_cylinder() {
 
 #[test]
 fn an_oblique_block_without_one_of_its_edges_names_lines() {
-    let block = Block {
-        frame: FRAME,
-        size: [10.0, 8.0, 6.0],
-        radius: 0.0,
-    };
+    let block = Block { frame: FRAME, size: [10.0, 8.0, 6.0], radius: 0.0 };
     let mut drawing = block.drawing();
     drawing.views[0].curves.remove(0);
     let found = solve(&drawing).unwrap();

@@ -13,11 +13,7 @@ pub(crate) enum Form {
     /// `normal · p = offset`, the normal of unit length.
     Plane { normal: [f64; 3], offset: f64 },
     /// All points at the radius from an axis of unit length.
-    Cylinder {
-        origin: [f64; 3],
-        axis: [f64; 3],
-        radius: f64,
-    },
+    Cylinder { origin: [f64; 3], axis: [f64; 3], radius: f64 },
 }
 
 /// Less than half of a cylinder: a sector about a direction across its axis.
@@ -42,17 +38,16 @@ impl Oblique {
     /// A wall that may stand in a box.
     pub(crate) fn within(form: Form, bounds: [[f64; 2]; 3]) -> Self {
         let side = Side::Both;
-        Self {
-            form,
-            sector: None,
-            extents: vec![Extent { bounds, side }],
-        }
+        Self { form, sector: None, extents: vec![Extent { bounds, side }] }
     }
 
-    /// On which side of the wall a point is: beyond a cylinder's sector the wall goes on level, as a plane that touches it.
+    /// On which side of the wall a point is: beyond a cylinder's sector the wall goes on level, as a plane
+    /// that touches it.
     pub(crate) fn value_of(&self, p: [f64; 3]) -> f64 {
         match (self.form, self.end_near(p)) {
-            (Form::Cylinder { origin, axis, radius }, Some(end)) => dot(end, from_axis(origin, axis, p)) - radius,
+            (Form::Cylinder { origin, axis, radius }, Some(end)) => {
+                dot(end, from_axis(origin, axis, p)) - radius
+            }
             _ => self.value(p),
         }
     }
@@ -67,7 +62,8 @@ impl Oblique {
         self.end_near(p).unwrap_or_else(|| self.normal(p))
     }
 
-    /// The end of a cylinder's sector, as a unit vector across the axis, beyond which a point is; none where it is within.
+    /// The end of a cylinder's sector, as a unit vector across the axis, beyond which a point is; none where
+    /// it is within.
     fn end_near(&self, p: [f64; 3]) -> Option<[f64; 3]> {
         let (Form::Cylinder { origin, axis, .. }, Some(sector)) = (self.form, self.sector) else {
             return None;
@@ -94,7 +90,8 @@ impl Oblique {
         }
     }
 
-    /// Where the line along an axis of the frame through a point meets it; touching within a distance counts once.
+    /// Where the line along an axis of the frame through a point meets it; touching within a distance counts
+    /// once.
     pub(crate) fn crossings(&self, along: usize, p: [f64; 3], touching: f64) -> Vec<f64> {
         let mut found = self.crossings_of_all(along, p, touching);
         let (Form::Cylinder { origin, axis, radius }, Some(sector)) = (self.form, self.sector) else {
@@ -179,17 +176,12 @@ impl Oblique {
     /// The surface; its normal is the gradient's direction.
     pub(crate) fn surface(&self) -> Surface {
         match self.form {
-            Form::Plane { normal, offset } => Surface::Plane {
-                origin: scale(offset, normal),
-                normal,
-                x: tangents(normal).0,
-            },
-            Form::Cylinder { origin, axis, radius } => Surface::Cylinder {
-                origin,
-                axis,
-                x: tangents(axis).0,
-                radius,
-            },
+            Form::Plane { normal, offset } => {
+                Surface::Plane { origin: scale(offset, normal), normal, x: tangents(normal).0 }
+            }
+            Form::Cylinder { origin, axis, radius } => {
+                Surface::Cylinder { origin, axis, x: tangents(axis).0, radius }
+            }
         }
     }
 
@@ -205,7 +197,8 @@ impl Oblique {
             .map(|row| {
                 let middle = along(origin, from + (to - from) * share(row, rows), axis);
                 let turn = |k: usize| std::f64::consts::TAU * share(k, around);
-                let at = |k: usize| along(along(middle, radius * turn(k).cos(), x), radius * turn(k).sin(), y);
+                let at =
+                    |k: usize| along(along(middle, radius * turn(k).cos(), x), radius * turn(k).sin(), y);
                 (0..around).map(at).collect()
             })
             .collect()

@@ -1,7 +1,8 @@
 //! The plan of a drawing: a grid that all views share, and what is drawn on and between its lines.
 //!
-//! Comes in: a drawing. Goes out: for each axis the coordinates at which anything begins, ends or turns; for each view what is drawn along
-//! grid lines, and the pieces of oblique lines and circles, each from border to border of one cell of the grid.
+//! Comes in: a drawing. Goes out: for each axis the coordinates at which anything begins, ends or turns; for
+//! each view what is drawn along grid lines, and the pieces of oblique lines and circles, each from border to
+//! border of one cell of the grid.
 
 use super::drawing::{Curve2, Drawing, LineStyle, ViewKind};
 use super::profile::Profile;
@@ -61,7 +62,8 @@ pub(crate) struct Plan {
     pub(crate) tolerance: f64,
     /// Candidate surfaces that no view sees edge-on.
     pub(crate) walls: Vec<Wall>,
-    /// Which of them pass through each box of the grid, the third coordinate fastest; empty where there are none.
+    /// Which of them pass through each box of the grid, the third coordinate fastest; empty where there are
+    /// none.
     walls_of: Vec<Vec<(u16, Side)>>,
 }
 
@@ -76,9 +78,7 @@ impl Cluster {
         let mut values = Vec::new();
         let mut at = 0;
         while at < raw.len() {
-            let end = (at + 1..raw.len())
-                .find(|&k| raw[k] - raw[k - 1] > tolerance)
-                .unwrap_or(raw.len());
+            let end = (at + 1..raw.len()).find(|&k| raw[k] - raw[k - 1] > tolerance).unwrap_or(raw.len());
             values.push(representative(&raw[at..end]));
             at = end;
         }
@@ -98,10 +98,8 @@ impl Cluster {
 /// Of values that mean one: a round one, else one with more than six decimals, else the first.
 fn representative(values: &[f64]) -> f64 {
     let round = |v: f64| (v * 1e4).round() / 1e4;
-    let nearest = values
-        .iter()
-        .copied()
-        .min_by(|a, b| (a - round(*a)).abs().total_cmp(&(b - round(*b)).abs()));
+    let nearest =
+        values.iter().copied().min_by(|a, b| (a - round(*a)).abs().total_cmp(&(b - round(*b)).abs()));
     match nearest {
         Some(v) if (v - round(v)).abs() < 1e-6 => round(v),
         _ => values
@@ -133,16 +131,8 @@ fn along(curve: &Curve2, tolerance: f64) -> (Along, f64, f64) {
             let (s, t) = (profile.parameter(*a), profile.parameter(*b));
             (Along::Profile(profile), s.min(t), s.max(t))
         }
-        Curve2::Arc {
-            center,
-            radius,
-            start,
-            sweep,
-        } => {
-            let profile = Profile::Circle {
-                center: *center,
-                radius: *radius,
-            };
+        Curve2::Arc { center, radius, start, sweep } => {
+            let profile = Profile::Circle { center: *center, radius: *radius };
             (Along::Profile(profile), *start, start + sweep)
         }
         Curve2::Chain(_) => (Along::Other, 0.0, 0.0),
@@ -152,24 +142,13 @@ fn along(curve: &Curve2, tolerance: f64) -> (Along, f64, f64) {
 /// Puts runs of angles into `[0, 2π]`, split where they pass 0.
 fn unwrap_angles(run: Run) -> Vec<Run> {
     if run.to - run.from >= TAU - 1e-9 {
-        return vec![Run {
-            from: 0.0,
-            to: TAU,
-            ..run
-        }];
+        return vec![Run { from: 0.0, to: TAU, ..run }];
     }
     let from = run.from.rem_euclid(TAU);
     let to = from + (run.to - run.from);
     match to > TAU {
         false => vec![Run { from, to, ..run }],
-        true => vec![
-            Run { from, to: TAU, ..run },
-            Run {
-                from: 0.0,
-                to: to - TAU,
-                ..run
-            },
-        ],
+        true => vec![Run { from, to: TAU, ..run }, Run { from: 0.0, to: to - TAU, ..run }],
     }
 }
 
@@ -187,32 +166,23 @@ pub(crate) fn stretches(runs: &[Run], gap: f64) -> Vec<[f64; 2]> {
     merged
 }
 
-/// The parts of a range that are drawn, visible where both styles are; shorter ones than `least` are left out.
+/// The parts of a range that are drawn, visible where both styles are; shorter ones than `least` are left
+/// out.
 pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<Run> {
-    let mut cuts: Vec<f64> = runs
-        .iter()
-        .flat_map(|r| [r.from, r.to])
-        .filter(|t| *t > from && *t < to)
-        .collect();
+    let mut cuts: Vec<f64> =
+        runs.iter().flat_map(|r| [r.from, r.to]).filter(|t| *t > from && *t < to).collect();
     cuts.extend([from, to]);
     cuts.sort_by(f64::total_cmp);
     let mut found: Vec<Run> = Vec::new();
     for cut in cuts.windows(2) {
         let middle = (cut[0] + cut[1]) / 2.0;
-        let Some(best) = runs
-            .iter()
-            .filter(|r| r.from <= middle && middle <= r.to)
-            .min_by_key(|r| r.style)
+        let Some(best) = runs.iter().filter(|r| r.from <= middle && middle <= r.to).min_by_key(|r| r.style)
         else {
             continue;
         };
         match found.last_mut() {
             Some(last) if last.style == best.style && last.to >= cut[0] => last.to = cut[1],
-            _ => found.push(Run {
-                from: cut[0],
-                to: cut[1],
-                ..*best
-            }),
+            _ => found.push(Run { from: cut[0], to: cut[1], ..*best }),
         }
     }
     found.retain(|r| r.to - r.from > least);
@@ -248,12 +218,7 @@ impl Plan {
                 let drawn = &view.curves[index];
                 let curve = snapped(&drawn.curve, &snap);
                 let (way, from, to) = along(&curve, tolerance);
-                let run = Run {
-                    from,
-                    to,
-                    style: drawn.style,
-                    curve: index,
-                };
+                let run = Run { from, to, style: drawn.style, curve: index };
                 match way {
                     Along::Grid { axis, at } => on_grid.push((axis, at, run)),
                     Along::Other => {
@@ -267,10 +232,7 @@ impl Plan {
                             continue;
                         }
                         let runs = if is_line { vec![run] } else { unwrap_angles(run) };
-                        match carriers
-                            .iter_mut()
-                            .find(|c| c.profile.same(&profile, 5.0 * tolerance, size))
-                        {
+                        match carriers.iter_mut().find(|c| c.profile.same(&profile, 5.0 * tolerance, size)) {
                             Some(carrier) => carrier.runs.extend(runs),
                             None => carriers.push(Carrier { profile, runs }),
                         }
@@ -290,14 +252,7 @@ impl Plan {
                 ViewPlan::of(kind, on_grid, carriers, others, &grid, tolerance, gap)
             })
             .collect();
-        Self {
-            grid,
-            views,
-            size,
-            tolerance,
-            walls: Vec::new(),
-            walls_of: Vec::new(),
-        }
+        Self { grid, views, size, tolerance, walls: Vec::new(), walls_of: Vec::new() }
     }
 
     /// The same plan with walls.
@@ -356,7 +311,8 @@ fn overlay(carriers: &mut [Carrier], curve: &Curve2, run: Run, tolerance: f64) -
         points = vec![*a, [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0], *b];
     }
     let under = carriers.iter_mut().find(|c| {
-        matches!(c.profile, Profile::Circle { .. }) && points.iter().all(|p| c.profile.value(*p).abs() < tolerance)
+        matches!(c.profile, Profile::Circle { .. })
+            && points.iter().all(|p| c.profile.value(*p).abs() < tolerance)
     });
     let Some(carrier) = under else { return false };
     let mut angle = carrier.profile.parameter(points[0]);
@@ -375,12 +331,7 @@ fn snapped(curve: &Curve2, snap: &impl Fn(usize, f64) -> f64) -> Curve2 {
     let both = |p: [f64; 2]| [snap(0, p[0]), snap(1, p[1])];
     match curve {
         Curve2::Segment(a, b) => Curve2::Segment(both(*a), both(*b)),
-        Curve2::Arc {
-            center,
-            radius,
-            start,
-            sweep,
-        } => Curve2::Arc {
+        Curve2::Arc { center, radius, start, sweep } => Curve2::Arc {
             center: both(*center),
             radius: representative(&[*radius]),
             start: *start,
@@ -433,11 +384,7 @@ fn grid_of(
         lines.dedup();
         for (axis, at) in lines {
             grid[axes[axis]].push(at);
-            let runs: Vec<Run> = on_grid
-                .iter()
-                .filter(|g| g.0 == axis && g.1 == at)
-                .map(|g| g.2)
-                .collect();
+            let runs: Vec<Run> = on_grid.iter().filter(|g| g.0 == axis && g.1 == at).map(|g| g.2).collect();
             for stretch in stretches(&runs, gap) {
                 grid[axes[1 - axis]].extend(stretch);
             }
@@ -473,10 +420,7 @@ fn grid_of(
     }
     grid.map(|values| {
         let mut values = Cluster::of(values, 5.0 * tolerance).values;
-        let (lo, hi) = (
-            values.first().copied().unwrap_or(0.0),
-            values.last().copied().unwrap_or(0.0),
-        );
+        let (lo, hi) = (values.first().copied().unwrap_or(0.0), values.last().copied().unwrap_or(0.0));
         let margin = 0.1 * size;
         values.insert(0, lo - margin);
         values.push(hi + margin);
@@ -538,11 +482,7 @@ impl ViewPlan {
                     for other in profile.crossings(known, *value, 5.0 * tolerance) {
                         let p = if known == 0 { [*value, other] } else { [other, *value] };
                         let t = profile.parameter(p);
-                        let t = if matches!(profile, Profile::Line { .. }) {
-                            t
-                        } else {
-                            t.rem_euclid(TAU)
-                        };
+                        let t = if matches!(profile, Profile::Line { .. }) { t } else { t.rem_euclid(TAU) };
                         if t > from && t < to {
                             cuts.push(t);
                         }

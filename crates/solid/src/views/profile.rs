@@ -17,16 +17,10 @@ impl Profile {
         let length = distance(a, b);
         let normal = [-(b[1] - a[1]) / length, (b[0] - a[0]) / length];
         // One sign for both directions, so that equal lines compare equal.
-        let sign = if normal[0] < -1e-12 || (normal[0].abs() <= 1e-12 && normal[1] < 0.0) {
-            -1.0
-        } else {
-            1.0
-        };
+        let sign =
+            if normal[0] < -1e-12 || (normal[0].abs() <= 1e-12 && normal[1] < 0.0) { -1.0 } else { 1.0 };
         let normal = normal.map(|c| sign * c);
-        Self::Line {
-            normal,
-            offset: normal[0] * a[0] + normal[1] * a[1],
-        }
+        Self::Line { normal, offset: normal[0] * a[0] + normal[1] * a[1] }
     }
 
     /// Signed distance: positive on the normal's side, or outside.
@@ -59,7 +53,9 @@ impl Profile {
     /// The point of a parameter.
     pub(crate) fn point(&self, t: f64) -> [f64; 2] {
         match self {
-            Self::Line { normal, offset } => [offset * normal[0] - t * normal[1], offset * normal[1] + t * normal[0]],
+            Self::Line { normal, offset } => {
+                [offset * normal[0] - t * normal[1], offset * normal[1] + t * normal[0]]
+            }
             Self::Circle { center, radius } => [center[0] + radius * t.cos(), center[1] + radius * t.sin()],
         }
     }

@@ -1,4 +1,5 @@
-//! Curves in which a plane or a cylinder in general position meets another surface, where they are lines, circles or ellipses.
+//! Curves in which a plane or a cylinder in general position meets another surface, where they are lines,
+//! circles or ellipses.
 
 use super::surfaces::Curve3;
 use crate::brep::{Surface, along, unit};
@@ -7,17 +8,11 @@ use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 /// Directions are parallel below this sine of the angle between them: they are measured on drawings.
 const PARALLEL: f64 = 1e-6;
 
-/// Where two surfaces meet; none where that is no line, circle or ellipse. Touching within a tolerance counts once.
+/// Where two surfaces meet; none where that is no line, circle or ellipse. Touching within a tolerance counts
+/// once.
 pub(super) fn quadrics(s: &Surface, t: &Surface, tolerance: f64) -> Option<Vec<Curve3>> {
     match (*s, *t) {
-        (
-            Surface::Plane { origin, normal, .. },
-            Surface::Plane {
-                origin: second,
-                normal: other,
-                ..
-            },
-        ) => {
+        (Surface::Plane { origin, normal, .. }, Surface::Plane { origin: second, normal: other, .. }) => {
             let direction = cross(normal, other);
             let square = dot(direction, direction);
             if square.sqrt() < PARALLEL {
@@ -27,23 +22,17 @@ pub(super) fn quadrics(s: &Surface, t: &Surface, tolerance: f64) -> Option<Vec<C
             let (d, e) = (dot(normal, origin), dot(other, second));
             let across = sub(scale(d, other), scale(e, normal));
             let at = scale(1.0 / square, cross(across, direction));
-            Some(vec![Curve3::Line {
-                origin: at,
-                direction: unit(direction),
-            }])
+            Some(vec![Curve3::Line { origin: at, direction: unit(direction) }])
         }
-        (plane @ Surface::Plane { .. }, Surface::Cylinder { .. }) => Some(cylinder_and_plane(t, &plane, tolerance)),
-        (Surface::Cylinder { .. }, plane @ Surface::Plane { .. }) => Some(cylinder_and_plane(s, &plane, tolerance)),
+        (plane @ Surface::Plane { .. }, Surface::Cylinder { .. }) => {
+            Some(cylinder_and_plane(t, &plane, tolerance))
+        }
+        (Surface::Cylinder { .. }, plane @ Surface::Plane { .. }) => {
+            Some(cylinder_and_plane(s, &plane, tolerance))
+        }
         (
-            Surface::Cylinder {
-                origin, axis, radius, ..
-            },
-            Surface::Cylinder {
-                origin: second,
-                axis: other,
-                radius: r2,
-                ..
-            },
+            Surface::Cylinder { origin, axis, radius, .. },
+            Surface::Cylinder { origin: second, axis: other, radius: r2, .. },
         ) if norm(cross(axis, other)) < PARALLEL => {
             let d = sub(second, origin);
             let d = along(d, -dot(d, axis), axis);
@@ -53,25 +42,23 @@ pub(super) fn quadrics(s: &Surface, t: &Surface, tolerance: f64) -> Option<Vec<C
             }
             let to = unit(d);
             let off = (apart * apart + radius * radius - r2 * r2) / (2.0 * apart);
-            Some(halves(
-                along(origin, off, to),
-                cross(axis, to),
-                axis,
-                off.abs(),
-                radius,
-                tolerance,
-            ))
+            Some(halves(along(origin, off, to), cross(axis, to), axis, off.abs(), radius, tolerance))
         }
         _ => None,
     }
 }
 
-/// Lines along an axis at both ends of a chord: its middle and direction, how far it is from the centre of the circle, and the circle's radius.
-fn halves(middle: [f64; 3], chord: [f64; 3], axis: [f64; 3], off: f64, radius: f64, tolerance: f64) -> Vec<Curve3> {
-    let line = |shift: f64| Curve3::Line {
-        origin: along(middle, shift, chord),
-        direction: axis,
-    };
+/// Lines along an axis at both ends of a chord: its middle and direction, how far it is from the centre of
+/// the circle, and the circle's radius.
+fn halves(
+    middle: [f64; 3],
+    chord: [f64; 3],
+    axis: [f64; 3],
+    off: f64,
+    radius: f64,
+    tolerance: f64,
+) -> Vec<Curve3> {
+    let line = |shift: f64| Curve3::Line { origin: along(middle, shift, chord), direction: axis };
     if (off - radius).abs() <= tolerance {
         return vec![line(0.0)];
     }
@@ -83,16 +70,8 @@ fn halves(middle: [f64; 3], chord: [f64; 3], axis: [f64; 3], off: f64, radius: f
 }
 
 fn cylinder_and_plane(cylinder: &Surface, plane: &Surface, tolerance: f64) -> Vec<Curve3> {
-    let (
-        Surface::Cylinder {
-            origin, axis, radius, ..
-        },
-        Surface::Plane {
-            origin: on_plane,
-            normal,
-            ..
-        },
-    ) = (cylinder, plane)
+    let (Surface::Cylinder { origin, axis, radius, .. }, Surface::Plane { origin: on_plane, normal, .. }) =
+        (cylinder, plane)
     else {
         return Vec::new();
     };
@@ -100,14 +79,7 @@ fn cylinder_and_plane(cylinder: &Surface, plane: &Surface, tolerance: f64) -> Ve
     if steep.abs() < PARALLEL {
         let off = dot(sub(*origin, *on_plane), *normal);
         let middle = along(*origin, -off, *normal);
-        return halves(
-            middle,
-            unit(cross(*axis, *normal)),
-            *axis,
-            off.abs(),
-            *radius,
-            tolerance,
-        );
+        return halves(middle, unit(cross(*axis, *normal)), *axis, off.abs(), *radius, tolerance);
     }
     let center = along(*origin, dot(sub(*on_plane, *origin), *normal) / steep, *axis);
     let across = cross(*axis, *normal);

@@ -1,4 +1,5 @@
-//! Drawings of surfaces of revolution as draughtsmen make them, without smooth edges: balls, rings, domes, rims, grooves.
+//! Drawings of surfaces of revolution as draughtsmen make them, without smooth edges: balls, rings, domes,
+//! rims, grooves.
 
 use super::tests::{arc, circle, rectangle, visible};
 use super::turned_tests::{assert_near, drawing, line, only, turned};
@@ -6,10 +7,7 @@ use super::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 fn dashed(curve: Curve2) -> DrawnCurve {
-    DrawnCurve {
-        style: LineStyle::Hidden,
-        ..visible(curve)
-    }
+    DrawnCurve { style: LineStyle::Hidden, ..visible(curve) }
 }
 
 fn ball() -> Vec<DrawnCurve> {
@@ -31,10 +29,7 @@ fn two_equal_circles_are_a_ball_before_crossing_cylinders() {
     let found = solve(&two).unwrap().solutions;
     assert_eq!(found[0].solid.faces_by_kind(), [0, 0, 0, 1, 0]);
     assert_near(found[0].measures.volume, 4000.0 / 3.0 * PI, 1e-12);
-    let cylinders = found
-        .iter()
-        .find(|s| s.solid.faces_by_kind() == [0, 4, 0, 0, 0])
-        .unwrap();
+    let cylinders = found.iter().find(|s| s.solid.faces_by_kind() == [0, 4, 0, 0, 0]).unwrap();
     assert_near(cylinders.measures.volume, 16_000.0 / 3.0, 1e-9);
 }
 
@@ -149,9 +144,5 @@ fn places_are_named_in_the_units_of_a_small_drawing() {
     let mut bad = pin(false);
     bad.views[0].curves.push(line([-4.0, 3.0], [4.0, 3.0]));
     let found = solve(&bad.scaled(1e-8)).unwrap();
-    assert!(
-        found.unexplained.iter().any(|u| u.why.contains("e-8")),
-        "{:?}",
-        found.unexplained
-    );
+    assert!(found.unexplained.iter().any(|u| u.why.contains("e-8")), "{:?}", found.unexplained);
 }

@@ -17,18 +17,12 @@ impl Ring {
         let periodic = matches!(surface, Surface::Cylinder { .. });
         for coedge in coedges {
             let edge = &solid.edges[coedge.edge];
-            let n = if matches!(edge.curve, Curve::Line { .. }) {
-                1
-            } else {
-                32
-            };
+            let n = if matches!(edge.curve, Curve::Line { .. }) { 1 } else { 32 };
             for k in 0..n {
                 let share = k as f64 / n as f64;
                 let share = if coedge.forward { share } else { 1.0 - share };
-                let mut q = surface.parameters(
-                    edge.curve
-                        .point(edge.range[0] + (edge.range[1] - edge.range[0]) * share),
-                );
+                let mut q = surface
+                    .parameters(edge.curve.point(edge.range[0] + (edge.range[1] - edge.range[0]) * share));
                 if let Some(last) = points.last().filter(|_| periodic) {
                     q[0] -= TAU * ((q[0] - last[0]) / TAU).round();
                 }
@@ -43,10 +37,7 @@ impl Ring {
             turns = ((close[0] - points[0][0]) / TAU).round() as i32;
         }
         points.push(close);
-        let area = points
-            .windows(2)
-            .map(|p| (p[0][0] * p[1][1] - p[1][0] * p[0][1]) / 2.0)
-            .sum();
+        let area = points.windows(2).map(|p| (p[0][0] * p[1][1] - p[1][0] * p[0][1]) / 2.0).sum();
         Self { points, turns, area }
     }
 
@@ -73,8 +64,14 @@ impl Ring {
     }
 }
 
-/// Gathers loops to faces: what is seen from a hole's top, straight up within the surface, belongs to the same face.
-pub(super) fn faces(solid: &Solid, surface: &Surface, outward: bool, loops: Vec<Vec<Coedge>>) -> Vec<Vec<Vec<Coedge>>> {
+/// Gathers loops to faces: what is seen from a hole's top, straight up within the surface, belongs to the
+/// same face.
+pub(super) fn faces(
+    solid: &Solid,
+    surface: &Surface,
+    outward: bool,
+    loops: Vec<Vec<Coedge>>,
+) -> Vec<Vec<Vec<Coedge>>> {
     let rings: Vec<Ring> = loops.iter().map(|l| Ring::of(solid, surface, l)).collect();
     let periodic = matches!(surface, Surface::Cylinder { .. });
     let sense = if outward { 1.0 } else { -1.0 };
@@ -112,9 +109,7 @@ pub(super) fn faces(solid: &Solid, surface: &Surface, outward: bool, loops: Vec<
             }
         }
     }
-    by_face(loops, &face_of, |index| {
-        rings[index].turns == 0 && rings[index].area * sense < 0.0
-    })
+    by_face(loops, &face_of, |index| rings[index].turns == 0 && rings[index].area * sense < 0.0)
 }
 
 /// The loops of each face, those that go around it before its holes; in the order of the faces' numbers.

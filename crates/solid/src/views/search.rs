@@ -1,7 +1,8 @@
 //! The search: which cells are solid, so that every look finds what is drawn.
 //!
-//! Every look becomes clauses of a satisfiability problem under a switch of its own; the solver then gives one assignment of cells after the other.
-//! Where there is none, switches are turned off, those of the fewest places first, until there is: what they stand for is unexplained.
+//! Every look becomes clauses of a satisfiability problem under a switch of its own; the solver then gives
+//! one assignment of cells after the other. Where there is none, switches are turned off, those of the fewest
+//! places first, until there is: what they stand for is unexplained.
 
 use super::cells::Cells;
 use super::drawing::LineStyle;
@@ -44,14 +45,7 @@ impl Encoder {
         let mut solver = BasicSolver::default();
         let truth = Lit::new(solver.new_var_default(), true);
         solver.add_clause_reuse(&mut vec![truth]);
-        Self {
-            solver,
-            outside,
-            cells: BTreeMap::new(),
-            events: HashMap::new(),
-            truth,
-            smooth_edges,
-        }
+        Self { solver, outside, cells: BTreeMap::new(), events: HashMap::new(), truth, smooth_edges }
     }
 
     fn fresh(&mut self) -> Lit {
@@ -65,13 +59,7 @@ impl Encoder {
         }
         let solver = &mut self.solver;
         // Solids first try to be small.
-        Lit::new(
-            *self
-                .cells
-                .entry(cell)
-                .or_insert_with(|| solver.new_var(lbool::TRUE, true)),
-            true,
-        )
+        Lit::new(*self.cells.entry(cell).or_insert_with(|| solver.new_var(lbool::TRUE, true)), true)
     }
 
     fn clause(&mut self, mut literals: Vec<Lit>) {
@@ -95,20 +83,10 @@ impl Encoder {
         distinct.retain(|c| *c != self.outside);
         let literals: Vec<Lit> = distinct.iter().map(|c| self.solid(*c)).collect();
         for states in 0..1_u32 << distinct.len().min(12) {
-            let state = |cell: u32| {
-                distinct
-                    .iter()
-                    .position(|c| *c == cell)
-                    .is_some_and(|k| states >> k & 1 == 1)
-            };
+            let state =
+                |cell: u32| distinct.iter().position(|c| *c == cell).is_some_and(|k| states >> k & 1 == 1);
             let mut clause: Vec<Lit> = (0..distinct.len())
-                .map(|k| {
-                    if states >> k & 1 == 1 {
-                        !literals[k]
-                    } else {
-                        literals[k]
-                    }
-                })
+                .map(|k| if states >> k & 1 == 1 { !literals[k] } else { literals[k] })
                 .collect();
             match edge(group, smooth_edges, state) {
                 Some(true) => clause.push(event),
@@ -215,28 +193,24 @@ impl Encoder {
     }
 
     fn assignment(&self) -> Assignment {
-        self.cells
-            .iter()
-            .map(|(cell, var)| (*cell, self.solver.value_var(*var) == lbool::TRUE))
-            .collect()
+        self.cells.iter().map(|(cell, var)| (*cell, self.solver.value_var(*var) == lbool::TRUE)).collect()
     }
 }
 
-/// Whether there is an edge at a group for states of its cells; none where drawings differ in whether they show one.
+/// Whether there is an edge at a group for states of its cells; none where drawings differ in whether they
+/// show one.
 fn edge(group: &Group, smooth_edges: SmoothEdges, state: impl Fn(u32) -> bool) -> Option<bool> {
     let n = group.sectors.len();
     let states: Vec<bool> = group.sectors.iter().map(|c| state(*c)).collect();
-    let boundary: Vec<u8> = (0..n)
-        .filter(|&h| states[h] != states[(h + 1) % n])
-        .map(|h| h as u8)
-        .collect();
+    let boundary: Vec<u8> = (0..n).filter(|&h| states[h] != states[(h + 1) % n]).map(|h| h as u8).collect();
     match boundary[..] {
         [] => Some(false),
         [a, b] if group.smooth.contains(&[a, b]) => {
             Some(smooth_edges == SmoothEdges::MayBeDrawn && group.tangent.contains(&[a, b]))
         }
         [_, _] => Some(true),
-        // Parts of the boundary touch along a line. Where all of them run smoothly through, as where a hole touches a wall, some draw it and some not.
+        // Parts of the boundary touch along a line. Where all of them run smoothly through, as where a hole
+        // touches a wall, some draw it and some not.
         _ => (!pairs_up(&boundary, &group.smooth)).then_some(true),
     }
 }
@@ -255,8 +229,9 @@ fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
     })
 }
 
-/// Searches for assignments, at most so many, and hands each to `accept`, which gives back cells whose states make no difference: assignments that differ
-/// from a later one in these only are not searched for. Assignments that meet all preferences that can be met together come first.
+/// Searches for assignments, at most so many, and hands each to `accept`, which gives back cells whose states
+/// make no difference: assignments that differ from a later one in these only are not searched for.
+/// Assignments that meet all preferences that can be met together come first.
 pub(crate) fn search(
     cells: &Cells,
     looks: &Looks,
@@ -265,10 +240,7 @@ pub(crate) fn search(
     most: usize,
     mut accept: impl FnMut(&Assignment) -> Vec<u32>,
 ) -> Found {
-    let outside = cells.at_in(
-        [0, 0, 0],
-        [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size),
-    );
+    let outside = cells.at_in([0, 0, 0], [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size));
     let mut encoder = Encoder::new(outside, smooth_edges);
     let mut switches: Vec<(Lit, usize)> = Vec::new();
     for (index, (look, _)) in looks.looks.iter().enumerate() {
@@ -288,10 +260,7 @@ pub(crate) fn search(
             .filter(|&s| core.contains(&switches[s].0) || core.contains(&!switches[s].0))
             .min_by_key(|&s| places(switches[s].1))
         else {
-            return Found {
-                complete: true,
-                unexplained,
-            };
+            return Found { complete: true, unexplained };
         };
         let (_, index) = switches.swap_remove(at);
         let (look, places) = &looks.looks[index];
@@ -300,10 +269,7 @@ pub(crate) fn search(
     let on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
     // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
     if !unexplained.is_empty() {
-        return Found {
-            complete: true,
-            unexplained,
-        };
+        return Found { complete: true, unexplained };
     }
     let preferred: Vec<Lit> = preferences.iter().map(|p| encoder.prefer(p)).collect();
     let mut assumed = encoder.first_choice(&on, preferred);
@@ -332,10 +298,7 @@ pub(crate) fn search(
             is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;
         }
         if !is_found {
-            return Found {
-                complete: count < most,
-                unexplained,
-            };
+            return Found { complete: count < most, unexplained };
         }
     }
 }

@@ -1,10 +1,11 @@
 //! A sheet on which all views stand side by side.
 //!
-//! Comes in: curves of one file, and the convention by which the views are placed. Goes out: a [`Drawing`] of two or three views in the part's
-//! coordinates, each view's left lower corner at the origin. Views are what hangs together: the boxes around their curves touch, and views
-//! stand apart.
+//! Comes in: curves of one file, and the convention by which the views are placed. Goes out: a [`Drawing`] of
+//! two or three views in the part's coordinates, each view's left lower corner at the origin. Views are what
+//! hangs together: the boxes around their curves touch, and views stand apart.
 //!
-//! Not guaranteed: sheets with a frame, auxiliary views and sections are refused, as they align with no other view.
+//! Not guaranteed: sheets with a frame, auxiliary views and sections are refused, as they align with no other
+//! view.
 
 use super::drawing::{Curve2, Drawing, DrawnCurve, View, ViewKind};
 use planish_estimate::{Error, Result};
@@ -33,17 +34,16 @@ struct Group {
 /// Finds the views of a sheet.
 ///
 /// # Errors
-/// `Input` where there are less than two groups of curves, or they do not stand as the convention says, naming an entity of the group.
+/// `Input` where there are less than two groups of curves, or they do not stand as the convention says,
+/// naming an entity of the group.
 pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<Drawing> {
     let groups = groups(curves);
     let (lo, hi) = groups.iter().fold((f64::MAX, f64::MIN), |(lo, hi), g| {
-        (
-            lo.min(g.span[0][0]).min(g.span[1][0]),
-            hi.max(g.span[0][1]).max(g.span[1][1]),
-        )
+        (lo.min(g.span[0][0]).min(g.span[1][0]), hi.max(g.span[0][1]).max(g.span[1][1]))
     });
     let near = ALIGNED * (hi - lo);
-    let aligned = |a: &Group, b: &Group, k: usize| (0..2).all(|e| (a.span[k][e] - b.span[k][e]).abs() <= near);
+    let aligned =
+        |a: &Group, b: &Group, k: usize| (0..2).all(|e| (a.span[k][e] - b.span[k][e]).abs() <= near);
     // Above or below each other, and beside each other.
     let stacked = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 0);
     let beside = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 1);
@@ -63,9 +63,7 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
                 (false, _) => left,
             }
         }
-        _ => (0..n)
-            .find(|f| (0..n).any(|g| stacked(*f, g)) && (0..n).any(|g| beside(*f, g)))
-            .unwrap_or(0),
+        _ => (0..n).find(|f| (0..n).any(|g| stacked(*f, g)) && (0..n).any(|g| beside(*f, g))).unwrap_or(0),
     };
     let mut views = vec![placed(curves, &groups[front], ViewKind::Front)];
     for g in (0..n).filter(|g| *g != front) {
@@ -100,20 +98,16 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
 fn groups(curves: &[DrawnCurve]) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     let boxes: Vec<[[f64; 2]; 2]> = curves.iter().map(|c| span_of(&c.curve)).collect();
-    let size = boxes
-        .iter()
-        .flatten()
-        .fold((f64::MAX, f64::MIN), |(lo, hi), s| (lo.min(s[0]), hi.max(s[1])));
+    let size = boxes.iter().flatten().fold((f64::MAX, f64::MIN), |(lo, hi), s| (lo.min(s[0]), hi.max(s[1])));
     let gap = GAP * (size.1 - size.0);
     for (index, span) in boxes.into_iter().enumerate() {
-        let mut joined = Group {
-            curves: vec![index],
-            span,
-        };
+        let mut joined = Group { curves: vec![index], span };
         // Joining makes a box larger: until nothing else touches it.
         loop {
             let touches = |g: &Group| {
-                (0..2).all(|k| g.span[k][0] <= joined.span[k][1] + gap && joined.span[k][0] <= g.span[k][1] + gap)
+                (0..2).all(|k| {
+                    g.span[k][0] <= joined.span[k][1] + gap && joined.span[k][0] <= g.span[k][1] + gap
+                })
             };
             let Some(at) = groups.iter().position(touches) else {
                 break;
@@ -121,10 +115,8 @@ fn groups(curves: &[DrawnCurve]) -> Vec<Group> {
             let other = groups.swap_remove(at);
             joined.curves.extend(other.curves);
             for k in 0..2 {
-                joined.span[k] = [
-                    joined.span[k][0].min(other.span[k][0]),
-                    joined.span[k][1].max(other.span[k][1]),
-                ];
+                joined.span[k] =
+                    [joined.span[k][0].min(other.span[k][0]), joined.span[k][1].max(other.span[k][1])];
             }
         }
         joined.curves.sort_unstable();
@@ -136,11 +128,7 @@ fn groups(curves: &[DrawnCurve]) -> Vec<Group> {
 
 fn span_of(curve: &Curve2) -> [[f64; 2]; 2] {
     let points = curve.points();
-    [0, 1].map(|k| {
-        points
-            .iter()
-            .fold([f64::MAX, f64::MIN], |s, p| [s[0].min(p[k]), s[1].max(p[k])])
-    })
+    [0, 1].map(|k| points.iter().fold([f64::MAX, f64::MIN], |s, p| [s[0].min(p[k]), s[1].max(p[k])]))
 }
 
 /// The curves of a group as a view, in the part's coordinates.

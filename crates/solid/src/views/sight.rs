@@ -1,8 +1,9 @@
 //! Lines of sight along what is drawn, and where something could be drawn but is not.
 //!
-//! At a point of a line, two lines of sight pass on its two sides. Both are followed through the cells; where their depths at the line agree,
-//! a *group* of sectors stands around a line in space. Its sectors' states say whether there is an edge (or an outline): there is none where all
-//! are equal, or where the boundary runs smoothly through. A visible line has an edge in front of all that is solid, a hidden one only behind,
+//! At a point of a line, two lines of sight pass on its two sides. Both are followed through the cells; where
+//! their depths at the line agree, a *group* of sectors stands around a line in space. Its sectors' states
+//! say whether there is an edge (or an outline): there is none where all are equal, or where the boundary
+//! runs smoothly through. A visible line has an edge in front of all that is solid, a hidden one only behind,
 //! and where nothing is drawn there is none.
 
 use super::cells::{Cells, pieces_in};
@@ -28,7 +29,8 @@ pub(crate) struct Group {
     pub(crate) sectors: Vec<u32>,
     /// Pairs of half-surfaces that continue each other smoothly; half-surface `h` lies behind sector `h`.
     pub(crate) smooth: Vec<[u8; 2]>,
-    /// Those of them that are parts of two surfaces: where these bound a solid there is a tangent edge, which some drawings show.
+    /// Those of them that are parts of two surfaces: where these bound a solid there is a tangent edge, which
+    /// some drawings show.
     pub(crate) tangent: Vec<[u8; 2]>,
 }
 
@@ -58,10 +60,7 @@ pub(crate) struct Looks {
 impl Looks {
     /// Looks at every line, and where a line may be missing.
     pub(crate) fn at(cells: &Cells, drawing: &Drawing) -> Self {
-        let mut looks = Self {
-            looks: Vec::new(),
-            seen: HashMap::new(),
-        };
+        let mut looks = Self { looks: Vec::new(), seen: HashMap::new() };
         for view in 0..cells.plan.views.len() {
             looks.along_grid(cells, view);
             looks.along_pieces(cells, view);
@@ -85,7 +84,8 @@ impl Looks {
         let Some(look) = look(cells, place.view, place.at, normal, step, style) else {
             return;
         };
-        // Where surfaces touch close by, lines of sight at some distance pass on the other side of them than those nearer: such a place tells nothing.
+        // Where surfaces touch close by, lines of sight at some distance pass on the other side of them than
+        // those nearer: such a place tells nothing.
         let nearer = self::look(cells, place.view, place.at, normal, step / NEARER, style);
         if nearer.as_ref() != Some(&look) {
             return;
@@ -107,12 +107,14 @@ impl Looks {
             let busy = busy_along(cells, view, axes[k]);
             let curved = busy_along(cells, view, axes[1 - k]);
             for i in 1..across.len() - 1 {
-                let step = (1e-5 * plan.size).min(0.2 * (across[i] - across[i - 1]).min(across[i + 1] - across[i]));
+                let step =
+                    (1e-5 * plan.size).min(0.2 * (across[i] - across[i - 1]).min(across[i + 1] - across[i]));
                 let at_curves = busy[i - 1] || busy[i];
                 for j in 0..along.len() - 1 {
                     let (lo, hi) = (along[j], along[j + 1]);
                     let samples: &[f64] = if curved[j] { &[0.13, 0.47, 0.86] } else { &[0.47] };
-                    let runs = runs_within(&shown.lines[k][i], lo, hi, (1e-4 * plan.size).min((hi - lo) / 4.0));
+                    let runs =
+                        runs_within(&shown.lines[k][i], lo, hi, (1e-4 * plan.size).min((hi - lo) / 4.0));
                     let mut normal = [0.0; 2];
                     normal[k] = 1.0;
                     let mut place = |from: f64, to: f64, curve| {
@@ -121,14 +123,9 @@ impl Looks {
                             at[k] = across[i];
                             at[1 - k] = from + (to - from) * share;
                             let (place, style): (LookPlace, Option<LineStyle>) = match curve {
-                                Some((curve, style)) => (
-                                    LookPlace {
-                                        view,
-                                        at,
-                                        curve: Some(curve),
-                                    },
-                                    Some(style),
-                                ),
+                                Some((curve, style)) => {
+                                    (LookPlace { view, at, curve: Some(curve) }, Some(style))
+                                }
                                 None => (LookPlace { view, at, curve: None }, None),
                             };
                             self.add(cells, place, style, normal, step);
@@ -150,18 +147,12 @@ impl Looks {
         let shown = &plan.views[view];
         for (index, piece) in shown.pieces.iter().enumerate() {
             let profile = shown.profile(index as u32);
-            let extent = (0..2)
-                .map(|k| piece.range[k][1] - piece.range[k][0])
-                .fold(0.0, f64::max);
+            let extent = (0..2).map(|k| piece.range[k][1] - piece.range[k][0]).fold(0.0, f64::max);
             let step = (1e-5 * plan.size).min(0.02 * extent);
             for run in &piece.runs {
                 for share in [0.13, 0.47, 0.86] {
                     let at = profile.point(run.from + (run.to - run.from) * share);
-                    let place = LookPlace {
-                        view,
-                        at,
-                        curve: Some(run.curve),
-                    };
+                    let place = LookPlace { view, at, curve: Some(run.curve) };
                     self.add(cells, place, Some(run.style), profile.normal(at), step);
                 }
             }
@@ -172,19 +163,17 @@ impl Looks {
     fn at_crossings(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
         let plan = cells.plan;
         let [right, up, along] = plan.views[view].kind.axes();
-        let sharing =
-            |axis: usize| (0..plan.views.len()).find(|v| *v != view && plan.views[*v].kind.axes()[..2].contains(&axis));
+        let sharing = |axis: usize| {
+            (0..plan.views.len()).find(|v| *v != view && plan.views[*v].kind.axes()[..2].contains(&axis))
+        };
         let (Some(a), Some(b)) = (sharing(right), sharing(up)) else {
             return;
         };
         // Walls make more cells between the same lines: one look may not tell of all.
-        let shares: &[f64] = if plan.walls.is_empty() {
-            &[0.47]
-        } else {
-            &[0.47, 0.16, 0.86]
-        };
+        let shares: &[f64] = if plan.walls.is_empty() { &[0.47] } else { &[0.47, 0.16, 0.86] };
         let place = |v: usize, axis: usize| usize::from(plan.views[v].kind.axes()[1] == axis);
-        let [a_at, a_depth, b_at, b_depth] = [place(a, right), place(a, along), place(b, up), place(b, along)];
+        let [a_at, a_depth, b_at, b_depth] =
+            [place(a, right), place(a, along), place(b, up), place(b, along)];
         for i in 0..plan.intervals(right) {
             for k in 0..plan.intervals(along) {
                 let mut cell = [0; 3];
@@ -206,14 +195,14 @@ impl Looks {
                                 let depth = lo + share * (hi - lo);
                                 let of = |v: usize, piece: u32, known: usize, range: [f64; 2]| {
                                     let profile = plan.views[v].profile(piece);
-                                    let at = profile
-                                        .crossings(known, depth, 0.0)
-                                        .into_iter()
-                                        .find(|x| *x >= range[0] - plan.tolerance && *x <= range[1] + plan.tolerance)?;
+                                    let at = profile.crossings(known, depth, 0.0).into_iter().find(|x| {
+                                        *x >= range[0] - plan.tolerance && *x <= range[1] + plan.tolerance
+                                    })?;
                                     let mut point = [0.0; 2];
                                     (point[known], point[1 - known]) = (depth, at);
                                     let normal = profile.normal(point);
-                                    (normal[known].abs() > 1e-3).then(|| (at, -normal[1 - known] / normal[known]))
+                                    (normal[known].abs() > 1e-3)
+                                        .then(|| (at, -normal[1 - known] / normal[known]))
                                 };
                                 let Some((u, du)) = of(a, first, a_depth, p.range[a_at]) else {
                                     continue;
@@ -229,11 +218,7 @@ impl Looks {
                                 let Some(style) = style_near(cells, drawing, view, at, None) else {
                                     continue;
                                 };
-                                let place = LookPlace {
-                                    view,
-                                    at,
-                                    curve: style.map(|s| s.1),
-                                };
+                                let place = LookPlace { view, at, curve: style.map(|s| s.1) };
                                 self.add(
                                     cells,
                                     place,
@@ -250,8 +235,9 @@ impl Looks {
     }
 }
 
-/// What is drawn at a point that lies on no surface seen edge-on: none where that cannot be told, `Some(None)` where nothing is drawn. Where walls are
-/// candidates, a drawn curve must run across the normal given.
+/// What is drawn at a point that lies on no surface seen edge-on: none where that cannot be told,
+/// `Some(None)` where nothing is drawn. Where walls are candidates, a drawn curve must run across the normal
+/// given.
 pub(super) fn style_near(
     cells: &Cells,
     drawing: &Drawing,
@@ -268,9 +254,7 @@ pub(super) fn style_near(
         let i = grid.partition_point(|g| *g < at[k]);
         for line in [i.wrapping_sub(1), i] {
             let touches = grid.get(line).is_some_and(|g| (g - at[k]).abs() < near)
-                && shown.lines[k][line]
-                    .iter()
-                    .any(|r| at[1 - k] > r.from - near && at[1 - k] < r.to + near);
+                && shown.lines[k][line].iter().any(|r| at[1 - k] > r.from - near && at[1 - k] < r.to + near);
             if touches {
                 return None;
             }
@@ -285,12 +269,9 @@ pub(super) fn style_near(
     }
     let mut found: Vec<(LineStyle, usize)> = Vec::new();
     let curves = &drawing.views[view].curves;
-    // Curves of walls may come close to others before they meet: what is near a drawn curve but not on it tells nothing.
-    let on = if plan.walls.is_empty() {
-        near / 2.0
-    } else {
-        ON_CURVE * plan.size
-    };
+    // Curves of walls may come close to others before they meet: what is near a drawn curve but not on it
+    // tells nothing.
+    let on = if plan.walls.is_empty() { near / 2.0 } else { ON_CURVE * plan.size };
     let rough = if plan.has_oblique_walls() { near } else { near / 2.0 };
     for &index in &shown.others {
         let points = curves[index].curve.points();
@@ -372,12 +353,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
     match entry.surface {
         SurfaceId::Grid(..) => {
             normal[along] = 1.0;
-            Limit {
-                depth: entry.depth,
-                surface: entry.surface,
-                normal: Some(normal),
-                cell: entry.cell,
-            }
+            Limit { depth: entry.depth, surface: entry.surface, normal: Some(normal), cell: entry.cell }
         }
         SurfaceId::Wall(index) => {
             let wall = &plan.walls[index];
@@ -413,12 +389,7 @@ fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> 
             (point[known], point[1 - known]) = (value, depth);
             let n = profile.normal(point);
             (normal[axes[0]], normal[axes[1]]) = (n[0], n[1]);
-            Limit {
-                depth: depth * sign,
-                surface: entry.surface,
-                normal: Some(normal),
-                cell: entry.cell,
-            }
+            Limit { depth: depth * sign, surface: entry.surface, normal: Some(normal), cell: entry.cell }
         }
     }
 }
@@ -428,7 +399,8 @@ fn parallel(a: Option<[f64; 3]>, b: Option<[f64; 3]>) -> bool {
     (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).abs() > 1.0 - 1e-6
 }
 
-/// Whether another line of the view passes so near a place, beside the line itself, that looks beside the place are on its other side.
+/// Whether another line of the view passes so near a place, beside the line itself, that looks beside the
+/// place are on its other side.
 fn is_crowded(cells: &Cells, view: usize, at: [f64; 2], normal: [f64; 2], near: f64) -> bool {
     let plan = cells.plan;
     let shown = &plan.views[view];
@@ -470,7 +442,8 @@ fn look(
     style: Option<LineStyle>,
 ) -> Option<Look> {
     let plan = cells.plan;
-    let beside = |sign: f64| cells.column(view, [at[0] + sign * step * normal[0], at[1] + sign * step * normal[1]]);
+    let beside =
+        |sign: f64| cells.column(view, [at[0] + sign * step * normal[0], at[1] + sign * step * normal[1]]);
     let columns: [Column; 2] = [beside(-1.0), beside(1.0)];
     if style.is_none() && columns[0] == columns[1] {
         return None;
@@ -509,7 +482,8 @@ fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> Group {
         sides[*side].push(limit);
         now[*side] = limit.cell;
     }
-    // Around the line: down the first side, across the wall behind, up the second side, across the wall in front.
+    // Around the line: down the first side, across the wall behind, up the second side, across the wall in
+    // front.
     let mut sectors = vec![before[0]];
     let mut halves: Vec<Half> = Vec::new();
     for limit in &sides[0] {
@@ -517,9 +491,8 @@ fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> Group {
         sectors.push(limit.cell);
     }
     halves.push(Half::Wall);
-    let second: Vec<u32> = std::iter::once(before[1])
-        .chain(sides[1].iter().map(|limit| limit.cell))
-        .collect();
+    let second: Vec<u32> =
+        std::iter::once(before[1]).chain(sides[1].iter().map(|limit| limit.cell)).collect();
     for k in (0..second.len()).rev() {
         sectors.push(second[k]);
         halves.push(match k {
@@ -545,9 +518,5 @@ fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> Group {
             }
         }
     }
-    Group {
-        sectors,
-        smooth,
-        tangent,
-    }
+    Group { sectors, smooth, tangent }
 }

@@ -32,11 +32,7 @@ fn rounded(with_smooth_edges: bool) -> Drawing {
         side.push(line([8.0, 0.0], [8.0, 20.0]));
         side.push(line([25.0, 0.0], [25.0, 20.0]));
     }
-    drawing(vec![
-        (ViewKind::Front, front),
-        (ViewKind::Top, top),
-        (ViewKind::Side, side),
-    ])
+    drawing(vec![(ViewKind::Front, front), (ViewKind::Top, top), (ViewKind::Side, side)])
 }
 
 #[test]
@@ -69,7 +65,8 @@ fn a_line_that_is_no_edge_is_named_among_smooth_edges() {
     assert_eq!(named, [Some("LINE 7F (line 12)")]);
 }
 
-/// A flange of diameter 40 and height 5 with a boss of diameter 16 up to 20, and a fillet of 4 between them, with its limits drawn.
+/// A flange of diameter 40 and height 5 with a boss of diameter 16 up to 20, and a fillet of 4 between them,
+/// with its limits drawn.
 #[test]
 fn the_limits_of_a_fillet_around_a_boss_may_be_drawn() {
     let level = |r: f64, z: f64| line([-r, z], [r, z]);

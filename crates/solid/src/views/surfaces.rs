@@ -1,6 +1,7 @@
 //! The surfaces of a solution: which are used, where three meet, and along which curves two do.
 //!
-//! Every surface is a profile of a view, drawn out along the line of sight; a grid plane is one in every view that sees it edge-on.
+//! Every surface is a profile of a view, drawn out along the line of sight; a grid plane is one in every view
+//! that sees it edge-on.
 
 use super::cells::Cells;
 use super::column::SurfaceId;
@@ -27,21 +28,14 @@ impl Drawn {
                 let offset = cells.plan.grid[axis][index];
                 Self {
                     axes: [axis, (axis + 1) % 3, (axis + 2) % 3],
-                    profile: Profile::Line {
-                        normal: [1.0, 0.0],
-                        offset,
-                    },
+                    profile: Profile::Line { normal: [1.0, 0.0], offset },
                     plane: Some((axis, offset)),
                 }
             }
             SurfaceId::Wall(_) => unreachable!("a wall is not drawn out"),
             SurfaceId::Carrier(view, carrier) => {
                 let view = &cells.plan.views[view];
-                Self {
-                    axes: view.kind.axes(),
-                    profile: view.carriers[carrier].profile,
-                    plane: None,
-                }
+                Self { axes: view.kind.axes(), profile: view.carriers[carrier].profile, plane: None }
             }
         }
     }
@@ -73,11 +67,7 @@ impl Drawn {
         match self.profile {
             Profile::Line { normal, offset } => {
                 let normal = along(along([0.0; 3], normal[0], axis_of(0)), normal[1], axis_of(1));
-                Surface::Plane {
-                    origin: along([0.0; 3], offset, normal),
-                    normal,
-                    x: axis_of(2),
-                }
+                Surface::Plane { origin: along([0.0; 3], offset, normal), normal, x: axis_of(2) }
             }
             Profile::Circle { center, radius } => Surface::Cylinder {
                 origin: along(along([0.0; 3], center[0], axis_of(0)), center[1], axis_of(1)),
@@ -110,13 +100,7 @@ pub(super) fn meet(a: &Profile, b: &Profile, tolerance: f64) -> Vec<[f64; 2]> {
             let foot = [center[0] - off * normal[0], center[1] - off * normal[1]];
             halves(foot, [-normal[1], normal[0]], off.abs(), *radius, tolerance)
         }
-        (
-            Profile::Circle { center, radius },
-            Profile::Circle {
-                center: other,
-                radius: r2,
-            },
-        ) => {
+        (Profile::Circle { center, radius }, Profile::Circle { center: other, radius: r2 }) => {
             let d = super::drawing::distance(*center, *other);
             if d < tolerance {
                 return Vec::new();
@@ -138,9 +122,7 @@ fn halves(foot: [f64; 2], direction: [f64; 2], off: f64, radius: f64, tolerance:
         return Vec::new();
     }
     let h = square.sqrt();
-    [-h, h]
-        .map(|h| [foot[0] + h * direction[0], foot[1] + h * direction[1]])
-        .to_vec()
+    [-h, h].map(|h| [foot[0] + h * direction[0], foot[1] + h * direction[1]]).to_vec()
 }
 
 fn point_of(values: [(usize, f64); 3]) -> [f64; 3] {
@@ -172,19 +154,12 @@ pub(super) fn triple(three: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
     if let Some(at) = three.iter().position(|s| s.plane.is_some()) {
         let (axis, value) = three[at].plane.unwrap_or_default();
         let others: Vec<&Drawn> = (0..3).filter(|k| *k != at).map(|k| three[k]).collect();
-        let traces = others
-            .iter()
-            .map(|s| trace(s, axis, value, tolerance))
-            .collect::<Option<Vec<_>>>();
+        let traces = others.iter().map(|s| trace(s, axis, value, tolerance)).collect::<Option<Vec<_>>>();
         let Some(traces) = traces else { return Vec::new() };
         return match (&traces[0], &traces[1]) {
             (Trace::Values(a, first), Trace::Values(b, second)) if a != b => first
                 .iter()
-                .flat_map(|x| {
-                    second
-                        .iter()
-                        .map(move |y| point_of([(axis, value), (*a, *x), (*b, *y)]))
-                })
+                .flat_map(|x| second.iter().map(move |y| point_of([(axis, value), (*a, *x), (*b, *y)])))
                 .collect(),
             (Trace::Values(..), Trace::Values(..)) => Vec::new(),
             (Trace::Values(a, values), Trace::Profile(axes, profile))
@@ -194,9 +169,7 @@ pub(super) fn triple(three: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
                     let x = *x;
                     let other = axes[1 - known];
                     let found = profile.crossings(known, x, tolerance);
-                    found
-                        .into_iter()
-                        .map(move |y| point_of([(axis, value), (*a, x), (other, y)]))
+                    found.into_iter().map(move |y| point_of([(axis, value), (*a, x), (other, y)]))
                 };
                 values.iter().flat_map(on).collect()
             }
@@ -229,7 +202,8 @@ pub(super) fn triple(three: [&Drawn; 3], tolerance: f64) -> Vec<[f64; 3]> {
     numeric(three)
 }
 
-/// Three surfaces of three views, none of them a grid plane: along the first profile, where the third changes sign on the second.
+/// Three surfaces of three views, none of them a grid plane: along the first profile, where the third changes
+/// sign on the second.
 fn numeric([s, t, u]: [&Drawn; 3]) -> Vec<[f64; 3]> {
     let Profile::Circle { .. } = s.profile else {
         return match (t.profile, u.profile) {
@@ -254,7 +228,9 @@ fn numeric([s, t, u]: [&Drawn; 3]) -> Vec<[f64; 3]> {
         let angle = |k: usize| TAU * (k as f64 + 0.123) / STEPS as f64;
         for k in 0..STEPS {
             let (mut lo, mut hi) = (angle(k), angle(k + 1));
-            let (Some(a), Some(b)) = (at(lo), at(hi)) else { continue };
+            let (Some(a), Some(b)) = (at(lo), at(hi)) else {
+                continue;
+            };
             if a.1 * b.1 > 0.0 {
                 continue;
             }
@@ -319,11 +295,7 @@ pub(super) fn meetings(s: &Drawn, t: &Drawn, tolerance: f64) -> Vec<Meeting> {
         curve: Curve3::Line { origin, direction },
         ends: Vec::new(),
     };
-    let (s, t) = if s.plane.is_none() && t.plane.is_some() {
-        (t, s)
-    } else {
-        (s, t)
-    };
+    let (s, t) = if s.plane.is_none() && t.plane.is_some() { (t, s) } else { (s, t) };
     if let Some((axis, value)) = s.plane {
         return match trace(t, axis, value, tolerance) {
             None => Vec::new(),
@@ -337,15 +309,9 @@ pub(super) fn meetings(s: &Drawn, t: &Drawn, tolerance: f64) -> Vec<Meeting> {
                 })
                 .collect(),
             Some(Trace::Profile(axes, Profile::Line { normal, offset })) => {
-                let origin = point_of([
-                    (axis, value),
-                    (axes[0], offset * normal[0]),
-                    (axes[1], offset * normal[1]),
-                ]);
-                vec![line(
-                    origin,
-                    point_of([(axis, 0.0), (axes[0], -normal[1]), (axes[1], normal[0])]),
-                )]
+                let origin =
+                    point_of([(axis, value), (axes[0], offset * normal[0]), (axes[1], offset * normal[1])]);
+                vec![line(origin, point_of([(axis, 0.0), (axes[0], -normal[1]), (axes[1], normal[0])]))]
             }
             Some(Trace::Profile(axes, Profile::Circle { center, radius })) => vec![Meeting {
                 curve: Curve3::Ellipse {
@@ -361,10 +327,7 @@ pub(super) fn meetings(s: &Drawn, t: &Drawn, tolerance: f64) -> Vec<Meeting> {
         return meet(&s.profile, &t.profile, tolerance)
             .into_iter()
             .map(|m| {
-                line(
-                    point_of([(s.axes[0], m[0]), (s.axes[1], m[1]), (s.axes[2], 0.0)]),
-                    unit_of(s.axes[2]),
-                )
+                line(point_of([(s.axes[0], m[0]), (s.axes[1], m[1]), (s.axes[2], 0.0)]), unit_of(s.axes[2]))
             })
             .collect();
     }
@@ -390,10 +353,7 @@ fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> 
             };
             let d = [0, 1, 2].map(|k| end[k] - origin[k]);
             vec![Meeting {
-                curve: Curve3::Line {
-                    origin,
-                    direction: crate::brep::unit(d),
-                },
+                curve: Curve3::Line { origin, direction: crate::brep::unit(d) },
                 ends: Vec::new(),
             }]
         }
@@ -417,11 +377,8 @@ fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> 
         }
         (Some((c1, r1)), Some((c2, r2))) => {
             let (a, b) = (c1[places[0]], c2[places[1]]);
-            let center = point_of([
-                (shared, a),
-                (other[0], c1[1 - places[0]]),
-                (other[1], c2[1 - places[1]]),
-            ]);
+            let center =
+                point_of([(shared, a), (other[0], c1[1 - places[0]]), (other[1], c2[1 - places[1]])]);
             if (a - b).abs() < tolerance && (r1 - r2).abs() < tolerance {
                 let flat = point_of([(shared, r1), (other[0], 0.0), (other[1], 0.0)]);
                 return [-1.0, 1.0]
@@ -442,13 +399,8 @@ fn oblique(s: &Drawn, t: &Drawn, shared: usize, tolerance: f64) -> Vec<Meeting> 
             let mut found = Vec::new();
             for first in [-1.0, 1.0] {
                 for second in [-1.0, 1.0] {
-                    let curve = Curve3::Branch {
-                        first: *s,
-                        second: *t,
-                        shared,
-                        signs: [first, second],
-                        range,
-                    };
+                    let curve =
+                        Curve3::Branch { first: *s, second: *t, shared, signs: [first, second], range };
                     let ends = [0.0, std::f64::consts::PI].map(|t| curve.point(t)).to_vec();
                     found.push(Meeting { curve, ends });
                 }
@@ -474,24 +426,12 @@ impl Curve3 {
             Self::Line { origin, direction } => along(*origin, t, *direction),
             Self::Ellipse { center, a, b } => along(along(*center, t.cos(), *a), t.sin(), *b),
             Self::Traced(traced) => traced.point(t),
-            Self::Branch {
-                first,
-                second,
-                shared,
-                signs,
-                range,
-            } => {
+            Self::Branch { first, second, shared, signs, range } => {
                 let half = (range[1] - range[0]) / 2.0;
                 // 1 ∓ cos without cancellation: distances from both ends of the range.
-                let (from_lo, from_hi) = (
-                    2.0 * half * (t / 2.0).sin().powi(2),
-                    2.0 * half * (t / 2.0).cos().powi(2),
-                );
-                let x = if from_lo < from_hi {
-                    range[0] + from_lo
-                } else {
-                    range[1] - from_hi
-                };
+                let (from_lo, from_hi) =
+                    (2.0 * half * (t / 2.0).sin().powi(2), 2.0 * half * (t / 2.0).cos().powi(2));
+                let x = if from_lo < from_hi { range[0] + from_lo } else { range[1] - from_hi };
                 let mut p = [0.0; 3];
                 p[*shared] = x;
                 for (drawn, sign) in [(first, signs[0]), (second, signs[1])] {
@@ -518,9 +458,7 @@ impl Curve3 {
             Self::Line { origin, direction } => dot(sub(p, *origin), *direction),
             Self::Ellipse { center, a, b } => {
                 let d = sub(p, *center);
-                (dot(d, *b) / dot(*b, *b))
-                    .atan2(dot(d, *a) / dot(*a, *a))
-                    .rem_euclid(TAU)
+                (dot(d, *b) / dot(*b, *b)).atan2(dot(d, *a) / dot(*a, *a)).rem_euclid(TAU)
             }
             Self::Traced(traced) => traced.parameter(p),
             Self::Branch { shared, range, .. } => {

@@ -2,11 +2,7 @@ use super::*;
 use std::f64::consts::{PI, TAU};
 
 fn drawn(curve: Curve2, style: LineStyle) -> DrawnCurve {
-    DrawnCurve {
-        curve,
-        style,
-        entity: "test".to_owned(),
-    }
+    DrawnCurve { curve, style, entity: "test".to_owned() }
 }
 
 pub(super) fn segment(a: [f64; 2], b: [f64; 2], style: LineStyle) -> DrawnCurve {
@@ -15,9 +11,7 @@ pub(super) fn segment(a: [f64; 2], b: [f64; 2], style: LineStyle) -> DrawnCurve 
 
 pub(super) fn rectangle([x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Vec<DrawnCurve> {
     let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
-    (0..4)
-        .map(|k| segment(corners[k], corners[(k + 1) % 4], LineStyle::Visible))
-        .collect()
+    (0..4).map(|k| segment(corners[k], corners[(k + 1) % 4], LineStyle::Visible)).collect()
 }
 
 /// A box of 40 × 30 × 20 with a hole of diameter 12 from top to bottom.
@@ -27,12 +21,7 @@ fn box_with_hole() -> Drawing {
         curves
     };
     let mut top = rectangle([0.0, 0.0], [40.0, 30.0]);
-    let hole = Curve2::Arc {
-        center: [20.0, 15.0],
-        radius: 6.0,
-        start: 0.0,
-        sweep: TAU,
-    };
+    let hole = Curve2::Arc { center: [20.0, 15.0], radius: 6.0, start: 0.0, sweep: TAU };
     top.push(drawn(hole, LineStyle::Visible));
     let view = |kind, curves| View { kind, curves };
     Drawing {
@@ -51,11 +40,7 @@ fn a_box_with_a_hole_has_its_volume_area_and_one_cylinder() {
     assert_eq!(found.solutions.len(), 1);
     let Solution { solid, measures, .. } = &found.solutions[0];
     assert_eq!(solid.faces_by_kind()[..2], [6, 1]);
-    assert!(
-        (measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8,
-        "{}",
-        measures.volume
-    );
+    assert!((measures.volume - (24_000.0 - 36.0 * PI * 20.0)).abs() < 1e-8, "{}", measures.volume);
     let area = 2.0 * (1200.0 + 800.0 + 600.0) - 72.0 * PI + 12.0 * PI * 20.0;
     assert!((measures.area - area).abs() < 1e-8, "{}", measures.area);
     for (found, truth) in measures.centroid.iter().zip([20.0, 15.0, 10.0]) {
@@ -71,15 +56,9 @@ fn a_hidden_line_that_nothing_explains_is_named() {
     drawing.views[0].curves.push(stray);
     let found = solve(&drawing).unwrap();
     assert!(found.solutions.is_empty());
-    let [named] = &found.unexplained[..] else {
-        panic!("{:?}", found.unexplained)
-    };
+    let [named] = &found.unexplained[..] else { panic!("{:?}", found.unexplained) };
     assert_eq!(named.entity.as_deref(), Some("LINE 7F (line 12)"));
-    assert!(
-        named.why.starts_with("no solid shows a hidden line at 5.0000"),
-        "{}",
-        named.why
-    );
+    assert!(named.why.starts_with("no solid shows a hidden line at 5.0000"), "{}", named.why);
 }
 
 #[test]
@@ -95,12 +74,7 @@ pub(super) fn circle(center: [f64; 2], radius: f64) -> Curve2 {
 }
 
 pub(super) fn arc(center: [f64; 2], radius: f64, start: f64, sweep: f64) -> Curve2 {
-    Curve2::Arc {
-        center,
-        radius,
-        start,
-        sweep,
-    }
+    Curve2::Arc { center, radius, start, sweep }
 }
 
 pub(super) fn hidden(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
@@ -113,9 +87,7 @@ pub(super) fn visible(curve: Curve2) -> DrawnCurve {
 
 fn three(front: Vec<DrawnCurve>, top: Vec<DrawnCurve>, side: Vec<DrawnCurve>) -> Drawing {
     let views = ViewKind::ALL.into_iter().zip([front, top, side]);
-    Drawing {
-        views: views.map(|(kind, curves)| View { kind, curves }).collect(),
-    }
+    Drawing { views: views.map(|(kind, curves)| View { kind, curves }).collect() }
 }
 
 fn only(drawing: &Drawing) -> Solution {
@@ -177,10 +149,8 @@ fn a_hole_that_touches_a_wall_leaves_the_wall_in_two_parts() {
 #[test]
 fn a_hole_that_touches_a_groove_from_below_is_found() {
     let outline = [[0.0, 11.0], [0.0, 0.0], [20.0, 0.0], [20.0, 11.0]];
-    let mut front: Vec<DrawnCurve> = outline
-        .windows(2)
-        .map(|p| segment(p[0], p[1], LineStyle::Visible))
-        .collect();
+    let mut front: Vec<DrawnCurve> =
+        outline.windows(2).map(|p| segment(p[0], p[1], LineStyle::Visible)).collect();
     front.push(segment([0.0, 11.0], [7.0, 11.0], LineStyle::Visible));
     front.push(segment([13.0, 11.0], [20.0, 11.0], LineStyle::Visible));
     front.push(visible(arc([10.0, 11.0], 3.0, PI, PI)));
@@ -206,7 +176,8 @@ fn a_hardly_bent_arc_stands_for_no_cylinder() {
     assert!(matches!(last, Curve2::Chain(_)), "{last:?}");
 }
 
-/// A base of 40 × 30 × 10 with a block of 15 × 10 × 10 on its corner at the origin, on a sheet of either convention.
+/// A base of 40 × 30 × 10 with a block of 15 × 10 × 10 on its corner at the origin, on a sheet of either
+/// convention.
 fn step_on_a_sheet(projection: Projection) -> Vec<DrawnCurve> {
     let outline = |points: &[[f64; 2]], at: &dyn Fn([f64; 2]) -> [f64; 2]| -> Vec<DrawnCurve> {
         (0..points.len())
@@ -215,14 +186,7 @@ fn step_on_a_sheet(projection: Projection) -> Vec<DrawnCurve> {
     };
     let front = |p: [f64; 2]| [p[0] + 100.0, p[1] + 100.0];
     let l_shape = |long: f64, short: f64| {
-        [
-            [0.0, 0.0],
-            [long, 0.0],
-            [long, 10.0],
-            [short, 10.0],
-            [short, 20.0],
-            [0.0, 20.0],
-        ]
+        [[0.0, 0.0], [long, 0.0], [long, 10.0], [short, 10.0], [short, 20.0], [0.0, 20.0]]
     };
     let mut curves = outline(&l_shape(40.0, 15.0), &front);
     // The base's edge behind the block.
@@ -247,11 +211,11 @@ fn a_sheet_of_either_convention_gives_the_same_part() {
         let Solution { solid, measures, .. } = only(&drawing);
         assert_eq!(solid.faces_by_kind()[..2], [9, 0]);
         assert!((measures.volume - 13_500.0).abs() < 1e-9);
-        let truth = [
-            (12_000.0 * 20.0 + 1500.0 * 7.5) / 13_500.0,
-            (12_000.0 * 15.0 + 1500.0 * 5.0) / 13_500.0,
-        ];
-        assert!((measures.centroid[0] - truth[0]).abs() < 1e-9 && (measures.centroid[1] - truth[1]).abs() < 1e-9);
+        let truth =
+            [(12_000.0 * 20.0 + 1500.0 * 7.5) / 13_500.0, (12_000.0 * 15.0 + 1500.0 * 5.0) / 13_500.0];
+        assert!(
+            (measures.centroid[0] - truth[0]).abs() < 1e-9 && (measures.centroid[1] - truth[1]).abs() < 1e-9
+        );
     }
 }
 

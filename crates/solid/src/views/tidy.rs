@@ -1,8 +1,9 @@
 //! Curves tidied: what drawing programs leave in pieces, or fit only roughly, on the circle that it means.
 //!
-//! Comes in: a drawing. Goes out: the same curves, where an arc or a short chord whose points lie on another arc's circle is on that
-//! very circle, and circles whose points allow it have round centres and radii. Exported outlines are cut at every crossing; a circle fitted to
-//! a short piece has a centre far off, though the piece itself is where it should be.
+//! Comes in: a drawing. Goes out: the same curves, where an arc or a short chord whose points lie on another
+//! arc's circle is on that very circle, and circles whose points allow it have round centres and radii.
+//! Exported outlines are cut at every crossing; a circle fitted to a short piece has a centre far off, though
+//! the piece itself is where it should be.
 //!
 //! Not guaranteed: ellipses and splines are left as they are.
 
@@ -15,12 +16,15 @@ const ON_CIRCLE: f64 = 2e-5;
 const CHORD_ENDS: f64 = 1e-6;
 /// Curves shorter than this share of the size are crumbs that tell nothing.
 const SHORTEST: f64 = 3e-7;
-/// Arcs that turn by less (in radians) and rise above their chord by less than this share of the size stand for no circle of their own.
+/// Arcs that turn by less (in radians) and rise above their chord by less than this share of the size stand
+/// for no circle of their own.
 const SLIVER_SWEEP: f64 = 0.1;
 const SLIVER_RISE: f64 = 1e-4;
-/// Circles are moved to very round values, or to lines that touch them, where their points stay within this share of the size.
+/// Circles are moved to very round values, or to lines that touch them, where their points stay within this
+/// share of the size.
 const FIT: f64 = 1e-6;
-/// Circles are moved to round values where their points stay within this share of the size, plus [`ROUND_LENGTH`].
+/// Circles are moved to round values where their points stay within this share of the size, plus
+/// [`ROUND_LENGTH`].
 const ROUND: f64 = 5e-8;
 const ROUND_LENGTH: f64 = 4e-6;
 
@@ -43,21 +47,12 @@ impl Circle {
     /// The arc of this circle from one point to another, counter-clockwise.
     fn arc(&self, from: [f64; 2], to: [f64; 2], whole: bool) -> Curve2 {
         let start = self.angle(from);
-        let sweep = if whole {
-            TAU
-        } else {
-            (self.angle(to) - start).rem_euclid(TAU)
-        };
-        Curve2::Arc {
-            center: self.center,
-            radius: self.radius,
-            start,
-            sweep,
-        }
+        let sweep = if whole { TAU } else { (self.angle(to) - start).rem_euclid(TAU) };
+        Curve2::Arc { center: self.center, radius: self.radius, start, sweep }
     }
 
-    /// The circle that these points mean: of round centre and radius, or between straight lines of all views that touch it, where the points
-    /// allow it.
+    /// The circle that these points mean: of round centre and radius, or between straight lines of all views
+    /// that touch it, where the points allow it.
     fn meant(self, points: &[[f64; 2]], lines: [&[f64]; 2], size: f64) -> Self {
         let round = |step: f64| Self {
             center: self.center.map(|v| (v / step).round() * step),
@@ -82,12 +77,8 @@ impl Circle {
             let at = lines[k].partition_point(|v| *v < value - within);
             lines[k].get(at).copied().filter(|v| (v - value).abs() <= within)
         };
-        let spans = [0, 1].map(|k| {
-            Some([
-                near(k, self.center[k] - self.radius)?,
-                near(k, self.center[k] + self.radius)?,
-            ])
-        });
+        let spans = [0, 1]
+            .map(|k| Some([near(k, self.center[k] - self.radius)?, near(k, self.center[k] + self.radius)?]));
         let radii: Vec<f64> = spans.iter().flatten().map(|s| (s[1] - s[0]) / 2.0).collect();
         let radius = radii.iter().sum::<f64>() / radii.len() as f64;
         (!radii.is_empty()).then(|| Self {
@@ -97,7 +88,8 @@ impl Circle {
     }
 }
 
-/// Whether an arc is hardly bent: exporters draw parts of the curves between two cylinders in this way, and no cylinder is meant.
+/// Whether an arc is hardly bent: exporters draw parts of the curves between two cylinders in this way, and
+/// no cylinder is meant.
 fn is_sliver(curve: &Curve2, size: f64) -> bool {
     match curve {
         Curve2::Arc { radius, sweep, .. } => {
@@ -128,9 +120,7 @@ pub(super) fn tidied(drawing: &Drawing) -> Drawing {
         let axes = view.kind.axes();
         tidied_view(view, [&lines[axes[0]], &lines[axes[1]]], size)
     };
-    Drawing {
-        views: drawing.views.iter().map(tidy).collect(),
-    }
+    Drawing { views: drawing.views.iter().map(tidy).collect() }
 }
 
 fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
@@ -170,7 +160,9 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
         curves[index].curve = circle.arc(points[0], points[points.len() - 1], sweep >= TAU - 1e-9);
     }
     for drawn in &mut curves {
-        let Curve2::Segment(a, b) = drawn.curve else { continue };
+        let Curve2::Segment(a, b) = drawn.curve else {
+            continue;
+        };
         let middle = [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0];
         let is_chord = |c: &&Circle| {
             let ends = [a, b].iter().all(|p| c.off(*p) <= CHORD_ENDS * size);
@@ -183,8 +175,5 @@ fn tidied_view(view: &View, lines: [&[f64]; 2], size: f64) -> View {
         }
     }
     curves.retain(|c: &DrawnCurve| c.curve.length() > SHORTEST * size);
-    View {
-        kind: view.kind,
-        curves,
-    }
+    View { kind: view.kind, curves }
 }

@@ -1,9 +1,11 @@
 //! Cylinders that touch other faces along a line.
 //!
-//! Where a hole touches a wall, the solid on both sides of the line has an edge of its own there, and on the cylinder the two run back and forth
-//! on one another. Comes in: coedges of every surface. Goes out: coedges without such slits:
+//! Where a hole touches a wall, the solid on both sides of the line has an edge of its own there, and on the
+//! cylinder the two run back and forth on one another. Comes in: coedges of every surface. Goes out: coedges
+//! without such slits:
 //! - one that ends within the cylinder's face is taken from it, and the faces beside the line share the edge;
-//! - along one that reaches from end to end the face borders itself: there is its seam, or it is cut in two at its seam.
+//! - along one that reaches from end to end the face borders itself: there is its seam, or it is cut in two
+//!   at its seam.
 
 use super::boundary::Maker;
 use crate::brep::{Coedge, Curve, Edge, Surface, along, unit};
@@ -69,10 +71,7 @@ impl Maker<'_> {
             for coedge in self.coedges.values_mut().flatten() {
                 if coedge.edge == gone.edge {
                     let along = coedge.forward == gone.forward;
-                    *coedge = Coedge {
-                        edge: kept.edge,
-                        forward: kept.forward != along,
-                    };
+                    *coedge = Coedge { edge: kept.edge, forward: kept.forward != along };
                 }
             }
         }
@@ -107,10 +106,7 @@ impl Maker<'_> {
             let origin = self.solid.vertices[pair[0].1];
             let span = sub(self.solid.vertices[pair[1].1], origin);
             self.solid.edges.push(Edge {
-                curve: Curve::Line {
-                    origin,
-                    direction: unit(span),
-                },
+                curve: Curve::Line { origin, direction: unit(span) },
                 range: [0.0, norm(span)],
                 start: pair[0].1,
                 end: pair[1].1,
@@ -149,11 +145,7 @@ impl Maker<'_> {
                     false => hi = middle,
                 }
             }
-            let t = if first.abs() <= 1e-9 {
-                parameter(k)
-            } else {
-                (lo + hi) / 2.0
-            };
+            let t = if first.abs() <= 1e-9 { parameter(k) } else { (lo + hi) / 2.0 };
             found.push((t, edge.curve.point(t)));
         }
         found
@@ -170,11 +162,8 @@ impl Maker<'_> {
         first.end = vertex;
         let new = self.solid.edges.len() - 1;
         for uses in self.coedges.values_mut() {
-            let added: Vec<Coedge> = uses
-                .iter()
-                .filter(|c| c.edge == index)
-                .map(|c| Coedge { edge: new, ..*c })
-                .collect();
+            let added: Vec<Coedge> =
+                uses.iter().filter(|c| c.edge == index).map(|c| Coedge { edge: new, ..*c }).collect();
             uses.extend(added);
         }
     }

@@ -1,7 +1,7 @@
 //! Curves between two surfaces that have no simple form, followed step by step.
 //!
-//! Comes in: two surfaces by their signed distances, and points near both. Goes out: chains of points on both, equally far apart, between which any
-//! other point is found by Newton's method.
+//! Comes in: two surfaces by their signed distances, and points near both. Goes out: chains of points on
+//! both, equally far apart, between which any other point is found by Newton's method.
 //!
 //! Not guaranteed: curves that cross themselves, and parts shorter than a few steps.
 
@@ -60,11 +60,7 @@ impl Traced {
     /// The point of a parameter: the index of a point, and the share of the way to the next.
     pub(super) fn point(&self, t: f64) -> [f64; 3] {
         let n = self.points.len();
-        let t = if self.closed {
-            t.rem_euclid(n as f64)
-        } else {
-            t.clamp(0.0, self.end())
-        };
+        let t = if self.closed { t.rem_euclid(n as f64) } else { t.clamp(0.0, self.end()) };
         let k = (t.floor() as usize).min(if self.closed { n - 1 } else { n - 2 });
         let (a, b) = (self.points[k], self.points[(k + 1) % n]);
         let guess = along(a, t - k as f64, sub(b, a));
@@ -84,7 +80,8 @@ impl Traced {
             .map(|k| {
                 let at = total * k as f64 / count as f64;
                 let next = lengths.partition_point(|l| *l < at).clamp(1, knots.len() - 1);
-                let share = (at - lengths[next - 1]) / (lengths[next] - lengths[next - 1]).max(f64::MIN_POSITIVE);
+                let share =
+                    (at - lengths[next - 1]) / (lengths[next] - lengths[next - 1]).max(f64::MIN_POSITIVE);
                 knots[next - 1] + share.min(1.0) * (knots[next] - knots[next - 1])
             })
             .collect()
@@ -109,11 +106,7 @@ impl Traced {
         let k = (t.floor() as usize).min(segments - 1);
         let d = sub(self.points[(k + 1) % n], self.points[k]);
         let t = t + dot(sub(p, self.point(t)), d) / dot(d, d);
-        if self.closed {
-            t.rem_euclid(n as f64)
-        } else {
-            t.clamp(0.0, self.end())
-        }
+        if self.closed { t.rem_euclid(n as f64) } else { t.clamp(0.0, self.end()) }
     }
 }
 
@@ -143,11 +136,7 @@ pub(super) fn traced(
             points = back;
         }
         if points.len() >= 4 {
-            found.push(Traced {
-                points,
-                closed,
-                surfaces: surfaces.clone(),
-            });
+            found.push(Traced { points, closed, surfaces: surfaces.clone() });
         }
     }
     found
@@ -166,14 +155,16 @@ fn follow(
         let d = normals(p);
         (norm(d) > 1e-5).then(|| scale(sense, unit(d)))
     };
-    // One step of a length; none where the surfaces touch on the way, as beyond that the direction turns round.
+    // One step of a length; none where the surfaces touch on the way, as beyond that the direction turns
+    // round.
     let stepped = |p: [f64; 3], length: f64| {
         let first = direction(p)?;
         let middle = on_both(surfaces, along(p, length / 2.0, first), 1e-6 * whole)?;
         let d = direction(middle)?;
         let next = on_both(surfaces, along(p, length, d), 1e-6 * whole)?;
         let moved = sub(next, p);
-        let goes_on = dot(moved, d) > 0.3 * length && dot(direction(next)?, first) > 0.5 && dot(d, first) > 0.5;
+        let goes_on =
+            dot(moved, d) > 0.3 * length && dot(direction(next)?, first) > 0.5 && dot(d, first) > 0.5;
         (goes_on && norm(moved) < 1.5 * length).then_some(next)
     };
     let mut points = vec![start];
@@ -206,7 +197,8 @@ fn follow(
     (points, false)
 }
 
-/// Where two surfaces touch just beyond the last of some points: there the angle between them, which falls evenly, is zero.
+/// Where two surfaces touch just beyond the last of some points: there the angle between them, which falls
+/// evenly, is zero.
 fn touching_point(points: &[[f64; 3]], normals: impl Fn([f64; 3]) -> [f64; 3]) -> Option<[f64; 3]> {
     let [.., before, last] = points else { return None };
     let moved = sub(*last, *before);

@@ -1,10 +1,12 @@
 //! Which walls a drawing may mean: surfaces of revolution about the centres of its circles.
 //!
-//! Comes in: a plan. Goes out: walls. A circle in one view is an axis; an oblique line or an arc of another view that sees this axis in its plane, turned about
-//! it, is a cone, sphere or torus. It is a candidate where the view along the axis shows a circle of the distance at which it ends or is widest, and a
-//! sphere only where every view across the axis shows its outline.
+//! Comes in: a plan. Goes out: walls. A circle in one view is an axis; an oblique line or an arc of another
+//! view that sees this axis in its plane, turned about it, is a cone, sphere or torus. It is a candidate
+//! where the view along the axis shows a circle of the distance at which it ends or is widest, and a sphere
+//! only where every view across the axis shows its outline.
 //!
-//! Not guaranteed: tori that touch or cross themselves, and surfaces of revolution whose ends and outlines are all cut away.
+//! Not guaranteed: tori that touch or cross themselves, and surfaces of revolution whose ends and outlines
+//! are all cut away.
 
 use super::drawing::distance;
 use super::plan::{Carrier, Plan, Run, ViewPlan, stretches};
@@ -65,10 +67,7 @@ fn axes_of(view: &ViewPlan, plan: &Plan) -> Vec<Axis> {
         };
         match found.iter_mut().find(|a| distance(a.center, center) < SAME * plan.size) {
             Some(axis) => axis.radii.push(radius),
-            None => found.push(Axis {
-                center,
-                radii: vec![radius],
-            }),
+            None => found.push(Axis { center, radii: vec![radius] }),
         }
     }
     found
@@ -99,12 +98,11 @@ fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan, stri
                 }
                 Profile::Circle { center, radius } => {
                     let major = (center[1 - up] - middle).abs();
-                    let at = |major: f64| Profile::Circle {
-                        center: [major, center[up]],
-                        radius,
-                    };
+                    let at = |major: f64| Profile::Circle { center: [major, center[up]], radius };
                     if major < same {
-                        if !(ends_on_circle || has(radius)) || !is_outlined(plan, along, axis_at, center[up], radius) {
+                        if !(ends_on_circle || has(radius))
+                            || !is_outlined(plan, along, axis_at, center[up], radius)
+                        {
                             continue;
                         }
                         (at(0.0), Side::Both)
@@ -124,12 +122,8 @@ fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan, stri
                 bounds[a] = [axis_at[k] - reach, axis_at[k] + reach];
             }
             bounds[along] = [ends[0][1].min(ends[1][1]), ends[0][1].max(ends[1][1])];
-            let wall = Turned {
-                axis: along,
-                center: axis_at,
-                profile,
-                extents: vec![Extent { bounds, side }],
-            };
+            let wall =
+                Turned { axis: along, center: axis_at, profile, extents: vec![Extent { bounds, side }] };
             if !strict || is_mirrored(plan, &wall, view, ends, side) {
                 found.push(wall);
             }
@@ -143,13 +137,10 @@ fn is_outlined(plan: &Plan, along: usize, center: [f64; 2], height: f64, radius:
     let same = SAME * plan.size;
     let mut views = plan.views.iter().filter(|v| v.kind.axes()[..2].contains(&along));
     views.all(|view| {
-        let at = view
-            .kind
-            .axes()
-            .map(|a| match across(along).iter().position(|b| *b == a) {
-                Some(k) => center[k],
-                None => height,
-            });
+        let at = view.kind.axes().map(|a| match across(along).iter().position(|b| *b == a) {
+            Some(k) => center[k],
+            None => height,
+        });
         view.carriers.iter().any(|carrier| match carrier.profile {
             Profile::Circle { center, radius: r } => {
                 (r - radius).abs() < same && distance(center, [at[0], at[1]]) < same
@@ -159,14 +150,12 @@ fn is_outlined(plan: &Plan, along: usize, center: [f64; 2], height: f64, radius:
     })
 }
 
-/// Whether the other view across a wall's axis draws a part of its profile between two ends on either side of the axis, or both sides reach beyond
-/// what that view shows.
+/// Whether the other view across a wall's axis draws a part of its profile between two ends on either side of
+/// the axis, or both sides reach beyond what that view shows.
 fn is_mirrored(plan: &Plan, wall: &Turned, seen_in: &ViewPlan, ends: [[f64; 2]; 2], side: Side) -> bool {
     let same = SAME * plan.size;
-    let mut others = plan
-        .views
-        .iter()
-        .filter(|v| v.kind != seen_in.kind && v.kind.axes()[..2].contains(&wall.axis));
+    let mut others =
+        plan.views.iter().filter(|v| v.kind != seen_in.kind && v.kind.axes()[..2].contains(&wall.axis));
     others.all(|view| {
         let axes = view.kind.axes();
         let up = usize::from(axes[1] == wall.axis);
@@ -176,11 +165,7 @@ fn is_mirrored(plan: &Plan, wall: &Turned, seen_in: &ViewPlan, ends: [[f64; 2]; 
         let middle = (heights[0] + heights[1]) / 2.0;
         let radii = wall.profile.crossings(1, middle, 0.0);
         // Of a tube's two radii at a height the meant one.
-        let radius = if side == Side::Inner {
-            radii.first()
-        } else {
-            radii.last()
-        };
+        let radius = if side == Side::Inner { radii.first() } else { radii.last() };
         let Some(radius) = radius else { return true };
         let grid = &plan.grid[sideways];
         let shown = [grid[1], grid[grid.len() - 2]];
@@ -199,7 +184,14 @@ fn is_mirrored(plan: &Plan, wall: &Turned, seen_in: &ViewPlan, ends: [[f64; 2]; 
 }
 
 /// Whether a carrier runs through a point with a normal, and anything of it is drawn between two heights.
-fn is_drawn_at(view: &ViewPlan, at: [f64; 2], normal: [f64; 2], same: f64, heights: [f64; 2], up: usize) -> bool {
+fn is_drawn_at(
+    view: &ViewPlan,
+    at: [f64; 2],
+    normal: [f64; 2],
+    same: f64,
+    heights: [f64; 2],
+    up: usize,
+) -> bool {
     let (lo, hi) = (heights[0].min(heights[1]), heights[0].max(heights[1]));
     view.carriers.iter().any(|carrier| {
         let n = carrier.profile.normal(at);

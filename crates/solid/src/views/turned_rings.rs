@@ -1,7 +1,8 @@
 //! Loops on cones, spheres and tori, gathered to faces.
 //!
-//! From a loop one looks into the face, along a line of constant angle around the axis: what is seen first bounds the same face. The look goes on around
-//! the tube of a torus, and over the pole of a sphere or the apex of a cone.
+//! From a loop one looks into the face, along a line of constant angle around the axis: what is seen first
+//! bounds the same face. The look goes on around the tube of a torus, and over the pole of a sphere or the
+//! apex of a cone.
 
 use super::rings::by_face;
 use crate::brep::{Coedge, Solid, Surface, along, unit};
@@ -29,10 +30,7 @@ impl Ring {
             let at = |k: usize| {
                 let share = k as f64 / PIECES as f64;
                 let share = if coedge.forward { share } else { 1.0 - share };
-                surface.parameters(
-                    edge.curve
-                        .point(edge.range[0] + (edge.range[1] - edge.range[0]) * share),
-                )
+                surface.parameters(edge.curve.point(edge.range[0] + (edge.range[1] - edge.range[0]) * share))
             };
             looks.extend(LOOKS.map(|k| pieces.len() + k));
             for k in 0..PIECES {
@@ -143,13 +141,7 @@ fn first_seen(rings: &[Ring], surface: &Surface, from: [f64; 2], direction: f64)
 
 /// A sphere whose poles lie on no edge of some loops.
 pub(super) fn with_free_poles(solid: &Solid, surface: Surface, loops: &[Vec<Coedge>]) -> Surface {
-    let Surface::Sphere {
-        center,
-        axis,
-        x,
-        radius,
-    } = surface
-    else {
+    let Surface::Sphere { center, axis, x, radius } = surface else {
         return surface;
     };
     /// Edges stay so far from a pole, by the cosine.
@@ -169,12 +161,7 @@ pub(super) fn with_free_poles(solid: &Solid, surface: Surface, loops: &[Vec<Coed
     // Readers of STEP know best what to do with loops around the axis.
     let around = |frame: &([f64; 3], [f64; 3])| {
         let (axis, x) = *frame;
-        let turned = Surface::Sphere {
-            center,
-            axis,
-            x,
-            radius,
-        };
+        let turned = Surface::Sphere { center, axis, x, radius };
         let turn = |ring: &Vec<Coedge>| -> f64 {
             let pieces = Ring::of(solid, &turned, ring).pieces;
             pieces.iter().map(|[a, b]| b[0] - a[0]).sum()
@@ -183,10 +170,5 @@ pub(super) fn with_free_poles(solid: &Solid, surface: Surface, loops: &[Vec<Coed
     };
     let found = frames.into_iter().filter(|(axis, _)| is_free(*axis)).min_by_key(around);
     let (axis, x) = found.unwrap_or(frames[0]);
-    Surface::Sphere {
-        center,
-        axis,
-        x,
-        radius,
-    }
+    Surface::Sphere { center, axis, x, radius }
 }

@@ -6,18 +6,12 @@ use crate::reprojection::{CompareOptions, disagreements};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 pub(super) fn drawing(views: Vec<(ViewKind, Vec<DrawnCurve>)>) -> Drawing {
-    Drawing {
-        views: views.into_iter().map(|(kind, curves)| View { kind, curves }).collect(),
-    }
+    Drawing { views: views.into_iter().map(|(kind, curves)| View { kind, curves }).collect() }
 }
 
 /// The same curves in front and side view, as turned parts have them.
 pub(super) fn turned(across: Vec<DrawnCurve>, top: Vec<DrawnCurve>) -> Drawing {
-    drawing(vec![
-        (ViewKind::Front, across.clone()),
-        (ViewKind::Top, top),
-        (ViewKind::Side, across),
-    ])
+    drawing(vec![(ViewKind::Front, across.clone()), (ViewKind::Top, top), (ViewKind::Side, across)])
 }
 
 pub(super) fn line(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
@@ -27,12 +21,7 @@ pub(super) fn line(a: [f64; 2], b: [f64; 2]) -> DrawnCurve {
 /// The only solid of a drawing, checked.
 pub(super) fn only(drawing: &Drawing) -> Solution {
     let found = solve(drawing).unwrap();
-    assert_eq!(
-        (found.solutions.len(), found.complete),
-        (1, true),
-        "{:?}",
-        found.unexplained
-    );
+    assert_eq!((found.solutions.len(), found.complete), (1, true), "{:?}", found.unexplained);
     let solution = found.solutions.into_iter().next().unwrap();
     solution.solid.check(1e-6).unwrap();
     // Looked at anew, by rays: it shows what is drawn.
@@ -41,10 +30,7 @@ pub(super) fn only(drawing: &Drawing) -> Solution {
 }
 
 pub(super) fn assert_near(found: f64, truth: f64, within: f64) {
-    assert!(
-        (found - truth).abs() < within * truth.abs().max(1.0),
-        "{found} is not {truth}"
-    );
+    assert!((found - truth).abs() < within * truth.abs().max(1.0), "{found} is not {truth}");
 }
 
 fn half_circle() -> Vec<DrawnCurve> {
@@ -122,7 +108,8 @@ fn a_drilled_hole_ends_in_a_cone_with_an_apex() {
     assert_near(solution.measures.volume, truth, 1e-9);
 }
 
-/// A flange of diameter 40 and height 5 with a boss of diameter 16 up to 20, and a fillet of 4 between them, whose smooth edges are not drawn.
+/// A flange of diameter 40 and height 5 with a boss of diameter 16 up to 20, and a fillet of 4 between them,
+/// whose smooth edges are not drawn.
 #[test]
 fn a_fillet_around_a_boss_is_one_torus() {
     let level = |r: f64, z: f64| line([-r, z], [r, z]);
@@ -136,7 +123,8 @@ fn a_fillet_around_a_boss_is_one_torus() {
     let top = vec![visible(circle([0.0, 0.0], 20.0)), visible(circle([0.0, 0.0], 8.0))];
     let solution = only(&turned(across, top));
     assert_eq!(solution.solid.faces_by_kind(), [3, 2, 0, 0, 1]);
-    // Pappus: the square between boss and flange less the quarter of a circle, each at its centroid's distance.
+    // Pappus: the square between boss and flange less the quarter of a circle, each at its centroid's
+    // distance.
     let quarter = PI * 4.0;
     let fillet = 2.0 * PI * (16.0 * 10.0 - quarter * (12.0 - 16.0 / (3.0 * PI)));
     assert_near(solution.measures.volume, 2000.0 * PI + 64.0 * 15.0 * PI + fillet, 1e-9);
@@ -158,11 +146,7 @@ fn a_ball_cut_on_two_sides_is_one_sphere() {
     let top = vec![visible(circle([0.0, 0.0], 10.0)), visible(circle([0.0, 0.0], out))];
     let solution = only(&turned(across, top));
     assert_eq!(solution.solid.faces_by_kind(), [2, 0, 0, 1, 0]);
-    assert_near(
-        solution.measures.volume,
-        2.0 * PI * (100.0 * up - up.powi(3) / 3.0),
-        1e-9,
-    );
+    assert_near(solution.measures.volume, 2.0 * PI * (100.0 * up - up.powi(3) / 3.0), 1e-9);
     assert_near(solution.measures.area, 2.0 * PI * 64.0 + 2.0 * PI * 10.0 * 12.0, 1e-9);
 }
 
@@ -175,11 +159,8 @@ fn a_quarter_of_a_ball_is_measured_although_edges_pass_the_poles() {
         line([0.0, 0.0], [10.0, 0.0]),
         line([0.0, 0.0], [0.0, 10.0]),
     ];
-    let quarter = drawing(vec![
-        (ViewKind::Front, half_circle()),
-        (ViewKind::Top, top),
-        (ViewKind::Side, side),
-    ]);
+    let quarter =
+        drawing(vec![(ViewKind::Front, half_circle()), (ViewKind::Top, top), (ViewKind::Side, side)]);
     let solution = only(&quarter);
     assert_eq!(solution.solid.faces_by_kind(), [2, 0, 0, 1, 0]);
     assert_near(solution.measures.volume, 1000.0 / 3.0 * PI, 1e-9);

@@ -1,8 +1,9 @@
 //! Surfaces of revolution about an axis that is parallel to a line of sight.
 //!
-//! A profile of the distance from the axis and the height along it, turned: a straight profile makes a cone, a circle whose centre lies on the axis a
-//! sphere, any other circle a torus. As all axes are parallel to lines of sight, a line of sight meets such a surface where it meets the profile, or
-//! the circle of its height: no equation of higher degree than two.
+//! A profile of the distance from the axis and the height along it, turned: a straight profile makes a cone,
+//! a circle whose centre lies on the axis a sphere, any other circle a torus. As all axes are parallel to
+//! lines of sight, a line of sight meets such a surface where it meets the profile, or the circle of its
+//! height: no equation of higher degree than two.
 
 use super::profile::Profile;
 use super::wall::{Extent, Side, across};
@@ -41,7 +42,8 @@ impl Turned {
         self.profile.value(self.on_profile(p))
     }
 
-    /// On which side of the wall a point is, where only one half of a tube is meant: beyond the tube's middle the wall goes on level.
+    /// On which side of the wall a point is, where only one half of a tube is meant: beyond the tube's middle
+    /// the wall goes on level.
     pub(crate) fn value_of(&self, side: Side, p: [f64; 3]) -> f64 {
         let at = self.on_profile(p);
         match (side, &self.profile) {
@@ -80,7 +82,9 @@ impl Turned {
         let at = self.on_profile(p);
         let meant = |distance: f64| match (side, &self.profile) {
             (Side::Both, _) | (_, Profile::Line { .. }) => distance >= 0.0,
-            (Side::Inner, Profile::Circle { center, .. }) => distance >= 0.0 && distance <= center[0] + touching,
+            (Side::Inner, Profile::Circle { center, .. }) => {
+                distance >= 0.0 && distance <= center[0] + touching
+            }
             (Side::Outer, Profile::Circle { center, .. }) => distance >= center[0] - touching,
         };
         if along == self.axis {
@@ -94,10 +98,7 @@ impl Turned {
         let mut found = Vec::new();
         for radius in self.profile.crossings(1, at[1], touching) {
             if meant(radius) {
-                let circle = Profile::Circle {
-                    center: self.center,
-                    radius,
-                };
+                let circle = Profile::Circle { center: self.center, radius };
                 found.extend(circle.crossings(known, value, touching));
             }
         }
@@ -130,7 +131,8 @@ impl Turned {
         let heights = ends[self.axis];
         match &self.profile {
             Profile::Line { .. } => {
-                let values = [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[i, j]| self.profile.value([radii[i], heights[j]]));
+                let values =
+                    [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[i, j]| self.profile.value([radii[i], heights[j]]));
                 values.iter().any(|v| *v > tolerance) && values.iter().any(|v| *v < -tolerance)
             }
             Profile::Circle { center, radius } => {
@@ -174,12 +176,9 @@ impl Turned {
         let at = |height: f64| self.point(0.0, [0.0, height]);
         let x = unit_of(across(self.axis)[0], 1.0);
         match self.profile {
-            Profile::Circle { center, radius } if center[0] == 0.0 => Surface::Sphere {
-                center: at(center[1]),
-                axis: unit_of(self.axis, 1.0),
-                x,
-                radius,
-            },
+            Profile::Circle { center, radius } if center[0] == 0.0 => {
+                Surface::Sphere { center: at(center[1]), axis: unit_of(self.axis, 1.0), x, radius }
+            }
             Profile::Circle { center, radius } => Surface::Torus {
                 center: at(center[1]),
                 axis: unit_of(self.axis, 1.0),

@@ -1,7 +1,8 @@
 //! Walls: candidate surfaces that no view sees edge-on.
 //!
-//! They are turned about an axis that is parallel to a line of sight ([`Turned`]), or planes and cylinders oblique to all of them ([`Oblique`]).
-//! The line of sight through a point meets either where a square root says.
+//! They are turned about an axis that is parallel to a line of sight ([`Turned`]), or planes and cylinders
+//! oblique to all of them ([`Oblique`]). The line of sight through a point meets either where a square root
+//! says.
 
 use super::oblique_wall::Oblique;
 use super::turned_wall::Turned;
@@ -65,7 +66,8 @@ impl Wall {
         }
     }
 
-    /// On which side of the wall a point is, where only one half of a tube or a sector of a cylinder is meant.
+    /// On which side of the wall a point is, where only one half of a tube or a sector of a cylinder is
+    /// meant.
     pub(crate) fn value_of(&self, side: Side, p: [f64; 3]) -> f64 {
         match self {
             Self::Turned(wall) => wall.value_of(side, p),
@@ -73,7 +75,8 @@ impl Wall {
         }
     }
 
-    /// Whether a point lies so near to the wall; where it goes on level beyond half a tube or the sector of an oblique one, it is no surface of the solid.
+    /// Whether a point lies so near to the wall; where it goes on level beyond half a tube or the sector of
+    /// an oblique one, it is no surface of the solid.
     pub(crate) fn is_near(&self, side: Side, p: [f64; 3], near: f64) -> bool {
         match self {
             Self::Turned(wall) => wall.is_meant(side, p) && wall.value(p).abs() < near,

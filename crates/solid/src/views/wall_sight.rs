@@ -39,7 +39,14 @@ impl Looks {
     }
 
     /// A look at a point in space, across the image of a direction through it.
-    pub(super) fn at_point(&mut self, cells: &Cells, drawing: &Drawing, view: usize, p: [f64; 3], tangent: [f64; 3]) {
+    pub(super) fn at_point(
+        &mut self,
+        cells: &Cells,
+        drawing: &Drawing,
+        view: usize,
+        p: [f64; 3],
+        tangent: [f64; 3],
+    ) {
         let axes = cells.plan.views[view].kind.axes();
         let at = [p[axes[0]], p[axes[1]]];
         let across = [-tangent[axes[1]], tangent[axes[0]]];
@@ -51,11 +58,7 @@ impl Looks {
         let Some(style) = style_near(cells, drawing, view, at, Some(normal)) else {
             return;
         };
-        let place = LookPlace {
-            view,
-            at,
-            curve: style.map(|s| s.1),
-        };
+        let place = LookPlace { view, at, curve: style.map(|s| s.1) };
         self.add(cells, place, style.map(|s| s.0), normal, 1e-5 * cells.plan.size);
     }
 
@@ -66,10 +69,7 @@ impl Looks {
             let Profile::Circle { center, radius } = wall.profile else {
                 return;
             };
-            for distance in [center[0] - radius, center[0] + radius]
-                .into_iter()
-                .filter(|r| *r > 0.0)
-            {
+            for distance in [center[0] - radius, center[0] + radius].into_iter().filter(|r| *r > 0.0) {
                 for k in 0..AROUND {
                     let angle = TAU * (k as f64 + 0.37) / AROUND as f64;
                     let p = wall.point(angle, [distance, center[1]]);
@@ -83,16 +83,13 @@ impl Looks {
         }
         // The profile on both sides of the axis.
         let sideways = if axes[0] == wall.axis { axes[1] } else { axes[0] };
-        let angle = if across(wall.axis)[0] == sideways {
-            0.0
-        } else {
-            TAU / 4.0
-        };
+        let angle = if across(wall.axis)[0] == sideways { 0.0 } else { TAU / 4.0 };
         let grid = &cells.plan.grid[wall.axis];
         let mut heights: Vec<f64> = Vec::new();
         for ends in grid.windows(2) {
             let inside = |e: &super::wall::Extent| {
-                e.bounds[wall.axis][0] < (ends[0] + ends[1]) / 2.0 && (ends[0] + ends[1]) / 2.0 < e.bounds[wall.axis][1]
+                e.bounds[wall.axis][0] < (ends[0] + ends[1]) / 2.0
+                    && (ends[0] + ends[1]) / 2.0 < e.bounds[wall.axis][1]
             };
             if wall.extents.iter().any(inside) {
                 heights.extend(SHARES.map(|s| ends[0] + s * (ends[1] - ends[0])));
@@ -112,11 +109,19 @@ impl Looks {
         }
     }
 
-    fn wall_crossings(&mut self, cells: &Cells, drawing: &Drawing, view: usize, cell: [usize; 3], of: (usize, Side)) {
+    fn wall_crossings(
+        &mut self,
+        cells: &Cells,
+        drawing: &Drawing,
+        view: usize,
+        cell: [usize; 3],
+        of: (usize, Side),
+    ) {
         let plan = cells.plan;
         let wall = &plan.walls[of.0];
         let (lo, hi) = plan.bounds(cell);
-        let inside = |p: &[f64; 3]| (0..3).all(|a| p[a] >= lo[a] - plan.tolerance && p[a] <= hi[a] + plan.tolerance);
+        let inside =
+            |p: &[f64; 3]| (0..3).all(|a| p[a] >= lo[a] - plan.tolerance && p[a] <= hi[a] + plan.tolerance);
         let sight = plan.views[view].kind.axes()[2];
         // With the box's faces that this view sees from the front.
         for value in [lo[sight], hi[sight]] {
@@ -164,13 +169,9 @@ impl Looks {
         // With other walls.
         for &(index, _) in plan.walls_in(cell).iter().filter(|w| (w.0 as usize) > of.0) {
             let second = &plan.walls[index as usize];
-            for shares in [
-                [0.1, 0.3, 0.5],
-                [0.5, 0.9, 0.3],
-                [0.9, 0.5, 0.7],
-                [0.4, 0.2, 0.9],
-                [0.7, 0.7, 0.1],
-            ] {
+            for shares in
+                [[0.1, 0.3, 0.5], [0.5, 0.9, 0.3], [0.9, 0.5, 0.7], [0.4, 0.2, 0.9], [0.7, 0.7, 0.1]]
+            {
                 let start = [0, 1, 2].map(|a| lo[a] + shares[a] * (hi[a] - lo[a]));
                 if let Some(p) = on_both(wall, second, start, plan.tolerance)
                     && inside(&p)

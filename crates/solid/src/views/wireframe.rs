@@ -1,7 +1,8 @@
 //! Points and straight edges in space that all three views show.
 //!
-//! Comes in: a drawing of three views. Goes out: points whose images are ends of curves in each view, and straight edges between them that are drawn,
-//! visible or hidden, in each. Only edges parallel to no axis are made: no others lie in planes oblique to all views.
+//! Comes in: a drawing of three views. Goes out: points whose images are ends of curves in each view, and
+//! straight edges between them that are drawn, visible or hidden, in each. Only edges parallel to no axis are
+//! made: no others lie in planes oblique to all views.
 //!
 //! Not guaranteed: that the solid has these edges; images of different edges may agree by chance.
 //!
@@ -43,11 +44,7 @@ impl Slanted {
     fn of(a: [f64; 2], b: [f64; 2], near: f64) -> Option<Self> {
         let length = distance(a, b);
         let slanted = (0..2).all(|k| (a[k] - b[k]).abs() > near);
-        slanted.then(|| Self {
-            from: a,
-            direction: [0, 1].map(|k| (b[k] - a[k]) / length),
-            length,
-        })
+        slanted.then(|| Self { from: a, direction: [0, 1].map(|k| (b[k] - a[k]) / length), length })
     }
 
     /// Along the line, and beside it.
@@ -58,7 +55,8 @@ impl Slanted {
     }
 }
 
-/// The points and edges of a drawing whose ends agree within a distance; none where it has not three views, or too many points.
+/// The points and edges of a drawing whose ends agree within a distance; none where it has not three views,
+/// or too many points.
 pub(super) fn wireframe(drawing: &Drawing, near: f64) -> Option<Wireframe> {
     let axes: Vec<[usize; 3]> = drawing.views.iter().map(|v| v.kind.axes()).collect();
     // Front, top and side, by the axis along which each is seen.
@@ -116,11 +114,7 @@ pub(super) fn wireframe(drawing: &Drawing, near: f64) -> Option<Wireframe> {
             }
         }
     }
-    Some(Wireframe {
-        points,
-        edges,
-        ends_curve,
-    })
+    Some(Wireframe { points, edges, ends_curve })
 }
 
 /// The straight lines of a view.
@@ -150,19 +144,20 @@ fn ends(drawing: &Drawing, view: usize, near: f64) -> Vec<End> {
                     end.of_slanted |= of_slanted;
                     end.of_curve |= of_curve;
                 }
-                None => found.push(End {
-                    at,
-                    of_slanted,
-                    of_curve,
-                }),
+                None => found.push(End { at, of_slanted, of_curve }),
             }
         }
     }
     found
 }
 
-/// Points in space of which each view shows an end, one of them of a slanted line; each with whether one is of a curve.
-fn points(ends: &[Vec<End>], [front, top, side]: [usize; 3], near: f64) -> Option<(Vec<[f64; 3]>, Vec<bool>)> {
+/// Points in space of which each view shows an end, one of them of a slanted line; each with whether one is
+/// of a curve.
+fn points(
+    ends: &[Vec<End>],
+    [front, top, side]: [usize; 3],
+    near: f64,
+) -> Option<(Vec<[f64; 3]>, Vec<bool>)> {
     let mut by_x: Vec<&End> = ends[top].iter().collect();
     by_x.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
     let mut by_y: Vec<&End> = ends[side].iter().collect();
@@ -213,11 +208,7 @@ fn is_covered(drawing: &Drawing, view: usize, a: [f64; 2], b: [f64; 2], near: f6
     if length < near {
         return true;
     }
-    let way = Slanted {
-        from: a,
-        direction: [0, 1].map(|k| (b[k] - a[k]) / length),
-        length,
-    };
+    let way = Slanted { from: a, direction: [0, 1].map(|k| (b[k] - a[k]) / length), length };
     let mut runs: Vec<[f64; 2]> = segments(drawing, view)
         .map(|(p, q)| [way.place(p), way.place(q)])
         .filter(|[p, q]| p[1].abs() < near && q[1].abs() < near)

@@ -28,9 +28,7 @@ fn refined(shape: Shape, seed: u64) -> Hierarchy {
 const SHAPES: [Shape; 4] = [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus];
 
 fn some_vertices(n: usize) -> Vec<[f64; 3]> {
-    (0..n)
-        .map(|i| [0, 1, 2].map(|d| hash01((3 * i + d) as u64 + 77)))
-        .collect()
+    (0..n).map(|i| [0, 1, 2].map(|d| hash01((3 * i + d) as u64 + 77))).collect()
 }
 
 #[test]
@@ -49,9 +47,7 @@ fn spaces_are_nested_and_refinement_is_exact() {
     for shape in SHAPES {
         let coarse = refined(shape, 5);
         let surface = Surface::new(coarse.clone().into(), some_vertices(coarse.node_count())).unwrap();
-        let some: Vec<usize> = (0..coarse.leaves().len())
-            .filter(|&l| hash01(l as u64 + 9) < 0.2)
-            .collect();
+        let some: Vec<usize> = (0..coarse.leaves().len()).filter(|&l| hash01(l as u64 + 9) < 0.2).collect();
         for fine in [coarse.refine(&some), coarse.refine_all()] {
             let carried = surface.refined(fine.into()).unwrap();
             for n in 0..2000_u64 {
@@ -72,10 +68,7 @@ fn surfaces_are_twice_continuously_differentiable_across_levels() {
         let surface = Surface::new(hierarchy.clone().into(), some_vertices(hierarchy.node_count())).unwrap();
         let h = 1e-9;
         for &cell in hierarchy.leaves() {
-            let (u, v) = (
-                f64::from(cell.i) * cell.side(),
-                (f64::from(cell.j) + 0.37) * cell.side(),
-            );
+            let (u, v) = (f64::from(cell.i) * cell.side(), (f64::from(cell.j) + 0.37) * cell.side());
             if u == 0.0 && !shape.periodic_u() {
                 continue;
             }
@@ -111,10 +104,7 @@ fn ball_has_one_point_and_one_tangent_plane_at_each_pole() {
                 assert!(jet.du[d].abs() < 1e-11);
             }
             let out_of_plane = planish_estimate::vector3::dot(jet.dv, normal);
-            assert!(
-                out_of_plane.abs() < 1e-12,
-                "derivative leaves the tangent plane by {out_of_plane}"
-            );
+            assert!(out_of_plane.abs() < 1e-12, "derivative leaves the tangent plane by {out_of_plane}");
         }
     }
 }
@@ -124,9 +114,8 @@ fn a_lone_split_cell_activates_no_function_but_a_whole_support_does() {
     let uniform = Hierarchy::uniform(Shape::Sheet, [8, 8]).unwrap();
     let (middle, _) = uniform.locate(4.5, 4.5);
     assert_eq!(uniform.refine(&[middle]).node_count(), uniform.node_count());
-    let block: Vec<usize> = [(4.5, 4.5), (3.5, 4.5), (4.5, 3.5), (3.5, 3.5)]
-        .map(|(u, v)| uniform.locate(u, v).0)
-        .to_vec();
+    let block: Vec<usize> =
+        [(4.5, 4.5), (3.5, 4.5), (4.5, 3.5), (3.5, 3.5)].map(|(u, v)| uniform.locate(u, v).0).to_vec();
     assert_eq!(uniform.refine(&block).node_count(), uniform.node_count() + 1);
 }
 

@@ -6,13 +6,9 @@ use rand_chacha::ChaCha8Rng;
 
 fn readings(n: usize, extent: [f64; 2], seed: u64) -> (Vec<[f64; 2]>, Vec<[f64; 3]>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let at: Vec<[f64; 2]> = (0..n)
-        .map(|_| [random.random::<f64>() * extent[0], random.random::<f64>() * extent[1]])
-        .collect();
-    let z = at
-        .iter()
-        .map(|&[u, v]| [u, v + 0.1 * u, random.random::<f64>()])
-        .collect();
+    let at: Vec<[f64; 2]> =
+        (0..n).map(|_| [random.random::<f64>() * extent[0], random.random::<f64>() * extent[1]]).collect();
+    let z = at.iter().map(|&[u, v]| [u, v + 0.1 * u, random.random::<f64>()]).collect();
     let w = (0..n).map(|_| 0.5 + random.random::<f64>()).collect();
     (at, z, w)
 }
@@ -34,16 +30,17 @@ fn by_weights(local: &[[f64; 2]], z: &[[f64; 3]], w: &[f64]) -> ([[f64; 16]; 16]
     (matrix, vector)
 }
 
-fn assert_same(found: &([[f64; 16]; 16], [[f64; 3]; 16]), wanted: &([[f64; 16]; 16], [[f64; 3]; 16]), scale: f64) {
+fn assert_same(
+    found: &([[f64; 16]; 16], [[f64; 3]; 16]),
+    wanted: &([[f64; 16]; 16], [[f64; 3]; 16]),
+    scale: f64,
+) {
     for k in 0..16 {
         for l in 0..16 {
             assert!((found.0[k][l] - wanted.0[k][l]).abs() < 1e-14 * scale, "entry {k}, {l}");
         }
         for d in 0..3 {
-            assert!(
-                (found.1[k][d] - wanted.1[k][d]).abs() < 1e-14 * scale,
-                "vector {k}, {d}"
-            );
+            assert!((found.1[k][d] - wanted.1[k][d]).abs() < 1e-14 * scale, "vector {k}, {d}");
         }
     }
 }
@@ -64,9 +61,8 @@ fn moments_of_one_cell_are_the_information_of_its_weights() {
 fn the_stream_gives_what_the_plain_path_gives_on_every_leaf() {
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus] {
         let uniform = Hierarchy::uniform(shape, [6, 5]).unwrap();
-        let marked: Vec<usize> = [(2.5, 2.5), (3.5, 2.5), (2.5, 3.5), (3.5, 3.5)]
-            .map(|(u, v)| uniform.locate(u, v).0)
-            .to_vec();
+        let marked: Vec<usize> =
+            [(2.5, 2.5), (3.5, 2.5), (2.5, 3.5), (3.5, 3.5)].map(|(u, v)| uniform.locate(u, v).0).to_vec();
         let space = Arc::new(uniform.refine(&marked));
         let (at, z, w) = readings(PART * PARTS + 3 * PART + 17, space.extent(), 2);
         let mut sums = PositionSums::new(&space);
@@ -117,12 +113,7 @@ fn sums_of_two_sessions_add_whatever_their_origins() {
     merged.merge(&other, 1.0).unwrap();
     assert_eq!(merged.count(), 1000);
     let (a, b) = (all.information(&system).unwrap(), merged.information(&system).unwrap());
-    for (a, b) in a
-        .values()
-        .iter()
-        .zip(b.values())
-        .chain(a.vector().iter().zip(b.vector()))
-    {
+    for (a, b) in a.values().iter().zip(b.values()).chain(a.vector().iter().zip(b.vector())) {
         assert!((a - b).abs() < 1e-11);
     }
     for d in 0..3 {
@@ -136,39 +127,23 @@ fn readings_that_cannot_be_used_are_named() {
     let mut sums = PositionSums::new(&space);
     sums.add(&[[1.0, 1.0]], &[[0.0; 3]], None).unwrap();
     for (at, z, w, words) in [
-        (
-            [4.1, 0.0],
-            [0.0; 3],
-            1.0,
-            "reading 0: needed parameters in [0, 4] × [0, 4], found (4.1, 0)",
-        ),
+        ([4.1, 0.0], [0.0; 3], 1.0, "reading 0: needed parameters in [0, 4] × [0, 4], found (4.1, 0)"),
         ([f64::NAN, 0.0], [0.0; 3], 1.0, "found (NaN, 0)"),
-        (
-            [0.0, 0.0],
-            [0.0, f64::INFINITY, 0.0],
-            1.0,
-            "reading 0: needed finite coordinates",
-        ),
+        ([0.0, 0.0], [0.0, f64::INFINITY, 0.0], 1.0, "reading 0: needed finite coordinates"),
         ([0.0, 0.0], [0.0; 3], -1.0, "not negative, found -1"),
     ] {
         let message = sums.add(&[at], &[z], Some(&[w])).unwrap_err().to_string();
         assert!(message.contains(words), "{message}");
     }
-    assert!(
-        sums.add(&[[0.0; 2]], &[], None)
-            .unwrap_err()
-            .to_string()
-            .contains("1 parameters, 0 positions")
-    );
+    assert!(sums.add(&[[0.0; 2]], &[], None).unwrap_err().to_string().contains("1 parameters, 0 positions"));
 }
 
 /// The metric of a sheet, and which coordinates are exact, come from this.
 #[test]
 fn the_affine_map_of_the_readings_is_found_whatever_their_cells() {
     let uniform = Hierarchy::uniform(Shape::Sheet, [6, 5]).unwrap();
-    let marked: Vec<usize> = [(2.5, 2.5), (3.5, 2.5), (2.5, 3.5), (3.5, 3.5)]
-        .map(|(u, v)| uniform.locate(u, v).0)
-        .to_vec();
+    let marked: Vec<usize> =
+        [(2.5, 2.5), (3.5, 2.5), (2.5, 3.5), (3.5, 3.5)].map(|(u, v)| uniform.locate(u, v).0).to_vec();
     let space = Arc::new(uniform.refine(&marked));
     let (at, mut z, w) = readings(5000, space.extent(), 5);
     let mut sums = PositionSums::new(&space);
@@ -185,8 +160,7 @@ fn the_affine_map_of_the_readings_is_found_whatever_their_cells() {
     }
     assert!(affine.unexplained_share[2] > 0.01);
     let mut line = PositionSums::new(&space);
-    line.add(&[[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]], &[[0.0; 3]; 3], None)
-        .unwrap();
+    line.add(&[[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]], &[[0.0; 3]; 3], None).unwrap();
     assert_eq!(line.affine(), None);
 }
 

@@ -1,12 +1,15 @@
-//! The belief of one patch: mean and dense covariance of its control vertices, updated one scalar measurement at a time.
+//! The belief of one patch: mean and dense covariance of its control vertices, updated one scalar measurement
+//! at a time.
 //!
-//! Comes in: rows `hᵀ x = z` with a variance, most of them sparse. Goes out: the updated belief and what the measurement said
-//! beyond what was expected. Columns of the mean share one covariance: three coordinates where noise has no direction.
+//! Comes in: rows `hᵀ x = z` with a variance, most of them sparse. Goes out: the updated belief and what the
+//! measurement said beyond what was expected. Columns of the mean share one covariance: three coordinates
+//! where noise has no direction.
 //!
 //! Not guaranteed: that a variance far below the rounding of the covariance is told from zero.
 //!
 //! # References
-//! Bucy, Joseph, *Filtering for stochastic processes with applications to guidance*, 1968 (the symmetric update).
+//! Bucy, Joseph, *Filtering for stochastic processes with applications to guidance*, 1968 (the symmetric
+//! update).
 
 use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
@@ -60,12 +63,7 @@ impl PatchBelief {
         if mean.iter().chain(&covariance).any(|x| !x.is_finite()) {
             return Err(Error::input("a patch's belief holds a number that is not finite"));
         }
-        let mut belief = Self {
-            dimension,
-            columns,
-            mean,
-            covariance,
-        };
+        let mut belief = Self { dimension, columns, mean, covariance };
         belief.symmetrize();
         Ok(belief)
     }
@@ -135,10 +133,7 @@ impl PatchBelief {
     pub(super) fn mean_of(&self, row: &[(u16, f64)]) -> [f64; 3] {
         let mut mean = [0.0; 3];
         for (column, m) in mean.iter_mut().enumerate().take(self.columns) {
-            *m = row
-                .iter()
-                .map(|&(i, w)| w * self.mean[usize::from(i) * self.columns + column])
-                .sum();
+            *m = row.iter().map(|&(i, w)| w * self.mean[usize::from(i) * self.columns + column]).sum();
         }
         mean
     }
@@ -201,9 +196,6 @@ impl PatchBelief {
                 *entry -= (k * sj + s * kj) - total * (k * kj);
             }
         }
-        Ok(Surprise {
-            residual,
-            variance: total,
-        })
+        Ok(Surprise { residual, variance: total })
     }
 }

@@ -1,15 +1,18 @@
 //! When a patch is divided: where its curvature varies, or where its readings surprise it.
 //!
-//! Comes in: Gaussian curvatures of a patch with their σ, and the squared normalised innovations of its readings by cell. Goes out:
-//! a [`SubdivisionReason`] or none.
+//! Comes in: Gaussian curvatures of a patch with their σ, and the squared normalised innovations of its
+//! readings by cell. Goes out: a [`SubdivisionReason`] or none.
 //!
-//! Curvature: `sd(K) / max(|K̄|, σ_K) > limit`, K taken at the middles of the sixteen cells (the paper's eq. 13 divides a variance by a
-//! mean: it has units and blows up at `K̄ = 0`). From `sd(K)²` the mean of σ_K² is taken off, unless that is switched off: curvature of
-//! second derivatives is badly known long after positions are well known, and what varies within its σ asks for no finer patches. Readings: over each 2 × 2 block of cells, the least on which a finer function lives, the
-//! sum of squared normalised innovations is χ² with one degree of freedom each; the block speaks when the sum is that many standard
-//! deviations too large (Wilson–Hilferty).
+//! Curvature: `sd(K) / max(|K̄|, σ_K) > limit`, K taken at the middles of the sixteen cells (the paper's eq.
+//! 13 divides a variance by a mean: it has units and blows up at `K̄ = 0`). From `sd(K)²` the mean of σ_K² is
+//! taken off, unless that is switched off: curvature of second derivatives is badly known long after
+//! positions are well known, and what varies within its σ asks for no finer patches. Readings: over each 2 ×
+//! 2 block of cells, the least on which a finer function lives, the sum of squared normalised innovations is
+//! χ² with one degree of freedom each; the block speaks when the sum is that many standard deviations too
+//! large (Wilson–Hilferty).
 //!
-//! Not guaranteed: that weak detail is found by its curvature before it is well measured; the readings' criterion finds it by numbers.
+//! Not guaranteed: that weak detail is found by its curvature before it is well measured; the readings'
+//! criterion finds it by numbers.
 //!
 //! # References
 //! Wang, Wang 1994, eq. 11–13; Wilson, Hilferty, *The distribution of chi-square*, PNAS 1931.
@@ -32,7 +35,8 @@ pub struct SubdivisionCriteria {
 }
 
 impl Default for SubdivisionCriteria {
-    /// The paper's limit of 0.5 beside a χ² of 3 standard deviations, on 24 scalar readings or more; noise is discounted.
+    /// The paper's limit of 0.5 beside a χ² of 3 standard deviations, on 24 scalar readings or more; noise is
+    /// discounted.
     fn default() -> Self {
         Self {
             curvature_variation: Some(0.5),
@@ -80,7 +84,8 @@ pub struct InnovationSum {
     pub far: u64,
 }
 
-/// Readings beyond the gate are gross errors where they are fewer than this share, and shape that the patch does not have where they are more.
+/// Readings beyond the gate are gross errors where they are fewer than this share, and shape that the patch
+/// does not have where they are more.
 const MOST_GROSS: f64 = 0.25;
 /// Fewer far readings are no shape.
 const LEAST_FAR: u64 = 6;
@@ -123,8 +128,8 @@ impl SubdivisionCriteria {
     }
 }
 
-/// `sd(K) / max(|K̄|, σ_K)` of Gaussian curvatures `[K, σ]`, σ_K the root mean square of the σ; of `sd(K)` what is beyond σ_K where noise is
-/// discounted. Of fewer than two it is 0.
+/// `sd(K) / max(|K̄|, σ_K)` of Gaussian curvatures `[K, σ]`, σ_K the root mean square of the σ; of `sd(K)`
+/// what is beyond σ_K where noise is discounted. Of fewer than two it is 0.
 #[must_use]
 pub fn curvature_variation(curvatures: &[[f64; 2]], discount_noise: bool) -> f64 {
     let n = curvatures.len() as f64;
@@ -159,17 +164,13 @@ fn worst_block(innovations: &[InnovationSum; 16], least: u64) -> f64 {
     worst
 }
 
-/// Gaussian curvature and its gradient by the five derivatives of a jet (`u, v, uu, uv, vv`); none where the surface is singular.
+/// Gaussian curvature and its gradient by the five derivatives of a jet (`u, v, uu, uv, vv`); none where the
+/// surface is singular.
 pub(super) fn gaussian_curvature(jet: &Jet) -> Option<(f64, [[f64; 3]; 5])> {
     let value = jet.curvature()?.gaussian();
     let mut gradient = [[0.0; 3]; 5];
     let first = jet.du.iter().chain(&jet.dv).fold(0.0_f64, |m, x| m.max(x.abs()));
-    let second = jet
-        .duu
-        .iter()
-        .chain(&jet.duv)
-        .chain(&jet.dvv)
-        .fold(1e-3 * first, |m, x| m.max(x.abs()));
+    let second = jet.duu.iter().chain(&jet.duv).chain(&jet.dvv).fold(1e-3 * first, |m, x| m.max(x.abs()));
     for (which, by) in gradient.iter_mut().enumerate() {
         let h = 1e-5 * if which < 2 { first } else { second };
         for (d, slope) in by.iter_mut().enumerate() {
@@ -225,9 +226,6 @@ mod tests {
         let (value, gradient) = gaussian_curvature(&jet).expect("a regular jet");
         assert!((value - 0.25).abs() < 1e-12);
         // K = (S_uu·n)(S_vv·n) / (EG): by S_uu,z it is S_vv,z; by S_u,x it is −2 K.
-        assert!(
-            (gradient[2][2] + 0.5).abs() < 1e-6 && (gradient[0][0] + 0.5).abs() < 1e-6,
-            "{gradient:?}"
-        );
+        assert!((gradient[2][2] + 0.5).abs() < 1e-6 && (gradient[0][0] + 0.5).abs() < 1e-6, "{gradient:?}");
     }
 }

@@ -1,9 +1,10 @@
 //! The filter itself: readings in, surface and σ out.
 //!
-//! Comes in: an initial surface, a prior, readings. Goes out: surfaces, variances, the list of what was divided and why.
+//! Comes in: an initial surface, a prior, readings. Goes out: surfaces, variances, the list of what was
+//! divided and why.
 //!
-//! Not guaranteed: a continuous surface from single patches; [`PatchFilter::surface`] joins them, weighing copies of a vertex by
-//! their variances (eq. 20 of the paper for single vertices).
+//! Not guaranteed: a continuous surface from single patches; [`PatchFilter::surface`] joins them, weighing
+//! copies of a vertex by their variances (eq. 20 of the paper for single vertices).
 
 use super::belief::{PatchBelief, Workspace};
 use super::criterion::{InnovationSum, SubdivisionCriteria, SubdivisionReason, gaussian_curvature};
@@ -23,13 +24,15 @@ use std::sync::Arc;
 /// What the unknowns of a patch are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum StateLayout {
-    /// The third coordinate of every vertex; the first two stay those of the initial surface. 49 unknowns: heights over a plan.
+    /// The third coordinate of every vertex; the first two stay those of the initial surface. 49 unknowns:
+    /// heights over a plan.
     Height,
     /// Three coordinates that share one covariance of 49 unknowns: positions whose noise has no direction.
     Isotropic,
-    /// Three coordinates that share one covariance of 49 unknowns: what is read along the surface's normal, where parameters are foot points. The
-    /// mean takes every reading exactly; the covariance takes it as one of all directions, which is right along the normal (as far as the
-    /// normal is the same all over a patch) and says nothing of motion within the surface, which only renames its points.
+    /// Three coordinates that share one covariance of 49 unknowns: what is read along the surface's normal,
+    /// where parameters are foot points. The mean takes every reading exactly; the covariance takes it as one
+    /// of all directions, which is right along the normal (as far as the normal is the same all over a patch)
+    /// and says nothing of motion within the surface, which only renames its points.
     Normal,
     /// 147 unknowns: every reading there is. Nine times the memory and work.
     Full,
@@ -55,18 +58,21 @@ pub struct PatchFilterOptions {
     pub maximum_depth: u8,
     /// Neighbours are not told what lowers a variance by less than this share.
     pub least_gain: f64,
-    /// Whether a patch that may yet be divided reckons with the detail that it cannot hold: positions then have the prior's
-    /// variance of that detail besides their own. Without it a patch takes detail for shape of its own and may be too sure of it, and so
-    /// may the children that inherit it; with it, patches that are never divided lose what the prior wrongly expects of detail. The
-    /// global filter over the same cells expects none.
+    /// Whether a patch that may yet be divided reckons with the detail that it cannot hold: positions then
+    /// have the prior's variance of that detail besides their own. Without it a patch takes detail for shape
+    /// of its own and may be too sure of it, and so may the children that inherit it; with it, patches that
+    /// are never divided lose what the prior wrongly expects of detail. The global filter over the same cells
+    /// expects none.
     pub expect_detail: bool,
-    /// Whether normals and curvatures are linearised at the initial surface and not at the estimate. Then every equation is linear, and the order of
-    /// readings makes no difference at all; but the surface must begin near its place.
+    /// Whether normals and curvatures are linearised at the initial surface and not at the estimate. Then
+    /// every equation is linear, and the order of readings makes no difference at all; but the surface must
+    /// begin near its place.
     pub linearize_at_initial: bool,
 }
 
 impl Default for PatchFilterOptions {
-    /// Isotropic, depth 3, a least gain of a millionth; detail is not expected, as the global filter does not.
+    /// Isotropic, depth 3, a least gain of a millionth; detail is not expected, as the global filter does
+    /// not.
     fn default() -> Self {
         Self {
             layout: StateLayout::Isotropic,
@@ -85,9 +91,11 @@ pub struct PatchUpdate {
     pub patch: Patch,
     /// Scalar equations.
     pub equations: usize,
-    /// `Σ e²/S`, distributed as χ² with as many degrees of freedom as equations where the filter is consistent.
+    /// `Σ e²/S`, distributed as χ² with as many degrees of freedom as equations where the filter is
+    /// consistent.
     pub normalized_squared: f64,
-    /// Whether it was taken in as it is: one beyond the gate is left out, or taken with doubt where most of its neighbours are beyond it, too.
+    /// Whether it was taken in as it is: one beyond the gate is left out, or taken with doubt where most of
+    /// its neighbours are beyond it, too.
     pub within_gate: bool,
 }
 
@@ -152,12 +160,13 @@ pub struct PatchFilter {
 impl PatchFilter {
     /// A filter whose mean is the initial surface.
     ///
-    /// Smoothness is meant in the metric of `metric`, which has the initial surface's space: [`super::parameter_plane`] for
-    /// the plain parametric energy of a sheet. Cost: the factor of the prior over the base grid.
+    /// Smoothness is meant in the metric of `metric`, which has the initial surface's space:
+    /// [`super::parameter_plane`] for the plain parametric energy of a sheet. Cost: the factor of the prior
+    /// over the base grid.
     ///
     /// # Errors
-    /// `Input` when the base grid is no multiple of 4 × 4 cells, is refined, or differs from that of the metric, or when the prior
-    /// is not proper.
+    /// `Input` when the base grid is no multiple of 4 × 4 cells, is refined, or differs from that of the
+    /// metric, or when the prior is not proper.
     pub fn new(
         initial: &Surface,
         metric: &Surface,
@@ -172,15 +181,18 @@ impl PatchFilter {
         Self::begin(initial, initial, metric, prior, options, None)
     }
 
-    /// A filter that goes on from a first fit: its mean is that surface, its covariance the inverse of `information`.
+    /// A filter that goes on from a first fit: its mean is that surface, its covariance the inverse of
+    /// `information`.
     ///
-    /// The surface's cells come in whole patches ([`super::patch_hierarchy`]), over the base grid of `metric`; `information` is that of one
-    /// coordinate over its nodes, prior and first readings together. Those readings must not come again. Every patch gets its part of the one
-    /// joint belief, so neighbours agree and have nothing to tell each other. Cost: one factor, and a solve for 49 columns a patch.
+    /// The surface's cells come in whole patches ([`super::patch_hierarchy`]), over the base grid of
+    /// `metric`; `information` is that of one coordinate over its nodes, prior and first readings together.
+    /// Those readings must not come again. Every patch gets its part of the one joint belief, so neighbours
+    /// agree and have nothing to tell each other. Cost: one factor, and a solve for 49 columns a patch.
     ///
     /// # Errors
-    /// As for [`Self::new`], and `Input` for cells that are no whole patches or deeper than the maximum depth, and heights, whose plan would be
-    /// that of the metric; `Undetermined` when the information is singular.
+    /// As for [`Self::new`], and `Input` for cells that are no whole patches or deeper than the maximum
+    /// depth, and heights, whose plan would be that of the metric; `Undetermined` when the information is
+    /// singular.
     pub fn from_first_fit(
         fitted: &Surface,
         metric: &Surface,
@@ -250,7 +262,9 @@ impl PatchFilter {
                 let mean = quadtree.coefficients(p, |leaf| *fitted.leaf_coefficients(leaf));
                 let mean = match options.layout {
                     StateLayout::Height => DMatrix::from_fn(VERTICES, 1, |k, _| mean[k][2]),
-                    StateLayout::Isotropic | StateLayout::Normal => DMatrix::from_fn(VERTICES, 3, |k, d| mean[k][d]),
+                    StateLayout::Isotropic | StateLayout::Normal => {
+                        DMatrix::from_fn(VERTICES, 3, |k, d| mean[k][d])
+                    }
                     StateLayout::Full => DMatrix::from_fn(3 * VERTICES, 1, |k, _| mean[k / 3][k % 3]),
                 };
                 Ok(Member {
@@ -289,7 +303,8 @@ impl PatchFilter {
         })
     }
 
-    /// The same filter with the full layout, which takes every kind of reading: what was learned stays, coordinates begin to be told apart.
+    /// The same filter with the full layout, which takes every kind of reading: what was learned stays,
+    /// coordinates begin to be told apart.
     ///
     /// # Errors
     /// `Unsupported` for a filter of heights, whose plan has no covariance.
@@ -363,14 +378,16 @@ impl PatchFilter {
         let of = |b: &PatchBelief| 8 * (b.mean().len() + b.covariance().len());
         self.members
             .iter()
-            .map(|m| of(&m.belief) + m.before.as_ref().map_or(0, of) + 8 * m.prior.len() + 24 * m.initial.len())
+            .map(|m| {
+                of(&m.belief) + m.before.as_ref().map_or(0, of) + 8 * m.prior.len() + 24 * m.initial.len()
+            })
             .sum()
     }
 
     /// Tells all patches what each has learned of its own since the last time, by the channel filter.
     ///
-    /// Cost: for each patch with new readings and each that it has something to tell, about a hundred thousand multiply-adds; it does not
-    /// depend on the number of readings.
+    /// Cost: for each patch with new readings and each that it has something to tell, about a hundred
+    /// thousand multiply-adds; it does not depend on the number of readings.
     ///
     /// # Errors
     /// `Undetermined` when readings without noise contradict each other.
@@ -380,11 +397,7 @@ impl PatchFilter {
             .iter_mut()
             .enumerate()
             .filter_map(|(patch, member)| {
-                Some(News {
-                    patch,
-                    before: member.before.take()?,
-                    after: member.belief.clone(),
-                })
+                Some(News { patch, before: member.before.take()?, after: member.belief.clone() })
             })
             .collect();
         let mut beliefs: Vec<&mut PatchBelief> = self.members.iter_mut().map(|m| &mut m.belief).collect();
@@ -397,7 +410,8 @@ impl PatchFilter {
         )
     }
 
-    /// Divides the patches that the criteria find, where they may be divided; says which and why. Neighbours are reconciled first.
+    /// Divides the patches that the criteria find, where they may be divided; says which and why. Neighbours
+    /// are reconciled first.
     ///
     /// # Errors
     /// As for [`Self::reconcile`].
@@ -447,8 +461,9 @@ impl PatchFilter {
         self.divide_for(reasons)
     }
 
-    /// Children inherit `α Σ αᵀ + Q` with all the readings in it. The other patches gain too: those beside them the detail that grading
-    /// had forbidden, and all a little, because the energy projection of new detail on coarse vertices reaches beyond it.
+    /// Children inherit `α Σ αᵀ + Q` with all the readings in it. The other patches gain too: those beside
+    /// them the detail that grading had forbidden, and all a little, because the energy projection of new
+    /// detail on coarse vertices reaches beyond it.
     fn divide_for(&mut self, reasons: Vec<Option<SubdivisionReason>>) -> Result<Vec<Subdivision>> {
         let marked: Vec<bool> = reasons.iter().map(Option::is_some).collect();
         if !marked.contains(&true) {
@@ -502,7 +517,8 @@ impl PatchFilter {
         Ok(divided)
     }
 
-    /// Gaussian curvature and its σ at the middles of the sixteen cells of a leaf patch; none where the surface is singular.
+    /// Gaussian curvature and its σ at the middles of the sixteen cells of a leaf patch; none where the
+    /// surface is singular.
     #[must_use]
     pub fn curvatures(&self, patch: usize) -> Option<[[f64; 2]; 16]> {
         let h = f64::from(1_u32 << self.quadtree.patches[patch].depth);
@@ -537,8 +553,8 @@ impl PatchFilter {
         self.variance_of_form(patch as usize, usize::from(cell), &form)
     }
 
-    /// The covariance that the sixteen coefficients of a leaf cell have, `16 × 16`, the same for every coordinate that is an unknown; none in
-    /// the full layout, where coordinates differ.
+    /// The covariance that the sixteen coefficients of a leaf cell have, `16 × 16`, the same for every
+    /// coordinate that is an unknown; none in the full layout, where coordinates differ.
     #[must_use]
     pub fn leaf_covariance(&self, leaf: usize) -> Option<Vec<f64>> {
         if self.options.layout == StateLayout::Full {
@@ -577,16 +593,11 @@ impl PatchFilter {
         let (leaf, [s, t]) = self.quadtree.space.locate(u, v);
         let (patch, cell) = self.quadtree.patch_of_leaf[leaf];
         let side = self.quadtree.space.leaves()[leaf].side();
-        jet_of(
-            &self.cell_coefficients(patch as usize, usize::from(cell)),
-            1.0 / side,
-            s,
-            t,
-        )
+        jet_of(&self.cell_coefficients(patch as usize, usize::from(cell)), 1.0 / side, s, t)
     }
 
-    /// The surface of all patches: copies of a vertex are weighed by one over their variances, so it is continuous to the second
-    /// derivative at any time, reconciled or not.
+    /// The surface of all patches: copies of a vertex are weighed by one over their variances, so it is
+    /// continuous to the second derivative at any time, reconciled or not.
     ///
     /// # Errors
     /// `Input` when a vertex is not finite.
@@ -645,10 +656,7 @@ impl PatchFilter {
     fn variance_of_form(&self, patch: usize, cell: usize, form: &[[f64; 3]; 16]) -> f64 {
         let belief = &self.members[patch].belief;
         let of = |d: usize| -> SparseRow {
-            form.iter()
-                .enumerate()
-                .map(|(k, f)| (vertex_of(cell, k) as u16, f[d]))
-                .collect()
+            form.iter().enumerate().map(|(k, f)| (vertex_of(cell, k) as u16, f[d])).collect()
         };
         let variance = match self.options.layout {
             StateLayout::Height => belief.variance_of(&of(2)),
@@ -672,11 +680,16 @@ fn expanded(matrix: &DMatrix<f64>, layout: StateLayout) -> DMatrix<f64> {
     }
 }
 
-/// For every depth the prior's variance, of one coordinate at a point, that patches of that depth cannot hold and those of the
-/// maximum depth can: a mean over the first base patch.
+/// For every depth the prior's variance, of one coordinate at a point, that patches of that depth cannot hold
+/// and those of the maximum depth can: a mean over the first base patch.
 ///
-/// It is measured where that patch is divided once; with every level it falls to a quarter, as thin plates in the plane have it.
-fn detail_variances(metric: &Surface, prior: SmoothnessPrior, options: &PatchFilterOptions) -> Result<Vec<f64>> {
+/// It is measured where that patch is divided once; with every level it falls to a quarter, as thin plates in
+/// the plane have it.
+fn detail_variances(
+    metric: &Surface,
+    prior: SmoothnessPrior,
+    options: &PatchFilterOptions,
+) -> Result<Vec<f64>> {
     let depths = usize::from(options.maximum_depth);
     if !options.expect_detail || depths == 0 {
         return Ok(vec![0.0; depths + 1]);

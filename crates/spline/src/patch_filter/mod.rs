@@ -1,8 +1,9 @@
-//! The patch filter: a quadtree of small patches, each with its own dense covariance, fed one reading at a time.
+//! The patch filter: a quadtree of small patches, each with its own dense covariance, fed one reading at a
+//! time.
 //!
-//! Comes in: an initial surface, a smoothness prior, readings at known parameters in any order, whenever they come. Goes out: a surface
-//! and its σ at any time. Memory is that of the patches, whatever the number of readings; a reading costs the same in the
-//! first minute and after years.
+//! Comes in: an initial surface, a smoothness prior, readings at known parameters in any order, whenever they
+//! come. Goes out: a surface and its σ at any time. Memory is that of the patches, whatever the number of
+//! readings; a reading costs the same in the first minute and after years.
 //!
 //! | module | what |
 //! |---|---|
@@ -15,13 +16,16 @@
 //! | criterion | when a patch is divided |
 //! | filter | the filter that is made of these |
 //!
-//! With one patch it is the global filter in covariance form. With more, a reading updates its own patch at once and the
-//! others at the next [`PatchFilter::reconcile`]; on a strip of patches that again is the global answer, and in a grid close to it.
+//! With one patch it is the global filter in covariance form. With more, a reading updates its own patch at
+//! once and the others at the next [`PatchFilter::reconcile`]; on a strip of patches that again is the global
+//! answer, and in a grid close to it.
 //!
-//! Not guaranteed: optimality in a grid of patches. What reaches a patch by several ways is taken in by one of them.
+//! Not guaranteed: optimality in a grid of patches. What reaches a patch by several ways is taken in by one
+//! of them.
 //!
 //! # References
-//! Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, CVGIP: Image Understanding 1994, sections 3.1 and 3.2.
+//! Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, CVGIP: Image Understanding
+//! 1994, sections 3.1 and 3.2.
 
 mod belief;
 mod criterion;

@@ -1,6 +1,8 @@
-//! One reading taken in: located, told as scalar rows, held against what was expected, and filtered into its patch.
+//! One reading taken in: located, told as scalar rows, held against what was expected, and filtered into its
+//! patch.
 //!
-//! Comes in: a [`SurfaceReading`]. Goes out: the patch's belief after it, and what the reading said that was not expected.
+//! Comes in: a [`SurfaceReading`]. Goes out: the patch's belief after it, and what the reading said that was
+//! not expected.
 //!
 //! Not guaranteed: that a gross error in a place where nothing is known yet is found.
 
@@ -33,23 +35,26 @@ struct Place {
 }
 
 impl PatchFilter {
-    /// Takes in one reading: its patch's belief is updated at once, in time and memory that do not depend on what came before.
+    /// Takes in one reading: its patch's belief is updated at once, in time and memory that do not depend on
+    /// what came before.
     ///
-    /// Cost: two to four thousand multiply-adds times three for [`StateLayout::Height`], [`StateLayout::Isotropic`] and
-    /// [`StateLayout::Normal`]; ten times that for every equation of [`StateLayout::Full`]. Neighbours hear of it at the next
-    /// [`Self::reconcile`].
+    /// Cost: two to four thousand multiply-adds times three for [`StateLayout::Height`],
+    /// [`StateLayout::Isotropic`] and [`StateLayout::Normal`]; ten times that for every equation of
+    /// [`StateLayout::Full`]. Neighbours hear of it at the next [`Self::reconcile`].
     ///
     /// # Errors
-    /// `Input` for numbers that are not finite, negative variances, directions that are no unit vectors; `Undetermined` where the
-    /// surface has no tangent plane for a normal, or the reading has no noise where there is no doubt left; `Unsupported` for readings
-    /// along a direction in an isotropic filter, and for positions in one along normals.
+    /// `Input` for numbers that are not finite, negative variances, directions that are no unit vectors;
+    /// `Undetermined` where the surface has no tangent plane for a normal, or the reading has no noise where
+    /// there is no doubt left; `Unsupported` for readings along a direction in an isotropic filter, and for
+    /// positions in one along normals.
     pub fn observe(&mut self, reading: &SurfaceReading) -> Result<PatchUpdate> {
         self.observe_within(reading, f64::INFINITY)
     }
 
-    /// [`Self::observe`], but a reading of which a number is more than `gate` standard deviations from what is expected is left out and
-    /// counted as far. Where more than a quarter of the readings of a cell are far they are no gross errors but shape that the patch does not
-    /// have: they are then taken in with as much doubt as they are far, and the criteria will have the patch divided.
+    /// [`Self::observe`], but a reading of which a number is more than `gate` standard deviations from what
+    /// is expected is left out and counted as far. Where more than a quarter of the readings of a cell are
+    /// far they are no gross errors but shape that the patch does not have: they are then taken in with as
+    /// much doubt as they are far, and the criteria will have the patch divided.
     ///
     /// # Errors
     /// As for [`Self::observe`].
@@ -81,11 +86,7 @@ impl PatchFilter {
             within_gate: true,
         };
         let member = &mut self.members[place.patch];
-        let far = if gate.is_finite() {
-            farthest(member, scalars, gate)
-        } else {
-            None
-        };
+        let far = if gate.is_finite() { farthest(member, scalars, gate) } else { None };
         if let Some(square) = far {
             update.within_gate = false;
             let sum = &mut member.innovations[place.cell];
@@ -113,13 +114,13 @@ impl PatchFilter {
     }
 
     /// The rows of a reading, written to `out`; how many.
-    fn scalar_rows(&self, reading: &SurfaceReading, place: Place, out: &mut [ScalarReading; 3]) -> Result<usize> {
-        let Place {
-            patch,
-            cell,
-            local,
-            side,
-        } = place;
+    fn scalar_rows(
+        &self,
+        reading: &SurfaceReading,
+        place: Place,
+        out: &mut [ScalarReading; 3],
+    ) -> Result<usize> {
+        let Place { patch, cell, local, side } = place;
         let (layout, member) = (self.options.layout, &self.members[patch]);
         let there = if self.options.linearize_at_initial {
             std::array::from_fn(|k| member.initial[vertex_of(cell, k)])
@@ -130,14 +131,16 @@ impl PatchFilter {
         let detail = self.detail_variance[usize::from(self.quadtree.patches[patch].depth)];
         let at = |k: usize| vertex_of(cell, k) as u16;
         let mut count = 0;
-        let mut add =
-            |value: [f64; 3], variance: f64, numbers: usize, entries: &mut dyn Iterator<Item = (u16, f64)>| {
-                let to = &mut out[count];
-                to.row.clear();
-                to.row.extend(entries);
-                (to.value, to.variance, to.numbers) = (value, variance, numbers);
-                count += 1;
-            };
+        let mut add = |value: [f64; 3],
+                       variance: f64,
+                       numbers: usize,
+                       entries: &mut dyn Iterator<Item = (u16, f64)>| {
+            let to = &mut out[count];
+            to.row.clear();
+            to.row.extend(entries);
+            (to.value, to.variance, to.numbers) = (value, variance, numbers);
+            count += 1;
+        };
         if layout == StateLayout::Normal {
             let mut offsets = [None; 3];
             reading.offsets(local, side, jet, &mut offsets)?;
@@ -173,15 +176,11 @@ impl PatchFilter {
                         let known = member.initial[vertex_of(cell, k)];
                         value -= f[0] * known[0] + f[1] * known[1];
                     }
-                    add(
-                        [value, 0.0, 0.0],
-                        variance,
-                        1,
-                        &mut (0..16).map(|k| (at(k), form[k][2])),
-                    );
+                    add([value, 0.0, 0.0], variance, 1, &mut (0..16).map(|k| (at(k), form[k][2])));
                 }
                 (StateLayout::Full, EquationKind::Form(form, value)) => {
-                    let mut entries = (0..16).flat_map(|k| (0..3).zip(form[k]).map(move |(d, f)| (3 * at(k) + d, f)));
+                    let mut entries =
+                        (0..16).flat_map(|k| (0..3).zip(form[k]).map(move |(d, f)| (3 * at(k) + d, f)));
                     add([value, 0.0, 0.0], variance, 1, &mut entries);
                 }
                 (StateLayout::Isotropic, EquationKind::Form(..)) => {
@@ -195,8 +194,8 @@ impl PatchFilter {
         Ok(count)
     }
 
-    /// The foot point of `z` on the surface as it is known, by damped Newton from `(u, v)`: [`crate::Surface::project`] without a surface being
-    /// made. Every patch answers for its own cells.
+    /// The foot point of `z` on the surface as it is known, by damped Newton from `(u, v)`:
+    /// [`crate::Surface::project`] without a surface being made. Every patch answers for its own cells.
     #[must_use]
     pub fn project(&self, z: [f64; 3], start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
         let space = &self.quadtree.space;
@@ -209,7 +208,8 @@ impl PatchFilter {
     }
 }
 
-/// The square of the largest residual where one is more than `gate` standard deviations from what is expected.
+/// The square of the largest residual where one is more than `gate` standard deviations from what is
+/// expected.
 fn farthest(member: &Member, scalars: &[ScalarReading], gate: f64) -> Option<f64> {
     let (mut worst, mut largest) = (0.0_f64, 0.0_f64);
     for scalar in scalars {

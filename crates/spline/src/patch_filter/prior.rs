@@ -1,7 +1,7 @@
 //! The smoothness prior that patch filter and global filter share.
 //!
-//! Comes in: a weight, a hold and the surface in whose metric smoothness is meant. Goes out: the prior's information over the
-//! nodes of a hierarchy, and from it the prior covariance of any patch's vertices.
+//! Comes in: a weight, a hold and the surface in whose metric smoothness is meant. Goes out: the prior's
+//! information over the nodes of a hierarchy, and from it the prior covariance of any patch's vertices.
 //!
 //! The departure `x` of each coordinate from the initial surface has the density `exp(−½ xᵀ Λ x)` with
 //!
@@ -9,9 +9,10 @@
 //! Λ = weight · (K + hold · M),    K = ∫ |∇∇f|² dA (thin plate),    M = ∫ f² dA.
 //! ```
 //!
-//! The hold makes the prior proper, which a filter in covariance form needs: without it planes would have infinite variance.
-//! Both forms are integrals over the same surface, so the prior of a coarse space is that of any finer one seen through the
-//! two-scale relation, `αᵀ Λ_f α = Λ_c`: exactly so where the metric is that of a plane.
+//! The hold makes the prior proper, which a filter in covariance form needs: without it planes would have
+//! infinite variance. Both forms are integrals over the same surface, so the prior of a coarse space is that
+//! of any finer one seen through the two-scale relation, `αᵀ Λ_f α = Λ_c`: exactly so where the metric is
+//! that of a plane.
 
 use super::quadtree::{Quadtree, VERTICES};
 use crate::energy::LeafEnergy;
@@ -30,8 +31,8 @@ use std::sync::Arc;
 pub struct SmoothnessPrior {
     /// Weight of the thin-plate energy: 1 over the model's unit squared, per unit of energy.
     pub weight: f64,
-    /// Weight of `∫ f² dA` beside that of the energy, in 1 over the metric's length to the fourth: features much longer
-    /// than `hold^(−1/4)` are held back.
+    /// Weight of `∫ f² dA` beside that of the energy, in 1 over the metric's length to the fourth: features
+    /// much longer than `hold^(−1/4)` are held back.
     pub hold: f64,
 }
 
@@ -51,7 +52,8 @@ impl SmoothnessPrior {
         )))
     }
 
-    /// The information `Λ` of one coordinate of the departure, over the nodes of a system: `b = 1`, three right-hand sides of zero.
+    /// The information `Λ` of one coordinate of the departure, over the nodes of a system: `b = 1`, three
+    /// right-hand sides of zero.
     ///
     /// `metric` is the surface in whose metric energies are taken: of the system's space, or coarser.
     ///
@@ -80,9 +82,9 @@ impl SmoothnessPrior {
     }
 }
 
-/// Where a surface is folded its metric is singular somewhere, and a quadrature point that happens to lie near it has an energy before which all
-/// others are rounding: so many times the median of all leaves is the most that one leaf is given. Those at a pole have some 10⁵ times as much
-/// and keep it.
+/// Where a surface is folded its metric is singular somewhere, and a quadrature point that happens to lie
+/// near it has an energy before which all others are rounding: so many times the median of all leaves is the
+/// most that one leaf is given. Those at a pole have some 10⁵ times as much and keep it.
 const STIFFEST_LEAF: f64 = 1e7;
 
 fn trace(leaf: &LeafEnergy) -> f64 {
@@ -117,8 +119,8 @@ pub fn parameter_plane(space: &Arc<Hierarchy>) -> Result<Surface> {
 
 /// Covariances of patches' vertices, from information over nodes.
 ///
-/// The vertices of a patch are coupled in the pattern, so Takahashi's equations find all their covariances: two to three times the work of one
-/// factor, where a solve for each patch would be a hundred times that.
+/// The vertices of a patch are coupled in the pattern, so Takahashi's equations find all their covariances:
+/// two to three times the work of one factor, where a solve for each patch would be a hundred times that.
 pub(super) struct PatchCovariances {
     inverse: SelectedInverse,
 }
@@ -139,9 +141,7 @@ impl PatchCovariances {
         let ordering = NodeOrdering::nested_dissection(&pattern, space.node_anchors())?;
         let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
         let factor = CholeskyFactor::factorize(&symbolic, &information.on_pattern(&pattern)?)?;
-        Ok(Self {
-            inverse: SelectedInverse::new(&factor),
-        })
+        Ok(Self { inverse: SelectedInverse::new(&factor) })
     }
 
     /// `E Λ⁻¹ Eᵀ` with the patch's extraction `E`.
@@ -151,13 +151,11 @@ impl PatchCovariances {
         let between = (self.inverse.dense(&nodes))
             .ok_or_else(|| Error::undetermined(format!("patch {patch} has no covariance")))?;
         let extraction = DMatrix::from_fn(VERTICES, nodes.len(), |r, c| {
-            rows[r]
-                .iter()
-                .find(|(node, _)| *node == nodes[c])
-                .map_or(0.0, |(_, w)| *w)
+            rows[r].iter().find(|(node, _)| *node == nodes[c]).map_or(0.0, |(_, w)| *w)
         });
-        let covariance =
-            &extraction * DMatrix::from_row_slice(nodes.len(), nodes.len(), &between) * extraction.transpose();
+        let covariance = &extraction
+            * DMatrix::from_row_slice(nodes.len(), nodes.len(), &between)
+            * extraction.transpose();
         Ok(0.5 * (&covariance + covariance.transpose()))
     }
 }

@@ -1,14 +1,16 @@
 //! The quadtree of leaf patches over a hierarchy, and what neighbouring patches share.
 //!
-//! Comes in: a [`Hierarchy`] whose leaf cells come in blocks of 4 × 4. Goes out: the patches, each with its 7 × 7 coefficients, and
-//! for every two neighbours the shared linear functions of both.
+//! Comes in: a [`Hierarchy`] whose leaf cells come in blocks of 4 × 4. Goes out: the patches, each with its 7
+//! × 7 coefficients, and for every two neighbours the shared linear functions of both.
 //!
-//! The control vertices of a patch fall in nine classes: one of its own in the middle, those shared with one neighbour across an edge
-//! (north, south, east, west), and those that are also shared across a corner. Two patches of one level share 7 × 3 vertices across
-//! an edge and 3 × 3 across a corner. Where the neighbour is one level coarser, the three outer layers of the finer patch
-//! are the subdivided vertices of the coarser one: 15 numbers of the coarser patch make 21 of the finer.
+//! The control vertices of a patch fall in nine classes: one of its own in the middle, those shared with one
+//! neighbour across an edge (north, south, east, west), and those that are also shared across a corner. Two
+//! patches of one level share 7 × 3 vertices across an edge and 3 × 3 across a corner. Where the neighbour is
+//! one level coarser, the three outer layers of the finer patch are the subdivided vertices of the coarser
+//! one: 15 numbers of the coarser patch make 21 of the finer.
 //!
-//! Not guaranteed: shared functions of neighbours across the pole of a ball; their patches share the pole through those beside them.
+//! Not guaranteed: shared functions of neighbours across the pole of a ball; their patches share the pole
+//! through those beside them.
 
 use crate::hierarchy::{Cell, Hierarchy};
 use nalgebra::DMatrix;
@@ -46,15 +48,12 @@ impl Patch {
 
     /// The patch of which this is a quarter.
     pub(super) fn parent(self) -> Option<Self> {
-        Some(Self {
-            depth: self.depth.checked_sub(1)?,
-            i: self.i / 2,
-            j: self.j / 2,
-        })
+        Some(Self { depth: self.depth.checked_sub(1)?, i: self.i / 2, j: self.j / 2 })
     }
 }
 
-/// Which neighbours of the same size hold a control vertex too: the nine classes of a patch's vertices, and what lies between.
+/// Which neighbours of the same size hold a control vertex too: the nine classes of a patch's vertices, and
+/// what lies between.
 ///
 /// # Examples
 /// ```
@@ -118,7 +117,8 @@ pub(super) struct Quadtree {
     leaves: Vec<[u32; 16]>,
 }
 
-/// The coarsest hierarchy of whole patches whose cells are nowhere coarser than those of a hierarchy over the same base grid.
+/// The coarsest hierarchy of whole patches whose cells are nowhere coarser than those of a hierarchy over the
+/// same base grid.
 ///
 /// # Errors
 /// `Input` when the base grid is no multiple of 4 × 4 cells.
@@ -176,14 +176,8 @@ impl Quadtree {
             }
             leaves.push(own);
         }
-        let mut made = Self {
-            space,
-            patches,
-            patch_of_leaf,
-            separators: Vec::new(),
-            separators_of: Vec::new(),
-            leaves,
-        };
+        let mut made =
+            Self { space, patches, patch_of_leaf, separators: Vec::new(), separators_of: Vec::new(), leaves };
         made.find_separators();
         Ok(made)
     }
@@ -346,8 +340,8 @@ impl Side {
         }
     }
 
-    /// What a patch shares with the coarser neighbour beyond this side: vertices of the coarser, recovered from the finer by the
-    /// left inverse of the two-scale relation.
+    /// What a patch shares with the coarser neighbour beyond this side: vertices of the coarser, recovered
+    /// from the finer by the left inverse of the two-scale relation.
     fn separator(self, coarser: u32, finer: u32, patch: Patch) -> Separator {
         let across = DMatrix::from_row_slice(3, 3, &[0.5, 0.5, 0.0, 0.125, 0.75, 0.125, 0.0, 0.5, 0.5]);
         let along = two_scale_rows();
@@ -381,10 +375,7 @@ impl Side {
                 rows[1].push(of_finer);
             }
         }
-        Separator {
-            patches: [coarser, finer],
-            rows,
-        }
+        Separator { patches: [coarser, finer], rows }
     }
 }
 
@@ -405,7 +396,8 @@ fn two_scale_rows() -> DMatrix<f64> {
     rows
 }
 
-/// The 49 vertices of a quarter of a patch from the patch's own 49 (the two-scale relation), `half` telling which quarter.
+/// The 49 vertices of a quarter of a patch from the patch's own 49 (the two-scale relation), `half` telling
+/// which quarter.
 pub(super) fn quarter_matrix(half: [usize; 2]) -> DMatrix<f64> {
     let along = two_scale_rows();
     let mut alpha = DMatrix::zeros(VERTICES, VERTICES);

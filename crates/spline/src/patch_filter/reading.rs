@@ -11,17 +11,21 @@
 //! | normal `n` | `n · t1 = 0`, `n · t2 = 0` |
 //! | principal curvatures | `n · S_ab = II_ab` for ab = 11, 12, 22 with `II = κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` |
 //!
-//! Derivatives of normals and curvatures are taken along an orthonormal tangent frame `t1 ∥ S_u`, `t2` of the surface as it is known: the
-//! equations of S_u and S_v (or of uu, uv, vv) in another basis, in which the noise of a normal or of a curvature matrix is independent.
-//! Equations are linearised at the estimate with their whole gradient. For a normal, `g = n · t` with the *unit* tangent t:
-//! `∂g = (n · N) N · ∂S_t` with the surface's own normal N. A gradient of `n` alone, or a length |S_u| that is frozen and not differentiated, would
-//! reward a surface that shrinks: noise of the normals times a shorter tangent is a smaller residual, which made a sphere measured to 12 % by 1 %
-//! too small. For curvatures `g = n · S_ab − S_aᵀ II S_b`, tangents included. What the estimate was off by shows in second order.
+//! Derivatives of normals and curvatures are taken along an orthonormal tangent frame `t1 ∥ S_u`, `t2` of the
+//! surface as it is known: the equations of S_u and S_v (or of uu, uv, vv) in another basis, in which the
+//! noise of a normal or of a curvature matrix is independent. Equations are linearised at the estimate with
+//! their whole gradient. For a normal, `g = n · t` with the *unit* tangent t: `∂g = (n · N) N · ∂S_t` with
+//! the surface's own normal N. A gradient of `n` alone, or a length |S_u| that is frozen and not
+//! differentiated, would reward a surface that shrinks: noise of the normals times a shorter tangent is a
+//! smaller residual, which made a sphere measured to 12 % by 1 % too small. For curvatures
+//! `g = n · S_ab − S_aᵀ II S_b`, tangents included. What the estimate was off by shows in second order.
 //!
-//! Not guaranteed: a good linearisation where the surface is far from its place; positions before normals, normals before curvatures.
+//! Not guaranteed: a good linearisation where the surface is far from its place; positions before normals,
+//! normals before curvatures.
 //!
 //! # References
-//! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, §3.3; Wang, Wang 1994, eq. 3–7 (which hold at unit speed only).
+//! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, §3.3; Wang, Wang 1994, eq. 3–7 (which hold
+//! at unit speed only).
 
 use crate::base::symmetric_eigen;
 use crate::basis::cubic;
@@ -138,20 +142,13 @@ impl SurfaceReading {
                 let (_, values) = symmetric_eigen(*covariance);
                 (finite(point) && finite(covariance), values[2], &[])
             }
-            Self::Along {
-                direction,
-                value,
-                variance,
-                ..
-            } => (value.is_finite(), *variance, std::slice::from_ref(direction)),
+            Self::Along { direction, value, variance, .. } => {
+                (value.is_finite(), *variance, std::slice::from_ref(direction))
+            }
             Self::Normal { normal, sigma_rad, .. } => (true, *sigma_rad, std::slice::from_ref(normal)),
-            Self::Curvature {
-                principal,
-                directions,
-                normal,
-                sigma,
-                ..
-            } => (finite(principal) && is_unit(normal), *sigma, directions),
+            Self::Curvature { principal, directions, normal, sigma, .. } => {
+                (finite(principal) && is_unit(normal), *sigma, directions)
+            }
         };
         if !values || !finite(&self.parameters()) {
             return Err(Error::input("a reading holds a number that is not finite"));
@@ -167,8 +164,8 @@ impl SurfaceReading {
         }
     }
 
-    /// The equations at local coordinates of a cell of that side; `jet` gives the surface there as it is known. They are written to
-    /// `out`, none behind the last.
+    /// The equations at local coordinates of a cell of that side; `jet` gives the surface there as it is
+    /// known. They are written to `out`, none behind the last.
     pub(super) fn equations(
         &self,
         [s, t]: [f64; 2],
@@ -189,20 +186,10 @@ impl SurfaceReading {
             Self::PositionWithCovariance { point, covariance, .. } => {
                 let (axes, values) = symmetric_eigen(covariance);
                 for ((to, axis), value) in out.iter_mut().zip(axes).zip(values) {
-                    *to = Some(Equation::along(
-                        leaf_weights(s, t),
-                        axis,
-                        dot(axis, point),
-                        value.max(0.0),
-                    ));
+                    *to = Some(Equation::along(leaf_weights(s, t), axis, dot(axis, point), value.max(0.0)));
                 }
             }
-            Self::Along {
-                direction,
-                value,
-                variance,
-                ..
-            } => {
+            Self::Along { direction, value, variance, .. } => {
                 out[0] = Some(Equation::along(leaf_weights(s, t), direction, value, variance));
             }
             Self::Normal { normal, sigma_rad, .. } => {
@@ -211,7 +198,8 @@ impl SurfaceReading {
                 let facing = dot(normal, own);
                 for ((to, along), tangent) in out.iter_mut().zip(frame.from_parameters).zip(frame.tangents) {
                     let weights = first_derivative([s, t], side, along);
-                    // A tangent turns by the normal part of its derivative's change; its length has no part in it.
+                    // A tangent turns by the normal part of its derivative's change; its length has no part
+                    // in it.
                     *to = Some(Equation {
                         sees_detail: 0.0,
                         ..Equation::along(
@@ -223,13 +211,7 @@ impl SurfaceReading {
                     });
                 }
             }
-            Self::Curvature {
-                normal,
-                principal,
-                directions,
-                sigma,
-                ..
-            } => {
+            Self::Curvature { normal, principal, directions, sigma, .. } => {
                 let frame = TangentFrame::of(&jet())?;
                 let bend = |t: [f64; 3]| -> [f64; 3] {
                     let along = [0, 1].map(|k| principal[k] * dot(directions[k], t));
@@ -237,10 +219,13 @@ impl SurfaceReading {
                 };
                 let first = frame.from_parameters.map(|along| first_derivative([s, t], side, along));
                 for (to, [a, b]) in out.iter_mut().zip([[0, 0], [0, 1], [1, 1]]) {
-                    let second = second_derivative([s, t], side, frame.from_parameters[a], frame.from_parameters[b]);
+                    let second =
+                        second_derivative([s, t], side, frame.from_parameters[a], frame.from_parameters[b]);
                     let [bent_a, bent_b] = [a, b].map(|k| bend(frame.tangents[k]));
                     let form = std::array::from_fn(|k| {
-                        [0, 1, 2].map(|d| second[k] * normal[d] - first[a][k] * bent_b[d] - first[b][k] * bent_a[d])
+                        [0, 1, 2].map(|d| {
+                            second[k] * normal[d] - first[a][k] * bent_b[d] - first[b][k] * bent_a[d]
+                        })
                     });
                     *to = Some(Equation {
                         what: EquationKind::Form(form, -dot(frame.tangents[a], bent_b)),
@@ -265,8 +250,9 @@ pub(super) struct Offset {
 }
 
 impl SurfaceReading {
-    /// What a reading says of the surface along one direction, with the rows of [`TangentRows`]: vertices move along the normal, and motion
-    /// within the surface neither turns nor bends it. Written to `out`, none behind the last.
+    /// What a reading says of the surface along one direction, with the rows of [`TangentRows`]: vertices
+    /// move along the normal, and motion within the surface neither turns nor bends it. Written to `out`,
+    /// none behind the last.
     pub(super) fn offsets(
         &self,
         local: [f64; 2],
@@ -278,12 +264,7 @@ impl SurfaceReading {
         *out = [None; 3];
         let rows = || TangentRows::new(&jet(), 1.0 / side, local).ok_or_else(no_tangent_plane);
         match *self {
-            Self::Along {
-                direction,
-                value,
-                variance,
-                ..
-            } => {
+            Self::Along { direction, value, variance, .. } => {
                 out[0] = Some(Offset {
                     weights: leaf_weights(local[0], local[1]),
                     direction,
@@ -304,15 +285,11 @@ impl SurfaceReading {
                     });
                 }
             }
-            Self::Curvature {
-                principal,
-                directions,
-                sigma,
-                ..
-            } => {
+            Self::Curvature { principal, directions, sigma, .. } => {
                 let rows = rows()?;
                 let bend = rows.bend(&tensor_of(principal, directions));
-                for (((to, weights), residual), share) in out.iter_mut().zip(rows.bends).zip(bend).zip([1.0, 0.5, 1.0])
+                for (((to, weights), residual), share) in
+                    out.iter_mut().zip(rows.bends).zip(bend).zip([1.0, 0.5, 1.0])
                 {
                     *to = Some(Offset {
                         weights,

@@ -1,29 +1,32 @@
 //! Reconciliation of neighbouring patches at what they share, without counting anything twice.
 //!
-//! Comes in: what a patch believed of the shared vertices before and after its own readings. Goes out: a [`Message`], the
-//! *new* information alone, and the neighbour's belief after it. This is the channel filter: information that both had in
-//! common, the prior and what was inherited from one parent, cancels in the difference.
+//! Comes in: what a patch believed of the shared vertices before and after its own readings. Goes out: a
+//! [`Message`], the *new* information alone, and the neighbour's belief after it. This is the channel filter:
+//! information that both had in common, the prior and what was inherited from one parent, cancels in the
+//! difference.
 //!
-//! With `s = G x` the shared vertices, `(Σ⁻, μ⁻)` and `(Σ⁺, μ⁺)` what the sender believes of them before and after, the new information is
-//! `Λ = (Σ⁺)⁻¹ − (Σ⁻)⁻¹`. It is found in the whitened frame of `Σ⁻ = L Lᵀ`, where `L⁻¹ (Σ⁻ − Σ⁺) L⁻ᵀ` has eigenvalues
-//! `γ ∈ [0, 1)` with vectors `q`: each is one scalar reading
+//! With `s = G x` the shared vertices, `(Σ⁻, μ⁻)` and `(Σ⁺, μ⁺)` what the sender believes of them before and
+//! after, the new information is `Λ = (Σ⁺)⁻¹ − (Σ⁻)⁻¹`. It is found in the whitened frame of `Σ⁻ = L Lᵀ`,
+//! where `L⁻¹ (Σ⁻ − Σ⁺) L⁻ᵀ` has eigenvalues `γ ∈ [0, 1)` with vectors `q`: each is one scalar reading
 //!
 //! ```text
 //! qᵀL⁻¹ s = qᵀL⁻¹ (μ⁻ + (μ⁺ − μ⁻)/γ),    variance (1 − γ)/γ,
 //! ```
 //!
-//! independent of the others. The receiver takes them in as it takes in any reading, so its interior moves with the shared vertices:
-//! mean by `Σ_is Σ_ss⁻¹ δ`, cross covariance and own covariance too. That is eq. 20–22 of the paper with three corrections: what is common
-//! is removed first (eq. 21 as printed halves the variance of two children that hold the same information); the cross term is
-//! `Σ_ii,ij (Σ_i + Σ_j)⁻¹ Σ_j` (eq. 22 as printed is transposed and gives indefinite covariances); and the interior is updated (as printed it
-//! is not).
+//! independent of the others. The receiver takes them in as it takes in any reading, so its interior moves
+//! with the shared vertices: mean by `Σ_is Σ_ss⁻¹ δ`, cross covariance and own covariance too. That is eq.
+//! 20–22 of the paper with three corrections: what is common is removed first (eq. 21 as printed halves the
+//! variance of two children that hold the same information); the cross term is `Σ_ii,ij (Σ_i + Σ_j)⁻¹ Σ_j`
+//! (eq. 22 as printed is transposed and gives indefinite covariances); and the interior is updated (as
+//! printed it is not).
 //!
-//! Not guaranteed: optimality where patches form a loop. On a chain of patches, messages carry all there is; in a grid each
-//! reading reaches each patch once, by one way, and what would come by other ways is left out.
+//! Not guaranteed: optimality where patches form a loop. On a chain of patches, messages carry all there is;
+//! in a grid each reading reaches each patch once, by one way, and what would come by other ways is left out.
 //!
 //! # References
-//! Grime, Durrant-Whyte, *Data fusion in decentralized sensor networks*, Control Engineering Practice 1994 (channel filter);
-//! Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, 1994, eq. 19–22.
+//! Grime, Durrant-Whyte, *Data fusion in decentralized sensor networks*, Control Engineering Practice 1994
+//! (channel filter); Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, 1994, eq.
+//! 19–22.
 
 use super::belief::{PatchBelief, Workspace};
 use super::quadtree::{Quadtree, SparseRow};
@@ -31,7 +34,8 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::Result;
 use std::collections::VecDeque;
 
-/// Directions in which the sender is surer than this share of its largest variance are left out: rounding rules there.
+/// Directions in which the sender is surer than this share of its largest variance are left out: rounding
+/// rules there.
 const LEAST_VARIANCE: f64 = 1e-11;
 
 /// New information about shared vertices: independent scalar readings of them.
@@ -49,8 +53,8 @@ struct SharedReading {
 }
 
 impl Message {
-    /// What the sender learned of the shared functions `rows` between two of its beliefs; shares of variance below `least_gain` are
-    /// left out. Cost: two symmetric eigenproblems of the size of what is shared.
+    /// What the sender learned of the shared functions `rows` between two of its beliefs; shares of variance
+    /// below `least_gain` are left out. Cost: two symmetric eigenproblems of the size of what is shared.
     pub fn between(before: &PatchBelief, after: &PatchBelief, rows: &[SparseRow], least_gain: f64) -> Self {
         let old = shared_covariance(before, rows);
         let lost = &old - shared_covariance(after, rows);
@@ -59,9 +63,8 @@ impl Message {
         }
         let eigen = old.symmetric_eigen();
         let largest = eigen.eigenvalues.amax();
-        let kept: Vec<usize> = (0..rows.len())
-            .filter(|&k| eigen.eigenvalues[k] > LEAST_VARIANCE * largest)
-            .collect();
+        let kept: Vec<usize> =
+            (0..rows.len()).filter(|&k| eigen.eigenvalues[k] > LEAST_VARIANCE * largest).collect();
         // W = D^−½ Uᵀ whitens the sender's earlier belief.
         let whiten = DMatrix::from_fn(kept.len(), rows.len(), |r, c| {
             eigen.eigenvectors[(c, kept[r])] / eigen.eigenvalues[kept[r]].sqrt()
@@ -79,11 +82,7 @@ impl Message {
                         let old = at(&mean, c);
                         *v = old + (at(&moved, c) - old) / gain;
                     }
-                    SharedReading {
-                        row: row.as_slice().to_vec(),
-                        value,
-                        variance: (1.0 - gain) / gain,
-                    }
+                    SharedReading { row: row.as_slice().to_vec(), value, variance: (1.0 - gain) / gain }
                 })
             })
             .collect();
@@ -105,11 +104,8 @@ impl Message {
                     dense[usize::from(index)] += weight * w;
                 }
             }
-            let row: SparseRow = (0..)
-                .zip(&dense)
-                .filter(|(_, w)| **w != 0.0)
-                .map(|(k, &w)| (k, w))
-                .collect();
+            let row: SparseRow =
+                (0..).zip(&dense).filter(|(_, w)| **w != 0.0).map(|(k, &w)| (k, w)).collect();
             to.update(&row, reading.value, reading.variance, workspace)?;
         }
         Ok(())
@@ -138,10 +134,7 @@ fn shared_covariance(belief: &PatchBelief, rows: &[SparseRow]) -> DMatrix<f64> {
 fn shared_mean(belief: &PatchBelief, rows: &[SparseRow]) -> DMatrix<f64> {
     let columns = belief.columns();
     DMatrix::from_fn(rows.len(), columns, |r, c| {
-        rows[r]
-            .iter()
-            .map(|&(k, w)| w * belief.mean()[usize::from(k) * columns + c])
-            .sum()
+        rows[r].iter().map(|&(k, w)| w * belief.mean()[usize::from(k) * columns + c]).sum()
     })
 }
 
@@ -159,10 +152,11 @@ pub(super) struct News {
     pub after: PatchBelief,
 }
 
-/// Carries what patches learned of their own to all others, each by one way: breadth first from where it was learned.
+/// Carries what patches learned of their own to all others, each by one way: breadth first from where it was
+/// learned.
 ///
-/// Beliefs already hold their own patch's readings. Every message is made from the receiver's belief as it passes, so what
-/// reaches a patch by a neighbour is weakened by what lies between.
+/// Beliefs already hold their own patch's readings. Every message is made from the receiver's belief as it
+/// passes, so what reaches a patch by a neighbour is weakened by what lies between.
 pub(super) fn spread(
     quadtree: &Quadtree,
     beliefs: &mut [&mut PatchBelief],
@@ -182,7 +176,8 @@ pub(super) fn spread(
     let mut reached = vec![usize::MAX; beliefs.len()];
     for (number, learned) in news.iter().enumerate() {
         reached[learned.patch] = number;
-        let mut queue: VecDeque<(usize, PatchBelief)> = VecDeque::from([(learned.patch, learned.before.clone())]);
+        let mut queue: VecDeque<(usize, PatchBelief)> =
+            VecDeque::from([(learned.patch, learned.before.clone())]);
         while let Some((from, before)) = queue.pop_front() {
             for &separator in &quadtree.separators_of[from] {
                 let pair = quadtree.separators[separator as usize].patches;
@@ -191,11 +186,7 @@ pub(super) fn spread(
                 if reached[to] == number {
                     continue;
                 }
-                let after = if from == learned.patch {
-                    &learned.after
-                } else {
-                    &*beliefs[from]
-                };
+                let after = if from == learned.patch { &learned.after } else { &*beliefs[from] };
                 let rows = &rows[separator as usize];
                 let message = Message::between(&before, after, &rows[side], least_gain);
                 if message.is_empty() {

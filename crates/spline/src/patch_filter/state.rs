@@ -1,7 +1,7 @@
 //! A patch filter as plain numbers, to be saved and resumed.
 //!
-//! Comes in: a [`PatchFilter`]. Goes out: a [`PatchFilterState`] that holds all of it, and the filter again, which goes on as
-//! if nothing had happened, to the last bit.
+//! Comes in: a [`PatchFilter`]. Goes out: a [`PatchFilterState`] that holds all of it, and the filter again,
+//! which goes on as if nothing had happened, to the last bit.
 
 use super::belief::PatchBelief;
 use super::criterion::InnovationSum;
@@ -155,14 +155,6 @@ impl PatchFilter {
                 })
             })
             .collect::<Result<_>>()?;
-        Self::assemble(
-            initial,
-            metric,
-            state.prior,
-            state.options,
-            quadtree,
-            members,
-            state.readings,
-        )
+        Self::assemble(initial, metric, state.prior, state.options, quadtree, members, state.readings)
     }
 }

@@ -10,10 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::sync::Arc;
 
-const PRIOR: SmoothnessPrior = SmoothnessPrior {
-    weight: 3.0,
-    hold: 0.02,
-};
+const PRIOR: SmoothnessPrior = SmoothnessPrior { weight: 3.0, hold: 0.02 };
 
 fn plane(base: [usize; 2]) -> Surface {
     parameter_plane(&Arc::new(Hierarchy::uniform(Shape::Sheet, base).unwrap())).unwrap()
@@ -43,18 +40,15 @@ fn positions(base: [usize; 2], count: usize, sigma: f64, seed: u64) -> Vec<Surfa
             let mut noise = || -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut random) };
             SurfaceReading::Position {
                 parameters: [u, v],
-                point: [
-                    u + noise(),
-                    v + noise(),
-                    0.4 * (0.9 * u).sin() * (0.7 * v).cos() + noise(),
-                ],
+                point: [u + noise(), v + noise(), 0.4 * (0.9 * u).sin() * (0.7 * v).cos() + noise()],
                 variance: sigma * sigma,
             }
         })
         .collect()
 }
 
-/// The global filter over a filter's space: mean and covariance of all vertices (three coordinates a node), in information form.
+/// The global filter over a filter's space: mean and covariance of all vertices (three coordinates a node),
+/// in information form.
 struct Global {
     space: Arc<Hierarchy>,
     information: DMatrix<f64>,
@@ -69,11 +63,7 @@ impl Global {
         let information = scalar.kronecker(&DMatrix::<f64>::identity(3, 3));
         let initial = coarse.refined(Arc::clone(space)).unwrap();
         let mean = DMatrix::from_fn(information.nrows(), 1, |k, _| initial.vertices()[k / 3][k % 3]);
-        Self {
-            space: Arc::clone(space),
-            vector: &information * mean,
-            information,
-        }
+        Self { space: Arc::clone(space), vector: &information * mean, information }
     }
 
     fn row(&self, u: f64, v: f64, direction: [f64; 3]) -> DMatrix<f64> {
@@ -99,12 +89,7 @@ impl Global {
                     (a, point[d], variance)
                 })
                 .collect(),
-            SurfaceReading::Along {
-                direction,
-                value,
-                variance,
-                ..
-            } => vec![(direction, value, variance)],
+            SurfaceReading::Along { direction, value, variance, .. } => vec![(direction, value, variance)],
             _ => unreachable!("the tests add positions and directions only"),
         };
         for (a, z, variance) in rows {
@@ -116,11 +101,7 @@ impl Global {
 
     fn solve(self) -> Posterior {
         let covariance = self.information.clone().cholesky().unwrap().inverse();
-        Posterior {
-            mean: &covariance * &self.vector,
-            covariance,
-            global: self,
-        }
+        Posterior { mean: &covariance * &self.vector, covariance, global: self }
     }
 }
 
@@ -133,14 +114,12 @@ struct Posterior {
 impl Posterior {
     fn at(&self, u: f64, v: f64, direction: [f64; 3]) -> (f64, f64) {
         let row = self.global.row(u, v, direction);
-        (
-            row.dot(&self.mean),
-            (row.transpose() * &self.covariance * &row)[(0, 0)].sqrt(),
-        )
+        (row.dot(&self.mean), (row.transpose() * &self.covariance * &row)[(0, 0)].sqrt())
     }
 }
 
-/// Largest difference of mean (in the global σ) and of σ (relative) between a patch filter and the global one.
+/// Largest difference of mean (in the global σ) and of σ (relative) between a patch filter and the global
+/// one.
 fn differences(filter: &PatchFilter, global: &Posterior, direction: [f64; 3]) -> (f64, f64) {
     let [nu, nv] = filter.space().extent();
     let (mut mean, mut sigma) = (0.0_f64, 0.0_f64);
@@ -184,12 +163,8 @@ fn directed_readings_in_one_full_patch_are_the_global_filter() {
         };
         let angle = k as f64;
         let direction = [angle.cos() * 0.6, angle.sin() * 0.6, 0.8];
-        let along = SurfaceReading::Along {
-            parameters,
-            direction,
-            value: dot(direction, point),
-            variance: 1e-3,
-        };
+        let along =
+            SurfaceReading::Along { parameters, direction, value: dot(direction, point), variance: 1e-3 };
         for reading in [reading, along] {
             filter.observe(&reading).unwrap();
             global.add(&reading);
@@ -222,10 +197,7 @@ fn heights_are_the_third_coordinate_of_positions() {
     };
     heights.observe(&slanted).unwrap();
     assert!((heights.surface().unwrap().point(1.3, 2.2)[2] - 0.25).abs() < 1e-6);
-    assert!(
-        points.observe(&slanted).is_err(),
-        "coordinates would no longer share a covariance"
-    );
+    assert!(points.observe(&slanted).is_err(), "coordinates would no longer share a covariance");
 }
 
 /// A strip has no loops: messages carry all there is, once or in parts.
@@ -248,7 +220,8 @@ fn a_strip_of_patches_is_the_global_filter() {
     assert!(mean < 1e-4 && sigma < 1e-4, "{mean:e} {sigma:e}");
 }
 
-/// Loops, levels beside each other, division half way: close to the global filter, and never much surer than it.
+/// Loops, levels beside each other, division half way: close to the global filter, and never much surer than
+/// it.
 #[test]
 fn an_adaptive_quadtree_stays_within_half_a_sigma_of_the_global_filter() {
     let base = [4, 4];
@@ -279,16 +252,13 @@ fn an_adaptive_quadtree_stays_within_half_a_sigma_of_the_global_filter() {
     }
 }
 
-/// A filter that expects detail is never surer than one that does not, and as sure where patches have their last depth.
+/// A filter that expects detail is never surer than one that does not, and as sure where patches have their
+/// last depth.
 #[test]
 fn detail_that_may_come_widens_sigma() {
     let plane = plane([4, 4]);
     let filter = |expect_detail: bool| {
-        let options = PatchFilterOptions {
-            maximum_depth: 1,
-            expect_detail,
-            ..PatchFilterOptions::default()
-        };
+        let options = PatchFilterOptions { maximum_depth: 1, expect_detail, ..PatchFilterOptions::default() };
         PatchFilter::new(&plane, &plane, PRIOR, options).unwrap()
     };
     let (mut plain, mut careful) = (filter(false), filter(true));
@@ -301,18 +271,12 @@ fn detail_that_may_come_widens_sigma() {
     assert!(ratio > 1.5, "{ratio}");
     for filter in [&mut plain, &mut careful] {
         filter.divide(&[filter.patches()[0]]).unwrap();
-        let reading = SurfaceReading::Position {
-            parameters: [1.7, 2.4],
-            point: [1.7, 2.4, 0.0],
-            variance: 1e-8,
-        };
+        let reading =
+            SurfaceReading::Position { parameters: [1.7, 2.4], point: [1.7, 2.4, 0.0], variance: 1e-8 };
         filter.observe(&reading).unwrap();
     }
     let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
-    assert!(
-        (ratio - 1.0).abs() < 0.01,
-        "the last depth holds all detail there is: {ratio}"
-    );
+    assert!((ratio - 1.0).abs() < 0.01, "the last depth holds all detail there is: {ratio}");
 }
 
 /// What was learned without directions stays when directions come.
@@ -347,10 +311,7 @@ fn the_full_layout_goes_on_from_the_isotropic_one() {
 /// In the stiff limit every reading counts once everywhere, though patches form loops.
 #[test]
 fn nothing_is_counted_twice_around_a_loop() {
-    let prior = SmoothnessPrior {
-        weight: 1e5,
-        hold: 1e-6,
-    };
+    let prior = SmoothnessPrior { weight: 1e5, hold: 1e-6 };
     let base = [12, 12];
     let mut filter = filter(base, StateLayout::Isotropic, prior);
     let mut global = Global::of(filter.space(), prior);
@@ -382,9 +343,8 @@ fn reconciling_what_was_inherited_changes_nothing() {
     // As printed: the two children's covariances of their 21 shared vertices, fused as if independent.
     // Patches go by column: the third lies east of the first.
     let [a, b] = [0, 2].map(|p| filter.belief(p).covariance_matrix());
-    let shared: Vec<(usize, usize)> = (0..7)
-        .flat_map(|row| (0..3).map(move |c| (7 * row + 4 + c, 7 * row + c)))
-        .collect();
+    let shared: Vec<(usize, usize)> =
+        (0..7).flat_map(|row| (0..3).map(move |c| (7 * row + 4 + c, 7 * row + c))).collect();
     let of = |m: &DMatrix<f64>, side: usize| {
         let at = |k: usize| if side == 0 { shared[k].0 } else { shared[k].1 };
         DMatrix::from_fn(21, 21, |r, c| m[(at(r), at(c))])
@@ -393,10 +353,7 @@ fn reconciling_what_was_inherited_changes_nothing() {
     let difference = (&a - &b).amax() / a.amax();
     assert!(difference < 1e-9, "both inherit the same: {difference:e}");
     let printed = &a * (&a + &b).pseudo_inverse(1e-12).unwrap() * &b;
-    assert!(
-        (printed[(10, 10)] / a[(10, 10)] - 0.5).abs() < 1e-6,
-        "as printed the variance halves"
-    );
+    assert!((printed[(10, 10)] / a[(10, 10)] - 0.5).abs() < 1e-6, "as printed the variance halves");
 }
 
 #[test]
@@ -415,10 +372,7 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
         let child = filter.belief(p).covariance_matrix();
         let rank = |m: &DMatrix<f64>| {
             let values = m.clone().symmetric_eigen().eigenvalues;
-            assert!(
-                values.min() > -1e-10 * values.amax(),
-                "a covariance must not be indefinite"
-            );
+            assert!(values.min() > -1e-10 * values.amax(), "a covariance must not be indefinite");
             values.iter().filter(|&&x| x > 1e-10 * values.amax()).count()
         };
         assert_eq!(rank(&printed), 25, "eq. 18 alone: the rank of the parent's quarter");
@@ -429,10 +383,7 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
     for k in 0..50 {
         let (u, v) = (0.077 * f64::from(k), 4.0 - 0.08 * f64::from(k));
         let (a, b) = (before.point(u, v), after.point(u, v));
-        assert!(
-            (0..3).all(|d| (a[d] - b[d]).abs() < 1e-9),
-            "division does not move the surface"
-        );
+        assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-9), "division does not move the surface");
     }
     // The children's prior is that of the finer space: α Σ_prior αᵀ + Q.
     let global = Global::of(filter.space(), PRIOR).solve();
@@ -442,13 +393,11 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
         fresh
     };
     let (mean, sigma) = differences(&fresh, &global, [0.0, 0.0, 1.0]);
-    assert!(
-        mean < 1e-7 && sigma < 1e-7,
-        "patch and global prior agree: {mean:e} {sigma:e}"
-    );
+    assert!(mean < 1e-7 && sigma < 1e-7, "patch and global prior agree: {mean:e} {sigma:e}");
 }
 
-/// Patches of two levels side by side: the prior of every patch is that of the truncated hierarchy, before and after grading lets go.
+/// Patches of two levels side by side: the prior of every patch is that of the truncated hierarchy, before
+/// and after grading lets go.
 #[test]
 fn priors_follow_the_hierarchy_when_neighbours_are_divided() {
     let mut filter = filter_to_depth(3, [8, 8], StateLayout::Isotropic, PRIOR);
@@ -471,9 +420,8 @@ fn neighbours_share_the_same_numbers_on_any_surface() {
         let uniform = Quadtree::new(Arc::new(Hierarchy::uniform(shape, base).unwrap())).unwrap();
         let tree = uniform.divided(&marks).unwrap();
         let space = Arc::clone(&tree.space);
-        let vertices = (0..space.node_count())
-            .map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin()))
-            .collect();
+        let vertices =
+            (0..space.node_count()).map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())).collect();
         let surface = Surface::new(space, vertices).unwrap();
         let levels: std::collections::HashSet<u8> = tree.patches.iter().map(|p| p.depth).collect();
         assert!(levels.len() == 2 || shape == Shape::Ball, "{shape:?} has two levels");
@@ -489,18 +437,11 @@ fn neighbours_share_the_same_numbers_on_any_surface() {
                         row.iter().map(|&(k, w)| w * c[usize::from(k)][d]).sum()
                     };
                     let difference = value(a, &of[0]) - value(b, &of[1]);
-                    assert!(
-                        difference.abs() < 1e-10,
-                        "{shape:?} {:?}: {difference}",
-                        separator.patches
-                    );
+                    assert!(difference.abs() < 1e-10, "{shape:?} {:?}: {difference}", separator.patches);
                 }
             }
         }
-        assert!(
-            mixed > 0 || shape == Shape::Ball,
-            "{shape:?} has neighbours of two levels"
-        );
+        assert!(mixed > 0 || shape == Shape::Ball, "{shape:?} has neighbours of two levels");
     }
 }
 
@@ -518,9 +459,7 @@ fn a_patch_in_a_grid_has_nine_classes_of_vertices() {
     for k in 0..VERTICES {
         let class = VertexSharing::of(k % 7, k / 7);
         assert_eq!(copies[&tree.function(middle, k)], class.copies(), "vertex {k}");
-        *classes
-            .entry((class.west, class.east, class.south, class.north))
-            .or_insert(0) += 1;
+        *classes.entry((class.west, class.east, class.south, class.north)).or_insert(0) += 1;
     }
     let mut sizes: Vec<i32> = classes.into_values().collect();
     sizes.sort_unstable();
@@ -545,19 +484,13 @@ fn a_resumed_filter_goes_on_to_the_last_bit() {
         for reading in &readings[60..] {
             one.observe(reading).unwrap();
         }
-        one.refine(&SubdivisionCriteria {
-            curvature_variation: Some(0.1),
-            ..SubdivisionCriteria::default()
-        })
-        .unwrap();
+        one.refine(&SubdivisionCriteria { curvature_variation: Some(0.1), ..SubdivisionCriteria::default() })
+            .unwrap();
     }
     assert_eq!(filter.state(), resumed.state());
     let mut broken = filter.state();
     broken.patches.pop();
-    assert!(
-        PatchFilter::from_state(&broken).is_err(),
-        "a missing patch must be refused"
-    );
+    assert!(PatchFilter::from_state(&broken).is_err(), "a missing patch must be refused");
 }
 
 #[test]
@@ -595,27 +528,18 @@ fn normals_and_curvatures_of_a_sphere_lower_error_and_sigma() {
     };
     for [u, v] in [[0.3, 0.3], [3.7, 0.4], [0.3, 3.6], [3.7, 3.7]] {
         let point = at(u, v);
-        let reading = SurfaceReading::Position {
-            parameters: [u, v],
-            point,
-            variance: 1e-6,
-        };
+        let reading = SurfaceReading::Position { parameters: [u, v], point, variance: 1e-6 };
         filter.observe(&reading).unwrap();
     }
     let mut last = errors(&filter);
-    let grid: Vec<[f64; 2]> = (0..36)
-        .map(|k| [0.35 + 0.66 * f64::from(k % 6), 0.35 + 0.66 * f64::from(k / 6)])
-        .collect();
+    let grid: Vec<[f64; 2]> =
+        (0..36).map(|k| [0.35 + 0.66 * f64::from(k % 6), 0.35 + 0.66 * f64::from(k / 6)]).collect();
     for which in 0..2 {
         for &[u, v] in &grid {
             let normal = at(u, v).map(|x| x / radius);
             let (t1, t2) = planish_estimate::vector3::tangents(normal);
             let reading = match which {
-                0 => SurfaceReading::Normal {
-                    parameters: [u, v],
-                    normal,
-                    sigma_rad: 0.01,
-                },
+                0 => SurfaceReading::Normal { parameters: [u, v], normal, sigma_rad: 0.01 },
                 _ => SurfaceReading::Curvature {
                     parameters: [u, v],
                     normal,
@@ -628,10 +552,7 @@ fn normals_and_curvatures_of_a_sphere_lower_error_and_sigma() {
             assert_eq!(update.equations, 2 + which);
         }
         let now = errors(&filter);
-        assert!(
-            now.0 < 0.5 * last.0 && now.1 < last.1,
-            "{which}: {now:?} after {last:?}"
-        );
+        assert!(now.0 < 0.5 * last.0 && now.1 < last.1, "{which}: {now:?} after {last:?}");
         last = now;
     }
     assert!(last.0 < 3.0 * last.1, "an error of {} with σ of {}", last.0, last.1);
@@ -648,7 +569,8 @@ fn patches_are_divided_where_shape_asks_for_it_and_nowhere_else() {
         ..SubdivisionCriteria::default()
     };
     for curvature in [false, true] {
-        let mut filter = filter_to_depth(3, base, StateLayout::Height, SmoothnessPrior { weight: 30.0, ..PRIOR });
+        let mut filter =
+            filter_to_depth(3, base, StateLayout::Height, SmoothnessPrior { weight: 30.0, ..PRIOR });
         let mut divided = Vec::new();
         for round in 0..3 {
             for _ in 0..1500 {
@@ -668,11 +590,7 @@ fn patches_are_divided_where_shape_asks_for_it_and_nowhere_else() {
             divided.extend(now);
         }
         let bumpy = Patch { depth: 0, i: 0, j: 0 };
-        let reason = divided
-            .iter()
-            .find(|s| s.patch == bumpy)
-            .expect("the bump's patch is divided")
-            .reason;
+        let reason = divided.iter().find(|s| s.patch == bumpy).expect("the bump's patch is divided").reason;
         match curvature {
             true => assert!(matches!(reason, SubdivisionReason::CurvatureVariation(x) if x > 0.5)),
             false => assert!(matches!(reason, SubdivisionReason::ChiSquare(x) if x > 3.0)),
@@ -680,9 +598,7 @@ fn patches_are_divided_where_shape_asks_for_it_and_nowhere_else() {
         {
             let plain = Patch { depth: 0, i: 1, j: 1 };
             assert!(
-                divided
-                    .iter()
-                    .all(|s| s.patch != plain || s.reason == SubdivisionReason::Grading),
+                divided.iter().all(|s| s.patch != plain || s.reason == SubdivisionReason::Grading),
                 "the flat corner stays whole"
             );
         }
@@ -696,22 +612,9 @@ fn wrong_readings_and_options_are_refused_and_change_nothing() {
     let state = filter.state();
     let good = ([1.0, 1.0], [0.0, 0.0, 1.0]);
     for reading in [
-        SurfaceReading::Position {
-            parameters: [f64::NAN, 1.0],
-            point: good.1,
-            variance: 1.0,
-        },
-        SurfaceReading::Position {
-            parameters: good.0,
-            point: good.1,
-            variance: -1.0,
-        },
-        SurfaceReading::Along {
-            parameters: good.0,
-            direction: [0.0, 0.0, 2.0],
-            value: 1.0,
-            variance: 1.0,
-        },
+        SurfaceReading::Position { parameters: [f64::NAN, 1.0], point: good.1, variance: 1.0 },
+        SurfaceReading::Position { parameters: good.0, point: good.1, variance: -1.0 },
+        SurfaceReading::Along { parameters: good.0, direction: [0.0, 0.0, 2.0], value: 1.0, variance: 1.0 },
         SurfaceReading::PositionWithCovariance {
             parameters: good.0,
             point: good.1,

@@ -1,9 +1,10 @@
 //! A cloud as independent pieces: each a quadric over a plane, fitted to readings that no other piece uses.
 //!
-//! Pieces stand for the surface where it was measured. As no reading is in two of them, their errors are independent, and what is
-//! estimated from them has the covariance that error propagation says.
+//! Pieces stand for the surface where it was measured. As no reading is in two of them, their errors are
+//! independent, and what is estimated from them has the covariance that error propagation says.
 //!
-//! Not guaranteed: pieces where the surface bends by more than a quadric can follow within one of them; those lie off by that.
+//! Not guaranteed: pieces where the surface bends by more than a quadric can follow within one of them; those
+//! lie off by that.
 
 use nalgebra::{SMatrix, SVector};
 use planish_estimate::vector3::{add, add_scaled, dot, scale, sub, tangents, unit};
@@ -73,8 +74,8 @@ pub struct Facets {
 impl Facets {
     /// Cuts a cloud into cubes, apart by the side that their normals point to, and fits a quadric to each.
     ///
-    /// `variance` is that of each point along its normal; only the ratios matter where `believed` is false, and in any case what the
-    /// readings scatter about the quadrics replaces it where that is more.
+    /// `variance` is that of each point along its normal; only the ratios matter where `believed` is false,
+    /// and in any case what the readings scatter about the quadrics replaces it where that is more.
     ///
     /// # Errors
     /// `Undetermined` for a cloud that is too small or too rough to be cut into a dozen pieces.
@@ -89,13 +90,8 @@ impl Facets {
             side *= GROWTH;
             cut = cut_up(points, normals, lo, side);
         }
-        let mut made = Self {
-            all: Vec::new(),
-            of_point: vec![None; points.len()],
-            side,
-            size,
-            variance_factor: 1.0,
-        };
+        let mut made =
+            Self { all: Vec::new(), of_point: vec![None; points.len()], side, size, variance_factor: 1.0 };
         let mut factors = Vec::new();
         for members in cut.values().filter(|m| m.len() >= LEAST_READINGS) {
             if let Some((facet, factor)) = Facet::fitted(points, normals, variance, members) {
@@ -123,7 +119,12 @@ impl Facets {
 }
 
 /// The points of each cube and side.
-fn cut_up(points: &[[f64; 3]], normals: &[[f64; 3]], lo: [f64; 3], side: f64) -> BTreeMap<[i64; 4], Vec<u32>> {
+fn cut_up(
+    points: &[[f64; 3]],
+    normals: &[[f64; 3]],
+    lo: [f64; 3],
+    side: f64,
+) -> BTreeMap<[i64; 4], Vec<u32>> {
     let mut cut: BTreeMap<[i64; 4], Vec<u32>> = BTreeMap::new();
     for ((i, p), n) in (0..).zip(points).zip(normals) {
         let axis = (0..3).max_by(|&a, &b| n[a].abs().total_cmp(&n[b].abs())).unwrap_or(0);
@@ -144,8 +145,14 @@ fn fits(cut: &BTreeMap<[i64; 4], Vec<u32>>, total: usize) -> bool {
 }
 
 impl Facet {
-    /// A quadric by weighted least squares, and the median of its squared residuals over their variance; none for readings on a line or an edge.
-    fn fitted(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64], members: &[u32]) -> Option<(Self, f64)> {
+    /// A quadric by weighted least squares, and the median of its squared residuals over their variance; none
+    /// for readings on a line or an edge.
+    fn fitted(
+        points: &[[f64; 3]],
+        normals: &[[f64; 3]],
+        variance: &[f64],
+        members: &[u32],
+    ) -> Option<(Self, f64)> {
         let count = members.len() as f64;
         let mean = |of: &[[f64; 3]]| {
             let sum = members.iter().fold([0.0; 3], |s, &i| add(s, of[i as usize]));
@@ -191,11 +198,7 @@ impl Facet {
         }
         let made = Self {
             point: add_scaled(origin, coefficients[0], normal),
-            normal: unit(add_scaled(
-                add_scaled(normal, -coefficients[1], e1),
-                -coefficients[2],
-                e2,
-            ))?,
+            normal: unit(add_scaled(add_scaled(normal, -coefficients[1], e1), -coefficients[2], e2))?,
             readings: members.len(),
             origin,
             axes,
@@ -270,7 +273,8 @@ mod tests {
             .map(|f| (dot(f.point, f.point).sqrt() - 3.0).powi(2) / f.variance(&Facet::own()))
             .sum();
         let mean = squares / facets.all.len() as f64;
-        // A mean of so many squares: within four of its standard errors, and the fourth order that a quadric leaves.
+        // A mean of so many squares: within four of its standard errors, and the fourth order that a quadric
+        // leaves.
         assert!(
             facets.all.len() > 100 && (mean - 1.0).abs() < 4.0 * (2.0 / facets.all.len() as f64).sqrt() + 0.1,
             "{mean}"

@@ -38,7 +38,8 @@ impl Map {
     }
 }
 
-/// Numbers that place a symmetry, at most: an axis takes two shifts and two tilts, a plane one shift and two tilts.
+/// Numbers that place a symmetry, at most: an axis takes two shifts and two tilts, a plane one shift and two
+/// tilts.
 pub(super) const MOST_PARAMETERS: usize = 4;
 
 impl Symmetry {
@@ -85,7 +86,8 @@ impl Symmetry {
         add(self.point(), self.carry(map, sub(p, self.point())))
     }
 
-    /// The image of a point and its normal: turned by the angle about the axis, or reflected where there is none.
+    /// The image of a point and its normal: turned by the angle about the axis, or reflected where there is
+    /// none.
     #[must_use]
     pub fn image(&self, angle: Option<f64>, point: [f64; 3], normal: [f64; 3]) -> ([f64; 3], [f64; 3]) {
         let map = angle.map_or(Map::Reflect, Map::turn);
@@ -119,7 +121,8 @@ impl Symmetry {
         }
     }
 
-    /// The same symmetry elsewhere: shifts along the tangents (the normal) of its direction, then tilts in radians.
+    /// The same symmetry elsewhere: shifts along the tangents (the normal) of its direction, then tilts in
+    /// radians.
     pub(super) fn moved(&self, by: &[f64]) -> Self {
         let d = self.direction();
         let (e1, e2) = tangents(d);
@@ -133,29 +136,23 @@ impl Symmetry {
                 direction: tilted(by[2], by[3]),
                 order,
             },
-            Self::Mirror { point, normal } => Self::Mirror {
-                point: add_scaled(point, by[0], normal),
-                normal: tilted(by[1], by[2]),
-            },
+            Self::Mirror { point, normal } => {
+                Self::Mirror { point: add_scaled(point, by[0], normal), normal: tilted(by[1], by[2]) }
+            }
         }
     }
 
     /// The same symmetry with its point the nearest to a given one.
     pub(super) fn near(self, p: [f64; 3]) -> Self {
         match self {
-            Self::Rotation {
-                point,
-                direction,
-                order,
-            } => Self::Rotation {
+            Self::Rotation { point, direction, order } => Self::Rotation {
                 point: add_scaled(point, dot(sub(p, point), direction), direction),
                 direction,
                 order,
             },
-            Self::Mirror { point, normal } => Self::Mirror {
-                point: add_scaled(p, -dot(sub(p, point), normal), normal),
-                normal,
-            },
+            Self::Mirror { point, normal } => {
+                Self::Mirror { point: add_scaled(p, -dot(sub(p, point), normal), normal), normal }
+            }
         }
     }
 
@@ -189,11 +186,7 @@ mod tests {
     fn derivatives_agree_with_differences() {
         let d = unit([0.3, -0.5, 0.8]).unwrap();
         let point = [0.4, 0.1, -0.2];
-        let rotation = Symmetry::Rotation {
-            point,
-            direction: d,
-            order: None,
-        };
+        let rotation = Symmetry::Rotation { point, direction: d, order: None };
         let mirror = Symmetry::Mirror { point, normal: d };
         let p = [1.2, -0.7, 0.5];
         for (symmetry, map) in [(rotation, Map::turn(0.9)), (mirror, Map::Reflect)] {
@@ -206,11 +199,7 @@ mod tests {
                 };
                 let h = 1e-5;
                 let difference = scale(0.5 / h, sub(step(h), step(-h)));
-                assert!(
-                    distance(difference, all[k]) < 1e-8,
-                    "parameter {k}: {difference:?} {:?}",
-                    all[k]
-                );
+                assert!(distance(difference, all[k]) < 1e-8, "parameter {k}: {difference:?} {:?}", all[k]);
             }
         }
     }

@@ -1,4 +1,5 @@
-//! What a surface must be where nobody measured it, if it is symmetric or made of simple shapes: the estimators.
+//! What a surface must be where nobody measured it, if it is symmetric or made of simple shapes: the
+//! estimators.
 //!
 //! | module | what |
 //! |---|---|

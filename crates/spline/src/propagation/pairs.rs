@@ -20,7 +20,8 @@ const MOST_PARTNERS: usize = 12;
 pub(super) struct Pair {
     pub from: u32,
     pub to: u32,
-    /// How far the image lies above the other, and the derivatives by the symmetry and by both pieces' coefficients.
+    /// How far the image lies above the other, and the derivatives by the symmetry and by both pieces'
+    /// coefficients.
     pub residual: f64,
     pub by_symmetry: SVector<f64, MOST_PARAMETERS>,
     /// The same with the image's own normal, whose error is independent of the residual's.
@@ -38,16 +39,10 @@ pub(super) fn pairs(facets: &Facets, symmetry: &Symmetry, reach: f64, stride: us
     let sources: Vec<u32> = (0..facets.all.len() as u32).step_by(stride).collect();
     let found: Vec<Vec<Pair>> = if let Symmetry::Rotation { order: None, .. } = symmetry {
         let places: Vec<[f64; 3]> = facets.all.iter().map(|f| symmetry.cylindrical(f.point)).collect();
-        sources
-            .par_iter()
-            .map(|&from| on_one_ring(facets, symmetry, &places, reach, from))
-            .collect()
+        sources.par_iter().map(|&from| on_one_ring(facets, symmetry, &places, reach, from)).collect()
     } else {
         let maps = symmetry.maps();
-        sources
-            .par_iter()
-            .map(|&from| images(facets, symmetry, &maps, reach, from))
-            .collect()
+        sources.par_iter().map(|&from| images(facets, symmetry, &maps, reach, from)).collect()
     };
     found.into_iter().flatten().collect()
 }
@@ -81,7 +76,13 @@ fn images(facets: &Facets, symmetry: &Symmetry, maps: &[Map], reach: f64, from: 
 }
 
 /// Partners of a piece on its ring about an axis.
-fn on_one_ring(facets: &Facets, symmetry: &Symmetry, places: &[[f64; 3]], reach: f64, from: u32) -> Vec<Pair> {
+fn on_one_ring(
+    facets: &Facets,
+    symmetry: &Symmetry,
+    places: &[[f64; 3]],
+    reach: f64,
+    from: u32,
+) -> Vec<Pair> {
     let [height, radius, angle] = places[from as usize];
     let mut near: Vec<u32> = (0..facets.all.len() as u32)
         .filter(|&to| {

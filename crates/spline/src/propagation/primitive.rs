@@ -1,10 +1,11 @@
 //! Planes, spheres and cylinders by least squares, and which of them a patch of surface is.
 //!
-//! Comes in: readings around a gap, with variances. Goes out: the shape that explains them with the fewest numbers, its covariance, and what the others
-//! would say; or none, where none explains them.
+//! Comes in: readings around a gap, with variances. Goes out: the shape that explains them with the fewest
+//! numbers, its covariance, and what the others would say; or none, where none explains them.
 //!
-//! Residuals are distances along the normal. The least of `BIC = χ² + p ln n` wins among shapes that pass their χ² test; the others that pass count with
-//! `exp(−BIC/2)`, and what they predict otherwise is part of the prediction's variance.
+//! Residuals are distances along the normal. The least of `BIC = χ² + p ln n` wins among shapes that pass
+//! their χ² test; the others that pass count with `exp(−BIC/2)`, and what they predict otherwise is part of
+//! the prediction's variance.
 //!
 //! Not guaranteed: that a gap is of the shape that surrounds it.
 //!
@@ -75,7 +76,8 @@ pub struct Classification {
     pub candidates: Vec<FittedPrimitive>,
     /// Their probabilities, if it is one of them.
     pub probabilities: Vec<f64>,
-    /// How far the readings depart from the first beyond their noise, as a variance; at least what could not have been noticed.
+    /// How far the readings depart from the first beyond their noise, as a variance; at least what could not
+    /// have been noticed.
     pub doubt: f64,
 }
 
@@ -120,7 +122,8 @@ impl Primitive {
         }
     }
 
-    /// Distance of a point, the direction away from the shape there, and the distance's derivatives by the parameters.
+    /// Distance of a point, the direction away from the shape there, and the distance's derivatives by the
+    /// parameters.
     fn distance(&self, p: [f64; 3]) -> (f64, [f64; 3], SVector<f64, MOST_PARAMETERS>) {
         match *self {
             Self::Plane { point, normal } => {
@@ -134,11 +137,7 @@ impl Primitive {
                 let u = unit(r).unwrap_or([0.0, 0.0, 1.0]);
                 (norm(r) - radius, u, [-u[0], -u[1], -u[2], -1.0, 0.0].into())
             }
-            Self::Cylinder {
-                point,
-                direction,
-                radius,
-            } => {
+            Self::Cylinder { point, direction, radius } => {
                 let (e1, e2) = tangents(direction);
                 let w = sub(p, point);
                 let along = dot(w, direction);
@@ -161,15 +160,10 @@ impl Primitive {
                 // A tilt of the normal raises the distance of what lies that way.
                 normal: tilted(normal, by[1], by[2]),
             },
-            Self::Sphere { centre, radius } => Self::Sphere {
-                centre: add(centre, [by[0], by[1], by[2]]),
-                radius: radius + by[3],
-            },
-            Self::Cylinder {
-                point,
-                direction,
-                radius,
-            } => {
+            Self::Sphere { centre, radius } => {
+                Self::Sphere { centre: add(centre, [by[0], by[1], by[2]]), radius: radius + by[3] }
+            }
+            Self::Cylinder { point, direction, radius } => {
                 let (e1, e2) = tangents(direction);
                 Self::Cylinder {
                     point: add_scaled(add_scaled(point, by[0], e1), by[1], e2),
@@ -238,12 +232,11 @@ impl FittedPrimitive {
         self.chi_square <= self.degrees + PASSES * (2.0 * self.degrees).sqrt()
     }
 
-    /// σ of the parameters: of a plane its shift and tilts, of a sphere centre and radius, of a cylinder shifts and tilts of the axis and radius.
+    /// σ of the parameters: of a plane its shift and tilts, of a sphere centre and radius, of a cylinder
+    /// shifts and tilts of the axis and radius.
     #[must_use]
     pub fn sigmas(&self) -> Vec<f64> {
-        (0..self.primitive.parameters())
-            .map(|k| self.covariance[(k, k)].max(0.0).sqrt())
-            .collect()
+        (0..self.primitive.parameters()).map(|k| self.covariance[(k, k)].max(0.0).sqrt()).collect()
     }
 }
 
@@ -301,41 +294,28 @@ impl Classification {
             .sum();
         Prediction {
             point,
-            normal: if dot(away, facing) < 0.0 {
-                scale(-1.0, away)
-            } else {
-                away
-            },
+            normal: if dot(away, facing) < 0.0 { scale(-1.0, away) } else { away },
             variance: of_place + of_kind + self.doubt,
         }
     }
 }
 
 fn mean(points: &[[f64; 3]]) -> [f64; 3] {
-    scale(
-        1.0 / points.len() as f64,
-        points.iter().fold([0.0; 3], |s, p| add(s, *p)),
-    )
+    scale(1.0 / points.len() as f64, points.iter().fold([0.0; 3], |s, p| add(s, *p)))
 }
 
-/// First guesses: the plane of least squares, the sphere of the algebraic fit, and cylinders along the directions that normals avoid.
+/// First guesses: the plane of least squares, the sphere of the algebraic fit, and cylinders along the
+/// directions that normals avoid.
 fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Primitive> {
     let moments = |of: &[[f64; 3]], centre: [f64; 3]| {
         upper_triangle(|i, j| of.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum())
     };
     let (axes, _) = symmetric_eigen(moments(points, middle));
-    let mut all = vec![Primitive::Plane {
-        point: middle,
-        normal: axes[2],
-    }];
+    let mut all = vec![Primitive::Plane { point: middle, normal: axes[2] }];
     all.extend(algebraic_sphere(points, middle));
     let (of_normals, _) = symmetric_eigen(moments(normals, [0.0; 3]));
     let directions = [of_normals[2], of_normals[1], axes[0], axes[1]];
-    all.extend(
-        directions
-            .into_iter()
-            .filter_map(|d| algebraic_cylinder(points, middle, d)),
-    );
+    all.extend(directions.into_iter().filter_map(|d| algebraic_cylinder(points, middle, d)));
     all
 }
 
@@ -351,10 +331,7 @@ fn algebraic_sphere(points: &[[f64; 3]], middle: [f64; 3]) -> Option<Primitive> 
     let x = matrix.cholesky()?.solve(&right);
     let centre = [x[0], x[1], x[2]];
     let square = x[3] + dot(centre, centre);
-    (square > 0.0).then(|| Primitive::Sphere {
-        centre: add(middle, centre),
-        radius: square.sqrt(),
-    })
+    (square > 0.0).then(|| Primitive::Sphere { centre: add(middle, centre), radius: square.sqrt() })
 }
 
 /// The same across a direction.
@@ -456,15 +433,8 @@ mod tests {
         let point = [0.4, 0.1, -0.2];
         let shapes = [
             Primitive::Plane { point, normal: d },
-            Primitive::Sphere {
-                centre: point,
-                radius: 0.7,
-            },
-            Primitive::Cylinder {
-                point,
-                direction: d,
-                radius: 0.6,
-            },
+            Primitive::Sphere { centre: point, radius: 0.7 },
+            Primitive::Cylinder { point, direction: d, radius: 0.6 },
         ];
         for shape in shapes {
             let z = [1.0, -0.6, 0.9];
@@ -476,11 +446,7 @@ mod tests {
                     shape.moved(&by).distance(z).0
                 };
                 let h = 1e-6;
-                assert!(
-                    ((step(h) - step(-h)) / (2.0 * h) - row[k]).abs() < 1e-8,
-                    "{} {k}",
-                    shape.name()
-                );
+                assert!(((step(h) - step(-h)) / (2.0 * h) - row[k]).abs() < 1e-8, "{} {k}", shape.name());
             }
         }
     }

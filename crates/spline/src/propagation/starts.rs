@@ -23,11 +23,7 @@ pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: [f64; 3]) -> V
     match kind {
         SymmetryKind::Rotation { order, towards } => {
             let complex = LineComplex::of(facets, middle);
-            let directions = towards
-                .into_iter()
-                .chain(complex.directions())
-                .chain(axes)
-                .filter_map(unit);
+            let directions = towards.into_iter().chain(complex.directions()).chain(axes).filter_map(unit);
             let mut all: Vec<Symmetry> = directions
                 .map(|direction| Symmetry::Rotation {
                     point: add(middle, complex.point(direction)),
@@ -42,9 +38,8 @@ pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: [f64; 3]) -> V
         }
         SymmetryKind::Mirror { towards } => {
             let through_middle = towards.into_iter().chain(axes).filter_map(unit);
-            let mut all: Vec<Symmetry> = through_middle
-                .map(|normal| Symmetry::Mirror { point: middle, normal })
-                .collect();
+            let mut all: Vec<Symmetry> =
+                through_middle.map(|normal| Symmetry::Mirror { point: middle, normal }).collect();
             all.extend(random_pairs(facets, |a, b| plane_between(facets, a, b)));
             all
         }
@@ -75,10 +70,8 @@ fn plane_between(facets: &Facets, a: usize, b: usize) -> Option<Symmetry> {
     let apart = sub(b.point, a.point);
     let normal = unit(apart)?;
     let image = add_scaled(a.normal, -2.0 * dot(a.normal, normal), normal);
-    (dot(apart, normal) > LEAST_APART * facets.side && dot(image, b.normal) > LEAST_COSINE).then(|| Symmetry::Mirror {
-        point: scale(0.5, add(a.point, b.point)),
-        normal,
-    })
+    (dot(apart, normal) > LEAST_APART * facets.side && dot(image, b.normal) > LEAST_COSINE)
+        .then(|| Symmetry::Mirror { point: scale(0.5, add(a.point, b.point)), normal })
 }
 
 /// The axis about which a turn by `2π/order` carries one piece to another, normals included.
@@ -88,8 +81,9 @@ fn turn_between(facets: &Facets, a: usize, b: usize, order: u32) -> Option<Symme
     if dot(apart, apart) < (LEAST_APART * facets.side).powi(2) {
         return None;
     }
-    // The axis lies in the plane of the bisector of both normals and of what stands on them; its angle β with either
-    // follows from sin(ψ/2) = sin(φ/2) sin β, where ψ is the angle between the normals and φ that of the turn.
+    // The axis lies in the plane of the bisector of both normals and of what stands on them; its angle β with
+    // either follows from sin(ψ/2) = sin(φ/2) sin β, where ψ is the angle between the normals and φ that of
+    // the turn.
     let half = 0.5 * TAU / f64::from(order);
     let (sum, across) = (add(a.normal, b.normal), cross(a.normal, b.normal));
     let (bisector, across) = (unit(sum)?, unit(across)?);
@@ -105,18 +99,15 @@ fn turn_between(facets: &Facets, a: usize, b: usize, order: u32) -> Option<Symme
         let slide = dot(apart, direction);
         let flat = add_scaled(apart, -slide, direction);
         (slide.abs() < facets.side).then(|| Symmetry::Rotation {
-            point: add_scaled(
-                scale(0.5, add(a.point, b.point)),
-                0.5 / half.tan(),
-                cross(direction, flat),
-            ),
+            point: add_scaled(scale(0.5, add(a.point, b.point)), 0.5 / half.tan(), cross(direction, flat)),
             direction,
             order: Some(order),
         })
     })
 }
 
-/// The sums of a linear line complex: an axis `(d, m)` meets the normal line of `p` where `m·n + d·(p × n) = 0`.
+/// The sums of a linear line complex: an axis `(d, m)` meets the normal line of `p` where
+/// `m·n + d·(p × n) = 0`.
 struct LineComplex {
     moments: Matrix3<f64>,
     mixed: Matrix3<f64>,
@@ -142,9 +133,7 @@ impl LineComplex {
 
     /// `m` of the axis with this direction that is nearest to all normal lines.
     fn moment(&self, d: Vector3<f64>) -> Vector3<f64> {
-        self.normals
-            .cholesky()
-            .map_or_else(Vector3::zeros, |c| -c.solve(&(self.mixed * d)))
+        self.normals.cholesky().map_or_else(Vector3::zeros, |c| -c.solve(&(self.mixed * d)))
     }
 
     /// The stationary directions, the nearest to all normal lines last.

@@ -1,18 +1,24 @@
-//! The symmetry of a cloud: an axis or a plane by least squares, with its covariance, and the test of whether there is one.
+//! The symmetry of a cloud: an axis or a plane by least squares, with its covariance, and the test of whether
+//! there is one.
 //!
-//! A symmetry lays pieces of the surface on one another. Of each pair the residual is how far the image of one lies above the quadric of the other,
-//! `r = n·(g(p) − q)`; the axis or plane is where `Σ w r²` is least (Gauss–Newton, with Tukey's weights, because parts may break the symmetry).
-//! Starts are the axis that is nearest to all normals (a linear line complex), principal axes, and the maps of random pairs of pieces; the mean of a
-//! cloud is none of them, because of a thing that was seen from one side it does not lie on the axis.
+//! A symmetry lays pieces of the surface on one another. Of each pair the residual is how far the image of
+//! one lies above the quadric of the other, `r = n·(g(p) − q)`; the axis or plane is where `Σ w r²` is least
+//! (Gauss–Newton, with Tukey's weights, because parts may break the symmetry). Starts are the axis that is
+//! nearest to all normals (a linear line complex), principal axes, and the maps of random pairs of pieces;
+//! the mean of a cloud is none of them, because of a thing that was seen from one side it does not lie on the
+//! axis.
 //!
-//! Normals of pieces are noisy, and noise in `J` would look like information: the derivative by the normal of the image stands in as an instrument `Z`, as
-//! its error is independent of that of `r` and `J`. A piece is in many pairs. With `r = J θ + Σ_f M_f ε_f` and independent errors `ε_f` of the pieces, the
-//! estimate `θ̂ = −N⁻¹ Zᵀ W r`, `N = Zᵀ W J`, has the covariance `N⁻¹ (Σ_f Zᵀ W M_f C_f M_fᵀ W Z) N⁻ᵀ`, whatever the weights.
+//! Normals of pieces are noisy, and noise in `J` would look like information: the derivative by the normal of
+//! the image stands in as an instrument `Z`, as its error is independent of that of `r` and `J`. A piece is
+//! in many pairs. With `r = J θ + Σ_f M_f ε_f` and independent errors `ε_f` of the pieces, the estimate
+//! `θ̂ = −N⁻¹ Zᵀ W r`, `N = Zᵀ W J`, has the covariance `N⁻¹ (Σ_f Zᵀ W M_f C_f M_fᵀ W Z) N⁻ᵀ`, whatever the
+//! weights.
 //!
 //! Not guaranteed: the best of several symmetries of one kind.
 //!
 //! # References
-//! Pottmann & Randrup, *Rotational and helical surface approximation for reverse engineering*, Computing 60 (1998), for the line complex.
+//! Pottmann & Randrup, *Rotational and helical surface approximation for reverse engineering*, Computing 60
+//! (1998), for the line complex.
 
 use super::facets::{COEFFICIENTS, Facets};
 use super::maps::{MOST_PARAMETERS, Symmetry};
@@ -75,7 +81,8 @@ pub enum SymmetryKind {
 pub struct FittedSymmetry {
     /// The symmetry.
     pub symmetry: Symmetry,
-    /// Covariance of its shifts (unit of length squared) and tilts (radians squared): along the tangents of an axis, along the normal of a plane.
+    /// Covariance of its shifts (unit of length squared) and tilts (radians squared): along the tangents of
+    /// an axis, along the normal of a plane.
     pub covariance: SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>,
     /// How far images depart from what they meet beyond the noise of both, as a standard deviation.
     pub departure: f64,
@@ -85,7 +92,8 @@ pub struct FittedSymmetry {
     pub agreeing: usize,
     /// For each piece, whether its images may stand for readings.
     pub obeys: Vec<bool>,
-    /// Whether the cloud supports it: enough pieces were compared, more than 80 % of them agree, and its place is known.
+    /// Whether the cloud supports it: enough pieces were compared, more than 80 % of them agree, and its
+    /// place is known.
     pub supported: bool,
 }
 
@@ -100,8 +108,9 @@ impl FittedSymmetry {
     pub fn image_variance(&self, angle: Option<f64>, point: [f64; 3], along: [f64; 3]) -> f64 {
         let map = angle.map_or(super::maps::Map::Reflect, super::maps::Map::turn);
         let derivatives = self.symmetry.derivatives(map, point);
-        let row =
-            SVector::<f64, MOST_PARAMETERS>::from_fn(|k, _| planish_estimate::vector3::dot(along, derivatives[k]));
+        let row = SVector::<f64, MOST_PARAMETERS>::from_fn(|k, _| {
+            planish_estimate::vector3::dot(along, derivatives[k])
+        });
         (row.transpose() * self.covariance * row)[(0, 0)].max(0.0)
     }
 
@@ -118,10 +127,7 @@ impl FittedSymmetry {
 #[must_use]
 pub fn fit_symmetry(facets: &Facets, kind: SymmetryKind) -> Option<FittedSymmetry> {
     let count = facets.all.len();
-    let middle = scale(
-        1.0 / count as f64,
-        facets.all.iter().fold([0.0; 3], |s, f| add(s, f.point)),
-    );
+    let middle = scale(1.0 / count as f64, facets.all.iter().fold([0.0; 3], |s, f| add(s, f.point)));
     let stride = count.div_ceil(START_SOURCES);
     let mut tried: Vec<(f64, Symmetry)> = starts(facets, kind, middle)
         .into_par_iter()
@@ -145,7 +151,8 @@ pub fn fit_symmetry(facets: &Facets, kind: SymmetryKind) -> Option<FittedSymmetr
     judge(facets, best)
 }
 
-/// The symmetry that a cloud supports, if any: of revolution before all others, then the one that most pieces speak for.
+/// The symmetry that a cloud supports, if any: of revolution before all others, then the one that most pieces
+/// speak for.
 #[must_use]
 pub fn propose_symmetry(facets: &Facets) -> Option<FittedSymmetry> {
     let rotation = |order| SymmetryKind::Rotation { order, towards: None };
@@ -217,7 +224,8 @@ struct Normal {
 impl Normal {
     fn of(symmetry: &Symmetry, found: &[Pair], departure: f64, size: f64) -> Self {
         let shifts = symmetry.parameters() - 2;
-        let before = SMatrix::from_diagonal(&SVector::from_fn(|k, _| if k < shifts { size.powi(-2) } else { 1.0 }));
+        let before =
+            SMatrix::from_diagonal(&SVector::from_fn(|k, _| if k < shifts { size.powi(-2) } else { 1.0 }));
         let mut made = Self {
             matrix: before,
             right: SVector::zeros(),
@@ -240,7 +248,8 @@ impl Normal {
         Some(self.matrix.cholesky()?.solve(&self.right))
     }
 
-    /// The covariance of the estimate from that of the pieces, each of which departs by its share of `departure`.
+    /// The covariance of the estimate from that of the pieces, each of which departs by its share of
+    /// `departure`.
     fn covariance(
         &self,
         facets: &Facets,
@@ -281,15 +290,13 @@ fn judge(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
             *weight += pair.weight;
         }
     }
-    let agrees = |&(sum, squares, weight): &(f64, f64, f64)| sum / weight <= AGREES * (squares / weight).sqrt();
+    let agrees =
+        |&(sum, squares, weight): &(f64, f64, f64)| sum / weight <= AGREES * (squares / weight).sqrt();
     let met = |m: &&(f64, f64, f64)| m.2 > 0.0;
     let compared = means.iter().filter(met).count();
     let agreeing = means.iter().filter(met).filter(|m| agrees(m)).count();
     let ring = matches!(symmetry, Symmetry::Rotation { order: None, .. });
-    let obeys = means
-        .iter()
-        .map(|m| if m.2 > 0.0 { agrees(m) } else { !ring })
-        .collect();
+    let obeys = means.iter().map(|m| if m.2 > 0.0 { agrees(m) } else { !ring }).collect();
     let mut made = FittedSymmetry {
         symmetry,
         covariance,
@@ -302,7 +309,8 @@ fn judge(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
     let (shifts, tilts) = made.sigmas();
     let n = compared as f64;
     let enough = compared >= LEAST_COMPARED && n >= LEAST_COMPARED_SHARE * facets.all.len() as f64;
-    let more_than_chance = made.evidence() > ONE_SIDED * (n * LEAST_AGREEMENT * (1.0 - LEAST_AGREEMENT)).sqrt();
+    let more_than_chance =
+        made.evidence() > ONE_SIDED * (n * LEAST_AGREEMENT * (1.0 - LEAST_AGREEMENT)).sqrt();
     let placed = shifts.iter().all(|s| *s < MOST_SHIFT * facets.size);
     let mirror = matches!(symmetry, Symmetry::Mirror { .. });
     let turned = !mirror || tilts.iter().all(|t| *t < MOST_TILT);

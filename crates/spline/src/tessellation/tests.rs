@@ -48,8 +48,8 @@ fn bumpy(shape: Shape, rounds: usize, seed: usize) -> Surface {
     surface
 }
 
-/// Proves that edges have one triangle or two, which run along them opposite ways, and that vertices are used; gives
-/// border edges and the Euler characteristic.
+/// Proves that edges have one triangle or two, which run along them opposite ways, and that vertices are
+/// used; gives border edges and the Euler characteristic.
 fn check(mesh: &Tessellation) -> (usize, i64) {
     let mut edges: HashMap<[u32; 2], i64> = HashMap::new();
     let mut used = vec![false; mesh.positions.len()];
@@ -58,10 +58,7 @@ fn check(mesh: &Tessellation) -> (usize, i64) {
             let (a, b) = (t[k], t[(k + 1) % 3]);
             assert_ne!(a, b, "a collapsed triangle {t:?}");
             used[a as usize] = true;
-            assert!(
-                edges.insert([a, b], 1).is_none(),
-                "two triangles run along {a}-{b} the same way"
-            );
+            assert!(edges.insert([a, b], 1).is_none(), "two triangles run along {a}-{b} the same way");
         }
     }
     assert!(used.iter().all(|&u| u), "an unused vertex");
@@ -72,10 +69,7 @@ fn check(mesh: &Tessellation) -> (usize, i64) {
 }
 
 fn options(tolerance: f64) -> TessellationOptions {
-    TessellationOptions {
-        tolerance,
-        ..TessellationOptions::default()
-    }
+    TessellationOptions { tolerance, ..TessellationOptions::default() }
 }
 
 #[test]
@@ -94,11 +88,7 @@ fn meshes_have_no_cracks_whatever_the_levels() {
                 };
                 assert_eq!(euler, expected, "{shape:?} {rounds} {tolerance}");
                 let closed = matches!(shape, Shape::Ball | Shape::Torus);
-                assert_eq!(
-                    border == 0,
-                    closed,
-                    "{shape:?} {rounds} {tolerance}: {border} border edges"
-                );
+                assert_eq!(border == 0, closed, "{shape:?} {rounds} {tolerance}: {border} border edges");
                 assert_eq!(mesh.limited_leaves, 0);
             }
         }
@@ -114,10 +104,7 @@ fn vertices_lie_on_the_surface_at_their_parameters() {
             let [u, v] = mesh.parameters[n];
             let p = surface.point(u, v);
             assert!(distance(p, mesh.positions[n]) < 1e-12, "{shape:?}");
-            assert_eq!(
-                surface.space().parameters(mesh.leaf[n] as usize, mesh.local[n]),
-                mesh.parameters[n]
-            );
+            assert_eq!(surface.space().parameters(mesh.leaf[n] as usize, mesh.local[n]), mesh.parameters[n]);
             let normal = surface.normal(u, v).unwrap();
             assert!(distance(normal, mesh.normals[n]) < 1e-6, "{shape:?} at {u} {v}");
         }
@@ -153,9 +140,7 @@ fn a_pole_is_one_vertex_with_its_normal() {
     let surface = base(Shape::Ball).surface([12, 8]).unwrap();
     let mesh = tessellate(&surface, &options(0.001)).unwrap();
     for (v, side) in [(0.0, -1.0), (8.0, 1.0)] {
-        let there: Vec<usize> = (0..mesh.positions.len())
-            .filter(|&n| mesh.parameters[n][1] == v)
-            .collect();
+        let there: Vec<usize> = (0..mesh.positions.len()).filter(|&n| mesh.parameters[n][1] == v).collect();
         assert_eq!(there.len(), 1);
         assert!(distance(mesh.normals[there[0]], scale(side, axis)) < 1e-9);
     }
@@ -171,10 +156,7 @@ fn a_plane_takes_two_triangles_for_each_leaf() {
 #[test]
 fn the_limit_of_divisions_is_kept_and_told() {
     let surface = bumpy(Shape::Torus, 1, 8);
-    let limited = TessellationOptions {
-        tolerance: 1e-12,
-        max_divisions: 5,
-    };
+    let limited = TessellationOptions { tolerance: 1e-12, max_divisions: 5 };
     let mesh = tessellate(&surface, &limited).unwrap();
     assert_eq!(mesh.limited_leaves, surface.space().leaves().len());
     // Four divisions each way; beside finer leaves a fan takes more than two triangles.
@@ -186,18 +168,10 @@ fn the_limit_of_divisions_is_kept_and_told() {
 #[test]
 fn wrong_options_are_refused() {
     let surface = base(Shape::Sheet).surface([2, 2]).unwrap();
-    for (tolerance, max_divisions) in [
-        (0.0, 8),
-        (-1.0, 8),
-        (f64::NAN, 8),
-        (f64::INFINITY, 8),
-        (1.0, 0),
-        (1.0, 65),
-    ] {
-        let wrong = TessellationOptions {
-            tolerance,
-            max_divisions,
-        };
+    for (tolerance, max_divisions) in
+        [(0.0, 8), (-1.0, 8), (f64::NAN, 8), (f64::INFINITY, 8), (1.0, 0), (1.0, 65)]
+    {
+        let wrong = TessellationOptions { tolerance, max_divisions };
         assert!(tessellate(&surface, &wrong).is_err(), "{wrong:?}");
     }
 }
@@ -206,11 +180,7 @@ fn wrong_options_are_refused() {
 fn a_collapsed_patch_still_gets_normals() {
     // The first three rows of vertices each drawn into one point: S_u = 0 along v = 0.
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [3, 3]).unwrap());
-    let vertices = space
-        .node_anchors()
-        .iter()
-        .map(|&[u, v]| [u * (v - 1.0).max(0.0), v, 0.0])
-        .collect();
+    let vertices = space.node_anchors().iter().map(|&[u, v]| [u * (v - 1.0).max(0.0), v, 0.0]).collect();
     let surface = Surface::new(space, vertices).unwrap();
     assert!(surface.normal(1.0, 0.0).is_none());
     let mesh = tessellate(&surface, &options(0.01)).unwrap();

@@ -6,19 +6,12 @@ use std::process::{Command, Output};
 
 /// The root of the repository.
 pub fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../..")
-        .canonicalize()
-        .expect("the repository")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().expect("the repository")
 }
 
 /// A file of the data that ships with the repository.
 pub fn pebble(name: &str) -> String {
-    repository()
-        .join("examples/data/pebble")
-        .join(name)
-        .display()
-        .to_string()
+    repository().join("examples/data/pebble").join(name).display().to_string()
 }
 
 /// What a command said.
@@ -39,7 +32,8 @@ impl Said {
 
     /// The JSON object on stdout.
     pub fn json(&self) -> Value {
-        serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {:?}; {}", self.stdout, self.stderr))
+        serde_json::from_str(&self.stdout)
+            .unwrap_or_else(|e| panic!("{e}: {:?}; {}", self.stdout, self.stderr))
     }
 
     /// The same, after asserting success.
@@ -53,11 +47,7 @@ impl Said {
 /// The command, in a folder, with a fixed width of text and no colours.
 pub fn command<S: AsRef<std::ffi::OsStr>>(folder: &Path, args: &[S]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_planish"));
-    command
-        .args(args)
-        .current_dir(folder)
-        .env("COLUMNS", "100")
-        .env("NO_COLOR", "1");
+    command.args(args).current_dir(folder).env("COLUMNS", "100").env("NO_COLOR", "1");
     command
 }
 
@@ -69,9 +59,8 @@ pub fn planish<S: AsRef<std::ffi::OsStr>>(folder: &Path, args: &[S]) -> Said {
 /// Names of everything in a folder, sorted.
 pub fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).expect("a folder");
-    let mut names: Vec<String> = entries
-        .map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned())
-        .collect();
+    let mut names: Vec<String> =
+        entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
     names.sort();
     names
 }

@@ -15,15 +15,8 @@ impl<'a> Index<'a> {
     pub(super) fn entity(&self, id: u64) -> Result<Entity<'a>> {
         let mut records = self.records(id)?;
         match records.len() {
-            1 => Ok(Entity {
-                id,
-                line: self.line(id),
-                record: records.remove(0),
-            }),
-            n => Err(Error::input(format!(
-                "#{id} in line {}: needed one keyword, found {n}",
-                self.line(id)
-            ))),
+            1 => Ok(Entity { id, line: self.line(id), record: records.remove(0) }),
+            n => Err(Error::input(format!("#{id} in line {}: needed one keyword, found {n}", self.line(id)))),
         }
     }
 
@@ -52,20 +45,13 @@ pub(super) fn part<'b, 'a>(parts: &'b [Entity<'a>], keyword: &str) -> Option<&'b
 impl<'a> Entity<'a> {
     /// An error of this instance.
     pub(super) fn wrong(&self, what: &str) -> Error {
-        Error::input(format!(
-            "#{} {} in line {}: {what}",
-            self.id, self.record.keyword, self.line
-        ))
+        Error::input(format!("#{} {} in line {}: {what}", self.id, self.record.keyword, self.line))
     }
 
     fn needed(&self, at: usize, what: &str) -> Error {
         match self.record.values.get(at) {
             Some(found) => self.wrong(&format!("attribute {}: needed {what}, found {found}", at + 1)),
-            None => self.wrong(&format!(
-                "needed {} attributes, found {}",
-                at + 1,
-                self.record.values.len()
-            )),
+            None => self.wrong(&format!("needed {} attributes, found {}", at + 1, self.record.values.len())),
         }
     }
 

@@ -1,6 +1,7 @@
 //! Curves and surfaces of STEP files.
 //!
-//! Comes in: instances, a factor of lengths and the size of the file's unit of angles. Goes out: curves and surfaces in the wanted unit and radians.
+//! Comes in: instances, a factor of lengths and the size of the file's unit of angles. Goes out: curves and
+//! surfaces in the wanted unit and radians.
 //!
 //! # References
 //! ISO 10303-42:2022, *Geometric and topological representation*, 4.
@@ -78,11 +79,7 @@ impl Geometry<'_, '_> {
         let entity = self.index.entity_of(id, "AXIS2_PLACEMENT_3D")?;
         let origin = self.point(entity.reference(1)?)?;
         let z = self.direction_or(entity.optional(2)?, [0.0, 0.0, 1.0])?;
-        let aside = if z[0].abs() < 0.9 {
-            [1.0, 0.0, 0.0]
-        } else {
-            [0.0, 1.0, 0.0]
-        };
+        let aside = if z[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
         let wanted = self.direction_or(entity.optional(3)?, aside)?;
         let Some(x) = unit(add_scaled(wanted, -dot(wanted, z), z)) else {
             return Err(entity.wrong("needed two directions that are not parallel"));
@@ -119,11 +116,7 @@ impl Geometry<'_, '_> {
             },
             "CIRCLE" => {
                 let (f, r) = (frame()?, self.size(entity, 2)?);
-                Curve::Ellipse {
-                    center: f.origin,
-                    a: scale(r, f.x),
-                    b: scale(r, f.y),
-                }
+                Curve::Ellipse { center: f.origin, a: scale(r, f.x), b: scale(r, f.y) }
             }
             "ELLIPSE" => {
                 let f = frame()?;
@@ -143,19 +136,18 @@ impl Geometry<'_, '_> {
             }
             "PARABOLA" => {
                 let (f, focal) = (frame()?, self.size(entity, 2)?);
-                Curve::Parabola {
-                    vertex: f.origin,
-                    a: scale(focal, f.x),
-                    b: scale(focal, f.y),
-                }
+                Curve::Parabola { vertex: f.origin, a: scale(focal, f.x), b: scale(focal, f.y) }
             }
             "POLYLINE" => {
-                let points: Result<Vec<_>> = entity.references(1)?.into_iter().map(|p| self.point(p)).collect();
+                let points: Result<Vec<_>> =
+                    entity.references(1)?.into_iter().map(|p| self.point(p)).collect();
                 Curve::Spline(SplineCurve::polyline(&points?).map_err(|e| entity.wrong(&e.to_string()))?)
             }
-            "TRIMMED_CURVE" | "SURFACE_CURVE" | "SEAM_CURVE" | "INTERSECTION_CURVE" | "BOUNDED_SURFACE_CURVE" => {
-                self.curve_at(entity.reference(1)?, depth + 1)?
-            }
+            "TRIMMED_CURVE"
+            | "SURFACE_CURVE"
+            | "SEAM_CURVE"
+            | "INTERSECTION_CURVE"
+            | "BOUNDED_SURFACE_CURVE" => self.curve_at(entity.reference(1)?, depth + 1)?,
             "B_SPLINE_CURVE_WITH_KNOTS" | "BEZIER_CURVE" | "UNIFORM_CURVE" | "QUASI_UNIFORM_CURVE" => {
                 self.spline_curve(&parts)?
             }
@@ -184,11 +176,10 @@ impl Geometry<'_, '_> {
                 let at = if simple { 6 } else { 0 };
                 repeated(own, &own.counts(at)?, &own.numbers(at + 1)?, poles.len() + degree + 1)?
             }
-            None => implied_knots(parts, "CURVE", degree, poles.len()).ok_or_else(|| first.wrong("has no knots"))?,
+            None => implied_knots(parts, "CURVE", degree, poles.len())
+                .ok_or_else(|| first.wrong("has no knots"))?,
         };
-        let weights = part(parts, "RATIONAL_B_SPLINE_CURVE")
-            .map(|w| w.numbers(0))
-            .transpose()?;
+        let weights = part(parts, "RATIONAL_B_SPLINE_CURVE").map(|w| w.numbers(0)).transpose()?;
         let made = SplineCurve::try_new(degree, knots, &poles, weights.as_deref());
         Ok(Curve::Spline(made.map_err(|e| base.wrong(&e.to_string()))?))
     }
@@ -214,12 +205,7 @@ impl Geometry<'_, '_> {
             "CYLINDRICAL_SURFACE" => {
                 let Frame { origin, x, z, .. } = frame()?;
                 let radius = self.size(entity, 2)?;
-                Surface::Elementary(brep::Surface::Cylinder {
-                    origin,
-                    axis: z,
-                    x,
-                    radius,
-                })
+                Surface::Elementary(brep::Surface::Cylinder { origin, axis: z, x, radius })
             }
             "CONICAL_SURFACE" => self.cone(entity, frame()?)?,
             "SPHERICAL_SURFACE" => {
@@ -260,9 +246,10 @@ impl Geometry<'_, '_> {
             "RECTANGULAR_TRIMMED_SURFACE" | "CURVE_BOUNDED_SURFACE" => {
                 self.surface_at(entity.reference(1)?, depth + 1)?
             }
-            "B_SPLINE_SURFACE_WITH_KNOTS" | "BEZIER_SURFACE" | "UNIFORM_SURFACE" | "QUASI_UNIFORM_SURFACE" => {
-                self.spline_surface(&parts)?
-            }
+            "B_SPLINE_SURFACE_WITH_KNOTS"
+            | "BEZIER_SURFACE"
+            | "UNIFORM_SURFACE"
+            | "QUASI_UNIFORM_SURFACE" => self.spline_surface(&parts)?,
             _ => return Err(unread(entity, "surface")),
         })
     }
@@ -276,13 +263,7 @@ impl Geometry<'_, '_> {
                 "needed a radius of 0 or more and half an angle between 0 and a right angle, found {radius} and {half_angle_rad} rad"
             )));
         }
-        Ok(Surface::Elementary(brep::Surface::Cone {
-            origin,
-            axis: z,
-            x,
-            radius,
-            half_angle_rad,
-        }))
+        Ok(Surface::Elementary(brep::Surface::Cone { origin, axis: z, x, radius, half_angle_rad }))
     }
 
     /// A B-spline surface, given by one keyword or by several.
@@ -326,10 +307,7 @@ impl Geometry<'_, '_> {
 }
 
 fn unread(entity: &Entity, what: &str) -> Error {
-    Error::unsupported(format!(
-        "#{} {}: a {what} of this kind is not read",
-        entity.id, entity.record.keyword
-    ))
+    Error::unsupported(format!("#{} {}: a {what} of this kind is not read", entity.id, entity.record.keyword))
 }
 
 /// Knots as often as they count. No more than wanted are made, as a file can count to anything.

@@ -1,7 +1,8 @@
 //! Units, representations and assemblies of STEP files.
 //!
 //! # References
-//! ISO 10303-41 (units, products), ISO 10303-43 (representations and their relationships), ISO 10303-44 (assemblies).
+//! ISO 10303-41 (units, products), ISO 10303-43 (representations and their relationships), ISO 10303-44
+//! (assemblies).
 
 use super::attributes::{Entity, part};
 use super::geometry::{Frame, Geometry};
@@ -21,10 +22,8 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    pub(super) const NONE: Self = Self {
-        columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        shift: [0.0; 3],
-    };
+    pub(super) const NONE: Self =
+        Self { columns: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], shift: [0.0; 3] };
 
     fn turn(&self, d: [f64; 3]) -> [f64; 3] {
         let [x, y, z] = self.columns;
@@ -37,10 +36,7 @@ impl Motion {
 
     /// This after another.
     pub(super) fn after(&self, first: &Self) -> Self {
-        Self {
-            columns: first.columns.map(|c| self.turn(c)),
-            shift: self.apply(first.shift),
-        }
+        Self { columns: first.columns.map(|c| self.turn(c)), shift: self.apply(first.shift) }
     }
 
     /// Whether it turns left into right.
@@ -51,20 +47,14 @@ impl Motion {
 
     /// From a frame's coordinates.
     fn of(frame: &Frame) -> Self {
-        Self {
-            columns: [frame.x, frame.y, frame.z],
-            shift: frame.origin,
-        }
+        Self { columns: [frame.x, frame.y, frame.z], shift: frame.origin }
     }
 
     /// Into a frame's coordinates.
     fn into(frame: &Frame) -> Self {
         let axes = [frame.x, frame.y, frame.z];
         let columns = [0, 1, 2].map(|c| axes.map(|a| a[c]));
-        Self {
-            columns,
-            shift: axes.map(|a| -dot(a, frame.origin)),
-        }
+        Self { columns, shift: axes.map(|a| -dot(a, frame.origin)) }
     }
 }
 
@@ -80,19 +70,13 @@ pub(super) struct Units {
 }
 
 impl Units {
-    pub(super) const NONE: Self = Self {
-        length_mm: None,
-        angle: 1.0,
-        uncertainty: None,
-    };
+    pub(super) const NONE: Self = Self { length_mm: None, angle: 1.0, uncertainty: None };
 
     /// The units of a context of representations.
     pub(super) fn of_context(index: &Index, id: u64) -> Result<Self> {
         let parts = index.parts(id)?;
         let mut found = Self::NONE;
-        let given = part(&parts, "GLOBAL_UNIT_ASSIGNED_CONTEXT")
-            .map(|p| p.references(0))
-            .transpose()?;
+        let given = part(&parts, "GLOBAL_UNIT_ASSIGNED_CONTEXT").map(|p| p.references(0)).transpose()?;
         for unit in given.unwrap_or_default() {
             match size_of_unit(index, unit, 0)? {
                 Some(("LENGTH_UNIT", metres)) => found.length_mm = Some(1000.0 * metres),
@@ -100,9 +84,8 @@ impl Units {
                 _ => {}
             }
         }
-        let uncertain = part(&parts, "GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT")
-            .map(|p| p.references(0))
-            .transpose()?;
+        let uncertain =
+            part(&parts, "GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT").map(|p| p.references(0)).transpose()?;
         for id in uncertain.unwrap_or_default() {
             let measure = index.entity(id)?;
             let (value, unit) = (measure.number(0)?, size_of_unit(index, measure.reference(1)?, 0)?);
@@ -135,8 +118,8 @@ fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static
     let (value, of) = match measure.as_slice() {
         [one] => (one.number(0)?, one.reference(1)?),
         several => {
-            let with_unit =
-                part(several, "MEASURE_WITH_UNIT").ok_or_else(|| based.wrong("needed a measure with its unit"))?;
+            let with_unit = part(several, "MEASURE_WITH_UNIT")
+                .ok_or_else(|| based.wrong("needed a measure with its unit"))?;
             (with_unit.number(0)?, with_unit.reference(1)?)
         }
     };
@@ -191,11 +174,7 @@ pub(super) struct Products {
 
 impl Products {
     pub(super) fn of(index: &Index) -> Result<Self> {
-        let mut found = Self {
-            representations: BTreeMap::new(),
-            within: Vec::new(),
-            same: HashMap::new(),
-        };
+        let mut found = Self { representations: BTreeMap::new(), within: Vec::new(), same: HashMap::new() };
         let mut contexts: HashMap<u64, Units> = HashMap::new();
         let mut add = |found: &mut Self, id: u64, items: Vec<u64>, context: u64| -> Result<()> {
             let units = match contexts.get(&context) {
@@ -204,9 +183,7 @@ impl Products {
             };
             contexts.insert(context, units);
             let is_plain = index.of_keyword("SHAPE_REPRESENTATION").contains(&id);
-            found
-                .representations
-                .insert(id, Representation { items, units, is_plain });
+            found.representations.insert(id, Representation { items, units, is_plain });
             Ok(())
         };
         let is_shape = |keyword: &str| {
@@ -269,7 +246,8 @@ impl Products {
         Ok(found)
     }
 
-    /// Representations, plain ones last: these may repeat what others hold, as parts to which a note is attached.
+    /// Representations, plain ones last: these may repeat what others hold, as parts to which a note is
+    /// attached.
     pub(super) fn most_special_first(&self) -> impl Iterator<Item = (&u64, &Representation)> {
         let of = |plain: bool| self.representations.iter().filter(move |(_, r)| r.is_plain == plain);
         of(false).chain(of(true))
@@ -333,15 +311,13 @@ impl Products {
     fn motion(&self, index: &Index, within: &Within, length: &dyn Fn(&Units) -> f64) -> Result<Motion> {
         let geometry = |id: u64| {
             let units = self.representations.get(&id).map_or(Units::NONE, |r| r.units);
-            Geometry {
-                index,
-                length: length(&units),
-                angle: units.angle,
-            }
+            Geometry { index, length: length(&units), angle: units.angle }
         };
         let [mut from, mut to] = within.frames;
-        // Some programs give the frames the other way round: each is among the items of its own representation.
-        let holds = |id: u64, item: u64| self.representations.get(&id).is_some_and(|r| r.items.contains(&item));
+        // Some programs give the frames the other way round: each is among the items of its own
+        // representation.
+        let holds =
+            |id: u64, item: u64| self.representations.get(&id).is_some_and(|r| r.items.contains(&item));
         if holds(within.parent, from) && holds(within.child, to) && !holds(within.child, from) {
             std::mem::swap(&mut from, &mut to);
         }
@@ -358,9 +334,8 @@ impl Products {
 /// `CARTESIAN_TRANSFORMATION_OPERATOR_3D(name, description, name, axis1, axis2, origin, scale, axis3)`.
 fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
     // The two names of its supertypes are one attribute or two, as the schema has it.
-    let first = (0..entity.record.values.len())
-        .find(|k| entity.optional(*k).is_ok_and(|v| v.is_some()))
-        .unwrap_or(0);
+    let first =
+        (0..entity.record.values.len()).find(|k| entity.optional(*k).is_ok_and(|v| v.is_some())).unwrap_or(0);
     let at_origin = (first..entity.record.values.len()).find(|k| {
         let id = entity.optional(*k).ok().flatten();
         id.is_some_and(|id| geometry.point(id).is_ok())

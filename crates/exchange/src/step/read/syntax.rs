@@ -1,7 +1,8 @@
 //! The text of STEP files: where each instance is, and what it says.
 //!
-//! Comes in: a file's bytes. Goes out: an index of instances, parsed when they are asked for, so that memory follows what is used.
-//! Not guaranteed: the exchange structure's later editions (anchors, references and signatures are passed over).
+//! Comes in: a file's bytes. Goes out: an index of instances, parsed when they are asked for, so that memory
+//! follows what is used. Not guaranteed: the exchange structure's later editions (anchors, references and
+//! signatures are passed over).
 //!
 //! # References
 //! ISO 10303-21:2016, *Clear text encoding of the exchange structure*, 5 and 10.
@@ -84,7 +85,9 @@ impl<'a> Cursor<'a> {
         loop {
             match self.bytes.get(self.at) {
                 Some(b) if is_space(*b) => self.at += 1,
-                Some(b'/') if self.bytes.get(self.at + 1) == Some(&b'*') => self.at = comment_end(self.bytes, self.at),
+                Some(b'/') if self.bytes.get(self.at + 1) == Some(&b'*') => {
+                    self.at = comment_end(self.bytes, self.at)
+                }
                 _ => return,
             }
         }
@@ -166,7 +169,8 @@ impl<'a> Cursor<'a> {
             }
             Some(b'(') => Ok(Value::List(self.list(depth + 1)?)),
             Some(quote @ (b'\'' | b'"')) => {
-                let end = text_end(self.bytes, self.at, quote).ok_or_else(|| Error::input("a string does not end"))?;
+                let end = text_end(self.bytes, self.at, quote)
+                    .ok_or_else(|| Error::input("a string does not end"))?;
                 let text = &self.bytes[self.at + 1..end - 1];
                 self.at = end;
                 Ok(Value::Text(text))
@@ -178,7 +182,8 @@ impl<'a> Cursor<'a> {
                 Ok(Value::Name(name))
             }
             Some(b'+' | b'-' | b'0'..=b'9') => {
-                let text = self.while_is(|b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'E' | b'e'));
+                let text =
+                    self.while_is(|b| b.is_ascii_digit() || matches!(b, b'+' | b'-' | b'.' | b'E' | b'e'));
                 let number = std::str::from_utf8(text).ok().and_then(|t| t.parse::<f64>().ok());
                 match number {
                     Some(x) if x.is_finite() => Ok(Value::Number(x)),
@@ -230,13 +235,10 @@ impl<'a> Index<'a> {
     /// Finds the instances of all data sections.
     ///
     /// # Errors
-    /// `Input` for what is no STEP file, one that ends too early, a number given twice, and a statement that is none; with its line.
+    /// `Input` for what is no STEP file, one that ends too early, a number given twice, and a statement that
+    /// is none; with its line.
     pub(super) fn of(bytes: &'a [u8]) -> Result<Self> {
-        let mut index = Self {
-            bytes,
-            places: HashMap::new(),
-            by_keyword: HashMap::new(),
-        };
+        let mut index = Self { bytes, places: HashMap::new(), by_keyword: HashMap::new() };
         let mut start = bytes.strip_prefix(b"\xef\xbb\xbf").map_or(0, |_| 3);
         let mut line = 1;
         let mut is_data = false;
@@ -272,7 +274,8 @@ impl<'a> Index<'a> {
             }
         }
         Err(
-            match is_first || sections == 0 && index.places.is_empty() && !bytes.starts_with(b"ISO-10303-21") {
+            match is_first || sections == 0 && index.places.is_empty() && !bytes.starts_with(b"ISO-10303-21")
+            {
                 true => Error::input("it is no STEP file: needed `ISO-10303-21;` at its beginning"),
                 false => Error::input(format!("line {line}: the file ends before `END-ISO-10303-21;`")),
             },
@@ -287,18 +290,11 @@ impl<'a> Index<'a> {
     }
 
     fn add(&mut self, start: usize, end: usize, line: usize) -> Result<()> {
-        let mut cursor = Cursor {
-            bytes: self.bytes,
-            at: start + 1,
-        };
+        let mut cursor = Cursor { bytes: self.bytes, at: start + 1 };
         let id = cursor.number_of_instance()?;
         cursor.expect(b'=').map_err(|e| e.in_context(format!("#{id}")))?;
         cursor.skip();
-        let place = Place {
-            start: cursor.at,
-            end,
-            line,
-        };
+        let place = Place { start: cursor.at, end, line };
         let keyword = match cursor.peek() {
             Some(b'(') => "",
             _ => cursor.keyword().map_err(|e| e.in_context(format!("#{id}")))?,
@@ -333,10 +329,7 @@ impl<'a> Index<'a> {
         let Some(place) = self.places.get(&id) else {
             return Err(Error::input(format!("there is no #{id}")));
         };
-        let mut cursor = Cursor {
-            bytes: &self.bytes[..place.end],
-            at: place.start,
-        };
+        let mut cursor = Cursor { bytes: &self.bytes[..place.end], at: place.start };
         let read = |cursor: &mut Cursor<'a>| -> Result<Vec<Record<'a>>> {
             let mut records = Vec::new();
             if cursor.peek() != Some(b'(') {
@@ -433,11 +426,7 @@ mod tests {
             ("-2.5E-1", "-2.5E-1E", "needed a finite number, found `-2.5E-1E`"),
             ("-2.5E-1", "1E999", "needed a finite number"),
             ("DATA;\n", "", "outside of a DATA section"),
-            (
-                "(1),(2)",
-                &format!("{}1{}", "(".repeat(40), ")".repeat(40)),
-                "nested more than",
-            ),
+            ("(1),(2)", &format!("{}1{}", "(".repeat(40), ")".repeat(40)), "nested more than"),
         ] {
             let e = match from {
                 "ENDSEC;\nEND" => Index::of(FILE.replace("DATA;", "HEADER;").as_bytes())

@@ -1,4 +1,5 @@
-//! Files of Open Cascade 7.9 (`tests/data`, made by `benches/peers/step_files.py`, which prints area and volume), and small ones written here.
+//! Files of Open Cascade 7.9 (`tests/data`, made by `benches/peers/step_files.py`, which prints area and
+//! volume), and small ones written here.
 
 use super::*;
 use planish_estimate::vector3::{cross, dot, norm, sub};
@@ -6,16 +7,11 @@ use planish_mesh::{MeshCheck, TriangleMesh};
 use std::path::PathBuf;
 
 fn data(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("tests/data")
-        .join(format!("{name}.step.gz"))
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(format!("{name}.step.gz"))
 }
 
 fn triangles(faces: &StepFaces, share: f64) -> StepMesh {
-    let fineness = Fineness {
-        chord: share * faces.size(),
-        longest: f64::INFINITY,
-    };
+    let fineness = Fineness { chord: share * faces.size(), longest: f64::INFINITY };
     faces.triangles(&fineness).unwrap()
 }
 
@@ -76,10 +72,7 @@ fn trimmed_splines_and_what_curves_sweep_have_their_areas() {
     let sheet = triangles(&read_step(&data("sheet")).unwrap(), 1e-4);
     let (area, _, check) = measured(&sheet.parts[0]);
     near(area, 2076.9474, 1e-3);
-    assert_eq!(
-        (sheet.faces, check.boundary_loops, check.euler_characteristic),
-        (1, 2, 0)
-    );
+    assert_eq!((sheet.faces, check.boundary_loops, check.euler_characteristic), (1, 2, 0));
     let swept = triangles(&read_step(&data("swept")).unwrap(), 1e-4);
     assert_eq!((swept.parts.len(), swept.left_out.len()), (3, 0));
     for (part, truth) in swept.parts.iter().zip([1541.09833, 606.299149, 359.826064]) {
@@ -154,9 +147,7 @@ fn lengths_and_angles_are_in_the_units_of_the_file() {
 fn corners_of_straight_sides_and_bare_surfaces_are_read() {
     // A tetrahedron by loops of points, all its faces outwards, and a bilinear surface that no face bounds.
     let corners = [(20, "0.,0.,0."), (21, "1.,0.,0."), (22, "0.,1.,0."), (23, "0.,0.,1.")];
-    let mut lines: String = corners
-        .map(|(id, at)| format!("#{id}=CARTESIAN_POINT('',({at}));\n"))
-        .concat();
+    let mut lines: String = corners.map(|(id, at)| format!("#{id}=CARTESIAN_POINT('',({at}));\n")).concat();
     let planes = [
         ("0.,0.,-1.", "1.,0.,0.", [20, 22, 21], 20),
         ("0.,-1.,0.", "1.,0.,0.", [20, 21, 23], 20),
@@ -235,10 +226,7 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
         read_mesh(&path).unwrap_err().to_string()
     };
     for (text, words) in [
-        (
-            file("#1", "#2", "#30", &lines),
-            "part.stp: 2 of its 3 faces cannot be read, the first: face #50",
-        ),
+        (file("#1", "#2", "#30", &lines), "part.stp: 2 of its 3 faces cannot be read, the first: face #50"),
         (file("#1", "#2", "#13", ""), "part.stp: it holds no faces"),
         (
             file("#1", "#2", "#16", "#16=GEOMETRIC_CURVE_SET('',(#10));\n"),
@@ -266,12 +254,7 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
             "needed ADVANCED_FACE or FACE_SURFACE",
         ),
         (
-            file(
-                "#1",
-                "#2",
-                "#45",
-                "#45=MAPPED_ITEM('',#46,#13);\n#46=REPRESENTATION_MAP(#13,#14);\n",
-            ),
+            file("#1", "#2", "#45", "#45=MAPPED_ITEM('',#46,#13);\n#46=REPRESENTATION_MAP(#13,#14);\n"),
             "an assembly holds itself",
         ),
         ("solid\n".to_owned(), "it is no STEP file"),

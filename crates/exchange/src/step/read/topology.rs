@@ -1,6 +1,7 @@
 //! Faces of STEP files, and the shells that they are in.
 //!
-//! Comes in: items of a representation. Goes out: shapes, in which what the file shares is shared. A face that cannot be read is left out and named.
+//! Comes in: items of a representation. Goes out: shapes, in which what the file shares is shared. A face
+//! that cannot be read is left out and named.
 
 use super::geometry::Geometry;
 use super::syntax::Index;
@@ -119,12 +120,9 @@ impl<'b, 'a> Builder<'b, 'a> {
     fn add_bare(&mut self, id: u64) {
         let name = format!("#{id}");
         match self.geometry.surface(id) {
-            Ok(surface) => self.read.shape.faces.push(Face {
-                name,
-                surface,
-                is_outward: true,
-                loops: Vec::new(),
-            }),
+            Ok(surface) => {
+                self.read.shape.faces.push(Face { name, surface, is_outward: true, loops: Vec::new() })
+            }
             Err(e) => self.read.left_out.push((name, e.to_string())),
         }
     }
@@ -174,12 +172,7 @@ impl<'b, 'a> Builder<'b, 'a> {
                 loops.push(ring);
             }
         }
-        Ok(Face {
-            name: format!("#{id}"),
-            surface,
-            is_outward: same_sense == forward,
-            loops,
-        })
+        Ok(Face { name: format!("#{id}"), surface, is_outward: same_sense == forward, loops })
     }
 
     /// The edges of a loop; none of one that is a vertex.
@@ -200,9 +193,7 @@ impl<'b, 'a> Builder<'b, 'a> {
                 let vertices: Result<Vec<usize>> = points.into_iter().map(|p| self.corner(p)).collect();
                 let vertices = vertices?;
                 let n = vertices.len();
-                Ok((0..n)
-                    .map(|k| self.side([vertices[k], vertices[(k + 1) % n]]))
-                    .collect())
+                Ok((0..n).map(|k| self.side([vertices[k], vertices[(k + 1) % n]])).collect())
             }
             _ => Err(entity.wrong("needed EDGE_LOOP, POLY_LOOP or VERTEX_LOOP")),
         }
@@ -252,10 +243,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         let edge = *self.side_of.entry(ends).or_insert_with(|| {
             let [from, to] = ends.map(|v| shape.vertices[v]);
             shape.edges.push(Edge {
-                curve: Curve::Line {
-                    origin: from,
-                    along: sub(to, from),
-                },
+                curve: Curve::Line { origin: from, along: sub(to, from) },
                 ends,
                 is_forward: true,
             });

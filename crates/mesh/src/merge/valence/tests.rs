@@ -30,9 +30,7 @@ fn a_fan_is_evened_out_and_stays_a_surface() {
         triangles[2 * square + 1] = turned(1);
     }
     let before = valences_of(&triangles, sheet.positions.len());
-    let area = TriangleMesh::try_new(sheet.positions.clone(), triangles.clone())
-        .unwrap()
-        .area();
+    let area = TriangleMesh::try_new(sheet.positions.clone(), triangles.clone()).unwrap().area();
     let (turns, counted) = even_out(&sheet.positions, &mut triangles, &vec![true; sheet.positions.len()], 0);
     let after = valences_of(&triangles, sheet.positions.len());
     assert_eq!(counted, after);
@@ -44,15 +42,11 @@ fn a_fan_is_evened_out_and_stays_a_surface() {
     );
     assert!((mesh.area() - area).abs() < 1e-12);
     let over = |valence: &[u32]| valence.iter().filter(|v| **v > 6).count();
-    assert!(
-        4 * over(&after) < over(&before),
-        "{} and {}",
-        over(&after),
-        over(&before)
-    );
+    assert!(4 * over(&after) < over(&before), "{} and {}", over(&after), over(&before));
 }
 
-/// Of 20 seams that are much out of order no vertex keeps seven edges: what is too much is carried to where there is room for it.
+/// Of 20 seams that are much out of order no vertex keeps seven edges: what is too much is carried to where
+/// there is room for it.
 #[test]
 fn no_vertex_of_a_seam_keeps_seven_edges() {
     let ball = icosphere(1.0, 5);
@@ -75,9 +69,7 @@ fn no_vertex_of_a_seam_keeps_seven_edges() {
         let (_, valence) = even_out(&ball.positions, &mut triangles, &seam, 3);
         left += valence.iter().zip(&seam).filter(|(n, s)| **s && **n > 6).count();
         vertices += seam.iter().filter(|s| **s).count();
-        let check = TriangleMesh::try_new(ball.positions.clone(), triangles)
-            .unwrap()
-            .check();
+        let check = TriangleMesh::try_new(ball.positions.clone(), triangles).unwrap().check();
         assert!(check.manifold && check.oriented && check.watertight, "{check:?}");
     }
     assert!(vertices > 3000 && left == 0, "{left} of {vertices}");

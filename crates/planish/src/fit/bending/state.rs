@@ -1,7 +1,7 @@
 //! One state of a sheet that bends: laid on its readings from the state before.
 //!
-//! Comes in: the state before, the lengths of the sheet, observations. Goes out: a [`Settled`] surface whose prior holds all that is known beside the heights of
-//! the readings. See [`super`].
+//! Comes in: the state before, the lengths of the sheet, observations. Goes out: a [`Settled`] surface whose
+//! prior holds all that is known beside the heights of the readings. See [`super`].
 
 use super::{Lengths, SIGMA_STRETCH};
 use crate::fit::FitOptions;
@@ -16,7 +16,8 @@ use planish_estimate::vector3::{add_scaled, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights};
 
-/// The share by which sheets may stretch at the first iteration, and iterations until it is what it should be.
+/// The share by which sheets may stretch at the first iteration, and iterations until it is what it should
+/// be.
 const FIRST_STRETCH: f64 = 0.1;
 const ANNEALING: usize = 10;
 /// Iterations at most; at rest when the mean square step is so many variances of a vertex.
@@ -27,7 +28,8 @@ const FIRST_SMOOTHING: f64 = 0.1;
 const STIFFEST: f64 = 2.0;
 /// σ of sliding along the sheet, in leaves.
 const SLIDING: f64 = 5.0;
-/// Readings beyond the border are of the sheet when they are nearer to it than this share of its extent; their pull is bounded beyond so many spacings.
+/// Readings beyond the border are of the sheet when they are nearer to it than this share of its extent;
+/// their pull is bounded beyond so many spacings.
 const BORDER_REACH: f64 = 0.1;
 const BOUNDED: f64 = 3.0;
 
@@ -66,9 +68,8 @@ impl Sheet<'_> {
             let [u, v] = search.nearest(p, [0.0; 3]);
             previous.normal(u, v).unwrap_or([0.0; 3])
         });
-        let subset: Vec<u32> = (0..observations.len() as u32)
-            .filter(|&i| !observations.held_out[i as usize])
-            .collect();
+        let subset: Vec<u32> =
+            (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
         let held = self.held()?;
         let area: f64 = leaf_areas(previous).iter().sum();
         let spacing = (area / subset.len().max(1) as f64).sqrt();
@@ -159,10 +160,7 @@ impl Sheet<'_> {
         let mut pull = vec![0.0; x.len()];
         smooth.multiply(&x, &mut pull)?;
         smooth.vector_mut().copy_from_slice(&pull);
-        Ok(Held {
-            smooth,
-            sliding: self.system.tangential_hold(self.previous, SLIDING)?,
-        })
+        Ok(Held { smooth, sliding: self.system.tangential_hold(self.previous, SLIDING)? })
     }
 
     /// All that is known beside the readings' heights, linearised at a surface.
@@ -198,21 +196,15 @@ impl Sheet<'_> {
         let reach = BORDER_REACH * extent_of(surface);
         self.system.accumulate(|leaf, cell| {
             let mut any = false;
-            for k in order[start[leaf] as usize..start[leaf + 1] as usize]
-                .iter()
-                .map(|&k| k as usize)
-            {
+            for k in order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize) {
                 let foot = &feet[k];
-                let Some(distance) = beyond_by(surface, observations, subset[k], foot).filter(|d| *d < reach) else {
+                let Some(distance) = beyond_by(surface, observations, subset[k], foot).filter(|d| *d < reach)
+                else {
                     continue;
                 };
                 let w = spacing.powi(-2) * (BOUNDED * spacing / distance).min(1.0);
                 let z = observations.points[subset[k] as usize];
-                cell.add_vector(
-                    &leaf_weights(foot.local[0], foot.local[1]),
-                    z,
-                    &[w, 0.0, 0.0, w, 0.0, w],
-                );
+                cell.add_vector(&leaf_weights(foot.local[0], foot.local[1]), z, &[w, 0.0, 0.0, w, 0.0, w]);
                 any = true;
             }
             any
@@ -238,11 +230,8 @@ fn likeliest(
     covariance: &SelectedInverse,
     weight: f64,
 ) -> Result<f64> {
-    let displacement: Vec<f64> = solution
-        .iter()
-        .zip(previous.vertices().iter().flatten())
-        .map(|(new, old)| new - old)
-        .collect();
+    let displacement: Vec<f64> =
+        solution.iter().zip(previous.vertices().iter().flatten()).map(|(new, old)| new - old).collect();
     // A plate lets three functions of each coordinate go free.
     let rank = displacement.len() as f64 - 9.0;
     let taken = rank - weight * covariance.trace_with(&held.smooth)?;

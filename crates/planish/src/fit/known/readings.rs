@@ -1,6 +1,8 @@
-//! Readings with known parameters, by their numbers: which are fitted, which are held out, gated or written twice.
+//! Readings with known parameters, by their numbers: which are fitted, which are held out, gated or written
+//! twice.
 //!
-//! Comes in: scans with `u` and `v`. Goes out: sums over cells, and what a surface leaves of the readings. Nothing is kept of a reading but marks.
+//! Comes in: scans with `u` and `v`. Goes out: sums over cells, and what a surface leaves of the readings.
+//! Nothing is kept of a reading but marks.
 
 use crate::fit::FitOptions;
 use crate::fit::noise::ResidualSums;
@@ -28,8 +30,8 @@ const LEAST_READINGS: usize = 10;
 const BOUNDED: f64 = 2.5;
 /// Noise puts nothing farther out than the gate, or than the farthest of so many draws, and so many σ more.
 const BEYOND_NOISE: f64 = 2.0;
-/// Readings for each bin in which neighbours are compared; how many standard deviations of what noise makes they have to share, and which
-/// share of their variance is worth telling.
+/// Readings for each bin in which neighbours are compared; how many standard deviations of what noise makes
+/// they have to share, and which share of their variance is worth telling.
 const READINGS_PER_BIN: f64 = 8.0;
 const SIGNIFICANT_SHAPE: f64 = 5.0;
 const WORTH_TELLING: f64 = 0.05;
@@ -62,7 +64,8 @@ pub(super) struct Readings<'a> {
     pub(super) is_moved: Vec<bool>,
 }
 
-/// Readings farther than so many σ from a surface pull the less the farther they are: each adds as much to the sum of squares as one there.
+/// Readings farther than so many σ from a surface pull the less the farther they are: each adds as much to
+/// the sum of squares as one there.
 pub(super) struct Softening {
     pub(super) surface: Evaluation,
     /// Each sensor's variance over that stated.
@@ -137,9 +140,7 @@ impl OfScan<'_> {
             let reading = self.reading(k);
             let softened = self.softened.map_or(1.0, |(surface, bound)| {
                 let far = surface.residual(reading).fold(0.0, |far: f64, r| far.max(r.abs()));
-                (bound / (far * reading.information.sqrt()).max(f64::MIN_POSITIVE))
-                    .min(1.0)
-                    .powi(2)
+                (bound / (far * reading.information.sqrt()).max(f64::MIN_POSITIVE)).min(1.0).powi(2)
             });
             PositionReading {
                 parameters: reading.at,
@@ -161,11 +162,7 @@ impl<'a> Readings<'a> {
         let mut stated = vec![true; set.sensors.len()];
         // A file that is alone is named by who reads it.
         let named = |name: &str| {
-            if set.scans.len() > 1 {
-                format!("{name}: ")
-            } else {
-                String::new()
-            }
+            if set.scans.len() > 1 { format!("{name}: ") } else { String::new() }
         };
         for posed in &set.scans {
             let name = named(&posed.scan.name);
@@ -195,9 +192,7 @@ impl<'a> Readings<'a> {
         for posed in &set.scans {
             let inside = |p: &[f64; 2]| (0.0..=1.0).contains(&p[0]) & (0.0..=1.0).contains(&p[1]);
             if let Some(all) = &posed.scan.parameters
-                && !all
-                    .par_chunks(TASK)
-                    .all(|part| part.iter().fold(true, |good, p| good & inside(p)))
+                && !all.par_chunks(TASK).all(|part| part.iter().fold(true, |good, p| good & inside(p)))
                 && let Some(k) = all.iter().position(|p| !inside(p))
             {
                 return Err(Error::input(format!(
@@ -256,7 +251,8 @@ impl<'a> Readings<'a> {
             cells: self.cells,
             is_left_out: &self.is_left_out[s],
             is_held_out: &self.is_held_out[s],
-            softened: (self.softening.as_ref()).map(|by| (&by.surface, BOUNDED * by.variances[posed.sensor].sqrt())),
+            softened: (self.softening.as_ref())
+                .map(|by| (&by.surface, BOUNDED * by.variances[posed.sensor].sqrt())),
         }
     }
 
@@ -293,10 +289,8 @@ impl<'a> Readings<'a> {
         let mut sums = vec![PositionSums::new(space); self.set.sensors.len()];
         for (s, posed) in self.set.scans.iter().enumerate() {
             progress.check("adding up", 0.1 + 0.2 * s as f64 / self.set.scans.len() as f64)?;
-            progress.items(
-                self.set.scans[..s].iter().map(|before| before.scan.points.len()).sum(),
-                "readings",
-            );
+            progress
+                .items(self.set.scans[..s].iter().map(|before| before.scan.points.len()).sum(), "readings");
             let scan = self.of_scan(s);
             sums[posed.sensor]
                 .add_from(posed.scan.points.len(), |k| scan.fitted(k))
@@ -305,16 +299,14 @@ impl<'a> Readings<'a> {
         Ok(sums)
     }
 
-    /// Sorts the readings by the gate, given each sensor's variance over that stated; and what the residuals of those inside sum up to.
+    /// Sorts the readings by the gate, given each sensor's variance over that stated; and what the residuals
+    /// of those inside sum up to.
     pub(super) fn examine(&self, surface: &Evaluation, variances: &[f64]) -> Result<Examined> {
         let gate2 = self.options.gate * self.options.gate;
         let parts = self.in_tasks(|s, range| {
             let variance = variances[self.set.scans[s].sensor];
             let scan = self.of_scan(s);
-            let mut part = ExaminedPart {
-                scan: s,
-                ..ExaminedPart::default()
-            };
+            let mut part = ExaminedPart { scan: s, ..ExaminedPart::default() };
             for k in range {
                 if scan.is_held_out.has(k) {
                     continue;
@@ -371,14 +363,11 @@ impl<'a> Readings<'a> {
                 inside.add(outside);
             }
         }
-        Ok(Examined {
-            gated,
-            residuals: inside,
-            farthest_new,
-        })
+        Ok(Examined { gated, residuals: inside, farthest_new })
     }
 
-    /// The share of the residuals' variance that neighbours share, where it is more than noise makes: shape that the grid cannot follow.
+    /// The share of the residuals' variance that neighbours share, where it is more than noise makes: shape
+    /// that the grid cannot follow.
     ///
     /// `Σ_b ((Σ r)² − Σ r²)/n_b` over small bins, by a sample, far residuals cut off.
     pub(super) fn shape_left(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
@@ -390,15 +379,13 @@ impl<'a> Readings<'a> {
         for (s, posed) in self.set.scans.iter().enumerate() {
             let scan = self.of_scan(s);
             let spread = variances[posed.sensor].sqrt();
-            for k in (0..posed.scan.points.len())
-                .step_by(step)
-                .filter(|&k| !scan.is_left_out.has(k))
-            {
+            for k in (0..posed.scan.points.len()).step_by(step).filter(|&k| !scan.is_left_out.has(k)) {
                 let reading = scan.reading(k);
                 let place = [0, 1].map(|d| (reading.at[d] / self.cells[d] * side).min(side - 1.0) as usize);
                 let bin = (place[1] * side as usize + place[0]) * coordinates;
                 for (bin, r) in bins[bin..].iter_mut().zip(surface.residual(reading)) {
-                    let r = (r * reading.information.sqrt() / spread).clamp(-self.options.gate, self.options.gate);
+                    let r = (r * reading.information.sqrt() / spread)
+                        .clamp(-self.options.gate, self.options.gate);
                     *bin = [bin[0] + r, bin[1] + r * r, bin[2] + 1.0];
                 }
             }
@@ -413,7 +400,8 @@ impl<'a> Readings<'a> {
         (shared > SIGNIFICANT_SHAPE * f64::sqrt(2.0 * pairs) && share > WORTH_TELLING).then_some(share)
     }
 
-    /// Each sensor's variance over that stated as a sample of its residuals says, whatever is outside the gate.
+    /// Each sensor's variance over that stated as a sample of its residuals says, whatever is outside the
+    /// gate.
     pub(super) fn robust_variances(&self, surface: &Evaluation) -> Result<Vec<f64>> {
         let mut residuals = vec![Vec::new(); self.set.sensors.len()];
         let step = (self.total / ENOUGH_FOR_SCALE).max(1);
@@ -473,12 +461,8 @@ pub(super) struct Evaluation {
 }
 
 /// Coefficient of `xⁱ` in the cubic B-spline weight `k` of a cell, times 6.
-const WEIGHTS_6: [[f64; 4]; 4] = [
-    [1.0, -3.0, 3.0, -1.0],
-    [4.0, 0.0, -6.0, 3.0],
-    [1.0, 3.0, 3.0, -3.0],
-    [0.0, 0.0, 0.0, 1.0],
-];
+const WEIGHTS_6: [[f64; 4]; 4] =
+    [[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]];
 
 impl Evaluation {
     pub(super) fn new(surface: &Surface, measured: [bool; 3]) -> Self {
@@ -520,7 +504,8 @@ impl Evaluation {
     }
 }
 
-/// Numbers of readings that are held out of each scan: one at random of as many as the share wants, as few as judge the fit.
+/// Numbers of readings that are held out of each scan: one at random of as many as the share wants, as few as
+/// judge the fit.
 pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec<Vec<u32>> {
     let share = options.held_out_share.min(ENOUGH_HELD_OUT / total as f64);
     (set.scans.iter().enumerate())
@@ -533,9 +518,11 @@ pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec
         .collect()
 }
 
-/// Numbers of readings that repeat an earlier one of their scan to the last digit, ascending: one reading that was written twice.
+/// Numbers of readings that repeat an earlier one of their scan to the last digit, ascending: one reading
+/// that was written twice.
 ///
-/// Copies have one hash, so a sample by the hash has all copies of a reading or none: only where it has any, all readings are looked at.
+/// Copies have one hash, so a sample by the hash has all copies of a reading or none: only where it has any,
+/// all readings are looked at.
 pub(super) fn repeated(set: &ScanSet) -> Vec<Vec<u32>> {
     (set.scans.iter())
         .map(|posed| {
@@ -557,7 +544,8 @@ pub(super) fn repeated(set: &ScanSet) -> Vec<Vec<u32>> {
                 return Vec::new();
             }
             let all = hashes(|_| true);
-            let mut repeated: Vec<u32> = all.windows(2).filter(|pair| same(pair)).map(|pair| pair[1].1).collect();
+            let mut repeated: Vec<u32> =
+                all.windows(2).filter(|pair| same(pair)).map(|pair| pair[1].1).collect();
             repeated.sort_unstable();
             repeated
         })

@@ -28,12 +28,7 @@ fn heights(n: usize, sigma: f64, seed: u64) -> Scan {
             [u, v, franke(u, v) + sigma * noise]
         })
         .collect();
-    Scan {
-        name: "heights".to_owned(),
-        points,
-        parameters: Some(parameters),
-        ..Scan::default()
-    }
+    Scan { name: "heights".to_owned(), points, parameters: Some(parameters), ..Scan::default() }
 }
 
 fn set_of(scans: Vec<(Scan, Option<f64>)>) -> ScanSet {
@@ -65,10 +60,7 @@ fn set_of(scans: Vec<(Scan, Option<f64>)>) -> ScanSet {
 }
 
 fn options(cells: [usize; 2]) -> FitOptions {
-    FitOptions {
-        known_parameters: Some(cells),
-        ..FitOptions::default()
-    }
+    FitOptions { known_parameters: Some(cells), ..FitOptions::default() }
 }
 
 /// The textbook's ridge regression on a dense matrix, with the weight and σ that the fit has found.
@@ -76,10 +68,7 @@ fn options(cells: [usize; 2]) -> FitOptions {
 fn vertices_and_sigmas_are_those_of_dense_normal_equations() {
     let scan = heights(400, 0.01, 1);
     let set = set_of(vec![(scan.clone(), None)]);
-    let options = FitOptions {
-        held_out_share: 0.0,
-        ..options([5, 4])
-    };
+    let options = FitOptions { held_out_share: 0.0, ..options([5, 4]) };
     let fitted = fit(&set, &options, &Silent).unwrap();
     let model = &fitted.model;
     assert_eq!(model.measured_coordinates, Some([false, false, true]));
@@ -88,12 +77,7 @@ fn vertices_and_sigmas_are_those_of_dense_normal_equations() {
     let system = SurfaceSystem::new(space).unwrap();
     let reference = {
         let mut sums = PositionSums::new(space);
-        let at: Vec<[f64; 2]> = scan
-            .parameters
-            .iter()
-            .flatten()
-            .map(|[u, v]| [5.0 * u, 4.0 * v])
-            .collect();
+        let at: Vec<[f64; 2]> = scan.parameters.iter().flatten().map(|[u, v]| [5.0 * u, 4.0 * v]).collect();
         sums.add(&at, &scan.points, None).unwrap();
         reference_surface(space, &sums).unwrap()
     };
@@ -115,11 +99,7 @@ fn vertices_and_sigmas_are_those_of_dense_normal_equations() {
         let x = &covariance * (h.transpose() * z) / sigma2;
         for node in 0..n {
             let found = model.surface.vertices()[node][d];
-            assert!(
-                (found - x[node]).abs() < 1e-7,
-                "vertex {node}, {d}: {found}, {}",
-                x[node]
-            );
+            assert!((found - x[node]).abs() < 1e-7, "vertex {node}, {d}: {found}, {}", x[node]);
         }
     }
     let posteriors = [fitted.posterior(), model.posterior().unwrap()];
@@ -144,17 +124,10 @@ fn vertices_and_sigmas_are_those_of_dense_normal_equations() {
 fn the_stated_sigma_of_the_surface_is_true() {
     let mut squares = Vec::new();
     for seed in 0..4 {
-        let fitted = fit(
-            &set_of(vec![(heights(20_000, 0.01, seed), None)]),
-            &options([21, 21]),
-            &Silent,
-        )
-        .unwrap();
+        let fitted =
+            fit(&set_of(vec![(heights(20_000, 0.01, seed), None)]), &options([21, 21]), &Silent).unwrap();
         let report = &fitted.report;
-        assert!(
-            (report.sensors[0].sigma_estimated / 0.01 - 1.0).abs() < 0.02,
-            "{report:?}"
-        );
+        assert!((report.sensors[0].sigma_estimated / 0.01 - 1.0).abs() < 0.02, "{report:?}");
         assert!((report.held_out.rms_normalised - 1.0).abs() < 0.05, "{report:?}");
         assert!(report.rejected.is_empty(), "{:?}", report.rejected);
         let surface = &fitted.model.surface;
@@ -202,19 +175,10 @@ fn gross_errors_are_set_aside_and_change_little() {
 
 #[test]
 fn a_sensor_that_understates_its_sigma_is_found_out() {
-    let set = set_of(vec![
-        (heights(8_000, 0.01, 1), Some(0.01)),
-        (heights(8_000, 0.06, 2), Some(0.02)),
-    ]);
+    let set = set_of(vec![(heights(8_000, 0.01, 1), Some(0.01)), (heights(8_000, 0.06, 2), Some(0.02))]);
     let report = fit(&set, &options([16, 16]), &Silent).unwrap().report;
-    let [good, bad] = &report.sensors[..] else {
-        panic!("{:?}", report.sensors)
-    };
-    assert!(
-        !good.sigma_used_is_estimated && bad.sigma_used_is_estimated,
-        "{:?}",
-        report.sensors
-    );
+    let [good, bad] = &report.sensors[..] else { panic!("{:?}", report.sensors) };
+    assert!(!good.sigma_used_is_estimated && bad.sigma_used_is_estimated, "{:?}", report.sensors);
     assert!((good.sigma_estimated / 0.01 - 1.0).abs() < 0.04, "{good:?}");
     assert!((bad.sigma_estimated / 0.06 - 1.0).abs() < 0.04, "{bad:?}");
     assert!((report.held_out.rms_normalised - 1.0).abs() < 0.05);
@@ -235,17 +199,11 @@ fn closed_shapes_with_known_parameters_are_fitted() {
             })
         })
         .collect();
-    let options = FitOptions {
-        shape: Some(Shape::Ball),
-        ..options([24, 12])
-    };
+    let options = FitOptions { shape: Some(Shape::Ball), ..options([24, 12]) };
     let fitted = fit(&set_of(vec![(scan, None)]), &options, &Silent).unwrap();
     assert_eq!(fitted.model.measured_coordinates, Some([true; 3]));
     let report = &fitted.report;
-    assert!(
-        (report.sensors[0].sigma_estimated / sigma - 1.0).abs() < 0.02,
-        "{report:?}"
-    );
+    assert!((report.sensors[0].sigma_estimated / sigma - 1.0).abs() < 0.02, "{report:?}");
     assert!((report.held_out.rms_normalised - 1.0).abs() < 0.05, "{report:?}");
     let surface = &fitted.model.surface;
     for leaf in (0..surface.space().leaves().len()).step_by(7) {
@@ -258,9 +216,7 @@ fn closed_shapes_with_known_parameters_are_fitted() {
 #[test]
 fn what_known_parameters_cannot_do_is_said() {
     let message = |scan: Scan, cells| {
-        let error = fit(&set_of(vec![(scan, None)]), &options(cells), &Silent)
-            .err()
-            .unwrap();
+        let error = fit(&set_of(vec![(scan, None)]), &options(cells), &Silent).err().unwrap();
         (error.kind(), error.to_string())
     };
     let good = || heights(50, 0.01, 1);
@@ -296,9 +252,7 @@ fn one_wild_reading_of_any_size_is_set_aside() {
         let mut scan = heights(6_000, 0.01, 21);
         scan.points[1_234][2] += size;
         let total = scan.points.len();
-        let fitted = fit(&set_of(vec![(scan, None)]), &options([12, 12]), &Silent)
-            .unwrap()
-            .report;
+        let fitted = fit(&set_of(vec![(scan, None)]), &options([12, 12]), &Silent).unwrap().report;
         let outliers = fitted.rejected.get("outlier").copied().unwrap_or(0);
         assert!((1..=4).contains(&outliers), "{size}: {:?}", fitted.rejected);
         let sigma = fitted.sensors[0].sigma_estimated;
@@ -313,14 +267,8 @@ fn a_tenth_of_gross_errors_on_one_side_is_found() {
     for (k, p) in scan.points.iter_mut().enumerate().step_by(10) {
         p[2] += 0.05 + (k as f64 * 0.618_034).fract() * 3.0;
     }
-    let report = fit(&set_of(vec![(scan, None)]), &options([12, 12]), &Silent)
-        .unwrap()
-        .report;
-    assert!(
-        (500..640).contains(&report.rejected["outlier"]),
-        "{:?}",
-        report.rejected
-    );
+    let report = fit(&set_of(vec![(scan, None)]), &options([12, 12]), &Silent).unwrap().report;
+    assert!((500..640).contains(&report.rejected["outlier"]), "{:?}", report.rejected);
     assert!((report.sensors[0].sigma_estimated / 0.01 - 1.0).abs() < 0.1);
 }
 
@@ -333,9 +281,7 @@ fn readings_written_twice_count_once() {
             parameters.extend_from_within(..2_000);
         }
     }
-    let report = fit(&set_of(vec![(scan, None)]), &options([8, 8]), &Silent)
-        .unwrap()
-        .report;
+    let report = fit(&set_of(vec![(scan, None)]), &options([8, 8]), &Silent).unwrap().report;
     assert_eq!(
         report.rejected["duplicate"],
         report.observations + report.held_out.n + report.rejected["duplicate"] - 2_000
@@ -346,13 +292,9 @@ fn readings_written_twice_count_once() {
 #[test]
 fn too_few_readings_for_their_noise_are_told_so_and_a_stated_one_is_believed() {
     let few = || heights(24, 0.01, 24);
-    let error = fit(&set_of(vec![(few(), None)]), &options([20, 20]), &Silent)
-        .err()
-        .unwrap();
+    let error = fit(&set_of(vec![(few(), None)]), &options([20, 20]), &Silent).err().unwrap();
     assert!(error.to_string().contains("do not tell noise from shape"), "{error}");
-    let report = fit(&set_of(vec![(few(), Some(0.01))]), &options([20, 20]), &Silent)
-        .unwrap()
-        .report;
+    let report = fit(&set_of(vec![(few(), Some(0.01))]), &options([20, 20]), &Silent).unwrap().report;
     assert!(!report.sensors[0].sigma_used_is_estimated);
     assert!(report.sigma.median > 0.003, "{:?}", report.sigma);
 }
@@ -360,19 +302,9 @@ fn too_few_readings_for_their_noise_are_told_so_and_a_stated_one_is_believed() {
 #[test]
 fn a_grid_that_is_too_coarse_is_told_so() {
     let report = |cells| {
-        fit(
-            &set_of(vec![(heights(8_000, 0.01, 25), None)]),
-            &options(cells),
-            &Silent,
-        )
-        .unwrap()
-        .report
+        fit(&set_of(vec![(heights(8_000, 0.01, 25), None)]), &options(cells), &Silent).unwrap().report
     };
     let coarse = report([2, 2]);
-    assert!(
-        coarse.warnings.iter().any(|w| w.contains("2 × 2 cells cannot follow")),
-        "{:?}",
-        coarse.warnings
-    );
+    assert!(coarse.warnings.iter().any(|w| w.contains("2 × 2 cells cannot follow")), "{:?}", coarse.warnings);
     assert!(report([14, 14]).warnings.is_empty());
 }

@@ -1,6 +1,7 @@
 //! The residuals between patches, and the normal equations of their motions.
 //!
-//! Comes in: patches at their poses. Goes out: how far they are apart along normals, and steps and covariances of all motions but the first. Not guaranteed: that anything lies on anything.
+//! Comes in: patches at their poses. Goes out: how far they are apart along normals, and steps and
+//! covariances of all motions but the first. Not guaranteed: that anything lies on anything.
 
 use super::{Hold, Side};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -13,11 +14,14 @@ use std::collections::BTreeMap;
 
 /// Normals of one place differ by less.
 const LARGEST_ANGLE_RAD: f64 = 0.8;
-/// A direction is told by residuals where their information is more than so many times that of noise and hold.
+/// A direction is told by residuals where their information is more than so many times that of noise and
+/// hold.
 const TOLD: f64 = 3.0;
-/// A triangle is bent where the cosines between its corners' normals and its own are above this; over a sharp edge it is flat.
+/// A triangle is bent where the cosines between its corners' normals and its own are above this; over a sharp
+/// edge it is flat.
 const BENT: f64 = 0.94;
-/// Cells of space to a diagonal, whose sums tell how errors go together; and so many of them are needed to tell.
+/// Cells of space to a diagonal, whose sums tell how errors go together; and so many of them are needed to
+/// tell.
 const CELLS: [f64; 3] = [8.0, 16.0, 32.0];
 const LEAST_CELLS: usize = 30;
 
@@ -74,16 +78,21 @@ pub(super) fn residuals(sides: &[Side], reach: f64) -> Vec<Residual> {
             let back = there.pose.inverse().after(&here.pose);
             let vertices: Vec<usize> = (0..here.patch.mesh.positions.len()).step_by(here.stride).collect();
             all.par_extend(
-                vertices
-                    .par_iter()
-                    .filter_map(|&v| residual([i, j], here, there, &back, v, reach)),
+                vertices.par_iter().filter_map(|&v| residual([i, j], here, there, &back, v, reach)),
             );
         }
     }
     all
 }
 
-fn residual([i, j]: [usize; 2], here: &Side, there: &Side, back: &Pose, vertex: usize, reach: f64) -> Option<Residual> {
+fn residual(
+    [i, j]: [usize; 2],
+    here: &Side,
+    there: &Side,
+    back: &Pose,
+    vertex: usize,
+    reach: f64,
+) -> Option<Residual> {
     if !here.within[vertex] {
         return None;
     }
@@ -95,8 +104,8 @@ fn residual([i, j]: [usize; 2], here: &Side, there: &Side, back: &Pose, vertex: 
     if !corners.iter().all(|v| there.within[*v]) {
         return None;
     }
-    let theirs =
-        (corners.iter().zip(foot.barycentric)).fold([0.0; 3], |sum, (v, b)| add_scaled(sum, b, there.normals[*v]));
+    let theirs = (corners.iter().zip(foot.barycentric))
+        .fold([0.0; 3], |sum, (v, b)| add_scaled(sum, b, there.normals[*v]));
     let theirs = unit(theirs)?;
     let normal = unit(add(mine, theirs))?;
     let at_foot = |values: &[f64]| mesh.interpolate(values, foot.triangle as usize, foot.barycentric);
@@ -119,22 +128,24 @@ fn residual([i, j]: [usize; 2], here: &Side, there: &Side, back: &Pose, vertex: 
     })
 }
 
-/// How far the surface lies above the chord of a triangle: half of what the tangent planes at its corners say, which is exact for a parabola (T. Boubekeur, M. Alexa 2008: Phong tessellation, with α = 1/2).
+/// How far the surface lies above the chord of a triangle: half of what the tangent planes at its corners
+/// say, which is exact for a parabola (T. Boubekeur, M. Alexa 2008: Phong tessellation, with α = 1/2).
 fn bulge(side: &Side, corners: [usize; 3], foot: &ClosestPoint, normal: [f64; 3]) -> f64 {
     if corners.iter().any(|v| dot(side.normals[*v], normal) < BENT) {
         return 0.0;
     }
     let mesh = &side.patch.mesh;
     let planes = corners.iter().zip(foot.barycentric);
-    0.5 * planes
-        .map(|(v, b)| b * dot(side.normals[*v], sub(mesh.positions[*v], foot.point)))
-        .sum::<f64>()
+    0.5 * planes.map(|(v, b)| b * dot(side.normals[*v], sub(mesh.positions[*v], foot.point))).sum::<f64>()
 }
 
 /// The normal equations of all motions but the first, in units of what holds them.
 ///
-/// With `ā` the derivatives by the mean of both normals, `d` by half their difference, and `w` what a residual is worth, `A = Σ w ā āᵀ` holds noise of the normals, and `N = Σ w d dᵀ` is as much of it: both normals of a place have errors of their own, and
-/// `A − N` is the sum of products of one with the other (instrumental variables). Without that, noise would seem to tell of motions along a plane. Directions in which `A` is not several times `N + 1` are told by noise and hold alone; no step is made there.
+/// With `ā` the derivatives by the mean of both normals, `d` by half their difference, and `w` what a
+/// residual is worth, `A = Σ w ā āᵀ` holds noise of the normals, and `N = Σ w d dᵀ` is as much of it: both
+/// normals of a place have errors of their own, and `A − N` is the sum of products of one with the other
+/// (instrumental variables). Without that, noise would seem to tell of motions along a plane. Directions in
+/// which `A` is not several times `N + 1` are told by noise and hold alone; no step is made there.
 pub(super) struct Equations {
     /// Columns are directions that are told, in units of the hold.
     told: DMatrix<f64>,
@@ -194,20 +205,13 @@ impl Equations {
         let not_finite = || Error::undetermined("the sums of the alignment are not finite");
         let held = Cholesky::new(&noise + DMatrix::identity(n, n)).ok_or_else(not_finite)?;
         let whitened = held.l().solve_lower_triangular(&data).ok_or_else(not_finite)?;
-        let whitened = held
-            .l()
-            .solve_lower_triangular(&whitened.transpose())
-            .ok_or_else(not_finite)?;
+        let whitened = held.l().solve_lower_triangular(&whitened.transpose()).ok_or_else(not_finite)?;
         let eigen = ((&whitened + whitened.transpose()) * 0.5).symmetric_eigen();
         let directions = (held.l().tr_solve_lower_triangular(&eigen.eigenvectors)).ok_or_else(not_finite)?;
         let (mut told, mut open) = (Vec::new(), Vec::new());
         for (k, value) in eigen.eigenvalues.iter().enumerate() {
             let column = directions.column(k).into_owned();
-            if *value > TOLD {
-                told.push(column)
-            } else {
-                open.push(column)
-            }
+            if *value > TOLD { told.push(column) } else { open.push(column) }
         }
         let together = |columns: &[DVector<f64>]| match columns.is_empty() {
             true => DMatrix::zeros(n, 0),
@@ -254,9 +258,11 @@ impl Equations {
     }
 }
 
-/// How much more the sums of residuals over cells of space vary than independent errors of the stated σ would; at least one where σ is stated.
+/// How much more the sums of residuals over cells of space vary than independent errors of the stated σ
+/// would; at least one where σ is stated.
 ///
-/// A pair's residuals of both ways are the same errors with opposite signs, so they are added up with the sign of the way.
+/// A pair's residuals of both ways are the same errors with opposite signs, so they are added up with the
+/// sign of the way.
 pub(super) fn excess_variance(rows: &[Residual], scale: f64, size: f64, stated: bool) -> f64 {
     let mut most = if stated { 1.0 } else { 0.0_f64 };
     for cells in CELLS {

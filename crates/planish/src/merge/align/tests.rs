@@ -14,8 +14,14 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(random)
 }
 
-/// Fifty by fifty vertices over a square from `x`, a height above each place and an error along the normal there, moved.
-fn square(x: f64, moved: &Pose, height: impl Fn(f64, f64) -> f64, mut error: impl FnMut(f64, f64) -> f64) -> Patch {
+/// Fifty by fifty vertices over a square from `x`, a height above each place and an error along the normal
+/// there, moved.
+fn square(
+    x: f64,
+    moved: &Pose,
+    height: impl Fn(f64, f64) -> f64,
+    mut error: impl FnMut(f64, f64) -> f64,
+) -> Patch {
     let mut mesh = grid_sheet(ACROSS, ACROSS, 49, 49);
     let least = mesh.bounding_box().map_or([0.0; 3], |b| b.min);
     for p in &mut mesh.positions {
@@ -61,7 +67,8 @@ fn shaken(random: &mut ChaCha8Rng) -> Pose {
     Pose::from_rotation_vector(turn, [0; 3].map(|_| 0.3 * normal(random)))
 }
 
-/// Three patches in a row, the others shaken: they come back to within the covariances of their poses, over many seeds.
+/// Three patches in a row, the others shaken: they come back to within the covariances of their poses, over
+/// many seeds.
 #[test]
 fn covariances_of_poses_are_true() {
     let (mut sum, mut far, runs) = (0.0, 0.0_f64, 30);
@@ -140,15 +147,9 @@ fn what_slides_is_held_and_told() {
     let (poses, warnings) = aligned(&mut patches).unwrap();
     assert_eq!(poses[1].undetermined.len(), 3, "{:?}", poses[1]);
     let told = warnings.join("\n");
-    assert!(
-        told.contains("leave 3 of the six directions of square 1 open"),
-        "{told}"
-    );
+    assert!(told.contains("leave 3 of the six directions of square 1 open"), "{told}");
     let error = error_of(&poses[1], &moved);
-    assert!(
-        error[2].abs() < 0.01 && error[3].abs() < 1e-3 && error[4].abs() < 1e-3,
-        "{error}"
-    );
+    assert!(error[2].abs() < 0.01 && error[3].abs() < 1e-3 && error[4].abs() < 1e-3, "{error}");
     assert!(error[0].abs() < 0.1 && error[1].abs() < 0.1, "{error}");
 }
 
@@ -169,8 +170,5 @@ fn unlike_things_do_not_pass_for_one() {
         square(15.3, &Pose::identity(), other, |_, _| SIGMA * normal(&mut random)),
     ];
     let told = aligned(&mut patches).unwrap_err().to_string();
-    assert!(
-        told.contains("square 1 cannot be aligned") && told.contains("σ of their difference"),
-        "{told}"
-    );
+    assert!(told.contains("square 1 cannot be aligned") && told.contains("σ of their difference"), "{told}");
 }

@@ -13,14 +13,15 @@ use planish_mesh::TriangleMesh;
 use planish_report::numbers::counted;
 use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
 use planish_shell::{
-    Deformation, Dirichlet, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind, OutlinePoint, ParameterPrior,
-    PartMotion, PointReading, RigidPart, RigidParts, ShellReadings, ShellView, Sighting, VertexDisplacements,
-    automatic_controls, nearest_pairs, of_three_coordinates, stiffness,
+    Deformation, Dirichlet, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind, OutlinePoint,
+    ParameterPrior, PartMotion, PointReading, RigidPart, RigidParts, ShellReadings, ShellView, Sighting,
+    VertexDisplacements, automatic_controls, nearest_pairs, of_three_coordinates, stiffness,
 };
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// σ of points that state none, as a share of the mesh's size: only their ratios count, the residuals say the rest.
+/// σ of points that state none, as a share of the mesh's size: only their ratios count, the residuals say the
+/// rest.
 const UNKNOWN_SIGMA: f64 = 1e-3;
 /// σ by which a tracked feature may lie off the mesh, as a share of its size.
 const SURFACE_SIGMA: f64 = 1e-3;
@@ -58,11 +59,7 @@ pub(super) struct Frame {
 
 impl Frame {
     pub(super) fn readings(&self) -> ShellReadings<'_> {
-        ShellReadings {
-            points: &self.points,
-            views: &self.fitted,
-            tracks: &self.tracks,
-        }
+        ShellReadings { points: &self.points, views: &self.fitted, tracks: &self.tracks }
     }
 
     /// Reads the files of a frame; `size` is the mesh's.
@@ -83,12 +80,7 @@ impl Frame {
                 read.extend(views.views.iter().filter_map(|view| view.mask.clone()));
                 views
             }
-            None => Views {
-                views: Vec::new(),
-                tracks: Vec::new(),
-                unit: None,
-                files: Vec::new(),
-            },
+            None => Views { views: Vec::new(), tracks: Vec::new(), unit: None, files: Vec::new() },
         };
         let masks = read_masks(&views, job)?;
         Ok(Self {
@@ -143,10 +135,7 @@ pub(super) fn frames_of(folder: &Path) -> Result<Vec<FrameFiles>> {
         frames.push(frame);
     }
     match frames.is_empty() {
-        true => Err(Error::input(format!(
-            "{}: needed a folder for each frame",
-            folder.display()
-        ))),
+        true => Err(Error::input(format!("{}: needed a folder for each frame", folder.display()))),
         false => Ok(frames),
     }
 }
@@ -178,11 +167,7 @@ impl Units {
     }
 
     pub(super) fn unit(&self) -> Unit {
-        self.found
-            .as_ref()
-            .map(|(unit, _)| *unit)
-            .or(self.fallback)
-            .unwrap_or(Unit::Millimetre)
+        self.found.as_ref().map(|(unit, _)| *unit).or(self.fallback).unwrap_or(Unit::Millimetre)
     }
 }
 
@@ -206,12 +191,9 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, looks: &Textured
     };
     let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
     let blend = job.blend.unwrap_or(USUAL_BLEND * size);
-    let made = RigidParts::new(mesh, inner.deformation, &parts, blend).map_err(|e| e.in_context(job.mesh.display()))?;
-    Ok(Moved {
-        stiffness: Some(made.stiffness(stiffness)),
-        deformation: Box::new(made),
-        ..inner
-    })
+    let made = RigidParts::new(mesh, inner.deformation, &parts, blend)
+        .map_err(|e| e.in_context(job.mesh.display()))?;
+    Ok(Moved { stiffness: Some(made.stiffness(stiffness)), deformation: Box::new(made), ..inner })
 }
 
 /// The triangles of a mesh that are not rigid, on the same vertices; all where nothing else is left.
@@ -243,12 +225,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
                     counted(not_finite, "control")
                 )));
             }
-            Some(
-                read.scans
-                    .iter()
-                    .flat_map(|s| s.scan.points.clone())
-                    .collect::<Vec<_>>(),
-            )
+            Some(read.scans.iter().flat_map(|s| s.scan.points.clone()).collect::<Vec<_>>())
         }
         None => None,
     };
@@ -271,19 +248,11 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
         (DeformationKind::Dirichlet, None) => {
             let made = automatic_controls(&that_bends(mesh, parts), job.controls)?;
             let k = stiffness(&made.points, &made.triangles, &made.edges);
-            free(
-                Box::new(Dirichlet::new(&made.points, &mesh.positions)?),
-                k,
-                made.points.len(),
-            )
+            free(Box::new(Dirichlet::new(&made.points, &mesh.positions)?), k, made.points.len())
         }
         (DeformationKind::Lattice, _) => {
             let along = ((job.controls as f64).cbrt().round() as usize).max(2);
-            let basis = if along >= 5 {
-                LatticeBasis::CubicBSpline
-            } else {
-                LatticeBasis::Bernstein
-            };
+            let basis = if along >= 5 { LatticeBasis::CubicBSpline } else { LatticeBasis::Bernstein };
             // It stands around the surface: a vertex that no triangle has may be anywhere.
             let made = Lattice::new(&within_surface(mesh), [along; 3], basis)?;
             let points = made.controls().unwrap_or_default().to_vec();
@@ -318,16 +287,9 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             mesh.positions = modes.mean().to_vec();
             let count = modes.parameters();
             // Modes are as long as one standard deviation of the family.
-            let prior = ParameterPrior {
-                mean: DVector::zeros(count),
-                information: DMatrix::identity(count, count),
-            };
-            Moved {
-                deformation: Box::new(modes),
-                stiffness: None,
-                prior: Some(prior),
-                controls: count,
-            }
+            let prior =
+                ParameterPrior { mean: DVector::zeros(count), information: DMatrix::identity(count, count) };
+            Moved { deformation: Box::new(modes), stiffness: None, prior: Some(prior), controls: count }
         }
     })
 }
@@ -377,10 +339,7 @@ fn read_points(
                     [v, 0.0, 0.0, v, 0.0, v]
                 }
             };
-            points.push(PointReading {
-                at: pose.apply(*point),
-                covariance: turned(pose, stated),
-            });
+            points.push(PointReading { at: pose.apply(*point), covariance: turned(pose, stated) });
         }
     }
     if unknown > 0 && job.believe_sigma {
@@ -408,9 +367,7 @@ fn turned(pose: &planish_sense::Pose, [xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [f6
 }
 
 fn read_masks(views: &Views, job: &ShellFitJob) -> Result<Vec<Option<Silhouette>>> {
-    (views.views.par_iter())
-        .map(|view| read_mask(view, job.outline_step_px))
-        .collect()
+    (views.views.par_iter()).map(|view| read_mask(view, job.outline_step_px)).collect()
 }
 
 /// The mask of a view, where it has one; places on its border at least so far apart.
@@ -418,17 +375,13 @@ pub(in crate::shell) fn read_mask(view: &ViewFile, apart_px: f64) -> Result<Opti
     let Some(path) = &view.mask else { return Ok(None) };
     let options = SilhouetteOptions {
         threshold: view.mask_threshold,
-        least_share: view
-            .mask_least_share
-            .unwrap_or(SilhouetteOptions::default().least_share),
+        least_share: view.mask_least_share.unwrap_or(SilhouetteOptions::default().least_share),
         sigma_px: view.sigma_px,
         apart_px,
         ..SilhouetteOptions::default()
     };
     let picture = read_brightness(path)?;
-    silhouette(&picture, &options)
-        .map(Some)
-        .map_err(|e| e.in_context(path.display()))
+    silhouette(&picture, &options).map(Some).map_err(|e| e.in_context(path.display()))
 }
 
 fn shell_view(view: &ViewFile, mask: Option<&Silhouette>) -> ShellView {
@@ -451,11 +404,10 @@ fn shell_view(view: &ViewFile, mask: Option<&Silhouette>) -> ShellView {
         made.inside.clone_from(&mask.inside);
         made.outside.clone_from(&mask.outside);
     }
-    made.outline
-        .extend((view.contours.iter()).map(|(pixel, sigma_px)| OutlinePoint {
-            pixel: *pixel,
-            sigma_px: *sigma_px,
-            kind: OutlineKind::Contour,
-        }));
+    made.outline.extend((view.contours.iter()).map(|(pixel, sigma_px)| OutlinePoint {
+        pixel: *pixel,
+        sigma_px: *sigma_px,
+        kind: OutlineKind::Contour,
+    }));
     made
 }

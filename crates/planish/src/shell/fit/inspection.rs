@@ -1,6 +1,8 @@
 //! What of a fit's input cannot be meant, and what of its outcome should be looked at.
 //!
-//! Comes in: the mesh and the readings of a frame before the fit; what was found after it. Goes out: an error where readings and mesh are of other sizes or places, and words for a user. Not guaranteed: that what passes is right; half a thing in the right place looks like the whole of a smaller one.
+//! Comes in: the mesh and the readings of a frame before the fit; what was found after it. Goes out: an error
+//! where readings and mesh are of other sizes or places, and words for a user. Not guaranteed: that what
+//! passes is right; half a thing in the right place looks like the whole of a smaller one.
 
 use super::input::Frame;
 use super::{ReadingsReport, ShellFitReport};
@@ -40,7 +42,9 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     let Some(of_mesh) = mesh.surface_bounds().filter(|b| b.diagonal() > 0.0) else {
         return Ok(());
     };
-    let Some(of_points) = most_of(frame) else { return Ok(()) };
+    let Some(of_points) = most_of(frame) else {
+        return Ok(());
+    };
     let (size, reach) = (of_mesh.diagonal(), of_points.diagonal());
     let [size_text, reach_text] = [size, reach].map(|length| significant(length, 3));
     if reach > LARGER * size || reach < SMALLER * size {
@@ -79,7 +83,8 @@ fn most_of(frame: &Frame) -> Option<BoundingBox> {
     BoundingBox::of(&[ends.map(|e| e[0]), ends.map(|e| e[1])])
 }
 
-/// What is odd of masks before the fit; whether the mesh shows itself in them is asked where it should (not of a rough start).
+/// What is odd of masks before the fit; whether the mesh shows itself in them is asked where it should (not
+/// of a rough start).
 pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Vec<String> {
     let mut words = Vec::new();
     for ((view, mask), fitted) in frame.views.iter().zip(&frame.masks).zip(&frame.fitted) {
@@ -95,7 +100,8 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
         if should_show && intersection_over_union(mesh, &fitted.camera, mask) < UNLIKE {
             let middle = [fitted.camera.k[(0, 2)], fitted.camera.k[(1, 2)]];
             let picture = [mask.columns as f64, mask.rows as f64];
-            // Of calibrations that know no more than a projection the axis may be anywhere: alone it says nothing.
+            // Of calibrations that know no more than a projection the axis may be anywhere: alone it says
+            // nothing.
             let off_axis = (0..2).any(|k| (middle[k] - 0.5 * picture[k]).abs() > OFF_AXIS * picture[k]);
             words.push(format!(
                 "view {name}: the mesh shows next to nowhere in its mask before the fit: is it the mask of another view, or the camera or the mesh in another unit or frame?{}",

@@ -1,14 +1,21 @@
-//! A rough start made ready for a fit to masks: it flows out where they are not covered, and is cut where they show nothing.
+//! A rough start made ready for a fit to masks: it flows out where they are not covered, and is cut where
+//! they show nothing.
 //!
-//! Comes in: a closed mesh and views with masks. Goes out: a closed mesh within all silhouettes that covers them as far as cells can, and σ of its vertices.
+//! Comes in: a closed mesh and views with masks. Goes out: a closed mesh within all silhouettes that covers
+//! them as far as cells can, and σ of its vertices.
 //!
-//! A deformation keeps what hangs together: a ball that is to become a body with a tail beside it is left with a web between them, which outlines pull to both sides. So topology is not kept here: round after round the mesh is made anew
-//! ([`renewed`]), within all silhouettes, and as far out as some mask shows more than it covers; at last it fills the room that silhouettes leave about it. Only then it is fitted.
+//! A deformation keeps what hangs together: a ball that is to become a body with a tail beside it is left
+//! with a web between them, which outlines pull to both sides. So topology is not kept here: round after
+//! round the mesh is made anew ([`renewed`]), within all silhouettes, and as far out as some mask shows more
+//! than it covers; at last it fills the room that silhouettes leave about it. Only then it is fitted.
 //!
-//! What no line of sight touches stays where silhouettes end. Without the view that holds it back a vertex would be farther out by some `δ`; of views at even angles what they leave grows with the square of the angle, which is twice as wide there, so
-//! that `δ` is three times what all views leave. The mean of `δ` about a vertex over three is σ of the start there.
+//! What no line of sight touches stays where silhouettes end. Without the view that holds it back a vertex
+//! would be farther out by some `δ`; of views at even angles what they leave grows with the square of the
+//! angle, which is twice as wide there, so that `δ` is three times what all views leave. The mean of `δ`
+//! about a vertex over three is σ of the start there.
 //!
-//! Not guaranteed: what is thinner than a cell, and what masks with gross errors cut away; that the mesh stays in one piece; σ in hollows, of which no silhouette tells anything.
+//! Not guaranteed: what is thinner than a cell, and what masks with gross errors cut away; that the mesh
+//! stays in one piece; σ in hollows, of which no silhouette tells anything.
 
 use super::input::{Frame, FrameFiles, Units};
 use super::{FlowReport, ShellFitJob, overlap};
@@ -43,7 +50,8 @@ const SMOOTHINGS: usize = 20;
 const MEAN_STEPS: usize = 100;
 /// Without one view of several at even angles as much more is left than all of them leave.
 const LEFT_WITHOUT_ONE: f64 = 3.0;
-/// Thickness of the field of the fit, at first, as a share of the mesh's size: coarser ones draw thin parts together.
+/// Thickness of the field of the fit, at first, as a share of the mesh's size: coarser ones draw thin parts
+/// together.
 const SOFTNESS: f64 = 0.003;
 
 /// A bound that is so much wider than silhouettes are.
@@ -83,7 +91,8 @@ pub(super) struct Flown {
     pub report: FlowReport,
 }
 
-/// Options of the fit of a mesh of some size that has flown: it is near, and its agreement with the masks of which it was made is no proof of it.
+/// Options of the fit of a mesh of some size that has flown: it is near, and its agreement with the masks of
+/// which it was made is no proof of it.
 pub(super) fn options(size: f64) -> ShellFitOptions {
     let usual = ShellFitOptions::default();
     ShellFitOptions {
@@ -97,23 +106,18 @@ pub(super) fn options(size: f64) -> ShellFitOptions {
 /// The mesh that the fit starts from; `watch` is told how many rounds are done before the next.
 ///
 /// # Errors
-/// What `watch` says; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks that the thing does not reach out of, an open mesh, or one that lies outside of some mask.
+/// What `watch` says; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks
+/// that the thing does not reach out of, an open mesh, or one that lies outside of some mask.
 pub(super) fn flown(
     job: &ShellFitJob,
     mut mesh: TriangleMesh,
     units: &mut Units,
     watch: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Flown> {
-    let files = FrameFiles {
-        silhouettes: job.silhouettes.clone(),
-        ..FrameFiles::default()
-    };
+    let files = FrameFiles { silhouettes: job.silhouettes.clone(), ..FrameFiles::default() };
     let frame = Frame::read(job, &files, size(&mesh), units, &mut Vec::new())?;
     let (views, files) = views_of(&frame)?;
-    let room = Wider {
-        silhouettes: SilhouetteBound::new(&views)?,
-        by: 0.0,
-    };
+    let room = Wider { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
     let cameras: Vec<_> = frame.views.iter().map(|view| view.camera).collect();
     let agreement = |mesh: &TriangleMesh| {
         let iou = overlap(&frame, mesh, &cameras);
@@ -182,7 +186,12 @@ fn views_of(frame: &Frame) -> Result<(Vec<ContourView>, Vec<&ViewFile>)> {
 }
 
 /// What views show of a mesh, as silhouettes.
-fn covers(mesh: &TriangleMesh, views: &[ContourView], files: &[&ViewFile], frame: &Frame) -> Result<Vec<ContourView>> {
+fn covers(
+    mesh: &TriangleMesh,
+    views: &[ContourView],
+    files: &[&ViewFile],
+    frame: &Frame,
+) -> Result<Vec<ContourView>> {
     let masks = (frame.views.iter().zip(&frame.masks))
         .filter(|(view, _)| !view.held_out)
         .filter_map(|(_, mask)| mask.as_ref());
@@ -195,10 +204,7 @@ fn covers(mesh: &TriangleMesh, views: &[ContourView], files: &[&ViewFile], frame
                 rows: mask.rows,
                 values: shown.iter().map(|shown| f32::from(u8::from(*shown))).collect(),
             };
-            let options = SilhouetteOptions {
-                least_share: 0.0,
-                ..SilhouetteOptions::default()
-            };
+            let options = SilhouetteOptions { least_share: 0.0, ..SilhouetteOptions::default() };
             Ok(ContourView {
                 silhouette: outlines(&picture, &options).map_err(|e| e.in_context(&view.name))?,
                 ..(*view).clone()
@@ -208,7 +214,11 @@ fn covers(mesh: &TriangleMesh, views: &[ContourView], files: &[&ViewFile], frame
 }
 
 /// A mesh that was made anew has neither texture nor parts.
-pub(super) fn without_looks(looks: TexturedMesh, mesh: &TriangleMesh, warnings: &mut Vec<String>) -> TexturedMesh {
+pub(super) fn without_looks(
+    looks: TexturedMesh,
+    mesh: &TriangleMesh,
+    warnings: &mut Vec<String>,
+) -> TexturedMesh {
     if !looks.uv_triangles.is_empty() {
         warnings.push("the mesh was made anew: its texture is left out".to_owned());
     }

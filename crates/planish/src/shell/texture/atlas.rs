@@ -1,8 +1,10 @@
 //! Where on a mesh each pixel of its texture lies.
 //!
-//! Comes in: texture coordinates, or none: then every triangle gets half a square of its own. Goes out: a [`Chart`], and for each pixel the triangle and the place on it.
+//! Comes in: texture coordinates, or none: then every triangle gets half a square of its own. Goes out: a
+//! [`Chart`], and for each pixel the triangle and the place on it.
 //!
-//! Not guaranteed: that squares of an atlas are as fine on a small triangle as on a large one: all have the same number of pixels.
+//! Not guaranteed: that squares of an atlas are as fine on a small triangle as on a large one: all have the
+//! same number of pixels.
 
 use planish_exchange::textured::{NO_UV, TexturedMesh};
 use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
@@ -24,20 +26,16 @@ pub(super) struct Chart {
 impl Chart {
     /// The coordinates that a mesh has.
     pub(super) fn of(mesh: &TexturedMesh) -> Option<Self> {
-        (!mesh.uv_triangles.is_empty()).then(|| Self {
-            uv: mesh.uv.clone(),
-            triangles: mesh.uv_triangles.clone(),
-        })
+        (!mesh.uv_triangles.is_empty())
+            .then(|| Self { uv: mesh.uv.clone(), triangles: mesh.uv_triangles.clone() })
     }
 
     /// Two triangles in each of the squares of a grid, for a picture with so many pixels along a side.
     pub(super) fn atlas(triangles: usize, side: usize) -> Self {
         let grid = squares_along(triangles);
         let square = (side / grid) as f64;
-        let mut chart = Self {
-            uv: Vec::with_capacity(3 * triangles),
-            triangles: Vec::with_capacity(triangles),
-        };
+        let mut chart =
+            Self { uv: Vec::with_capacity(3 * triangles), triangles: Vec::with_capacity(triangles) };
         for t in 0..triangles {
             let (cell, upper) = (t / 2, t % 2 == 1);
             let corner = [cell % grid, cell / grid].map(|k| k as f64 * square);
@@ -50,35 +48,28 @@ impl Chart {
             let first = chart.uv.len() as u32;
             for place in [[near, near], [far, near], [near, far]] {
                 let [x, y] = of(place);
-                chart
-                    .uv
-                    .push([(corner[0] + x) / side as f64, (corner[1] + y) / side as f64]);
+                chart.uv.push([(corner[0] + x) / side as f64, (corner[1] + y) / side as f64]);
             }
             chart.triangles.push([first, first + 1, first + 2]);
         }
         chart
     }
 
-    /// The triangle in each pixel of a picture with so many columns and rows; the one named first where several lie there.
+    /// The triangle in each pixel of a picture with so many columns and rows; the one named first where
+    /// several lie there.
     pub(super) fn drawn(&self, columns: usize, rows: usize) -> DepthBuffer {
         let mut corners: Vec<Projected> = (self.uv.iter())
-            .map(|[u, v]| Projected {
-                at: [u * columns as f64, (1.0 - v) * rows as f64],
-                depth: 1.0,
-            })
+            .map(|[u, v]| Projected { at: [u * columns as f64, (1.0 - v) * rows as f64], depth: 1.0 })
             .collect();
         let nowhere = corners.len() as u32;
-        corners.push(Projected {
-            at: [f64::NAN; 2],
-            depth: 1.0,
-        });
-        let triangles: Vec<[u32; 3]> = (self.triangles.iter())
-            .map(|t| t.map(|uv| if uv == NO_UV { nowhere } else { uv }))
-            .collect();
+        corners.push(Projected { at: [f64::NAN; 2], depth: 1.0 });
+        let triangles: Vec<[u32; 3]> =
+            (self.triangles.iter()).map(|t| t.map(|uv| if uv == NO_UV { nowhere } else { uv })).collect();
         DepthBuffer::draw(columns, rows, &corners, &triangles)
     }
 
-    /// The share of the picture that all triangles together cover, counted as often as they lie on one another.
+    /// The share of the picture that all triangles together cover, counted as often as they lie on one
+    /// another.
     pub(super) fn covered(&self) -> f64 {
         let place = |uv: u32| self.uv.get(uv as usize).copied();
         (self.triangles.iter())
@@ -117,13 +108,14 @@ pub(super) fn atlas_share(triangles: usize) -> f64 {
 }
 
 /// A value of the corners at a place on a triangle.
-pub(super) fn at_place(mesh: &TriangleMesh, values: &[[f64; 3]], triangle: u32, weights: [f64; 3]) -> [f64; 3] {
+pub(super) fn at_place(
+    mesh: &TriangleMesh,
+    values: &[[f64; 3]],
+    triangle: u32,
+    weights: [f64; 3],
+) -> [f64; 3] {
     let corners = mesh.triangles[triangle as usize];
-    [0, 1, 2].map(|c| {
-        (corners.iter().zip(weights))
-            .map(|(v, w)| w * values[*v as usize][c])
-            .sum()
-    })
+    [0, 1, 2].map(|c| (corners.iter().zip(weights)).map(|(v, w)| w * values[*v as usize][c]).sum())
 }
 
 #[cfg(test)]

@@ -1,6 +1,9 @@
 //! One colour of what several views say, robust against the odd one.
 //!
-//! The start is the view from which all others differ least (the medoid, by the fourth roots of the weights, so that no single view outvotes two others); then a weighted mean with Tukey's biweight about it (A. Beaton, J. Tukey 1974), iterated. Its scale is one for all places: how much views differ where three or more see a place.
+//! The start is the view from which all others differ least (the medoid, by the fourth roots of the weights,
+//! so that no single view outvotes two others); then a weighted mean with Tukey's biweight about it (A.
+//! Beaton, J. Tukey 1974), iterated. Its scale is one for all places: how much views differ where three or
+//! more see a place.
 //!
 //! A view that is odd at most places where two others judge it is left out of all.
 //!
@@ -45,14 +48,13 @@ fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
 /// The one from which all others differ least.
 fn medoid(said: &[Saying]) -> Option<&Saying> {
     let cost = |one: &Saying| -> f64 {
-        (said.iter())
-            .map(|other| other.weight.powf(0.25) * apart(one.colour, other.colour))
-            .sum()
+        (said.iter()).map(|other| other.weight.powf(0.25) * apart(one.colour, other.colour)).sum()
     };
     said.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
-/// σ of a colour that a view states, from 0 to 255: by the median of what views differ from their medoid, where there are three or more. About a tenth too large with many views, as the medoid errs as well.
+/// σ of a colour that a view states, from 0 to 255: by the median of what views differ from their medoid,
+/// where there are three or more. About a tenth too large with many views, as the medoid errs as well.
 pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [Saying]>) -> f64 {
     let mut differences = Vec::new();
     for said in places.filter(|said| said.len() > 2) {
@@ -73,10 +75,7 @@ pub(super) fn odd_shares(views: usize, said: &[Vec<Saying>], blended: &[Option<B
         said.iter().for_each(|one| counts[one.view].0 += 1);
         (blended.iter().flat_map(|b| &b.odd)).for_each(|view| counts[*view].1 += 1);
     }
-    counts
-        .iter()
-        .map(|(all, odd)| *odd as f64 / (*all).max(1) as f64)
-        .collect()
+    counts.iter().map(|(all, odd)| *odd as f64 / (*all).max(1) as f64).collect()
 }
 
 /// One colour; nothing of nothing.
@@ -97,14 +96,9 @@ pub(super) fn blend(said: &[Saying], scale: f64) -> Option<Blended> {
             colour = sum.map(|s| s / total);
         }
     }
-    let odd: Vec<usize> = (said.iter().filter(|one| believed(colour, one) == 0.0))
-        .map(|one| one.view)
-        .collect();
-    Some(Blended {
-        colour,
-        views: said.len() - odd.len(),
-        odd,
-    })
+    let odd: Vec<usize> =
+        (said.iter().filter(|one| believed(colour, one) == 0.0)).map(|one| one.view).collect();
+    Some(Blended { colour, views: said.len() - odd.len(), odd })
 }
 
 #[cfg(test)]
@@ -112,22 +106,13 @@ mod tests {
     use super::*;
 
     fn of(view: usize, level: f64, weight: f64) -> Saying {
-        Saying {
-            view,
-            colour: [level, 0.5 * level, 10.0],
-            weight,
-        }
+        Saying { view, colour: [level, 0.5 * level, 10.0], weight }
     }
 
     /// The odd view sees best of all and is outvoted all the same.
     #[test]
     fn the_odd_view_is_outvoted() {
-        let said = [
-            of(0, 100.0, 1.0),
-            of(1, 104.0, 2.0),
-            of(2, 220.0, 4.0),
-            of(3, 101.0, 1.0),
-        ];
+        let said = [of(0, 100.0, 1.0), of(1, 104.0, 2.0), of(2, 220.0, 4.0), of(3, 101.0, 1.0)];
         let found = blend(&said, 3.0).unwrap();
         assert_eq!((found.odd, found.views), (vec![2], 3));
         // The weighted mean of the others is 102.25.

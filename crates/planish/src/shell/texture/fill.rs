@@ -1,6 +1,8 @@
 //! Colours where no view sees anything: as smooth as can be from what is around.
 //!
-//! On a mesh: each colour is the mean of its neighbours' (the discrete Laplace equation, by conjugate gradients). In a picture: colours of places between the charts, so that a viewer that averages pixels finds none of nothing (push and pull: S. Gortler et al., *The lumigraph*, SIGGRAPH 1996, section 3.4).
+//! On a mesh: each colour is the mean of its neighbours' (the discrete Laplace equation, by conjugate
+//! gradients). In a picture: colours of places between the charts, so that a viewer that averages pixels
+//! finds none of nothing (push and pull: S. Gortler et al., *The lumigraph*, SIGGRAPH 1996, section 3.4).
 
 use planish_mesh::{Neighbours, TriangleMesh};
 
@@ -21,9 +23,7 @@ pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<[f64; 3]>]) -> Vec<[f
     let neighbours = Neighbours::of(mesh);
     let mut colours: Vec<[f64; 3]> = known.iter().map(|c| c.unwrap_or(mean)).collect();
     // What is reached from known vertices begins with the colour it is reached with; the rest stays as it is.
-    let mut reached: Vec<u32> = (0..known.len() as u32)
-        .filter(|v| known[*v as usize].is_some())
-        .collect();
+    let mut reached: Vec<u32> = (0..known.len() as u32).filter(|v| known[*v as usize].is_some()).collect();
     let mut is_reached: Vec<bool> = known.iter().map(Option::is_some).collect();
     let start = reached.len();
     let mut next = 0;
@@ -62,9 +62,7 @@ fn laplace(neighbours: &Neighbours, unknown: &[u32], colours: &mut [[f64; 3]], c
     let mut r: Vec<f64> = (unknown.iter())
         .map(|v| {
             let own = colours[*v as usize][channel];
-            (neighbours.of_vertex(*v).iter())
-                .map(|o| colours[*o as usize][channel] - own)
-                .sum()
+            (neighbours.of_vertex(*v).iter()).map(|o| colours[*o as usize][channel] - own).sum()
         })
         .collect();
     let scaled = |r: &[f64]| -> Vec<f64> { unknown.iter().zip(r).map(|(v, r)| r / degree(*v)).collect() };
@@ -126,7 +124,8 @@ mod tests {
     use super::*;
     use planish_mesh::grid_sheet;
 
-    /// Between two known sides of a sheet every colour is the mean of its neighbours'; a part that is not joined has the mean of what is known.
+    /// Between two known sides of a sheet every colour is the mean of its neighbours'; a part that is not
+    /// joined has the mean of what is known.
     #[test]
     fn unknown_colours_are_the_means_of_their_neighbours() {
         let mut mesh = grid_sheet(10.0, 4.0, 10, 4);
@@ -148,7 +147,8 @@ mod tests {
             } else if known[v].is_none() {
                 let around = neighbours.of_vertex(v as u32);
                 for c in 0..3 {
-                    let mean = around.iter().map(|o| found[*o as usize][c]).sum::<f64>() / around.len() as f64;
+                    let mean =
+                        around.iter().map(|o| found[*o as usize][c]).sum::<f64>() / around.len() as f64;
                     assert!((colour[c] - mean).abs() < 0.02, "{v}: {} {mean}", colour[c]);
                 }
                 assert!(colour[0] > 1.0 && colour[0] < 99.0, "{colour:?}");

@@ -1,6 +1,7 @@
 //! Coloured meshes as files.
 //!
-//! Comes in: a mesh with colours of its vertices, or with a texture. Goes out: PLY with colours, GLB with either, OBJ with its material and picture.
+//! Comes in: a mesh with colours of its vertices, or with a texture. Goes out: PLY with colours, GLB with
+//! either, OBJ with its material and picture.
 
 use super::Coloured;
 use super::painted::Texture;
@@ -22,17 +23,14 @@ pub(super) fn write(
 ) -> Result<Vec<PathBuf>> {
     let stated = |name: &str| file.columns.iter().find(|(n, _)| n == name).map(|(_, c)| &c[..]);
     let sigma = stated("sigma").unwrap_or_default();
-    let observed: Vec<u8> = (stated("observed").unwrap_or_default().iter())
-        .map(|mark| mark.clamp(0.0, 255.0) as u8)
-        .collect();
-    let known = Known {
-        sigma,
-        observed: &observed,
-    };
+    let observed: Vec<u8> =
+        (stated("observed").unwrap_or_default().iter()).map(|mark| mark.clamp(0.0, 255.0) as u8).collect();
+    let known = Known { sigma, observed: &observed };
     let normals = normals_of(&file.points, &file.triangles);
     match (extension(path).as_str(), texture) {
         ("ply", _) => {
-            let channel = |c: usize| -> Vec<u8> { coloured.colours.iter().map(|v| v[c].round() as u8).collect() };
+            let channel =
+                |c: usize| -> Vec<u8> { coloured.colours.iter().map(|v| v[c].round() as u8).collect() };
             let [red, green, blue] = [0, 1, 2].map(channel);
             let mut columns = Vec::new();
             if !sigma.is_empty() {
@@ -41,7 +39,8 @@ pub(super) fn write(
             if !observed.is_empty() {
                 columns.push(("observed", Column::U8(&observed)));
             }
-            columns.extend([("red", &red), ("green", &green), ("blue", &blue)].map(|(n, c)| (n, Column::U8(c))));
+            columns
+                .extend([("red", &red), ("green", &green), ("blue", &blue)].map(|(n, c)| (n, Column::U8(c))));
             columns.push(("views", Column::U8(&coloured.views)));
             write_mesh(
                 path,

@@ -1,6 +1,7 @@
 //! A texture painted by what views see.
 //!
-//! Comes in: a mesh, colours of its vertices, and what answers for a place and its normal. Goes out: a picture and where each triangle lies in it.
+//! Comes in: a mesh, colours of its vertices, and what answers for a place and its normal. Goes out: a
+//! picture and where each triangle lies in it.
 
 use super::atlas::{self, Chart, at_place};
 use super::view::ColourView;
@@ -49,11 +50,7 @@ pub(super) fn paint(
     let count = mesh.triangles.len();
     let share = own.as_ref().map_or_else(|| atlas::atlas_share(count), Chart::covered);
     let atlas = own.is_none();
-    let least = if atlas {
-        atlas::LEAST_SQUARE * atlas::squares_along(count)
-    } else {
-        1
-    };
+    let least = if atlas { atlas::LEAST_SQUARE * atlas::squares_along(count) } else { 1 };
     let usual = || usual_size(mesh, views, share).max(least.next_power_of_two());
     let size = job.texture_size.unwrap_or_else(usual);
     if size < least || size > LARGEST_TEXTURE {
@@ -91,22 +88,12 @@ pub(super) fn paint(
             job.mesh.display()
         ));
     }
-    let report = TextureReport {
-        size,
-        texels,
-        seen: found.iter().flatten().filter(|(_, seen)| *seen).count(),
-        atlas,
-    };
-    let mut pixels: Vec<Option<[f32; 3]>> = (found.into_iter())
-        .map(|found| found.map(|(colour, _)| colour.map(|c| c as f32)))
-        .collect();
+    let report =
+        TextureReport { size, texels, seen: found.iter().flatten().filter(|(_, seen)| *seen).count(), atlas };
+    let mut pixels: Vec<Option<[f32; 3]>> =
+        (found.into_iter()).map(|found| found.map(|(colour, _)| colour.map(|c| c as f32))).collect();
     fill::in_picture(size, size, &mut pixels);
-    Ok(Texture {
-        chart,
-        size,
-        pixels: pixels.into_iter().map(Option::unwrap_or_default).collect(),
-        report,
-    })
+    Ok(Texture { chart, size, pixels: pixels.into_iter().map(Option::unwrap_or_default).collect(), report })
 }
 
 impl Texture {

@@ -1,11 +1,15 @@
 //! What one calibrated picture says of the colour of a place on a surface, and whether it sees it at all.
 //!
-//! Comes in: a camera, its picture, maybe a mask, and the mesh. Goes out: [`Glimpse`]s: a colour, and a weight that grows with how straight and how finely the place is seen.
+//! Comes in: a camera, its picture, maybe a mask, and the mesh. Goes out: [`Glimpse`]s: a colour, and a
+//! weight that grows with how straight and how finely the place is seen.
 //!
-//! A place is seen where the nearest facet through its pixel is no nearer than it is: a depth buffer as large as the picture decides, between pixels by their four depths. Pixels at a jump of the depth, or at the mask's border, are not believed, and those beside it less: the mesh is not known to a pixel there, and the colour of what lies behind would be taken for its own.
-//! Eight bytes are held for each pixel.
+//! A place is seen where the nearest facet through its pixel is no nearer than it is: a depth buffer as large
+//! as the picture decides, between pixels by their four depths. Pixels at a jump of the depth, or at the
+//! mask's border, are not believed, and those beside it less: the mesh is not known to a pixel there, and the
+//! colour of what lies behind would be taken for its own. Eight bytes are held for each pixel.
 //!
-//! Not guaranteed: what is thinner than two pixels in a picture gets no colour from it; highlights and shadows are taken for colours.
+//! Not guaranteed: what is thinner than two pixels in a picture gets no colour from it; highlights and
+//! shadows are taken for colours.
 
 use crate::shell::overlap::projected;
 use planish_estimate::vector3::{dot, sub, unit};
@@ -21,9 +25,11 @@ const CLEAR_PX: u8 = 5;
 const JUMP: f64 = 10.0;
 /// A place may lie so many pixels' widths behind the depth buffer, which cuts corners between pixels.
 const BEHIND: f64 = 3.0;
-/// The least cosine of the angle between normal and line of sight: 81°. Beyond it a pixel covers too much of the surface.
+/// The least cosine of the angle between normal and line of sight: 81°. Beyond it a pixel covers too much of
+/// the surface.
 const LEAST_COSINE: f64 = 0.15;
-/// By which power of the pixels on a piece of surface a view counts: the best view rules, without visible borders to the next.
+/// By which power of the pixels on a piece of surface a view counts: the best view rules, without visible
+/// borders to the next.
 const SHARPNESS: f64 = 2.0;
 
 /// A view that is ready to be asked.
@@ -64,9 +70,7 @@ impl ColourView {
         let buffer = DepthBuffer::draw(columns, rows, &corners, &mesh.triangles);
         let depth: Vec<f32> = (0..columns * rows)
             .map(|k| match mask.is_none_or(|mask| mask[k]) {
-                true => buffer
-                    .at(k % columns, k / columns)
-                    .map_or(f32::INFINITY, |seen| seen.depth as f32),
+                true => buffer.at(k % columns, k / columns).map_or(f32::INFINITY, |seen| seen.depth as f32),
                 false => f32::INFINITY,
             })
             .collect();
@@ -75,18 +79,11 @@ impl ColourView {
             .map(|p| [byte(p[0]), byte(p[p.len() / 2]), byte(p[p.len() - 1])])
             .collect();
         let clear = clear_of_jumps(&depth, columns, rows, focal(&camera));
-        Self {
-            camera,
-            columns,
-            rows,
-            colours,
-            depth,
-            clear,
-            size,
-        }
+        Self { camera, columns, rows, colours, depth, clear, size }
     }
 
-    /// What the view says of a place with a normal; nothing where it does not see it. With `two_sided` the normal's sign means nothing.
+    /// What the view says of a place with a normal; nothing where it does not see it. With `two_sided` the
+    /// normal's sign means nothing.
     pub(super) fn glimpse(&self, at: [f64; 3], normal: [f64; 3], two_sided: bool) -> Option<Glimpse> {
         let (pixel, depth) = self.camera.project(at)?;
         let corner = |x: f64, count: usize| {
@@ -123,13 +120,15 @@ impl ColourView {
         })
     }
 
-    /// Root mean square, over all pixels away from jumps, of what the picture differs from colours that the mesh has: of a triangle and the weights of its corners. `None` where there are no such pixels.
+    /// Root mean square, over all pixels away from jumps, of what the picture differs from colours that the
+    /// mesh has: of a triangle and the weights of its corners. `None` where there are no such pixels.
     pub(super) fn difference(
         &self,
         mesh: &TriangleMesh,
         colour: impl Fn(u32, [f64; 3]) -> [f64; 3] + Sync,
     ) -> Option<f64> {
-        let buffer = DepthBuffer::draw(self.columns, self.rows, &projected(mesh, &self.camera), &mesh.triangles);
+        let buffer =
+            DepthBuffer::draw(self.columns, self.rows, &projected(mesh, &self.camera), &mesh.triangles);
         let of_row = |row: usize| {
             let (mut sum, mut count) = (0.0, 0_usize);
             for column in 0..self.columns {
@@ -138,9 +137,7 @@ impl ColourView {
                     continue;
                 };
                 let made = colour(seen.triangle, seen.barycentric);
-                sum += (0..3)
-                    .map(|c| (made[c] - f64::from(self.colours[k][c])).powi(2))
-                    .sum::<f64>();
+                sum += (0..3).map(|c| (made[c] - f64::from(self.colours[k][c])).powi(2)).sum::<f64>();
                 count += 3;
             }
             (sum, count)
@@ -168,7 +165,8 @@ fn focal(camera: &Camera) -> f64 {
     (camera.k[(0, 0)] * camera.k[(1, 1)]).abs().sqrt()
 }
 
-/// Distances to the nearest jump of the depth in steps to one of eight neighbours, up to [`CLEAR_PX`]; the picture's own border is none.
+/// Distances to the nearest jump of the depth in steps to one of eight neighbours, up to [`CLEAR_PX`]; the
+/// picture's own border is none.
 fn clear_of_jumps(depth: &[f32], columns: usize, rows: usize, focal: f64) -> Vec<u8> {
     let at = |column: usize, row: usize| f64::from(depth[row * columns + column]);
     let jumps = |column: usize, row: usize| {

@@ -16,14 +16,7 @@ fn options() -> SphereOptions {
 /// The figures' claims, on a few sets, with patches that are divided.
 #[test]
 fn errors_stay_near_the_bound_and_orientations_lower_them() {
-    let rows = sphere(
-        &SphereOptions {
-            noise_divides: true,
-            ..options()
-        },
-        &Silent,
-    )
-    .unwrap();
+    let rows = sphere(&SphereOptions { noise_divides: true, ..options() }, &Silent).unwrap();
     let find = |noise: f64, tilt: Option<f64>, depth: u8| {
         rows.iter()
             .find(|r| r.noise_percent == noise && r.orientation_deg == tilt && r.depth == depth)
@@ -37,24 +30,15 @@ fn errors_stay_near_the_bound_and_orientations_lower_them() {
     for noise in [2.0, 6.0] {
         for depth in [0, 1] {
             let (alone, helped) = (find(noise, None, depth), find(noise, Some(2.0), depth));
-            assert!(
-                helped.patch_percent < 0.8 * alone.patch_percent,
-                "{helped:?} after {alone:?}"
-            );
+            assert!(helped.patch_percent < 0.8 * alone.patch_percent, "{helped:?} after {alone:?}");
             assert!(helped.bound_percent < alone.bound_percent);
         }
         let (coarse, fine) = (find(noise, None, 0), find(noise, None, 1));
         assert_eq!(coarse.leaf_patches, 1.0);
         assert!(fine.leaf_patches > 1.0, "{fine:?}");
-        assert!(
-            fine.patch_percent < 1.1 * coarse.patch_percent,
-            "{fine:?} after {coarse:?}"
-        );
+        assert!(fine.patch_percent < 1.1 * coarse.patch_percent, "{fine:?} after {coarse:?}");
         // One patch is the global filter.
-        assert!(
-            (coarse.patch_percent / coarse.global_percent - 1.0).abs() < 1e-6,
-            "{coarse:?}"
-        );
+        assert!((coarse.patch_percent / coarse.global_percent - 1.0).abs() < 1e-6, "{coarse:?}");
     }
     assert!(find(2.0, None, 0).patch_percent < find(6.0, None, 0).patch_percent);
     assert!(find(6.0, Some(0.0), 0).bound_percent < find(6.0, Some(5.0), 0).bound_percent);
@@ -63,13 +47,8 @@ fn errors_stay_near_the_bound_and_orientations_lower_them() {
 #[test]
 fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
     let folder = tempfile::tempdir().unwrap();
-    let small = SphereOptions {
-        sets: 1,
-        readings: vec![50],
-        noise_percent: vec![0.0, 6.0],
-        depth: 0,
-        ..options()
-    };
+    let small =
+        SphereOptions { sets: 1, readings: vec![50], noise_percent: vec![0.0, 6.0], depth: 0, ..options() };
     let paths = ["a.csv", "a.svg"].map(|name| folder.path().join(name));
     let rows = write_sphere(&small, &paths, None, None, &Silent).unwrap();
     let [table, drawing] = paths.map(|path| std::fs::read_to_string(path).unwrap());
@@ -77,28 +56,15 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
     assert!(table.starts_with("readings,noise_percent,orientation_deg,depth,leaf_patches,patch_percent"));
     assert!(drawing.starts_with("<svg") && drawing.ends_with("</svg>\n"));
     assert!(drawing.contains("maximum position noise / % of the radius") && !drawing.contains("NaN"));
-    assert_eq!(
-        rows,
-        sphere(&small, &Silent).unwrap(),
-        "the same seed gives the same numbers"
-    );
+    assert_eq!(rows, sphere(&small, &Silent).unwrap(), "the same seed gives the same numbers");
 
     let wrong = folder.path().join("a.png");
     let refused = write_sphere(&small, std::slice::from_ref(&wrong), None, None, &Silent).unwrap_err();
     assert_eq!(refused.kind(), ErrorKind::Unsupported);
     for bad in [
-        SphereOptions {
-            sets: 0,
-            ..small.clone()
-        },
-        SphereOptions {
-            readings: vec![5],
-            ..small.clone()
-        },
-        SphereOptions {
-            noise_percent: vec![-1.0],
-            ..small
-        },
+        SphereOptions { sets: 0, ..small.clone() },
+        SphereOptions { readings: vec![5], ..small.clone() },
+        SphereOptions { noise_percent: vec![-1.0], ..small },
     ] {
         assert_eq!(sphere(&bad, &Silent).unwrap_err().kind(), ErrorKind::Input);
     }
@@ -106,10 +72,7 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
 
 #[test]
 fn the_sphere_forms_from_a_cylinder_reading_by_reading() {
-    let options = SphereOptions {
-        depth: 1,
-        ..SphereOptions::default()
-    };
+    let options = SphereOptions { depth: 1, ..SphereOptions::default() };
     let forming = sphere_forming(&options, 16).unwrap();
     let readings: Vec<usize> = forming.snapshots.iter().map(|s| s.readings).collect();
     assert_eq!((readings[0], readings[readings.len() - 1]), (0, 150));

@@ -13,12 +13,7 @@ pub fn probed(points: Vec<[f64; 3]>, normals: Option<Vec<[f64; 3]>>, sigma: Opti
             ..planish_sense::Sensor::default()
         }],
         scans: vec![PosedScan {
-            scan: Scan {
-                name: "cloud".to_owned(),
-                points,
-                normals,
-                ..Scan::default()
-            },
+            scan: Scan { name: "cloud".to_owned(), points, normals, ..Scan::default() },
             sensor: 0,
             sigma_translation: None,
             sigma_rotation_deg: None,

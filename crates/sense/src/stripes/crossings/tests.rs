@@ -33,13 +33,10 @@ fn errors(found: &Crossing, angles: [f64; 2]) -> [f64; 4] {
     let turned = |a: f64, b: f64| (a - b).sin().atan2((a - b).cos().abs());
     let wrapped = |a: f64, b: f64| {
         let d = (a - b).rem_euclid(std::f64::consts::PI);
-        if d > 0.5 * std::f64::consts::PI {
-            d - std::f64::consts::PI
-        } else {
-            d
-        }
+        if d > 0.5 * std::f64::consts::PI { d - std::f64::consts::PI } else { d }
     };
-    let straight = turned(found.angles_rad[0], angles[0]).abs() < turned(found.angles_rad[0], angles[1]).abs();
+    let straight =
+        turned(found.angles_rad[0], angles[0]).abs() < turned(found.angles_rad[0], angles[1]).abs();
     let own = if straight { angles } else { [angles[1], angles[0]] };
     [
         found.image[0] - MIDDLE[0],
@@ -49,12 +46,8 @@ fn errors(found: &Crossing, angles: [f64; 2]) -> [f64; 4] {
     ]
 }
 
-const CASES: [([f64; 2], f64); 4] = [
-    ([0.2, 1.7], 0.0),
-    ([0.2, 1.7], 0.004),
-    ([0.6, 1.6], 0.003),
-    ([2.9, 1.2], -0.003),
-];
+const CASES: [([f64; 2], f64); 4] =
+    [([0.2, 1.7], 0.0), ([0.2, 1.7], 0.004), ([0.6, 1.6], 0.003), ([2.9, 1.2], -0.003)];
 
 #[test]
 fn crossings_are_found_to_a_tenth_of_a_pixel_and_half_a_degree() {
@@ -77,10 +70,7 @@ fn the_covariance_is_that_of_many_pictures() {
                 let image = picture(angles, bend, sigma, seed);
                 let found = middle_of(&image)?;
                 let unit = Ridges::of(&image, 1.5).unit_sigma(sigma);
-                Some((
-                    errors(&found, angles),
-                    [0, 1, 2, 3].map(|k| unit * found.covariance[k][k].sqrt()),
-                ))
+                Some((errors(&found, angles), [0, 1, 2, 3].map(|k| unit * found.covariance[k][k].sqrt())))
             })
             .collect();
         assert!(draws.len() > 142, "{}", draws.len());
@@ -89,18 +79,12 @@ fn the_covariance_is_that_of_many_pictures() {
             let mut all: Vec<f64> = draws.iter().map(|(e, _)| e[k]).collect();
             all.sort_by(f64::total_cmp);
             let middle = all[all.len() / 2];
-            let within = draws
-                .iter()
-                .filter(|(e, s)| (e[k] - middle).abs() <= 1.96 * s[k])
-                .count();
+            let within = draws.iter().filter(|(e, s)| (e[k] - middle).abs() <= 1.96 * s[k]).count();
             let share = within as f64 / draws.len() as f64;
-            // The standard error of the share is 0.018. The place of a crossing of 57° is covered 73 % one way: which places are left out for being
-            // near the other stripe changes with the noise.
+            // The standard error of the share is 0.018. The place of a crossing of 57° is covered 73 % one
+            // way: which places are left out for being near the other stripe changes with the noise.
             let least = if angles[0] == 0.6 { 0.65 } else { 0.88 };
-            assert!(
-                (least..=0.995).contains(&share),
-                "{angles:?} {bend}: number {k} is covered {share}"
-            );
+            assert!((least..=0.995).contains(&share), "{angles:?} {bend}: number {k} is covered {share}");
         }
     }
 }

@@ -20,12 +20,8 @@ pub(super) fn looking(from: [f64; 3], roll: f64) -> Camera {
     let (sin, cos) = roll.sin_cos();
     let rows = [cos * x + sin * y, cos * y - sin * x, z];
     let t: [f64; 3] = std::array::from_fn(|k| -rows[k].dot(&from));
-    Camera::new(
-        [[FOCAL, 2.0, 320.0], [0.0, 1.02 * FOCAL, 240.0], [0.0, 0.0, 1.0]],
-        rows.map(Into::into),
-        t,
-    )
-    .unwrap()
+    Camera::new([[FOCAL, 2.0, 320.0], [0.0, 1.02 * FOCAL, 240.0], [0.0, 0.0, 1.0]], rows.map(Into::into), t)
+        .unwrap()
 }
 
 /// Cameras all around, at about `distance`.
@@ -40,8 +36,14 @@ pub(super) fn around(count: usize, distance: f64) -> Vec<Camera> {
         .collect()
 }
 
-/// The border of what a camera sees of a thing that is star-shaped about the origin, by bisection of hits: nothing of the fit is in it.
-pub(super) fn borders(mesh: &TriangleMesh, camera: &Camera, count: usize, mut noise: impl FnMut() -> f64) -> ShellView {
+/// The border of what a camera sees of a thing that is star-shaped about the origin, by bisection of hits:
+/// nothing of the fit is in it.
+pub(super) fn borders(
+    mesh: &TriangleMesh,
+    camera: &Camera,
+    count: usize,
+    mut noise: impl FnMut() -> f64,
+) -> ShellView {
     let search = MeshSearch::try_new(mesh).unwrap();
     let (middle, _) = camera.project([0.0; 3]).unwrap();
     let hits = |pixel: [f64; 2]| search.first_hit(camera.center(), camera.direction(pixel)).is_some();
@@ -68,13 +70,7 @@ pub(super) fn borders(mesh: &TriangleMesh, camera: &Camera, count: usize, mut no
             if hits(pixel) { &mut inside } else { &mut outside }.push(pixel);
         }
     }
-    ShellView {
-        camera: *camera,
-        pose: None,
-        outline,
-        inside,
-        outside,
-    }
+    ShellView { camera: *camera, pose: None, outline, inside, outside }
 }
 
 fn normal_numbers(seed: u64) -> impl FnMut() -> f64 {
@@ -87,17 +83,10 @@ fn normal_numbers(seed: u64) -> impl FnMut() -> f64 {
 fn outlines_alone_give_the_shape() {
     let truth = truth(10, 1);
     let mut noise = normal_numbers(9);
-    let views: Vec<ShellView> = (around(12, 5.0).iter())
-        .map(|camera| borders(&truth.deformed, camera, 60, &mut noise))
-        .collect();
-    let options = ShellFitOptions {
-        stiffness: Some(truth.stiffness.clone()),
-        ..ShellFitOptions::default()
-    };
-    let readings = ShellReadings {
-        views: &views,
-        ..ShellReadings::default()
-    };
+    let views: Vec<ShellView> =
+        (around(12, 5.0).iter()).map(|camera| borders(&truth.deformed, camera, 60, &mut noise)).collect();
+    let options = ShellFitOptions { stiffness: Some(truth.stiffness.clone()), ..ShellFitOptions::default() };
+    let readings = ShellReadings { views: &views, ..ShellReadings::default() };
     let made = fit_shell(&truth.mesh, &truth.deformation, &readings, &options).unwrap();
     let before = rms(&heights(&truth, &truth.mesh.positions));
     let off = heights(&truth, &made.positions);
@@ -121,76 +110,55 @@ fn covered(truth: &Truth, made: &ShellFit, off: &[f64]) -> f64 {
     (0..off.len()).filter(|&v| within(v)).count() as f64 / off.len() as f64
 }
 
-/// The mean turn in degrees and the mean step of cameras against what they truly are, once a common motion of all of them is taken off: nothing tells where cameras and thing are together.
+/// The mean turn in degrees and the mean step of cameras against what they truly are, once a common motion of
+/// all of them is taken off: nothing tells where cameras and thing are together.
 fn poses_off(found: &[Camera], truth: &[Camera]) -> (f64, f64) {
     let changes: Vec<[f64; 6]> = found.iter().zip(truth).map(|(a, b)| a.change_from(b)).collect();
     let size = |range: std::ops::Range<usize>| {
-        let squares: f64 = changes
-            .iter()
-            .map(|c| range.clone().map(|k| c[k] * c[k]).sum::<f64>())
-            .sum();
+        let squares: f64 = changes.iter().map(|c| range.clone().map(|k| c[k] * c[k]).sum::<f64>()).sum();
         (squares / changes.len() as f64).sqrt()
     };
     (size(0..3).to_degrees(), size(3..6))
 }
 
-/// Cameras shaken by 1° and 1 % of their distance come back by outlines, features and a rough model; the first two are known. Their σ is true.
+/// Cameras shaken by 1° and 1 % of their distance come back by outlines, features and a rough model; the
+/// first two are known. Their σ is true.
 #[test]
 #[ignore = "takes longer than five seconds"]
 fn shaken_cameras_are_found_with_the_shape() {
     let truth = truth(10, 2);
     let mut noise = normal_numbers(21);
     let cameras = around(8, 5.0);
-    let shaken = PoseNoise {
-        sigma_rotation: 1_f64.to_radians(),
-        sigma_translation: 0.05,
-    };
-    let mut views: Vec<ShellView> = (cameras.iter())
-        .map(|camera| borders(&truth.deformed, camera, 60, &mut noise))
-        .collect();
+    let shaken = PoseNoise { sigma_rotation: 1_f64.to_radians(), sigma_translation: 0.05 };
+    let mut views: Vec<ShellView> =
+        (cameras.iter()).map(|camera| borders(&truth.deformed, camera, 60, &mut noise)).collect();
     for view in &mut views[2..] {
         view.camera = (view.camera).moved(std::array::from_fn(|k| {
-            noise()
-                * if k < 3 {
-                    shaken.sigma_rotation
-                } else {
-                    shaken.sigma_translation
-                }
+            noise() * if k < 3 { shaken.sigma_rotation } else { shaken.sigma_translation }
         }));
         view.pose = Some(shaken);
     }
     let mut random = ChaCha8Rng::seed_from_u64(77);
     let search = MeshSearch::try_new(&truth.deformed).unwrap();
-    let tracks: Vec<FeatureTrack> = (sample_points(&truth.deformed, 80, || random.random_range(0.0..1.0))
-        .unwrap()
-        .iter())
-    .filter_map(|place| {
-        let sightings: Vec<Sighting> = (cameras.iter().enumerate())
-            .filter(|(_, camera)| search.sees(camera.center(), place.position, 1e-3))
-            .map(|(v, camera)| Sighting {
-                view: v as u32,
-                pixel: camera.project(place.position).unwrap().0.map(|x| x + 0.5 * noise()),
-                sigma_px: 0.5,
+    let tracks: Vec<FeatureTrack> =
+        (sample_points(&truth.deformed, 80, || random.random_range(0.0..1.0)).unwrap().iter())
+            .filter_map(|place| {
+                let sightings: Vec<Sighting> = (cameras.iter().enumerate())
+                    .filter(|(_, camera)| search.sees(camera.center(), place.position, 1e-3))
+                    .map(|(v, camera)| Sighting {
+                        view: v as u32,
+                        pixel: camera.project(place.position).unwrap().0.map(|x| x + 0.5 * noise()),
+                        sigma_px: 0.5,
+                    })
+                    .collect();
+                (sightings.len() >= 2).then_some(FeatureTrack { sightings, sigma_surface: 0.001 })
             })
             .collect();
-        (sightings.len() >= 2).then_some(FeatureTrack {
-            sightings,
-            sigma_surface: 0.001,
-        })
-    })
-    .collect();
-    let options = ShellFitOptions {
-        stiffness: Some(truth.stiffness.clone()),
-        ..ShellFitOptions::default()
-    };
+    let options = ShellFitOptions { stiffness: Some(truth.stiffness.clone()), ..ShellFitOptions::default() };
     let given: Vec<Camera> = views.iter().map(|view| view.camera).collect();
     let before = poses_off(&given[2..], &cameras[2..]);
     for tracks in [&[][..], &tracks] {
-        let readings = ShellReadings {
-            points: &[],
-            views: &views,
-            tracks,
-        };
+        let readings = ShellReadings { points: &[], views: &views, tracks };
         let made = fit_shell(&truth.mesh, &truth.deformation, &readings, &options).unwrap();
         let off = heights(&truth, &made.positions);
         let after = poses_off(&made.cameras[2..], &cameras[2..]);
@@ -198,7 +166,8 @@ fn shaken_cameras_are_found_with_the_shape() {
         for v in 2..cameras.len() {
             let change = DVector::from_row_slice(&made.cameras[v].change_from(&cameras[v]));
             let covariance = made.pose_covariances[v].clone().unwrap();
-            squares += change.dot(&covariance.cholesky().unwrap().solve(&change)) / 6.0 / (cameras.len() - 2) as f64;
+            squares +=
+                change.dot(&covariance.cholesky().unwrap().solve(&change)) / 6.0 / (cameras.len() - 2) as f64;
         }
         println!(
             "{} tracks: poses {before:?} before, {after:?} after, χ² of each number {squares:.2}; surface {:.4}, covered {:.3}; {:?} after {}",
@@ -211,10 +180,7 @@ fn shaken_cameras_are_found_with_the_shape() {
         assert!(made.pose_covariances[0].is_none() && made.cameras[0] == cameras[0]);
         // The outlines of a thing that is all but round say little of how a camera is turned about its axis.
         let left = if tracks.is_empty() { 0.8 } else { 0.25 };
-        assert!(
-            after.0 < left * before.0 && after.1 < left * before.1,
-            "{before:?} {after:?}"
-        );
+        assert!(after.0 < left * before.0 && after.1 < left * before.1, "{before:?} {after:?}");
         assert!((0.4..2.0).contains(&squares), "{squares}");
         assert!(rms(&off) < 0.01);
     }
@@ -225,9 +191,8 @@ fn shaken_cameras_are_found_with_the_shape() {
 #[ignore = "takes longer than five seconds"]
 fn too_large_and_too_small_meshes_are_pulled_and_pushed() {
     let truth = truth(10, 4);
-    let views: Vec<ShellView> = (around(8, 5.0).iter())
-        .map(|camera| borders(&truth.deformed, camera, 80, || 0.0))
-        .collect();
+    let views: Vec<ShellView> =
+        (around(8, 5.0).iter()).map(|camera| borders(&truth.deformed, camera, 80, || 0.0)).collect();
     for size in [0.5, 1.6] {
         let start = TriangleMesh {
             positions: truth.mesh.positions.iter().map(|p| p.map(|x| size * x)).collect(),
@@ -236,14 +201,8 @@ fn too_large_and_too_small_meshes_are_pulled_and_pushed() {
         let controls = automatic_controls(&start, 30).unwrap();
         let deformation = Dirichlet::new(&controls.points, &start.positions).unwrap();
         let k = of_three_coordinates(&stiffness(&controls.points, &controls.triangles, &controls.edges));
-        let options = ShellFitOptions {
-            stiffness: Some(k),
-            ..ShellFitOptions::default()
-        };
-        let readings = ShellReadings {
-            views: &views,
-            ..ShellReadings::default()
-        };
+        let options = ShellFitOptions { stiffness: Some(k), ..ShellFitOptions::default() };
+        let readings = ShellReadings { views: &views, ..ShellReadings::default() };
         let made = fit_shell(&start, &deformation, &readings, &options).unwrap();
         let off = rms(&heights(&truth, &made.positions));
         println!(
@@ -254,7 +213,8 @@ fn too_large_and_too_small_meshes_are_pulled_and_pushed() {
     }
 }
 
-/// The derivative of every kind of equation against differences, at random states: parameters, poses and places.
+/// The derivative of every kind of equation against differences, at random states: parameters, poses and
+/// places.
 #[test]
 fn derivatives_are_those_of_differences() {
     let mesh = icosphere(1.0, 2);
@@ -265,10 +225,7 @@ fn derivatives_are_those_of_differences() {
     let views: Vec<ShellView> = (around(4, 5.0).iter())
         .map(|camera| ShellView {
             camera: *camera,
-            pose: Some(PoseNoise {
-                sigma_rotation: 0.02,
-                sigma_translation: 0.05,
-            }),
+            pose: Some(PoseNoise { sigma_rotation: 0.02, sigma_translation: 0.05 }),
             outline: Vec::new(),
             inside: Vec::new(),
             outside: Vec::new(),
@@ -278,9 +235,8 @@ fn derivatives_are_those_of_differences() {
     let (mut compared, mut worse) = ([0; 3], [0; 3]);
     for _ in 0..1000 {
         let q = DVector::from_fn(deformation.parameters(), |_, _| 0.03 * normal());
-        let cameras: Vec<Camera> = (views.iter())
-            .map(|view| view.camera.moved(std::array::from_fn(|_| 0.01 * normal())))
-            .collect();
+        let cameras: Vec<Camera> =
+            (views.iter()).map(|view| view.camera.moved(std::array::from_fn(|_| 0.01 * normal()))).collect();
         let state = State { q, cameras };
         let mut own = views.clone();
         let at: [f64; 3] = std::array::from_fn(|_| random.random_range(-0.6..0.6));
@@ -291,47 +247,26 @@ fn derivatives_are_those_of_differences() {
             view.outline.push(OutlinePoint {
                 pixel: [320.0 + r * angle.cos(), 240.0 + r * angle.sin()],
                 sigma_px: 1.0,
-                kind: if v == 0 {
-                    OutlineKind::Contour
-                } else {
-                    OutlineKind::Border
-                },
+                kind: if v == 0 { OutlineKind::Contour } else { OutlineKind::Border },
             });
             let (pixel, _) = state.cameras[v].project(at).unwrap();
-            tracked.push(Sighting {
-                view: v as u32,
-                pixel: pixel.map(|x| x + normal()),
-                sigma_px: 1.0,
-            });
+            tracked.push(Sighting { view: v as u32, pixel: pixel.map(|x| x + normal()), sigma_px: 1.0 });
         }
         let points: Vec<PointReading> = (0..3)
             .map(|_| PointReading {
-                at: Vector3::from_fn(|_, _| normal())
-                    .normalize()
-                    .scale(1.0 + 0.05 * normal())
-                    .into(),
+                at: Vector3::from_fn(|_, _| normal()).normalize().scale(1.0 + 0.05 * normal()).into(),
                 covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
             })
             .collect();
-        let tracks = [FeatureTrack {
-            sightings: tracked,
-            sigma_surface: 0.01,
-        }];
-        let readings = ShellReadings {
-            points: &points,
-            views: &own,
-            tracks: &tracks,
-        };
+        let tracks = [FeatureTrack { sightings: tracked, sigma_surface: 0.01 }];
+        let readings = ShellReadings { points: &points, views: &own, tracks: &tracks };
         let problem = Problem {
             mesh: &mesh,
             origins: None,
             triangles: &mesh.triangles,
             deformation: &deformation,
             readings: &readings,
-            shell: ShellOptions {
-                oriented: true,
-                ..ShellOptions::new(Metaball::Triangular, 10.0)
-            },
+            shell: ShellOptions { oriented: true, ..ShellOptions::new(Metaball::Triangular, 10.0) },
             slots: &slots,
             chosen: &[0, 1, 2],
             by_sheets: false,
@@ -343,13 +278,7 @@ fn derivatives_are_those_of_differences() {
                 .map(|(v, camera)| camera.moved(std::array::from_fn(|k| by * way[state.q.len() + 6 * v + k])))
                 .collect();
             problem
-                .equations(
-                    &State {
-                        q: &state.q + by * way.rows(0, state.q.len()),
-                        cameras,
-                    },
-                    None,
-                )
+                .equations(&State { q: &state.q + by * way.rows(0, state.q.len()), cameras }, None)
                 .unwrap()
         };
         let here = problem.equations(&state, None).unwrap();
@@ -366,9 +295,8 @@ fn derivatives_are_those_of_differences() {
                         deformation.row(*vertex, *by, &mut |k, entry| sum += entry * basis[k]);
                     }
                     for (slot, by) in poses {
-                        sum += (0..6)
-                            .map(|k| by[k] * way[state.q.len() + 6 * *slot as usize + k])
-                            .sum::<f64>();
+                        sum +=
+                            (0..6).map(|k| by[k] * way[state.q.len() + 6 * *slot as usize + k]).sum::<f64>();
                     }
                     sum
                 },
@@ -379,10 +307,7 @@ fn derivatives_are_those_of_differences() {
         }
     }
     println!("compared {compared:?} of points, outlines, tracks; farther than 1 %: {worse:?}");
-    assert!(
-        compared[0] >= 3000 && compared[1] >= 4000 && compared[2] >= 1000,
-        "{compared:?}"
-    );
+    assert!(compared[0] >= 3000 && compared[1] >= 4000 && compared[2] >= 1000, "{compared:?}");
     for (worse, compared) in worse.iter().zip(compared) {
         // Places where which facet is nearest changes between the differences.
         assert!(worse * 50 <= compared, "{worse} of {compared}");
@@ -400,13 +325,13 @@ fn compare(
     compared: &mut [usize; 3],
     worse: &mut [usize; 3],
 ) {
-    // Which equations are left of a track turns with the state; half the sum of their squares is the same in any basis.
+    // Which equations are left of a track turns with the state; half the sum of their squares is the same in
+    // any basis.
     let half_squares = |of: &Equations| 0.5 * of.list.iter().map(|e| e.distance * e.distance).sum::<f64>();
     if here.list.iter().any(|e| e.source == Source::Track) {
         let difference = (half_squares(after) - half_squares(before)) / (2.0 * step);
-        let stated: f64 = (here.iter())
-            .map(|(equation, vertices, poses)| equation.distance * slope(vertices, poses))
-            .sum();
+        let stated: f64 =
+            (here.iter()).map(|(equation, vertices, poses)| equation.distance * slope(vertices, poses)).sum();
         compared[2] += 1;
         worse[2] += usize::from((difference - stated).abs() > 1e-3 * (stated.abs() + 1.0));
         return;
@@ -423,7 +348,8 @@ fn compare(
     }
 }
 
-/// A ball that is open below, where the picture ends, and turned inside out, with a collar that stands off it and is not.
+/// A ball that is open below, where the picture ends, and turned inside out, with a collar that stands off it
+/// and is not.
 fn bust() -> TriangleMesh {
     let mut mesh = icosphere(1.0, 4);
     let positions = mesh.positions.clone();
@@ -447,7 +373,8 @@ fn bust() -> TriangleMesh {
     mesh
 }
 
-/// What reaches out of all pictures, is open there, and holds a loose sheet, comes to its outlines: nothing is read along the end of a picture, and which way a part is turned does not matter.
+/// What reaches out of all pictures, is open there, and holds a loose sheet, comes to its outlines: nothing
+/// is read along the end of a picture, and which way a part is turned does not matter.
 #[test]
 fn outlines_of_what_reaches_out_of_the_pictures() {
     let mesh = bust();
@@ -489,17 +416,12 @@ fn outlines_of_what_reaches_out_of_the_pictures() {
         ))),
         ..ShellFitOptions::default()
     };
-    let readings = ShellReadings {
-        views: &views,
-        ..ShellReadings::default()
-    };
+    let readings = ShellReadings { views: &views, ..ShellReadings::default() };
     let made = fit_shell(&mesh, &deformation, &readings, &options).unwrap();
     let search = MeshSearch::try_new(&deformed).unwrap();
     let off = |positions: &[[f64; 3]]| {
         let seen = (0..positions.len()).filter(|v| mesh.positions[*v][2] > 0.0);
-        rms(&seen
-            .map(|v| search.closest(positions[v]).unwrap().distance)
-            .collect::<Vec<_>>())
+        rms(&seen.map(|v| search.closest(positions[v]).unwrap().distance).collect::<Vec<_>>())
     };
     let (before, after) = (off(&mesh.positions), off(&made.positions));
     println!(

@@ -6,7 +6,9 @@ use super::outlines::{FOCAL, looking};
 use super::*;
 use crate::field::ShellOptions;
 
-/// What reaches over its outline is told how far it does so in the picture, of a plate that faces the camera too: half its thickness, which is as deep as a line of sight runs in it, says nothing of the way to its rim.
+/// What reaches over its outline is told how far it does so in the picture, of a plate that faces the camera
+/// too: half its thickness, which is as deep as a line of sight runs in it, says nothing of the way to its
+/// rim.
 #[test]
 fn a_plate_that_reaches_over_its_outline_is_told_how_far() {
     let mut mesh = icosphere(1.0, 3);
@@ -20,11 +22,7 @@ fn a_plate_that_reaches_over_its_outline_is_told_how_far() {
         [middle[0] + r * cos, middle[1] + r * sin]
     };
     let outline = (0..360)
-        .map(|k| OutlinePoint {
-            pixel: towards(k, 100.0),
-            sigma_px: 1.0,
-            kind: OutlineKind::Border,
-        })
+        .map(|k| OutlinePoint { pixel: towards(k, 100.0), sigma_px: 1.0, kind: OutlineKind::Border })
         .collect();
     let beyond = 23.0;
     let views = [ShellView {
@@ -39,37 +37,24 @@ fn a_plate_that_reaches_over_its_outline_is_told_how_far() {
         origins: None,
         triangles: &mesh.triangles,
         deformation: &deformation,
-        readings: &ShellReadings {
-            views: &views,
-            ..ShellReadings::default()
-        },
-        shell: ShellOptions {
-            oriented: true,
-            ..ShellOptions::new(Metaball::Triangular, 10.0)
-        },
+        readings: &ShellReadings { views: &views, ..ShellReadings::default() },
+        shell: ShellOptions { oriented: true, ..ShellOptions::new(Metaball::Triangular, 10.0) },
         slots: &[None],
         chosen: &[],
         by_sheets: false,
     };
-    let state = State {
-        q: DVector::zeros(deformation.parameters()),
-        cameras: vec![camera],
-    };
+    let state = State { q: DVector::zeros(deformation.parameters()), cameras: vec![camera] };
     let made = problem.equations(&state, None).unwrap();
     let search = MeshSearch::try_new(&mesh).unwrap();
-    let first = search
-        .first_hit(camera.center(), camera.direction(views[0].outside[0]))
-        .unwrap();
+    let first = search.first_hit(camera.center(), camera.direction(views[0].outside[0])).unwrap();
     let along = towards(77, 1.0);
     let in_picture = |at: [f64; 3]| {
         let (pixel, _) = camera.project(at).unwrap();
         (pixel[0] - middle[0]) * (along[0] - middle[0]) + (pixel[1] - middle[1]) * (along[1] - middle[1])
     };
     let mut found = 0;
-    for (equation, vertices, _) in made
-        .iter()
-        .flat_map(Equations::iter)
-        .filter(|(e, ..)| e.source == Source::Region)
+    for (equation, vertices, _) in
+        made.iter().flat_map(Equations::iter).filter(|(e, ..)| e.source == Source::Region)
     {
         found += 1;
         assert!((equation.distance - beyond).abs() < 0.01, "{}", equation.distance);
@@ -79,10 +64,7 @@ fn a_plate_that_reaches_over_its_outline_is_told_how_far() {
             let moved = |by: f64| std::array::from_fn(|j| first.point[j] + if j == k { by } else { 0.0 });
             let difference = (in_picture(moved(1e-5)) - in_picture(moved(-1e-5))) / 2e-5;
             // The far side is a hundredth farther from the camera.
-            assert!(
-                (stated - difference).abs() < 0.02 * FOCAL / 5.0,
-                "{stated} {difference}"
-            );
+            assert!((stated - difference).abs() < 0.02 * FOCAL / 5.0, "{stated} {difference}");
         }
     }
     // The near side and the far side; a line that hits nothing has nothing to say.

@@ -23,7 +23,8 @@ fn swaying(controls: &[[f64; 3]], time: f64) -> DVector<f64> {
     )
 }
 
-/// From outlines alone, and with points: the surface is followed about as well as each frame tells it alone, or better, and the parameters' errors are those that are stated.
+/// From outlines alone, and with points: the surface is followed about as well as each frame tells it alone,
+/// or better, and the parameters' errors are those that are stated.
 #[test]
 #[ignore = "takes longer than five seconds"]
 fn a_moving_thing_is_followed() {
@@ -53,28 +54,20 @@ fn a_moving_thing_is_followed() {
                 positions: mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
                 triangles: mesh.triangles.clone(),
             };
-            let views: Vec<ShellView> = (around(4, 5.0).iter())
-                .map(|camera| borders(&truth, camera, 60, &mut noise))
-                .collect();
-            let points: Vec<PointReading> = (sample_points(&truth, 150, || places.random_range(0.0..1.0))
-                .unwrap()
-                .iter())
-            .map(|place| PointReading {
-                at: place.position.map(|x| x + 0.01 * noise()),
-                covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4],
-            })
-            .collect();
-            let readings = ShellReadings {
-                points: if with_points { &points } else { &[] },
-                views: &views,
-                tracks: &[],
-            };
+            let views: Vec<ShellView> =
+                (around(4, 5.0).iter()).map(|camera| borders(&truth, camera, 60, &mut noise)).collect();
+            let points: Vec<PointReading> =
+                (sample_points(&truth, 150, || places.random_range(0.0..1.0)).unwrap().iter())
+                    .map(|place| PointReading {
+                        at: place.position.map(|x| x + 0.01 * noise()),
+                        covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4],
+                    })
+                    .collect();
+            let readings =
+                ShellReadings { points: if with_points { &points } else { &[] }, views: &views, tracks: &[] };
             let search = MeshSearch::try_new(&truth).unwrap();
             let off = |positions: &[[f64; 3]]| {
-                rms(&positions
-                    .iter()
-                    .map(|p| search.closest(*p).unwrap().distance)
-                    .collect::<Vec<_>>())
+                rms(&positions.iter().map(|p| search.closest(*p).unwrap().distance).collect::<Vec<_>>())
             };
             let single = fit_shell(&mesh, &deformation, &readings, &options).unwrap();
             let made = tracker.follow(&readings).unwrap();
@@ -112,10 +105,7 @@ fn a_moving_thing_is_followed() {
         assert!(mean(&followed[3..]) < 1.2 * mean(&alone[3..]));
         assert!(ratios[3..].iter().all(|ratio| (0.3..2.5).contains(ratio)), "{ratios:?}");
     }
-    let none = ShellFitOptions {
-        stiffness: None,
-        ..options
-    };
+    let none = ShellFitOptions { stiffness: None, ..options };
     let said = ShellTracker::new(&mesh, &deformation, none).err().unwrap().to_string();
     assert!(said.contains("stiffness"));
 }

@@ -46,21 +46,11 @@ fn dimension_schemes_leave_nothing_free_and_repeat_nothing() {
     let centre = plate.point([12.0, 9.0]);
     plate.circle(centre, 5.0).unwrap();
     let covariance = DMatrix::identity(plate.parameters(), plate.parameters()) * 0.01;
-    let right_angles: Vec<Constraint> = (0..3)
-        .map(|i| Constraint::Perpendicular {
-            a: BarId(i),
-            b: BarId(i + 1),
-        })
-        .collect();
-    let anchor = Constraint::Anchor {
-        point: PointId(0),
-        at: plate.position(PointId(0)),
-    };
-    let half = Constraint::Coordinate {
-        point: PointId(0),
-        axis: Axis::X,
-        value: plate.position(PointId(0))[0],
-    };
+    let right_angles: Vec<Constraint> =
+        (0..3).map(|i| Constraint::Perpendicular { a: BarId(i), b: BarId(i + 1) }).collect();
+    let anchor = Constraint::Anchor { point: PointId(0), at: plate.position(PointId(0)) };
+    let half =
+        Constraint::Coordinate { point: PointId(0), axis: Axis::X, value: plate.position(PointId(0))[0] };
     let mut anchored = right_angles.clone();
     anchored.push(anchor);
     let mut halved = right_angles.clone();
@@ -73,10 +63,7 @@ fn dimension_schemes_leave_nothing_free_and_repeat_nothing() {
         assert_eq!((diagnosis.freedoms, diagnosis.equations), (0, 11), "{scheme:?}");
         assert!(scheme.iter().all(|dimension| dimension.sigma > 0.0));
         // A single coordinate of an unrelated point has the σ it was given.
-        if let Some(length) = scheme
-            .iter()
-            .find(|d| matches!(d.constraint, Constraint::Radius { .. }))
-        {
+        if let Some(length) = scheme.iter().find(|d| matches!(d.constraint, Constraint::Radius { .. })) {
             assert!((length.sigma - 0.1).abs() < 1e-12);
         }
     }

@@ -1,9 +1,10 @@
 //! Convex polygons from the hull of the readings.
 
-/// The convex polygon of `count` corners that is left of the points' hull when corners are taken away one by one, always the
-/// one that costs the least area. Counter-clockwise; `None` where the hull has fewer corners.
+/// The convex polygon of `count` corners that is left of the points' hull when corners are taken away one by
+/// one, always the one that costs the least area. Counter-clockwise; `None` where the hull has fewer corners.
 ///
-/// A corner as sharp as a few readings' noise is one that segments along the outline easily miss. Cost: `h²` for a hull of `h`.
+/// A corner as sharp as a few readings' noise is one that segments along the outline easily miss. Cost: `h²`
+/// for a hull of `h`.
 ///
 /// # References
 /// Andrew 1979, *Another efficient algorithm for convex hulls in two dimensions*.

@@ -1,4 +1,5 @@
-//! Starts that wild readings do not pull away: the least median of distances over curves through few readings.
+//! Starts that wild readings do not pull away: the least median of distances over curves through few
+//! readings.
 //!
 //! # References
 //! Rousseeuw 1984, *Least median of squares regression*; Fischler and Bolles 1981, *Random sample consensus*.
@@ -49,13 +50,11 @@ impl Curve<'_> {
         *distances.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 
-    /// The curve of the least median distance through few of the points, fitted again to all that are near it; the same points give the same curve.
+    /// The curve of the least median distance through few of the points, fitted again to all that are near
+    /// it; the same points give the same curve.
     pub(super) fn of_least_median(&self, points: &[[f64; 2]]) -> Option<Vec<f64>> {
-        let some: Vec<[f64; 2]> = points
-            .iter()
-            .copied()
-            .step_by(points.len().div_ceil(MOST_POINTS).max(1))
-            .collect();
+        let some: Vec<[f64; 2]> =
+            points.iter().copied().step_by(points.len().div_ceil(MOST_POINTS).max(1)).collect();
         if some.len() < 2 * self.needed {
             return None;
         }
@@ -70,7 +69,9 @@ impl Curve<'_> {
                 }
             }
             let sample: Vec<[f64; 2]> = drawn.into_iter().map(|k| some[k]).collect();
-            let Some(curve) = (self.fit)(&sample) else { continue };
+            let Some(curve) = (self.fit)(&sample) else {
+                continue;
+            };
             let median = self.median(&curve, &some);
             if best.as_ref().is_none_or(|b| median < b.0) && median.is_finite() {
                 best = Some((median, curve));

@@ -1,7 +1,7 @@
 //! Points in order cut into lines and arcs, optimally, by dynamic programming.
 //!
-//! In place of split-and-merge, whose result depends on where it splits first; pieces are merged where the likelihood says so,
-//! among the best segmentations into each number of pieces.
+//! In place of split-and-merge, whose result depends on where it splits first; pieces are merged where the
+//! likelihood says so, among the best segmentations into each number of pieces.
 
 use super::super::kind::Kind;
 use super::mean;
@@ -11,12 +11,12 @@ use super::sequence::{Sequence, Sums};
 pub(crate) const MOST_PIECES: usize = 14;
 /// Segmentations of a closed sequence begin at so many places.
 const MOST_STARTS: usize = 10;
-/// Chains of up to so many pieces are tried whatever they cost here: they are soon fitted, and readings of uneven σ ask for more
-/// pieces than the likelihood does.
+/// Chains of up to so many pieces are tried whatever they cost here: they are soon fitted, and readings of
+/// uneven σ ask for more pieces than the likelihood does.
 const FEW_PIECES: usize = 4;
 
-/// Cost of the best segmentation into each number of pieces up to `most` that begins at a given bin, and where its pieces
-/// begin; the first is that into one.
+/// Cost of the best segmentation into each number of pieces up to `most` that begins at a given bin, and
+/// where its pieces begin; the first is that into one.
 fn best_cuts(costs: &[Vec<f64>], bins: usize, start: usize, most: usize) -> Vec<(f64, Vec<usize>)> {
     let mut value = vec![vec![f64::INFINITY; bins + 1]; most + 1];
     let mut from = vec![vec![0; bins + 1]; most + 1];
@@ -63,8 +63,9 @@ fn table(sequence: &Sequence, cost: impl Fn(&Sums) -> f64) -> Vec<Vec<f64>> {
 
 /// The best segmentations into one piece, two, and so on up to `most`: cost and where pieces begin.
 ///
-/// An open sequence begins at its first point. A closed one begins at any cut of the best; where that is follows from
-/// segmentations that began elsewhere, which into more pieces than needed have it among their cuts.
+/// An open sequence begins at its first point. A closed one begins at any cut of the best; where that is
+/// follows from segmentations that began elsewhere, which into more pieces than needed have it among their
+/// cuts.
 fn segmented(costs: &[Vec<f64>], sequence: &Sequence, most: usize) -> Vec<(f64, Vec<usize>)> {
     let bins = sequence.bins;
     let mut best = best_cuts(costs, bins, 0, most);
@@ -103,7 +104,8 @@ pub(super) fn polygon(sequence: &Sequence, count: usize) -> Option<Vec<f64>> {
     Some(vertices.into_iter().flatten().collect())
 }
 
-/// The vertex before each run: where its line meets the one before, or the point there where they hardly meet.
+/// The vertex before each run: where its line meets the one before, or the point there where they hardly
+/// meet.
 fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
     let count = cuts.len();
     let lines: Vec<([f64; 2], f64)> = (0..count)
@@ -126,16 +128,13 @@ fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
                 sequence.origin[1] + (after.1 * before.0[0] - before.1 * after.0[0]) / cross,
             ];
             let reach = (at[0] - sequence.origin[0]).hypot(at[1] - sequence.origin[1]);
-            if cross.abs() > 0.1 && (met[0] - at[0]).hypot(met[1] - at[1]) < 0.7 * reach {
-                met
-            } else {
-                at
-            }
+            if cross.abs() > 0.1 && (met[0] - at[0]).hypot(met[1] - at[1]) < 0.7 * reach { met } else { at }
         })
         .collect()
 }
 
-/// Chains of least penalised cost: that into the best number of pieces, and those into few. A closed one has an arc, or it is a polygon; an open one has two pieces at least, or an arc.
+/// Chains of least penalised cost: that into the best number of pieces, and those into few. A closed one has
+/// an arc, or it is a polygon; an open one has two pieces at least, or an arc.
 pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
     let penalty = (sequence.count() as f64).ln();
     let costs = table(sequence, |sums| {
@@ -146,13 +145,14 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
     });
     let fewest = if sequence.is_closed { 2 } else { 1 };
     let most = MOST_PIECES.min(sequence.bins / 4);
-    let mut found: Vec<(f64, Kind, Vec<f64>)> = (segmented(&costs, sequence, most).into_iter().skip(fewest - 1))
-        .filter(|(cost, _)| cost.is_finite())
-        .filter_map(|(cost, cuts)| {
-            let (kind, theta) = chain(sequence, &cuts, penalty)?;
-            Some((cost, kind, theta))
-        })
-        .collect();
+    let mut found: Vec<(f64, Kind, Vec<f64>)> =
+        (segmented(&costs, sequence, most).into_iter().skip(fewest - 1))
+            .filter(|(cost, _)| cost.is_finite())
+            .filter_map(|(cost, cuts)| {
+                let (kind, theta) = chain(sequence, &cuts, penalty)?;
+                Some((cost, kind, theta))
+            })
+            .collect();
     let least = found.iter().map(|one| one.0).fold(f64::INFINITY, f64::min);
     found.retain(|one| one.0 <= least || one.1.pieces() <= FEW_PIECES);
     found.into_iter().map(|(_, kind, theta)| (kind, theta)).collect()
@@ -186,13 +186,7 @@ fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(Kind, Vec
     };
     let crossings = corners(sequence, cuts);
     let mut vertices: Vec<[f64; 2]> = (0..count)
-        .map(|k| {
-            if arcs[k] || arcs[(k + count - 1) % count] {
-                vertex(k)
-            } else {
-                crossings[k]
-            }
-        })
+        .map(|k| if arcs[k] || arcs[(k + count - 1) % count] { vertex(k) } else { crossings[k] })
         .collect();
     if !is_closed {
         vertices[0] = sequence.points[0];
@@ -204,14 +198,12 @@ fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(Kind, Vec
         let (a, b) = (vertices[k], vertices[(k + 1) % vertices.len()]);
         theta.push(bulge_through(sequence, from, to, a, b));
     }
-    let kind = Kind::Chain {
-        arcs,
-        closed: is_closed,
-    };
+    let kind = Kind::Chain { arcs, closed: is_closed };
     Some((kind, theta))
 }
 
-/// `tan(θ/4)` of the arc between two vertices that goes through the middle of a run: sagitta over half the chord.
+/// `tan(θ/4)` of the arc between two vertices that goes through the middle of a run: sagitta over half the
+/// chord.
 fn bulge_through(sequence: &Sequence, from: usize, to: usize, a: [f64; 2], b: [f64; 2]) -> f64 {
     let middle = (from + to) / 2;
     let n = sequence.count();
@@ -222,9 +214,5 @@ fn bulge_through(sequence: &Sequence, from: usize, to: usize, a: [f64; 2], b: [f
     let chord = e[0].hypot(e[1]).max(f64::MIN_POSITIVE);
     let sagitta = ((m[0] - a[0]) * e[1] - (m[1] - a[1]) * e[0]) / chord;
     let bulge = 2.0 * sagitta / chord;
-    if bulge.abs() < 1e-3 {
-        1e-3
-    } else {
-        bulge.clamp(-3.0, 3.0)
-    }
+    if bulge.abs() < 1e-3 { 1e-3 } else { bulge.clamp(-3.0, 3.0) }
 }

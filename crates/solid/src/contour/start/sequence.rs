@@ -9,7 +9,8 @@ const MOST_BINS: usize = 120;
 /// So many places each way are tried to look around from.
 const GRID: usize = 6;
 
-/// Sums over points: number, coordinates, their products to fourth order about the sequence's middle, and covariances.
+/// Sums over points: number, coordinates, their products to fourth order about the sequence's middle, and
+/// covariances.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Sums([f64; 13]);
 
@@ -53,11 +54,8 @@ impl Sums {
     pub(super) fn line(&self) -> ([f64; 2], f64, f64) {
         let m = self.count();
         let c = [self.0[1] / m, self.0[2] / m];
-        let (xx, xy, yy) = (
-            self.0[3] - m * c[0] * c[0],
-            self.0[4] - m * c[0] * c[1],
-            self.0[5] - m * c[1] * c[1],
-        );
+        let (xx, xy, yy) =
+            (self.0[3] - m * c[0] * c[0], self.0[4] - m * c[0] * c[1], self.0[5] - m * c[1] * c[1]);
         let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
         let normal = [-angle.sin(), angle.cos()];
         let left = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
@@ -113,9 +111,9 @@ pub(super) struct Sequence {
 }
 
 impl Sequence {
-    /// Ordered by direction from the middle, or from that place among the points from which the way around is shortest: within
-    /// an outline that is bent inwards there is often a place that sees all of it. Where the file's own order is shorter,
-    /// that is kept.
+    /// Ordered by direction from the middle, or from that place among the points from which the way around is
+    /// shortest: within an outline that is bent inwards there is often a place that sees all of it. Where the
+    /// file's own order is shorter, that is kept.
     pub(super) fn closed(sightings: &[Sighting]) -> Self {
         let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
         let origin = middle(&points);
@@ -127,11 +125,7 @@ impl Sequence {
             }
         }
         let filed: Vec<usize> = (0..points.len()).collect();
-        let mut order = if way(&points, &filed) < 0.95 * best.0 {
-            filed
-        } else {
-            best.1
-        };
+        let mut order = if way(&points, &filed) < 0.95 * best.0 { filed } else { best.1 };
         let area: f64 = (0..order.len())
             .map(|k| {
                 let (a, b) = (points[order[k]], points[order[(k + 1) % order.len()]]);
@@ -144,11 +138,12 @@ impl Sequence {
         Self::new(sightings, &points, &order, origin, true)
     }
 
-    /// From one end to the other, the one with the least y (then x) first; `None` where the ends are so near to each other that
-    /// the outline may be closed.
+    /// From one end to the other, the one with the least y (then x) first; `None` where the ends are so near
+    /// to each other that the outline may be closed.
     ///
-    /// The order is that of the file, or the directions from where the sensor was on average, from far away on either side, or
-    /// from places among the points, cut at the widest step: whichever is the shortest way.
+    /// The order is that of the file, or the directions from where the sensor was on average, from far away
+    /// on either side, or from places among the points, cut at the widest step: whichever is the shortest
+    /// way.
     pub(super) fn open(sightings: &[Sighting]) -> Option<Self> {
         let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
         let origin = middle(&points);
@@ -170,18 +165,11 @@ impl Sequence {
             })
             .collect();
         let center = mean(&points);
-        let reach = 1e3
-            * points
-                .iter()
-                .map(|p| (p[0] - center[0]).hypot(p[1] - center[1]))
-                .fold(0.0, f64::max);
+        let reach =
+            1e3 * points.iter().map(|p| (p[0] - center[0]).hypot(p[1] - center[1])).fold(0.0, f64::max);
         let angle = super::line(&points)[0];
-        let far = [-1.0, 1.0].map(|side| {
-            [
-                center[0] - side * reach * angle.sin(),
-                center[1] + side * reach * angle.cos(),
-            ]
-        });
+        let far = [-1.0, 1.0]
+            .map(|side| [center[0] - side * reach * angle.sin(), center[1] + side * reach * angle.cos()]);
         let seen_from = (!sensors.is_empty()).then(|| mean(&sensors));
         let filed: Vec<usize> = (0..points.len()).collect();
         let mut best = cut((way(&points, &filed), filed));
@@ -202,7 +190,13 @@ impl Sequence {
         Some(Self::new(sightings, &points, &order, origin, false))
     }
 
-    fn new(sightings: &[Sighting], points: &[[f64; 2]], order: &[usize], origin: [f64; 2], is_closed: bool) -> Self {
+    fn new(
+        sightings: &[Sighting],
+        points: &[[f64; 2]],
+        order: &[usize],
+        origin: [f64; 2],
+        is_closed: bool,
+    ) -> Self {
         let count = order.len();
         let bins = count.min(MOST_BINS);
         let first: Vec<usize> = (0..bins).map(|b| b * count / bins).collect();
@@ -218,14 +212,7 @@ impl Sequence {
         for k in 0..2 * bins {
             cumulated.push(cumulated[k].plus(&each[k % bins]));
         }
-        Self {
-            origin,
-            points: order.iter().map(|&i| points[i]).collect(),
-            cumulated,
-            bins,
-            first,
-            is_closed,
-        }
+        Self { origin, points: order.iter().map(|&i| points[i]).collect(), cumulated, bins, first, is_closed }
     }
 
     /// Sums over the bins from one to before another, which may be of the next round.
@@ -238,16 +225,11 @@ impl Sequence {
     }
 }
 
-/// The middle of the circle about the points, or their mean where that is far away: they are nearly straight then.
+/// The middle of the circle about the points, or their mean where that is far away: they are nearly straight
+/// then.
 fn middle(points: &[[f64; 2]]) -> [f64; 2] {
     let m = mean(points);
-    circle(points).map_or(m, |c| {
-        if (c[0] - m[0]).hypot(c[1] - m[1]) < c[2] {
-            [c[0], c[1]]
-        } else {
-            m
-        }
-    })
+    circle(points).map_or(m, |c| if (c[0] - m[0]).hypot(c[1] - m[1]) < c[2] { [c[0], c[1]] } else { m })
 }
 
 /// The length of the closed way through the points in an order.
@@ -261,9 +243,8 @@ fn way(points: &[[f64; 2]], order: &[usize]) -> f64 {
 
 /// The points by their direction from a place, and the length of the way.
 fn around(points: &[[f64; 2]], from: [f64; 2]) -> (f64, Vec<usize>) {
-    let mut turns: Vec<(f64, usize)> = (points.iter().enumerate())
-        .map(|(i, p)| ((p[1] - from[1]).atan2(p[0] - from[0]), i))
-        .collect();
+    let mut turns: Vec<(f64, usize)> =
+        (points.iter().enumerate()).map(|(i, p)| ((p[1] - from[1]).atan2(p[0] - from[0]), i)).collect();
     turns.sort_by(|a, b| a.0.total_cmp(&b.0));
     let order: Vec<usize> = turns.into_iter().map(|(_, i)| i).collect();
     (way(points, &order), order)
@@ -271,14 +252,12 @@ fn around(points: &[[f64; 2]], from: [f64; 2]) -> (f64, Vec<usize>) {
 
 /// A grid of places within the points' box.
 fn places(points: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
-    let bound = |k: usize, start: f64, pick: fn(f64, f64) -> f64| points.iter().map(|p| p[k]).fold(start, pick);
+    let bound =
+        |k: usize, start: f64, pick: fn(f64, f64) -> f64| points.iter().map(|p| p[k]).fold(start, pick);
     let low = [0, 1].map(|k| bound(k, f64::INFINITY, f64::min));
     let high = [0, 1].map(|k| bound(k, f64::NEG_INFINITY, f64::max));
     (0..GRID * GRID).map(move |k| {
         let share = |i: usize| (i as f64 + 0.5) / GRID as f64;
-        [
-            low[0] + share(k % GRID) * (high[0] - low[0]),
-            low[1] + share(k / GRID) * (high[1] - low[1]),
-        ]
+        [low[0] + share(k % GRID) * (high[0] - low[0]), low[1] + share(k / GRID) * (high[1] - low[1])]
     })
 }

@@ -15,10 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::sync::Arc;
 
-const PRIOR: SmoothnessPrior = SmoothnessPrior {
-    weight: 3.0,
-    hold: 0.02,
-};
+const PRIOR: SmoothnessPrior = SmoothnessPrior { weight: 3.0, hold: 0.02 };
 const UP: [f64; 3] = [0.0, 0.0, 1.0];
 
 fn plane(base: [usize; 2]) -> Surface {
@@ -26,12 +23,7 @@ fn plane(base: [usize; 2]) -> Surface {
 }
 
 fn options(layout: StateLayout, maximum_depth: u8) -> PatchFilterOptions {
-    PatchFilterOptions {
-        layout,
-        maximum_depth,
-        least_gain: 1e-9,
-        ..PatchFilterOptions::default()
-    }
+    PatchFilterOptions { layout, maximum_depth, least_gain: 1e-9, ..PatchFilterOptions::default() }
 }
 
 /// Heights over a plan, with some normals between them.
@@ -51,7 +43,8 @@ fn readings(base: [usize; 2], count: usize, sigma: f64, seed: u64) -> Vec<Surfac
         .collect()
 }
 
-/// Where all readings are along one normal, the filter along normals is the filter of heights: what it adds is only where normals turn.
+/// Where all readings are along one normal, the filter along normals is the filter of heights: what it adds
+/// is only where normals turn.
 #[test]
 fn along_one_normal_it_is_the_filter_of_heights() {
     let base = [8, 4];
@@ -74,18 +67,12 @@ fn along_one_normal_it_is_the_filter_of_heights() {
         let (a, b) = (heights.variance_along(u, v, UP), along.variance_along(u, v, UP));
         assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
     }
-    let position = SurfaceReading::Position {
-        parameters: [1.0, 1.0],
-        point: [1.0, 1.0, 0.0],
-        variance: 1.0,
-    };
-    assert!(
-        along.observe(&position).is_err(),
-        "its parameters would count as measured"
-    );
+    let position = SurfaceReading::Position { parameters: [1.0, 1.0], point: [1.0, 1.0, 0.0], variance: 1.0 };
+    assert!(along.observe(&position).is_err(), "its parameters would count as measured");
 }
 
-/// Readings that a batch took in first and readings that stream in later must make the belief that all of them make one by one.
+/// Readings that a batch took in first and readings that stream in later must make the belief that all of
+/// them make one by one.
 #[test]
 fn a_first_fit_and_a_stream_know_what_a_stream_alone_knows() {
     let base = [4, 4];
@@ -94,36 +81,23 @@ fn a_first_fit_and_a_stream_know_what_a_stream_alone_knows() {
     let system = SurfaceSystem::new(flat.space()).unwrap();
     let mut data = BlockInformation::zeros(Arc::clone(system.pattern()), 1, 3).unwrap();
     for reading in &all[..40] {
-        let SurfaceReading::Along {
-            parameters: [u, v],
-            value,
-            variance,
-            ..
-        } = *reading
-        else {
+        let SurfaceReading::Along { parameters: [u, v], value, variance, .. } = *reading else {
             panic!("heights alone")
         };
         let (leaf, [s, t]) = flat.space().locate(u, v);
         let (nodes, weights) = flat.space().extraction(leaf);
         let c = leaf_weights(s, t);
-        let row: Vec<f64> = weights
-            .iter()
-            .map(|w| w.iter().zip(&c).map(|(a, b)| a * b).sum())
-            .collect();
-        let matrix: Vec<f64> = (row.iter())
-            .flat_map(|a| row.iter().map(move |b| a * b / variance))
-            .collect();
+        let row: Vec<f64> = weights.iter().map(|w| w.iter().zip(&c).map(|(a, b)| a * b).sum()).collect();
+        let matrix: Vec<f64> = (row.iter()).flat_map(|a| row.iter().map(move |b| a * b / variance)).collect();
         let vector: Vec<f64> = row.iter().flat_map(|a| [0.0, 0.0, a * value / variance]).collect();
         data.add_element(nodes, &matrix, &vector).unwrap();
     }
-    data.add_scaled(&PRIOR.information(&system, &flat).unwrap(), 1.0)
-        .unwrap();
+    data.add_scaled(&PRIOR.information(&system, &flat).unwrap(), 1.0).unwrap();
     let factor = system.factorize_scalar(&data).unwrap();
     let mut x = data.vector().to_vec();
     factor.solve_in_place(&mut x).unwrap();
-    let vertices = (flat.vertices().iter().zip(x.chunks_exact(3)))
-        .map(|(p, x)| [p[0], p[1], p[2] + x[2]])
-        .collect();
+    let vertices =
+        (flat.vertices().iter().zip(x.chunks_exact(3))).map(|(p, x)| [p[0], p[1], p[2] + x[2]]).collect();
     let fitted = flat.with_vertices(vertices).unwrap();
     let layout = options(StateLayout::Normal, 0);
     let mut first = PatchFilter::from_first_fit(&fitted, &flat, PRIOR, &data, layout).unwrap();
@@ -142,7 +116,8 @@ fn a_first_fit_and_a_stream_know_what_a_stream_alone_knows() {
     }
 }
 
-/// One wild reading is left out and changes nothing; a step that most readings of a place agree on is taken in, and asks for division.
+/// One wild reading is left out and changes nothing; a step that most readings of a place agree on is taken
+/// in, and asks for division.
 #[test]
 fn gross_errors_are_left_out_and_shape_is_not() {
     let base = [4, 4];
@@ -152,20 +127,13 @@ fn gross_errors_are_left_out_and_shape_is_not() {
         filter.observe_within(&reading, 4.0).unwrap();
     }
     let before = filter.belief(0).clone();
-    let wild = |u: f64| SurfaceReading::Along {
-        parameters: [u, 2.5],
-        direction: UP,
-        value: 0.9,
-        variance: 4e-4,
-    };
+    let wild =
+        |u: f64| SurfaceReading::Along { parameters: [u, 2.5], direction: UP, value: 0.9, variance: 4e-4 };
     let told = filter.observe_within(&wild(2.5), 4.0).unwrap();
     assert!(!told.within_gate && told.normalized_squared == 0.0);
     assert_eq!(filter.belief(0), &before);
     assert_eq!(filter.readings(), 200);
-    let criteria = SubdivisionCriteria {
-        curvature_variation: None,
-        ..SubdivisionCriteria::default()
-    };
+    let criteria = SubdivisionCriteria { curvature_variation: None, ..SubdivisionCriteria::default() };
     assert!(filter.clone().refine(&criteria).unwrap().is_empty(), "one is no shape");
     for k in 0..60 {
         filter.observe_within(&wild(2.2 + 0.01 * f64::from(k)), 4.0).unwrap();
@@ -177,9 +145,7 @@ fn gross_errors_are_left_out_and_shape_is_not() {
         "{divided:?}"
     );
     for k in 0..300 {
-        filter
-            .observe_within(&wild(2.2 + 0.01 * f64::from(k % 60)), 4.0)
-            .unwrap();
+        filter.observe_within(&wild(2.2 + 0.01 * f64::from(k % 60)), 4.0).unwrap();
     }
     let height = filter.jet(2.5, 2.5).point[2];
     assert!((height - 0.9).abs() < 0.1, "{height}");
@@ -188,10 +154,7 @@ fn gross_errors_are_left_out_and_shape_is_not() {
 /// A bowl over one patch.
 fn bowl() -> Surface {
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
-    fit_function(&space, |u, v| {
-        [u, v, 0.08 * ((u - 2.0).powi(2) + 0.5 * (v - 1.5).powi(2))]
-    })
-    .unwrap()
+    fit_function(&space, |u, v| [u, v, 0.08 * ((u - 2.0).powi(2) + 0.5 * (v - 1.5).powi(2))]).unwrap()
 }
 
 /// Positions with noise of a direction, normals and curvatures near the bowl.
@@ -200,7 +163,8 @@ fn mixed(bowl: &Surface, count: usize) -> Vec<SurfaceReading> {
     (0..count)
         .map(|k| {
             let parameters = [0, 1].map(|_| 4.0 * random.random::<f64>());
-            let mut noise = |sigma: f64| -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut random) };
+            let mut noise =
+                |sigma: f64| -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut random) };
             let jet = bowl.jet(parameters[0], parameters[1]);
             let normal = jet.normal().unwrap();
             let tilted = unit(normal.map(|c| c + noise(0.02))).unwrap();
@@ -210,11 +174,7 @@ fn mixed(bowl: &Surface, count: usize) -> Vec<SurfaceReading> {
                     point: jet.point.map(|c| c + 0.2 + noise(0.03)),
                     covariance: [1e-3, 2e-4, 0.0, 2e-3, -1e-4, 5e-4],
                 },
-                1 => SurfaceReading::Normal {
-                    parameters,
-                    normal: tilted,
-                    sigma_rad: 0.02,
-                },
+                1 => SurfaceReading::Normal { parameters, normal: tilted, sigma_rad: 0.02 },
                 _ => {
                     let along = unit(cross(tilted, [0.0, 1.0, 0.0])).unwrap();
                     SurfaceReading::Curvature {
@@ -234,8 +194,8 @@ fn mixed(bowl: &Surface, count: usize) -> Vec<SurfaceReading> {
 fn global_mean(at: &Surface, readings: &[SurfaceReading]) -> DMatrix<f64> {
     let space = at.space();
     let system = SurfaceSystem::new(space).unwrap();
-    let mut information =
-        (PRIOR.information(&system, &plane([4, 4])).unwrap().to_dense()).kronecker(&DMatrix::<f64>::identity(3, 3));
+    let mut information = (PRIOR.information(&system, &plane([4, 4])).unwrap().to_dense())
+        .kronecker(&DMatrix::<f64>::identity(3, 3));
     let size = information.nrows();
     let mut vector = &information * DMatrix::from_fn(size, 1, |k, _| at.vertices()[k / 3][k % 3]);
     for reading in readings {
@@ -264,16 +224,14 @@ fn global_mean(at: &Surface, readings: &[SurfaceReading]) -> DMatrix<f64> {
     information.cholesky().unwrap().solve(&vector)
 }
 
-/// Whoever reads first must not decide: twenty orders of positions, normals and curvatures give one surface, and both filters the same.
+/// Whoever reads first must not decide: twenty orders of positions, normals and curvatures give one surface,
+/// and both filters the same.
 #[test]
 fn twenty_orders_of_a_mixed_set_give_one_surface() {
     let bowl = bowl();
     let mut readings = mixed(&bowl, 150);
     let mut random = ChaCha8Rng::seed_from_u64(37);
-    let options = PatchFilterOptions {
-        linearize_at_initial: true,
-        ..options(StateLayout::Full, 0)
-    };
+    let options = PatchFilterOptions { linearize_at_initial: true, ..options(StateLayout::Full, 0) };
     let mut first: Option<[Surface; 2]> = None;
     for _ in 0..20 {
         readings.shuffle(&mut random);

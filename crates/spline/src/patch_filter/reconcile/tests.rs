@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// Two beliefs that share a prior and differ by readings of their own: five unknowns each, the last two of one the first two of the
-/// other. Comes back with the belief of all eight.
+/// Two beliefs that share a prior and differ by readings of their own: five unknowns each, the last two of
+/// one the first two of the other. Comes back with the belief of all eight.
 fn two_segments() -> (PatchBelief, [PatchBelief; 2], DMatrix<f64>) {
     let n = 8;
     // A chain: neighbours differ little, so the two sides are independent once the shared two are known.
@@ -21,10 +21,8 @@ fn two_segments() -> (PatchBelief, [PatchBelief; 2], DMatrix<f64>) {
     let before = PatchBelief::from_matrices(&DMatrix::zeros(5, 1), &part(&prior, 0));
     let mut after = [0, 3].map(|from| PatchBelief::from_matrices(&DMatrix::zeros(5, 1), &part(&prior, from)));
     let mut workspace = Workspace::default();
-    let readings: [&[(u16, f64, f64)]; 2] = [
-        &[(0, 1.0, 0.1), (4, 1.3, 0.2), (2, 0.7, 0.05)],
-        &[(1, 1.8, 0.1), (4, 2.0, 0.3)],
-    ];
+    let readings: [&[(u16, f64, f64)]; 2] =
+        [&[(0, 1.0, 0.1), (4, 1.3, 0.2), (2, 0.7, 0.05)], &[(1, 1.8, 0.1), (4, 2.0, 0.3)]];
     for (belief, own) in after.iter_mut().zip(readings) {
         for &(at, z, r) in own {
             belief.update(&[(at, 1.0)], [z, 0.0, 0.0], r, &mut workspace).unwrap();
@@ -51,14 +49,8 @@ fn what_a_neighbour_is_told_makes_it_the_joint_estimate() {
     message.give(&mut told, &rows(0), &mut Workspace::default()).unwrap();
     let expected = joint.view((3, 3), (5, 5));
     let difference = (told.covariance_matrix() - expected).amax();
-    assert!(
-        difference < 1e-9 * expected.amax(),
-        "interior and cross terms too: {difference:e}"
-    );
-    assert!(
-        Message::between(&first, &first, &rows(3), 1e-12).is_empty(),
-        "nothing learned, nothing to tell"
-    );
+    assert!(difference < 1e-9 * expected.amax(), "interior and cross terms too: {difference:e}");
+    assert!(Message::between(&first, &first, &rows(3), 1e-12).is_empty(), "nothing learned, nothing to tell");
 }
 
 /// With the printed cross term, and the interior left as it was, the assembled covariance is indefinite.
@@ -94,9 +86,7 @@ fn the_printed_cross_term_makes_covariances_indefinite() {
     for k in 0..2 {
         let q = eigen.eigenvectors.column(k);
         let row = vec![(3, q[0]), (4, q[1])];
-        by_update
-            .update(&row, [0.0; 3], eigen.eigenvalues[k], &mut Workspace::default())
-            .unwrap();
+        by_update.update(&row, [0.0; 3], eigen.eigenvalues[k], &mut Workspace::default()).unwrap();
     }
     assert!((by_update.covariance_matrix() - &right).amax() < 1e-9 * right.amax());
     let worse = (0..200).any(|k| {
@@ -112,8 +102,7 @@ fn the_printed_cross_term_makes_covariances_indefinite() {
         let mut m = printed.clone();
         m.view_mut((0, 3), (3, 2)).copy_from(&cross);
         m.view_mut((3, 0), (2, 3)).copy_from(&cross.transpose());
-        m.view_mut((3, 3), (2, 2))
-            .copy_from(&(0.5 * (&fused + fused.transpose())));
+        m.view_mut((3, 3), (2, 2)).copy_from(&(0.5 * (&fused + fused.transpose())));
         least(&m) < -1e-3 * m.amax()
     });
     assert!(worse, "the printed eq. 22 never was indefinite");

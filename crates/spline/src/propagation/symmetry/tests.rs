@@ -61,10 +61,7 @@ fn axis_of_a_vase_seen_from_one_side_lies_within_its_sigma() {
     let runs = 6;
     for seed in 0..runs {
         let facets = cloud(seed, 1.1, vase);
-        let kind = SymmetryKind::Rotation {
-            order: None,
-            towards: None,
-        };
+        let kind = SymmetryKind::Rotation { order: None, towards: None };
         let found = fit_symmetry(&facets, kind).unwrap();
         assert!(found.supported, "{} of {} agree", found.agreeing, found.compared);
         let e = SVector::from(axis_errors(&found));
@@ -81,7 +78,8 @@ fn plane_of_a_mirrored_shape_lies_within_its_sigma() {
     let runs = 10;
     for seed in 0..runs {
         // Even in the angle: the mirror plane holds the axis and e1.
-        let shape = |h: f64, a: f64| vase(h, a) + 0.2 * (a.cos() * (1.5 * h).cos()) + 0.1 * (2.0 * a).cos() * h;
+        let shape =
+            |h: f64, a: f64| vase(h, a) + 0.2 * (a.cos() * (1.5 * h).cos()) + 0.1 * (2.0 * a).cos() * h;
         let facets = cloud(seed, 2.0, shape);
         let found = fit_symmetry(&facets, SymmetryKind::Mirror { towards: None }).unwrap();
         assert!(found.supported, "{} of {} agree", found.agreeing, found.compared);
@@ -108,11 +106,7 @@ fn what_is_proposed_is_there_and_a_freeform_has_none() {
 
     let three = |h: f64, a: f64| 1.5 + 0.1 * (h + 0.4).powi(2) + 0.2 * (3.0 * a + 0.8 * h).cos();
     let found = propose_symmetry(&cloud(2, std::f64::consts::PI, three)).unwrap();
-    assert!(
-        matches!(found.symmetry, Symmetry::Rotation { order: Some(3), .. }),
-        "{:?}",
-        found.symmetry
-    );
+    assert!(matches!(found.symmetry, Symmetry::Rotation { order: Some(3), .. }), "{:?}", found.symmetry);
     assert!(axis_errors(&found).iter().all(|e| e.abs() < 0.02));
 
     for seed in 3..5 {
@@ -123,11 +117,7 @@ fn what_is_proposed_is_there_and_a_freeform_has_none() {
                 + 0.1 * (3.0 * a + 2.0 * h).cos()
         };
         let found = propose_symmetry(&cloud(seed, std::f64::consts::PI, free));
-        assert!(
-            found.is_none(),
-            "{:?}",
-            found.map(|f| (f.symmetry, f.agreeing, f.compared))
-        );
+        assert!(found.is_none(), "{:?}", found.map(|f| (f.symmetry, f.agreeing, f.compared)));
     }
 }
 
@@ -136,10 +126,7 @@ fn a_handle_is_no_part_of_the_revolution() {
     // A bump of a fifth of the radius on one side.
     let handled = |h: f64, a: f64| vase(h, a) + 0.25 * (-(h * h + (a - 0.3).powi(2)) / 0.04).exp();
     let facets = cloud(7, 1.2, handled);
-    let kind = SymmetryKind::Rotation {
-        order: None,
-        towards: None,
-    };
+    let kind = SymmetryKind::Rotation { order: None, towards: None };
     let found = fit_symmetry(&facets, kind).unwrap();
     assert!(found.supported);
     let e = axis_errors(&found);
