@@ -23,7 +23,7 @@ pub use rays::{RAY_COLUMNS, read_ray_readings};
 pub use readings::{COLUMNS, ContourReadings, SigmaDefaults, read_contour_readings};
 pub use svg::{SizeLabel, contours_svg, write_contours_svg};
 
-use planish_solid::contour::Kind;
+use planish_contour::planar::Kind;
 
 /// A contour to draw.
 #[derive(Debug, Clone, PartialEq)]

@@ -30,10 +30,10 @@ use planish_exchange::contours::{
     write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
-pub use planish_solid::constraint::{DEFAULT_LEVEL, SnapOutcome};
-use planish_solid::contour::{Choice, Sighting, Target, auto_kinds, choose, separate, usual_gap};
-pub use planish_solid::contour::{FitOptions, Form, Kind, Method, Motion};
-pub use planish_solid::primitive::Shape;
+pub use planish_contour::constraint::{DEFAULT_LEVEL, SnapOutcome};
+use planish_contour::planar::{Choice, Sighting, Target, auto_kinds, choose, separate, usual_gap};
+pub use planish_contour::planar::{FitOptions, Form, Kind, Method, Motion};
+pub use planish_contour::primitive::Shape;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

@@ -5,8 +5,8 @@
 
 use planish_estimate::{Error, Result};
 use planish_exchange::{extension, write_atomically};
-use planish_solid::constraint::{BarId, Constraint, Diagnosis, Drawing, PointId};
-use planish_solid::graph::{Composite, Decomposition, Tour, TourEdge, ViewGraphs, postman_tour};
+use planish_contour::constraint::{BarId, Constraint, Decomposition, Diagnosis, Drawing, PointId};
+use planish_contour::graph::{Composite, Tour, TourEdge, ViewGraphs, postman_tour};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -85,7 +85,7 @@ impl NamedStructure {
     /// A decomposition of constraints between the parts of a drawing.
     #[must_use]
     pub fn new(structure: &Decomposition, drawing: &Drawing) -> Self {
-        let named = |part: &planish_solid::graph::Part| NamedPart {
+        let named = |part: &planish_contour::constraint::EquationBlock| NamedPart {
             equations: part.equations.iter().map(|f| format!("f{}", f + 1)).collect(),
             parameters: part.parameters.iter().map(|&p| drawing.parameter_name(p).to_owned()).collect(),
         };
@@ -149,7 +149,7 @@ fn tours(drawing: &Drawing) -> Vec<NamedTour> {
 struct WrittenComposite<'a> {
     #[serde(flatten)]
     composite: &'a Composite,
-    graph: &'a planish_solid::graph::LabelledGraph,
+    graph: &'a planish_contour::graph::LabelledGraph,
     tour: Option<NamedTour>,
 }
 

@@ -25,10 +25,10 @@ mod outlines;
 pub use levels::{Level, SpaceMatch};
 pub use measure::{DimensionKind, SpaceDimension, SpaceVertex};
 
-use crate::constraint::{
+use planish_contour::constraint::{
     Candidate, ConstrainOptions, Constrained, Constraint, Drawing, Outcome, chi_square_tail, constrain_among,
 };
-use crate::sketch::{Sketch, block_diagonal};
+use planish_contour::sketch::{Sketch, block_diagonal};
 use crate::views::ViewKind;
 use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
@@ -57,7 +57,7 @@ pub struct MatchOptions {
 impl Default for MatchOptions {
     /// A level of 0.01, a chance of 0.2.
     fn default() -> Self {
-        Self { level: crate::constraint::DEFAULT_LEVEL, max_chance: 0.2 }
+        Self { level: planish_contour::constraint::DEFAULT_LEVEL, max_chance: 0.2 }
     }
 }
 

@@ -3,7 +3,7 @@
 use super::readings::{ContourReadings, SigmaDefaults};
 use crate::source::{Source, parse_number};
 use planish_estimate::{Error, Result};
-use planish_solid::contour::{Sighting, Target};
+use planish_contour::planar::{Sighting, Target};
 use std::io::Read;
 
 /// Which scans of a log, and which of their ranges.

@@ -3,7 +3,7 @@
 use super::readings::{Header, Row, SigmaDefaults};
 use crate::source::{read_file, shown};
 use planish_estimate::{Error, Result};
-use planish_solid::primitive::{Ray, Seen};
+use planish_contour::primitive::{Ray, Seen};
 use std::path::Path;
 
 /// Columns of readings in space that are known.

@@ -3,7 +3,7 @@
 use super::carmen::{CarmenOptions, read_carmen};
 use crate::source::{Source, parse_number, read_file, shown};
 use planish_estimate::{Error, Result};
-use planish_solid::contour::{Sighting, Target};
+use planish_contour::planar::{Sighting, Target};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;

@@ -12,13 +12,13 @@ use crate::next::Length;
 use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
-use planish_solid::constraint::{
+use planish_contour::constraint::{
     ConstrainOptions, Constrained, Constraint, Diagnosis, Dimension, Dimensioned, Drawing, Outcome, Snap,
     SnapOutcome, chi_square_tail, constrain, constrain_among, diagnose, dimension_scheme, implications,
     impose, snap,
 };
-use planish_solid::contour::Kind;
-use planish_solid::sketch::{EstimatedContour, Sketch};
+use planish_contour::planar::Kind;
+use planish_contour::sketch::{EstimatedContour, Sketch};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -458,7 +458,7 @@ fn sizes_of(sketch: &Sketch, drawing: &Drawing, covariance: &DMatrix<f64>, bars:
         name,
         contour,
         value,
-        sigma: planish_solid::constraint::sigma(&constraint, drawing, covariance),
+        sigma: planish_contour::constraint::sigma(&constraint, drawing, covariance),
     };
     if bars {
         let all = drawing.bars().map(|bar| {
@@ -477,6 +477,6 @@ fn sizes_of(sketch: &Sketch, drawing: &Drawing, covariance: &DMatrix<f64>, bars:
 }
 
 /// The last part whose numbers begin no later.
-fn part_of(sketch: &Sketch, first: impl Fn(&planish_solid::sketch::SketchPart) -> u32, id: u32) -> usize {
+fn part_of(sketch: &Sketch, first: impl Fn(&planish_contour::sketch::SketchPart) -> u32, id: u32) -> usize {
     sketch.parts.iter().rposition(|part| first(part) <= id).unwrap_or_default()
 }

@@ -4,7 +4,7 @@ use super::Part;
 use super::report::canonical;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::ChiSquareBand;
-use planish_solid::contour::Kind;
+use planish_contour::planar::Kind;
 use serde::Serialize;
 
 /// Levels agree when a test at this confidence does not tell them apart.

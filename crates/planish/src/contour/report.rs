@@ -6,7 +6,7 @@ use super::levels::{LevelRelation, relation};
 use nalgebra::DMatrix;
 use planish_exchange::Unit;
 use planish_exchange::contours::ContourReadings;
-use planish_solid::contour::{ContourFit, Kind, contains};
+use planish_contour::planar::{ContourFit, Kind, contains};
 use serde::Serialize;
 use serde::ser::SerializeMap;
 

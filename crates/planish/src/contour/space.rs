@@ -8,8 +8,8 @@ use crate::report::{ReportOutput, shape_page};
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::read_ray_readings;
 use planish_exchange::extension;
-use planish_solid::contour::{Form, Motion};
-use planish_solid::primitive::choose;
+use planish_contour::planar::{Form, Motion};
+use planish_contour::primitive::choose;
 
 /// Fits the job's shapes to its readings and writes its outputs: those that are JSON.
 ///

@@ -8,7 +8,7 @@
 use super::contour::with_sigma;
 use crate::contour::ContourReport;
 use planish_exchange::contours::{DrawnContour, SizeLabel};
-use planish_solid::contour::Kind;
+use planish_contour::planar::Kind;
 
 /// A line has a reported length where they differ by no more than this share.
 const SAME: f64 = 1e-6;

@@ -9,7 +9,7 @@ use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangent
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, TriangleMesh, icosphere, parallelepiped};
 use planish_report::{Cloud, FieldKind, Page, Scene, Section, SurfaceShown};
-use planish_solid::primitive::{PrimitiveFit, Shape};
+use planish_contour::primitive::{PrimitiveFit, Shape};
 use std::path::{Path, PathBuf};
 
 /// Sides of a cylinder that is drawn.
@@ -133,7 +133,7 @@ fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<Triang
 mod tests {
     use super::*;
     use planish_mesh::MeshSearch;
-    use planish_solid::primitive::{Solid, SpaceSensor, rays};
+    use planish_contour::primitive::{Solid, SpaceSensor, rays};
 
     /// Readings without errors lie on the triangles that are drawn of their shape.
     #[test]

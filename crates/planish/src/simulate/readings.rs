@@ -6,7 +6,7 @@ use super::truth::positive;
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::COLUMNS;
 use planish_exchange::{Unit, make_folder, write_atomically};
-use planish_solid::contour::{Kind, SensorOptions, Sighting, Target, ranges};
+use planish_contour::planar::{Kind, SensorOptions, Sighting, Target, ranges};
 use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -13,7 +13,7 @@ use super::truth::positive;
 use planish_estimate::Result;
 use planish_exchange::contours::COLUMNS;
 use planish_exchange::{Unit, make_folder, write_atomically};
-use planish_solid::contour::{Kind, ranges};
+use planish_contour::planar::{Kind, ranges};
 use planish_solid::views::ViewKind;
 use serde_json::json;
 use std::io::Write;

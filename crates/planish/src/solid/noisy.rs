@@ -6,14 +6,14 @@ use planish_estimate::{Error, Result};
 use planish_exchange::contours::read_contour_json;
 use planish_exchange::{Unit, write_atomically};
 use planish_solid::brep::Solid;
-use planish_solid::constraint::{
+use planish_contour::constraint::{
     ConstrainOptions, Constraint, Drawing, constrain, diagnose, dimension_scheme, sigma,
 };
-use planish_solid::graph::{Composite, SketchView, SpaceAxis, composite};
+use planish_contour::graph::{Composite, SketchView, SpaceAxis, composite};
 use planish_solid::noisy_views::{
     ConsistentViews, MatchOptions, NoisyView, SpaceDimension, SpaceMatch, SpaceVertex, match_views,
 };
-use planish_solid::sketch::Sketch;
+use planish_contour::sketch::Sketch;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};

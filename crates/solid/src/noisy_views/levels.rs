@@ -1,12 +1,12 @@
 //! Coordinates along the axes of space that views show, and which of them are one.
 
 use super::NoisyView;
-use crate::constraint::{
+use planish_contour::constraint::{
     Axis, Candidate, CircleId, Constrained, Constraint, Drawing, Offset, Place, PointId, chi_square_tail,
     sigma,
 };
-use crate::contour::Kind;
-use crate::sketch::SketchPart;
+use planish_contour::planar::Kind;
+use planish_contour::sketch::SketchPart;
 use planish_estimate::{Error, Result};
 use serde::Serialize;
 use std::f64::consts::{FRAC_PI_2, TAU};

@@ -3,7 +3,7 @@
 
 use super::ConsistentViews;
 use crate::brep::{Curve, Solid};
-use crate::constraint::Place;
+use planish_contour::constraint::Place;
 use planish_estimate::vector3::norm;
 use serde::Serialize;
 

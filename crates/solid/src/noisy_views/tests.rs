@@ -1,7 +1,7 @@
 use super::*;
-use crate::constraint::constrain;
-use crate::contour::Kind;
-use crate::sketch::EstimatedContour;
+use planish_contour::constraint::constrain;
+use planish_contour::planar::Kind;
+use planish_contour::sketch::EstimatedContour;
 use crate::views::solve;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

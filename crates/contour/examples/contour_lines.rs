@@ -1,0 +1,163 @@
+//! Error and coverage of everything beside a still contour seen by ranges: a line each, as CSV on stdout.
+//!
+//! `cargo run --release -p planish-solid --example contour_lines [runs] [part of a line's name]`
+//!
+//! Errors are root mean squares over the stated σ, one parameter after the other; coverage is the share of
+//! errors within 1.96 σ.
+
+#![allow(clippy::print_stdout, reason = "a program whose output is its table")]
+
+use planish_contour::planar::{
+    FitOptions, Form, Kind, Method, Motion, SensorOptions, Sighting, fit, points, ranges,
+};
+use planish_contour::primitive::{self, Shape, Solid, SpaceSensor};
+use rayon::prelude::*;
+
+/// Errors over their σ of one run.
+type Errors = Option<Vec<f64>>;
+
+fn main() {
+    let runs: u64 = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(100);
+    let still = SensorOptions::around(1.0, 1.0);
+    let exact =
+        SensorOptions { sigma: [0.006, 0.006, 0.6f64.to_radians(), 0.0], sigma_range_share: 0.003, ..still };
+    println!("what,readings,runs,failed,errors_over_sigma,coverage_95,largest_rms");
+    let circle = (Kind::Circle, vec![0.1, -0.2, 1.0]);
+    let ellipse = (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]);
+    let rectangle = (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]);
+    let planar = |name: &str,
+                  (kind, theta): &(Kind, Vec<f64>),
+                  sensor: &SensorOptions,
+                  options: &FitOptions,
+                  n: usize| {
+        let extra = sensor.velocity[..options.motion.unknowns()].to_vec();
+        let truth = [theta.clone(), extra].concat();
+        table(name, n, runs, |seed| {
+            let made = ranges(kind, theta, [0.1, -0.2], n, sensor, seed);
+            planar_errors(kind, &made.noisy, options, &truth)
+        });
+    };
+    let moving = |velocity: [f64; 3]| SensorOptions { velocity, ..still };
+    let of = |motion| FitOptions { motion, ..FitOptions::default() };
+    planar("circle moving", &circle, &moving([0.2, -0.1, 0.0]), &of(Motion::Linear), 200);
+    planar("ellipse moving", &ellipse, &moving([0.2, -0.1, 0.0]), &of(Motion::Linear), 200);
+    rigid(runs, &ellipse, &moving([0.2, -0.1, 0.1]));
+    planar("rectangle moving", &rectangle, &moving([0.2, -0.1, 0.0]), &of(Motion::Linear), 200);
+    let shared = SensorOptions { sweep: 10, ..still };
+    planar("circle; ten readings a pose", &circle, &shared, &FitOptions::default(), 200);
+    for (name, (kind, theta)) in
+        [("circle overhead", &circle), ("ellipse overhead", &ellipse), ("rectangle overhead", &rectangle)]
+    {
+        table(name, 200, runs, |seed| {
+            let made = points(kind, theta, 200, 0.02, seed);
+            planar_errors(kind, &made.noisy, &FitOptions::default(), theta)
+        });
+    }
+    for (method, name) in [(Method::Batch, "batch"), (Method::NoiseUpdated, "nuiekf")] {
+        for (form, form_name) in [(Form::ActiveFacet, "active facet"), (Form::Product, "product")] {
+            for (sensor, noise) in [(&exact, "0.3 of the noise"), (&still, "all of the noise")] {
+                let options = FitOptions { form, method, ..FitOptions::default() };
+                let name = format!("rectangle; {method}; {form_name}; {noise}", method = name);
+                planar(&name, &rectangle, sensor, &options, 200);
+            }
+        }
+    }
+    in_space(runs);
+}
+
+/// The pivot of the turn is the mean of the readings: velocities are compared where the thing turns about the
+/// origin.
+fn rigid(runs: u64, (kind, theta): &(Kind, Vec<f64>), sensor: &SensorOptions) {
+    let options = FitOptions { motion: Motion::Rigid, ..FitOptions::default() };
+    table("ellipse moving and turning (its shape and turn)", 200, runs, |seed| {
+        let made = ranges(kind, theta, [0.1, -0.2], 200, sensor, seed);
+        let found = fit(kind, &made.noisy, &options).ok()?;
+        // What does not depend on the pivot: axes and rate of turn.
+        let k = kind.parameters();
+        let (values, from) = kind.canonical(&found.state.as_slice()[..k]);
+        let sigma = |i: usize| found.covariance[(i, i)].sqrt();
+        let axis = |i: usize| (values[i] - theta[i]) / sigma(from[i].0);
+        let turn = (found.state[k + 2] - sensor.velocity[2]) / sigma(k + 2);
+        let each = [axis(2), axis(3), turn];
+        Some(each.to_vec())
+    });
+}
+
+fn planar_errors(kind: &Kind, readings: &[Sighting], options: &FitOptions, truth: &[f64]) -> Errors {
+    let found = fit(kind, readings, options).ok()?;
+    let k = kind.parameters();
+    let (values, from) = kind.canonical(&found.state.as_slice()[..k]);
+    let (right, _) = kind.canonical(&truth[..k]);
+    let errors = (0..truth.len()).map(|i| {
+        if i >= k {
+            return (found.state[i] - truth[i]) / found.covariance[(i, i)].sqrt();
+        }
+        let mut off = values[i] - right[i];
+        if i == 4 {
+            off -= std::f64::consts::PI * (off / std::f64::consts::PI).round();
+        }
+        off / found.covariance[(from[i].0, from[i].0)].sqrt()
+    });
+    Some(errors.collect())
+}
+
+fn in_space(runs: u64) {
+    let sensor = SpaceSensor {
+        standoff: 3.0,
+        sigma_position: 0.02,
+        sigma_angle_rad: 2f64.to_radians(),
+        sigma_range_share: 0.01,
+    };
+    for (shape, size) in [
+        (Shape::Plane, [1.5, 1.2, 0.0]),
+        (Shape::Sphere, [0.8, 0.0, 0.0]),
+        (Shape::Cylinder, [0.6, 1.6, 0.0]),
+        (Shape::Box, [1.4, 1.0, 0.8]),
+    ] {
+        let solid = Solid { shape, center: [0.3, -0.2, 0.5], turn: [0.3, -0.5, 0.7], size };
+        let truth = solid.parameters();
+        for (method, name) in [(Method::Batch, "batch"), (Method::NoiseUpdated, "nuiekf")] {
+            let options = FitOptions { method, ..FitOptions::default() };
+            table(&format!("{shape} in space; {name}"), 400, runs, |seed| {
+                let made = primitive::rays(&solid, 400, &sensor, seed);
+                let found = primitive::fit(shape, &made.noisy, &options).ok()?;
+                // Where on its axis a cylinder's point is depends on the readings.
+                let first = if shape == Shape::Cylinder { 3 } else { 0 };
+                // Of a direction the sign is a matter of convention.
+                let sign = |k: usize| {
+                    let first = match shape {
+                        Shape::Plane => 0,
+                        Shape::Box if k >= 6 => k - k % 3,
+                        _ => return 1.0,
+                    };
+                    let along: f64 = (first..first + 3).map(|i| found.parameters[i] * truth[i]).sum();
+                    along.signum()
+                };
+                let error =
+                    |k: usize| (sign(k) * found.parameters[k] - truth[k]) / found.covariance[(k, k)].sqrt();
+                Some((first..truth.len()).map(error).collect())
+            });
+        }
+    }
+}
+
+fn table(name: &str, readings: usize, runs: u64, one: impl Fn(u64) -> Errors + Sync) {
+    if std::env::args().nth(2).is_some_and(|part| !name.contains(&part)) {
+        return;
+    }
+    let all: Vec<Errors> = (0..runs).into_par_iter().map(&one).collect();
+    let good: Vec<&Vec<f64>> = all.iter().flatten().collect();
+    let count = good.len() as f64;
+    let unknowns = good.first().map_or(0, |errors| errors.len());
+    let rms = |k: usize| (good.iter().map(|e| e[k] * e[k]).sum::<f64>() / count).sqrt();
+    let each: Vec<f64> = (0..unknowns).map(rms).collect();
+    let within = good.iter().flat_map(|e| e.iter()).filter(|e| e.abs() < 1.96).count();
+    println!(
+        "{name},{readings},{},{},{},{:.3},{:.2}",
+        runs,
+        all.len() - good.len(),
+        each.iter().map(|e| format!("{e:.2}")).collect::<Vec<_>>().join(" "),
+        within as f64 / (count * unknowns as f64),
+        each.iter().copied().fold(0.0, f64::max)
+    );
+}

@@ -1,0 +1,38 @@
+//! Readings a second of the recursive filters on one core, and of the batch:
+//! `cargo run --release -p planish-solid --example contour_rate`.
+
+#![allow(clippy::print_stdout, reason = "a program whose output is its table")]
+
+use planish_contour::planar::{FitOptions, Kind, Method, SensorOptions, fit, ranges};
+use std::time::Instant;
+
+fn main() {
+    let sensor = SensorOptions::around(1.0, 1.0);
+    for (kind, theta) in [
+        (Kind::Circle, vec![0.0, 0.0, 1.0]),
+        (Kind::Ellipse, vec![0.0, 0.0, 1.0, 0.6, 0.5]),
+        (Kind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5]),
+    ] {
+        let made = ranges(&kind, &theta, [0.0; 2], 100_000, &sensor, 1);
+        for (method, correct_bias) in
+            [(Method::NoiseUpdated, true), (Method::NoiseUpdated, false), (Method::Extended, false)]
+        {
+            let options = FitOptions {
+                method,
+                gate: None,
+                correct_bias,
+                start: Some(theta.clone()),
+                ..FitOptions::default()
+            };
+            let begun = Instant::now();
+            let found = fit(&kind, &made.noisy, &options);
+            let seconds = begun.elapsed().as_secs_f64();
+            // The last look at all distances is in it too.
+            println!(
+                "{kind} {method:?} bias corrected {correct_bias}: {:.0} readings/s ({})",
+                1e5 / seconds,
+                found.is_ok()
+            );
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! The over-, well- and under-determined parts of a system, by structure alone.
+
+use super::incidence::Incidence;
+use petgraph::algo::tarjan_scc;
+use petgraph::graph::{DiGraph, NodeIndex};
+use serde::Serialize;
+
+/// Equations with the parameters that belong to them.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
+pub struct EquationBlock {
+    /// Equations, ascending.
+    pub equations: Vec<usize>,
+    /// Parameters, ascending.
+    pub parameters: Vec<usize>,
+}
+
+/// The coarse and fine decomposition of Dulmage and Mendelsohn.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
+pub struct Decomposition {
+    /// The size of a maximum matching: the structural rank.
+    pub rank: usize,
+    /// More equations than parameters, for every maximum matching.
+    pub over: EquationBlock,
+    /// As many equations as parameters.
+    pub well: EquationBlock,
+    /// Fewer equations than parameters.
+    pub under: EquationBlock,
+    /// The well-determined part in blocks that are solved one after the other, each for its own parameters.
+    pub blocks: Vec<EquationBlock>,
+}
+
+impl Incidence {
+    /// The Dulmage–Mendelsohn decomposition.
+    ///
+    /// Over-determined is what alternating paths reach from an unmatched equation, under-determined what they
+    /// reach from an unmatched parameter. It does not depend on the matching. Blocks are the strong
+    /// components of the rest. Cost: that of the matching.
+    ///
+    /// # References
+    /// Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*; Pothen and Fan 1990, *Computing the
+    /// block triangular form of a sparse matrix*.
+    #[must_use]
+    pub fn decomposition(&self) -> Decomposition {
+        let of = self.parameters_of_equations();
+        let pairs = self.matching();
+        let mut equation_of = vec![None; self.parameters.len()];
+        let mut parameter_of = vec![None; of.len()];
+        for &(parameter, equation) in &pairs {
+            equation_of[parameter] = Some(equation);
+            parameter_of[equation] = Some(parameter);
+        }
+        let mut users = vec![Vec::new(); self.parameters.len()];
+        for (equation, list) in of.iter().enumerate() {
+            list.iter().for_each(|&parameter| users[parameter].push(equation));
+        }
+        let over = reached(&of, &parameter_of, &equation_of);
+        let under = reached(&users, &equation_of, &parameter_of);
+        let side = |count: usize, a: &[bool], b: &[bool]| -> [Vec<usize>; 3] {
+            let pick = |wanted: (bool, bool)| (0..count).filter(|&i| (a[i], b[i]) == wanted).collect();
+            [pick((true, false)), pick((false, false)), pick((false, true))]
+        };
+        let equations = side(of.len(), &over.0, &under.1);
+        let parameters = side(self.parameters.len(), &over.1, &under.0);
+        let [over, well, under] = std::array::from_fn(|i| EquationBlock {
+            equations: equations[i].clone(),
+            parameters: parameters[i].clone(),
+        });
+        Decomposition {
+            rank: pairs.len(),
+            blocks: blocks(&well, &of, &equation_of, &parameter_of),
+            over,
+            well,
+            under,
+        }
+    }
+}
+
+/// What alternating paths reach from unmatched nodes of one side: flags of that side and of the other.
+fn reached(
+    neighbours: &[Vec<usize>],
+    partner: &[Option<usize>],
+    partner_of_other: &[Option<usize>],
+) -> (Vec<bool>, Vec<bool>) {
+    let mut seen: Vec<bool> = partner.iter().map(Option::is_none).collect();
+    let mut seen_other = vec![false; partner_of_other.len()];
+    let mut stack: Vec<usize> = (0..seen.len()).filter(|&node| seen[node]).collect();
+    while let Some(node) = stack.pop() {
+        for &other in &neighbours[node] {
+            if !std::mem::replace(&mut seen_other[other], true)
+                && let Some(next) = partner_of_other[other]
+                && !std::mem::replace(&mut seen[next], true)
+            {
+                stack.push(next);
+            }
+        }
+    }
+    (seen, seen_other)
+}
+
+fn blocks(
+    well: &EquationBlock,
+    of: &[Vec<usize>],
+    equation_of: &[Option<usize>],
+    parameter_of: &[Option<usize>],
+) -> Vec<EquationBlock> {
+    let mut graph = DiGraph::<usize, ()>::new();
+    let mut node_of = vec![None; of.len()];
+    for &equation in &well.equations {
+        node_of[equation] = Some(graph.add_node(equation));
+    }
+    for &equation in &well.equations {
+        for &parameter in &of[equation] {
+            let needed = equation_of[parameter].and_then(|other| node_of[other]);
+            if let (Some(from), Some(to)) = (node_of[equation], needed) {
+                graph.add_edge(from, to, ());
+            }
+        }
+    }
+    // Components come with those that others need first: the order of solving.
+    tarjan_scc(&graph)
+        .into_iter()
+        .map(|component: Vec<NodeIndex>| {
+            let mut equations: Vec<usize> = component.into_iter().map(|node| graph[node]).collect();
+            equations.sort_unstable();
+            let mut parameters: Vec<usize> =
+                equations.iter().filter_map(|&equation| parameter_of[equation]).collect();
+            parameters.sort_unstable();
+            EquationBlock { equations, parameters }
+        })
+        .collect()
+}

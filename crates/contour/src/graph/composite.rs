@@ -1,0 +1,339 @@
+//! The composite graph of several views: which points of different views are one vertex in space.
+//!
+//! Comes in: drawings in planes of one coordinate system, with their constraints and covariances. Goes out:
+//! vertices in space, each a point of every view, and edges between them. Not guaranteed: that all of them
+//! are on a solid: a diagonal of a flat face that two views see on edge is kept, and a line of a view with
+//! more vertices on it than its ends is taken as one bar.
+
+use super::labelled::{LabelledArc, LabelledGraph, LabelledNode};
+use super::tour::{Tour, TourEdge, postman_tour};
+use crate::constraint::{Constraint, Drawing, PointId};
+use nalgebra::DMatrix;
+use planish_estimate::{Error, Result};
+use serde::Serialize;
+use std::collections::VecDeque;
+
+/// An axis of space.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpaceAxis {
+    /// To the right in front and top views.
+    X,
+    /// Away from the viewer of a front view.
+    Y,
+    /// Up in front and side views.
+    Z,
+}
+
+/// A drawing as a view of something in space.
+#[derive(Debug, Clone)]
+pub struct SketchView<'a> {
+    /// What it is called, such as `front`.
+    pub name: &'a str,
+    /// Which axes of space its first and second coordinate are.
+    pub axes: [SpaceAxis; 2],
+    /// The drawing.
+    pub drawing: &'a Drawing,
+    /// What holds between its parts: points at a given distance are followed first.
+    pub constraints: &'a [Constraint],
+    /// The covariance of its parameters; zero when there is none.
+    pub covariance: Option<&'a DMatrix<f64>>,
+}
+
+/// A vertex in space: a point of every view.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CompositeVertex {
+    /// Where it is; each coordinate is the mean of the views that show it, by their information.
+    pub position: [f64; 3],
+    /// Standard deviations of the coordinates.
+    pub sigma: [f64; 3],
+    /// The point in each view.
+    pub points: Vec<PointId>,
+}
+
+/// An edge in space: every view shows a bar or one point.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CompositeEdge {
+    /// One vertex.
+    pub a: usize,
+    /// The other.
+    pub b: usize,
+    /// Whether some view dimensions it: a distance between its ends.
+    pub has_distance: bool,
+}
+
+/// Views put together.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Composite {
+    /// The views' names.
+    pub views: Vec<String>,
+    /// Vertices in the order in which they were matched; the first is the initial matching.
+    pub vertices: Vec<CompositeVertex>,
+    /// Edges, those with a distance first from each vertex.
+    pub edges: Vec<CompositeEdge>,
+    /// Points, by view, that belong to no vertex.
+    pub unmatched: Vec<(usize, PointId)>,
+    graph: LabelledGraph,
+}
+
+/// Beyond this many combinations of points the views say too little about each other.
+const MOST_COMBINATIONS: usize = 100_000;
+
+/// Matches the vertices of two or three views.
+///
+/// Points are one vertex when the coordinates that their views share agree: to `tolerance`, or to `gate`
+/// times the σ of the difference. *Initial matching*: the first point of the first view that agrees with one
+/// of every other view. *Complete matching*: from there along bars, in every view one or none, those with a
+/// distance first. Cost: combinations of points that agree, squared.
+///
+/// # Errors
+/// `Input` when there are not two or three views, two of them show the same axes, a view shows one axis
+/// twice, a covariance has a wrong size, or `tolerance` or `gate` is negative; `Undetermined` when no points
+/// agree, or far too many do.
+///
+/// # Examples
+/// ```
+/// use planish_contour::constraint::Drawing;
+/// use planish_contour::graph::{SketchView, SpaceAxis, composite};
+///
+/// let triangle = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
+/// let rectangle = Drawing::polygon(&[[0.0, 0.0], [7.0, 0.0], [7.0, 3.0], [0.0, 3.0]])?;
+/// let view = |name, axes, drawing| SketchView { name, axes, drawing, constraints: &[], covariance: None };
+/// let prism = composite(&[
+///     view("front", [SpaceAxis::X, SpaceAxis::Z], &triangle),
+///     view("side", [SpaceAxis::Y, SpaceAxis::Z], &rectangle),
+/// ], 1e-9, 0.0)?;
+/// assert_eq!(prism.vertices.len(), 6);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+///
+/// # References
+/// Weiss-Cohen, Bondarenko and Halevi 2009, section 5.
+pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Composite> {
+    check(views, tolerance, gate)?;
+    let candidates = agreeing(views, tolerance, gate)?;
+    if candidates.is_empty() {
+        return Err(Error::undetermined(
+            "no point of one view agrees with one of every other view in the coordinates they share: are the views of one \
+             thing, at one scale and in one coordinate system?",
+        ));
+    }
+    let mut order = vec![0];
+    let mut seen = vec![false; candidates.len()];
+    seen[0] = true;
+    let mut edges: Vec<CompositeEdge> = Vec::new();
+    let mut queue = VecDeque::from([0]);
+    while let Some(here) = queue.pop_front() {
+        let mut steps: Vec<(bool, usize)> = (0..candidates.len())
+            .filter(|&there| there != here)
+            .filter_map(|there| Some((step(views, &candidates[here], &candidates[there])?, there)))
+            .collect();
+        steps.sort_by_key(|&(has_distance, there)| (!has_distance, there));
+        for (has_distance, there) in steps {
+            if !std::mem::replace(&mut seen[there], true) {
+                order.push(there);
+                queue.push_back(there);
+            }
+            if !edges.iter().any(|edge| (edge.a, edge.b) == (there, here)) {
+                edges.push(CompositeEdge { a: here, b: there, has_distance });
+            }
+        }
+    }
+    let mut place = vec![0; candidates.len()];
+    order.iter().enumerate().for_each(|(new, &old)| place[old] = new);
+    for edge in &mut edges {
+        (edge.a, edge.b) = (place[edge.a], place[edge.b]);
+    }
+    let vertices: Vec<CompositeVertex> = order.iter().map(|&old| candidates[old].clone()).collect();
+    Ok(Composite {
+        views: views.iter().map(|view| view.name.to_owned()).collect(),
+        unmatched: unmatched(views, &vertices),
+        graph: graph_of(views, &vertices),
+        vertices,
+        edges,
+    })
+}
+
+impl Composite {
+    /// The paper's composite graph: the points and bars of every view, and links, thick, between points that
+    /// are one vertex. The initial matching's links are labelled `initial`, the others by their vertex.
+    #[must_use]
+    pub fn graph(&self) -> &LabelledGraph {
+        &self.graph
+    }
+
+    /// The postman's tour of the edges in space, from the initial matching.
+    ///
+    /// # Errors
+    /// `Input` when there is no edge.
+    pub fn tour(&self) -> Result<Tour> {
+        let edges: Vec<TourEdge> = self
+            .edges
+            .iter()
+            .map(|edge| {
+                let (p, q) = (self.vertices[edge.a].position, self.vertices[edge.b].position);
+                let square: f64 = p.iter().zip(&q).map(|(p, q)| (p - q).powi(2)).sum();
+                TourEdge { a: edge.a, b: edge.b, length: square.sqrt() }
+            })
+            .collect();
+        postman_tour(&edges, 0)
+    }
+}
+
+fn check(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<()> {
+    if !(2..=3).contains(&views.len()) {
+        return Err(Error::input(format!("a composite graph needs two or three views, not {}", views.len())));
+    }
+    if !(tolerance >= 0.0 && gate >= 0.0 && tolerance.is_finite() && gate.is_finite()) {
+        return Err(Error::input(format!(
+            "neither the tolerance, {tolerance}, nor the gate, {gate}, may be negative"
+        )));
+    }
+    for (i, view) in views.iter().enumerate() {
+        if view.axes[0] == view.axes[1] {
+            return Err(Error::input(format!(
+                "the {} view shows the axis {:?} twice",
+                view.name, view.axes[0]
+            )));
+        }
+        let n = view.drawing.parameters();
+        if let Some(covariance) = view.covariance.filter(|covariance| covariance.shape() != (n, n)) {
+            return Err(Error::input(format!(
+                "the covariance of the {} view must be {n} × {n}, not {} × {}",
+                view.name,
+                covariance.nrows(),
+                covariance.ncols()
+            )));
+        }
+        if let Some(other) =
+            views[..i].iter().find(|other| view.axes.iter().all(|axis| other.axes.contains(axis)))
+        {
+            return Err(Error::input(format!(
+                "the {} and the {} view show the same axes",
+                other.name, view.name
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// What is known of one coordinate: mean and variance.
+type Known = Option<(f64, f64)>;
+
+/// Combinations of a point of every view that agree, in the order of their points.
+fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<CompositeVertex>> {
+    let mut partial: Vec<(Vec<PointId>, [Known; 3])> = vec![(Vec::new(), [None; 3])];
+    for view in views {
+        let mut grown = Vec::new();
+        for (points, known) in &partial {
+            for point in view.drawing.points() {
+                if let Some(known) = fused(view, point, *known, tolerance, gate) {
+                    let mut points = points.clone();
+                    points.push(point);
+                    grown.push((points, known));
+                }
+            }
+            if grown.len() > MOST_COMBINATIONS {
+                return Err(Error::undetermined(format!(
+                    "more than {MOST_COMBINATIONS} combinations of points agree: the tolerance is too wide for these views"
+                )));
+            }
+        }
+        partial = grown;
+    }
+    let coordinate = |known: Known| known.unwrap_or((f64::NAN, f64::NAN));
+    Ok(partial
+        .into_iter()
+        .map(|(points, known)| CompositeVertex {
+            position: known.map(|known| coordinate(known).0),
+            sigma: known.map(|known| coordinate(known).1.sqrt()),
+            points,
+        })
+        .collect())
+}
+
+/// What is known with one more view; `None` when it disagrees.
+fn fused(
+    view: &SketchView<'_>,
+    point: PointId,
+    mut known: [Known; 3],
+    tolerance: f64,
+    gate: f64,
+) -> Option<[Known; 3]> {
+    let position = view.drawing.position(point);
+    for (k, parameter) in view.drawing.coordinates(point).into_iter().enumerate() {
+        let variance = view.covariance.map_or(0.0, |covariance| covariance[(parameter, parameter)].max(0.0));
+        let axis = &mut known[view.axes[k] as usize];
+        *axis = match *axis {
+            None => Some((position[k], variance)),
+            Some((mean, of_mean)) => {
+                let sum = of_mean + variance;
+                if (position[k] - mean).abs() > tolerance.max(gate * sum.sqrt()) {
+                    return None;
+                }
+                // Without errors both count the same.
+                let share = if sum > 0.0 { of_mean / sum } else { 0.5 };
+                Some((mean + share * (position[k] - mean), of_mean * (1.0 - share)))
+            }
+        };
+    }
+    Some(known)
+}
+
+/// Whether every view shows one point or a bar between two vertices, and whether one states its length.
+fn step(views: &[SketchView<'_>], from: &CompositeVertex, to: &CompositeVertex) -> Option<bool> {
+    let mut has_distance = false;
+    for (view, (&p, &q)) in views.iter().zip(from.points.iter().zip(&to.points)) {
+        if p == q {
+            continue;
+        }
+        let joins = |ends: [PointId; 2]| ends == [p, q] || ends == [q, p];
+        if !view.drawing.bars().any(|bar| joins(view.drawing.ends(bar))) {
+            return None;
+        }
+        has_distance |= view
+            .constraints
+            .iter()
+            .any(|constraint| matches!(constraint, Constraint::Distance { a, b, .. } if joins([*a, *b])));
+    }
+    Some(has_distance)
+}
+
+fn unmatched(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> Vec<(usize, PointId)> {
+    let mut alone = Vec::new();
+    for (i, view) in views.iter().enumerate() {
+        let is_alone = |point: &PointId| !vertices.iter().any(|vertex| vertex.points[i] == *point);
+        alone.extend(view.drawing.points().filter(is_alone).map(|point| (i, point)));
+    }
+    alone
+}
+
+fn graph_of(views: &[SketchView<'_>], vertices: &[CompositeVertex]) -> LabelledGraph {
+    let mut graph =
+        LabelledGraph { name: "composite".to_owned(), directed: false, nodes: Vec::new(), arcs: Vec::new() };
+    let mut first = Vec::new();
+    for view in views {
+        let offset = graph.nodes.len();
+        first.push(offset);
+        graph.nodes.extend(view.drawing.points().map(|point| LabelledNode {
+            label: format!("{} P{}", view.name, point.0 + 1),
+            group: view.name.to_owned(),
+        }));
+        graph.arcs.extend(view.drawing.bars().map(|bar| {
+            let [a, b] = view.drawing.ends(bar).map(|end| offset + end.0 as usize);
+            LabelledArc { from: a, to: b, labels: Vec::new(), strong: false }
+        }));
+    }
+    for (i, vertex) in vertices.iter().enumerate() {
+        let label = if i == 0 { "initial".to_owned() } else { format!("V{}", i + 1) };
+        for view in 1..views.len() {
+            graph.arcs.push(LabelledArc {
+                from: first[view - 1] + vertex.points[view - 1].0 as usize,
+                to: first[view] + vertex.points[view].0 as usize,
+                labels: vec![label.clone()],
+                strong: true,
+            });
+        }
+    }
+    graph
+}

@@ -1,0 +1,59 @@
+//! Contours of things, seen by a ranging sensor of uncertain pose.
+//!
+//! Comes in: [`Sighting`]s — ranges from a pose, or points — with their σ. Goes out: a [`ContourFit`]: which
+//! [`Kind`] of contour it was, its dimensions and place with their covariance, and what else it could have
+//! been. Not guaranteed: a kind that the noise does not tell from another; `bic_margin` says by how much it
+//! was told.
+//!
+//! | module | what |
+//! |---|---|
+//! | kind | the kinds, their parameters, and their outlines: vertices joined by lines and arcs |
+//! | curve | the distance of a point to a piece of an outline, with derivatives by point and parameters |
+//! | sighting | a reading as an equation `g(z − v, x) = 0`; motion of the thing; product and active-facet form |
+//! | start | parameters without a guess: algebraic fits, boxes, segmentation by dynamic programming |
+//! | ends | where an open chain ends, as equations |
+//! | fit, recursive | one kind fitted by the batch or a filter, gates |
+//! | likelihood | how likely readings are whose places on an outline are not known |
+//! | marginal, combined | the outline for which they are most likely, after the batch |
+//! | plausible | whether corners are corners, and a fit is where the readings are |
+//! | choose | several kinds, and the one of the least BIC |
+//! | simulated | readings of contours that are known exactly |
+//! | parts | readings of several things told apart, holes |
+//!
+//! # References
+//! Weiss-Cohen, Bondarenko and Halevi 2009, section 2.
+
+mod choose;
+mod combined;
+#[cfg(test)]
+mod combined_tests;
+mod curve;
+mod ends;
+mod fit;
+mod held;
+mod joints;
+mod kind;
+mod likelihood;
+mod marginal;
+mod parts;
+mod plausible;
+mod recursive;
+mod sides;
+mod sighting;
+mod simulated;
+mod start;
+
+pub use choose::{Alternative, Choice, auto_kinds, choose};
+pub use curve::arc_circle;
+pub(crate) use fit::Judged;
+pub use fit::{ContourFit, FitOptions, Method, bound, fit};
+pub use kind::{Kind, Outline};
+pub use parts::{contains, separate, usual_gap};
+pub use sides::Side;
+pub use sighting::{Form, Motion, Sighting, Target};
+pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
+pub use start::circle as circle_of_points;
+pub use start::starts;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,317 @@
+//! Parameters to start from, without a guess.
+
+mod hull;
+mod sampled;
+mod segments;
+mod sequence;
+
+use super::fit::count_of;
+use super::kind::Kind;
+use super::sighting::Sighting;
+use nalgebra::{Matrix3, Vector3};
+use planish_estimate::Result;
+use sampled::Curve;
+pub(crate) use segments::MOST_PIECES;
+use segments::{chains, polygon};
+use sequence::Sequence;
+
+/// Starts for the parameters of a kind, most promising first; none where the readings do not allow any.
+///
+/// Circles by Taubin's fit, ellipses by the direct fit of Halíř and Flusser, both and lines also by the least
+/// median of distances where wild readings pull these away, boxes by the least mean distance over all
+/// orientations, regular polygons by their phase, polygons and chains by an optimal segmentation, polygons of
+/// three and four corners by the hull of the readings too.
+///
+/// # Errors
+/// `Undetermined` when there are fewer readings than parameters.
+///
+/// # References
+/// Taubin 1991, *Estimation of planar curves*; Halíř and Flusser 1998, *Numerically stable direct least
+/// squares fitting of ellipses*; Bellman 1961, *On the approximation of curves by line segments using dynamic
+/// programming*.
+pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
+    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    if points.len() < kind.parameters() {
+        return Err(planish_estimate::Error::undetermined(format!(
+            "{} cannot determine the {} parameters of a {kind}",
+            count_of(points.len()),
+            kind.parameters()
+        )));
+    }
+    Ok(match kind {
+        Kind::Line => {
+            let curve = Curve {
+                needed: 2,
+                fit: &|p| (p.len() > 1).then(|| line(p)),
+                distance: &|l, p| p[1] * l[0].cos() - p[0] * l[0].sin() - l[1],
+            };
+            with_sampled(&curve, vec![line(&points)], &points)
+        }
+        Kind::Circle => {
+            let curve =
+                Curve { needed: 3, fit: &circle, distance: &|c, p| (p[0] - c[0]).hypot(p[1] - c[1]) - c[2] };
+            with_sampled(&curve, circle(&points).into_iter().collect(), &points)
+        }
+        Kind::Ellipse => {
+            let curve = Curve { needed: 5, fit: &direct_ellipse, distance: &|e, p| from_ellipse(e, p) };
+            with_sampled(&curve, ellipse_starts(&points), &points)
+        }
+        Kind::Rectangle => boxes(&points).into_iter().map(|b| b.to_vec()).collect(),
+        Kind::RoundedRectangle => {
+            let shares = [0.35, 0.15];
+            let with = |b: &[f64; 5], share: f64| [&b[..], &[share * b[2].min(b[3])]].concat();
+            boxes(&points).iter().flat_map(|b| shares.map(|share| with(b, share))).collect()
+        }
+        Kind::Slot => boxes(&points).into_iter().map(slot_of).collect(),
+        Kind::RegularPolygon(sides) => regular(&points, *sides),
+        Kind::Polygon(count) => {
+            let mut found: Vec<Vec<f64>> =
+                polygon(&Sequence::closed(sightings), *count).into_iter().collect();
+            // Sharp corners belong to polygons of few corners.
+            if *count <= 4 {
+                found.extend(hull::polygon(&points, *count));
+            }
+            found
+        }
+        Kind::Chain { .. } => Vec::new(),
+    })
+}
+
+/// Starts, and the curve of the least median distance where that is clearly nearer to half of the points than
+/// any of them.
+fn with_sampled(curve: &Curve<'_>, mut starts: Vec<Vec<f64>>, points: &[[f64; 2]]) -> Vec<Vec<f64>> {
+    const NEARER: f64 = 0.85;
+    if let Some(sampled) = curve.of_least_median(points) {
+        let least = starts.iter().map(|s| curve.median(s, points)).fold(f64::INFINITY, f64::min);
+        if curve.median(&sampled, points) < NEARER * least {
+            starts.push(sampled);
+        }
+    }
+    starts
+}
+
+/// How far a point is from an ellipse along the line to its centre.
+fn from_ellipse(e: &[f64], p: [f64; 2]) -> f64 {
+    let (sin, cos) = e[4].sin_cos();
+    let d = [p[0] - e[0], p[1] - e[1]];
+    let scaled = ((cos * d[0] + sin * d[1]) / e[2]).hypot((cos * d[1] - sin * d[0]) / e[3]);
+    d[0].hypot(d[1]) * (1.0 - 1.0 / scaled.max(f64::MIN_POSITIVE))
+}
+
+/// Chains of lines and arcs that may explain the readings, closed ones and open ones: their kinds and
+/// parameters.
+#[must_use]
+pub(crate) fn chain_starts(sightings: &[Sighting]) -> Vec<(Kind, Vec<f64>)> {
+    let mut found = chains(&Sequence::closed(sightings));
+    found.extend(Sequence::open(sightings).iter().flat_map(chains));
+    found
+}
+
+pub(crate) fn mean(points: &[[f64; 2]]) -> [f64; 2] {
+    let n = points.len().max(1) as f64;
+    [0, 1].map(|k| points.iter().map(|p| p[k]).sum::<f64>() / n)
+}
+
+fn line(points: &[[f64; 2]]) -> Vec<f64> {
+    let c = mean(points);
+    let [mut xx, mut xy, mut yy] = [0.0; 3];
+    for p in points {
+        let d = [p[0] - c[0], p[1] - c[1]];
+        xx += d[0] * d[0];
+        xy += d[0] * d[1];
+        yy += d[1] * d[1];
+    }
+    let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+    vec![angle, c[1] * angle.cos() - c[0] * angle.sin()]
+}
+
+/// Taubin's algebraic circle fit: centre and radius, by Newton's method on the characteristic polynomial
+/// (Chernov's implementation); `None` if the points are collinear.
+#[must_use]
+pub fn circle(points: &[[f64; 2]]) -> Option<Vec<f64>> {
+    let c = mean(points);
+    let n = points.len() as f64;
+    let [mut xx, mut xy, mut yy, mut xz, mut yz, mut zz] = [0.0; 6];
+    for p in points {
+        let (x, y) = (p[0] - c[0], p[1] - c[1]);
+        let z = x * x + y * y;
+        xx += x * x / n;
+        xy += x * y / n;
+        yy += y * y / n;
+        xz += x * z / n;
+        yz += y * z / n;
+        zz += z * z / n;
+    }
+    let z = xx + yy;
+    let determinant = xx * yy - xy * xy;
+    let variance = zz - z * z;
+    let a3 = 4.0 * z;
+    let a2 = -3.0 * z * z - zz;
+    let a1 = variance * z + 4.0 * determinant * z - xz * xz - yz * yz;
+    let a0 = xz * (xz * yy - yz * xy) + yz * (yz * xx - xz * xy) - variance * determinant;
+    let (mut x, mut y) = (0.0, a0);
+    for _ in 0..99 {
+        let slope = a1 + x * (2.0 * a2 + 3.0 * a3 * x);
+        let next = x - y / slope;
+        if !next.is_finite() || (next - x).abs() <= 1e-15 * x.abs() {
+            break;
+        }
+        let value = a0 + next * (a1 + next * (a2 + next * a3));
+        if value.abs() >= y.abs() {
+            break;
+        }
+        (x, y) = (next, value);
+    }
+    let d = x * x - x * z + determinant;
+    let center = [(xz * (yy - x) - yz * xy) / (2.0 * d), (yz * (xx - x) - xz * xy) / (2.0 * d)];
+    let radius = (center[0] * center[0] + center[1] * center[1] + z).sqrt();
+    (radius.is_finite() && radius > 0.0).then(|| vec![center[0] + c[0], center[1] + c[1], radius])
+}
+
+fn ellipse_starts(points: &[[f64; 2]]) -> Vec<Vec<f64>> {
+    let mut found: Vec<Vec<f64>> = direct_ellipse(points).into_iter().collect();
+    if let Some(b) = boxes(points).first() {
+        found.push(vec![b[0], b[1], 0.52 * b[2], 0.52 * b[3], b[4]]);
+    }
+    found
+}
+
+fn direct_ellipse(points: &[[f64; 2]]) -> Option<Vec<f64>> {
+    let c = mean(points);
+    let spread = points.iter().map(|p| (p[0] - c[0]).hypot(p[1] - c[1])).sum::<f64>() / points.len() as f64;
+    let (mut s1, mut s2, mut s3) = (Matrix3::zeros(), Matrix3::zeros(), Matrix3::zeros());
+    for p in points {
+        let (x, y) = ((p[0] - c[0]) / spread, (p[1] - c[1]) / spread);
+        let quadratic = Vector3::new(x * x, x * y, y * y);
+        let linear = Vector3::new(x, y, 1.0);
+        s1 += quadratic * quadratic.transpose();
+        s2 += quadratic * linear.transpose();
+        s3 += linear * linear.transpose();
+    }
+    let t = -s3.try_inverse()? * s2.transpose();
+    let reduced = s1 + s2 * t;
+    let swapped = Matrix3::from_rows(&[0.5 * reduced.row(2), -reduced.row(1), 0.5 * reduced.row(0)]);
+    // The iteration for eigenvalues does not end for what is no number, as from readings that are all of one
+    // place.
+    if !swapped.iter().all(|value| value.is_finite()) {
+        return None;
+    }
+    let values = swapped.complex_eigenvalues();
+    let mut best: Option<[f64; 6]> = None;
+    for value in values.iter().filter(|v| v.im.abs() < 1e-9 * (1.0 + v.re.abs())) {
+        let shifted = swapped - Matrix3::identity() * value.re;
+        let decomposition = shifted.svd(false, true);
+        let vector = decomposition.v_t?.row(2).transpose();
+        if 4.0 * vector[0] * vector[2] - vector[1] * vector[1] > 0.0 {
+            let rest = t * vector;
+            best = Some([vector[0], vector[1], vector[2], rest[0], rest[1], rest[2]]);
+        }
+    }
+    let [a, b, d, e, f, g] = best?;
+    // Centre, then axes from the quadratic form about it.
+    let determinant = 4.0 * a * d - b * b;
+    let center = [(b * f - 2.0 * d * e) / determinant, (b * e - 2.0 * a * f) / determinant];
+    let value = g + 0.5 * (e * center[0] + f * center[1]);
+    let angle = 0.5 * b.atan2(a - d);
+    let (sin, cos) = angle.sin_cos();
+    let along = a * cos * cos + b * sin * cos + d * sin * sin;
+    let across = a * sin * sin - b * sin * cos + d * cos * cos;
+    let axes = [(-value / along).sqrt(), (-value / across).sqrt()];
+    let result =
+        [c[0] + spread * center[0], c[1] + spread * center[1], spread * axes[0], spread * axes[1], angle];
+    result.iter().all(|v| v.is_finite()).then(|| result.to_vec())
+}
+
+/// The two best boxes `cx cy w h angle`, by the mean distance of the points to their sides, over all
+/// orientations.
+pub(crate) fn boxes(points: &[[f64; 2]]) -> Vec<[f64; 5]> {
+    let steps = 45;
+    let mut found: Vec<(f64, [f64; 5])> = (0..steps)
+        .map(|k| {
+            let angle = std::f64::consts::FRAC_PI_2 * f64::from(k) / f64::from(steps);
+            box_at(points, angle)
+        })
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let Some(first) = found.first().copied() else {
+        return Vec::new();
+    };
+    let far = |angle: f64| {
+        let apart = (angle - first.1[4]).rem_euclid(std::f64::consts::FRAC_PI_2);
+        apart.min(std::f64::consts::FRAC_PI_2 - apart) > 0.2
+    };
+    let second = found.iter().find(|b| far(b.1[4])).copied();
+    std::iter::once(first).chain(second).map(|b| b.1).collect()
+}
+
+fn box_at(points: &[[f64; 2]], angle: f64) -> (f64, [f64; 5]) {
+    let (sin, cos) = angle.sin_cos();
+    let mut axes = [0, 1].map(|axis| -> Vec<f64> {
+        let along = |p: &[f64; 2]| {
+            if axis == 0 { cos * p[0] + sin * p[1] } else { cos * p[1] - sin * p[0] }
+        };
+        points.iter().map(along).collect()
+    });
+    let raw = axes.clone();
+    let bounds = [0, 1].map(|axis: usize| {
+        let values = &mut axes[axis];
+        values.sort_by(f64::total_cmp);
+        let n = values.len();
+        // Noise puts a few points outside: sides lie a little inside of the outermost ones.
+        let cut = n / 25;
+        [values[cut], values[n - 1 - cut]]
+    });
+    let mut sum = 0.0;
+    for i in 0..points.len() {
+        let nearest = [0, 1]
+            .iter()
+            .flat_map(|&axis| bounds[axis].map(|bound| (raw[axis][i] - bound).abs()))
+            .fold(f64::INFINITY, f64::min);
+        sum += nearest * nearest;
+    }
+    let middle = [0, 1].map(|axis: usize| 0.5 * (bounds[axis][0] + bounds[axis][1]));
+    let size = [0, 1].map(|axis: usize| bounds[axis][1] - bounds[axis][0]);
+    (
+        sum,
+        [
+            cos * middle[0] - sin * middle[1],
+            sin * middle[0] + cos * middle[1],
+            size[0].max(f64::MIN_POSITIVE),
+            size[1].max(f64::MIN_POSITIVE),
+            angle,
+        ],
+    )
+}
+
+fn slot_of(b: [f64; 5]) -> Vec<f64> {
+    let turned = if b[2] >= b[3] { b } else { [b[0], b[1], b[3], b[2], b[4] + std::f64::consts::FRAC_PI_2] };
+    vec![turned[0], turned[1], turned[2].max(1.05 * turned[3]), turned[3], turned[4]]
+}
+
+fn regular(points: &[[f64; 2]], sides: usize) -> Vec<Vec<f64>> {
+    let Some(around) = circle(points) else {
+        return Vec::new();
+    };
+    let center = [around[0], around[1]];
+    let sector = std::f64::consts::TAU / sides as f64;
+    let steps = 16;
+    let mut found: Vec<(f64, Vec<f64>)> = (0..steps)
+        .map(|k| {
+            let phase = sector * f64::from(k) / f64::from(steps);
+            // What the circumradius would be, by each point.
+            let radii: Vec<f64> = points
+                .iter()
+                .map(|p| {
+                    let d = [p[0] - center[0], p[1] - center[1]];
+                    let within = (d[1].atan2(d[0]) - phase).rem_euclid(sector) - 0.5 * sector;
+                    d[0].hypot(d[1]) * within.cos() / (0.5 * sector).cos()
+                })
+                .collect();
+            let radius = radii.iter().sum::<f64>() / radii.len() as f64;
+            let cost = radii.iter().map(|r| (r - radius).powi(2)).sum::<f64>() / (radius * radius);
+            (cost, vec![center[0], center[1], radius, phase])
+        })
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.into_iter().take(2).map(|(_, start)| start).collect()
+}
