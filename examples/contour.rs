@@ -4,8 +4,8 @@
 
 #![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
 
-use planish_estimate::Result;
 use planish_contour::planar::{FitOptions, Kind, SensorOptions, auto_kinds, choose, ranges};
+use planish_estimate::Result;
 
 fn main() -> Result<()> {
     // Three hundred readings of a slot of 1.8 by 0.8, turned by 0.4, with errors of place, heading and range.

@@ -43,7 +43,7 @@ def pages(root: pathlib.Path):
     for name in ["README.md", *names]:
         text = (root / name).read_text()
         actions = []
-        for kind, body in re.findall(r"^```(\S.*)\n(.*?)^```$", text, re.M | re.S):
+        for kind, body in re.findall(r"^```(\S[^\n]*)\n(.*?)^```$", text, re.M | re.S):
             if "file=" in kind:
                 actions.append(("write", kind.split("file=")[1], body))
             if kind == "console":

@@ -5,11 +5,13 @@ use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary, sensor_cells};
 use clap::ValueEnum;
 use planish::animation::AnimationReport;
-use planish::fit::{Filter, FitOptions, FitReport, FitTermination, GroundWidth, RefineBy, ThingMotion};
+use planish::complete::{GapReport, SymmetryChoice, SymmetryReport};
+use planish::fit::{
+    BendingReport, Filter, FitOptions, FitReport, FitTermination, GroundWidth, RefineBy, ThingMotion,
+};
 use planish::fit_files::{FitJob, FitJobReport, fit_files};
 use planish::output::{OutputFormat, WrittenFile};
 use planish::progress::Progress;
-use planish::propagate::{BendingReport, GapReport, SymmetryChoice, SymmetryReport};
 use planish::{Result, SymmetryKind, Unit};
 use serde::Serialize;
 use std::path::PathBuf;

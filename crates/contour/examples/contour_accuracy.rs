@@ -8,8 +8,10 @@
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
 use nalgebra::DVector;
+use planish_contour::planar::{
+    FitOptions, Kind, Method, SensorOptions, Sighting, Target, bound, fit, ranges,
+};
 use planish_estimate::normalized_squared;
-use planish_contour::planar::{FitOptions, Kind, Method, SensorOptions, Sighting, Target, bound, fit, ranges};
 use rayon::prelude::*;
 use std::fmt::Write as _;
 

@@ -10,7 +10,7 @@
 //! of readings about a surface the nearest have the same distance from it. Feet on the surface are places
 //! that know nothing of it.
 
-use crate::vector3::dot;
+use planish_core::vector3::dot;
 use rayon::prelude::*;
 use std::ops::Range;
 

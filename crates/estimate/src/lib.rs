@@ -17,10 +17,9 @@
 //! rank depends on them. The same input gives the same bytes. What is not converged or not determined is told
 //! in the result; an [`Error`] is for what has no result.
 
-pub mod error;
 pub mod implicit;
 pub mod sparse;
-pub mod vector3;
+pub use planish_core::vector3;
 
 mod batches;
 mod belief;
@@ -40,11 +39,11 @@ pub use consistency::{ChiSquareBand, ChiSquareMean, Coverage, Whiteness, normali
 pub use equation::{
     Dimensions, Explicit, Implicit, Linear, Linearization, MeasurementEquation, check_jacobians,
 };
-pub use error::{Error, ErrorKind, Result};
 pub use kalman::{
     EquationUpdate, Innovation, KalmanFilter, Relinearization, ScalarInnovation, joseph_covariance,
 };
 pub use least_squares::{LeastSquaresFit, LeastSquaresOptions, Measurement, Termination, least_squares};
+pub use planish_core::{Error, ErrorKind, Result};
 pub use reml::{
     Dispersion, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, SmoothnessWeight, fellner_schall,
     log_pseudo_determinant, maximize_restricted_likelihood,

@@ -11,11 +11,8 @@
 //! Not guaranteed: that triangles follow a snapshot as closely as the model; that a viewer of GLB shows
 //! colours change.
 
-use crate::fit::Forming;
-use crate::mesh_output::affordable_tolerance;
 use crate::output::refuse_input_as_output;
-use crate::point_sigmas::sigmas_along;
-use crate::progress::Progress;
+use planish_core::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::glb::{MeshFrame, ramp, write_animation};
@@ -24,6 +21,9 @@ use planish_exchange::{FolderInWork, Unit, check_writable, extension};
 use planish_mesh::{BoundingBox, DepthBuffer, Projected, Seen};
 use planish_report::colour::screen_brightness;
 use planish_spline::{Surface, TessellationOptions, tessellate};
+use planish_surface::export::affordable_tolerance;
+use planish_surface::fit::Forming;
+use planish_surface::model::sigmas_along;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -148,7 +148,7 @@ pub fn write_forming(
 
 /// The snapshots on the triangles of the last one.
 fn frames(surface: &Surface, forming: &Forming, unit: Unit, progress: &dyn Progress) -> Result<Frames> {
-    let wanted = 1e-4 * crate::fit::extent_of(surface);
+    let wanted = 1e-4 * planish_surface::observe::extent_of(surface);
     let options = TessellationOptions {
         tolerance: affordable_tolerance(surface, wanted, MOST_TRIANGLES)?,
         ..TessellationOptions::default()

@@ -13,12 +13,9 @@
 //! nearest ones. They start at the sample whose position and normal agree best, which keeps the two sides of
 //! a thin part apart.
 
-use crate::mesh_output::{affordable_tolerance, median_sigma};
-use crate::model::{Observed, SurfaceModel};
-use crate::point_sigmas::sigmas_along;
-use crate::progress::Progress;
 use crate::report::{ReportOutput, compare_page};
 use crate::saved;
+use planish_core::Progress;
 use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
@@ -28,6 +25,9 @@ use planish_sense::{Pose, variance_along};
 use planish_spline::{
     FootPoint, FootPointSearch, ProjectionOptions, Surface, TessellationOptions, tessellate,
 };
+use planish_surface::export::{affordable_tolerance, median_sigma};
+use planish_surface::model::sigmas_along;
+use planish_surface::model::{Observed, SurfaceModel};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;

@@ -21,8 +21,12 @@ pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
 
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
-use crate::progress::{Progress, WRITING_STAGE};
 use crate::report::{ReportOutput, contour_page, size_labels};
+pub use planish_contour::constraint::{DEFAULT_LEVEL, SnapOutcome};
+use planish_contour::planar::{Choice, Sighting, Target, auto_kinds, choose, separate, usual_gap};
+pub use planish_contour::planar::{FitOptions, Form, Kind, Method, Motion};
+pub use planish_contour::primitive::Shape;
+use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 pub use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
 use planish_exchange::contours::{
@@ -30,10 +34,6 @@ use planish_exchange::contours::{
     write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
-pub use planish_contour::constraint::{DEFAULT_LEVEL, SnapOutcome};
-use planish_contour::planar::{Choice, Sighting, Target, auto_kinds, choose, separate, usual_gap};
-pub use planish_contour::planar::{FitOptions, Form, Kind, Method, Motion};
-pub use planish_contour::primitive::Shape;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

@@ -4,22 +4,22 @@
 //! before anything is read, and written when everything else has succeeded.
 
 use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
-use crate::domain::check_domain;
-use crate::fit::{Fit, FitOptions, FitReport, GroundWidth, ThingMotion, fit, update};
-use crate::model::{Posterior, SurfaceModel};
 use crate::next::Length;
 use crate::output::{
     OutputFormat, OutputOptions, PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output,
     refuse_same_output,
 };
-use crate::progress::{Part, Progress, WRITING_STAGE};
 use crate::report::{ReportOutput, fit_page};
-use crate::saved::{SavedModel, Session, SessionInput, load_with_provenance};
+use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_inputs};
 use planish_mesh::BoundingBox;
 use planish_sense::SensorKind;
 use planish_spline::Shape;
+use planish_surface::fit::{Fit, FitOptions, FitReport, GroundWidth, ThingMotion, fit, update};
+use planish_surface::model::{Posterior, SurfaceModel};
+use planish_surface::observe::check_domain;
+use planish_surface::saved::{SavedModel, Session, SessionInput, load_with_provenance};
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -138,7 +138,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     let in_far_places = check_domain(&set, &names(&job.inputs))?;
     let earlier = job.update.as_deref().map(load_with_provenance).transpose()?;
     progress.check("reading", 0.05)?;
-    let fitting = Part::new(progress, 0.05, 0.9);
+    let fitting = ProgressPart::new(progress, 0.05, 0.9);
     let start = Instant::now();
     let options = FitOptions {
         snapshots: animation.as_ref().map(|_| FRAMES),
@@ -187,7 +187,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     let animation = (animation.iter())
         .zip(&fitted.forming)
         .map(|(output, forming)| {
-            write_forming(forming, fitted.model.unit, output, &Part::new(progress, 0.9, 0.95))
+            write_forming(forming, fitted.model.unit, output, &ProgressPart::new(progress, 0.9, 0.95))
         })
         .next()
         .transpose()?;

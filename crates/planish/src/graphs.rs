@@ -3,10 +3,10 @@
 //! Comes in: [`ViewGraphs`] of one view or several with their structure and tours, and the composite graph of
 //! several. Goes out: one file with all of them.
 
-use planish_estimate::{Error, Result};
-use planish_exchange::{extension, write_atomically};
 use planish_contour::constraint::{BarId, Constraint, Decomposition, Diagnosis, Drawing, PointId};
 use planish_contour::graph::{Composite, Tour, TourEdge, ViewGraphs, postman_tour};
+use planish_estimate::{Error, Result};
+use planish_exchange::{extension, write_atomically};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;

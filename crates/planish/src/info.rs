@@ -5,10 +5,6 @@
 //!
 //! Not guaranteed: anything about STEP files, which are written here but not read.
 
-use crate::fit::SigmaSummary;
-use crate::mesh_output::sigma_summary;
-use crate::model::{Observed, PoseReport, SensorReport};
-use crate::saved::{SavedModel, Session, load_with_provenance};
 use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::mesh::{PolygonMesh, has_faces, read_mesh};
@@ -16,6 +12,10 @@ use planish_exchange::ply::read_contents;
 use planish_exchange::{PosedScan, ScanSet, Unit, read_inputs};
 use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
 use planish_sense::{Noise, RangeGrid, Scan, Viewing};
+use planish_surface::export::sigma_summary;
+use planish_surface::fit::SigmaSummary;
+use planish_surface::model::{Observed, PoseReport, SensorReport};
+use planish_surface::saved::{SavedModel, Session, load_with_provenance};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -25,17 +25,17 @@ pub use outcome::{
 pub use patches::{NamedPatch, PatchSet, read_patches};
 pub use spline::{MergedSpline, SplineReport, merged_spline, write_spline};
 
-use crate::mesh_output::write_known_mesh;
 use crate::next::Length;
 use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
-use crate::progress::{Part, Progress, WRITING_STAGE};
 use common_surface::{Refit, refitted};
 use completion::{completed, facing_in_words};
+use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{
     MeshSearch, TriangleMesh, ZipOptions, Zipped, fill_holes, fused, vertex_curvature, zipped,
 };
+use planish_surface::export::write_known_mesh;
 use ready::{Done, Ready};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -112,7 +112,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         true => MergeMethod::Refit,
     });
     let mean = fused(&ready.patches, &overlap);
-    let part = Part::new(progress, 0.4, 0.7);
+    let part = ProgressPart::new(progress, 0.4, 0.7);
     let places = match method {
         MergeMethod::Information => refitted(&ready.patches, &overlap, mean, Refit::Information, &part)?,
         MergeMethod::Refit => refitted(&ready.patches, &overlap, mean, Refit::Shared, &part)?,
@@ -127,7 +127,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     let stitched = sewn.mesh.triangles.len() - sewn.kept;
     let filled = match options.fill {
         0 => None,
-        longest => Some(fill(&mut sewn, longest, &Part::new(progress, 0.75, 0.95))?),
+        longest => Some(fill(&mut sewn, longest, &ProgressPart::new(progress, 0.75, 0.95))?),
     };
     progress.check("checking", 0.95)?;
     let kept = ready.kept(&sewn, &overlap);

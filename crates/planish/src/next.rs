@@ -17,17 +17,17 @@
 //! gain for the mean variance of independent places (Nemhauser, Wolsey and Fisher 1978), and usually far
 //! nearer.
 
-use crate::model::{Posterior, SurfaceModel};
 use crate::output::{refuse_input_as_output, refuse_same_output};
-use crate::progress::Progress;
 use crate::report::{ReportOutput, next_page};
-use crate::saved::load;
+use planish_core::Progress;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{Column, MeshColumns, write_points};
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 use planish_spline::{SurfaceSystem, leaf_weights};
+use planish_surface::model::{Posterior, SurfaceModel};
+use planish_surface::saved::load;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::io::Write as _;

@@ -6,7 +6,7 @@
 //!
 //! Points are those of [`planish_sense::occluding`]; what hangs together of them is a strip. Each strip
 //! becomes a patch: a mesh that joins the contours of consecutive views, and, for models and STEP, a sheet by
-//! [`fit`](crate::fit::fit).
+//! [`fit`](planish_surface::fit::fit).
 //!
 //! Not guaranteed: cameras are taken for exact.
 
@@ -15,9 +15,8 @@ mod patch;
 pub use planish_sense::occluding::OccludingOptions;
 
 use crate::output::{WrittenFile, as_text, plan_outputs, refuse_input_as_output, refuse_same_output};
-use crate::progress::{Part, Progress, WRITING_STAGE};
 use crate::sense::SigmaSummary;
-use crate::shell::overlap::agreement;
+use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{MeshColumns, read_mesh, write_mesh};
 use planish_exchange::picture::read_brightness;
@@ -30,6 +29,7 @@ use planish_sense::occluding::{
 };
 use planish_sense::stripes::Pinhole;
 use planish_sense::{SilhouetteOptions, silhouette};
+use planish_shell::intersection_over_union;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -166,7 +166,7 @@ struct Mask {
 /// Reads, senses and writes.
 ///
 /// # Errors
-/// What the readers, [`occluding_contours`], [`fit`](crate::fit::fit) and the writers report; `Input` for
+/// What the readers, [`occluding_contours`], [`fit`](planish_surface::fit::fit) and the writers report; `Input` for
 /// views without masks and contours, and for outputs that are inputs; `Unsupported` for other formats.
 pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<OccludingReport> {
     check_outputs(job)?;
@@ -194,7 +194,7 @@ pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occ
                 .map_err(|e| e.in_context(format!("{}: view `{}`", job.views.display(), view.name)))
         })
         .collect::<Result<_>>()?;
-    let matching = Part::new(progress, 0.1, 0.4);
+    let matching = ProgressPart::new(progress, 0.1, 0.4);
     let found =
         occluding_contours(&views, &job.options, &mut |share| matching.check("matching contours", share))
             .map_err(|e| e.in_context(job.views.display()))?;
@@ -202,7 +202,7 @@ pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occ
     let hull = hull_of(&views, &found)?;
     let iou = agreements(&file.views, hull.as_ref(), judged.as_ref())?;
     let unseen_share = hull.as_ref().map(|hull| hull.unseen_share(&found.points));
-    let fitting = Part::new(progress, 0.5, 0.9);
+    let fitting = ProgressPart::new(progress, 0.5, 0.9);
     let patches = patch::patches(job, &found, unit, &fitting, &mut warnings)?;
     progress.check(WRITING_STAGE, 0.95)?;
     let mut written = Vec::new();
@@ -365,8 +365,9 @@ fn agreements(
             let picture = read_brightness(path)?;
             let read = silhouette(&picture, &mask_options(view)).map_err(|e| e.in_context(path.display()))?;
             let mask = Mask { covered: read.mask, columns: read.columns, rows: read.rows };
-            let of =
-                |mesh: &TriangleMesh| agreement(mesh, &view.camera, &mask.covered, mask.columns, mask.rows);
+            let of = |mesh: &TriangleMesh| {
+                intersection_over_union(mesh, &view.camera, &mask.covered, mask.columns, mask.rows)
+            };
             Ok(OutlineAgreement {
                 view: view.name.clone(),
                 held_out: view.held_out,

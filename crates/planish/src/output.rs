@@ -4,17 +4,17 @@
 //! that can go wrong with a path is found by [`plan_outputs`], before the work; everything that can go wrong
 //! with the model by [`prepare`], before the first file is written. What is left is a full disk.
 
-use crate::brep::{BrepOptions, brep_from_surface};
-use crate::dem::{Dem, dem_from_model};
-use crate::mesh_output::{ModelMesh, mesh_from_model, write_model_mesh};
-use crate::model::{Posterior, SurfaceModel};
-use crate::saved::{Session, save};
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
 use planish_exchange::step::{Brep, StepOptions, write_step};
 use planish_exchange::{
     GeoReference, Unit, check_writable, extension, make_folder, real_path, stl, write_atomically,
 };
+use planish_surface::export::{BrepOptions, brep_from_surface};
+use planish_surface::export::{Dem, dem_from_model};
+use planish_surface::export::{ModelMesh, mesh_from_model, write_model_mesh};
+use planish_surface::model::{Posterior, SurfaceModel};
+use planish_surface::saved::{Session, save};
 use serde::{Serialize, Serializer};
 use std::io::Write;
 use std::path::{Path, PathBuf};

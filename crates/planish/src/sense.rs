@@ -14,7 +14,7 @@
 //! calibration states their distortion.
 
 use crate::output::{as_text, refuse_input_as_output, refuse_same_output};
-use crate::progress::{Part, Progress, WRITING_STAGE};
+use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::calibration::{
     LightSource, StereoCalibration, StereoCameras, read_grid_calibration, read_lights,
@@ -255,7 +255,7 @@ struct Sensed {
 pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     check_outputs(job)?;
     progress.check("reading", 0.0)?;
-    let working = Part::new(progress, 0.05, 0.9);
+    let working = ProgressPart::new(progress, 0.05, 0.9);
     let mut sensed = match &job.kind {
         SenseKind::Stereo { left, right, calibration, options, points } => {
             stereo([left, right], calibration.as_deref(), options, points, &working)?

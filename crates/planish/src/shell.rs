@@ -2,7 +2,6 @@
 
 pub mod fit;
 mod looks;
-pub(crate) mod overlap;
 pub mod pose;
 pub mod surface;
 pub mod texture;

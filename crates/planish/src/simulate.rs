@@ -1,75 +1,55 @@
-//! Known truth: simulated measurements of surfaces that are known exactly.
-//!
-//! Comes in: options and a seed. Goes out: readings as a job would hold them, and the truth behind each of
-//! them. The same options give the same bytes, at any number of threads.
-//!
-//! | module | what |
-//! |---|---|
-//! | form | smooth freeform surfaces in closed form |
-//! | truth | any known surface: points, normals, samples, distances |
-//! | virtual_sensor | range scanners and touch probes that measure it |
-//! | sphere | the figures of the paper on Kalman spline fusion: a sphere found again by both filters |
-//! | figure | line charts as SVG |
-//! | render | what a camera sees of a textured thing, under a lamp or projected stripes |
-//! | pictures | the scenes `stereo` and `grid`: such pictures from several views |
-//! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
-//! | bending | the scene `bending`: a sheet that bends without stretch between scans |
-//! | contours | the scene `contours`: occluding contours of a hyperboloid or a carafe from two motions of a camera |
-//! | readings | the scene `readings`: a contour, ranged from uncertain poses |
-//! | views | the scene `views`: the outlines of a prism in three views, ranged so |
-//! | shell | the scene `shell`: a mesh deformed by known controls, points, masks |
-//! | turning | the scene `turning`: a thing on a turntable, scanned at known times |
-//! | vessel | the scene `vessel`: a surface of revolution seen from one side |
-//!
-//! ```
-//! use planish::simulate::{ScanSceneOptions, scans};
-//! # fn main() -> planish_estimate::Result<()> {
-//! let scene = scans(&ScanSceneOptions { readings: 500, probe_points: 5, ..ScanSceneOptions::default() })?;
-//! let reading = scene.set.scans[0].scan.world_from_scanner.apply(scene.set.scans[0].scan.points[0]);
-//! let foot = scene.truth.foot(reading).expect("readings are finite");
-//! assert!(foot.signed_distance.abs() < 20.0);
-//! # Ok(())
-//! # }
-//! ```
+//! Simulated measurements with known truth, and the figures of paper A as a job.
 
-mod bending;
-mod contours;
-mod figure;
-mod form;
-#[cfg(test)]
-mod pair_tests;
-mod pictures;
-mod readings;
-mod render;
-mod scans;
-mod second_order;
-mod shell;
-mod sphere;
-mod truth;
-mod turning;
-mod vessel;
-mod views;
-mod virtual_sensor;
+use crate::animation::{AnimationOutput, FRAMES, write_forming};
+use crate::report::{ReportOutput, sphere_page};
+use planish_core::{Error, Progress, ProgressPart, Result, WRITING_STAGE};
+use planish_exchange::{Unit, check_writable, extension, write_atomically};
+pub use planish_simulate::*;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
 
-#[cfg(test)]
-mod tests;
-
-pub use bending::{BendingOptions, bending, in_bending_hole, write_bending_scene};
-pub use contours::{ContoursOptions, ContoursShape, ContoursSummary, write_contours_scene};
-pub use form::{BallBump, BallForm, BentForm, ClosedForm, SheetBump, SheetForm, TubeForm, TubeWave};
-pub use pictures::{
-    PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, ViewPose, write_picture_scene,
-};
-pub use readings::{ReadingsOptions, ReadingsSummary, write_readings_scene};
-pub use render::{Exposure, Light, Target, Texture};
-pub use scans::{
-    ScanFile, ScanScene, ScanSceneOptions, ScanSceneSummary, SensorTruth, TrueMotion, TruthSummary, scans,
-    write_scan_scene, write_scans_scene,
-};
-pub use shell::{ShellSceneOptions, ShellSceneSummary, write_shell_scene};
-pub use sphere::{SPHERE_COLUMNS, SphereOptions, SphereRow, sphere, sphere_forming, write_sphere};
-pub use truth::{Truth, TruthFoot, TruthPoint};
-pub use turning::{TurningOptions, turning, write_turning_scene};
-pub use vessel::{VesselOptions, vessel, write_vessel_scene};
-pub use views::{PRISM_MM, ViewsOptions, write_views_scene};
-pub use virtual_sensor::{Optics, TrueReading, VirtualProbe, VirtualScan, VirtualScanner};
+/// Simulates and writes: `.csv` holds the rows, `.svg` draws them; `animation`, where one is asked for, shows
+/// the sphere forming (see [`sphere_forming`]), and `page` shows the curves with all rows.
+///
+/// # Errors
+/// `Unsupported` for other extensions, `Io` for paths that cannot be written, before any work; else as for
+/// [`sphere`].
+pub fn write_sphere(
+    options: &SphereOptions,
+    outputs: &[PathBuf],
+    animation: Option<&Path>,
+    page: Option<&ReportOutput>,
+    progress: &dyn Progress,
+) -> Result<Vec<SphereRow>> {
+    for path in outputs {
+        if !["csv", "svg"].contains(&extension(path).as_str()) {
+            return Err(Error::unsupported(format!(
+                "{}: the extension says what to write: needed .csv (the numbers) or .svg (the figures)",
+                path.display()
+            )));
+        }
+        check_writable(path)?;
+    }
+    if let Some(page) = page {
+        page.check(&[], outputs)?;
+    }
+    let animation = animation.map(|path| AnimationOutput::plan(path, &[])).transpose()?;
+    let rows = sphere(options, &ProgressPart::new(progress, 0.0, 0.9))?;
+    if let Some(output) = &animation {
+        let forming = sphere_forming(options, FRAMES)?;
+        write_forming(&forming, Unit::Metre, output, &ProgressPart::new(progress, 0.9, 0.99))?;
+    }
+    progress.check(WRITING_STAGE, 0.99)?;
+    for path in outputs {
+        let text = match extension(path).as_str() {
+            "csv" => sphere_csv(&rows),
+            _ => sphere_figure(options, &rows),
+        };
+        write_atomically(path, |writer| writer.write_all(text.as_bytes()))?;
+    }
+    if let Some(page) = page {
+        page.write(sphere_page(options, &rows, sphere_figure(options, &rows)), &[])?;
+    }
+    progress.advance(WRITING_STAGE, 1.0);
+    Ok(rows)
+}

@@ -14,8 +14,8 @@ pub use noisy::{NoisyGeometry, ReportedView};
 
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
-use crate::progress::Progress;
 use crate::report::{ReportOutput, solid_page};
+use planish_core::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{Unit, check_writable, extension};
 use planish_solid::brep::Solid;
@@ -219,7 +219,7 @@ pub fn solid_files_reported(
     if accepted.is_empty() && noisy.is_none() {
         warnings.extend(drawing::misses(&drawing, &job.views));
     }
-    progress.check(crate::progress::WRITING_STAGE, 0.9)?;
+    progress.check(planish_core::WRITING_STAGE, 0.9)?;
     let wanted = if job.all { accepted.len() } else { accepted.len().min(1) };
     let tolerance = job.mesh_tolerance.unwrap_or(DEFAULT_CHORD * drawing.size());
     let prepared = writing::prepare(job, &accepted[..wanted], tolerance)?;

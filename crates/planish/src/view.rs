@@ -15,11 +15,11 @@ pub use camera::{CameraAngles, Up};
 pub use thing::ViewedFile;
 
 use crate::output::refuse_input_as_output;
-use crate::progress::{Progress, WRITING_STAGE};
 use crate::report::{ReportOutput, head};
 use camera::{Camera, Frame, axes_at, axes_from};
 use canvas::Canvas;
 use legend::Legend;
+use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::write_colour_png;
 use planish_exchange::{Unit, check_writable, extension};

@@ -15,6 +15,7 @@ mod field;
 mod fit;
 mod isosurface;
 mod natural_neighbour;
+mod overlap;
 mod renewed;
 mod skeleton;
 
@@ -33,4 +34,5 @@ pub use fit::{
 };
 pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};
+pub use overlap::{covered_pixels, intersection_over_union, projected_vertices};
 pub use renewed::{Bound, Renewal, local_means, renewed};

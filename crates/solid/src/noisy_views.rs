@@ -25,12 +25,12 @@ mod outlines;
 pub use levels::{Level, SpaceMatch};
 pub use measure::{DimensionKind, SpaceDimension, SpaceVertex};
 
+use crate::views::ViewKind;
+use nalgebra::DMatrix;
 use planish_contour::constraint::{
     Candidate, ConstrainOptions, Constrained, Constraint, Drawing, Outcome, chi_square_tail, constrain_among,
 };
 use planish_contour::sketch::{Sketch, block_diagonal};
-use crate::views::ViewKind;
-use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
 
 /// Contours as one view of something in space.

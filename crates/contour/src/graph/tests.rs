@@ -1,7 +1,7 @@
 use super::*;
 use crate::constraint::{
-    EquationBlock, Entry, Incidence,
-    Axis, BarId, Constraint, ConstraintEquations, Drawing, PointId, constrain, diagnose, witness,
+    Axis, BarId, Constraint, ConstraintEquations, Drawing, Entry, EquationBlock, Incidence, PointId,
+    constrain, diagnose, witness,
 };
 use petgraph::algo::maximum_matching;
 use petgraph::graph::UnGraph;
@@ -233,9 +233,13 @@ fn check_decomposition(incidence: &Incidence) {
     let all = [&parts.over, &parts.well, &parts.under];
     assert_eq!(all.iter().map(|p| p.equations.len()).sum::<usize>(), incidence.equations());
     assert_eq!(all.iter().map(|p| p.parameters.len()).sum::<usize>(), incidence.parameters.len());
-    assert!(parts.over.equations.len() > parts.over.parameters.len() || parts.over == EquationBlock::default());
+    assert!(
+        parts.over.equations.len() > parts.over.parameters.len() || parts.over == EquationBlock::default()
+    );
     assert_eq!(parts.well.equations.len(), parts.well.parameters.len());
-    assert!(parts.under.equations.len() < parts.under.parameters.len() || parts.under == EquationBlock::default());
+    assert!(
+        parts.under.equations.len() < parts.under.parameters.len() || parts.under == EquationBlock::default()
+    );
     assert_eq!(
         parts.rank,
         parts.over.parameters.len() + parts.well.equations.len() + parts.under.equations.len()

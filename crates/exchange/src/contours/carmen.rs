@@ -2,8 +2,8 @@
 
 use super::readings::{ContourReadings, SigmaDefaults};
 use crate::source::{Source, parse_number};
-use planish_estimate::{Error, Result};
 use planish_contour::planar::{Sighting, Target};
+use planish_estimate::{Error, Result};
 use std::io::Read;
 
 /// Which scans of a log, and which of their ranges.

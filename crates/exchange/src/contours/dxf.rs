@@ -3,8 +3,8 @@
 use super::DrawnContour;
 use crate::atomic::write_atomically;
 use crate::unit::Unit;
-use planish_estimate::Result;
 use planish_contour::planar::Kind;
+use planish_estimate::Result;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;

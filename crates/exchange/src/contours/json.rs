@@ -7,10 +7,10 @@
 use crate::source::read_text;
 use crate::unit::Unit;
 use nalgebra::DMatrix;
-use planish_estimate::{Error, Result};
 use planish_contour::constraint::Constraint;
 use planish_contour::planar::Kind;
 use planish_contour::sketch::EstimatedContour;
+use planish_estimate::{Error, Result};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;

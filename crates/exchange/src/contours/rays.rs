@@ -2,8 +2,8 @@
 
 use super::readings::{Header, Row, SigmaDefaults};
 use crate::source::{read_file, shown};
-use planish_estimate::{Error, Result};
 use planish_contour::primitive::{Ray, Seen};
+use planish_estimate::{Error, Result};
 use std::path::Path;
 
 /// Columns of readings in space that are known.

@@ -2,8 +2,8 @@
 
 use super::carmen::{CarmenOptions, read_carmen};
 use crate::source::{Source, parse_number, read_file, shown};
-use planish_estimate::{Error, Result};
 use planish_contour::planar::{Sighting, Target};
+use planish_estimate::{Error, Result};
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;

@@ -1,9 +1,9 @@
 use super::*;
-use crate::progress::Silent;
-use crate::test_support::{SIGMA, model_of, refined_surface};
+use planish_core::Silent;
 use planish_estimate::ErrorKind;
 use planish_mesh::{grid_sheet, icosphere};
 use planish_spline::{Shape, Surface, SurfaceSystem, leaf_weights};
+use planish_surface::test_support::{SIGMA, model_of, refined_surface};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

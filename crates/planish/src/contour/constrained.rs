@@ -10,8 +10,6 @@ use super::report::{ReportedValue, as_map, canonical};
 use crate::graphs::{GraphsOfView, NamedStructure};
 use crate::next::Length;
 use nalgebra::DMatrix;
-use planish_estimate::{Error, Result};
-use planish_exchange::Unit;
 use planish_contour::constraint::{
     ConstrainOptions, Constrained, Constraint, Diagnosis, Dimension, Dimensioned, Drawing, Outcome, Snap,
     SnapOutcome, chi_square_tail, constrain, constrain_among, diagnose, dimension_scheme, implications,
@@ -19,6 +17,8 @@ use planish_contour::constraint::{
 };
 use planish_contour::planar::Kind;
 use planish_contour::sketch::{EstimatedContour, Sketch};
+use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
 use serde::Serialize;
 use std::path::PathBuf;
 

@@ -3,8 +3,8 @@
 use super::Part;
 use super::report::canonical;
 use nalgebra::{DMatrix, DVector};
-use planish_estimate::ChiSquareBand;
 use planish_contour::planar::Kind;
+use planish_estimate::ChiSquareBand;
 use serde::Serialize;
 
 /// Levels agree when a test at this confidence does not tell them apart.

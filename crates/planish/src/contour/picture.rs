@@ -1,10 +1,10 @@
 //! The edges of a picture as readings of contours.
 
+use planish_contour::planar::{Sighting, Target};
 use planish_estimate::Result;
 use planish_exchange::contours::ContourReadings;
 use planish_exchange::{extension, picture::read_brightness};
 use planish_sense::{EdgeOptions, edge_points};
-use planish_contour::planar::{Sighting, Target};
 use std::path::Path;
 
 pub(super) fn is_picture(path: &Path) -> bool {

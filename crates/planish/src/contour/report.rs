@@ -4,9 +4,9 @@ use super::Part;
 use super::constrained::ConstrainedReport;
 use super::levels::{LevelRelation, relation};
 use nalgebra::DMatrix;
+use planish_contour::planar::{ContourFit, Kind, contains};
 use planish_exchange::Unit;
 use planish_exchange::contours::ContourReadings;
-use planish_contour::planar::{ContourFit, Kind, contains};
 use serde::Serialize;
 use serde::ser::SerializeMap;
 

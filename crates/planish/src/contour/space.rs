@@ -3,13 +3,13 @@
 use super::report::part_warnings;
 use super::unused;
 use super::{ContourJob, ContourReport, PartReport, ReportedAlternative, ReportedValue, write_json};
-use crate::progress::{Progress, WRITING_STAGE};
 use crate::report::{ReportOutput, shape_page};
+use planish_contour::planar::{Form, Motion};
+use planish_contour::primitive::choose;
+use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::read_ray_readings;
 use planish_exchange::extension;
-use planish_contour::planar::{Form, Motion};
-use planish_contour::primitive::choose;
 
 /// Fits the job's shapes to its readings and writes its outputs: those that are JSON.
 ///

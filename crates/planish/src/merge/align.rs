@@ -28,14 +28,14 @@ mod equations;
 #[cfg(test)]
 mod tests;
 
-use crate::model::PoseReport;
-use crate::progress::Progress;
 use equations::{Equations, Residual, excess_variance, residuals};
 use nalgebra::{DMatrix, Matrix6};
+use planish_core::Progress;
 use planish_estimate::vector3::{add, cross, distance, norm, sub, unit};
 use planish_estimate::{Error, Result, median_magnitude_scale};
 use planish_mesh::{BoundingBox, MeshSearch, Neighbours, Patch, TriangleMesh};
 use planish_sense::Pose;
+use planish_surface::model::PoseReport;
 
 /// Vertices of a patch that take part, at most.
 const MOST_VERTICES: usize = 5000;

@@ -10,7 +10,7 @@
 //!
 //! Not guaranteed: that a piece follows shape finer than its cells.
 
-use crate::progress::Progress;
+use planish_core::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub, unit};
 use planish_estimate::{Dispersion, Result};
 use planish_mesh::{Fused, Neighbours, Overlap, Patch, noise_likeness};

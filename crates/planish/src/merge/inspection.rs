@@ -5,12 +5,12 @@
 //! were rounded.
 
 use super::patches::NamedPatch;
-use crate::model::SigmaSummary;
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{BoundingBox, MeshSearch, Overlap, Patch, searches_of};
 use planish_report::numbers::significant;
+use planish_surface::model::SigmaSummary;
 use std::cmp::Reverse;
 
 /// So many vertices of a patch tell whether it is turned over.

@@ -4,9 +4,9 @@
 //! `--json`. Not guaranteed: anything; these are plain records.
 
 use super::MergeMethod;
-use crate::model::{PoseReport, SigmaSummary};
 use planish_exchange::Unit;
 use planish_mesh::{TriangleMesh, VertexCurvature};
+use planish_surface::model::{PoseReport, SigmaSummary};
 use serde::Serialize;
 use std::path::PathBuf;
 

@@ -4,8 +4,6 @@
 //! that frames agree where no pose was given.
 
 use crate::compare::ComparedMesh;
-use crate::mesh_output::mesh_from_model;
-use crate::model::Observed;
 use crate::next::Length;
 use crate::saved;
 use planish_estimate::vector3::{cross, distance, dot, sub};
@@ -15,6 +13,8 @@ use planish_exchange::step::read_step;
 use planish_exchange::{PosedScan, Unit, extension, read_inputs};
 use planish_mesh::{Patch, Tidied, TriangleMesh};
 use planish_sense::{RangeGrid, Scan, Sensor, Viewing, ray_at, variance_along};
+use planish_surface::export::mesh_from_model;
+use planish_surface::model::Observed;
 use std::path::{Path, PathBuf};
 
 /// Triangles of a scan with an edge longer than so many times its median edge span a step in depth.

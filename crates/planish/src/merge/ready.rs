@@ -9,11 +9,11 @@ use super::inspection::{crossings, leave_out_copies, nearest, turn_alike, unalik
 use super::outcome::{CompletionReport, FillReport, MergeReport, PatchReport, RegionReport, TriangleQuality};
 use super::patches::PatchSet;
 use super::{MergeMethod, MergeOptions};
-use crate::model::{PoseReport, SigmaSummary};
-use crate::progress::{Part, Progress};
+use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, Zipped, quantile_of_sorted};
+use planish_surface::model::{PoseReport, SigmaSummary};
 use rayon::prelude::*;
 use std::path::PathBuf;
 
@@ -73,7 +73,7 @@ impl Ready {
         }
         let poses = match options.align {
             true => {
-                let part = Part::new(progress, 0.1, 0.3);
+                let part = ProgressPart::new(progress, 0.1, 0.3);
                 let (poses, told) = align(&mut patches, &mut searches, &names, &part)?;
                 warnings.extend(told);
                 poses

@@ -11,17 +11,17 @@
 
 use super::Merged;
 use crate::compare::feet_on;
-use crate::fit::{FitOptions, fit};
-use crate::model::{SigmaSummary, SurfaceModel};
 use crate::output::{OutputOptions, PlannedOutput, WrittenFile, prepare};
-use crate::point_sigmas::sigmas_along;
-use crate::progress::{Progress, WRITING_STAGE};
-use crate::saved::Session;
+use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::vector3::{dot, sub};
 use planish_estimate::{Error, Result};
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::{TriangleMesh, quantile_of_sorted};
 use planish_sense::{Scan, Sensor, SensorKind};
+use planish_surface::fit::{FitOptions, fit};
+use planish_surface::model::sigmas_along;
+use planish_surface::model::{SigmaSummary, SurfaceModel};
+use planish_surface::saved::Session;
 use serde::Serialize;
 
 /// What became of a merged mesh as a spline.

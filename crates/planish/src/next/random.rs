@@ -4,7 +4,7 @@
 //! 1, 2, 3 … points of every draw. Points are leaf middles drawn by area, as often as they come up.
 
 use super::{NextOptions, Place, columns, figures};
-use crate::progress::{Part, Progress};
+use planish_core::{Progress, ProgressPart};
 use planish_estimate::Result;
 use planish_estimate::sparse::CholeskyFactor;
 use rand::{RngExt, SeedableRng};
@@ -55,7 +55,7 @@ pub(super) fn at_random(
             })
             .collect()
     };
-    let part = Part::new(progress, 0.15, 0.2);
+    let part = ProgressPart::new(progress, 0.15, 0.2);
     let mut worst: Vec<Vec<f64>> = Vec::with_capacity(draws);
     for first in (0..draws).step_by(TOGETHER) {
         part.check("random draws", first as f64 / draws as f64)?;
@@ -66,7 +66,7 @@ pub(super) fn at_random(
             .map(|draw| {
                 let at = drawn(draw);
                 let mut seen: Vec<Vec<f64>> =
-                    columns(factor, nodes, places, at.clone(), &crate::progress::Silent)?
+                    columns(factor, nodes, places, at.clone(), &planish_core::Silent)?
                         .iter()
                         .map(|c| places.iter().map(|place| place.see(&c.column)).collect())
                         .collect();

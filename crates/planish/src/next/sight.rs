@@ -11,8 +11,6 @@
 //! a pose can be rolled better about its axis.
 
 use super::Place;
-use crate::mesh_output::affordable_tolerance;
-use crate::model::SurfaceModel;
 use planish_estimate::vector3::{add_scaled, cross, distance, dot, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
@@ -20,6 +18,8 @@ use planish_sense::{Pose, ViewSensor};
 use planish_spline::{
     FootPointSearch, ProjectionOptions, Surface, TessellationOptions, leaf_weights, tessellate,
 };
+use planish_surface::export::affordable_tolerance;
+use planish_surface::model::SurfaceModel;
 use rayon::prelude::*;
 
 /// A reading on a leaf: weights of its coefficients, direction, value and information.

@@ -1,14 +1,14 @@
 //! What the chosen points and views do to σ.
 
 use super::*;
-use crate::fit::{FitOptions, fit};
-use crate::progress::Silent;
-use crate::test_support::{model_of, refined_surface};
+use planish_core::Silent;
 use planish_estimate::vector3::{add_scaled, norm, scale, sub};
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
 use planish_sense::{Noise, Pose, Scan, Sensor, ViewSensor};
 use planish_spline::Shape;
+use planish_surface::fit::{FitOptions, fit};
+use planish_surface::test_support::{model_of, refined_surface};
 use rand::{RngExt, SeedableRng, seq::index::sample};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -2,14 +2,14 @@
 
 use super::{Length, NextOptions, NextView, ViewsReport, next_views};
 use crate::output::refuse_input_as_output;
-use crate::progress::Progress;
 use crate::report::{ReportOutput, views_page};
-use crate::saved::load;
+use planish_core::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::calibration::read_view_sensor;
 use planish_exchange::ply::{Column, MeshColumns, write_points};
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 use planish_sense::{Pose, ViewSensor};
+use planish_surface::saved::load;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::io::Write as _;

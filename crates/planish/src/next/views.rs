@@ -18,14 +18,14 @@ use super::{
     Change, NextOptions, Objective, Place, Prepared, UnmeasurableSigma, check_lengths, chosen, columns, cost,
     figures, variances_of,
 };
-use crate::model::SurfaceModel;
-use crate::progress::{Progress, Silent};
 use nalgebra::{Cholesky, DMatrix};
+use planish_core::{Progress, Silent};
 use planish_estimate::Error;
 use planish_estimate::Result;
 use planish_estimate::sparse::CholeskyFactor;
 use planish_estimate::vector3::{distance, dot};
 use planish_sense::{Pose, ViewSensor};
+use planish_surface::model::SurfaceModel;
 use rayon::prelude::*;
 use serde::Serialize;
 

@@ -7,17 +7,17 @@
 //! left out.
 
 use super::{ContourPatch, OccludingJob};
-use crate::fit::{Fit, FitOptions, fit};
-use crate::mesh_output::write_known_mesh;
 use crate::output::{OutputFormat, OutputOptions, PlannedOutput, WrittenFile, plan_outputs, prepare};
-use crate::progress::{Part, Progress};
-use crate::saved::Session;
+use planish_core::{Progress, ProgressPart};
 use planish_estimate::{ErrorKind, Result};
 use planish_exchange::{PosedScan, ScanSet, Unit};
 use planish_mesh::TriangleMesh;
 use planish_sense::occluding::{OccludingContours, OccludingPoint};
 use planish_sense::{Sensor, SensorKind};
 use planish_spline::Shape;
+use planish_surface::export::write_known_mesh;
+use planish_surface::fit::{Fit, FitOptions, fit};
+use planish_surface::saved::Session;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -54,7 +54,8 @@ pub(super) fn patches(
             false => None,
             true => {
                 let [from, to] = [strip, strip + 1].map(|k| k as f64 / found.strips as f64);
-                match fit(&set_of(found, strip, unit), &options(job), &Part::new(progress, from, to)) {
+                match fit(&set_of(found, strip, unit), &options(job), &ProgressPart::new(progress, from, to))
+                {
                     Ok(fit) => {
                         let of = patches.len() + 1;
                         warnings.extend(fit.report.warnings.iter().map(|w| format!("patch {of}: {w}")));

@@ -3,13 +3,13 @@
 use super::model::{MOST_TRIANGLES, model_scene_of, numbers, observed_field};
 use super::words::{SmallUnit, looks};
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
-use crate::model::Observed;
 use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, percent, significant};
 use planish_report::{
     Block, Cloud, Field, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table, plot,
 };
+use planish_surface::model::Observed;
 use std::path::Path;
 
 /// Points of the reference that are drawn at most.

@@ -7,8 +7,8 @@
 
 use super::contour::with_sigma;
 use crate::contour::ContourReport;
-use planish_exchange::contours::{DrawnContour, SizeLabel};
 use planish_contour::planar::Kind;
+use planish_exchange::contours::{DrawnContour, SizeLabel};
 
 /// A line has a reported length where they differ by no more than this share.
 const SAME: f64 = 1e-6;

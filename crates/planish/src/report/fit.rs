@@ -3,14 +3,14 @@
 use super::model::{model_scene, next_marks};
 use super::title_of;
 use super::words::{SmallUnit, sentence, with_article};
-use crate::fit::{Fit, FitReport, FitTermination, ScanFigures};
-use crate::model::SensorReport;
 use crate::next::{NextOptions, NextReport, next_points};
-use crate::progress::Silent;
+use planish_core::Silent;
 use planish_estimate::{ErrorKind, Result};
 use planish_report::colour::KNOWN_BY;
 use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{Block, Figure, Finding, Level, Page, Section, Table, plot};
+use planish_surface::fit::{Fit, FitReport, FitTermination, ScanFigures};
+use planish_surface::model::SensorReport;
 use std::path::PathBuf;
 
 /// Points to measure next that a report names.

@@ -2,13 +2,13 @@
 //! scans saw it.
 
 use super::words::SmallUnit;
-use crate::fit::ShownReadings;
-use crate::mesh_output::{PlacedMesh, placed_mesh};
-use crate::model::{Observed, Posterior, SurfaceModel};
 use crate::next::NextPoint;
 use planish_estimate::Result;
 use planish_report::{Cloud, Field, FieldKind, LineSet, Mark, Scene, SeenBy, SurfaceShown, Values};
 use planish_spline::Surface;
+use planish_surface::export::{PlacedMesh, placed_mesh};
+use planish_surface::fit::ShownReadings;
+use planish_surface::model::{Observed, Posterior, SurfaceModel};
 use std::collections::BTreeMap;
 
 /// Triangles of a model in a report: finer than a screen shows, light enough to turn without a graphics card.

@@ -3,7 +3,6 @@
 use super::fit::next_table;
 use super::model::{model_scene, next_marks};
 use super::words::{SmallUnit, head};
-use crate::model::SurfaceModel;
 use crate::next::{Change, NextReport, ViewsReport};
 use planish_estimate::vector3::{add_scaled, distance, scale};
 use planish_estimate::{Error, Result};
@@ -11,6 +10,7 @@ use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{Block, Figure, Finding, Level, LineSet, Mark, Page, Scene, Section, Table};
 use planish_sense::{Pose, ViewSensor};
+use planish_surface::model::SurfaceModel;
 use std::path::Path;
 
 /// Lines of sight of a view are drawn so long, over the diagonal of the model's box.

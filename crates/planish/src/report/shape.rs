@@ -5,11 +5,11 @@ use super::model::{kinds, numbers};
 use super::title_of;
 use super::words::with_article;
 use crate::contour::ContourReport;
+use planish_contour::primitive::{PrimitiveFit, Shape};
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, TriangleMesh, icosphere, parallelepiped};
 use planish_report::{Cloud, FieldKind, Page, Scene, Section, SurfaceShown};
-use planish_contour::primitive::{PrimitiveFit, Shape};
 use std::path::{Path, PathBuf};
 
 /// Sides of a cylinder that is drawn.
@@ -132,8 +132,8 @@ fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<Triang
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_mesh::MeshSearch;
     use planish_contour::primitive::{Solid, SpaceSensor, rays};
+    use planish_mesh::MeshSearch;
 
     /// Readings without errors lie on the triangles that are drawn of their shape.
     #[test]

@@ -14,22 +14,22 @@ mod report;
 mod rough_start;
 
 use super::looks::{Known, picture_of, write_moved};
-use super::overlap::intersection_over_union;
 use super::surface::check_outputs;
-use crate::mesh_output::write_known_mesh;
-use crate::model::SigmaSummary;
-use crate::progress::{Progress, WRITING_STAGE};
 use crate::report::{ReportOutput, ShownShell, shell_page};
 use input::{Frame, FrameFiles, Moved, Units};
+use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result, Termination};
 use planish_exchange::Unit;
 use planish_exchange::mesh::is_mesh_file;
 use planish_exchange::textured::{TexturedMesh, read_textured};
 use planish_mesh::TriangleMesh;
 pub use planish_shell::Metaball;
+use planish_shell::intersection_over_union;
 use planish_shell::{
     Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_watched,
 };
+use planish_surface::export::write_known_mesh;
+use planish_surface::model::SigmaSummary;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -463,7 +463,12 @@ fn read_template(job: &ShellFitJob, units: &mut Units) -> Result<(TriangleMesh, 
 fn overlap(frame: &Frame, mesh: &TriangleMesh, cameras: &[Camera]) -> BTreeMap<String, f64> {
     (frame.views.iter().zip(&frame.masks).zip(cameras))
         .filter_map(|((view, mask), camera)| {
-            (mask.as_ref()).map(|mask| (view.name.clone(), intersection_over_union(mesh, camera, mask)))
+            (mask.as_ref()).map(|mask| {
+                (
+                    view.name.clone(),
+                    intersection_over_union(mesh, camera, &mask.mask, mask.columns, mask.rows),
+                )
+            })
         })
         .collect()
 }

@@ -33,8 +33,8 @@
 
 use super::looks::{Known, NamedPlaces, normals_of, picture_of, write_glb, write_obj};
 use super::surface::check_outputs;
-use crate::progress::{Progress, WRITING_STAGE};
 use nalgebra::DVector;
+use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::vector3::{add, distance};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;

@@ -6,7 +6,7 @@
 //! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
 
 use crate::output::{refuse_input_as_output, refuse_same_output};
-use crate::progress::{Progress, WRITING_STAGE};
+use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, read_mesh, write_mesh};
 use planish_exchange::{Unit, check_writable};

@@ -20,11 +20,11 @@ mod view;
 
 use super::fit::input::read_mask;
 use super::surface::check_outputs;
-use crate::progress::{Progress, WRITING_STAGE};
 use atlas::at_place;
 use blend::{Blended, Saying};
 use output::write;
 use painted::{Texture, paint};
+use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::read_picture;
 use planish_exchange::textured::{TexturedMesh, read_textured};

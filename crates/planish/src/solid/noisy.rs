@@ -2,18 +2,18 @@
 
 use super::{SolidJob, SolidReport};
 use crate::graphs::GraphsOfView;
-use planish_estimate::{Error, Result};
-use planish_exchange::contours::read_contour_json;
-use planish_exchange::{Unit, write_atomically};
-use planish_solid::brep::Solid;
 use planish_contour::constraint::{
     ConstrainOptions, Constraint, Drawing, constrain, diagnose, dimension_scheme, sigma,
 };
 use planish_contour::graph::{Composite, SketchView, SpaceAxis, composite};
+use planish_contour::sketch::Sketch;
+use planish_estimate::{Error, Result};
+use planish_exchange::contours::read_contour_json;
+use planish_exchange::{Unit, write_atomically};
+use planish_solid::brep::Solid;
 use planish_solid::noisy_views::{
     ConsistentViews, MatchOptions, NoisyView, SpaceDimension, SpaceMatch, SpaceVertex, match_views,
 };
-use planish_contour::sketch::Sketch;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};

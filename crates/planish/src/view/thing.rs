@@ -1,8 +1,8 @@
 //! What a file shows: its surfaces or points as a scene, with all by which they can be coloured.
 
 use crate::compare::{CompareOptions, Compared, ComparedMesh, Reference, compared};
-use crate::progress::Progress;
 use crate::report::{compared_scene, kinds, known_mesh_scene, model_scene_of, numbers};
+use planish_core::Progress;
 use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{has_faces, read_mesh};

@@ -1,6 +1,6 @@
 //! Surfaces as boundary representations: the faces are the surface, and Open Cascade agrees.
 
-use planish::brep::{BrepOptions, brep_from_surface};
+use planish::export::{BrepOptions, brep_from_surface};
 use planish_estimate::vector3::{add_scaled, distance};
 use planish_exchange::Unit;
 use planish_exchange::step::{Brep, BsplineCurve, BsplineSurface, StepOptions, read_step, write_step};

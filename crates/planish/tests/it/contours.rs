@@ -6,11 +6,11 @@ use planish::contour::{
 };
 use planish::progress::Silent;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
+use planish_contour::planar::{Sighting, Target, points};
+use planish_contour::primitive::{Seen, Solid, SpaceSensor, rays};
 use planish_exchange::Unit;
 use planish_exchange::contours::read_contour_json;
 use planish_exchange::picture::write_grey_png;
-use planish_contour::planar::{Sighting, Target, points};
-use planish_contour::primitive::{Seen, Solid, SpaceSensor, rays};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 

@@ -3,10 +3,10 @@
 use crate::common;
 
 use common::probed;
+use planish::complete::SymmetryChoice;
 use planish::fit::{Filter, Fit, FitOptions, ThingMotion, fit};
 use planish::model::{Observed, Posterior};
 use planish::progress::Silent;
-use planish::propagate::SymmetryChoice;
 use planish::simulate::{
     BendingOptions, ScanScene, TurningOptions, VesselOptions, bending, in_bending_hole, turning, vessel,
 };

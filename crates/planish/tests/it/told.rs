@@ -1,12 +1,12 @@
 //! What must not pass in silence: the same readings in two files, options that a filter cannot use, shapes
 //! that a motion does not suit.
 
+use planish::complete::SymmetryChoice;
 use planish::fit::{
     Filter, FitOptions, FitTermination, ObservationOptions, Observations, Quantity, Rejection, ThingMotion,
     fit,
 };
 use planish::progress::{Progress, Silent};
-use planish::propagate::SymmetryChoice;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
 use planish_estimate::ErrorKind;
 use planish_exchange::ScanSet;

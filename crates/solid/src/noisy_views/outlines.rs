@@ -1,8 +1,8 @@
 //! Consistent contours as the curves of exact views.
 
 use super::ConsistentViews;
-use planish_contour::planar::{Kind, arc_circle};
 use crate::views::{Curve2, Drawing, DrawnCurve, LineStyle, View};
+use planish_contour::planar::{Kind, arc_circle};
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
 

@@ -1,8 +1,8 @@
 use super::*;
+use crate::views::solve;
 use planish_contour::constraint::constrain;
 use planish_contour::planar::Kind;
 use planish_contour::sketch::EstimatedContour;
-use crate::views::solve;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

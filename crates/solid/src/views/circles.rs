@@ -7,8 +7,8 @@ use super::oblique_wall::{Form, Oblique, Sector};
 use super::wall::{Extent, Side};
 use super::wireframe::Wireframe;
 use crate::brep::{along, unit};
-use planish_contour::planar::circle_of_points;
 use nalgebra::{DMatrix, DVector};
+use planish_contour::planar::circle_of_points;
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
 use std::f64::consts::TAU;
 

@@ -1,6 +1,6 @@
 use super::*;
-use crate::progress::Silent;
 use nalgebra::{Matrix6, Vector6};
+use planish_core::Silent;
 use planish_estimate::vector3::add_scaled;
 use planish_mesh::grid_sheet;
 use rand::SeedableRng;

@@ -6,11 +6,11 @@
 
 use super::input::Frame;
 use super::{ReadingsReport, ShellFitReport};
-use crate::shell::overlap::intersection_over_union;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, quantile_of_sorted};
 use planish_report::numbers::{counted, percent, significant};
+use planish_shell::intersection_over_union;
 use rayon::prelude::*;
 
 /// Points that reach over so many times the size of the mesh are in another unit.
@@ -97,7 +97,9 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
                 percent(share)
             ));
         }
-        if should_show && intersection_over_union(mesh, &fitted.camera, mask) < UNLIKE {
+        if should_show
+            && intersection_over_union(mesh, &fitted.camera, &mask.mask, mask.columns, mask.rows) < UNLIKE
+        {
             let middle = [fitted.camera.k[(0, 2)], fitted.camera.k[(1, 2)]];
             let picture = [mask.columns as f64, mask.rows as f64];
             // Of calibrations that know no more than a projection the axis may be anywhere: alone it says

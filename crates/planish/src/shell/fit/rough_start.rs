@@ -20,13 +20,13 @@
 use super::input::{Frame, FrameFiles, Units};
 use super::{FlowReport, ShellFitJob, overlap};
 use crate::occluding::contour_view;
-use crate::shell::overlap::covered;
 use planish_estimate::Result;
 use planish_exchange::textured::TexturedMesh;
 use planish_exchange::views::ViewFile;
 use planish_mesh::TriangleMesh;
 use planish_sense::occluding::{ContourView, SilhouetteBound, outlines};
 use planish_sense::{Image, SilhouetteOptions};
+use planish_shell::covered_pixels;
 use planish_shell::{Bound, Renewal, ShellFitOptions, local_means, renewed};
 use rayon::prelude::*;
 
@@ -198,7 +198,7 @@ fn covers(
     let all: Vec<_> = views.iter().zip(files).zip(masks).collect();
     (all.par_iter())
         .map(|((view, file), mask)| {
-            let shown = covered(mesh, &file.camera, mask.columns, mask.rows);
+            let shown = covered_pixels(mesh, &file.camera, mask.columns, mask.rows);
             let picture = Image {
                 columns: mask.columns,
                 rows: mask.rows,

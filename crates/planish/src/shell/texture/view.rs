@@ -11,11 +11,11 @@
 //! Not guaranteed: what is thinner than two pixels in a picture gets no colour from it; highlights and
 //! shadows are taken for colours.
 
-use crate::shell::overlap::projected;
 use planish_estimate::vector3::{dot, sub, unit};
 use planish_exchange::picture::Picture;
 use planish_mesh::{DepthBuffer, TriangleMesh};
 use planish_shell::Camera;
+use planish_shell::projected_vertices;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 
@@ -66,7 +66,7 @@ impl ColourView {
         size: f64,
     ) -> Self {
         let (columns, rows) = (picture.columns, picture.rows);
-        let corners = projected(mesh, &camera);
+        let corners = projected_vertices(mesh, &camera);
         let buffer = DepthBuffer::draw(columns, rows, &corners, &mesh.triangles);
         let depth: Vec<f32> = (0..columns * rows)
             .map(|k| match mask.is_none_or(|mask| mask[k]) {
@@ -127,8 +127,12 @@ impl ColourView {
         mesh: &TriangleMesh,
         colour: impl Fn(u32, [f64; 3]) -> [f64; 3] + Sync,
     ) -> Option<f64> {
-        let buffer =
-            DepthBuffer::draw(self.columns, self.rows, &projected(mesh, &self.camera), &mesh.triangles);
+        let buffer = DepthBuffer::draw(
+            self.columns,
+            self.rows,
+            &projected_vertices(mesh, &self.camera),
+            &mesh.triangles,
+        );
         let of_row = |row: usize| {
             let (mut sum, mut count) = (0.0, 0_usize);
             for column in 0..self.columns {

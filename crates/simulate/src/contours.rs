@@ -1,0 +1,335 @@
+//! The scene `contours`: a surface of revolution, seen as occluding contours from a camera that moves around
+//! it twice.
+//!
+//! Comes in: [`ContoursOptions`]. Goes out: for each motion a file of views with a mask and measured contours
+//! for each view, and beside them the truth as a mesh and as JSON.
+//!
+//! The contour generator of `x² + y² = r(z)²` from a camera at `C` is known in closed form: at height `z`,
+//! `cos(θ − θ_C) = (r − r' (z − C_z)) / |C_xy|` (R. Mohr, C. Zhao, G. Koscielny 1994 show a hyperboloid and a
+//! carafe). Contours hold what of it no part of the thing hides; each place errs by itself, along both axes
+//! of the picture. The rims above and below are in the masks only: there the thing has edges.
+//!
+//! Not guaranteed: places some hundredths of a millimetre beside one another where one part hides another.
+
+use super::truth::positive;
+use nalgebra::{Matrix3, Vector3};
+use planish_estimate::vector3::{add_scaled, distance, scale, sub, unit};
+use planish_estimate::{Error, Result};
+use planish_exchange::mesh::{MeshColumns, write_mesh};
+use planish_exchange::picture::write_grey_png;
+use planish_exchange::{Unit, make_folder, write_atomically};
+use planish_mesh::TriangleMesh;
+use planish_shell::Camera;
+use planish_shell::covered_pixels;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+use serde_json::json;
+use std::f64::consts::TAU;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Columns and rows of a view.
+const SIZE: [usize; 2] = [640, 480];
+/// Each pixel of a mask is looked at so many times along both axes.
+const FINER: usize = 3;
+/// The camera's distance, in millimetres; the thing is 100 mm high.
+const FAR_MM: f64 = 400.0;
+/// Where each motion begins, how far it goes and how high it looks from, in degrees.
+const MOTIONS: [[f64; 3]; 2] = [[-60.0, 120.0, 10.0], [30.0, 120.0, -14.0]];
+/// Places along a contour before they are dealt out, one for each pixel.
+const FINE: usize = 6000;
+/// Contours shorter than this are left out, in pixels.
+const SHORTEST_PX: f64 = 30.0;
+/// Steps along a line of sight in which the thing is looked for.
+const STEPS: usize = 600;
+/// No thing of this scene is wider, from its axis.
+const WIDEST_MM: f64 = 50.0;
+
+/// The thing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ContoursShape {
+    /// A hyperboloid of one sheet, `r² = 30² (1 + (z/40)²)`, 100 mm high.
+    Hyperboloid,
+    /// A carafe without a handle: a belly, a neck and a lip, 100 mm high.
+    Carafe,
+}
+
+impl ContoursShape {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Hyperboloid => "hyperboloid",
+            Self::Carafe => "carafe",
+        }
+    }
+
+    /// Radius and its slope at a height from −50 to 50, in millimetres.
+    #[must_use]
+    pub fn profile(self, z: f64) -> [f64; 2] {
+        match self {
+            Self::Hyperboloid => {
+                let r = 30.0 * (1.0 + (z / 40.0).powi(2)).sqrt();
+                [r, 900.0 * z / 1600.0 / r]
+            }
+            Self::Carafe => {
+                let belly = 24.0 * (-((z + 20.0) / 24.0).powi(2)).exp();
+                let lip = 8.0 * ((z - 50.0) / 10.0).exp();
+                [12.0 + belly + lip, -2.0 * (z + 20.0) / 576.0 * belly + lip / 10.0]
+            }
+        }
+    }
+
+    fn at(self, z: f64, angle: f64) -> [f64; 3] {
+        let [r, _] = self.profile(z);
+        [r * angle.cos(), r * angle.sin(), z]
+    }
+}
+
+/// Half of the height.
+const HALF: f64 = 50.0;
+
+/// Settings of the scene `contours`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContoursOptions {
+    /// The thing.
+    pub shape: ContoursShape,
+    /// Views of each motion, 120° along.
+    pub views: usize,
+    /// σ of each place of a contour along both axes of the picture, in pixels.
+    pub sigma_px: f64,
+    /// Seed of every error.
+    pub seed: u64,
+    /// Unit of every length.
+    pub unit: Unit,
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContoursSummary {
+    /// Places along contours.
+    pub places: usize,
+    /// The files of views, one for each motion.
+    pub views: Vec<PathBuf>,
+    /// Every file.
+    pub files: Vec<PathBuf>,
+}
+
+/// Simulates the scene and writes it: what `planish simulate scene contours` does.
+///
+/// # Errors
+/// `Input` for fewer than three views and for a σ that is not positive; `Io` when a file cannot be written.
+pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<ContoursSummary> {
+    positive("σ of places", options.sigma_px)?;
+    if options.views < 3 {
+        return Err(Error::input(format!(
+            "needed three views of each motion or more, found {}",
+            options.views
+        )));
+    }
+    let shape = options.shape;
+    let size = 1.0 / options.unit.millimetres();
+    make_folder(folder)?;
+    let mut made = ContoursSummary { places: 0, views: Vec::new(), files: Vec::new() };
+    let path = folder.join("truth.ply");
+    let truth = turned(shape, 200, 360);
+    let positions: Vec<[f64; 3]> = truth.positions.iter().map(|p| scale(size, *p)).collect();
+    write_mesh(
+        &path,
+        &MeshColumns {
+            points: &positions,
+            triangles: &truth.triangles,
+            unit: Some(options.unit),
+            ..MeshColumns::default()
+        },
+    )?;
+    made.files.push(path);
+    let solid = closed(shape);
+    let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+    for (m, [first, along, height]) in MOTIONS.into_iter().enumerate() {
+        let mut views = format!("unit = \"{}\"\nsigma_px = {:?}\n", options.unit.name(), options.sigma_px);
+        for k in 0..options.views {
+            let angle = first + along * k as f64 / (options.views - 1) as f64;
+            let camera = camera(angle.to_radians(), f64::to_radians(height))?;
+            let [mask, contours] = ["png", "csv"].map(|kind| format!("view-{}-{:02}.{kind}", m + 1, k + 1));
+            let path = folder.join(&mask);
+            write_grey_png(&path, SIZE[0], SIZE[1], &mask_of(&solid, &camera)?)?;
+            made.files.push(path);
+            let mut text = "x,y,sigma_px,contour\n".to_owned();
+            for (number, run) in visible(shape, &camera).iter().enumerate() {
+                for p in run {
+                    let [x, y] = p.map(|x| {
+                        let e: f64 = StandardNormal.sample(&mut random);
+                        x + options.sigma_px * e
+                    });
+                    text += &format!("{x:.4},{y:.4},{:?},{number}\n", options.sigma_px);
+                    made.places += 1;
+                }
+            }
+            let path = folder.join(&contours);
+            write_atomically(&path, |out| out.write_all(text.as_bytes()))?;
+            made.files.push(path);
+            let rows = |m: &Matrix3<f64>| {
+                let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+                format!("[{}, {}, {}]", row(0), row(1), row(2))
+            };
+            views += &format!(
+                "\n[[view]]\nname = \"{}-{:02}\"\nmask = \"{mask}\"\ncontours = \"{contours}\"\nK = {}\nR = {}\nt = [{:?}, {:?}, {:?}]\n",
+                m + 1,
+                k + 1,
+                rows(&camera.k),
+                rows(&camera.r),
+                size * camera.t[0],
+                size * camera.t[1],
+                size * camera.t[2]
+            );
+        }
+        let path = folder.join(format!("motion-{}.toml", m + 1));
+        write_atomically(&path, |out| out.write_all(views.as_bytes()))?;
+        made.files.push(path.clone());
+        made.views.push(path);
+    }
+    let truth = json!({
+        "shape": shape.name(),
+        "profile": (0..=100).map(|k| { let z = f64::from(k) - HALF; [size * z, size * shape.profile(z)[0]] }).collect::<Vec<_>>(),
+        "sigma_px": options.sigma_px,
+        "unit": options.unit.name(),
+    });
+    let path = folder.join("truth.json");
+    write_atomically(&path, |out| writeln!(out, "{truth:#}"))?;
+    made.files.push(path);
+    Ok(made)
+}
+
+/// A camera around the thing's middle, at an angle and a height above its plane.
+fn camera(angle: f64, height: f64) -> Result<Camera> {
+    let from =
+        [FAR_MM * height.cos() * angle.cos(), FAR_MM * height.cos() * angle.sin(), FAR_MM * height.sin()];
+    let forward = Vector3::from(unit(scale(-1.0, from)).unwrap_or([1.0, 0.0, 0.0]));
+    let right = forward.cross(&Vector3::z()).normalize();
+    let r = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
+    // The thing fills four fifths of the picture's height.
+    let focal = 0.75 * SIZE[1] as f64 * FAR_MM / (2.0 * HALF);
+    let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
+    Camera::new(
+        [[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]],
+        [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)])),
+        (-(r * Vector3::from(from))).into(),
+    )
+}
+
+/// The contours that nothing hides, a place for each pixel, without errors.
+fn visible(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>> {
+    let from = camera.center();
+    let across = from[0].hypot(from[1]);
+    let towards = from[1].atan2(from[0]);
+    let mut found = Vec::new();
+    for side in [-1.0, 1.0] {
+        let mut run: Vec<[f64; 2]> = Vec::new();
+        let mut last_length = 0.0;
+        let mut before: Option<[f64; 2]> = None;
+        let seen_at = |k: usize| {
+            let z = HALF * (2.0 * k as f64 / FINE as f64 - 1.0);
+            let [r, slope] = shape.profile(z);
+            let cosine = (r - slope * (z - from[2])) / across;
+            let at = shape.at(z, towards + side * cosine.clamp(-1.0, 1.0).acos());
+            let seen = cosine.abs() < 1.0 && !hidden(shape, from, at);
+            camera.project(at).filter(|_| seen)
+        };
+        let places: Vec<_> = (0..=FINE).into_par_iter().map(seen_at).collect();
+        for place in places {
+            match place {
+                Some((p, _)) => {
+                    last_length += before.map_or(1.0, |q| (p[0] - q[0]).hypot(p[1] - q[1]));
+                    before = Some(p);
+                    if last_length >= 1.0 {
+                        last_length -= 1.0;
+                        run.push(p);
+                    }
+                }
+                None => {
+                    before = None;
+                    found.push(std::mem::take(&mut run));
+                }
+            }
+        }
+        found.push(run);
+    }
+    found.retain(|run| run.len() as f64 > SHORTEST_PX);
+    found
+}
+
+/// Whether a line of sight that touches the thing passes through it elsewhere; the thing is closed above and
+/// below.
+fn hidden(shape: ContoursShape, from: [f64; 3], at: [f64; 3]) -> bool {
+    let way = sub(at, from);
+    let far = distance(at, from);
+    let reach = 3.0 * HALF / far;
+    // Where the line runs within the cylinder around the thing: |from + t·way|² = w² across the axis.
+    let a = way[0] * way[0] + way[1] * way[1];
+    let b = from[0] * way[0] + from[1] * way[1];
+    let c = from[0] * from[0] + from[1] * from[1] - WIDEST_MM * WIDEST_MM;
+    let root = (b * b - a * c).max(0.0).sqrt();
+    let step = |t: f64| (((t - 1.0) / reach + 1.0) * 0.5 * STEPS as f64).clamp(0.0, STEPS as f64) as usize;
+    (step((-b - root) / a)..=(step((root - b) / a) + 1).min(STEPS)).any(|k| {
+        let t = 1.0 + reach * (2.0 * k as f64 / STEPS as f64 - 1.0);
+        let p = add_scaled(from, t, way);
+        let inside = p[2].abs() < HALF && p[0].hypot(p[1]) < shape.profile(p[2])[0] - 1e-3;
+        // Lines of sight to a contour leave it in second order: what is near is not in the way.
+        inside && (t - 1.0).abs() * far > 0.5
+    })
+}
+
+fn turned(shape: ContoursShape, up: usize, around: usize) -> TriangleMesh {
+    let mut positions = Vec::new();
+    for i in 0..=up {
+        let z = HALF * (2.0 * i as f64 / up as f64 - 1.0);
+        positions.extend((0..around).map(|j| shape.at(z, TAU * j as f64 / around as f64)));
+    }
+    let mut triangles = Vec::new();
+    for i in 0..up {
+        for j in 0..around {
+            let at = |i: usize, j: usize| (i * around + j % around) as u32;
+            triangles.push([at(i, j), at(i, j + 1), at(i + 1, j + 1)]);
+            triangles.push([at(i, j), at(i + 1, j + 1), at(i + 1, j)]);
+        }
+    }
+    TriangleMesh { positions, triangles }
+}
+
+/// With both ends closed, for masks.
+fn closed(shape: ContoursShape) -> TriangleMesh {
+    let (up, around) = (200, 360);
+    let mut mesh = turned(shape, up, around);
+    for (ring, z) in [(0, -HALF), (up, HALF)] {
+        let middle = mesh.positions.len() as u32;
+        mesh.positions.push([0.0, 0.0, z]);
+        for j in 0..around {
+            let [a, b] = [j, (j + 1) % around].map(|j| (ring * around + j) as u32);
+            mesh.triangles.push(if z < 0.0 { [middle, b, a] } else { [middle, a, b] });
+        }
+    }
+    mesh
+}
+
+/// The share of each pixel that the thing covers.
+fn mask_of(mesh: &TriangleMesh, camera: &Camera) -> Result<Vec<u8>> {
+    let finer = FINER as f64;
+    let mut k = [0, 1, 2].map(|i| [0, 1, 2].map(|j| camera.k[(i, j)]));
+    for row in k.iter_mut().take(2) {
+        *row = row.map(|x| finer * x);
+        row[2] += 0.5 * (finer - 1.0);
+    }
+    let r = [0, 1, 2].map(|i| [0, 1, 2].map(|j| camera.r[(i, j)]));
+    let fine = Camera::new(k, r, camera.t.into())?;
+    let [columns, rows] = SIZE.map(|n| n * FINER);
+    let seen = covered_pixels(mesh, &fine, columns, rows);
+    Ok((0..SIZE[0] * SIZE[1])
+        .map(|p| {
+            let (x, y) = (p % SIZE[0] * FINER, p / SIZE[0] * FINER);
+            let count =
+                (0..FINER * FINER).filter(|s| seen[(y + s / FINER) * columns + x + s % FINER]).count();
+            (255 * count / (FINER * FINER)) as u8
+        })
+        .collect())
+}

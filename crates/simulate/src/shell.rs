@@ -1,0 +1,277 @@
+//! The scene `shell`: a mesh that was deformed by known controls, as noisy points with gross errors, and its
+//! masks in views around it.
+//!
+//! Comes in: [`ShellSceneOptions`]. Goes out: `mesh.obj` (the mesh at rest), `points.ply` with σ,
+//! `views.toml` with a mask for each view, and beside them `truth.ply` (the deformed mesh) and `truth.json`
+//! (controls and their displacements).
+//!
+//! Not guaranteed: that a large deformation does not cross itself.
+
+use super::truth::positive;
+use nalgebra::{DVector, Matrix3, Vector3};
+use planish_estimate::vector3::{add, add_scaled, scale, sub, unit};
+use planish_estimate::{Error, Result};
+use planish_exchange::mesh::{Column, MeshColumns, read_mesh, write_mesh};
+use planish_exchange::picture::write_grey_png;
+use planish_exchange::{Unit, make_folder, write_atomically};
+use planish_mesh::{BoundingBox, TriangleMesh, icosphere, sample_points};
+use planish_shell::covered_pixels;
+use planish_shell::{Camera, Dirichlet, controls_from, displaced};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use serde_json::json;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Width and height of a view, in pixels.
+const SIZE: [usize; 2] = [640, 480];
+/// Cameras stand so many times the mesh's size away from its middle.
+const FAR: f64 = 2.0;
+/// The size of a mesh that is made up, in millimetres.
+const LENGTH_MM: f64 = 100.0;
+
+/// Settings of the scene `shell`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShellSceneOptions {
+    /// The mesh; a ball where none is given.
+    pub mesh: Option<PathBuf>,
+    /// Controls, chosen on the mesh.
+    pub controls: usize,
+    /// σ of their displacements along each axis, as a share of the mesh's size.
+    pub deformation: f64,
+    /// Points.
+    pub points: usize,
+    /// σ of points, as a share of the mesh's size.
+    pub noise: f64,
+    /// Share of points that are anywhere about the mesh.
+    pub outliers: f64,
+    /// Views, evenly around the z axis and from above and below in turn.
+    pub views: usize,
+    /// Seed of everything.
+    pub seed: u64,
+    /// Unit of every length.
+    pub unit: Unit,
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShellSceneSummary {
+    /// Points.
+    pub points: usize,
+    /// Controls.
+    pub controls: usize,
+    /// Unit of lengths.
+    pub unit: Unit,
+    /// Files.
+    pub files: Vec<PathBuf>,
+}
+
+/// Simulates the scene and writes it: what `planish simulate scene shell` does.
+///
+/// # Errors
+/// `Input` for options that make no sense or a mesh without faces; `Io` when a file cannot be read or
+/// written.
+pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<ShellSceneSummary> {
+    positive("number of points", options.points as f64)?;
+    positive("number of controls", options.controls as f64)?;
+    positive("deformation", options.deformation)?;
+    positive("noise", options.noise)?;
+    if !(0.0..1.0).contains(&options.outliers) {
+        return Err(Error::input(format!(
+            "needed a share of outliers from 0 to below 1, found {}",
+            options.outliers
+        )));
+    }
+    let (rest, unit) = match &options.mesh {
+        Some(path) => {
+            let file = read_mesh(path)?;
+            let mesh = TriangleMesh::try_new(file.points, file.triangles)
+                .map_err(|e| e.in_context(path.display()))?;
+            (mesh, file.unit.unwrap_or(options.unit))
+        }
+        None => {
+            let radius = 0.5 * LENGTH_MM / options.unit.millimetres();
+            (icosphere(radius, 4), options.unit)
+        }
+    };
+    let bounds = BoundingBox::of(&rest.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let size = bounds.diagonal();
+    let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+    // Not those that a fit chooses: a real thing does not bend by them.
+    let skipped = random.random_range(1..rest.positions.len().max(2));
+    let controls = controls_from(&rest, options.controls, skipped)?.points;
+    let moved: Vec<[f64; 3]> =
+        (controls.iter()).map(|_| normal(&mut random, options.deformation * size)).collect();
+    let deformation = Dirichlet::new(&controls, &rest.positions)?;
+    let q = DVector::from_iterator(3 * controls.len(), moved.iter().copied().flatten());
+    let truth = TriangleMesh {
+        positions: displaced(&rest.positions, &deformation, &q),
+        triangles: rest.triangles.clone(),
+    };
+    let bounds = BoundingBox::of(&truth.positions).unwrap_or(bounds);
+    let sigma = options.noise * size;
+    let points: Vec<[f64; 3]> = sample_points(&truth, options.points, || random.random())?
+        .into_iter()
+        .map(|place| place.position)
+        .collect();
+    let points: Vec<[f64; 3]> = (points.into_iter())
+        .map(|place| match random.random::<f64>() < options.outliers {
+            true => std::array::from_fn(|k| random.random_range(bounds.min[k]..=bounds.max[k])),
+            false => add(place, normal(&mut random, sigma)),
+        })
+        .collect();
+    make_folder(folder)?;
+    let mut files = Vec::new();
+    let mut write = |name: &str, mesh: MeshColumns<'_>| {
+        let path = folder.join(name);
+        files.push(path.clone());
+        write_mesh(&path, &MeshColumns { unit: Some(unit), ..mesh })
+    };
+    for (name, mesh) in [("mesh.obj", &rest), ("truth.ply", &truth)] {
+        write(
+            name,
+            MeshColumns { points: &mesh.positions, triangles: &mesh.triangles, ..MeshColumns::default() },
+        )?;
+    }
+    write(
+        "points.ply",
+        MeshColumns {
+            points: &points,
+            columns: vec![("sigma", Column::F64(&vec![sigma; points.len()]))],
+            ..MeshColumns::default()
+        },
+    )?;
+    let mut views = format!("unit = \"{}\"\nmask_threshold = 127\n", unit.name());
+    for view in 0..options.views {
+        let camera = camera(view, options.views, &bounds)?;
+        let name = format!("mask{:02}.png", view + 1);
+        let path = folder.join(&name);
+        write_grey_png(&path, SIZE[0], SIZE[1], &mask(&truth, &camera))?;
+        files.push(path);
+        let rows = |m: &Matrix3<f64>| {
+            let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+            format!("[{}, {}, {}]", row(0), row(1), row(2))
+        };
+        views += &format!(
+            "\n[[view]]\nmask = \"{name}\"\nK = {}\nR = {}\nt = [{:?}, {:?}, {:?}]\n",
+            rows(&camera.k),
+            rows(&camera.r),
+            camera.t[0],
+            camera.t[1],
+            camera.t[2]
+        );
+    }
+    let path = folder.join("views.toml");
+    write_atomically(&path, |out| out.write_all(views.as_bytes()))?;
+    files.push(path);
+    let truth = json!({
+        "controls": controls,
+        "displacements": moved,
+        "sigma": sigma,
+        "outliers": options.outliers,
+        "unit": unit.name(),
+    });
+    let path = folder.join("truth.json");
+    write_atomically(&path, |out| writeln!(out, "{truth:#}"))?;
+    files.push(path);
+    Ok(ShellSceneSummary { points: points.len(), controls: controls.len(), unit, files })
+}
+
+fn normal(random: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {
+    std::array::from_fn(|_| {
+        let x: f64 = StandardNormal.sample(random);
+        sigma * x
+    })
+}
+
+/// A camera that looks at the middle of a box, with z upwards in the picture.
+fn camera(view: usize, views: usize, bounds: &BoundingBox) -> Result<Camera> {
+    let size = bounds.diagonal();
+    let angle = std::f64::consts::TAU * view as f64 / views as f64;
+    let height = if view.is_multiple_of(2) { 0.35 } else { -0.35 };
+    let from = unit([angle.cos(), angle.sin(), height]).unwrap_or([1.0, 0.0, 0.0]);
+    let center = add_scaled(bounds.center(), FAR * size, from);
+    let forward = Vector3::from(scale(-1.0, from));
+    let right = forward.cross(&Vector3::z()).normalize();
+    let down = forward.cross(&right);
+    let r = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
+    let t = -(r * Vector3::from(sub(center, [0.0; 3])));
+    // The box fills most of the picture.
+    let focal = 0.8 * SIZE[1] as f64 * FAR;
+    let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
+    Camera::new(
+        [[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]],
+        [0, 1, 2].map(|i| [0, 1, 2].map(|j| r[(i, j)])),
+        t.into(),
+    )
+}
+
+/// White where the mesh is seen.
+fn mask(mesh: &TriangleMesh, camera: &Camera) -> Vec<u8> {
+    let seen = covered_pixels(mesh, camera, SIZE[0], SIZE[1]);
+    seen.into_iter().map(|seen| if seen { 255 } else { 0 }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_exchange::views::read_views;
+    use planish_mesh::MeshSearch;
+    use planish_shell::displacements;
+
+    /// Points are as near to the truth as their σ says, controls in truth.json make truth.ply of mesh.obj,
+    /// and every point that is no outlier is in every mask.
+    #[test]
+    fn everything_tells_of_one_truth() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = ShellSceneOptions {
+            mesh: None,
+            controls: 12,
+            deformation: 0.03,
+            points: 2000,
+            noise: 0.002,
+            outliers: 0.1,
+            views: 3,
+            seed: 5,
+            unit: Unit::Millimetre,
+        };
+        let made = write_shell_scene(&options, folder.path()).unwrap();
+        assert!(made.files.iter().all(|path| path.is_file()) && made.controls == 12);
+        let read = |name: &str| read_mesh(&folder.path().join(name)).unwrap();
+        let (rest, truth, points) = (read("mesh.obj"), read("truth.ply"), read("points.ply"));
+        let search = MeshSearch::try_new(&TriangleMesh {
+            positions: truth.points.clone(),
+            triangles: truth.triangles,
+        })
+        .unwrap();
+        let sigma = points.column("sigma").unwrap()[0];
+        let near =
+            (points.points.iter()).filter(|p| search.closest(**p).unwrap().distance < 2.0 * sigma).count();
+        let share = near as f64 / points.points.len() as f64;
+        assert!((0.82..0.95).contains(&share), "{share}");
+        let text = std::fs::read_to_string(folder.path().join("truth.json")).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let list = |key: &str| -> Vec<[f64; 3]> { serde_json::from_value(json[key].clone()).unwrap() };
+        let deformation = Dirichlet::new(&list("controls"), &rest.points).unwrap();
+        let q = DVector::from_iterator(36, list("displacements").into_iter().flatten());
+        for ((p, by), wanted) in rest.points.iter().zip(displacements(&deformation, &q)).zip(&truth.points) {
+            assert!(planish_estimate::vector3::distance(add(*p, by), *wanted) < 1e-9);
+        }
+        let views = read_views(&folder.path().join("views.toml")).unwrap();
+        assert_eq!(views.views.len(), 3);
+        for view in &views.views {
+            let mask = planish_exchange::picture::read_brightness(view.mask.as_ref().unwrap()).unwrap();
+            let white = mask.values.iter().filter(|v| **v > 127.0).count();
+            assert!((0.05..0.7).contains(&(white as f64 / mask.values.len() as f64)));
+            for p in truth.points.iter().step_by(50) {
+                let ([x, y], _) = view.camera.project(*p).unwrap();
+                let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy]));
+                assert!(around.into_iter().any(|[dx, dy]| {
+                    let [column, row] = [x.round() as i64 + dx, y.round() as i64 + dy].map(|v| v as usize);
+                    mask.values[row * SIZE[0] + column] > 127.0
+                }));
+            }
+        }
+    }
+}

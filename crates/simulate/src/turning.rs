@@ -1,0 +1,141 @@
+//! The scene `turning`: a freeform on a turntable, scanned by a laser that stands still, at known times.
+//!
+//! Comes in: [`TurningOptions`]. Goes out: a [`ScanScene`] whose scans all have the pose of the laser and
+//! state their times; the truth is the thing as the first scan met it.
+
+use super::scans::{
+    ScanScene, ScanSceneOptions, ScanSceneSummary, TrueMotion, field_of_view, grid_for, looking_from,
+    seed_of, write_simulated,
+};
+use super::truth::{Truth, positive};
+use super::virtual_sensor::VirtualScanner;
+use planish_core::{Progress, Silent};
+use planish_estimate::vector3::{cross, scale, sub, unit};
+use planish_estimate::{Error, Result};
+use planish_exchange::{ScanSet, Unit};
+use planish_sense::{Pose, SensorKind};
+use planish_spline::Shape;
+use std::path::Path;
+
+/// Where the laser looks from, and where the axis of the table points and passes the thing's origin, over its
+/// size.
+const FROM: [f64; 3] = [0.9, 0.1, 0.45];
+const AXIS: [f64; 3] = [0.05, -0.1, 1.0];
+const AXIS_POINT: [f64; 3] = [0.1, 0.05, 0.0];
+
+/// Settings of the scene `turning`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TurningOptions {
+    /// Seed of the surface and of every error.
+    pub seed: u64,
+    /// Readings of all scans together, to within a few per cent.
+    pub readings: usize,
+    /// Scans, one a second.
+    pub views: usize,
+    /// Degrees that the table turns in a second.
+    pub rate_deg_per_s: f64,
+    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the thing's
+    /// length if none is given.
+    pub sigma: Option<f64>,
+    /// Unit of every length.
+    pub unit: Unit,
+}
+
+impl Default for TurningOptions {
+    fn default() -> Self {
+        Self { seed: 0, readings: 60_000, views: 6, rate_deg_per_s: 6.0, sigma: None, unit: Unit::Millimetre }
+    }
+}
+
+impl TurningOptions {
+    fn as_scans(&self) -> Result<ScanSceneOptions> {
+        positive("rate", self.rate_deg_per_s)?;
+        if self.views < 2 {
+            return Err(Error::input(format!(
+                "needed at least two views of a thing that turns, found {}",
+                self.views
+            )));
+        }
+        let options = ScanSceneOptions {
+            shape: Shape::Ball,
+            seed: self.seed,
+            readings: self.readings,
+            sigma: self.sigma,
+            views: self.views,
+            old_scanner: false,
+            probe_points: 0,
+            outlier_share: 0.0,
+            unit: self.unit,
+            ..ScanSceneOptions::default()
+        };
+        options.sanity_check()?;
+        Ok(options)
+    }
+}
+
+/// Simulates the scene in memory.
+///
+/// # Errors
+/// `Input` for options that make no sense.
+pub fn turning(options: &TurningOptions) -> Result<ScanScene> {
+    simulate(options, &Silent)
+}
+
+fn simulate(turning: &TurningOptions, progress: &dyn Progress) -> Result<ScanScene> {
+    let options = turning.as_scans()?;
+    let size = options.size();
+    let truth = Truth::freeform(options.shape, size, options.seed)?;
+    let noise = options.laser();
+    let direction = |d: [f64; 3]| unit(d).ok_or_else(|| Error::input("a view without a direction"));
+    let laser = looking_from(&truth, direction(FROM)?, 0.0, size)?;
+    let axis = direction(AXIS)?;
+    let axis_point = scale(size, AXIS_POINT);
+    let mut scene = ScanScene {
+        set: ScanSet { unit: Some(options.unit), ..ScanSet::default() },
+        motion: Some(TrueMotion {
+            rate_deg_per_s: turning.rate_deg_per_s,
+            axis,
+            axis_point,
+            times_s: (0..options.views).map(|k| k as f64).collect(),
+        }),
+        options,
+        truth,
+        sensors: Vec::new(),
+        readings: Vec::new(),
+        states: Vec::new(),
+    };
+    scene.add_sensor("laser", SensorKind::Range, noise, 1.0, 0.0);
+    let turn = scale(turning.rate_deg_per_s.to_radians(), axis);
+    // The axis stays where it is: p ↦ a + R(p − a), whose twist is (ω, −ω × a).
+    let slide = sub([0.0; 3], cross(turn, axis_point));
+    let each = turning.readings.div_ceil(turning.views);
+    for view in 0..turning.views {
+        progress.check("scanning", view as f64 / turning.views as f64)?;
+        progress.items(view * each, "readings");
+        let time = view as f64;
+        let world_from_thing = Pose::from_twist(scale(time, turn), scale(time, slide));
+        let thing_from_laser = world_from_thing.inverse().after(&laser);
+        let file = format!("laser-{}.ply", view + 1);
+        let optics = field_of_view(&scene.truth, &thing_from_laser, false);
+        let mut scanner = VirtualScanner::new(&file, thing_from_laser, optics, [64, 64], noise);
+        scanner.grid = grid_for(&scanner, &scene.truth, each)?;
+        let mut scan = scanner.scan(&scene.truth, seed_of(turning.seed, view))?;
+        scan.scan.world_from_scanner = laser;
+        scan.scan.time_s = Some(time);
+        scene.add_scan(scan);
+    }
+    Ok(scene)
+}
+
+/// Simulates the scene and writes it: what `planish simulate scene turning` does.
+///
+/// # Errors
+/// As [`turning`] and [`super::write_scan_scene`]; `Interrupted` on request, before anything is written.
+pub fn write_turning_scene(
+    options: &TurningOptions,
+    folder: &Path,
+    progress: &dyn Progress,
+) -> Result<ScanSceneSummary> {
+    options.as_scans()?;
+    write_simulated(folder, progress, |progress| simulate(options, progress))
+}

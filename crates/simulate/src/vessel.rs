@@ -1,0 +1,119 @@
+//! The scene `vessel`: a surface of revolution that a laser saw from one side.
+//!
+//! Comes in: [`VesselOptions`]. Goes out: a [`ScanScene`] of one scan; the truth is the whole vessel. What
+//! lies behind follows from the symmetry alone; the middle of the bottom nobody saw at any angle, and nothing
+//! tells it.
+
+use super::form::{BallBump, BallForm, ClosedForm};
+use super::scans::{
+    ScanScene, ScanSceneOptions, ScanSceneSummary, field_of_view, grid_for, looking_from, seed_of,
+    write_simulated,
+};
+use super::truth::Truth;
+use super::virtual_sensor::{Optics, VirtualScanner};
+use planish_core::Progress;
+use planish_estimate::vector3::unit;
+use planish_estimate::{Error, Result};
+use planish_exchange::{ScanSet, Unit};
+use planish_sense::SensorKind;
+use planish_spline::Shape;
+use std::path::Path;
+
+/// Semi-axes of the ellipsoid that the vessel is made of, over its height.
+const SEMI_AXES: [f64; 3] = [0.34, 0.34, 0.42];
+/// A neck above and a foot below: sharpness and share of the radius.
+const NECK: [f64; 2] = [9.0, 0.34];
+const FOOT: [f64; 2] = [5.0, -0.22];
+/// Where the laser looks from.
+const FROM: [f64; 3] = [0.9, 0.35, 0.25];
+
+/// Settings of the scene `vessel`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VesselOptions {
+    /// Seed of every error.
+    pub seed: u64,
+    /// Readings, to within a few per cent.
+    pub readings: usize,
+    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the vessel's
+    /// height if none is given.
+    pub sigma: Option<f64>,
+    /// Unit of every length.
+    pub unit: Unit,
+}
+
+impl Default for VesselOptions {
+    fn default() -> Self {
+        Self { seed: 0, readings: 30_000, sigma: None, unit: Unit::Millimetre }
+    }
+}
+
+impl VesselOptions {
+    fn as_scans(&self) -> ScanSceneOptions {
+        ScanSceneOptions {
+            shape: Shape::Ball,
+            seed: self.seed,
+            readings: self.readings,
+            sigma: self.sigma,
+            views: 1,
+            old_scanner: false,
+            probe_points: 0,
+            outlier_share: 0.0,
+            unit: self.unit,
+            ..ScanSceneOptions::default()
+        }
+    }
+}
+
+/// Simulates the scene in memory.
+///
+/// # Errors
+/// `Input` for options that make no sense.
+pub fn vessel(options: &VesselOptions) -> Result<ScanScene> {
+    let options = options.as_scans();
+    options.sanity_check()?;
+    let size = options.size();
+    let bump = |z: f64, [sharpness, amplitude]: [f64; 2]| BallBump {
+        direction: [0.0, 0.0, z],
+        sharpness,
+        amplitude,
+    };
+    let truth = Truth::from_closed_form(ClosedForm::Ball(BallForm {
+        semi_axes: SEMI_AXES.map(|a| a * size),
+        bumps: vec![bump(1.0, NECK), bump(-1.0, FOOT)],
+    }));
+    let noise = options.laser();
+    let from = unit(FROM).ok_or_else(|| Error::input("a view without a direction"))?;
+    let pose = looking_from(&truth, from, 0.0, size)?;
+    let optics: Optics = field_of_view(&truth, &pose, false);
+    let mut scanner = VirtualScanner::new("laser-1.ply", pose, optics, [64, 64], noise);
+    scanner.grid = grid_for(&scanner, &truth, options.readings)?;
+    let scan = scanner.scan(&truth, seed_of(options.seed, 0))?;
+    let mut scene = ScanScene {
+        set: ScanSet { unit: Some(options.unit), ..ScanSet::default() },
+        options,
+        truth,
+        sensors: Vec::new(),
+        readings: Vec::new(),
+        motion: None,
+        states: Vec::new(),
+    };
+    scene.add_sensor("laser", SensorKind::Range, noise, 1.0, 0.0);
+    scene.add_scan(scan);
+    Ok(scene)
+}
+
+/// Simulates the scene and writes it: what `planish simulate scene vessel` does.
+///
+/// # Errors
+/// As [`vessel`] and [`super::write_scan_scene`]; `Interrupted` on request, before anything is written.
+pub fn write_vessel_scene(
+    options: &VesselOptions,
+    folder: &Path,
+    progress: &dyn Progress,
+) -> Result<ScanSceneSummary> {
+    options.as_scans().sanity_check()?;
+    write_simulated(folder, progress, |progress| {
+        progress.check("scanning", 0.0)?;
+        vessel(options)
+    })
+}

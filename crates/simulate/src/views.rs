@@ -1,0 +1,99 @@
+//! The scene `views`: the outlines of a triangular prism in three views, ranged from all around by a sensor
+//! of uncertain pose.
+//!
+//! Comes in: [`ViewsOptions`]. Goes out: for each view a folder with `readings.csv`, `exact.csv` and
+//! `truth.json`, and the prism's vertices in `truth.json` beside them.
+//!
+//! # References
+//! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a
+//! moving sensor*, figure 3.
+
+use super::readings::{ReadingsSummary, named, usual_sensor, write_table};
+use super::truth::positive;
+use planish_contour::planar::{Kind, ranges};
+use planish_estimate::Result;
+use planish_exchange::contours::COLUMNS;
+use planish_exchange::{Unit, make_folder, write_atomically};
+use planish_solid::views::ViewKind;
+use serde_json::json;
+use std::io::Write;
+use std::path::Path;
+
+/// Width (x), depth (y) and height (z) of the prism in millimetres; its right angle is at the origin.
+pub const PRISM_MM: [f64; 3] = [80.0, 100.0, 60.0];
+/// Errors of this scene over those of the scene `readings`.
+const NOISE: f64 = 0.1;
+const WRITTEN_COLUMNS: usize = 10;
+
+/// Settings of the scene `views`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ViewsOptions {
+    /// How many readings of each view.
+    pub readings: usize,
+    /// Readings from each pose.
+    pub sweep: usize,
+    /// Errors over the usual ones: 0.2 mm, 0.2°, 0.1 % of the range.
+    pub noise: f64,
+    /// Seed of every error.
+    pub seed: u64,
+    /// Unit of every length.
+    pub unit: Unit,
+}
+
+/// Simulates the scene and writes it: what `planish simulate scene views` does.
+///
+/// # Errors
+/// `Input` for options that make no sense; `Io` when a file cannot be written.
+pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<ReadingsSummary> {
+    positive("number of readings", options.readings as f64)?;
+    positive("noise", options.noise)?;
+    let millimetre = 1.0 / options.unit.millimetres();
+    let size = PRISM_MM.map(|length| length * millimetre);
+    let sensor = usual_sensor(NOISE * options.noise, options.sweep, millimetre);
+    make_folder(folder)?;
+    let mut summary =
+        ReadingsSummary { rows: 0, columns: COLUMNS[..WRITTEN_COLUMNS].to_vec(), files: Vec::new() };
+    for (i, view) in ViewKind::ALL.into_iter().enumerate() {
+        let [right, up, _] = view.axes();
+        let (kind, theta) = outline(view, size[right], size[up]);
+        let middle = [0.5 * size[right], 0.5 * size[up]];
+        // Views are measured one after the other: each has errors of its own.
+        let seed = options.seed.wrapping_mul(3).wrapping_add(i as u64);
+        let made = ranges(&kind, &theta, middle, options.readings, &sensor, seed);
+        let own = folder.join(view.name());
+        make_folder(&own)?;
+        let paths = ["readings.csv", "exact.csv", "truth.json"].map(|name| own.join(name));
+        write_table(&paths[0], &made.noisy)?;
+        write_table(&paths[1], &made.exact)?;
+        let truth = json!({
+            "kind": kind.to_string(),
+            "parameters": named(&kind, &theta),
+            "unit": options.unit.name(),
+        });
+        write_atomically(&paths[2], |out| writeln!(out, "{truth:#}"))?;
+        summary.rows += made.noisy.len();
+        summary.files.extend(paths);
+    }
+    let [x, y, z] = size;
+    let front = [[0.0, 0.0], [x, 0.0], [0.0, z]];
+    let vertices: Vec<[f64; 3]> =
+        [0.0, y].iter().flat_map(|&depth| front.map(|[x, z]| [x, depth, z])).collect();
+    let truth = json!({
+        "size": size,
+        "vertices": vertices,
+        "volume": 0.5 * x * y * z,
+        "unit": options.unit.name(),
+    });
+    let path = folder.join("truth.json");
+    write_atomically(&path, |out| writeln!(out, "{truth:#}"))?;
+    summary.files.push(path);
+    Ok(summary)
+}
+
+/// The triangle from the front, rectangles from the other sides.
+fn outline(view: ViewKind, a: f64, b: f64) -> (Kind, Vec<f64>) {
+    match view {
+        ViewKind::Front => (Kind::Polygon(3), vec![0.0, 0.0, a, 0.0, 0.0, b]),
+        _ => (Kind::Polygon(4), vec![0.0, 0.0, a, 0.0, a, b, 0.0, b]),
+    }
+}

@@ -1,0 +1,43 @@
+//! Where something was measured: readings that are concluded from others stay away from there.
+
+use crate::observe::Observations;
+use planish_estimate::vector3::{dot, sub};
+use std::collections::HashMap;
+
+/// Cosine between normals from which a reading is of another side.
+const SAME_SIDE: f64 = 0.3;
+
+/// The readings of a cloud by their places.
+pub(crate) struct Seen<'a> {
+    observations: &'a Observations,
+    reach: f64,
+    cells: HashMap<[i64; 3], Vec<u32>>,
+}
+
+impl<'a> Seen<'a> {
+    /// What lies within `reach` of a reading counts as seen.
+    pub(crate) fn new(observations: &'a Observations, reach: f64) -> Self {
+        let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
+        for (i, p) in (0..).zip(&observations.points) {
+            cells.entry(cell(*p, reach)).or_default().push(i);
+        }
+        Self { observations, reach, cells }
+    }
+
+    /// Whether a reading lies near a place and faces its way.
+    pub(crate) fn near(&self, p: [f64; 3], normal: [f64; 3]) -> bool {
+        let [x, y, z] = cell(p, self.reach);
+        (0..27).any(|k| {
+            let there = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];
+            self.cells.get(&there).into_iter().flatten().any(|&i| {
+                let i = i as usize;
+                let d = sub(self.observations.points[i], p);
+                dot(d, d) <= self.reach * self.reach && dot(self.observations.normal(i), normal) > SAME_SIDE
+            })
+        })
+    }
+}
+
+fn cell(p: [f64; 3], side: f64) -> [i64; 3] {
+    p.map(|c| (c / side).floor() as i64)
+}

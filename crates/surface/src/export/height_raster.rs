@@ -1,0 +1,382 @@
+//! Terrain rasters: the height of a sheet and its vertical σ at the middle of every cell of a grid.
+//!
+//! Comes in: a model whose sheet has one height over every place, its posterior, and a cell size. Goes out: a
+//! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on a leaf that was not
+//! measured hold nothing, nor do those whose σ is more than [`MOST_MEDIANS`] times the median: a large leaf
+//! with readings at one end is the prior's guess at the other.
+//!
+//! At each place `(x, y)` Newton's method solves `S_x(u, v) = x, S_y(u, v) = y`. The surface moves along its
+//! normal `n` by `σ`, so over that place it moves by `σ_z = σ / |n_z|`.
+//!
+//! Not guaranteed: σ of what is smaller than a cell; that of the error of a position on the map is in it only
+//! as far as the fit knew it.
+
+use crate::model::sigmas_along;
+use crate::model::{Observed, Posterior, SurfaceModel};
+use planish_estimate::{Error, Result};
+use planish_exchange::GeoReference;
+use planish_exchange::geotiff::{HeightGrid, NODATA};
+use planish_spline::{Shape, Surface};
+use rayon::prelude::*;
+
+/// A raster takes no more cells than this: three gigabytes before they are compressed.
+pub const MOST_CELLS: f64 = 4e8;
+
+/// Heights whose σ is more than so many times the median of all are guesses, and left out.
+pub const MOST_MEDIANS: f64 = 30.0;
+
+/// The share of places that may lie under an overhang; they are left out.
+const MOST_OVERHANGS: f64 = 0.01;
+
+/// A raster and what a user should know of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dem {
+    /// The raster.
+    pub grid: HeightGrid,
+    /// Cells that hold a height.
+    pub known: usize,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Heights of a sheet on a grid of squares of side `cell`; where none is given, of about the spacing of the
+/// readings, rounded down to one, two or five times a power of ten. Borders of cells are multiples of their
+/// side, so that rasters of neighbouring tiles fit together.
+///
+/// Cost: two or three jets a cell, and one covariance a leaf.
+///
+/// # Errors
+/// `Input` for a shape that is no sheet, for a sheet that has more than one height over a place (steep parts
+/// that lean over), for a cell that is not positive or so small that there were more than [`MOST_CELLS`];
+/// `Undetermined` where nothing was measured.
+pub fn dem_from_model(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    cell: Option<f64>,
+    georeference: Option<GeoReference>,
+) -> Result<Dem> {
+    let surface = &model.surface;
+    let shape = surface.space().shape();
+    if shape != Shape::Sheet {
+        return Err(Error::input(format!(
+            "a raster of heights: needed a sheet, found a {}; say --shape sheet",
+            shape.name()
+        )));
+    }
+    if let Some(cell) = cell.filter(|c| !(c.is_finite() && *c > 0.0)) {
+        return Err(Error::input(format!("needed a cell size > 0, found {cell}")));
+    }
+    let Extent { low, high, area, map } = Extent::of(surface, &model.observed)?;
+    let cell = cell.unwrap_or_else(|| round_down((area / model.observations.max(1) as f64).sqrt()));
+    let first = low.map(|c| (c / cell).floor());
+    let [columns, rows] = [0, 1].map(|d| ((high[d] / cell).ceil() - first[d]).max(1.0));
+    if columns * rows > MOST_CELLS {
+        return Err(Error::input(format!(
+            "a raster of heights: needed at most {MOST_CELLS:e} cells, found {columns} × {rows} of {cell}; say a larger --cell-size"
+        )));
+    }
+    let (columns, rows) = (columns as usize, rows as usize);
+    let west = first[0] * cell;
+    let north = (first[1] + rows as f64) * cell;
+    let lines: Vec<Vec<Place>> = (0..rows)
+        .into_par_iter()
+        .map(|row| {
+            let y = (first[1] + (rows - row) as f64 - 0.5) * cell;
+            let mut guess = None;
+            (0..columns)
+                .filter_map(|column| {
+                    let x = (first[0] + column as f64 + 0.5) * cell;
+                    let place = guess
+                        .and_then(|from| place_under(surface, [x, y], from))
+                        .or_else(|| place_under(surface, [x, y], map.parameters([x, y])));
+                    guess = place.as_ref().map(|p| p.parameters);
+                    place
+                        .filter(|p| model.observed[p.leaf as usize].is_measured())
+                        .map(|p| Place { cell: row * columns + column, ..p })
+                })
+                .collect()
+        })
+        .collect();
+    let mut places: Vec<Place> = lines.into_iter().flatten().collect();
+    let found = places.len();
+    let up = places.iter().filter(|p| p.normal[2] > 0.0).count();
+    let side = if 2 * up >= found { 1.0 } else { -1.0 };
+    places.retain(|p| p.normal[2] * side > 0.0);
+    let overhangs = found - places.len();
+    if overhangs as f64 > MOST_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
+        return Err(Error::input(format!(
+            "a raster of heights: needed a sheet with one height over every place, found one that stands upright or leans over in {overhangs} of \
+             {found} cells; z must be up"
+        )));
+    }
+    let leaves: Vec<u32> = places.iter().map(|p| p.leaf).collect();
+    let local: Vec<[f64; 2]> = places.iter().map(|p| p.local).collect();
+    let normals: Vec<[f64; 3]> = places.iter().map(|p| p.normal).collect();
+    let sigmas = sigmas_along(posterior, &leaves, &local, &normals)?;
+    let mut values = vec![[NODATA; 2]; columns * rows];
+    let vertical: Vec<f64> = places.iter().zip(&sigmas).map(|(p, s)| s / p.normal[2].abs()).collect();
+    let mut sorted = vertical.clone();
+    sorted.sort_by(f64::total_cmp);
+    let most = sorted.get(sorted.len() / 2).map_or(0.0, |median| MOST_MEDIANS * median);
+    let mut known = 0;
+    for (place, sigma) in places.iter().zip(vertical).filter(|(_, sigma)| *sigma <= most) {
+        values[place.cell] = [place.height as f32, sigma as f32];
+        known += 1;
+    }
+    let mut warnings = Vec::new();
+    if overhangs > 0 {
+        warnings.push(format!(
+            "{overhangs} of {found} cells of the raster lie where the sheet leans over: they hold no height"
+        ));
+    }
+    if found == 0 {
+        warnings.push(format!(
+            "no cell of the raster holds a height: its cells of {cell} {} are too large",
+            model.unit
+        ));
+    }
+    Ok(Dem {
+        grid: HeightGrid {
+            corner: [west, north],
+            cell,
+            columns,
+            rows,
+            values,
+            unit: model.unit,
+            georeference,
+        },
+        known,
+        warnings,
+    })
+}
+
+/// A surface point under the middle of a cell.
+struct Place {
+    cell: usize,
+    parameters: [f64; 2],
+    leaf: u32,
+    local: [f64; 2],
+    normal: [f64; 3],
+    height: f64,
+}
+
+/// The surface point with these first two coordinates, by Newton's method from the given parameters; none
+/// where the search leaves the sheet.
+fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Place> {
+    /// Steps at most, and how much of a leaf the last may be off by.
+    const STEPS: usize = 12;
+    const CLOSE: f64 = 1e-6;
+    let space = surface.space();
+    let extent = space.extent();
+    let inside = |q: [f64; 2]| [0, 1].map(|d| q[d].clamp(0.0, extent[d]));
+    let mut at = inside(from);
+    for _ in 0..STEPS {
+        let (leaf, local) = space.locate(at[0], at[1]);
+        let jet = surface.leaf_jet(leaf, local[0], local[1]);
+        let [rx, ry] = [x - jet.point[0], y - jet.point[1]];
+        let determinant = jet.du[0] * jet.dv[1] - jet.du[1] * jet.dv[0];
+        let step = [
+            (rx * jet.dv[1] - ry * jet.dv[0]) / determinant,
+            (ry * jet.du[0] - rx * jet.du[1]) / determinant,
+        ];
+        if !(step[0].is_finite() && step[1].is_finite()) {
+            return None;
+        }
+        let side = space.leaves()[leaf].side();
+        let longest = step[0].abs().max(step[1].abs());
+        if longest < CLOSE * side {
+            return Some(Place {
+                cell: 0,
+                parameters: at,
+                leaf: leaf as u32,
+                local,
+                normal: jet.normal()?,
+                height: jet.point[2] + jet.du[2] * step[0] + jet.dv[2] * step[1],
+            });
+        }
+        // No further than a few leaves at once: the model of the surface is local.
+        let share = (4.0 * side / longest).min(1.0);
+        let next = inside([0, 1].map(|d| at[d] + share * step[d]));
+        if next == at {
+            return None;
+        }
+        at = next;
+    }
+    None
+}
+
+/// Where the measured part of a sheet lies, and about how its parameters run there.
+struct Extent {
+    low: [f64; 2],
+    high: [f64; 2],
+    /// Measured area, as seen from above.
+    area: f64,
+    map: AffineMap,
+}
+
+/// `(u, v) ≈ A (x, y) + b`.
+struct AffineMap {
+    middle: [f64; 2],
+    parameters: [f64; 2],
+    inverse: Option<[[f64; 2]; 2]>,
+}
+
+impl AffineMap {
+    fn parameters(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [dx, dy] = [x - self.middle[0], y - self.middle[1]];
+        let [u, v] = self.parameters;
+        self.inverse.map_or([u, v], |m| [u + m[0][0] * dx + m[0][1] * dy, v + m[1][0] * dx + m[1][1] * dy])
+    }
+
+    /// Whether the sheet as a whole stands upright.
+    fn is_upright(&self) -> bool {
+        self.inverse.is_none()
+    }
+}
+
+impl Extent {
+    fn of(surface: &Surface, observed: &[Observed]) -> Result<Self> {
+        let (mut low, mut high, mut area) = ([f64::MAX; 2], [f64::MIN; 2], 0.0);
+        for leaf in (0..observed.len()).filter(|&leaf| observed[leaf].is_measured()) {
+            for k in 0..9 {
+                let [s, t] = [k % 3, k / 3].map(|c| 0.5 * f64::from(c));
+                let p = surface.leaf_point(leaf, s, t);
+                for d in 0..2 {
+                    low[d] = low[d].min(p[d]);
+                    high[d] = high[d].max(p[d]);
+                }
+            }
+            let jet = surface.leaf_jet(leaf, 0.5, 0.5);
+            let side = surface.space().leaves()[leaf].side();
+            area += (jet.du[0] * jet.dv[1] - jet.du[1] * jet.dv[0]).abs() * side * side;
+        }
+        if low[0] > high[0] {
+            return Err(Error::undetermined("a raster of heights: no part of the surface was measured"));
+        }
+        let extent = surface.space().extent();
+        let parameters = extent.map(|e| 0.5 * e);
+        let across = |du: f64, dv: f64| {
+            let [a, b] = [-0.4, 0.4].map(|s| {
+                surface.point(parameters[0] + s * du * extent[0], parameters[1] + s * dv * extent[1])
+            });
+            [0, 1].map(|d| (b[d] - a[d]) / (0.8 * (du * extent[0] + dv * extent[1])))
+        };
+        let (du, dv) = (across(1.0, 0.0), across(0.0, 1.0));
+        let determinant = du[0] * dv[1] - du[1] * dv[0];
+        let scale = du[0].hypot(du[1]).max(dv[0].hypot(dv[1]));
+        let middle = surface.point(parameters[0], parameters[1]);
+        Ok(Self {
+            low,
+            high,
+            area,
+            map: AffineMap {
+                middle: [middle[0], middle[1]],
+                parameters,
+                inverse: (determinant.abs() > 1e-6 * scale * scale).then(|| {
+                    [[dv[1] / determinant, -dv[0] / determinant], [-du[1] / determinant, du[0] / determinant]]
+                }),
+            },
+        })
+    }
+}
+
+/// The largest of one, two and five times a power of ten that is not larger.
+fn round_down(length: f64) -> f64 {
+    if !(length.is_finite() && length > 0.0) {
+        return 1.0;
+    }
+    let power = 10_f64.powi(length.log10().floor() as i32);
+    let digits = length / power * (1.0 + 1e-12);
+    [5.0, 2.0].into_iter().find(|d| digits >= *d).unwrap_or(1.0) * power
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::{model_of, refined_surface, small_model};
+    use planish_spline::{FootPointSearch, ProjectionOptions};
+
+    /// A hilly sheet over a square of side 2 and 1.6 about a place of a map.
+    fn hills(place: [f64; 2], observed: impl Fn(usize) -> bool) -> SurfaceModel {
+        let flat = refined_surface(Shape::Sheet);
+        let vertices = (flat.vertices().iter())
+            .map(|p| [p[0] + place[0], p[1] + place[1], 0.3 * (3.0 * p[0]).sin() * p[1]])
+            .collect();
+        model_of(flat.with_vertices(vertices).unwrap(), observed)
+    }
+
+    #[test]
+    fn heights_are_those_of_the_surface_and_sigma_is_vertical() {
+        let model = hills([0.0; 2], |_| true);
+        let posterior = model.posterior().unwrap();
+        let dem = dem_from_model(&model, &posterior, Some(0.05), None).unwrap();
+        let grid = &dem.grid;
+        assert!(dem.warnings.is_empty() && dem.known > grid.values.len() / 2);
+        let search = FootPointSearch::new(&model.surface, 4, 0.0).unwrap();
+        for (at, [height, sigma]) in grid.values.iter().enumerate().filter(|(_, v)| v[0] != NODATA).step_by(7)
+        {
+            let x = grid.corner[0] + (0.5 + (at % grid.columns) as f64) * grid.cell;
+            let y = grid.corner[1] - (0.5 + (at / grid.columns) as f64) * grid.cell;
+            let p = [x, y, f64::from(*height)];
+            let foot = (model.surface).project(p, search.nearest(p, [0.0; 3]), &ProjectionOptions::default());
+            assert!(foot.height.abs() < 1e-6 && foot.slip < 1e-5, "{p:?}");
+            let along =
+                Posterior::sigma_along(&posterior.leaf(foot.leaf as usize).unwrap(), foot.local, foot.normal);
+            let vertical = along / foot.normal[2].abs();
+            assert!((f64::from(*sigma) / vertical - 1.0).abs() < 1e-3, "{sigma} {vertical}");
+        }
+    }
+
+    #[test]
+    fn a_place_on_a_map_moves_the_grid_and_nothing_else() {
+        let here = hills([0.0; 2], |_| true);
+        // A multiple of the cell, and a cell of which the sheet's sides are none: rounding moves no border.
+        let there = hills([600_000.0, 3_999_999.0], |_| true);
+        let [a, b] = [here, there]
+            .map(|m| dem_from_model(&m, &m.posterior().unwrap(), Some(0.1875), None).unwrap().grid);
+        assert_eq!(b.corner, [a.corner[0] + 600_000.0, a.corner[1] + 3_999_999.0]);
+        for (a, b) in a.values.iter().zip(&b.values) {
+            assert!((a[0] - b[0]).abs() < 1e-4, "{a:?} {b:?}");
+        }
+    }
+
+    #[test]
+    fn what_was_not_measured_holds_no_height() {
+        let all = hills([0.0; 2], |_| true);
+        let some = hills([0.0; 2], |leaf| leaf % 2 == 0);
+        let [all, some] =
+            [all, some].map(|m| dem_from_model(&m, &m.posterior().unwrap(), Some(0.02), None).unwrap().known);
+        assert!((0.3..0.7).contains(&(some as f64 / all as f64)), "{some} of {all}");
+    }
+
+    #[test]
+    fn other_shapes_and_upright_sheets_are_refused() {
+        let refused = |model: &SurfaceModel, cell| {
+            dem_from_model(model, &model.posterior().unwrap(), cell, None).unwrap_err().to_string()
+        };
+        assert!(refused(&small_model(Shape::Ball), None).contains("needed a sheet, found a ball"));
+        let flat = refined_surface(Shape::Sheet);
+        let upright = flat.vertices().iter().map(|p| [p[0], p[2], p[1]]).collect();
+        let upright = model_of(flat.with_vertices(upright).unwrap(), |_| true);
+        assert!(refused(&upright, Some(0.1)).contains("one height over every place"));
+        let rolled =
+            (flat.vertices().iter()).map(|p| [p[1], (3.0 * p[0]).sin(), (3.0 * p[0]).cos()]).collect();
+        let rolled = model_of(flat.with_vertices(rolled).unwrap(), |_| true);
+        assert!(refused(&rolled, Some(0.02)).contains("leans over"), "{}", refused(&rolled, Some(0.02)));
+        assert!(refused(&hills([0.0; 2], |_| true), Some(1e-6)).contains("--cell-size"));
+        assert!(refused(&hills([0.0; 2], |_| true), Some(-1.0)).contains("cell size > 0"));
+    }
+
+    #[test]
+    fn cells_are_as_wide_as_readings_are_apart() {
+        let model = hills([0.0; 2], |_| true);
+        let dem = dem_from_model(&model, &model.posterior().unwrap(), None, None).unwrap();
+        let spacing = (2.0 * 1.6 / model.observations as f64).sqrt();
+        assert!(
+            dem.grid.cell <= 2.5 * spacing && dem.grid.cell > 0.2 * spacing,
+            "{} {spacing}",
+            dem.grid.cell
+        );
+        assert_eq!([0.99, 1.0, 4.9, 5.0, 73.0].map(round_down), [0.5, 1.0, 2.0, 5.0, 50.0]);
+    }
+}

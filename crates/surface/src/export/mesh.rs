@@ -1,0 +1,362 @@
+//! Triangle meshes of a model whose every vertex says how well it is known.
+//!
+//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with
+//! `x y z nx ny nz sigma observed`, as GLB with the same, or as OBJ or STL without σ. σ is that of the
+//! surface point along its normal. `observed` is 1 on leaves that were measured, 2 where they were completed
+//! by what was measured elsewhere, and 0 where only the prior speaks. The same bytes at any number of
+//! threads.
+//!
+//! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the
+//! mesh does not cross itself where the surface folds.
+
+use crate::model::SigmaSummary;
+use crate::model::sigmas_along;
+use crate::model::{Posterior, SurfaceModel};
+use planish_estimate::Result;
+use planish_exchange::Unit;
+use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
+use planish_mesh::{TriangleMesh, VertexCurvature};
+use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
+use std::path::Path;
+
+/// Default meshes have about this many triangles at most: a file of some 40 MB.
+pub const MOST_DEFAULT_TRIANGLES: u64 = 1_000_000;
+/// Meshes that were asked for by their tolerance have about this many at most: a gigabyte.
+pub const MOST_TRIANGLES: u64 = 20_000_000;
+
+/// A mesh of a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelMesh {
+    /// Positions and triangles, in the model's unit.
+    pub mesh: TriangleMesh,
+    /// Unit normals of the surface, one for each vertex.
+    pub normals: Vec<[f64; 3]>,
+    /// σ of each vertex along its normal, in the model's unit.
+    pub sigma: Vec<f64>,
+    /// 1 where the vertex was measured, 0 where only the prior speaks.
+    pub observed: Vec<u8>,
+    /// The chord error that was asked for.
+    pub tolerance: f64,
+    /// Unit of every length.
+    pub unit: Unit,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// A mesh within `tolerance` of the model's surface; half the median σ of the measured surface where none is
+/// given, or what [`MOST_DEFAULT_TRIANGLES`] allow. A given tolerance is enlarged to what [`MOST_TRIANGLES`]
+/// allow. A leaf is cut into 64 × 64 at most. Where one of these limits holds, a warning says so.
+///
+/// Cost: one covariance a leaf, one jet and about 300 multiply-adds a vertex.
+///
+/// # Errors
+/// `Input` for a tolerance that is not positive.
+///
+/// # Examples
+/// ```no_run
+/// use planish::mesh_output::{mesh_from_model, write_model_mesh};
+/// let model = planish::saved::load("part.planish".as_ref())?;
+/// let mesh = mesh_from_model(&model, &model.posterior()?, None)?;
+/// write_model_mesh(&mesh, "part.ply".as_ref())?;
+/// # Ok::<(), planish::Error>(())
+/// ```
+pub fn mesh_from_model(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+) -> Result<ModelMesh> {
+    mesh_of_size(model, posterior, tolerance, [MOST_DEFAULT_TRIANGLES, MOST_TRIANGLES])
+}
+
+/// A mesh, and where on the surface each of its vertices is.
+pub struct PlacedMesh {
+    /// The mesh.
+    pub mesh: ModelMesh,
+    /// For each vertex, a leaf that holds it.
+    pub leaf: Vec<u32>,
+    /// Coordinates in that leaf.
+    pub local: Vec<[f64; 2]>,
+}
+
+/// A mesh of a model with no more than about so many triangles.
+pub fn placed_mesh(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+    most: u64,
+) -> Result<PlacedMesh> {
+    placed_mesh_of_size(model, posterior, tolerance, [most; 2])
+}
+
+/// [`mesh_from_model`] with other limits: of default meshes and of any.
+fn mesh_of_size(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+    most: [u64; 2],
+) -> Result<ModelMesh> {
+    placed_mesh_of_size(model, posterior, tolerance, most).map(|placed| placed.mesh)
+}
+
+fn placed_mesh_of_size(
+    model: &SurfaceModel,
+    posterior: &Posterior<'_>,
+    tolerance: Option<f64>,
+    [most_by_default, most]: [u64; 2],
+) -> Result<PlacedMesh> {
+    let mut warnings = Vec::new();
+    let unit = model.unit;
+    let (wanted, most) = match tolerance {
+        Some(tolerance) => (tolerance, most),
+        None => (0.5 * median_sigma(model, posterior)?, most_by_default),
+    };
+    let affordable = affordable_tolerance(&model.surface, wanted, most)?;
+    if affordable > wanted {
+        let (goal, way_out) = match tolerance {
+            Some(_) => (format!("the {wanted:.2e} {unit} asked for"), ""),
+            None => (format!("half its median σ, {wanted:.2e} {unit}"), "; ask for it with --mesh-tolerance"),
+        };
+        warnings.push(format!(
+            "the mesh follows the surface within {affordable:.2e} {unit}, not within {goal}: that takes more than {most} triangles{way_out}"
+        ));
+    }
+    let tolerance = affordable;
+    let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
+    let made = tessellate(&model.surface, &options)?;
+    if made.limited_leaves > 0 {
+        warnings.push(format!(
+            "the mesh does not follow the surface within {tolerance:.2e} {unit} on {} of {} cells: they are cut into 64 × 64 at most",
+            made.limited_leaves,
+            model.observed.len()
+        ));
+    }
+    let sigma = sigmas_along(posterior, &made.leaf, &made.local, &made.normals)?;
+    let observed = made.leaf.iter().map(|&leaf| model.observed[leaf as usize].mark()).collect();
+    Ok(PlacedMesh {
+        mesh: ModelMesh {
+            mesh: TriangleMesh::try_new(made.positions, made.triangles)?,
+            normals: made.normals,
+            sigma,
+            observed,
+            tolerance,
+            unit: model.unit,
+            warnings,
+        },
+        leaf: made.leaf,
+        local: made.local,
+    })
+}
+
+/// The given tolerance, enlarged until a mesh within it has no more than so many triangles.
+pub fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangles: u64) -> Result<f64> {
+    let mut tolerance = wanted;
+    loop {
+        let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
+        if least_triangles(surface, &options)?
+            <= most_triangles.max(2 * surface.space().leaves().len() as u64)
+        {
+            return Ok(tolerance);
+        }
+        tolerance *= 1.25;
+    }
+}
+
+/// The median, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none
+/// was measured).
+///
+/// # Errors
+/// `Undetermined` when the surface has no area.
+pub fn median_sigma(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<f64> {
+    sigma_summary(model, posterior).map(|sigma| sigma.median)
+}
+
+/// Quantiles, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none
+/// was measured).
+///
+/// # Errors
+/// `Undetermined` when the surface has no area.
+pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<SigmaSummary> {
+    posterior.sigma_summary(&model.observed)
+}
+
+/// Writes a model's mesh as the path's extension says: `.ply`, `.obj`, `.stl` or `.glb`, each maybe with
+/// `.gz` behind.
+///
+/// # Errors
+/// `Unsupported` for other extensions and for more than a format can hold; `Io` when the file cannot be
+/// written; nothing is left half-written.
+pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
+    write_known_mesh(path, &mesh.mesh, &mesh.normals, &mesh.sigma, &mesh.observed, None, mesh.unit)
+}
+
+/// Writes a mesh whose every vertex says how well it is known, as the path's extension says.
+///
+/// # Errors
+/// As [`write_model_mesh`].
+pub fn write_known_mesh(
+    path: &Path,
+    mesh: &TriangleMesh,
+    normals: &[[f64; 3]],
+    sigma: &[f64],
+    observed: &[u8],
+    curvature: Option<&VertexCurvature>,
+    unit: Unit,
+) -> Result<()> {
+    let mut columns = vec![("sigma", Column::F64(sigma)), ("observed", Column::U8(observed))];
+    if let Some(known) = curvature {
+        columns.extend([
+            ("mean_curvature", Column::F64(&known.mean)),
+            ("gaussian_curvature", Column::F64(&known.gaussian)),
+            ("sigma_mean_curvature", Column::F64(&known.sigma_mean)),
+            ("border", Column::U8(&known.border)),
+        ]);
+    }
+    write_mesh(
+        path,
+        &MeshColumns {
+            points: &mesh.positions,
+            normals: Some(normals),
+            columns,
+            triangles: &mesh.triangles,
+            unit: Some(unit),
+        },
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::{SIGMA, model_of, refined_surface, small_model};
+    use planish_estimate::vector3::norm;
+    use planish_exchange::mesh::read_mesh;
+    use planish_spline::Shape;
+
+    #[test]
+    fn sigma_of_every_vertex_is_that_of_its_surface_point() {
+        let model = small_model(Shape::Ball);
+        let posterior = model.posterior().unwrap();
+        let mesh = mesh_from_model(&model, &posterior, Some(1e-3)).unwrap();
+        let made = tessellate(&model.surface, &TessellationOptions { tolerance: 1e-3, ..Default::default() })
+            .unwrap();
+        for vertex in (0..mesh.sigma.len()).step_by(17) {
+            let leaf = made.leaf[vertex] as usize;
+            let alone = Posterior::sigma_along(
+                &posterior.leaf(leaf).unwrap(),
+                made.local[vertex],
+                made.normals[vertex],
+            );
+            assert_eq!(mesh.sigma[vertex].to_bits(), alone.to_bits(), "vertex {vertex}");
+            assert_eq!(mesh.observed[vertex], model.observed[leaf].mark());
+        }
+        assert!(mesh.sigma.iter().all(|&s| s > 0.0));
+    }
+
+    #[test]
+    fn what_was_not_measured_is_known_less() {
+        let model = model_of(refined_surface(Shape::Sheet), |leaf| leaf % 100 < 15);
+        let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
+        let mean = |seen: u8| {
+            let of: Vec<f64> =
+                mesh.sigma.iter().zip(&mesh.observed).filter(|(_, o)| **o == seen).map(|(s, _)| *s).collect();
+            of.iter().sum::<f64>() / of.len() as f64
+        };
+        assert!(mean(0) > 2.0 * mean(1), "{} {}", mean(0), mean(1));
+        assert!(mean(1) < SIGMA);
+    }
+
+    #[test]
+    fn the_default_chord_error_is_half_the_median_sigma() {
+        let model = small_model(Shape::Ball);
+        let posterior = model.posterior().unwrap();
+        let mesh = mesh_from_model(&model, &posterior, None).unwrap();
+        assert_eq!(mesh.tolerance, 0.5 * median_sigma(&model, &posterior).unwrap());
+        assert!(mesh.warnings.is_empty() && mesh.mesh.check().watertight);
+        // A unit ball: no chord lies deeper than the tolerance.
+        for corners in (0..mesh.mesh.triangles.len()).map(|t| mesh.mesh.corners(t)) {
+            let middle = [0, 1, 2].map(|d| corners.iter().map(|p| p[d]).sum::<f64>() / 3.0);
+            assert!(norm(middle) > 1.0 - 1.1 * mesh.tolerance - 1e-3);
+        }
+    }
+
+    #[test]
+    fn a_sigma_too_small_to_mesh_is_reported() {
+        let mut model = small_model(Shape::Ball);
+        let data = model.data.clone();
+        model.data.add_scaled(&data, 1e16).unwrap();
+        let posterior = model.posterior().unwrap();
+        // So few leaves stay below the limit of triangles at any number of divisions; then that of divisions
+        // holds.
+        let mesh = mesh_of_size(&model, &posterior, None, [4_000_000, 4_000_000]).unwrap();
+        assert_eq!(mesh.tolerance, 0.5 * median_sigma(&model, &posterior).unwrap());
+        let [warning] = &mesh.warnings[..] else {
+            panic!("{:?}", mesh.warnings);
+        };
+        assert!(warning.contains("64 × 64 at most"), "{warning}");
+        // Triangles run out first.
+        let mesh = mesh_of_size(&model, &posterior, None, [20_000, 40_000]).unwrap();
+        assert!(mesh.tolerance > 0.5 * median_sigma(&model, &posterior).unwrap());
+        assert!(mesh.mesh.triangles.len() <= 22_000 && mesh.mesh.triangles.len() > 10_000);
+        let [warning] = &mesh.warnings[..] else {
+            panic!("{:?}", mesh.warnings);
+        };
+        assert!(warning.contains("half its median σ") && warning.contains("--mesh-tolerance"), "{warning}");
+    }
+
+    #[test]
+    fn a_tolerance_that_takes_too_many_triangles_is_enlarged_and_reported() {
+        let model = small_model(Shape::Ball);
+        let posterior = model.posterior().unwrap();
+        let mesh = mesh_of_size(&model, &posterior, Some(1e-9), [20_000, 40_000]).unwrap();
+        assert!(mesh.tolerance > 1e-9 && mesh.mesh.triangles.len() <= 44_000);
+        assert!(mesh.warnings[0].contains("asked for"), "{:?}", mesh.warnings);
+        assert!(mesh_from_model(&model, &posterior, Some(0.0)).is_err());
+    }
+
+    #[test]
+    fn the_file_holds_the_columns_of_the_contract() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.ply");
+        let model = small_model(Shape::Tube);
+        let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
+        write_model_mesh(&mesh, &path).unwrap();
+        let read = read_mesh(&path).unwrap();
+        let names: Vec<&str> = read.columns.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["nx", "ny", "nz", "sigma", "observed"]);
+        assert_eq!(read.column("sigma").unwrap(), mesh.sigma);
+        assert_eq!((read.points, read.triangles), (mesh.mesh.positions, mesh.mesh.triangles));
+        assert_eq!(read.unit, Some(Unit::Millimetre));
+    }
+
+    #[test]
+    fn every_format_holds_the_same_triangles() {
+        let folder = tempfile::tempdir().unwrap();
+        let model = small_model(Shape::Ball);
+        let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
+        for name in ["a.ply.gz", "a.obj", "a.obj.gz", "a.stl", "a.glb", "a.glb.gz"] {
+            let path = folder.path().join(name);
+            write_model_mesh(&mesh, &path).unwrap();
+            let read = read_mesh(&path).unwrap();
+            let scale = read.unit.unwrap().millimetres();
+            assert_eq!(read.triangles.len(), mesh.mesh.triangles.len(), "{name}");
+            for (found, expected) in read.triangles.iter().zip(&mesh.mesh.triangles).step_by(7) {
+                for k in 0..3 {
+                    let (a, b) = (read.points[found[k] as usize], mesh.mesh.positions[expected[k] as usize]);
+                    assert!((0..3).all(|d| (scale * a[d] - b[d]).abs() < 1e-6), "{name} {a:?} {b:?}");
+                }
+            }
+            let sigma = read.column("sigma").map(|sigma| scale * sigma[5]);
+            assert_eq!(sigma.is_some(), name.contains("ply") || name.contains("glb"), "{name}");
+            assert!(sigma.is_none_or(|s| (s / mesh.sigma[5] - 1.0).abs() < 1e-6), "{name}");
+        }
+    }
+
+    #[test]
+    fn threads_do_not_change_the_mesh() {
+        let model = small_model(Shape::Torus);
+        let made = [1, 2, 3].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| mesh_from_model(&model, &model.posterior().unwrap(), None).unwrap())
+        });
+        assert!(made[0] == made[1] && made[1] == made[2]);
+    }
+}

@@ -1,0 +1,240 @@
+//! One state of a sheet that bends: laid on its readings from the state before.
+//!
+//! Comes in: the state before, the lengths of the sheet, observations. Goes out: a [`Settled`] surface whose
+//! prior holds all that is known beside the heights of the readings. See [`super`].
+
+use super::{Lengths, SIGMA_STRETCH};
+use crate::fit::FitOptions;
+use crate::fit::noise::SensorNoise;
+use crate::fit::stages::{Settled, leaf_areas, leaves_with_feet, weight_of_length, weights};
+use crate::observe::extent_of;
+use crate::observe::{Foot, FootState, accumulate, by_leaf, project};
+use crate::observe::{Observations, Quantity};
+use crate::subdivision::RefinementLog;
+use planish_core::Progress;
+use planish_estimate::sparse::{BlockInformation, SelectedInverse};
+use planish_estimate::vector3::{add_scaled, dot, norm, sub};
+use planish_estimate::{Error, Result};
+use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights};
+
+/// The share by which sheets may stretch at the first iteration, and iterations until it is what it should
+/// be.
+const FIRST_STRETCH: f64 = 0.1;
+const ANNEALING: usize = 10;
+/// Iterations at most; at rest when the mean square step is so many variances of a vertex.
+const MOST_ITERATIONS: usize = 40;
+const AT_REST: f64 = 1e-3;
+/// Length over which displacements are smooth at the start, and at most, in square roots of the sheet's area.
+const FIRST_SMOOTHING: f64 = 0.1;
+const STIFFEST: f64 = 2.0;
+/// σ of sliding along the sheet, in leaves.
+const SLIDING: f64 = 5.0;
+/// Readings beyond the border are of the sheet when they are nearer to it than this share of its extent;
+/// their pull is bounded beyond so many spacings.
+const BORDER_REACH: f64 = 0.1;
+const BOUNDED: f64 = 3.0;
+
+/// One state to be found.
+pub(super) struct Sheet<'a> {
+    pub system: &'a SurfaceSystem,
+    pub lengths: &'a Lengths,
+    /// The state before.
+    pub previous: &'a Surface,
+    pub options: &'a FitOptions,
+}
+
+/// A state that has come to rest.
+pub(super) struct Laid {
+    pub settled: Settled,
+    /// Readings beyond the border.
+    pub beyond: usize,
+    /// Leaves that hold readings of this time.
+    pub held: Vec<bool>,
+}
+
+/// What is known of a state beside its readings.
+struct Held {
+    /// The thin plate over the displacement: `K`, and `K x` of the state before.
+    smooth: BlockInformation,
+    /// Places along the sheet.
+    sliding: BlockInformation,
+}
+
+impl Sheet<'_> {
+    /// Lays the sheet on readings; and how many of them lie beyond its border.
+    pub(super) fn settle(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<Laid> {
+        let Self { system, previous, .. } = *self;
+        let search = FootPointSearch::new(previous, 2, 0.1 * extent_of(previous))?;
+        observations.orient_by(|p| {
+            let [u, v] = search.nearest(p, [0.0; 3]);
+            previous.normal(u, v).unwrap_or([0.0; 3])
+        });
+        let subset: Vec<u32> =
+            (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
+        let held = self.held()?;
+        let area: f64 = leaf_areas(previous).iter().sum();
+        let spacing = (area / subset.len().max(1) as f64).sqrt();
+        let mut at = vec![[0.0; 2]; observations.len()];
+        let mut noise = SensorNoise::stated(observations);
+        let unknown = vec![0.0; observations.stated.len()];
+        let mut surface = previous.clone();
+        let mut weight = None;
+        let mut resting = false;
+        let gate = self.options.gate;
+        for iteration in 0..MOST_ITERATIONS {
+            progress.check("bending", iteration as f64 / MOST_ITERATIONS as f64)?;
+            progress.items(iteration * subset.len(), "readings");
+            let annealed = iteration >= ANNEALING;
+            let search = if annealed && iteration % 5 != 0 {
+                None
+            } else {
+                Some(FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?)
+            };
+            let feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
+            noise = SensorNoise::estimate(observations, &subset, &feet, gate, &unknown, annealed)?;
+            let information = weights(observations, &subset, &feet, &noise, gate, !annealed);
+            if !information.iter().any(|&w| w > 0.0) {
+                return Err(Error::undetermined(
+                    "no reading lies near the sheet as it was before: do the scans share one frame, and is the sheet the same?",
+                ));
+            }
+            let smoothing = |length: f64| weight_of_length(&feet, &information, area, length * area.sqrt());
+            let now = weight.unwrap_or_else(|| smoothing(FIRST_SMOOTHING));
+            let data = accumulate(system, &surface, &feet, &information)?;
+            let border = self.border(&surface, observations, &subset, &feet, spacing)?;
+            let prior = self.prior(&held, &surface, border, now, iteration)?;
+            let mut total = data.clone();
+            total.add_scaled(&prior, 1.0)?;
+            let factor = system.factorize(&total)?;
+            let mut solution = total.vector().to_vec();
+            factor.solve_in_place(&mut solution)?;
+            let step = solution
+                .iter()
+                .zip(surface.vertices().iter().flatten())
+                .map(|(new, old)| new - old)
+                .collect::<Vec<f64>>();
+            let decrement = total.quadratic_form(&step)? / step.len() as f64;
+            surface = system.surface(&solution)?;
+            let mut next = now;
+            if annealed {
+                next = likeliest(&held, &solution, previous, &SelectedInverse::new(&factor), now)?
+                    .clamp(0.2 * now, 5.0 * now)
+                    .min(smoothing(STIFFEST));
+            }
+            weight = Some(next);
+            resting = annealed && decrement < AT_REST && (next / now - 1.0).abs() < 0.05;
+            if resting {
+                break;
+            }
+        }
+        let feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
+        let noise = SensorNoise::estimate(observations, &subset, &feet, gate, &unknown, true)?;
+        let border = self.border(&surface, observations, &subset, &feet, spacing)?;
+        let weight = weight.unwrap_or(0.0);
+        let prior = self.prior(&held, &surface, border, weight, MOST_ITERATIONS)?;
+        let beyond = (subset.iter().zip(&feet))
+            .filter(|(i, foot)| beyond_by(&surface, observations, **i, foot).is_some_and(|d| d > spacing))
+            .count();
+        let information = weights(observations, &subset, &feet, &noise, gate, false);
+        let held = leaves_with_feet(&surface, &feet, &information, |_| true);
+        let settled = Settled {
+            surface,
+            system: system.clone(),
+            subset,
+            feet,
+            noise,
+            weight,
+            prior,
+            at,
+            reached_limit: !resting,
+            reached_tolerance: false,
+            refined: RefinementLog::default(),
+            fused: None,
+            moves_freely: true,
+        };
+        Ok(Laid { settled, beyond, held })
+    }
+
+    fn held(&self) -> Result<Held> {
+        let mut smooth = self.system.thin_plate(self.previous)?.expanded(3)?;
+        let x: Vec<f64> = self.previous.vertices().iter().flatten().copied().collect();
+        let mut pull = vec![0.0; x.len()];
+        smooth.multiply(&x, &mut pull)?;
+        smooth.vector_mut().copy_from_slice(&pull);
+        Ok(Held { smooth, sliding: self.system.tangential_hold(self.previous, SLIDING)? })
+    }
+
+    /// All that is known beside the readings' heights, linearised at a surface.
+    fn prior(
+        &self,
+        held: &Held,
+        surface: &Surface,
+        border: BlockInformation,
+        weight: f64,
+        iteration: usize,
+    ) -> Result<BlockInformation> {
+        let left = 1.0 - (iteration as f64 / ANNEALING as f64).min(1.0);
+        let softness = 2.0 * (SIGMA_STRETCH * (FIRST_STRETCH / SIGMA_STRETCH).powf(left));
+        let softness = if left > 0.0 { softness } else { 0.0 };
+        let sigma: Vec<f64> = self.lengths.sigma.iter().map(|s| s.hypot(softness)).collect();
+        let mut prior = self.system.isometry(surface, &self.lengths.metric, &sigma)?;
+        prior.add_scaled(&held.smooth, weight)?;
+        prior.add_scaled(&held.sliding, 1.0)?;
+        prior.add_scaled(&border, 1.0)?;
+        Ok(prior)
+    }
+
+    /// Readings beyond the border: the border lies where they are, to within their spacing.
+    fn border(
+        &self,
+        surface: &Surface,
+        observations: &Observations,
+        subset: &[u32],
+        feet: &[Foot],
+        spacing: f64,
+    ) -> Result<BlockInformation> {
+        let (start, order) = by_leaf(feet, surface.space().leaves().len());
+        let reach = BORDER_REACH * extent_of(surface);
+        self.system.accumulate(|leaf, cell| {
+            let mut any = false;
+            for k in order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize) {
+                let foot = &feet[k];
+                let Some(distance) = beyond_by(surface, observations, subset[k], foot).filter(|d| *d < reach)
+                else {
+                    continue;
+                };
+                let w = spacing.powi(-2) * (BOUNDED * spacing / distance).min(1.0);
+                let z = observations.points[subset[k] as usize];
+                cell.add_vector(&leaf_weights(foot.local[0], foot.local[1]), z, &[w, 0.0, 0.0, w, 0.0, w]);
+                any = true;
+            }
+            any
+        })
+    }
+}
+
+/// How far along the sheet a position lies beyond the border; none where it does not.
+fn beyond_by(surface: &Surface, observations: &Observations, reading: u32, foot: &Foot) -> Option<f64> {
+    if foot.state != FootState::BeyondBorder || foot.quantity != Quantity::Position {
+        return None;
+    }
+    let from = surface.leaf_point(foot.leaf as usize, foot.local[0], foot.local[1]);
+    let off = sub(observations.points[reading as usize], from);
+    Some(norm(add_scaled(off, -dot(off, foot.normal), foot.normal)))
+}
+
+/// The next weight of the thin plate, by marginal likelihood.
+fn likeliest(
+    held: &Held,
+    solution: &[f64],
+    previous: &Surface,
+    covariance: &SelectedInverse,
+    weight: f64,
+) -> Result<f64> {
+    let displacement: Vec<f64> =
+        solution.iter().zip(previous.vertices().iter().flatten()).map(|(new, old)| new - old).collect();
+    // A plate lets three functions of each coordinate go free.
+    let rank = displacement.len() as f64 - 9.0;
+    let taken = rank - weight * covariance.trace_with(&held.smooth)?;
+    Ok(taken.max(1.0) / held.smooth.quadratic_form(&displacement)?.max(f64::MIN_POSITIVE))
+}

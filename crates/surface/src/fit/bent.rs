@@ -1,0 +1,103 @@
+//! The paper's criterion for subdivision, of the global filter: leaves about which Gaussian curvature varies.
+//!
+//! Comes in: a surface at rest on its readings, with the factor of its information. Goes out: leaves where
+//! `sd(K)/max(|K̄|, σ_K) > 0.5`, K at the middles of the leaf and its neighbours; from `sd(K)²` what σ_K
+//! explains is taken off first.
+//!
+//! Not guaranteed: that more cells lower the error. A surface that its leaves follow to within the noise may
+//! well be bent unevenly.
+//!
+//! # References
+//! Wang, Wang 1994, eq. 11–13, with the correction in `DESIGN.md`.
+
+use super::noise::SensorNoise;
+use super::stages::{LEAST_LEAF_SIGMAS, LEAST_READINGS, Misfit, leaf_areas, neighbourhood};
+use crate::model::{Motion, NodeCovariance, Posterior};
+use crate::observe::{Foot, FootState, by_leaf};
+use crate::observe::{Observations, Quantity};
+use crate::subdivision::Cause;
+use planish_estimate::Result;
+use planish_estimate::sparse::{CholeskyFactor, SelectedInverse};
+use planish_spline::{Surface, SurfaceSystem, curvature_variation};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// The most variation of a leaf that is left whole.
+const MOST_VARIATION: f64 = 0.5;
+
+/// Leaves about which curvature varies, those at the deepest level, too small for their readings or with too
+/// few of them left out.
+pub(super) fn unevenly_bent(
+    surface: &Surface,
+    system: &SurfaceSystem,
+    factor: &CholeskyFactor,
+    (observations, subset, feet): (&Observations, &[u32], &[Foot]),
+    noise: &SensorNoise,
+    deepest: u8,
+) -> Result<Vec<Misfit>> {
+    let space = surface.space();
+    let leaves = space.leaves().len();
+    let motion = Motion::Along(system.node_normals(surface));
+    let covariance = Arc::new(NodeCovariance::of_motion(SelectedInverse::new(factor), motion));
+    let posterior = Posterior::new(surface, covariance);
+    let curvatures: Vec<Option<[f64; 2]>> = (0..leaves)
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|leaf| curvature_with_sigma(surface, &posterior, leaf))
+        .collect::<Result<_>>()?;
+    let (start, order) = by_leaf(feet, leaves);
+    let areas = leaf_areas(surface);
+    let mut found = Vec::new();
+    for leaf in (0..leaves).filter(|&leaf| space.leaves()[leaf].level < deepest) {
+        let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
+        let variances: Vec<f64> = (own.iter().map(|&k| k as usize))
+            .filter(|&k| feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position)
+            .map(|k| noise.used[observations.channel(subset[k] as usize)] * feet[k].variance)
+            .collect();
+        let mean = variances.iter().sum::<f64>() / variances.len().max(1) as f64;
+        if own.len() < LEAST_READINGS as usize || areas[leaf] < LEAST_LEAF_SIGMAS.powi(2) * mean {
+            continue;
+        }
+        let around: Vec<[f64; 2]> =
+            (neighbourhood(space, leaf).into_iter()).filter_map(|other| curvatures[other]).collect();
+        let variation = curvature_variation(&around, true);
+        if variation > MOST_VARIATION {
+            found.push(Misfit {
+                leaf,
+                cause: Cause::Curvature,
+                severity: variation,
+                corner: most_unlike(surface, leaf, &around),
+            });
+        }
+    }
+    found.sort_by(|a, b| b.severity.total_cmp(&a.severity).then(a.leaf.cmp(&b.leaf)));
+    Ok(found)
+}
+
+/// Gaussian curvature at the middle of a leaf, and its σ to first order:
+/// `dK = II₂₂ dII₁₁ − 2 II₁₂ dII₁₂ + II₁₁ dII₂₂`.
+fn curvature_with_sigma(
+    surface: &Surface,
+    posterior: &Posterior<'_>,
+    leaf: usize,
+) -> Result<Option<[f64; 2]>> {
+    let Some(rows) = surface.tangent_rows(leaf, [0.5; 2]) else {
+        return Ok(None);
+    };
+    let [a, b, c] = rows.form;
+    let bends = &rows.bends_along_normals;
+    let slope: [f64; 16] = std::array::from_fn(|k| c * bends[0][k] - 2.0 * b * bends[1][k] + a * bends[2][k]);
+    let variance = posterior.leaf(leaf)?.variance_along(&slope, rows.normal);
+    Ok(Some([a * c - b * b, variance.max(0.0).sqrt()]))
+}
+
+/// The signs of the corner of a leaf whose curvature is farthest from the mean around it.
+fn most_unlike(surface: &Surface, leaf: usize, around: &[[f64; 2]]) -> [f64; 2] {
+    let mean = around.iter().map(|[k, _]| k).sum::<f64>() / around.len() as f64;
+    let off = |[s, t]: [f64; 2]| {
+        let curvature = surface.leaf_jet(leaf, 0.5 + 0.25 * s, 0.5 + 0.25 * t).curvature();
+        curvature.map_or(0.0, |c| (c.gaussian() - mean).abs())
+    };
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
+    corners.into_iter().max_by(|a, b| off(*a).total_cmp(&off(*b))).unwrap_or([1.0, 1.0])
+}

@@ -1,0 +1,161 @@
+//! How a model forms, reading by reading.
+//!
+//! Comes in: a settled surface with its readings. Goes out: [`Snapshot`]s of what was known after the first
+//! `n` of them, in an order that the seed draws, `n` growing by a constant factor.
+//!
+//! Of the global filter a snapshot is the posterior of the first `n` readings over the final hierarchy, with
+//! the final weight of the prior and the final feet: as information adds, each is one factorisation of
+//! `Λ_prior + Λ_n`. Of the patch filter the snapshots are those of the filter itself as it runs; up to the
+//! readings that found its first surface they are those of that fit.
+//!
+//! Not guaranteed: that a fit of the first `n` readings alone would have chosen the same shape, hierarchy and
+//! prior: those are of all readings.
+
+use super::FitOptions;
+use super::patch::shuffled;
+use super::stages::{Settled, weights};
+use crate::model::{Motion, NodeCovariance, Posterior};
+use crate::observe::Observations;
+use crate::observe::{FootState, by_leaf};
+use planish_core::Progress;
+use planish_estimate::Result;
+use planish_estimate::sparse::SelectedInverse;
+use planish_estimate::vector3::{add, add_scaled, dot};
+use planish_spline::{PatchFilter, Surface};
+use std::sync::Arc;
+
+/// Readings of the first snapshot, at least.
+const FIRST_READINGS: usize = 16;
+/// Trace of the equations that keeps what few readings leave open where it is at the end, as a share of their
+/// mean.
+const HOLD: f64 = 1e-7;
+
+/// What was known after some readings.
+pub struct Snapshot {
+    /// How many.
+    pub readings: usize,
+    /// The surface then.
+    pub surface: Surface,
+    covariance: Arc<NodeCovariance>,
+}
+
+/// How a model formed.
+#[derive(Default)]
+pub struct Forming {
+    /// From few readings to all of them.
+    pub snapshots: Vec<Snapshot>,
+    /// Where the readings lie, in the order in which they came.
+    pub places: Vec<[f64; 3]>,
+}
+
+impl Snapshot {
+    /// What is known of the surface.
+    #[must_use]
+    pub fn posterior(&self) -> Posterior<'_> {
+        Posterior::new(&self.surface, Arc::clone(&self.covariance))
+    }
+
+    /// The posterior of a patch filter after `readings` readings, with its patches reconciled.
+    ///
+    /// # Errors
+    /// What [`PatchFilter::reconcile`] and [`PatchFilter::surface`] report.
+    pub fn of_patches(readings: usize, mut filter: PatchFilter) -> Result<Self> {
+        filter.reconcile()?;
+        let surface = filter.surface()?;
+        Ok(Self::new(readings, surface, NodeCovariance::Patches(Arc::new(filter))))
+    }
+
+    fn new(readings: usize, surface: Surface, covariance: NodeCovariance) -> Self {
+        Self { readings, surface, covariance: Arc::new(covariance) }
+    }
+}
+
+impl Forming {
+    /// The same with every point moved.
+    pub(super) fn translated(mut self, by: [f64; 3]) -> Result<Self> {
+        if by == [0.0; 3] {
+            return Ok(self);
+        }
+        for snapshot in &mut self.snapshots {
+            let moved = snapshot.surface.vertices().iter().map(|p| add(*p, by)).collect();
+            snapshot.surface = snapshot.surface.with_vertices(moved)?;
+        }
+        self.places.iter_mut().for_each(|p| *p = add(*p, by));
+        Ok(self)
+    }
+}
+
+/// From `first` to `all` by a constant factor, so many at most.
+pub(super) fn counts(first: usize, all: usize, frames: usize) -> Vec<usize> {
+    let first = first.min(all).max(1);
+    let steps = frames.saturating_sub(1).max(1) as f64;
+    let mut counts: Vec<usize> = (0..frames)
+        .map(|k| (first as f64 * (all as f64 / first as f64).powf(k as f64 / steps)).round() as usize)
+        .collect();
+    counts.dedup();
+    counts
+}
+
+/// Snapshots of a fit of the global filter.
+pub(super) fn formed(
+    observations: &Observations,
+    settled: &Settled,
+    options: &FitOptions,
+    frames: usize,
+    progress: &dyn Progress,
+) -> Result<Forming> {
+    let Settled { surface, system, subset, feet, noise, prior, .. } = settled;
+    let information = weights(observations, subset, feet, noise, options.gate, false);
+    let numbers: Vec<u32> = (0..subset.len() as u32).collect();
+    let order: Vec<u32> = shuffled(&numbers, options.seed)
+        .into_iter()
+        .filter(|&k| information[k as usize] > 0.0 && feet[k as usize].state == FootState::Good)
+        .filter(|&k| observations.invented(subset[k as usize] as usize).is_none())
+        .collect();
+    // What was concluded from readings comes with the last of them; what was set aside has no information.
+    let mut rank = vec![order.len().saturating_sub(1); subset.len()];
+    for (place, &k) in order.iter().enumerate() {
+        rank[k as usize] = place;
+    }
+    let directions = system.node_normals(surface);
+    let of_prior = system.contract(prior, &directions)?;
+    let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
+    let mut there = vec![0.0; x.len()];
+    prior.multiply(&x, &mut there)?;
+    let pull: Vec<f64> = (prior.vector().chunks_exact(3).zip(there.chunks_exact(3)).zip(&directions))
+        .map(|((eta, there), d)| dot([eta[0] - there[0], eta[1] - there[1], eta[2] - there[2]], *d))
+        .collect();
+    let (start, by_place) = by_leaf(feet, surface.space().leaves().len());
+    let counts = counts(FIRST_READINGS, order.len(), frames);
+    let mut forming = Forming {
+        snapshots: Vec::with_capacity(counts.len()),
+        places: order.iter().map(|&k| observations.points[subset[k as usize] as usize]).collect(),
+    };
+    for (number, &count) in counts.iter().enumerate() {
+        progress.check("animating", number as f64 / counts.len() as f64)?;
+        progress.items(number, "frames");
+        let mut total = system.accumulate_along(&directions, |leaf, add| {
+            for &k in &by_place[start[leaf] as usize..start[leaf + 1] as usize] {
+                let k = k as usize;
+                if rank[k] < count && information[k] > 0.0 {
+                    feet[k].rows(surface, |r, row| {
+                        add(row, feet[k].normal, feet[k].residuals()[r], information[k])
+                    });
+                }
+            }
+        })?;
+        let mut step: Vec<f64> = total.vector().iter().zip(&pull).map(|(a, b)| a + b).collect();
+        total.add_scaled(&of_prior, 1.0)?;
+        let hold = HOLD * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
+        total.add_diagonal(hold.max(f64::MIN_POSITIVE));
+        let factor = system.factorize_scalar(&total)?;
+        factor.solve_in_place(&mut step)?;
+        let moved = (surface.vertices().iter().zip(&step).zip(&directions))
+            .map(|((p, step), d)| add_scaled(*p, *step, *d))
+            .collect();
+        let motion = Motion::Along(directions.clone());
+        let covariance = NodeCovariance::of_motion(SelectedInverse::new(&factor), motion);
+        forming.snapshots.push(Snapshot::new(count, surface.with_vertices(moved)?, covariance));
+    }
+    Ok(forming)
+}

@@ -1,0 +1,170 @@
+//! Gaps in what was seen of a settled surface, and what surrounds each.
+//!
+//! Comes in: a settled surface with its feet. Goes out: for each gap readings that are concluded from the
+//! simple shape around it, if there is one, and a report of what was found.
+//!
+//! A place of the surface is in a gap where no reading that faces its way lies within three times the spacing
+//! of the readings. Leaves with such places that touch make one gap. The readings around it, as far away as
+//! the gap is wide, or only half as far where those are of no simple shape, say what it is.
+
+use super::stages::{Settled, leaf_areas, neighbourhood, weights};
+use crate::complete::{GapReport, Seen};
+use crate::observe::{InventedReading, InventedVariance, Observations};
+use planish_estimate::vector3::{distance, dot, sub};
+use planish_spline::{Classification, classify};
+use std::f64::consts::PI;
+
+/// Places of a leaf along each side that are looked at.
+const PLACES: usize = 5;
+/// Distance to the nearest reading from which a place is in a gap, over the spacing of the readings.
+const EMPTY: f64 = 3.0;
+/// How far around a gap readings are asked, over its radius: the widest ring whose readings are of one shape.
+const RINGS: [f64; 3] = [1.5, 0.8, 0.4];
+/// Readings and places that are enough.
+const ENOUGH_READINGS: usize = 4000;
+const ENOUGH_PLACES: usize = 300;
+
+/// A place of the surface where nothing was seen.
+#[derive(Clone, Copy)]
+struct Place {
+    point: [f64; 3],
+    normal: [f64; 3],
+    area: f64,
+}
+
+/// Readings that complete the gaps, and what was found of each gap, the largest first.
+pub(super) fn completed(
+    observations: &Observations,
+    settled: &Settled,
+    gate: f64,
+) -> (Vec<InventedReading>, Vec<GapReport>) {
+    let information = weights(observations, &settled.subset, &settled.feet, &settled.noise, gate, false);
+    let used: Vec<usize> = (0..settled.subset.len())
+        .filter(|&k| information[k] > 0.0 && observations.invented(settled.subset[k] as usize).is_none())
+        .collect();
+    let mut readings = Vec::new();
+    let mut reports = Vec::new();
+    for gap in gaps(observations, settled, &used) {
+        let (found, around) = surroundings(observations, settled, &used, &information, &gap);
+        let before = readings.len();
+        if let Some(found) = &found {
+            readings.extend(concluded(found, &gap, around.typical_variance));
+        }
+        let area = gap.iter().map(|p| p.area).sum();
+        reports.push(GapReport::of(found.as_ref(), area, around.readings, readings.len() - before));
+    }
+    (readings, reports)
+}
+
+/// The gaps, each as its places, the largest first.
+fn gaps(observations: &Observations, settled: &Settled, used: &[usize]) -> Vec<Vec<Place>> {
+    let (surface, space) = (&settled.surface, settled.surface.space());
+    let areas = leaf_areas(surface);
+    let mut own = vec![false; areas.len()];
+    for &k in used {
+        own[settled.feet[k].leaf as usize] = true;
+    }
+    let seen_area: f64 = areas.iter().zip(&own).filter(|(_, o)| **o).map(|(a, _)| a).sum();
+    let spacing = (seen_area / used.len().max(1) as f64).sqrt();
+    let seen = Seen::new(observations, EMPTY * spacing);
+    let places: Vec<Vec<Place>> = (0..areas.len())
+        .map(|leaf| {
+            let grid = (0..PLACES * PLACES)
+                .map(|k| [k % PLACES, k / PLACES].map(|c| (c as f64 + 0.5) / PLACES as f64));
+            let all = grid.filter_map(|[s, t]| {
+                let jet = surface.leaf_jet(leaf, s, t);
+                Some(Place {
+                    point: jet.point,
+                    normal: jet.normal()?,
+                    area: areas[leaf] / (PLACES * PLACES) as f64,
+                })
+            });
+            all.filter(|p| !seen.near(p.point, p.normal)).collect()
+        })
+        .collect();
+    let mut met = vec![false; areas.len()];
+    let mut found = Vec::new();
+    for first in 0..areas.len() {
+        if met[first] || places[first].is_empty() {
+            continue;
+        }
+        met[first] = true;
+        let (mut stack, mut gap) = (vec![first], Vec::new());
+        while let Some(leaf) = stack.pop() {
+            gap.extend_from_slice(&places[leaf]);
+            for other in neighbourhood(space, leaf) {
+                if !met[other] && !places[other].is_empty() {
+                    met[other] = true;
+                    stack.push(other);
+                }
+            }
+        }
+        found.push(gap);
+    }
+    let size = |gap: &[Place]| gap.iter().map(|p| p.area).sum::<f64>();
+    found.sort_by(|a, b| size(b).total_cmp(&size(a)));
+    found
+}
+
+/// What was asked around a gap.
+struct Around {
+    readings: usize,
+    typical_variance: f64,
+}
+
+/// What the readings around a gap are of.
+fn surroundings(
+    observations: &Observations,
+    settled: &Settled,
+    used: &[usize],
+    information: &[f64],
+    gap: &[Place],
+) -> (Option<Classification>, Around) {
+    let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
+    let some: Vec<&Place> = gap.iter().step_by(gap.len().div_ceil(ENOUGH_PLACES)).collect();
+    // How far each reading is from the nearest place of the gap.
+    let away: Vec<f64> = used
+        .iter()
+        .map(|&k| {
+            let z = observations.points[settled.subset[k] as usize];
+            some.iter().map(|p| distance(p.point, z)).fold(f64::INFINITY, f64::min)
+        })
+        .collect();
+    let nearest = away.iter().copied().fold(f64::INFINITY, f64::min);
+    let mut around = Around { readings: 0, typical_variance: 0.0 };
+    for ring in RINGS {
+        let near: Vec<usize> = (used.iter().zip(&away))
+            .filter(|(_, d)| **d <= nearest + ring * radius)
+            .map(|(&k, _)| k)
+            .collect();
+        let near: Vec<usize> =
+            near.iter().copied().step_by(near.len().div_ceil(ENOUGH_READINGS).max(1)).collect();
+        let points: Vec<[f64; 3]> =
+            near.iter().map(|&k| observations.points[settled.subset[k] as usize]).collect();
+        let normals: Vec<[f64; 3]> = near.iter().map(|&k| settled.feet[k].normal).collect();
+        let variance: Vec<f64> = near.iter().map(|&k| 1.0 / information[k]).collect();
+        around.readings = near.len();
+        around.typical_variance = variance.iter().sum::<f64>() / near.len().max(1) as f64;
+        if let Some(found) = classify(&points, &normals, &variance) {
+            return (Some(found), around);
+        }
+    }
+    (None, around)
+}
+
+/// The points of the shape beside every place of a gap.
+fn concluded(found: &Classification, gap: &[Place], own: f64) -> Vec<InventedReading> {
+    let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
+    gap.iter()
+        .filter_map(|place| {
+            let predicted = found.predict(place.point, place.normal);
+            let off = sub(predicted.point, place.point);
+            // What lies farther off than the gap is wide is another part of the shape.
+            (dot(off, off) < radius * radius).then_some(InventedReading {
+                point: predicted.point,
+                normal: predicted.normal,
+                variance: InventedVariance { own, shared: predicted.variance },
+            })
+        })
+        .collect()
+}

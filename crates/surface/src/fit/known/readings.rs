@@ -1,0 +1,560 @@
+//! Readings with known parameters, by their numbers: which are fitted, which are held out, gated or written
+//! twice.
+//!
+//! Comes in: scans with `u` and `v`. Goes out: sums over cells, and what a surface leaves of the readings.
+//! Nothing is kept of a reading but marks.
+
+use crate::fit::FitOptions;
+use crate::fit::noise::ResidualSums;
+use crate::observe::{BitsHasher, hash01};
+use planish_core::Progress;
+use planish_estimate::{Error, Result, TruncatedNormal, gated_scale};
+use planish_exchange::ScanSet;
+use planish_mesh::BoundingBox;
+use planish_sense::{Noise, Pose};
+use planish_spline::{Hierarchy, PositionReading, PositionSums, Surface};
+use rayon::prelude::*;
+use std::hash::Hasher;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Readings that one task looks at.
+pub(super) const TASK: usize = 1 << 13;
+/// So many held-out readings judge any fit.
+const ENOUGH_HELD_OUT: f64 = 3_000.0;
+/// Residuals that are enough to find the scale of a sensor.
+const ENOUGH_FOR_SCALE: usize = 50_000;
+/// Fewer readings say nothing of a surface and its noise.
+const LEAST_READINGS: usize = 10;
+/// While gross errors are looked for, readings farther than so many σ are softened.
+const BOUNDED: f64 = 2.5;
+/// Noise puts nothing farther out than the gate, or than the farthest of so many draws, and so many σ more.
+const BEYOND_NOISE: f64 = 2.0;
+/// Readings for each bin in which neighbours are compared; how many standard deviations of what noise makes
+/// they have to share, and which share of their variance is worth telling.
+const READINGS_PER_BIN: f64 = 8.0;
+const SIGNIFICANT_SHAPE: f64 = 5.0;
+const WORTH_TELLING: f64 = 0.05;
+/// Rounding, as a share of the size of the surface.
+const ROUNDING: f64 = 1e-12;
+
+/// Readings of a set of scans and which of them are fitted.
+pub(super) struct Readings<'a> {
+    pub(super) set: &'a ScanSet,
+    pub(super) cells: [f64; 2],
+    pub(super) options: &'a FitOptions,
+    /// How many there are.
+    pub(super) total: usize,
+    /// Numbers of held-out readings of each scan, ascending.
+    pub(super) held_out: Vec<Vec<u32>>,
+    /// Numbers of gated readings of each scan, ascending.
+    pub(super) gated: Vec<Vec<u32>>,
+    /// Numbers of readings that repeat an earlier one, ascending.
+    pub(super) repeated: Vec<Vec<u32>>,
+    /// What far readings are softened by, where they are.
+    pub(super) softening: Option<Softening>,
+    /// For each scan, those that are held out or repeated, and those that are gated as well.
+    pub(super) is_held_out: Vec<Marks>,
+    pub(super) is_left_out: Vec<Marks>,
+    /// Whether a sensor's σ was stated.
+    pub(super) stated: Vec<bool>,
+    /// Each sensor's 1/variance where its scans state no σ: 1 where nobody does.
+    pub(super) information: Vec<f64>,
+    /// Whether a scan has a pose to be carried along by.
+    pub(super) is_moved: Vec<bool>,
+}
+
+/// Readings farther than so many σ from a surface pull the less the farther they are: each adds as much to
+/// the sum of squares as one there.
+pub(super) struct Softening {
+    pub(super) surface: Evaluation,
+    /// Each sensor's variance over that stated.
+    pub(super) variances: Vec<f64>,
+}
+
+/// One mark a reading.
+pub(super) struct Marks(Vec<u64>);
+
+impl Marks {
+    /// Marks on some of so many numbers.
+    pub(super) fn on<'n>(size: usize, numbers: impl IntoIterator<Item = &'n u32>) -> Self {
+        let mut words = vec![0; size.div_ceil(64)];
+        for &k in numbers {
+            words[k as usize / 64] |= 1 << (k % 64);
+        }
+        Self(words)
+    }
+
+    #[inline(always)]
+    pub(super) fn has(&self, k: usize) -> bool {
+        self.0[k / 64] & (1 << (k % 64)) != 0
+    }
+}
+
+/// One reading in the world.
+#[derive(Clone, Copy)]
+pub(super) struct Reading {
+    pub(super) at: [f64; 2],
+    pub(super) point: [f64; 3],
+    /// 1/variance as stated; 1 where it was not.
+    pub(super) information: f64,
+}
+
+/// Readings of one scan, by their numbers.
+#[derive(Clone, Copy)]
+pub(super) struct OfScan<'a> {
+    pub(super) parameters: &'a [[f64; 2]],
+    pub(super) points: &'a [[f64; 3]],
+    pub(super) sigma: Option<&'a [f64]>,
+    /// Where none is stated with the readings.
+    pub(super) information: f64,
+    pub(super) pose: Option<&'a Pose>,
+    pub(super) cells: [f64; 2],
+    pub(super) is_left_out: &'a Marks,
+    pub(super) is_held_out: &'a Marks,
+    /// A surface, and how far from it a reading of unit information pulls with all its weight.
+    pub(super) softened: Option<(&'a Evaluation, f64)>,
+}
+
+impl OfScan<'_> {
+    #[inline(always)]
+    pub(super) fn reading(&self, k: usize) -> Reading {
+        let [u, v] = self.parameters[k];
+        Reading {
+            at: [u * self.cells[0], v * self.cells[1]],
+            point: match self.pose {
+                Some(pose) => pose.apply(self.points[k]),
+                None => self.points[k],
+            },
+            information: match self.sigma {
+                Some(sigma) => 1.0 / (sigma[k] * sigma[k]),
+                None => self.information,
+            },
+        }
+    }
+
+    /// A reading that takes part in the fit.
+    #[inline(always)]
+    pub(super) fn fitted(&self, k: usize) -> Option<PositionReading> {
+        (!self.is_left_out.has(k)).then(|| {
+            let reading = self.reading(k);
+            let softened = self.softened.map_or(1.0, |(surface, bound)| {
+                let far = surface.residual(reading).fold(0.0, |far: f64, r| far.max(r.abs()));
+                (bound / (far * reading.information.sqrt()).max(f64::MIN_POSITIVE)).min(1.0).powi(2)
+            });
+            PositionReading {
+                parameters: reading.at,
+                position: reading.point,
+                information: softened * reading.information,
+            }
+        })
+    }
+}
+
+impl<'a> Readings<'a> {
+    pub(super) fn new(set: &'a ScanSet, cells: [usize; 2], options: &'a FitOptions) -> Result<Self> {
+        let total: usize = set.scans.iter().map(|posed| posed.scan.points.len()).sum();
+        if total < LEAST_READINGS {
+            return Err(Error::undetermined(format!(
+                "needed at least {LEAST_READINGS} readings, found {total} in all"
+            )));
+        }
+        let mut stated = vec![true; set.sensors.len()];
+        // A file that is alone is named by who reads it.
+        let named = |name: &str| {
+            if set.scans.len() > 1 { format!("{name}: ") } else { String::new() }
+        };
+        for posed in &set.scans {
+            let name = named(&posed.scan.name);
+            if posed.scan.parameters.is_none() {
+                return Err(Error::input(format!(
+                    "{name}needed the columns u v (the parameters of each reading, in [0, 1]), found none"
+                )));
+            }
+            if posed.scan.covariance.is_some() {
+                return Err(Error::unsupported(format!(
+                    "{name}needed one σ a reading (the column sigma) where parameters are known, found covariances cxx … czz"
+                )));
+            }
+            if posed.scan.sigma.is_none() {
+                match set.sensors[posed.sensor].noise {
+                    None => stated[posed.sensor] = false,
+                    Some(Noise::Isotropic { .. }) => {}
+                    Some(Noise::Ray { .. }) => {
+                        return Err(Error::unsupported(format!(
+                            "{name}needed one σ for all directions where parameters are known, found sigma_along and sigma_across of the sensor \"{}\"",
+                            set.sensors[posed.sensor].name
+                        )));
+                    }
+                }
+            }
+        }
+        for posed in &set.scans {
+            let inside = |p: &[f64; 2]| (0.0..=1.0).contains(&p[0]) & (0.0..=1.0).contains(&p[1]);
+            if let Some(all) = &posed.scan.parameters
+                && !all.par_chunks(TASK).all(|part| part.iter().fold(true, |good, p| good & inside(p)))
+                && let Some(k) = all.iter().position(|p| !inside(p))
+            {
+                return Err(Error::input(format!(
+                    "{}needed u and v in [0, 1], found ({}, {}) (point {k})",
+                    named(&posed.scan.name),
+                    all[k][0],
+                    all[k][1]
+                )));
+            }
+        }
+        let repeated = repeated(set);
+        let mut held_out = held_out(set, options, total);
+        for (held_out, repeated) in held_out.iter_mut().zip(&repeated) {
+            held_out.retain(|k| repeated.binary_search(k).is_err());
+        }
+        let marks = || -> Vec<Marks> {
+            (set.scans.iter().zip(held_out.iter().zip(&repeated)))
+                .map(|(posed, (held_out, repeated))| {
+                    Marks::on(posed.scan.points.len(), held_out.iter().chain(repeated))
+                })
+                .collect()
+        };
+        Ok(Self {
+            set,
+            cells: cells.map(|n| n as f64),
+            options,
+            total,
+            is_held_out: marks(),
+            is_left_out: marks(),
+            held_out,
+            repeated,
+            softening: None,
+            gated: vec![Vec::new(); set.scans.len()],
+            stated,
+            information: (set.sensors.iter())
+                .map(|sensor| match sensor.noise {
+                    Some(Noise::Isotropic { sigma }) => 1.0 / (sigma * sigma),
+                    _ => 1.0,
+                })
+                .collect(),
+            is_moved: (set.scans.iter())
+                .map(|posed| posed.scan.world_from_scanner != Pose::identity())
+                .collect(),
+        })
+    }
+
+    /// The readings of scan `s`.
+    pub(super) fn of_scan(&self, s: usize) -> OfScan<'_> {
+        let posed = &self.set.scans[s];
+        OfScan {
+            parameters: posed.scan.parameters.as_deref().unwrap_or(&[]),
+            points: &posed.scan.points,
+            sigma: posed.scan.sigma.as_deref(),
+            information: self.information[posed.sensor],
+            pose: self.is_moved[s].then_some(&posed.scan.world_from_scanner),
+            cells: self.cells,
+            is_left_out: &self.is_left_out[s],
+            is_held_out: &self.is_held_out[s],
+            softened: (self.softening.as_ref())
+                .map(|by| (&by.surface, BOUNDED * by.variances[posed.sensor].sqrt())),
+        }
+    }
+
+    /// Softens what is far from a surface.
+    pub(super) fn soften(&mut self, surface: Evaluation, variances: Vec<f64>) {
+        self.softening = Some(Softening { surface, variances });
+    }
+
+    /// Leaves out other readings by the gate.
+    pub(super) fn set_gated(&mut self, gated: Vec<Vec<u32>>) {
+        self.softening = None;
+        let left_out = gated.iter().zip(&self.held_out).zip(&self.repeated);
+        self.is_left_out = (self.set.scans.iter().zip(left_out))
+            .map(|(posed, ((gated, held_out), repeated))| {
+                Marks::on(posed.scan.points.len(), gated.iter().chain(held_out).chain(repeated))
+            })
+            .collect();
+        self.gated = gated;
+    }
+
+    /// Every reading's part in something, task by task in their order: `work(scan, numbers)`.
+    pub(super) fn in_tasks<T: Send>(&self, work: impl Fn(usize, Range<usize>) -> T + Sync) -> Vec<T> {
+        let tasks: Vec<(usize, Range<usize>)> = (self.set.scans.iter().enumerate())
+            .flat_map(|(s, posed)| {
+                let size = posed.scan.points.len();
+                (0..size).step_by(TASK).map(move |k| (s, k..size.min(k + TASK)))
+            })
+            .collect();
+        tasks.into_par_iter().map(|(s, range)| work(s, range)).collect()
+    }
+
+    /// The sums of each sensor's readings that are fitted.
+    pub(super) fn sum(&self, space: &Arc<Hierarchy>, progress: &dyn Progress) -> Result<Vec<PositionSums>> {
+        let mut sums = vec![PositionSums::new(space); self.set.sensors.len()];
+        for (s, posed) in self.set.scans.iter().enumerate() {
+            progress.check("adding up", 0.1 + 0.2 * s as f64 / self.set.scans.len() as f64)?;
+            progress
+                .items(self.set.scans[..s].iter().map(|before| before.scan.points.len()).sum(), "readings");
+            let scan = self.of_scan(s);
+            sums[posed.sensor]
+                .add_from(posed.scan.points.len(), |k| scan.fitted(k))
+                .map_err(|e| e.in_context(&posed.scan.name))?;
+        }
+        Ok(sums)
+    }
+
+    /// Sorts the readings by the gate, given each sensor's variance over that stated; and what the residuals
+    /// of those inside sum up to.
+    pub(super) fn examine(&self, surface: &Evaluation, variances: &[f64]) -> Result<Examined> {
+        let gate2 = self.options.gate * self.options.gate;
+        let parts = self.in_tasks(|s, range| {
+            let variance = variances[self.set.scans[s].sensor];
+            let scan = self.of_scan(s);
+            let mut part = ExaminedPart { scan: s, ..ExaminedPart::default() };
+            for k in range {
+                if scan.is_held_out.has(k) {
+                    continue;
+                }
+                let reading = scan.reading(k);
+                let (mut square, mut largest) = (0.0, 0.0_f64);
+                for r in surface.residual(reading) {
+                    square += r * r;
+                    largest = largest.max(r * r);
+                }
+                let residual = ResidualSums {
+                    count: 1,
+                    square,
+                    weighted: reading.information * square,
+                    variance: 1.0 / reading.information,
+                };
+                let normalised = largest * reading.information / variance;
+                // What rounding leaves is no error of a sensor.
+                if normalised > gate2 && largest > surface.rounding {
+                    part.farthest = part.farthest.max(normalised);
+                    if !scan.is_left_out.has(k) {
+                        part.farthest_new = part.farthest_new.max(normalised);
+                    }
+                    part.gated.push(k as u32);
+                    part.outside.add(&residual);
+                } else {
+                    part.inside.add(&residual);
+                }
+            }
+            part
+        });
+        let mut gated = vec![Vec::new(); self.set.scans.len()];
+        let mut inside = vec![ResidualSums::default(); self.set.sensors.len()];
+        let mut outside = inside.clone();
+        let (mut farthest, mut farthest_new) = (0.0_f64, 0.0_f64);
+        for part in parts {
+            let sensor = self.set.scans[part.scan].sensor;
+            gated[part.scan].extend(part.gated);
+            inside[sensor].add(&part.inside);
+            outside[sensor].add(&part.outside);
+            farthest = farthest.max(part.farthest.sqrt());
+            farthest_new = farthest_new.max(part.farthest_new.sqrt());
+        }
+        // What noise alone puts there, and no farther, is not put there by anything else.
+        let beyond = 1.0 - TruncatedNormal::new(self.options.gate)?.share_kept();
+        let count: usize = inside.iter().chain(&outside).map(|r| r.count).sum();
+        let numbers = (surface.coordinates.len() * count).max(1) as f64;
+        let expected = beyond * numbers;
+        let found: usize = outside.iter().map(|r| r.count).sum();
+        let far = self.options.gate.max((2.0 * numbers.ln()).sqrt()) + BEYOND_NOISE;
+        if found as f64 <= expected + 4.0 * expected.sqrt() + 1.0 && farthest <= far {
+            gated.iter_mut().for_each(Vec::clear);
+            for (inside, outside) in inside.iter_mut().zip(&outside) {
+                inside.add(outside);
+            }
+        }
+        Ok(Examined { gated, residuals: inside, farthest_new })
+    }
+
+    /// The share of the residuals' variance that neighbours share, where it is more than noise makes: shape
+    /// that the grid cannot follow.
+    ///
+    /// `Σ_b ((Σ r)² − Σ r²)/n_b` over small bins, by a sample, far residuals cut off.
+    pub(super) fn shape_left(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
+        let step = (self.total / ENOUGH_FOR_SCALE).max(1);
+        let side = ((self.total / step) as f64 / READINGS_PER_BIN).sqrt().floor().max(1.0);
+        let coordinates = surface.coordinates.len();
+        // Sum, sum of squares and number of each bin and coordinate.
+        let mut bins = vec![[0.0; 3]; (side * side) as usize * coordinates];
+        for (s, posed) in self.set.scans.iter().enumerate() {
+            let scan = self.of_scan(s);
+            let spread = variances[posed.sensor].sqrt();
+            for k in (0..posed.scan.points.len()).step_by(step).filter(|&k| !scan.is_left_out.has(k)) {
+                let reading = scan.reading(k);
+                let place = [0, 1].map(|d| (reading.at[d] / self.cells[d] * side).min(side - 1.0) as usize);
+                let bin = (place[1] * side as usize + place[0]) * coordinates;
+                for (bin, r) in bins[bin..].iter_mut().zip(surface.residual(reading)) {
+                    let r = (r * reading.information.sqrt() / spread)
+                        .clamp(-self.options.gate, self.options.gate);
+                    *bin = [bin[0] + r, bin[1] + r * r, bin[2] + 1.0];
+                }
+            }
+        }
+        let (mut shared, mut whole, mut pairs) = (0.0, 0.0, 0.0);
+        for [sum, squares, n] in bins.into_iter().filter(|[_, _, n]| *n > 1.0) {
+            shared += (sum * sum - squares) / n;
+            whole += (n - 1.0) * squares / n;
+            pairs += 1.0 - 1.0 / n;
+        }
+        let share = shared / whole.max(f64::MIN_POSITIVE);
+        (shared > SIGNIFICANT_SHAPE * f64::sqrt(2.0 * pairs) && share > WORTH_TELLING).then_some(share)
+    }
+
+    /// Each sensor's variance over that stated as a sample of its residuals says, whatever is outside the
+    /// gate.
+    pub(super) fn robust_variances(&self, surface: &Evaluation) -> Result<Vec<f64>> {
+        let mut residuals = vec![Vec::new(); self.set.sensors.len()];
+        let step = (self.total / ENOUGH_FOR_SCALE).max(1);
+        for (s, posed) in self.set.scans.iter().enumerate() {
+            let scan = self.of_scan(s);
+            let sample = (0..posed.scan.points.len().div_ceil(step)).into_par_iter();
+            let of_sample: Vec<f64> = (sample.with_min_len(TASK))
+                .filter(|k| !scan.is_held_out.has(k * step))
+                .flat_map_iter(|k| {
+                    let reading = scan.reading(k * step);
+                    let weight = reading.information.sqrt();
+                    surface.residual(reading).map(move |r| r * weight)
+                })
+                .collect();
+            residuals[posed.sensor].extend(of_sample);
+        }
+        (residuals.iter())
+            .map(|all| match all.is_empty() {
+                true => Ok(1.0),
+                false => Ok(gated_scale(all, self.options.gate)?.sigma.powi(2)),
+            })
+            .collect()
+    }
+}
+
+/// What the gate makes of the readings.
+pub(super) struct Examined {
+    /// Numbers of those outside, scan by scan, ascending.
+    pub(super) gated: Vec<Vec<u32>>,
+    /// Sums over those inside, sensor by sensor.
+    pub(super) residuals: Vec<ResidualSums>,
+    /// How far outside, in σ, the farthest is that was inside before.
+    pub(super) farthest_new: f64,
+}
+
+/// What a task finds.
+#[derive(Default)]
+pub(super) struct ExaminedPart {
+    pub(super) scan: usize,
+    pub(super) gated: Vec<u32>,
+    pub(super) inside: ResidualSums,
+    pub(super) outside: ResidualSums,
+    /// Squares of the farthest, and of the farthest that was not outside before, over their variance.
+    pub(super) farthest: f64,
+    pub(super) farthest_new: f64,
+}
+
+/// The measured coordinates of a surface as polynomials on every leaf: a surface that is quick to ask.
+pub(super) struct Evaluation {
+    pub(super) space: Arc<Hierarchy>,
+    /// Which coordinates are measured.
+    pub(super) coordinates: Vec<usize>,
+    /// For each leaf and measured coordinate, coefficient of `xⁱ yʲ` at `[j][i]`.
+    pub(super) polynomials: Vec<[[f64; 4]; 4]>,
+    /// The square of a residual that is rounding and no more.
+    pub(super) rounding: f64,
+}
+
+/// Coefficient of `xⁱ` in the cubic B-spline weight `k` of a cell, times 6.
+const WEIGHTS_6: [[f64; 4]; 4] =
+    [[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]];
+
+impl Evaluation {
+    pub(super) fn new(surface: &Surface, measured: [bool; 3]) -> Self {
+        let coordinates: Vec<usize> = (0..3).filter(|&d| measured[d]).collect();
+        let coefficients = surface.space().leaf_coefficients(surface.vertices());
+        let polynomials = (coefficients.iter())
+            .flat_map(|c| {
+                coordinates.iter().map(|&d| {
+                    let mut polynomial = [[0.0; 4]; 4];
+                    for (k, c) in c.iter().enumerate() {
+                        for j in 0..4 {
+                            for i in 0..4 {
+                                polynomial[j][i] += WEIGHTS_6[k / 4][j] * WEIGHTS_6[k % 4][i] * c[d] / 36.0;
+                            }
+                        }
+                    }
+                    polynomial
+                })
+            })
+            .collect();
+        Self {
+            space: Arc::clone(surface.space()),
+            coordinates,
+            polynomials,
+            rounding: (ROUNDING * BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal())).powi(2),
+        }
+    }
+
+    /// Reading minus surface, in the measured coordinates.
+    #[inline(always)]
+    pub(super) fn residual(&self, reading: Reading) -> impl Iterator<Item = f64> {
+        let (leaf, [x, y]) = self.space.locate(reading.at[0], reading.at[1]);
+        let many = self.coordinates.len();
+        let own = &self.polynomials[leaf * many..(leaf + 1) * many];
+        self.coordinates.iter().zip(own).map(move |(&d, p)| {
+            let [a, b, c, e] = p.map(|row| ((row[3] * x + row[2]) * x + row[1]) * x + row[0]);
+            reading.point[d] - (((e * y + c) * y + b) * y + a)
+        })
+    }
+}
+
+/// Numbers of readings that are held out of each scan: one at random of as many as the share wants, as few as
+/// judge the fit.
+pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec<Vec<u32>> {
+    let share = options.held_out_share.min(ENOUGH_HELD_OUT / total as f64);
+    (set.scans.iter().enumerate())
+        .map(|(s, posed)| {
+            let size = posed.scan.points.len();
+            let strata = (size as f64 * share).ceil() as u64;
+            let chosen = (0..strata).map(|b| (b as f64 + hash01(options.seed, s as u64, b)) / share);
+            chosen.filter(|k| *k < size as f64).map(|k| k as u32).collect()
+        })
+        .collect()
+}
+
+/// Numbers of readings that repeat an earlier one of their scan to the last digit, ascending: one reading
+/// that was written twice.
+///
+/// Copies have one hash, so a sample by the hash has all copies of a reading or none: only where it has any,
+/// all readings are looked at.
+pub(super) fn repeated(set: &ScanSet) -> Vec<Vec<u32>> {
+    (set.scans.iter())
+        .map(|posed| {
+            let (points, parameters) = (&posed.scan.points, posed.scan.parameters.as_deref().unwrap_or(&[]));
+            let hashes = |wanted: fn(u64) -> bool| -> Vec<(u64, u32)> {
+                let mut all: Vec<(u64, u32)> = (points.par_iter().zip(parameters).enumerate())
+                    .with_min_len(TASK)
+                    .map(|(k, (p, at))| (hash_of(p.iter().chain(at)), k as u32))
+                    .filter(|(hash, _)| wanted(*hash))
+                    .collect();
+                all.par_sort_unstable();
+                all
+            };
+            let same = |pair: &[(u64, u32)]| {
+                let [i, j] = [pair[0].1 as usize, pair[1].1 as usize];
+                pair[0].0 == pair[1].0 && points[i] == points[j] && parameters[i] == parameters[j]
+            };
+            if !hashes(|hash| hash & 63 == 0).windows(2).any(same) {
+                return Vec::new();
+            }
+            let all = hashes(|_| true);
+            let mut repeated: Vec<u32> =
+                all.windows(2).filter(|pair| same(pair)).map(|pair| pair[1].1).collect();
+            repeated.sort_unstable();
+            repeated
+        })
+        .collect()
+}
+
+/// A hash of the bits of numbers.
+pub(super) fn hash_of<'n>(numbers: impl Iterator<Item = &'n f64>) -> u64 {
+    let mut hasher = BitsHasher::default();
+    numbers.for_each(|x| hasher.write_u64(x.to_bits()));
+    hasher.finish()
+}

@@ -1,0 +1,141 @@
+//! What a report shows of the readings: some of them with their residuals, and what every scan amounts to.
+//!
+//! Comes in: the readings that a fit ends with. Goes out: [`ShownReadings`]. Nothing is computed anew: these
+//! are the residuals that the fit judged.
+//!
+//! Not guaranteed: readings of a large cloud beyond those that found the surface; readings of other things
+//! than positions.
+
+use super::noise::SensorNoise;
+use super::stages::with_neighbours;
+use crate::observe::Foot;
+use crate::observe::{Observations, Quantity};
+use planish_estimate::vector3::add;
+use planish_exchange::ScanSet;
+use planish_spline::Surface;
+
+/// So many readings are shown at most: dots that lie apart on a screen.
+const MOST_SHOWN: usize = 20_000;
+
+/// What a scan amounts to.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ScanFigures {
+    /// Its name.
+    pub name: String,
+    /// Its sensor.
+    pub sensor: String,
+    /// Positions that took part.
+    pub used: usize,
+    /// Positions that were found to be of something else, or wrong.
+    pub set_aside: usize,
+    /// Root mean square of the residuals of those that took part.
+    pub rms: f64,
+    /// Their mean: how far the scan lies from all others together.
+    pub mean: f64,
+    /// Root mean square of residual over σ.
+    pub rms_normalised: f64,
+}
+
+/// Some readings of position, as the fit judged them.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ShownReadings {
+    /// Where.
+    pub places: Vec<[f64; 3]>,
+    /// Signed distance from the surface.
+    pub residuals: Vec<f64>,
+    /// The same over its σ.
+    pub normalised: Vec<f64>,
+    /// Index of the scan.
+    pub scan: Vec<u16>,
+    /// Whether the reading took part.
+    pub used: Vec<bool>,
+    /// Scan by scan, in the order of the scans.
+    pub scans: Vec<ScanFigures>,
+    /// For each leaf, the scans that have a reading in it or in a neighbour of it.
+    pub seen_by: Vec<Vec<u16>>,
+}
+
+impl ShownReadings {
+    /// From feet and the information that each was given.
+    pub(super) fn new(
+        set: &ScanSet,
+        observations: &Observations,
+        surface: &Surface,
+        subset: &[u32],
+        feet: &[Foot],
+        information: &[f64],
+        noise: &SensorNoise,
+    ) -> Self {
+        let mut shown = Self {
+            scans: (set.scans.iter())
+                .map(|posed| ScanFigures {
+                    name: posed.scan.name.clone(),
+                    sensor: set.sensors[posed.sensor].name.clone(),
+                    ..ScanFigures::default()
+                })
+                .collect(),
+            ..Self::default()
+        };
+        let leaves = surface.space().leaves().len();
+        let mut holds: Vec<Vec<bool>> = vec![Vec::new(); shown.scans.len()];
+        let positions: Vec<usize> = (0..feet.len())
+            .filter(|&k| {
+                let channel = &observations.channels[observations.channel(subset[k] as usize)];
+                feet[k].quantity == Quantity::Position && !channel.invented
+            })
+            .collect();
+        let step = positions.len().div_ceil(MOST_SHOWN).max(1);
+        for (n, &k) in positions.iter().enumerate() {
+            let (i, foot) = (subset[k] as usize, &feet[k]);
+            let scan = observations.scan[i] as usize;
+            let (Some(figures), Some(holds)) = (shown.scans.get_mut(scan), holds.get_mut(scan)) else {
+                continue;
+            };
+            let residual = foot.height();
+            let normalised = residual / (noise.used[observations.channel(i)] * foot.variance).sqrt();
+            let used = information[k] > 0.0;
+            if used {
+                figures.used += 1;
+                figures.rms += residual * residual;
+                figures.mean += residual;
+                figures.rms_normalised += normalised * normalised;
+                if holds.is_empty() {
+                    holds.resize(leaves, false);
+                }
+                holds[foot.leaf as usize] = true;
+            } else {
+                figures.set_aside += 1;
+            }
+            if n % step == 0 {
+                shown.places.push(observations.points[i]);
+                shown.residuals.push(residual);
+                shown.normalised.push(normalised);
+                shown.scan.push(scan as u16);
+                shown.used.push(used);
+            }
+        }
+        for figures in &mut shown.scans {
+            let n = figures.used.max(1) as f64;
+            figures.rms = (figures.rms / n).sqrt();
+            figures.mean /= n;
+            figures.rms_normalised = (figures.rms_normalised / n).sqrt();
+        }
+        shown.seen_by = vec![Vec::new(); leaves];
+        for (scan, holds) in holds.iter().enumerate().filter(|(_, holds)| !holds.is_empty()) {
+            for (leaf, seen) in with_neighbours(surface.space(), holds).into_iter().enumerate() {
+                if seen {
+                    shown.seen_by[leaf].push(scan as u16);
+                }
+            }
+        }
+        shown
+    }
+
+    /// The same with every place moved.
+    pub(super) fn translated(mut self, by: [f64; 3]) -> Self {
+        for place in &mut self.places {
+            *place = add(*place, by);
+        }
+        self
+    }
+}

@@ -1,0 +1,68 @@
+//! σ at many surface points: one covariance for each leaf, however the points are ordered.
+
+use crate::model::Posterior;
+use planish_estimate::Result;
+use rayon::prelude::*;
+
+/// Leaves whose covariances one task takes: fixed, so that threads change nothing.
+const CHUNK: usize = 64;
+
+/// Positions of points sorted by the leaf of each: leaf `l` has `order[start[l] .. start[l + 1]]`, in their
+/// own order.
+pub(crate) fn order_by_leaf(
+    leaf: impl ExactSizeIterator<Item = u32> + Clone,
+    leaves: usize,
+) -> (Vec<u32>, Vec<u32>) {
+    let mut start = vec![0_u32; leaves + 1];
+    for leaf in leaf.clone() {
+        start[leaf as usize + 1] += 1;
+    }
+    for leaf in 0..leaves {
+        start[leaf + 1] += start[leaf];
+    }
+    let mut next = start.clone();
+    let mut order = vec![0_u32; leaf.len()];
+    for (point, leaf) in leaf.enumerate() {
+        let slot = &mut next[leaf as usize];
+        order[*slot as usize] = point as u32;
+        *slot += 1;
+    }
+    (start, order)
+}
+
+/// σ along `normals[k]` at the coordinates `local[k]` of `leaf[k]`, for every k.
+///
+/// # Errors
+/// What [`Posterior::leaf`] reports.
+pub fn sigmas_along(
+    posterior: &Posterior<'_>,
+    leaf: &[u32],
+    local: &[[f64; 2]],
+    normals: &[[f64; 3]],
+) -> Result<Vec<f64>> {
+    let leaves = posterior.surface().space().leaves().len();
+    let (start, points) = order_by_leaf(leaf.iter().copied(), leaves);
+    let chunks: Vec<Vec<f64>> = (0..leaves.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|chunk| {
+            let mut sigmas = Vec::new();
+            for leaf in chunk * CHUNK..leaves.min((chunk + 1) * CHUNK) {
+                let own = &points[start[leaf] as usize..start[leaf + 1] as usize];
+                if own.is_empty() {
+                    continue;
+                }
+                let covariance = posterior.leaf(leaf)?;
+                sigmas.extend(own.iter().map(|&point| {
+                    let point = point as usize;
+                    Posterior::sigma_along(&covariance, local[point], normals[point])
+                }));
+            }
+            Ok(sigmas)
+        })
+        .collect::<Result<_>>()?;
+    let mut sigma = vec![0.0; leaf.len()];
+    for (&point, value) in points.iter().zip(chunks.into_iter().flatten()) {
+        sigma[point as usize] = value;
+    }
+    Ok(sigma)
+}

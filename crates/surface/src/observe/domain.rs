@@ -1,0 +1,208 @@
+//! The numbers that a fit can work with.
+//!
+//! Comes in: scans as they were read. Goes out: nothing, a warning, or an error that names the first number
+//! out of range. Inside the range no square overflows and positions keep enough digits; what lies outside is
+//! a slip of a unit or an export.
+
+use planish_estimate::{Error, Result};
+use planish_exchange::{PosedScan, ScanSet};
+use planish_mesh::BoundingBox;
+
+/// Squares of squares of lengths up to this are finite, and down to its inverse not zero.
+const LARGEST: f64 = 1e70;
+/// σ may be this many times larger or smaller than the thing.
+const SIGMA_RANGE: f64 = 1e12;
+/// How many times farther than its size a thing may lie from the origin: sixteen digits, less those of
+/// squares and their sums.
+const FARTHEST: f64 = 1e7;
+/// From here on the last digits of a good scanner are lost.
+const FAR: f64 = 1e6;
+
+/// Checks coordinates and stated σ; gives back what a user should know. `inputs` is what messages call all of
+/// the scans.
+///
+/// # Errors
+/// `Input` for numbers out of range, with scan and point.
+pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
+    let mut corners = Vec::new();
+    let mut boxes = Vec::new();
+    for posed in &set.scans {
+        if let Some(at) = posed.scan.points.iter().position(|p| p.iter().any(|c| c.abs() > LARGEST)) {
+            let point = posed.scan.points[at];
+            return Err(wrong(posed, at, format!("needed coordinates within ±{LARGEST:e}, found {point:?}")));
+        }
+        let pose = &posed.scan.world_from_scanner;
+        let bounds = BoundingBox::around(posed.scan.points.iter().map(|p| pose.apply(*p)));
+        corners.extend(bounds.iter().flat_map(|b| [b.min, b.max]));
+        boxes.extend(bounds.map(|b| (b, posed.scan.name.as_str())));
+    }
+    let Some(bounds) = BoundingBox::of(&corners) else {
+        return Ok(Vec::new());
+    };
+    let size = bounds.diagonal();
+    if size == 0.0 {
+        // One place: the fit has its own words for it.
+        return Ok(Vec::new());
+    }
+    if size < 1.0 / LARGEST {
+        return Err(Error::input(format!(
+            "{inputs}: needed a cloud larger than {:e}, found {size:e}",
+            1.0 / LARGEST
+        )));
+    }
+    for posed in &set.scans {
+        check_sigma(posed, set, size, inputs)?;
+    }
+    let away = bounds.min.iter().chain(&bounds.max).fold(0.0_f64, |m, c| m.max(c.abs()));
+    if away > FARTHEST * size {
+        return Err(Error::input(format!(
+            "{inputs}: a cloud of size {size:.3e} lies {away:.3e} from the origin, where too few digits are left: subtract an offset from its \
+             coordinates first"
+        )));
+    }
+    let mut warnings: Vec<String> = apart(boxes).into_iter().collect();
+    if away > FAR * size {
+        warnings.push(format!(
+            "a cloud of size {size:.3e} lies {away:.3e} from the origin, where digits are lost: better subtract an offset from its \
+             coordinates first"
+        ));
+    }
+    Ok(warnings)
+}
+
+/// What to say of scans that lie farther from all others than either is large: in another frame or unit, or
+/// of another thing.
+fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<String> {
+    if boxes.is_empty() {
+        return None;
+    }
+    let (mut whole, first) = boxes.remove(0);
+    // Those near what was gathered join it, until none is.
+    loop {
+        let before = boxes.len();
+        boxes.retain(|(next, _)| {
+            let gap = (0..3)
+                .map(|d| (next.min[d] - whole.max[d]).max(whole.min[d] - next.max[d]).max(0.0))
+                .fold(0.0, f64::hypot);
+            let near = gap <= whole.diagonal().max(next.diagonal());
+            if near {
+                let corners = [whole.min, whole.max, next.min, next.max];
+                whole = BoundingBox::of(&corners).unwrap_or(whole);
+            }
+            !near
+        });
+        if boxes.len() == before {
+            break;
+        }
+    }
+    let (_, stranger) = boxes.first()?;
+    Some(format!(
+        "the scans {first} and {stranger} lie farther apart than either is large: do they share one frame and unit?"
+    ))
+}
+
+fn wrong(posed: &PosedScan, point: usize, message: String) -> Error {
+    Error::input(format!("{}: point {point}: {message}", posed.scan.name))
+}
+
+fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Result<()> {
+    let out_of_range = |sigma: f64| !(size / SIGMA_RANGE..=size * SIGMA_RANGE).contains(&sigma);
+    let complaint = |sigma: f64| {
+        format!(
+            "σ = {sigma:e} beside a cloud of size {size:.3e}: needed at most a factor of {SIGMA_RANGE:e} between them; is its unit right?"
+        )
+    };
+    let scan = &posed.scan;
+    for (at, &sigma) in scan.sigma.iter().flatten().enumerate() {
+        if out_of_range(sigma) {
+            return Err(wrong(posed, at, complaint(sigma)));
+        }
+    }
+    for (at, c) in scan.covariance.iter().flatten().enumerate() {
+        for variance in [c[0], c[3], c[5]] {
+            if out_of_range(variance.sqrt()) {
+                return Err(wrong(posed, at, complaint(variance.sqrt())));
+            }
+        }
+    }
+    let sensor = &set.sensors[posed.sensor];
+    match sensor.noise.map(|noise| noise.sigma()) {
+        Some(sigma) if scan.sigma.is_none() && scan.covariance.is_none() && out_of_range(sigma) => {
+            Err(Error::input(format!("{inputs}: sensor \"{}\": {}", sensor.name, complaint(sigma))))
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use planish_estimate::ErrorKind;
+    use planish_sense::{Noise, Scan, Sensor, SensorKind};
+
+    fn set(change: impl FnOnce(&mut Scan, &mut Sensor)) -> ScanSet {
+        let mut scan =
+            Scan { name: "a.ply".to_owned(), points: vec![[0.0; 3], [3.0, 4.0, 0.0]], ..Scan::default() };
+        let mut sensor = Sensor {
+            name: "laser".to_owned(),
+            kind: SensorKind::Range,
+            noise: None,
+            ..planish_sense::Sensor::default()
+        };
+        change(&mut scan, &mut sensor);
+        ScanSet {
+            sensors: vec![sensor],
+            scans: vec![PosedScan { scan, sensor: 0, sigma_translation: None, sigma_rotation_deg: None }],
+            ..ScanSet::default()
+        }
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_named() {
+        type Change = fn(&mut Scan, &mut Sensor);
+        let cases: [(Change, &str); 6] = [
+            (|scan, _| scan.points[1][2] = 1e71, "a.ply: point 1: needed coordinates"),
+            (|scan, _| scan.points[1] = [1e-80, 0.0, 0.0], "larger than"),
+            (|scan, _| scan.sigma = Some(vec![0.1, 1e-13]), "a.ply: point 1: σ = 1e-13"),
+            (|scan, _| scan.covariance = Some(vec![[1e40, 0.0, 0.0, 1.0, 0.0, 1.0]; 2]), "point 0: σ = 1e20"),
+            (|_, sensor| sensor.noise = Some(Noise::Isotropic { sigma: 1e30 }), "sensor \"laser\": σ = 1e30"),
+            (|scan, _| scan.points.iter_mut().for_each(|p| p[0] += 1e9), "subtract an offset"),
+        ];
+        for (change, words) in cases {
+            let e = check_domain(&set(change), "job.toml").unwrap_err();
+            assert!(e.kind() == ErrorKind::Input && e.to_string().contains(words), "{e}");
+        }
+    }
+
+    #[test]
+    fn scans_that_lie_far_from_each_other_are_warned_of() {
+        let mut three = set(|_, _| {});
+        for (k, along) in [(1, 6.0), (2, 20.0)] {
+            let mut next = three.scans[0].clone();
+            next.scan.name = format!("{k}.ply");
+            next.scan.points.iter_mut().for_each(|p| p[0] += along);
+            three.scans.push(next);
+        }
+        let said = check_domain(&three, "job.toml").unwrap();
+        assert!(said.len() == 1 && said[0].contains("a.ply and 2.ply lie farther apart"), "{said:?}");
+        // What lies between joins them.
+        let mut between = three.scans[0].clone();
+        between.scan.points.iter_mut().for_each(|p| p[0] += 12.0);
+        three.scans.push(between);
+        assert!(check_domain(&three, "job.toml").unwrap().is_empty());
+    }
+
+    #[test]
+    fn usual_numbers_pass_and_far_ones_are_warned_of() {
+        assert!(check_domain(&set(|_, _| {}), "job.toml").unwrap().is_empty());
+        assert!(
+            check_domain(&set(|scan, _| scan.sigma = Some(vec![1e-6, 1e6])), "job.toml").unwrap().is_empty()
+        );
+        // A survey in a national grid: kilometres of size, thousands of kilometres from its origin.
+        let survey =
+            |scan: &mut Scan, _: &mut Sensor| scan.points = vec![[3e6, 5e6, 0.0], [3.001e6, 5.001e6, 90.0]];
+        assert!(check_domain(&set(survey), "job.toml").unwrap().is_empty());
+        let far = |scan: &mut Scan, _: &mut Sensor| scan.points.iter_mut().for_each(|p| p[0] += 1e7);
+        assert!(check_domain(&set(far), "job.toml").unwrap()[0].contains("digits are lost"));
+    }
+}
