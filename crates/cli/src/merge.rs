@@ -4,13 +4,13 @@ use crate::merge_args::MergeArgs;
 use crate::numbers::{count, counted, significant};
 use crate::report::{self, Align, Lines, Summary};
 use clap::ValueEnum;
+use planish::merge::write_merge_report;
 use planish::merge::{
     FillReport, MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged,
     write_merged, write_spline,
 };
 use planish::next::Length;
 use planish::progress::Progress;
-use planish::report::write_merge_report;
 use planish::saved::{Session, SessionInput};
 use planish::{Result, Unit};
 use serde::Serialize;

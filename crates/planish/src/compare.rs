@@ -13,8 +13,11 @@
 //! nearest ones. They start at the sample whose position and normal agree best, which keeps the two sides of
 //! a thin part apart.
 
-use crate::report::{ReportOutput, compare_page};
+pub(crate) mod page;
+
+use crate::report::ReportOutput;
 use crate::saved;
+use page::compare_page;
 use planish_core::Progress;
 use planish_estimate::vector3::{distance, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};

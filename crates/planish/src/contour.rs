@@ -7,8 +7,11 @@
 mod constrained;
 mod lengths;
 mod levels;
+mod page;
 mod picture;
 mod report;
+mod shape_page;
+mod sizes;
 mod space;
 mod unused;
 
@@ -21,7 +24,8 @@ pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
 
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
-use crate::report::{ReportOutput, contour_page, size_labels};
+use crate::report::ReportOutput;
+use page::contour_page;
 pub use planish_contour::constraint::{DEFAULT_LEVEL, SnapOutcome};
 use planish_contour::planar::{Choice, Sighting, Target, auto_kinds, choose, separate, usual_gap};
 pub use planish_contour::planar::{FitOptions, Form, Kind, Method, Motion};
@@ -34,6 +38,7 @@ use planish_exchange::contours::{
     write_contours_svg,
 };
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
+use sizes::size_labels;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 

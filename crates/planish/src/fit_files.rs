@@ -3,13 +3,16 @@
 //! Comes in: a [`FitJob`]. Goes out: the files that it names and a [`FitJobReport`]. Outputs are checked
 //! before anything is read, and written when everything else has succeeded.
 
+mod page;
+
 use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
 use crate::next::Length;
 use crate::output::{
     OutputFormat, OutputOptions, PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output,
     refuse_same_output,
 };
-use crate::report::{ReportOutput, fit_page};
+use crate::report::ReportOutput;
+use page::fit_page;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_inputs};

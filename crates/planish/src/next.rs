@@ -18,7 +18,8 @@
 //! nearer.
 
 use crate::output::{refuse_input_as_output, refuse_same_output};
-use crate::report::{ReportOutput, next_page};
+use crate::report::ReportOutput;
+use page::next_page;
 use planish_core::Progress;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
@@ -34,6 +35,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+pub(crate) mod page;
 mod random;
 mod sight;
 mod view_files;

@@ -4,31 +4,8 @@
 //! [`planish_report::Page`] and its file. Nothing that the summary says is computed again. Reports hold no
 //! time of day: the same input gives the same bytes.
 
-mod compare;
-mod contour;
-mod contour_sizes;
-mod fit;
-mod merge;
-mod model;
-mod next;
-mod shape;
-mod shell;
-mod simulate;
-mod solid;
-mod words;
-
-pub(crate) use compare::{compare_page, compared_scene, known_mesh_scene};
-pub(crate) use contour::contour_page;
-pub(crate) use contour_sizes::size_labels;
-pub(crate) use fit::fit_page;
-pub use merge::write_merge_report;
-pub(crate) use model::{kinds, model_scene_of, numbers};
-pub(crate) use next::{next_page, views_page};
-pub(crate) use shape::shape_page;
-pub(crate) use shell::{ShownShell, shell_page};
-pub(crate) use simulate::sphere_page;
-pub(crate) use solid::solid_page;
-pub(crate) use words::head;
+pub(crate) mod scenes;
+pub(crate) mod words;
 
 use crate::output::{refuse_input_as_output, refuse_same_output};
 use planish_estimate::{Error, Result};

@@ -1,7 +1,10 @@
 //! Simulated measurements with known truth, and the figures of paper A as a job.
 
+mod page;
+
 use crate::animation::{AnimationOutput, FRAMES, write_forming};
-use crate::report::{ReportOutput, sphere_page};
+use crate::report::ReportOutput;
+use page::sphere_page;
 use planish_core::{Error, Progress, ProgressPart, Result, WRITING_STAGE};
 use planish_exchange::{Unit, check_writable, extension, write_atomically};
 pub use planish_simulate::*;

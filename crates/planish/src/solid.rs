@@ -8,13 +8,15 @@
 mod drawing;
 mod misses;
 mod noisy;
+mod page;
 mod writing;
 
 pub use noisy::{NoisyGeometry, ReportedView};
 
 use crate::graphs::{check_graphs_name, write_graphs};
 use crate::output::refuse_input_as_output;
-use crate::report::{ReportOutput, solid_page};
+use crate::report::ReportOutput;
+use page::solid_page;
 use planish_core::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::{Unit, check_writable, extension};

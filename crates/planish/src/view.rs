@@ -15,7 +15,8 @@ pub use camera::{CameraAngles, Up};
 pub use thing::ViewedFile;
 
 use crate::output::refuse_input_as_output;
-use crate::report::{ReportOutput, head};
+use crate::report::ReportOutput;
+use crate::report::words::head;
 use camera::{Camera, Frame, axes_at, axes_from};
 use canvas::Canvas;
 use legend::Legend;

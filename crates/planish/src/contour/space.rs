@@ -1,9 +1,10 @@
 //! Planes, spheres, cylinders and boxes from readings in space.
 
 use super::report::part_warnings;
+use super::shape_page::shape_page;
 use super::unused;
 use super::{ContourJob, ContourReport, PartReport, ReportedAlternative, ReportedValue, write_json};
-use crate::report::{ReportOutput, shape_page};
+use crate::report::ReportOutput;
 use planish_contour::planar::{Form, Motion};
 use planish_contour::primitive::choose;
 use planish_core::{Progress, WRITING_STAGE};

@@ -1,8 +1,9 @@
 //! `planish next --views`: a saved model and a sensor's file in, poses out.
 
+use super::page::views_page;
 use super::{Length, NextOptions, NextView, ViewsReport, next_views};
 use crate::output::refuse_input_as_output;
-use crate::report::{ReportOutput, views_page};
+use crate::report::ReportOutput;
 use planish_core::Progress;
 use planish_estimate::{Error, Result};
 use planish_exchange::calibration::read_view_sensor;

@@ -4,14 +4,14 @@ use planish_report::numbers::significant;
 use planish_report::{Finding, Level};
 
 /// With `A` or `An` before it.
-pub(super) fn with_article(name: &str) -> String {
+pub(crate) fn with_article(name: &str) -> String {
     let an = name.starts_with(['a', 'e', 'i', 'o', 'u']);
     format!("{} {name}", if an { "An" } else { "A" })
 }
 
 /// A unit in which small lengths read well.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct SmallUnit<'a> {
+pub(crate) struct SmallUnit<'a> {
     /// Its name.
     pub name: &'a str,
     /// How many of it are one of the model's.
@@ -21,7 +21,7 @@ pub(super) struct SmallUnit<'a> {
 impl<'a> SmallUnit<'a> {
     /// The unit in which a length like this one reads well, of a model in this unit: millimetres for what is
     /// less than a centimetre, where the model is in metres.
-    pub(super) fn of(unit: &'a str, typical: f64) -> Self {
+    pub(crate) fn of(unit: &'a str, typical: f64) -> Self {
         if unit == "m" && typical.abs() < 0.01 {
             Self { name: "mm", factor: 1000.0 }
         } else {
@@ -30,7 +30,7 @@ impl<'a> SmallUnit<'a> {
     }
 
     /// A length without its unit.
-    pub(super) fn number(self, length: f64, digits: usize) -> String {
+    pub(crate) fn number(self, length: f64, digits: usize) -> String {
         significant(self.factor * length, digits)
     }
 
@@ -40,7 +40,7 @@ impl<'a> SmallUnit<'a> {
     }
 
     /// A length with its unit.
-    pub(super) fn text(self, length: f64) -> String {
+    pub(crate) fn text(self, length: f64) -> String {
         format!("{} {}", self.number(length, 3), self.name)
     }
 }
@@ -51,12 +51,12 @@ pub(crate) fn head(what: &str, unit: &str) -> String {
 }
 
 /// Warnings as findings that are worth a look.
-pub(super) fn looks(warnings: &[String]) -> Vec<Finding> {
+pub(crate) fn looks(warnings: &[String]) -> Vec<Finding> {
     warnings.iter().map(|w| Finding::new(Level::Look, sentence(w))).collect()
 }
 
 /// A warning as a sentence.
-pub(super) fn sentence(warning: &str) -> String {
+pub(crate) fn sentence(warning: &str) -> String {
     let mut letters = warning.chars();
     let first = letters.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
     // Names of files stay as they are.

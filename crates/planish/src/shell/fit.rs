@@ -10,13 +10,15 @@
 
 pub(super) mod input;
 mod inspection;
+mod page;
 mod report;
 mod rough_start;
 
 use super::looks::{Known, picture_of, write_moved};
 use super::surface::check_outputs;
-use crate::report::{ReportOutput, ShownShell, shell_page};
+use crate::report::ReportOutput;
 use input::{Frame, FrameFiles, Moved, Units};
+use page::{ShownShell, shell_page};
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result, Termination};
 use planish_exchange::Unit;

@@ -1,7 +1,8 @@
 //! What a file shows: its surfaces or points as a scene, with all by which they can be coloured.
 
+use crate::compare::page::{compared_scene, known_mesh_scene};
 use crate::compare::{CompareOptions, Compared, ComparedMesh, Reference, compared};
-use crate::report::{compared_scene, kinds, known_mesh_scene, model_scene_of, numbers};
+use crate::report::scenes::{kinds, model_scene_of, numbers};
 use planish_core::Progress;
 use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};

@@ -1,7 +1,7 @@
 //! The report of solids that a drawing means.
 
-use super::title_of;
-use super::words::{head, looks};
+use crate::report::title_of;
+use crate::report::words::{head, looks};
 use crate::solid::{DimensionKind, FaceCounts, SolidReport, UnexplainedLine};
 use planish_estimate::Result;
 use planish_mesh::BoundingBox;

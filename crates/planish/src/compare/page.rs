@@ -1,8 +1,8 @@
 //! The report of a comparison.
 
-use super::model::{MOST_TRIANGLES, model_scene_of, numbers, observed_field};
-use super::words::{SmallUnit, looks};
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
+use crate::report::scenes::{MOST_TRIANGLES, model_scene_of, numbers, observed_field};
+use crate::report::words::{SmallUnit, looks};
 use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, percent, significant};
@@ -27,7 +27,7 @@ pub(crate) fn compare_page(
     options: &CompareOptions,
     [model_name, reference_name]: [&Path; 2],
 ) -> Result<Page> {
-    let names = [model_name, reference_name].map(super::file_name);
+    let names = [model_name, reference_name].map(crate::report::file_name);
     let model_unit = report.unit.name();
     let main = report.forward.or(report.backward);
     let unit = SmallUnit::of(model_unit, main.map_or(1.0, |d| d.rms));

@@ -1,10 +1,10 @@
 //! The report of a shape in space: a plane, sphere, cylinder or box on its readings.
 
-use super::contour::{figures, findings, headline, part_blocks};
-use super::model::{kinds, numbers};
-use super::title_of;
-use super::words::with_article;
+use super::page::{figures, findings, headline, part_blocks};
 use crate::contour::ContourReport;
+use crate::report::scenes::{kinds, numbers};
+use crate::report::title_of;
+use crate::report::words::with_article;
 use planish_contour::primitive::{PrimitiveFit, Shape};
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};

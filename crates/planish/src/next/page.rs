@@ -1,9 +1,8 @@
 //! Reports of plans where, and from where, to measure next.
 
-use super::fit::next_table;
-use super::model::{model_scene, next_marks};
-use super::words::{SmallUnit, head};
-use crate::next::{Change, NextReport, ViewsReport};
+use crate::next::{Change, NextPoint, NextReport, ViewsReport};
+use crate::report::scenes::model_scene;
+use crate::report::words::{SmallUnit, head};
 use planish_estimate::vector3::{add_scaled, distance, scale};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
@@ -62,7 +61,7 @@ pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) ->
     }
     Ok(Page {
         job: "next".to_owned(),
-        title: super::file_name(name),
+        title: crate::report::file_name(name),
         headline: format!(
             "Where {} make the surface known better: largest σ {} to {}.",
             counted(next.points.len(), "reading"),
@@ -138,7 +137,7 @@ pub(crate) fn views_page(
     }
     Ok(Page {
         job: "next".to_owned(),
-        title: super::file_name(name),
+        title: crate::report::file_name(name),
         headline: format!(
             "From where {} make the surface known better: largest σ {} to {}.",
             counted(next.views.len(), "view"),
@@ -217,4 +216,35 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         hidden: true,
     });
     Ok(())
+}
+
+/// A table of points to measure.
+pub(crate) fn next_table(next: &NextReport, model_unit: &str, unit: SmallUnit<'_>) -> Table {
+    let place = format!("x, y, z / {model_unit}");
+    let [now, then] = ["now", "then"].map(|when| unit.head(&format!("σ {when}")));
+    let mut table = Table::new(["", &place, &now, &then]);
+    for (k, point) in next.points.iter().enumerate() {
+        table.row(
+            [
+                (k + 1).to_string(),
+                point.position.map(|c| significant(c, 5)).join(", "),
+                unit.number(point.sigma_before, 3),
+                unit.number(point.sigma_after, 3),
+            ],
+            false,
+        );
+    }
+    table
+}
+
+/// Places to measure, numbered in their order.
+pub(crate) fn next_marks(points: &[NextPoint], unit: SmallUnit<'_>) -> Vec<Mark> {
+    (points.iter().enumerate())
+        .map(|(k, point)| Mark {
+            at: point.position,
+            label: (k + 1).to_string(),
+            normal: point.normal,
+            text: format!("σ here {}, then {}", unit.text(point.sigma_before), unit.text(point.sigma_after)),
+        })
+        .collect()
 }

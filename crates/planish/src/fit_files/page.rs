@@ -1,9 +1,10 @@
 //! The report of a fit.
 
-use super::model::{model_scene, next_marks};
-use super::title_of;
-use super::words::{SmallUnit, sentence, with_article};
+use crate::next::page::{next_marks, next_table};
 use crate::next::{NextOptions, NextReport, next_points};
+use crate::report::scenes::model_scene;
+use crate::report::title_of;
+use crate::report::words::{SmallUnit, sentence, with_article};
 use planish_core::Silent;
 use planish_estimate::{ErrorKind, Result};
 use planish_report::colour::KNOWN_BY;
@@ -379,25 +380,6 @@ fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
         Err(e) if matches!(e.kind(), ErrorKind::Unsupported | ErrorKind::Input) => Ok(None),
         Err(e) => Err(e),
     }
-}
-
-/// A table of points to measure.
-pub(super) fn next_table(next: &NextReport, model_unit: &str, unit: SmallUnit<'_>) -> Table {
-    let place = format!("x, y, z / {model_unit}");
-    let [now, then] = ["now", "then"].map(|when| unit.head(&format!("σ {when}")));
-    let mut table = Table::new(["", &place, &now, &then]);
-    for (k, point) in next.points.iter().enumerate() {
-        table.row(
-            [
-                (k + 1).to_string(),
-                point.position.map(|c| significant(c, 5)).join(", "),
-                unit.number(point.sigma_before, 3),
-                unit.number(point.sigma_after, 3),
-            ],
-            false,
-        );
-    }
-    table
 }
 
 fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: SmallUnit<'_>) -> Section {

@@ -1,8 +1,8 @@
 //! The report of contours.
 
-use super::title_of;
-use super::words::{head, looks, with_article};
 use crate::contour::{ConstrainedReport, ContourReport, PartReport};
+use crate::report::title_of;
+use crate::report::words::{head, looks, with_article};
 use planish_report::numbers::{count, counted, significant};
 use planish_report::{Block, Figure, Finding, Level, Page, Section, Table};
 use std::path::{Path, PathBuf};
@@ -42,7 +42,7 @@ pub(crate) fn contour_page(report: &ContourReport, svg: &str, input: &Path) -> P
 }
 
 /// What was found in how many readings.
-pub(super) fn headline(report: &ContourReport) -> String {
+pub(crate) fn headline(report: &ContourReport) -> String {
     let readings = report.contours.iter().map(|p| p.readings).sum();
     format!("{} in {}.", kinds_of(report), counted(readings, "reading"))
 }
@@ -62,7 +62,7 @@ fn kinds_of(report: &ContourReport) -> String {
     names.join(", ")
 }
 
-pub(super) fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
+pub(crate) fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
     let main = &report.main;
     // Of contours of vertices the sides say more than where the vertices lie.
     let vertices = main.parameters.first().is_some_and(|(name, _)| name == "x0");
@@ -87,7 +87,7 @@ fn words(name: &str) -> String {
 }
 
 /// A value with its σ, with as many digits as σ leaves.
-pub(super) fn with_sigma(value: f64, sigma: f64) -> String {
+pub(crate) fn with_sigma(value: f64, sigma: f64) -> String {
     if !(sigma > 0.0 && sigma.is_finite()) {
         return significant(value, 6);
     }
@@ -101,7 +101,7 @@ pub(super) fn with_sigma(value: f64, sigma: f64) -> String {
     format!("{text} ± {sigma:.decimals$}")
 }
 
-pub(super) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
+pub(crate) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
     let mut table = Table::new(["parameter", "value", "σ"]);
     for (name, value) in part.parameters.iter().chain(&part.sides) {
         let unit = unit_of(name, unit);
@@ -125,7 +125,7 @@ pub(super) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
     vec![Block::Table(table), Block::Text(text)]
 }
 
-pub(super) fn findings(report: &ContourReport) -> Vec<Finding> {
+pub(crate) fn findings(report: &ContourReport) -> Vec<Finding> {
     let mut found: Vec<Finding> = looks(&report.warnings);
     for (k, part) in report.contours.iter().enumerate() {
         let name = format!("Contour {} ({})", k + 1, part.kind);

@@ -1,7 +1,7 @@
 //! The report of a fitted shell.
 
-use super::model::{numbers, observed_field};
-use super::words::{SmallUnit, looks};
+use crate::report::scenes::{numbers, observed_field};
+use crate::report::words::{SmallUnit, looks};
 use crate::shell::fit::{ReadingsReport, ShellFitReport};
 use planish_estimate::vector3::distance;
 use planish_mesh::TriangleMesh;
@@ -64,7 +64,7 @@ pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named:
     sections.extend(frames(report, unit));
     Page {
         job: "shell fit".to_owned(),
-        title: super::title_of(named),
+        title: crate::report::title_of(named),
         headline: format!(
             "A mesh of {}, moved by {}.",
             counted(shown.found.triangles.len(), "triangle"),

@@ -1,9 +1,9 @@
 //! The report of a merge.
 
-use super::model::{numbers, observed_field};
-use super::words::{SmallUnit, looks};
-use super::{ReportOutput, file_name, title_of};
 use crate::merge::{MergeReport, Merged};
+use crate::report::scenes::{numbers, observed_field};
+use crate::report::words::{SmallUnit, looks};
+use crate::report::{ReportOutput, file_name, title_of};
 use planish_estimate::Result;
 use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{Block, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table};

@@ -2,9 +2,8 @@
 //! scans saw it.
 
 use super::words::SmallUnit;
-use crate::next::NextPoint;
 use planish_estimate::Result;
-use planish_report::{Cloud, Field, FieldKind, LineSet, Mark, Scene, SeenBy, SurfaceShown, Values};
+use planish_report::{Cloud, Field, FieldKind, LineSet, Scene, SeenBy, SurfaceShown, Values};
 use planish_spline::Surface;
 use planish_surface::export::{PlacedMesh, placed_mesh};
 use planish_surface::fit::ShownReadings;
@@ -12,7 +11,7 @@ use planish_surface::model::{Observed, Posterior, SurfaceModel};
 use std::collections::BTreeMap;
 
 /// Triangles of a model in a report: finer than a screen shows, light enough to turn without a graphics card.
-pub(super) const MOST_TRIANGLES: u64 = 45_000;
+pub(crate) const MOST_TRIANGLES: u64 = 45_000;
 /// Pieces of all lines between cells.
 const MOST_LINES: usize = 60_000;
 
@@ -56,7 +55,7 @@ fn known_by(mark: u8) -> &'static str {
 }
 
 /// The field of what parts are known by, of those that occur.
-pub(super) fn observed_field(observed: &[u8]) -> Field {
+pub(crate) fn observed_field(observed: &[u8]) -> Field {
     let categories = [1, 2, 0].into_iter().filter(|mark| observed.contains(mark));
     kinds(
         "observed",
@@ -67,7 +66,7 @@ pub(super) fn observed_field(observed: &[u8]) -> Field {
 }
 
 /// A model in 3D, with the readings that made it where these are at hand; and the tolerance of its triangles.
-pub(super) fn model_scene(
+pub(crate) fn model_scene(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
@@ -264,16 +263,4 @@ fn cell_lines(surface: &Surface) -> LineSet {
         }
     }
     LineSet { name: "cells".to_owned(), segments, colour: "#1b1b1f".to_owned(), hidden: true }
-}
-
-/// Places to measure, numbered in their order.
-pub(super) fn next_marks(points: &[NextPoint], unit: SmallUnit<'_>) -> Vec<Mark> {
-    (points.iter().enumerate())
-        .map(|(k, point)| Mark {
-            at: point.position,
-            label: (k + 1).to_string(),
-            normal: point.normal,
-            text: format!("σ here {}, then {}", unit.text(point.sigma_before), unit.text(point.sigma_after)),
-        })
-        .collect()
 }

@@ -5,7 +5,7 @@
 //!
 //! Not guaranteed: that labels of close lines stand apart.
 
-use super::contour::with_sigma;
+use super::page::with_sigma;
 use crate::contour::ContourReport;
 use planish_contour::planar::Kind;
 use planish_exchange::contours::{DrawnContour, SizeLabel};
