@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`views`] | every solid that two or three orthographic views can describe, best first |
 //! | [`noisy_views`] | measured views with covariance, matched by χ² tests and joined into one geometry |
+//! | [`drawing`] | a drawing as curves of a style in up to three views |
 //! | [`brep`] | solids as faces on planes, cylinders, cones, spheres and tori: construction, checks, measures |
 //! | [`reprojection`] | the views of a finished solid, compared with a drawing |
 //! | [`tessellation`] | watertight triangles of a solid |
@@ -14,6 +15,7 @@
 //! moving sensor*.
 
 pub mod brep;
+pub mod drawing;
 pub mod noisy_views;
 pub mod parametric;
 pub mod reprojection;

@@ -2,7 +2,7 @@
 //!
 //! Comes in: a solid by its boundary, and the drawing that it should mean. Goes out: the lines in which the
 //! two differ, none where they agree within [`CompareOptions`]. Nothing here is shared with the search in
-//! [`crate::views`]: no cells, no grid, no tidied curves.
+//! the module `views`: no cells, no grid, no tidied curves.
 //!
 //! 1. `outlines`: what can be drawn of the solid in a view: edges where faces meet at an angle, smooth
 //!    edges at which the boundary turns away from the eye, and the lines within curved faces along which the
@@ -28,7 +28,7 @@ mod scene;
 mod tests;
 
 use crate::brep::Solid;
-use crate::views::{Drawing, ViewKind};
+use crate::drawing::{Drawing, ViewKind};
 
 /// When a solid and a drawing agree; lengths as shares of the drawing's size.
 #[derive(Debug, Clone, Copy, PartialEq)]

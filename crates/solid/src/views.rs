@@ -33,7 +33,6 @@ mod candidates;
 mod cells;
 mod circles;
 mod column;
-mod drawing;
 mod joined;
 mod oblique;
 mod oblique_sight;
@@ -68,10 +67,10 @@ mod wall_sight;
 mod wireframe;
 
 use crate::brep::{Measures, Solid};
-use crate::reprojection::{CompareOptions, disagreements};
-pub use drawing::{
+pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
+use crate::reprojection::{CompareOptions, disagreements};
 pub use joined::joined;
 use planish_estimate::{Error, ErrorKind, Result};
 use search::SmoothEdges;

@@ -6,7 +6,7 @@ use super::scene::{Eye, Scene};
 use super::{CompareOptions, Disagreement};
 use crate::brep::Solid;
 use crate::brep::TrimmedFace;
-use crate::views::{Curve2, Drawing, LineStyle, View};
+use crate::drawing::{Curve2, Drawing, LineStyle, View};
 use std::collections::BTreeMap;
 
 pub(super) fn disagreements(solid: &Solid, drawing: &Drawing, options: &CompareOptions) -> Vec<Disagreement> {

@@ -1,7 +1,7 @@
 //! Whether a point of a solid is seen.
 
 use crate::brep::TrimmedFace;
-use crate::views::ViewKind;
+use crate::drawing::ViewKind;
 use planish_estimate::vector3::dot;
 
 /// Rays pass a line on both sides at this share of the size: more than edges and their faces are apart.

@@ -197,7 +197,7 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
             let wall = turned.as_ref().unwrap_or(wall);
             let second = if turned.is_some() { second } else { other_turned.as_ref().unwrap_or(second) };
             let coaxial =
-                second.axis == wall.axis && super::drawing::distance(second.center, wall.center) < tolerance;
+                second.axis == wall.axis && crate::drawing::distance(second.center, wall.center) < tolerance;
             match coaxial {
                 true => circles(meet(&wall.profile, &second.profile, tolerance)),
                 false if wall.is_sphere() && second.is_sphere() => Some(two_spheres(wall, second, tolerance)),

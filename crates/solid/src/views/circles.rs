@@ -1,12 +1,12 @@
 //! Cylinders oblique to all views, by their ends: curves of a view that, lifted into a plane, are circles
 //! along an axis, and that the other views show as well.
 
-use super::drawing::{Curve2, Drawing, distance_to_segment};
 use super::oblique::bounds_of;
 use super::oblique_wall::{Form, Oblique, Sector};
 use super::wall::{Extent, Side};
 use super::wireframe::Wireframe;
 use crate::brep::{along, unit};
+use crate::drawing::{Curve2, Drawing, distance_to_segment};
 use nalgebra::{DMatrix, DVector};
 use planish_contour::planar::circle_of_points;
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
@@ -153,7 +153,7 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
                 let center = [x, y];
                 let off = flat
                     .iter()
-                    .map(|p| (super::drawing::distance(*p, center) - radius).abs())
+                    .map(|p| (crate::drawing::distance(*p, center) - radius).abs())
                     .fold(0.0, f64::max);
                 let is_circle = off < ROUGH * size && radius < size && radius > 10.0 * off;
                 if !is_circle || !*is_seen.get_or_insert_with(|| is_shown(drawing, v, &points, size)) {

@@ -7,7 +7,7 @@
 //! Not guaranteed: that coordinates which are different stay so; a row of values, each within the tolerance
 //! of the next, becomes one.
 
-use super::drawing::{Curve2, Drawing};
+use crate::drawing::{Curve2, Drawing};
 use planish_estimate::{Error, Result};
 
 /// Joins coordinates that are no farther apart than `tolerance`, in the drawing's unit.

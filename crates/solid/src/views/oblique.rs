@@ -15,11 +15,11 @@
 //! ends are all cut obliquely.
 
 use super::circles::circles;
-use super::drawing::{Curve2, Drawing};
 use super::oblique_wall::{Form, Oblique};
 use super::wall::Wall;
 use super::wireframe::{Wireframe, wireframe};
 use crate::brep::unit;
+use crate::drawing::{Curve2, Drawing};
 use nalgebra::{Matrix3, SymmetricEigen};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::collections::BTreeSet;
@@ -190,7 +190,7 @@ fn explained(drawing: &Drawing, frame: &Wireframe, walls: &[Oblique], near: f64)
                 continue;
             }
             // Along the line, what edges cover.
-            let length = super::drawing::distance(a, b);
+            let length = crate::drawing::distance(a, b);
             let d = [0, 1].map(|k| (b[k] - a[k]) / length);
             let along = |p: [f64; 2]| (p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1];
             let mut runs = Vec::new();

@@ -3,12 +3,12 @@
 
 use super::candidates::{Candidate, corners, curves};
 use super::cells::Cells;
-use super::drawing::Drawing;
 use super::oblique_wall::Oblique;
 use super::sight::Looks;
 use super::surfaces::Curve3;
 use super::wall::Wall;
 use crate::brep::along;
+use crate::drawing::Drawing;
 use planish_estimate::vector3::{cross, norm, sub};
 use std::f64::consts::TAU;
 

@@ -4,9 +4,9 @@
 //! each view what is drawn along grid lines, and the pieces of oblique lines and circles, each from border to
 //! border of one cell of the grid.
 
-use super::drawing::{Curve2, Drawing, LineStyle, ViewKind};
 use super::profile::Profile;
 use super::wall::{Side, Wall};
+use crate::drawing::{Curve2, Drawing, LineStyle, ViewKind};
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 

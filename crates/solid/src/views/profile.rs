@@ -1,6 +1,6 @@
 //! Profiles: the lines and circles that a surface seen edge-on draws.
 
-use super::drawing::distance;
+use crate::drawing::distance;
 
 /// A line or a circle in a view, without ends.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,9 +5,9 @@
 //! places first, until there is: what they stand for is unexplained.
 
 use super::cells::Cells;
-use super::drawing::LineStyle;
 use super::preference::Preference;
 use super::sight::{Group, Look, LookPlace, Looks};
+use crate::drawing::LineStyle;
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
 use std::collections::{BTreeMap, HashMap, HashSet};
 

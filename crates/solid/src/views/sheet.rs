@@ -7,7 +7,7 @@
 //! Not guaranteed: sheets with a frame, auxiliary views and sections are refused, as they align with no other
 //! view.
 
-use super::drawing::{Curve2, Drawing, DrawnCurve, View, ViewKind};
+use crate::drawing::{Curve2, Drawing, DrawnCurve, View, ViewKind};
 use planish_estimate::{Error, Result};
 
 /// Views are further apart than this share of the sheet's size.

@@ -8,10 +8,10 @@
 
 use super::cells::{Cells, pieces_in};
 use super::column::{Break, Column, SurfaceId};
-use super::drawing::{Drawing, LineStyle, distance_to_segment};
 use super::plan::{Carrier, runs_within};
 use super::profile::Profile;
 use super::wall::Side;
+use crate::drawing::{Drawing, LineStyle, distance_to_segment};
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 

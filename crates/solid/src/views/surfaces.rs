@@ -101,7 +101,7 @@ pub(super) fn meet(a: &Profile, b: &Profile, tolerance: f64) -> Vec<[f64; 2]> {
             halves(foot, [-normal[1], normal[0]], off.abs(), *radius, tolerance)
         }
         (Profile::Circle { center, radius }, Profile::Circle { center: other, radius: r2 }) => {
-            let d = super::drawing::distance(*center, *other);
+            let d = crate::drawing::distance(*center, *other);
             if d < tolerance {
                 return Vec::new();
             }

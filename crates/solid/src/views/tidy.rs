@@ -7,7 +7,7 @@
 //!
 //! Not guaranteed: ellipses and splines are left as they are.
 
-use super::drawing::{Curve2, Drawing, DrawnCurve, View, distance};
+use crate::drawing::{Curve2, Drawing, DrawnCurve, View, distance};
 use std::f64::consts::TAU;
 
 /// Points of arcs within this share of the drawing's size of a circle lie on it.

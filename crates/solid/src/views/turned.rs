@@ -8,11 +8,11 @@
 //! Not guaranteed: tori that touch or cross themselves, and surfaces of revolution whose ends and outlines
 //! are all cut away.
 
-use super::drawing::distance;
 use super::plan::{Carrier, Plan, Run, ViewPlan, stretches};
 use super::profile::Profile;
 use super::turned_wall::Turned;
 use super::wall::{Extent, Side, across};
+use crate::drawing::distance;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Circles are the same within this share of the drawing's size.

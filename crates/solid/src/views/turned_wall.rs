@@ -157,7 +157,7 @@ impl Turned {
     /// Whether two walls lie on one surface.
     pub(crate) fn same(&self, other: &Self, tolerance: f64, size: f64) -> bool {
         self.axis == other.axis
-            && super::drawing::distance(self.center, other.center) < tolerance
+            && crate::drawing::distance(self.center, other.center) < tolerance
             && self.profile.same(&other.profile, tolerance, size)
     }
 

@@ -3,11 +3,11 @@
 //! At each such place either something is drawn, or there is no edge.
 
 use super::cells::{Cells, pieces_in};
-use super::drawing::Drawing;
 use super::profile::Profile;
 use super::sight::{LookPlace, Looks, style_near};
 use super::turned_wall::Turned;
 use super::wall::{Side, Wall, across};
+use crate::drawing::Drawing;
 use planish_estimate::vector3::{cross, dot, norm};
 use std::f64::consts::TAU;
 

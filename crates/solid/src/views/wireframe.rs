@@ -9,7 +9,7 @@
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*: the pseudo wireframe.
 
-use super::drawing::{Curve2, Drawing, distance};
+use crate::drawing::{Curve2, Drawing, distance};
 use planish_estimate::vector3::{norm, sub};
 
 /// More points than this are not joined to edges.
