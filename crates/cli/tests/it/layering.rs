@@ -1,7 +1,8 @@
-//! Which crate may use which: the arrows of the architecture, read off the manifests.
+//! Direction of imports: between crates by their manifests, between the top-level modules of a crate by its code.
 
+use crate::sources::{Source, sources};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 /// For each crate its layer. A crate may use those of lower layers, never its peers or what lies above.
@@ -84,23 +85,99 @@ fn an_arrow_that_points_up_or_sideways_is_found() {
     assert!(complaints(&uses)[0].contains("planish-new has no layer"));
 }
 
-#[test]
-fn only_the_exchange_crate_touches_files() {
-    let crates = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    for name in ["estimate", "spline", "mesh", "sense", "report", "surface", "planish"] {
-        let mut folders = vec![crates.join(name).join("src")];
-        while let Some(folder) = folders.pop() {
-            for entry in std::fs::read_dir(&folder).expect("a folder").map(|e| e.expect("an entry").path()) {
-                if entry.is_dir() {
-                    folders.push(entry);
-                } else if entry.extension().is_some_and(|e| e == "rs") && !entry.ends_with("tests.rs") {
-                    let text = std::fs::read_to_string(&entry).expect("a source file");
-                    let code = text.split("#[cfg(test)]").next().unwrap_or_default();
-                    for touch in ["std::fs", "File::open", "File::create", "OpenOptions"] {
-                        assert!(!code.contains(touch), "{} uses {touch}", entry.display());
-                    }
+/// The top-level modules of each crate with the modules that each of them names as `crate::…`, outside tests.
+fn module_uses(sources: &[Source]) -> BTreeMap<(String, String), BTreeSet<String>> {
+    let mut uses = BTreeMap::<(String, String), BTreeSet<String>>::new();
+    for source in sources.iter().filter(|source| !source.is_test()) {
+        let Some(module) = source.module() else { continue };
+        let used = uses.entry((source.krate.clone(), module.to_owned())).or_default();
+        let code = source.code();
+        for (at, _) in code.match_indices("crate::") {
+            if !code[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_') {
+                used.extend(first_names(&code[at + "crate::".len()..]));
+            }
+        }
+    }
+    uses
+}
+
+/// The first names of a path, or of each path of a group in braces.
+fn first_names(path: &str) -> Vec<String> {
+    let name = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    let Some(group) = path.strip_prefix('{') else {
+        return vec![name(path)];
+    };
+    let mut depth = 0;
+    let mut names = Vec::new();
+    let mut start = 0;
+    for (at, c) in group.char_indices() {
+        match c {
+            '{' => depth += 1,
+            '}' | ',' if depth == 0 => {
+                names.push(name(group[start..at].trim_start()));
+                start = at + 1;
+                if c == '}' {
+                    break;
                 }
             }
+            '}' => depth -= 1,
+            _ => {}
+        }
+    }
+    names
+}
+
+/// Pairs of top-level modules that import each other, as `crate: a <-> b`.
+fn mutual_pairs(uses: &BTreeMap<(String, String), BTreeSet<String>>) -> Vec<String> {
+    let names = |krate: &str, a: &str, b: &str| {
+        uses.get(&(krate.to_owned(), a.to_owned())).is_some_and(|used| used.contains(b))
+    };
+    uses.iter()
+        .flat_map(|((krate, a), used)| {
+            used.iter()
+                .filter(move |b| a < *b && names(krate, b, a))
+                .map(move |b| format!("{krate}: {a} <-> {b}"))
+        })
+        .collect()
+}
+
+#[test]
+fn no_two_top_level_modules_of_a_crate_import_each_other() {
+    let pairs = mutual_pairs(&module_uses(&sources()));
+    assert!(pairs.is_empty(), "{}", pairs.join("\n"));
+}
+
+#[test]
+fn modules_that_import_each_other_are_found() {
+    let source = |path: &str, text: &str| Source {
+        krate: "mesh".to_owned(),
+        path: format!("src/{path}"),
+        text: text.to_owned(),
+    };
+    let found = |sources: &[Source]| mutual_pairs(&module_uses(sources));
+    let upper = source("upper/part.rs", "use crate::{error::Error, lower::{self, Leaf}};\n");
+    let lower = source("lower.rs", "fn f() {\n    crate::upper::part();\n}\n");
+    assert_eq!(found(&[upper, lower]), ["mesh: lower <-> upper"]);
+    // Comments and tests may name what they like.
+    let upper = source("upper.rs", "use crate::lower::Leaf;\n");
+    let lower = source(
+        "lower.rs",
+        "/// See [`crate::upper`].\nstruct A;\n#[cfg(test)]\nmod tests {\n    use crate::upper::B;\n}\n",
+    );
+    assert!(found(&[upper, lower]).is_empty());
+}
+
+#[test]
+fn only_the_exchange_crate_touches_files() {
+    let pure =
+        ["core", "estimate", "spline", "mesh", "contour", "solid", "shell", "sense", "report", "surface"];
+    for source in sources().iter().filter(|s| pure.contains(&s.krate.as_str()) || s.krate == "planish") {
+        if source.is_test() || source.module().is_none() {
+            continue;
+        }
+        let code = source.code();
+        for touch in ["std::fs", "File::open", "File::create", "OpenOptions"] {
+            assert!(!code.contains(touch), "{}/{} uses {touch}", source.krate, source.path);
         }
     }
 }

@@ -1,5 +1,6 @@
 //! The command from outside: one program for all, as each would be linked with the whole of it.
 
+mod sources;
 mod support;
 
 mod book;
@@ -18,4 +19,5 @@ mod programs;
 mod reports;
 mod sense;
 mod shell;
+mod source_style;
 mod view;
