@@ -4,13 +4,14 @@
 
 #![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
 
+use planish::Job;
 use planish::Result;
-use planish::compare::{CompareOptions, compare_files};
-use planish::fit_files::{FitJob, fit_files};
+use planish::compare::CompareJob;
+use planish::fit_files::FitJob;
 use planish::next::{NextOptions, next_points};
 use planish::progress::Silent;
 use planish::saved;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 fn main() -> Result<()> {
     let model = PathBuf::from("pebble.planish");
@@ -19,12 +20,16 @@ fn main() -> Result<()> {
         outputs: vec![model.clone()],
         ..FitJob::default()
     };
-    let fitted = fit_files(&job, &Silent)?.fit;
+    let fitted = job.run(&Silent)?.fit;
     println!("σ {:.4} mm in the median, {:.4} at most", fitted.sigma.median, fitted.sigma.max);
 
     // Against the truth, which a simulated pebble has.
-    let truth = Path::new("examples/data/pebble/truth.ply");
-    let compared = compare_files(&model, truth, &CompareOptions::default(), &Silent)?;
+    let job = CompareJob {
+        model: model.clone(),
+        reference: PathBuf::from("examples/data/pebble/truth.ply"),
+        ..CompareJob::default()
+    };
+    let compared = job.run(&Silent)?;
     if let Some(share) = compared.coverage95 {
         println!("{:.1} % of the truth lies within 1.96 σ", 100.0 * share);
     }

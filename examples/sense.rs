@@ -4,8 +4,9 @@
 
 #![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
 
+use planish::Job;
 use planish::progress::Silent;
-use planish::sense::{SenseJob, SenseKind, sense};
+use planish::sense::{SenseJob, SenseKind};
 use planish::simulate::{PictureScene, PictureSceneOptions, write_picture_scene};
 use planish::{Result, StereoOptions, StereoPoints};
 use std::path::{Path, PathBuf};
@@ -25,7 +26,7 @@ fn main() -> Result<()> {
         outputs: vec![PathBuf::from("points.ply")],
         unit: None,
     };
-    let report = sense(&job, &Silent)?;
+    let report = job.run(&Silent)?;
     println!("{} points of {} pixels", report.observations, report.pixels);
     if let Some(sigma) = report.sigma {
         println!("σ along rays {:.3} in the median, {:.3} at 95 %", sigma.median, sigma.p95);

@@ -4,8 +4,9 @@
 
 #![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
 
+use planish::Job;
 use planish::progress::Silent;
-use planish::shell::fit::{DeformationKind, ShellFitJob, shell_fit_files};
+use planish::shell::fit::{DeformationKind, ShellFitJob};
 use planish::simulate::{ShellSceneOptions, write_shell_scene};
 use planish::{Result, Unit};
 use planish_shell::Metaball;
@@ -46,7 +47,7 @@ fn main() -> Result<()> {
         report: None,
         unit: Some(Unit::Millimetre),
     };
-    let report = shell_fit_files(&job, &Silent)?;
+    let report = job.run(&Silent)?;
     println!(
         "{} iterations, {} gross errors, σ {:.4} in the median",
         report.iterations, report.outliers, report.sigma.median

@@ -4,26 +4,20 @@
 
 #![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
 
+use planish::Job;
 use planish::Result;
 use planish::progress::Silent;
-use planish::solid::{Projection, SolidJob, solid_files};
+use planish::solid::SolidJob;
 use std::path::PathBuf;
 
 fn main() -> Result<()> {
     let view = |name: &str| PathBuf::from(format!("examples/data/bracket/{name}.dxf"));
     let job = SolidJob {
         views: vec![view("front"), view("top"), view("side")],
-        projection: Projection::FirstAngle,
-        kinds: None,
-        level: 0.001,
-        graphs: Vec::new(),
         outputs: vec![PathBuf::from("bracket.step")],
-        mesh_tolerance: None,
-        tolerance: None,
-        all: false,
-        unit: None,
+        ..SolidJob::default()
     };
-    let report = solid_files(&job, &Silent)?;
+    let report = job.run(&Silent)?;
     for solid in &report.solutions {
         println!(
             "volume {:.3}, {} planes and {} cylinders",

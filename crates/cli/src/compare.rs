@@ -3,7 +3,8 @@
 use crate::args::{CompareArgs, PartName};
 use crate::numbers::{count, percent, significant};
 use crate::report::{self, Align, Lines, Summary};
-use planish::compare::{CompareOptions, ComparisonReport, Deviations, compare_files_reported};
+use planish::Job;
+use planish::compare::{CompareJob, CompareOptions, ComparisonReport, Deviations};
 use planish::progress::Progress;
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -27,13 +28,13 @@ fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         unit: args.common.unit.map(Unit::from),
         mesh_tolerance: args.mesh_tolerance,
     };
-    let report = compare_files_reported(
-        &args.model,
-        &args.reference,
-        &options,
-        args.page.output(&args.common).as_ref(),
-        progress,
-    )?;
+    let job = CompareJob {
+        model: args.model.clone(),
+        reference: args.reference.clone(),
+        options,
+        report: args.page.output(&args.common),
+    };
+    let report = job.run(progress)?;
     Ok(Summary {
         text: text(args, &report),
         unit: Some(report.unit),

@@ -4,9 +4,10 @@ use crate::constrained_text::constrained_text;
 use crate::contour_args::{ContourArgs, ContourFilter, ContourMotion, KindChoice, ReadingsArgs, ViewsArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
+use planish::Job;
 use planish::contour::{
     CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Method, Motion, PartReport,
-    Relation, SigmaDefaults, contour_files_reported,
+    Relation, SigmaDefaults,
 };
 use planish::progress::Progress;
 use planish::simulate::{
@@ -92,8 +93,9 @@ fn work(args: &ContourArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         pixel: args.pixel_size,
         outputs: args.output.clone(),
         unit: Some(args.common.unit.map_or(Unit::Millimetre, Unit::from)),
+        report: args.page.output(&args.common),
     };
-    let report = contour_files_reported(&job, args.page.output(&args.common).as_ref(), progress)?;
+    let report = job.run(progress)?;
     let outputs: Vec<_> = args.output.iter().chain(&args.graphs).chain(&args.page.report).cloned().collect();
     Ok(Summary {
         text: text(&report, &outputs),

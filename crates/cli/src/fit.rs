@@ -4,12 +4,13 @@ use crate::args::{Completion, FitArgs};
 use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary, sensor_cells};
 use clap::ValueEnum;
+use planish::Job;
 use planish::animation::AnimationReport;
 use planish::complete::{GapReport, SymmetryChoice, SymmetryReport};
 use planish::fit::{
     BendingReport, Filter, FitOptions, FitReport, FitTermination, GroundWidth, RefineBy, ThingMotion,
 };
-use planish::fit_files::{FitJob, FitJobReport, fit_files};
+use planish::fit_files::{FitJob, FitJobReport};
 use planish::output::{OutputFormat, WrittenFile};
 use planish::progress::Progress;
 use planish::{Result, SymmetryKind, Unit};
@@ -66,7 +67,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         report: args.page.output(&args.common),
         arguments: deciding_arguments(args),
     };
-    let done = fit_files(&job, progress)?;
+    let done = job.run(progress)?;
     Ok(Summary {
         text: text(args, &done),
         unit: Some(done.unit),

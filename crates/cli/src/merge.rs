@@ -4,17 +4,12 @@ use crate::merge_args::MergeArgs;
 use crate::numbers::{count, counted, significant};
 use crate::report::{self, Align, Lines, Summary};
 use clap::ValueEnum;
-use planish::merge::write_merge_report;
-use planish::merge::{
-    FillReport, MergeOptions, MergeReport, SplineReport, merge_files, merged_spline, plan_merged,
-    write_merged, write_spline,
-};
+use planish::Job;
+use planish::merge::{FillReport, MergeJob, MergeJobReport, MergeOptions, MergeReport, SplineReport};
 use planish::next::Length;
 use planish::progress::Progress;
-use planish::saved::{Session, SessionInput};
 use planish::{Result, Unit};
 use serde::Serialize;
-use std::path::PathBuf;
 
 /// So many regions are shown.
 const SHOWN: usize = 10;
@@ -35,12 +30,6 @@ pub fn run(args: &MergeArgs) -> u8 {
 }
 
 fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
-    let inputs: Vec<PathBuf> = args.patches.iter().chain(&args.complete).cloned().collect();
-    let outputs = plan_merged(&args.output, &inputs)?;
-    let page = args.page.output(&args.common);
-    if let Some(page) = &page {
-        page.check(&inputs, &args.output)?;
-    }
     let options = MergeOptions {
         method: args.method.map(Into::into),
         unit: args.common.unit.map(Unit::from),
@@ -51,25 +40,17 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         curvature: args.curvature,
         align: args.align,
     };
-    let merged = merge_files(&args.patches, args.complete.as_ref(), &options, progress)?;
-    // All that can go wrong with the surface goes wrong before the first file is written.
-    let spline = match outputs.splines.is_empty() {
-        true => None,
-        false => Some(merged_spline(&merged, args.common.seed, progress)?),
+    let job = MergeJob {
+        patches: args.patches.clone(),
+        bound: args.complete.clone(),
+        options,
+        outputs: args.output.clone(),
+        report: args.page.output(&args.common),
+        seed: args.common.seed,
+        arguments: deciding_arguments(args),
     };
-    for path in &outputs.meshes {
-        write_merged(&merged, path, progress)?;
-    }
-    if let Some(spline) = &spline {
-        write_spline(spline, &outputs.splines, &[session(args, &merged.report)], progress)?;
-    }
-    if let Some(page) = &page {
-        write_merge_report(&merged, page)?;
-    }
-    let report = merged.report;
-    let mut warnings = report.warnings.clone();
-    warnings.extend(spline.iter().flat_map(|s| s.warnings.iter().cloned()));
-    let spline = spline.map(|s| s.report);
+    let MergeJobReport { merge: report, spline } = job.run(progress)?;
+    let warnings = report.warnings.clone();
     Ok(Summary {
         text: text(args, &report, spline.as_ref()),
         unit: Some(report.unit),
@@ -78,20 +59,6 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
         warnings,
         body: Body { report, spline, termination: "converged" },
     })
-}
-
-/// What made the model, for its provenance.
-fn session(args: &MergeArgs, report: &MergeReport) -> Session {
-    Session {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        arguments: deciding_arguments(args),
-        seed: args.common.seed,
-        inputs: report
-            .inputs
-            .iter()
-            .map(|input| SessionInput { name: input.display().to_string(), points: 0 })
-            .collect(),
-    }
 }
 
 /// The arguments that decide the answer, as on the command line.

@@ -3,10 +3,11 @@
 use crate::args::NextArgs;
 use crate::numbers::{count, counted, percent, significant};
 use crate::report::{self, Align, Lines, Summary};
+use planish::Job;
 use planish::Result;
 use planish::next::{
     Change, NextJob, NextJobReport, NextOptions, NextViewsJob, NextViewsJobReport, Objective,
-    UnmeasurableSigma, next_files_reported, next_view_files,
+    UnmeasurableSigma,
 };
 use planish::progress::Progress;
 use serde::Serialize;
@@ -75,8 +76,9 @@ fn choose_points(args: &NextArgs, progress: &dyn Progress) -> Result<Summary<Bod
         sigma: args.sigma,
         goal: args.goal,
         outputs: args.output.clone(),
+        report: args.page.output(&args.common),
     };
-    let report = next_files_reported(&job, args.page.output(&args.common).as_ref(), progress)?;
+    let report = job.run(progress)?;
     let mut warnings = Vec::new();
     if report.next.reached_goal == Some(false) {
         warnings.push(format!(
@@ -104,7 +106,7 @@ fn choose_views(
         outputs: args.output.clone(),
         report: args.page.output(&args.common),
     };
-    let report = next_view_files(&job, progress)?;
+    let report = job.run(progress)?;
     let found = report.next.views.len();
     let mut warnings = Vec::new();
     if report.next.reached_goal == Some(false) {

@@ -4,7 +4,8 @@ use crate::args::{CommonArgs, positive, whole};
 use crate::numbers::{count, percent, significant};
 use crate::report::{self, Align, Lines, Summary};
 use clap::{Args, ValueEnum, ValueHint};
-use planish::occluding::{OccludingJob, OccludingOptions, OccludingReport, sense_contours};
+use planish::Job;
+use planish::occluding::{OccludingJob, OccludingOptions, OccludingReport};
 use planish::progress::Progress;
 use planish::simulate::{ContoursOptions, ContoursShape, write_contours_scene};
 use planish::{Result, Unit};
@@ -85,7 +86,7 @@ fn work(args: &OccludingArgs, progress: &dyn Progress) -> Result<Summary<Body>> 
         unit: args.common.unit.map(Unit::from),
         seed: args.common.seed,
     };
-    let done = sense_contours(&job, progress)?;
+    let done = job.run(progress)?;
     let patches = done.patches.iter().flat_map(|p| &p.files).map(|w| w.file.clone());
     Ok(Summary {
         text: text(&done),

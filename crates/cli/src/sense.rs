@@ -3,8 +3,9 @@
 use crate::args::{CommonArgs, DepthArgs, GridArgs, PhotometricArgs, SenseArgs, Sensed, StereoArgs};
 use crate::numbers::{count, percent, significant};
 use crate::report::{self, Lines, Summary};
+use planish::Job;
 use planish::progress::Progress;
-use planish::sense::{SenseJob, SenseKind, SenseReport, sense};
+use planish::sense::{SenseJob, SenseKind, SenseReport};
 use planish::{Error, GridOptions, Result, StereoOptions, StereoPoints, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -36,7 +37,7 @@ fn work(
     progress: &dyn Progress,
 ) -> Result<Summary<Body>> {
     let job = SenseJob { kind, outputs: output.to_vec(), unit: common.unit.map(Unit::from) };
-    let done = sense(&job, progress)?;
+    let done = job.run(progress)?;
     Ok(Summary {
         text: text(&done),
         unit: done.unit,

@@ -5,8 +5,9 @@ use crate::numbers::{count, counted, significant};
 use crate::report::{self, Align, Lines, Summary};
 use crate::shell_args::MetaballName;
 use clap::{Args, ValueEnum, ValueHint};
+use planish::Job;
 use planish::progress::Progress;
-use planish::shell::fit::{DeformationKind, ReadingsReport, ShellFitJob, ShellFitReport, shell_fit_files};
+use planish::shell::fit::{DeformationKind, ReadingsReport, ShellFitJob, ShellFitReport};
 use planish::{Error, Result};
 use std::path::PathBuf;
 
@@ -138,7 +139,7 @@ fn fit(args: &ShellFitArgs, progress: &dyn Progress) -> Result<Summary<ShellFitR
         report: args.page.output(&args.common),
         unit: args.common.unit.map(Into::into),
     };
-    let report = shell_fit_files(&job, progress)?;
+    let report = job.run(progress)?;
     Ok(Summary {
         text: fit_text(&report),
         unit: Some(report.unit),

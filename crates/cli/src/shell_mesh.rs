@@ -5,9 +5,10 @@ use crate::numbers::{count, significant};
 use crate::report::{self, Lines, Summary};
 use crate::shell_args::MetaballName;
 use clap::{Args, ValueEnum, ValueHint};
+use planish::Job;
 use planish::Result;
 use planish::progress::Progress;
-use planish::shell::surface::{IsoLevel, ShellMeshJob, ShellMeshReport, shell_mesh_files};
+use planish::shell::surface::{IsoLevel, ShellMeshJob, ShellMeshReport};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -87,7 +88,7 @@ fn work(args: &ShellMeshArgs, progress: &dyn Progress) -> Result<Summary<ShellMe
         outputs: args.output.clone(),
         unit: args.common.unit.map(Into::into),
     };
-    let report = shell_mesh_files(&job, progress)?;
+    let report = job.run(progress)?;
     Ok(Summary {
         text: text(&report),
         unit: report.unit,

@@ -4,9 +4,10 @@ use crate::args::CommonArgs;
 use crate::numbers::{count, counted, significant};
 use crate::report::{self, Align, Lines, Summary};
 use clap::{Args, ValueHint};
+use planish::Job;
 use planish::Result;
 use planish::progress::Progress;
-use planish::shell::pose::{ShellPoseJob, ShellPoseReport, shell_pose_files};
+use planish::shell::pose::{ShellPoseJob, ShellPoseReport};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -69,7 +70,7 @@ fn work(args: &ShellPoseArgs, progress: &dyn Progress) -> Result<Summary<ShellPo
         outputs: args.output.clone(),
         unit: args.common.unit.map(Into::into),
     };
-    let report = shell_pose_files(&job, progress)?;
+    let report = job.run(progress)?;
     Ok(Summary {
         text: text(&report),
         unit: report.unit,

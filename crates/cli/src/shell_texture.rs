@@ -4,11 +4,10 @@ use crate::args::CommonArgs;
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
 use clap::{Args, ValueEnum, ValueHint};
+use planish::Job;
 use planish::Result;
 use planish::progress::Progress;
-use planish::shell::texture::{
-    ColourPlace, LARGEST_TEXTURE, ShellTextureJob, ShellTextureReport, shell_texture_files,
-};
+use planish::shell::texture::{ColourPlace, LARGEST_TEXTURE, ShellTextureJob, ShellTextureReport};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -74,7 +73,7 @@ fn work(args: &ShellTextureArgs, progress: &dyn Progress) -> Result<Summary<Shel
         outputs: args.output.clone(),
         unit: args.common.unit.map(Into::into),
     };
-    let report = shell_texture_files(&job, progress)?;
+    let report = job.run(progress)?;
     Ok(Summary {
         text: text(&report),
         unit: report.unit,

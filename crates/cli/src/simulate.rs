@@ -5,12 +5,13 @@ use crate::args::{
 };
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
+use planish::Job;
 use planish::progress::Progress;
 use planish::simulate::{
     BendingOptions, PictureScene, PictureSceneOptions, PictureSceneSummary, PictureTruth, SPHERE_COLUMNS,
-    ScanSceneOptions, ScanSceneSummary, SphereOptions, SphereRow, TruthSummary, TurningOptions,
-    VesselOptions, write_bending_scene, write_picture_scene, write_scans_scene, write_sphere,
-    write_turning_scene, write_vessel_scene,
+    ScanSceneOptions, ScanSceneSummary, SphereJob, SphereOptions, SphereRow, TruthSummary, TurningOptions,
+    VesselOptions, write_bending_scene, write_picture_scene, write_scans_scene, write_turning_scene,
+    write_vessel_scene,
 };
 use planish::{Result, Unit};
 use serde::Serialize;
@@ -154,13 +155,13 @@ fn sphere(args: &SphereArgs, progress: &dyn Progress) -> Result<Summary<SphereBo
         noise_divides: args.noise_divides,
         ..usual
     };
-    let rows = write_sphere(
-        &options,
-        &args.out,
-        args.animate.as_deref(),
-        args.page.output(&args.common).as_ref(),
-        progress,
-    )?;
+    let job = SphereJob {
+        options: options.clone(),
+        outputs: args.out.clone(),
+        animation: args.animate.clone(),
+        report: args.page.output(&args.common),
+    };
+    let rows = job.run(progress)?;
     Ok(Summary {
         text: sphere_text(args, &options, &rows),
         unit: None,

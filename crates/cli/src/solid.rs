@@ -3,10 +3,10 @@
 use crate::args::{ProjectionName, SolidArgs};
 use crate::numbers::{count, significant};
 use crate::report::{self, Align, Lines, Summary};
+use planish::Job;
 use planish::progress::Progress;
 use planish::solid::{
     DimensionKind, FaceCounts, NoisyGeometry, Projection, SolidJob, SolidReport, UnexplainedLine,
-    solid_files_reported,
 };
 use planish::{ErrorKind, Result};
 use serde::Serialize;
@@ -48,8 +48,9 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
         tolerance: args.tolerance,
         all: args.all,
         unit: args.common.unit.map(Into::into),
+        report: args.page.output(&args.common),
     };
-    let report = solid_files_reported(&job, args.page.output(&args.common).as_ref(), progress)?;
+    let report = job.run(progress)?;
     is_solved.set(!report.solutions.is_empty());
     Ok(Summary {
         text: text(&report),

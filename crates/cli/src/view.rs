@@ -5,10 +5,12 @@ use crate::numbers::{percent, significant};
 use crate::report::{self, Lines, Summary};
 use crate::serve::Server;
 use crate::view_args::ViewArgs;
+use planish::Job;
 use planish::compare::CompareOptions;
+use planish::output::check_outputs;
 use planish::progress::{Progress, SHOWING_STAGE};
 use planish::report::ReportOutput;
-use planish::view::{PictureOptions, PictureReport, ViewedFile, check_picture, view_page, write_picture};
+use planish::view::{PictureJob, PictureOptions, PictureReport, ViewedFile, view_page};
 use planish::{Error, Result, Unit};
 use serde::Serialize;
 use std::io::Write;
@@ -57,7 +59,7 @@ fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     match &args.output {
         Some(path) if is_page(path) => {
             refuse_picture_options(args, path)?;
-            page.check(&inputs, &[])?;
+            check_outputs(&[page.file()?], &inputs)?;
             let made = view_page(&viewed, &page, progress)?;
             page.write_text(&made.html)?;
             let mut lines = Lines::default();
@@ -65,7 +67,7 @@ fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             lines.line(format!("Wrote {}: the page, for any browser", path.display()));
             Ok(of_page(made, None, 0, lines, vec![path.clone()]))
         }
-        Some(path) => picture(args, &viewed, path, &inputs, progress),
+        Some(path) => picture(args, &viewed, path, progress),
         None => {
             let server = Server::on(args.port)?;
             let made = view_page(&viewed, &page, progress)?;
@@ -136,17 +138,16 @@ fn picture(
     args: &ViewArgs,
     viewed: &ViewedFile,
     path: &Path,
-    inputs: &[PathBuf],
     progress: &dyn Progress,
 ) -> Result<Summary<Body>> {
-    check_picture(path, inputs)?;
     let options = PictureOptions {
         camera: args.camera,
         up: args.up,
         colour: args.color.map(Into::into),
         size: args.size.unwrap_or(PictureOptions::default().size),
     };
-    let report = write_picture(viewed, &options, path, progress)?;
+    let job = PictureJob { viewed: viewed.clone(), options, output: path.to_path_buf() };
+    let report = job.run(progress)?;
     let mut lines = Lines::default();
     lines.line(format!("{}: {}", args.file.display(), report.what));
     let unit = &report.color_unit;

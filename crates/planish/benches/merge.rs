@@ -7,7 +7,7 @@
 #![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
 
 use planish::Unit;
-use planish::merge::{MergeMethod, MergeOptions, merge_files, write_merged};
+use planish::merge::{MergeMethod, MergeOptions, merge, read_patches, write_merged};
 use planish::progress::Progress;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use rand::SeedableRng;
@@ -75,7 +75,8 @@ fn main() {
     for method in [MergeMethod::Mean, MergeMethod::Refit, MergeMethod::Information] {
         let options = MergeOptions { method: Some(method), ..MergeOptions::default() };
         let (stages, begun) = (Stages::default(), Instant::now());
-        let whole = merge_files(&files, None, &options, &stages).unwrap();
+        let set = read_patches(&files, None, None, None).unwrap();
+        let whole = merge(set, &options, &stages).unwrap();
         write_merged(&whole, &folder.path().join("whole.ply"), &stages).unwrap();
         let end = Instant::now();
         let told = stages.0.borrow();

@@ -11,13 +11,12 @@
 //! Not guaranteed: that triangles follow a snapshot as closely as the model; that a viewer of GLB shows
 //! colours change.
 
-use crate::output::refuse_input_as_output;
 use planish_core::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::glb::{MeshFrame, ramp, write_animation};
 use planish_exchange::picture::write_colour_png;
-use planish_exchange::{FolderInWork, Unit, check_writable, extension};
+use planish_exchange::{FolderInWork, Unit, extension};
 use planish_mesh::{BoundingBox, DepthBuffer, Projected, Seen};
 use planish_report::colour::screen_brightness;
 use planish_spline::{Surface, TessellationOptions, tessellate};
@@ -74,18 +73,14 @@ pub struct AnimationReport {
 }
 
 impl AnimationOutput {
-    /// What a path asks for, checked before the work: a .glb file, or a folder that is new or empty.
+    /// The animation that a path names: a .glb file, or a folder that is new or empty.
     ///
     /// # Errors
-    /// `Unsupported` for other files; `Input` for a folder with files in it, and for one of the inputs; `Io`
-    /// where nothing can be written there.
-    pub fn plan(path: &Path, inputs: &[PathBuf]) -> Result<Self> {
+    /// `Unsupported` for other files; `Input` for a folder with files in it; `Io` for a folder that cannot be
+    /// written.
+    pub fn plan(path: &Path) -> Result<Self> {
         match extension(path).as_str() {
-            "glb" => {
-                refuse_input_as_output(path, inputs)?;
-                check_writable(path)?;
-                Ok(Self::Mesh(path.to_path_buf()))
-            }
+            "glb" => Ok(Self::Mesh(path.to_path_buf())),
             "" => {
                 FolderInWork::check(path)?;
                 Ok(Self::Pictures(path.to_path_buf()))

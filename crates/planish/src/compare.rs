@@ -15,7 +15,8 @@
 
 pub(crate) mod page;
 
-use crate::report::ReportOutput;
+use crate::job::Job;
+use crate::report::{ReportOutput, with_page};
 use crate::saved;
 use page::compare_page;
 use planish_core::Progress;
@@ -33,7 +34,7 @@ use planish_surface::model::sigmas_along;
 use planish_surface::model::{Observed, SurfaceModel};
 use rayon::prelude::*;
 use serde::Serialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The 97.5 % quantile of the normal distribution: half the width of its central 95 %.
 const QUANTILE_95: f64 = 1.959_963_984_540_054;
@@ -444,42 +445,40 @@ pub(crate) fn compared(
     Ok((report, shown))
 }
 
-/// Reads two files and compares them.
-///
-/// # Errors
-/// As [`Compared::read`], [`Reference::read`] and [`compare`].
-pub fn compare_files(
-    model: &Path,
-    reference: &Path,
-    options: &CompareOptions,
-    progress: &dyn Progress,
-) -> Result<ComparisonReport> {
-    compare_files_reported(model, reference, options, None, progress)
+/// A file compared with a reference.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct CompareJob {
+    /// A saved model, a mesh, a STEP file or points.
+    pub model: PathBuf,
+    /// What it is compared with.
+    pub reference: PathBuf,
+    /// How they are compared.
+    pub options: CompareOptions,
+    /// A page that shows the result.
+    pub report: Option<ReportOutput>,
 }
 
-/// [`compare_files`], with a page that shows the result.
-///
-/// # Errors
-/// As [`compare_files`]; what [`ReportOutput::check`] reports, before the work.
-pub fn compare_files_reported(
-    model: &Path,
-    reference: &Path,
-    options: &CompareOptions,
-    page: Option<&ReportOutput>,
-    progress: &dyn Progress,
-) -> Result<ComparisonReport> {
-    let named = [model.to_path_buf(), reference.to_path_buf()];
-    if let Some(page) = page {
-        page.check(&named, &[])?;
+impl Job for CompareJob {
+    type Report = ComparisonReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(vec![self.model.clone(), self.reference.clone()])
     }
-    let read = Compared::read(model)?;
-    let (report, shown) = compared(&read, Reference::read(reference)?, options, progress)?;
-    if let Some(page) = page {
-        let [model, reference] = named;
-        let made = compare_page(&read, &report, shown, options, [&model, &reference])?;
-        page.write(made, &[(model, "the model".to_owned()), (reference, "the reference".to_owned())])?;
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        with_page(Vec::new(), self.report.as_ref())
     }
-    Ok(report)
+
+    fn execute(&self, progress: &dyn Progress) -> Result<ComparisonReport> {
+        let read = Compared::read(&self.model)?;
+        let (report, shown) = compared(&read, Reference::read(&self.reference)?, &self.options, progress)?;
+        if let Some(page) = &self.report {
+            let made = compare_page(&read, &report, shown, &self.options, [&self.model, &self.reference])?;
+            let inputs = [(&self.model, "the model"), (&self.reference, "the reference")];
+            page.write(made, &inputs.map(|(path, role)| (path.clone(), role.to_owned())))?;
+        }
+        Ok(report)
+    }
 }
 
 fn deviations(signed: &[f64]) -> Result<Option<Deviations>> {

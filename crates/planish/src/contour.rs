@@ -23,8 +23,8 @@ pub use levels::{LevelRelation, Relation};
 pub use report::{ContourReport, PartReport, ReportedAlternative, ReportedValue};
 
 use crate::graphs::{check_graphs_name, write_graphs};
-use crate::output::refuse_input_as_output;
-use crate::report::ReportOutput;
+use crate::job::Job;
+use crate::report::{ReportOutput, with_page};
 use page::contour_page;
 pub use planish_contour::constraint::{DEFAULT_LEVEL, SnapOutcome};
 use planish_contour::planar::{Choice, Sighting, Target, auto_kinds, choose, separate, usual_gap};
@@ -37,7 +37,7 @@ use planish_exchange::contours::{
     ContourReadings, DrawnContour, contours_svg, read_contour_readings, write_contours_dxf,
     write_contours_svg,
 };
-use planish_exchange::{Unit, check_writable, extension, write_atomically};
+use planish_exchange::{Unit, extension, write_atomically};
 use sizes::size_labels;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -73,6 +73,61 @@ pub struct ContourJob {
     pub pixel: Option<f64>,
     /// Unit of lengths where the file does not name it.
     pub unit: Option<Unit>,
+    /// A page that shows the contours or shapes.
+    pub report: Option<ReportOutput>,
+}
+
+impl Default for ContourJob {
+    fn default() -> Self {
+        Self {
+            input: PathBuf::new(),
+            kinds: Vec::new(),
+            chains: false,
+            shapes: Vec::new(),
+            fit: FitOptions::default(),
+            sigma: SigmaDefaults::default(),
+            carmen: CarmenOptions::default(),
+            gap: None,
+            outputs: Vec::new(),
+            constrain: ConstrainJob::default(),
+            pixel: None,
+            unit: None,
+            report: None,
+        }
+    }
+}
+
+impl Job for ContourJob {
+    type Report = ContourReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(vec![self.input.clone()])
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        for output in &self.outputs {
+            if !["json", "dxf", "svg"].contains(&extension(output).as_str()) {
+                return Err(Error::unsupported(format!(
+                    "{}: a contour is written as .json, .dxf or .svg",
+                    output.display()
+                )));
+            }
+        }
+        for graphs in &self.constrain.graphs {
+            check_graphs_name(graphs)?;
+        }
+        with_page([&self.outputs[..], &self.constrain.graphs].concat(), self.report.as_ref())
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<ContourReport> {
+        match self.shapes.is_empty() {
+            true => find_contours(self, progress),
+            false if self.constrain.is_asked_for() => Err(Error::unsupported(
+                "relations are those of contours in a plane: --constrain, --snap, --given and --graphs do not go together with shapes in space",
+            )),
+            false => space::find_shapes(self, progress),
+        }
+    }
 }
 
 /// A part of the readings, with what it is.
@@ -93,50 +148,8 @@ fn readings_of(job: &ContourJob, read: &ContourReadings) -> unused::Readings {
     }
 }
 
-/// Does the job and writes its outputs.
-///
-/// # Errors
-/// `Io` and `Input` of the reader and writers; `Unsupported` for an extension that cannot be written;
-/// `Undetermined` when no part can be fitted.
-pub fn contour_files(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
-    contour_files_reported(job, None, progress)
-}
-
-/// [`contour_files`], with a page that shows the contours; of shapes in space there is none.
-///
-/// # Errors
-/// As [`contour_files`]; what [`ReportOutput::check`] reports, before the work.
-pub fn contour_files_reported(
-    job: &ContourJob,
-    page: Option<&ReportOutput>,
-    progress: &dyn Progress,
-) -> Result<ContourReport> {
-    if let Some(page) = page {
-        page.check(std::slice::from_ref(&job.input), &job.outputs)?;
-    }
-    for output in &job.outputs {
-        if !["json", "dxf", "svg"].contains(&extension(output).as_str()) {
-            return Err(Error::unsupported(format!(
-                "{}: a contour is written as .json, .dxf or .svg",
-                output.display()
-            )));
-        }
-        refuse_input_as_output(output, std::slice::from_ref(&job.input))?;
-        check_writable(output)?;
-    }
-    for graphs in &job.constrain.graphs {
-        check_graphs_name(graphs)?;
-        refuse_input_as_output(graphs, std::slice::from_ref(&job.input))?;
-        check_writable(graphs)?;
-    }
-    if !job.shapes.is_empty() {
-        if job.constrain.is_asked_for() {
-            return Err(Error::unsupported(
-                "relations are those of contours in a plane: --constrain, --snap, --given and --graphs do not go together with shapes in space",
-            ));
-        }
-        return space::shape_files(job, page, progress);
-    }
+/// Finds planar contours and writes the outputs.
+fn find_contours(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
     progress.check("reading", 0.0)?;
     let mut warnings = Vec::new();
     let read = if picture::is_picture(&job.input) {
@@ -174,7 +187,7 @@ pub fn contour_files_reported(
     for (path, graphs) in job.constrain.graphs.iter().zip(graphs.iter().cycle()) {
         write_graphs(path, std::slice::from_ref(graphs), None)?;
     }
-    if let Some(page) = page {
+    if let Some(page) = &job.report {
         let sizes = size_labels(&report, &drawn);
         let svg = contours_svg(&drawn, &points_of(&parts, &read), &sizes);
         let made = contour_page(&report, &svg, &job.input);

@@ -6,12 +6,13 @@
 mod page;
 
 use crate::animation::{AnimationOutput, AnimationReport, FRAMES, write_forming};
+use crate::job::Job;
 use crate::next::Length;
 use crate::output::{
-    OutputFormat, OutputOptions, PlannedOutput, WrittenFile, plan_outputs, prepare, refuse_input_as_output,
-    refuse_same_output,
+    OutputFormat, OutputOptions, PlannedOutput, WrittenFile, check_outputs, plan_outputs, prepare,
+    refuse_input_as_output,
 };
-use crate::report::ReportOutput;
+use crate::report::{ReportOutput, with_page};
 use page::fit_page;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result};
@@ -35,6 +36,21 @@ const MOST_DISTANT: f64 = 0.05;
 const MOST_INNOVATION: f64 = 3.0;
 
 /// What to fit, and what to write of it.
+///
+/// # Examples
+/// ```no_run
+/// use planish::Job;
+/// use planish::fit_files::FitJob;
+/// use planish::progress::Silent;
+/// let job = FitJob {
+///     inputs: vec!["top.ply".into(), "side.ply".into()],
+///     outputs: vec!["part.step".into(), "part.planish".into()],
+///     ..FitJob::default()
+/// };
+/// let done = job.run(&Silent)?;
+/// println!("σ of the surface: {} {}", done.fit.sigma.median, done.unit);
+/// # Ok::<(), planish::Error>(())
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct FitJob {
     /// Scans and lists of scans.
@@ -84,45 +100,45 @@ pub struct FitJobReport {
     pub fit_seconds: f64,
 }
 
-/// Reads, fits and writes.
-///
-/// # Errors
-/// What the readers, [`fit`], [`update`] and the writers report; `Input` also for settings out of range, and
-/// for an output that is an input. Nothing is written unless the fit succeeds.
-///
-/// # Examples
-/// ```no_run
-/// use planish::fit_files::{FitJob, fit_files};
-/// use planish::progress::Silent;
-/// let job = FitJob {
-///     inputs: vec!["top.ply".into(), "side.ply".into()],
-///     outputs: vec!["part.step".into(), "part.planish".into()],
-///     ..FitJob::default()
-/// };
-/// let done = fit_files(&job, &Silent)?;
-/// println!("σ of the surface: {} {}", done.fit.sigma.median, done.unit);
-/// # Ok::<(), planish::Error>(())
-/// ```
-pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
-    check_settings(job)?;
-    let named: Vec<PathBuf> = job.inputs.iter().chain(&job.update).cloned().collect();
-    let outputs = plan_outputs(&job.outputs, &named)?;
-    if let Some(folder) = &job.states {
-        if job.options.motion != Some(ThingMotion::Bend) {
-            return Err(Error::input(format!(
-                "{}: states are those of a sheet that bends: needed --motion bend",
-                folder.display()
-            )));
+impl Job for FitJob {
+    type Report = FitJobReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(self.inputs.iter().chain(&self.update).cloned().collect())
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        check_settings(self)?;
+        plan_outputs(&self.outputs)?;
+        if let Some(folder) = &self.states {
+            if self.options.motion != Some(ThingMotion::Bend) {
+                return Err(Error::input(format!(
+                    "{}: states are those of a sheet that bends: needed --motion bend",
+                    folder.display()
+                )));
+            }
+            make_folder(folder)?;
         }
-        make_folder(folder)?;
+        let mut outputs = self.outputs.clone();
+        if let Some(AnimationOutput::Mesh(path)) = animation_of(self)? {
+            outputs.push(path);
+        }
+        with_page(outputs, self.report.as_ref())
     }
-    let animation = (job.animation.as_ref()).map(|path| AnimationOutput::plan(path, &named)).transpose()?;
-    if let Some(path) = &job.animation {
-        refuse_same_output(path, &job.outputs)?;
+
+    fn execute(&self, progress: &dyn Progress) -> Result<FitJobReport> {
+        fit_scans(self, progress)
     }
-    if let Some(page) = &job.report {
-        page.check(&named, &job.outputs)?;
-    }
+}
+
+fn animation_of(job: &FitJob) -> Result<Option<AnimationOutput>> {
+    job.animation.as_deref().map(AnimationOutput::plan).transpose()
+}
+
+/// Reads, fits and writes. Nothing is written unless the fit succeeds.
+fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
+    let outputs = plan_outputs(&job.outputs)?;
+    let animation = animation_of(job)?;
     progress.check("reading", 0.0)?;
     refuse_raster_of(job, &outputs)?;
     let mut set = read_inputs(&job.inputs, job.unit)?;
@@ -201,7 +217,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     }
     if let Some(output) = &job.report {
         let verb = if job.update.is_some() { "Updated" } else { "Fitted" };
-        let page = fit_page(&fitted, &report, &named, job.mesh_tolerance, verb)?;
+        let page = fit_page(&fitted, &report, &Job::inputs(job)?, job.mesh_tolerance, verb)?;
         output.write(page, &files_read(job, &set))?;
     }
     progress.advance("done", 1.0);
@@ -237,7 +253,9 @@ fn states_to_write<'a>(job: &FitJob, fitted: &'a Fit) -> Result<Vec<(&'a Fit, Ve
     all.enumerate()
         .map(|(k, state)| {
             let name = |extension: &str| folder.join(format!("state-{}.{extension}", k + 1));
-            Ok((state, plan_outputs(&[name("planish"), name("ply")], &job.inputs)?))
+            let files = [name("planish"), name("ply")];
+            check_outputs(&files, &job.inputs)?;
+            Ok((state, plan_outputs(&files)?))
         })
         .collect()
 }

@@ -8,6 +8,7 @@ pub mod contour;
 pub mod fit_files;
 pub mod graphs;
 pub mod info;
+mod job;
 pub mod merge;
 pub mod next;
 pub mod occluding;
@@ -19,6 +20,7 @@ pub mod simulate;
 pub mod solid;
 pub mod view;
 
+pub use job::Job;
 pub use planish_core::progress;
 pub use planish_core::{Error, ErrorKind, Result};
 pub use planish_exchange::Unit;

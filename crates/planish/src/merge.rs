@@ -20,17 +20,21 @@ mod patches;
 mod ready;
 mod spline;
 
+use crate::job::Job;
+use crate::report::{ReportOutput, with_page};
 pub use outcome::{
     CompletionReport, FillReport, MergeReport, Merged, PatchReport, RegionReport, TriangleQuality,
 };
 pub use patches::{NamedPatch, PatchSet, read_patches};
-pub use spline::{MergedSpline, SplineReport, merged_spline, write_spline};
+use planish_surface::saved::{Session, SessionInput};
+use serde::Serialize;
+use spline::write_spline;
+pub use spline::{MergedSpline, SplineReport, merged_spline};
 
 use crate::next::Length;
 use crate::output::{OutputFormat, PlannedOutput, plan_outputs};
 use common_surface::{Refit, refitted};
 use completion::{completed, facing_in_words};
-pub use page::write_merge_report;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -39,7 +43,6 @@ use planish_mesh::{
 };
 use planish_surface::export::write_known_mesh;
 use ready::{Done, Ready};
-use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// The source of vertices that fill holes.
@@ -80,20 +83,93 @@ pub struct MergeOptions {
     pub align: bool,
 }
 
-/// Merges files: [`read_patches`], then [`merge`]. `bound` is a file of a surface that the thing lies within,
-/// taken where no patch is.
-///
-/// # Errors
-/// As both.
-pub fn merge_files(
-    paths: &[PathBuf],
-    bound: Option<&PathBuf>,
-    options: &MergeOptions,
-    progress: &dyn Progress,
-) -> Result<Merged> {
-    progress.check("reading", 0.0)?;
-    let set = read_patches(paths, bound, options.unit, options.mesh_tolerance)?;
-    merge(set, options, progress)
+/// Files of patches, merged into one mesh.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MergeJob {
+    /// Meshes and saved models; patches of one surface in one frame.
+    pub patches: Vec<PathBuf>,
+    /// A file of a surface that contains the object; it is used where no patch is.
+    pub bound: Option<PathBuf>,
+    /// How patches are merged.
+    pub options: MergeOptions,
+    /// Meshes (`.ply`, `.glb`, `.obj`, `.stl`) and splines (`.step`, `.planish`) to write.
+    pub outputs: Vec<PathBuf>,
+    /// A page that shows the result.
+    pub report: Option<ReportOutput>,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// The arguments that decide the answer, for the provenance of a saved model.
+    pub arguments: Vec<String>,
+}
+
+/// The figures of a [`MergeJob`].
+#[derive(Debug, Clone, Serialize)]
+pub struct MergeJobReport {
+    /// What was merged; its warnings are those of the whole job.
+    #[serde(flatten)]
+    pub merge: MergeReport,
+    /// The spline through the merged mesh, if one was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spline: Option<SplineReport>,
+}
+
+impl Job for MergeJob {
+    type Report = MergeJobReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(self.patches.iter().chain(&self.bound).cloned().collect())
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        let is_written = |format: OutputFormat| {
+            format.is_mesh() || matches!(format, OutputFormat::Step | OutputFormat::Planish)
+        };
+        if let Some(output) = plan_outputs(&self.outputs)?.iter().find(|output| !is_written(output.format)) {
+            return Err(Error::unsupported(format!(
+                "{}: a merged surface is a mesh or a spline: needed .ply, .glb, .obj, .stl, .step or .planish",
+                output.path.display()
+            )));
+        }
+        with_page(self.outputs.clone(), self.report.as_ref())
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<MergeJobReport> {
+        let (meshes, splines): (Vec<PlannedOutput>, Vec<PlannedOutput>) =
+            plan_outputs(&self.outputs)?.into_iter().partition(|output| output.format.is_mesh());
+        progress.check("reading", 0.0)?;
+        let bound = self.bound.as_ref();
+        let set = read_patches(&self.patches, bound, self.options.unit, self.options.mesh_tolerance)?;
+        let mut merged = merge(set, &self.options, progress)?;
+        // All that can go wrong with the surface goes wrong before the first file is written.
+        let spline = match splines.is_empty() {
+            true => None,
+            false => Some(merged_spline(&merged, self.seed, progress)?),
+        };
+        for output in &meshes {
+            write_merged(&merged, &output.path, progress)?;
+        }
+        if let Some(spline) = &spline {
+            write_spline(spline, &splines, &[self.session(&merged.report)], progress)?;
+        }
+        if let Some(page) = &self.report {
+            page::write_merge_report(&merged, page)?;
+        }
+        merged.report.warnings.extend(spline.iter().flat_map(|spline| spline.warnings.iter().cloned()));
+        Ok(MergeJobReport { merge: merged.report, spline: spline.map(|spline| spline.report) })
+    }
+}
+
+impl MergeJob {
+    /// What made the model, for its provenance.
+    fn session(&self, report: &MergeReport) -> Session {
+        let input = |path: &PathBuf| SessionInput { name: path.display().to_string(), points: 0 };
+        Session {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            arguments: self.arguments.clone(),
+            seed: self.seed,
+            inputs: report.inputs.iter().map(input).collect(),
+        }
+    }
 }
 
 /// Merges patches.
@@ -167,38 +243,6 @@ fn still_crossing(mesh: &TriangleMesh) -> Result<String> {
         0 => "the merged mesh crosses itself nowhere".to_owned(),
         pairs => format!("the merged mesh crosses itself, too: {pairs} pairs of its triangles"),
     })
-}
-
-/// Checks, before any work, that outputs can be written, in other files than the inputs: meshes, and what
-/// needs a [`MergedSpline`].
-///
-/// # Errors
-/// `Unsupported` for other formats; `Input` for one name twice or that of an input; `Io` where nothing can be
-/// written.
-pub fn plan_merged(outputs: &[PathBuf], inputs: &[PathBuf]) -> Result<MergedOutputs> {
-    let mut planned = MergedOutputs::default();
-    for output in plan_outputs(outputs, inputs)? {
-        match output.format {
-            format if format.is_mesh() => planned.meshes.push(output.path),
-            OutputFormat::Step | OutputFormat::Planish => planned.splines.push(output),
-            _ => {
-                return Err(Error::unsupported(format!(
-                    "{}: a merged surface is a mesh or a spline: needed .ply, .glb, .obj, .stl, .step or .planish",
-                    output.path.display()
-                )));
-            }
-        }
-    }
-    Ok(planned)
-}
-
-/// What is to be written of a merged surface.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct MergedOutputs {
-    /// Meshes.
-    pub meshes: Vec<PathBuf>,
-    /// STEP files and saved models, which need a spline.
-    pub splines: Vec<PlannedOutput>,
 }
 
 /// Writes a merged mesh in the format of the path's extension.

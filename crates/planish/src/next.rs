@@ -17,15 +17,16 @@
 //! gain for the mean variance of independent places (Nemhauser, Wolsey and Fisher 1978), and usually far
 //! nearer.
 
-use crate::output::{refuse_input_as_output, refuse_same_output};
-use crate::report::ReportOutput;
+use crate::job::Job;
+use crate::output::unsupported_extension;
+use crate::report::{ReportOutput, with_page};
 use page::next_page;
 use planish_core::Progress;
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::ply::{Column, MeshColumns, write_points};
-use planish_exchange::{Unit, check_writable, extension, write_atomically};
+use planish_exchange::{Unit, extension, write_atomically};
 use planish_spline::{SurfaceSystem, leaf_weights};
 use planish_surface::model::{Posterior, SurfaceModel};
 use planish_surface::saved::load;
@@ -42,7 +43,7 @@ mod view_files;
 mod views;
 
 pub use random::RandomDraws;
-pub use view_files::{NextViewsJob, NextViewsJobReport, next_view_files};
+pub use view_files::{NextViewsJob, NextViewsJobReport};
 pub use views::{NextView, UnseenPlace, ViewsReport, next_views};
 
 use random::at_random;
@@ -386,9 +387,11 @@ pub struct NextJob {
     pub goal: Option<Length>,
     /// Files of the points: `.csv` or `.ply`.
     pub outputs: Vec<PathBuf>,
+    /// A page that shows the points on the model.
+    pub report: Option<ReportOutput>,
 }
 
-/// What [`next_files`] did.
+/// What a [`NextJob`] did.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NextJobReport {
     /// The points and figures.
@@ -399,38 +402,27 @@ pub struct NextJobReport {
     pub unit: Unit,
 }
 
-/// Reads a saved model, chooses points, and writes them.
-///
-/// # Errors
-/// What the reader, [`next_points`] and the writers report; `Unsupported` for outputs of other kinds, before
-/// any work.
-pub fn next_files(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport> {
-    next_files_reported(job, None, progress)
+impl Job for NextJob {
+    type Report = NextJobReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(vec![self.model.clone()])
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        if let Some(path) = self.outputs.iter().find(|p| !matches!(extension(p).as_str(), "csv" | "ply")) {
+            return Err(unsupported_extension(path, ".csv or .ply (points with normals and σ)"));
+        }
+        with_page(self.outputs.clone(), self.report.as_ref())
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<NextJobReport> {
+        choose_points(self, progress)
+    }
 }
 
-/// [`next_files`], with a page that shows the points on the model.
-///
-/// # Errors
-/// As [`next_files`]; what [`ReportOutput::check`] reports, before the work.
-pub fn next_files_reported(
-    job: &NextJob,
-    page: Option<&ReportOutput>,
-    progress: &dyn Progress,
-) -> Result<NextJobReport> {
-    if let Some(page) = page {
-        page.check(std::slice::from_ref(&job.model), &job.outputs)?;
-    }
-    for (k, path) in job.outputs.iter().enumerate() {
-        if !matches!(extension(path).as_str(), "csv" | "ply") {
-            return Err(Error::unsupported(format!(
-                "{}: the extension says what to write: needed .csv or .ply (points with normals and σ)",
-                path.display()
-            )));
-        }
-        refuse_same_output(path, &job.outputs[..k])?;
-        refuse_input_as_output(path, std::slice::from_ref(&job.model))?;
-        check_writable(path)?;
-    }
+/// Reads a saved model, chooses points, and writes them.
+fn choose_points(job: &NextJob, progress: &dyn Progress) -> Result<NextJobReport> {
     progress.check("reading", 0.0)?;
     let model = load(&job.model)?;
     let options = NextOptions {
@@ -442,7 +434,7 @@ pub fn next_files_reported(
     for path in &job.outputs {
         write_points_of(path, &next.points, model.unit)?;
     }
-    if let Some(page) = page {
+    if let Some(page) = &job.report {
         let made = next_page(&model, &next, &job.model)?;
         page.write(made, &[(job.model.clone(), "the model".to_owned())])?;
     }

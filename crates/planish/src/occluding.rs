@@ -14,7 +14,8 @@ mod patch;
 
 pub use planish_sense::occluding::OccludingOptions;
 
-use crate::output::{WrittenFile, as_text, plan_outputs, refuse_input_as_output, refuse_same_output};
+use crate::job::Job;
+use crate::output::{OutputFormat, WrittenFile, as_text, plan_outputs, refuse_input_as_output};
 use crate::sense::SigmaSummary;
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
@@ -22,7 +23,7 @@ use planish_exchange::mesh::{MeshColumns, read_mesh, write_mesh};
 use planish_exchange::picture::read_brightness;
 use planish_exchange::ply::write_scan;
 use planish_exchange::views::{ViewFile, read_views};
-use planish_exchange::{Unit, check_writable, extension};
+use planish_exchange::{Unit, extension};
 use planish_mesh::{BoundingBox, TriangleMesh};
 use planish_sense::occluding::{
     Contour, ContourView, OccludingContours, OccludingPoint, VisualHull, occluding_contours, outlines,
@@ -64,6 +65,22 @@ pub struct OccludingJob {
     pub unit: Option<Unit>,
     /// Seed of every random choice.
     pub seed: u64,
+}
+
+impl Default for OccludingJob {
+    fn default() -> Self {
+        Self {
+            views: PathBuf::new(),
+            outputs: Vec::new(),
+            patches: Vec::new(),
+            least_points: 200,
+            hull: None,
+            judged: None,
+            options: OccludingOptions::default(),
+            unit: None,
+            seed: 0,
+        }
+    }
 }
 
 /// A patch.
@@ -163,13 +180,36 @@ struct Mask {
     rows: usize,
 }
 
-/// Reads, senses and writes.
-///
-/// # Errors
-/// What the readers, [`occluding_contours`], [`fit`](planish_surface::fit::fit) and the writers report; `Input` for
-/// views without masks and contours, and for outputs that are inputs; `Unsupported` for other formats.
-pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<OccludingReport> {
-    check_outputs(job)?;
+impl Job for OccludingJob {
+    type Report = OccludingReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(vec![self.views.clone()])
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        if let Some(path) = self.outputs.iter().find(|path| extension(path) != "ply") {
+            return Err(Error::unsupported(format!(
+                "{}: points of contours are written as .ply; patches are asked for by --patch",
+                path.display()
+            )));
+        }
+        plan_outputs(&self.patches)?;
+        if let Some(path) = &self.hull
+            && !OutputFormat::of(path)?.is_mesh()
+        {
+            return Err(Error::unsupported(format!("{}: a visual hull is a mesh", path.display())));
+        }
+        Ok(self.outputs.iter().chain(&self.patches).chain(&self.hull).cloned().collect())
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<OccludingReport> {
+        sense_contours(self, progress)
+    }
+}
+
+/// Reads views, matches their contours, and writes points, patches and the visual hull.
+fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<OccludingReport> {
     progress.check("reading", 0.0)?;
     let file = read_views(&job.views)?;
     let judged = job.judged.as_deref().map(read_judged).transpose()?;
@@ -250,36 +290,6 @@ pub fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occ
 
 fn of_points(found: &OccludingContours, value: impl Fn(&OccludingPoint) -> f64) -> Option<SigmaSummary> {
     crate::sense::summary(found.points.iter().map(value).collect())
-}
-
-fn check_outputs(job: &OccludingJob) -> Result<()> {
-    let mut before: Vec<PathBuf> = Vec::new();
-    for path in &job.outputs {
-        if extension(path) != "ply" {
-            return Err(Error::unsupported(format!(
-                "{}: points of contours are written as .ply; patches are asked for by --patch",
-                path.display()
-            )));
-        }
-        check_writable(path)?;
-    }
-    for path in job.outputs.iter().chain(&job.patches).chain(&job.hull) {
-        refuse_same_output(path, &before)?;
-        refuse_input_as_output(path, std::slice::from_ref(&job.views))?;
-        before.push(path.clone());
-    }
-    plan_outputs(&job.patches, std::slice::from_ref(&job.views))?;
-    match &job.hull {
-        Some(path) => {
-            plan_outputs(std::slice::from_ref(path), std::slice::from_ref(&job.views)).and_then(|planned| {
-                match planned.iter().all(|p| p.format.is_mesh()) {
-                    true => Ok(()),
-                    false => Err(Error::unsupported(format!("{}: a visual hull is a mesh", path.display()))),
-                }
-            })
-        }
-        None => Ok(()),
-    }
 }
 
 fn mask_options(view: &ViewFile) -> SilhouetteOptions {

@@ -158,28 +158,38 @@ pub(crate) fn as_text<S: Serializer>(path: &Path, serializer: S) -> std::result:
     serializer.collect_str(&path.display())
 }
 
+/// The formats of outputs, by their extensions.
+///
+/// # Errors
+/// `Unsupported` for extensions that cannot be written.
+pub fn plan_outputs(paths: &[PathBuf]) -> Result<Vec<PlannedOutput>> {
+    paths
+        .iter()
+        .map(|path| Ok(PlannedOutput { path: path.clone(), format: OutputFormat::of(path)? }))
+        .collect()
+}
+
 /// Checks every output before the work begins.
 ///
 /// # Errors
-/// `Unsupported` for extensions that cannot be written; `Input` for an output that is named twice or is one
-/// of the `inputs`; `Io` where the folder is missing, the path names a folder, or writing is not allowed.
-pub fn plan_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<Vec<PlannedOutput>> {
-    let mut planned = Vec::with_capacity(paths.len());
+/// `Input` for an output that is named twice or is one of the `inputs`; `Io` if its folder is missing, the path
+/// names a folder, or writing is not allowed.
+pub fn check_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
     for (k, path) in paths.iter().enumerate() {
-        let format = OutputFormat::of(path)?;
         refuse_same_output(path, &paths[..k])?;
         refuse_input_as_output(path, inputs)?;
         check_writable(path)?;
-        planned.push(PlannedOutput { path: path.clone(), format });
     }
-    Ok(planned)
+    Ok(())
+}
+
+/// The error for an output whose extension names no format of the job; `needed` lists those that do.
+pub(crate) fn unsupported_extension(path: &Path, needed: &str) -> Error {
+    Error::unsupported(format!("{}: the extension says what to write: needed {needed}", path.display()))
 }
 
 /// Refuses to write two outputs to one file.
-///
-/// # Errors
-/// `Input` where the path is one of the others, by whatever name.
-pub fn refuse_same_output(path: &Path, others: &[PathBuf]) -> Result<()> {
+fn refuse_same_output(path: &Path, others: &[PathBuf]) -> Result<()> {
     if others.iter().any(|other| real_path(other) == real_path(path)) {
         return Err(Error::input(format!(
             "{}: named twice as an output: needed a name for each",

@@ -7,9 +7,8 @@
 pub(crate) mod scenes;
 pub(crate) mod words;
 
-use crate::output::{refuse_input_as_output, refuse_same_output};
 use planish_estimate::{Error, Result};
-use planish_exchange::{check_writable, extension, sha256_of, write_atomically};
+use planish_exchange::{extension, sha256_of, write_atomically};
 use planish_report::{Block, Page, Section, Table};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -26,21 +25,18 @@ pub struct ReportOutput {
 }
 
 impl ReportOutput {
-    /// Checks the file before the work begins.
+    /// The file of the page, as one of a job's outputs.
     ///
     /// # Errors
-    /// `Unsupported` for other extensions than `.html`; `Input` for one of the inputs or outputs; `Io` where
-    /// it cannot be written.
-    pub fn check(&self, inputs: &[PathBuf], outputs: &[PathBuf]) -> Result<()> {
+    /// `Unsupported` for other extensions than `.html`.
+    pub fn file(&self) -> Result<PathBuf> {
         if !matches!(extension(&self.path).as_str(), "html" | "htm") {
             return Err(Error::unsupported(format!(
                 "{}: a report is one page of HTML: needed a name that ends in .html",
                 self.path.display()
             )));
         }
-        refuse_input_as_output(&self.path, inputs)?;
-        refuse_same_output(&self.path, outputs)?;
-        check_writable(&self.path)
+        Ok(self.path.clone())
     }
 
     /// Writes a page, with where it comes from at its end.
@@ -102,4 +98,12 @@ pub(crate) fn title_of(paths: &[PathBuf]) -> String {
         }
         [first, others @ ..] => format!("{} and {} more", file_name(first), others.len()),
     }
+}
+
+/// The outputs of a job with its page, if one is asked for.
+pub(crate) fn with_page(mut outputs: Vec<PathBuf>, page: Option<&ReportOutput>) -> Result<Vec<PathBuf>> {
+    if let Some(page) = page {
+        outputs.push(page.file()?);
+    }
+    Ok(outputs)
 }

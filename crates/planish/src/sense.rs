@@ -13,7 +13,8 @@
 //! Not guaranteed: an undistorted lens; pictures are taken to be so, but for two views of stereo whose
 //! calibration states their distortion.
 
-use crate::output::{as_text, refuse_input_as_output, refuse_same_output};
+use crate::job::Job;
+use crate::output::{as_text, refuse_input_as_output};
 use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::calibration::{
@@ -24,7 +25,7 @@ use planish_exchange::depth::{calibration_of, read_depth};
 use planish_exchange::picture::{read_brightness, read_picture};
 use planish_exchange::ply::write_scan;
 use planish_exchange::raster::write_raster;
-use planish_exchange::{Unit, check_writable, extension};
+use planish_exchange::{Unit, extension};
 use planish_sense::stripes::{GridOptions, GridRejected, read_grid};
 use planish_sense::{
     Image, PhotometricOptions, Rectification, Scan, StereoOptions, StereoPoints, StereoRejected,
@@ -129,6 +130,20 @@ impl SenseKind {
 }
 
 /// What to sense, and what to write of it.
+///
+/// # Examples
+/// ```no_run
+/// use planish::Job;
+/// use planish::progress::Silent;
+/// use planish::sense::{SenseJob, SenseKind};
+/// let job = SenseJob {
+///     kind: SenseKind::Depth { image: "frame.png".into(), calibration: Some("camera.toml".into()) },
+///     outputs: vec!["points.ply".into()],
+///     unit: None,
+/// };
+/// println!("{} points", job.run(&Silent)?.observations);
+/// # Ok::<(), planish::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct SenseJob {
     /// The sensor and its files.
@@ -233,27 +248,25 @@ struct Sensed {
     warnings: Vec<String>,
 }
 
-/// Reads, senses and writes.
-///
-/// # Errors
-/// What the readers, the sensors and the writers report; `Input` also for outputs that are inputs, and points
-/// that are asked for without a calibration; `Unsupported` for an extension that the kind does not write.
-/// Nothing is written unless everything else succeeds.
-///
-/// # Examples
-/// ```no_run
-/// use planish::progress::Silent;
-/// use planish::sense::{SenseJob, SenseKind, sense};
-/// let job = SenseJob {
-///     kind: SenseKind::Depth { image: "frame.png".into(), calibration: Some("camera.toml".into()) },
-///     outputs: vec!["points.ply".into()],
-///     unit: None,
-/// };
-/// println!("{} points", sense(&job, &Silent)?.observations);
-/// # Ok::<(), planish::Error>(())
-/// ```
-pub fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
-    check_outputs(job)?;
+impl Job for SenseJob {
+    type Report = SenseReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(self.kind.inputs())
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        check_formats(self)?;
+        Ok(self.outputs.clone())
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<SenseReport> {
+        sense(self, progress)
+    }
+}
+
+/// Reads, senses and writes; nothing is written unless everything else succeeds.
+fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     progress.check("reading", 0.0)?;
     let working = ProgressPart::new(progress, 0.05, 0.9);
     let mut sensed = match &job.kind {
@@ -567,10 +580,9 @@ pub(crate) fn summary(mut values: Vec<f64>) -> Option<SigmaSummary> {
     Some(SigmaSummary { median: at(0.5)?, p95: at(0.95)?, max: at(1.0)? })
 }
 
-fn check_outputs(job: &SenseJob) -> Result<()> {
-    let inputs = job.kind.inputs();
+fn check_formats(job: &SenseJob) -> Result<()> {
     let images = !matches!(job.kind, SenseKind::Depth { .. } | SenseKind::Grid { .. });
-    for (k, path) in job.outputs.iter().enumerate() {
+    for path in &job.outputs {
         let kind = extension(path);
         let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
         match kind.as_str() {
@@ -595,9 +607,6 @@ fn check_outputs(job: &SenseJob) -> Result<()> {
                 )));
             }
         }
-        refuse_same_output(path, &job.outputs[..k])?;
-        refuse_input_as_output(path, &inputs)?;
-        check_writable(path)?;
     }
     Ok(())
 }

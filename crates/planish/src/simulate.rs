@@ -3,56 +3,72 @@
 mod page;
 
 use crate::animation::{AnimationOutput, FRAMES, write_forming};
-use crate::report::ReportOutput;
+use crate::job::Job;
+use crate::output::unsupported_extension;
+use crate::report::{ReportOutput, with_page};
 use page::sphere_page;
-use planish_core::{Error, Progress, ProgressPart, Result, WRITING_STAGE};
-use planish_exchange::{Unit, check_writable, extension, write_atomically};
+use planish_core::{Progress, ProgressPart, Result, WRITING_STAGE};
+use planish_exchange::{Unit, extension, write_atomically};
 pub use planish_simulate::*;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Simulates and writes: `.csv` holds the rows, `.svg` draws them; `animation`, where one is asked for, shows
-/// the sphere forming (see [`sphere_forming`]), and `page` shows the curves with all rows.
-///
-/// # Errors
-/// `Unsupported` for other extensions, `Io` for paths that cannot be written, before any work; else as for
-/// [`sphere`].
-pub fn write_sphere(
-    options: &SphereOptions,
-    outputs: &[PathBuf],
-    animation: Option<&Path>,
-    page: Option<&ReportOutput>,
-    progress: &dyn Progress,
-) -> Result<Vec<SphereRow>> {
-    for path in outputs {
-        if !["csv", "svg"].contains(&extension(path).as_str()) {
-            return Err(Error::unsupported(format!(
-                "{}: the extension says what to write: needed .csv (the numbers) or .svg (the figures)",
-                path.display()
-            )));
+/// The figures of the sphere: simulated, written and shown.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SphereJob {
+    /// Settings of the figures.
+    pub options: SphereOptions,
+    /// Files to write: the rows as `.csv`, the curves as `.svg`.
+    pub outputs: Vec<PathBuf>,
+    /// A `.glb` file or a folder of pictures that shows the sphere forming (see [`sphere_forming`]).
+    pub animation: Option<PathBuf>,
+    /// A page with the curves and all rows.
+    pub report: Option<ReportOutput>,
+}
+
+impl Job for SphereJob {
+    type Report = Vec<SphereRow>;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(Vec::new())
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        for path in &self.outputs {
+            if !["csv", "svg"].contains(&extension(path).as_str()) {
+                return Err(unsupported_extension(path, ".csv (the numbers) or .svg (the figures)"));
+            }
         }
-        check_writable(path)?;
+        let mut outputs = with_page(self.outputs.clone(), self.report.as_ref())?;
+        if let Some(AnimationOutput::Mesh(path)) = planned(self.animation.as_deref())? {
+            outputs.push(path);
+        }
+        Ok(outputs)
     }
-    if let Some(page) = page {
-        page.check(&[], outputs)?;
+
+    fn execute(&self, progress: &dyn Progress) -> Result<Vec<SphereRow>> {
+        let options = &self.options;
+        let rows = sphere(options, &ProgressPart::new(progress, 0.0, 0.9))?;
+        if let Some(output) = planned(self.animation.as_deref())? {
+            let forming = sphere_forming(options, FRAMES)?;
+            write_forming(&forming, Unit::Metre, &output, &ProgressPart::new(progress, 0.9, 0.99))?;
+        }
+        progress.check(WRITING_STAGE, 0.99)?;
+        for path in &self.outputs {
+            let text = match extension(path).as_str() {
+                "csv" => sphere_csv(&rows),
+                _ => sphere_figure(options, &rows),
+            };
+            write_atomically(path, |writer| writer.write_all(text.as_bytes()))?;
+        }
+        if let Some(page) = &self.report {
+            page.write(sphere_page(options, &rows, sphere_figure(options, &rows)), &[])?;
+        }
+        progress.advance(WRITING_STAGE, 1.0);
+        Ok(rows)
     }
-    let animation = animation.map(|path| AnimationOutput::plan(path, &[])).transpose()?;
-    let rows = sphere(options, &ProgressPart::new(progress, 0.0, 0.9))?;
-    if let Some(output) = &animation {
-        let forming = sphere_forming(options, FRAMES)?;
-        write_forming(&forming, Unit::Metre, output, &ProgressPart::new(progress, 0.9, 0.99))?;
-    }
-    progress.check(WRITING_STAGE, 0.99)?;
-    for path in outputs {
-        let text = match extension(path).as_str() {
-            "csv" => sphere_csv(&rows),
-            _ => sphere_figure(options, &rows),
-        };
-        write_atomically(path, |writer| writer.write_all(text.as_bytes()))?;
-    }
-    if let Some(page) = page {
-        page.write(sphere_page(options, &rows, sphere_figure(options, &rows)), &[])?;
-    }
-    progress.advance(WRITING_STAGE, 1.0);
-    Ok(rows)
+}
+
+fn planned(animation: Option<&Path>) -> Result<Option<AnimationOutput>> {
+    animation.map(AnimationOutput::plan).transpose()
 }

@@ -14,12 +14,12 @@ mod writing;
 pub use noisy::{NoisyGeometry, ReportedView};
 
 use crate::graphs::{check_graphs_name, write_graphs};
-use crate::output::refuse_input_as_output;
-use crate::report::ReportOutput;
+use crate::job::Job;
+use crate::report::{ReportOutput, with_page};
 use page::solid_page;
 use planish_core::Progress;
 use planish_estimate::{Error, Result};
-use planish_exchange::{Unit, check_writable, extension};
+use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
 use planish_solid::reprojection::{CompareOptions, Disagreement, disagreements};
@@ -55,6 +55,43 @@ pub struct SolidJob {
     pub all: bool,
     /// The unit where no file names it.
     pub unit: Option<Unit>,
+    /// A page that shows the solids side by side, and their views.
+    pub report: Option<ReportOutput>,
+}
+
+impl Default for SolidJob {
+    fn default() -> Self {
+        Self {
+            views: Vec::new(),
+            projection: Projection::FirstAngle,
+            kinds: None,
+            level: planish_contour::constraint::DEFAULT_LEVEL,
+            graphs: Vec::new(),
+            outputs: Vec::new(),
+            mesh_tolerance: None,
+            tolerance: None,
+            all: false,
+            unit: None,
+            report: None,
+        }
+    }
+}
+
+impl Job for SolidJob {
+    type Report = SolidReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(self.views.clone())
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        check_settings(self)?;
+        with_page([&self.outputs[..], &self.graphs].concat(), self.report.as_ref())
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<SolidReport> {
+        find_solids(self, progress)
+    }
 }
 
 /// Chords of a mesh miss the solid by this share of the drawing's size where no tolerance is given.
@@ -155,30 +192,9 @@ pub struct SolidReport {
     pub written: Vec<PathBuf>,
 }
 
-/// Reads views, finds solids, writes them.
-///
-/// # Errors
-/// `Input` for files that are no drawings, views of other extents, or too few; `Undetermined` where all lines
-/// can be explained, but no boundary closes, or where a mesh is asked for and a face cannot be filled; `Io`
-/// for file trouble. That no solid has these views is an answer: no solutions, and the lines that none
-/// explains.
-pub fn solid_files(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
-    solid_files_reported(job, None, progress)
-}
-
-/// [`solid_files`], with a page that shows the solids side by side, and their views.
-///
-/// # Errors
-/// As [`solid_files`]; what [`ReportOutput::check`] reports, before the work.
-pub fn solid_files_reported(
-    job: &SolidJob,
-    page: Option<&ReportOutput>,
-    progress: &dyn Progress,
-) -> Result<SolidReport> {
-    plan(job)?;
-    if let Some(page) = page {
-        page.check(&job.views, &job.outputs)?;
-    }
+/// Reads views, finds solids, writes them. That no solid has these views is an answer: no solutions, and the
+/// lines that none explains.
+fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     progress.check("reading", 0.0)?;
     let mut warnings = Vec::new();
     let noisy = match is_contours(job) {
@@ -266,7 +282,7 @@ pub fn solid_files_reported(
             report.written.push(path.clone());
         }
     }
-    if let Some(page) = page {
+    if let Some(page) = &job.report {
         let solids: Vec<&Solid> = accepted.iter().map(|solution| &solution.solid).collect();
         let made = solid_page(&report, &drawing, &solids, tolerance, &job.views)?;
         let inputs: Vec<(PathBuf, String)> =
@@ -318,7 +334,7 @@ fn counts(solid: &Solid) -> FaceCounts {
     FaceCounts { plane, cylinder, cone, sphere, torus, freeform: 0 }
 }
 
-fn plan(job: &SolidJob) -> Result<()> {
+fn check_settings(job: &SolidJob) -> Result<()> {
     if !(1..=3).contains(&job.views.len()) {
         return Err(Error::input(format!(
             "needed drawings (.dxf, .svg) of the front, top and side view, in this order (the side may be left out), or one file with all of them, found {}",
@@ -352,8 +368,6 @@ fn plan(job: &SolidJob) -> Result<()> {
             )));
         }
         check_graphs_name(graphs)?;
-        refuse_input_as_output(graphs, &job.views)?;
-        check_writable(graphs)?;
     }
     if job.tolerance.is_some()
         && let Some(view) = job.views.first().filter(|_| is_contours(job))
@@ -377,8 +391,6 @@ fn plan(job: &SolidJob) -> Result<()> {
                 output.display()
             )));
         }
-        refuse_input_as_output(output, &job.views)?;
-        check_writable(output)?;
     }
     Ok(())
 }

@@ -14,7 +14,7 @@ mod thing;
 pub use camera::{CameraAngles, Up};
 pub use thing::ViewedFile;
 
-use crate::output::refuse_input_as_output;
+use crate::job::Job;
 use crate::report::ReportOutput;
 use crate::report::words::head;
 use camera::{Camera, Frame, axes_at, axes_from};
@@ -23,7 +23,7 @@ use legend::Legend;
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::write_colour_png;
-use planish_exchange::{Unit, check_writable, extension};
+use planish_exchange::{Unit, extension};
 use planish_report::colour::{Colour, Scale, UNKNOWN, screen_brightness};
 use planish_report::{Block, Field, Figure, Page, Section, Values};
 use serde::Serialize;
@@ -107,40 +107,56 @@ pub struct PictureReport {
     pub warnings: Vec<String>,
 }
 
-/// Checks where a picture goes, before the work.
-///
-/// # Errors
-/// `Unsupported` for other extensions than `.png`; `Input` for one of the inputs; `Io` where it cannot be
-/// written.
-pub fn check_picture(path: &Path, inputs: &[PathBuf]) -> Result<()> {
-    if extension(path) != "png" {
-        return Err(Error::unsupported(format!(
-            "{}: a view is written as a picture (.png) or as a page (.html)",
-            path.display()
-        )));
-    }
-    refuse_input_as_output(path, inputs)?;
-    check_writable(path)
-}
-
-/// Draws a file as a PNG.
+/// A file drawn as a PNG.
 ///
 /// Cost: nine places a pixel and 48 neighbours of it: 1.6 s of processor time for 1280 × 960 pixels of 86 000
 /// triangles; some 400 bytes of memory a pixel.
 ///
-/// # Errors
-/// As the readers; `Unsupported` for STEP files; `Input` where the file does not hold what it is to be
-/// coloured by; `Io` where nothing can be written.
-///
 /// # Examples
 /// ```no_run
-/// use planish::view::{PictureOptions, ViewedFile, write_picture};
-/// let part = ViewedFile { file: "part.ply".into(), ..ViewedFile::default() };
-/// let options = PictureOptions { camera: Some("iso".parse()?), ..PictureOptions::default() };
-/// write_picture(&part, &options, "part.png".as_ref(), &planish::progress::Silent)?;
+/// use planish::Job;
+/// use planish::view::{PictureJob, PictureOptions, ViewedFile};
+/// let job = PictureJob {
+///     viewed: ViewedFile { file: "part.ply".into(), ..ViewedFile::default() },
+///     options: PictureOptions { camera: Some("iso".parse()?), ..PictureOptions::default() },
+///     output: "part.png".into(),
+/// };
+/// job.run(&planish::progress::Silent)?;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn write_picture(
+#[derive(Debug, Clone, Default)]
+pub struct PictureJob {
+    /// The file and how it is read.
+    pub viewed: ViewedFile,
+    /// How the picture is made.
+    pub options: PictureOptions,
+    /// The `.png` file.
+    pub output: PathBuf,
+}
+
+impl Job for PictureJob {
+    type Report = PictureReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok([&self.viewed.file].into_iter().chain(&self.viewed.reference).cloned().collect())
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        if extension(&self.output) != "png" {
+            return Err(Error::unsupported(format!(
+                "{}: a view is written as a picture (.png) or as a page (.html)",
+                self.output.display()
+            )));
+        }
+        Ok(vec![self.output.clone()])
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<PictureReport> {
+        draw_picture(&self.viewed, &self.options, &self.output, progress)
+    }
+}
+
+fn draw_picture(
     viewed: &ViewedFile,
     options: &PictureOptions,
     path: &Path,

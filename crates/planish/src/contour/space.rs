@@ -4,7 +4,6 @@ use super::report::part_warnings;
 use super::shape_page::shape_page;
 use super::unused;
 use super::{ContourJob, ContourReport, PartReport, ReportedAlternative, ReportedValue, write_json};
-use crate::report::ReportOutput;
 use planish_contour::planar::{Form, Motion};
 use planish_contour::primitive::choose;
 use planish_core::{Progress, WRITING_STAGE};
@@ -17,11 +16,7 @@ use planish_exchange::extension;
 /// # Errors
 /// As of the reader; `Unsupported` for motion, the product form, and outputs that are drawings;
 /// `Undetermined` when no shape can be fitted.
-pub(super) fn shape_files(
-    job: &ContourJob,
-    page: Option<&ReportOutput>,
-    progress: &dyn Progress,
-) -> Result<ContourReport> {
+pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<ContourReport> {
     if let Some(output) = job.outputs.iter().find(|output| extension(output) != "json") {
         return Err(Error::unsupported(format!(
             "{}: a shape in space is written as .json",
@@ -76,7 +71,7 @@ pub(super) fn shape_files(
     for output in &job.outputs {
         write_json(output, &report)?;
     }
-    if let Some(page) = page {
+    if let Some(page) = &job.report {
         let points = rays.iter().map(|ray| ray.point()).collect();
         let made = shape_page(&report, &fit, points, &job.input)?;
         page.write(made, &[(job.input.clone(), format!("{} readings", rays.len()))])?;

@@ -13,7 +13,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// `Io` where it cannot be written or an input no longer be read.
-pub fn write_merge_report(merged: &Merged, output: &ReportOutput) -> Result<()> {
+pub(super) fn write_merge_report(merged: &Merged, output: &ReportOutput) -> Result<()> {
     let inputs: Vec<_> =
         (merged.report.inputs.iter()).map(|path| (path.clone(), "a patch".to_owned())).collect();
     output.write(merge_page(merged), &inputs)

@@ -221,10 +221,7 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
 }
 
 /// Writes the model as STEP or as a saved model.
-///
-/// # Errors
-/// As [`prepare`], and `Io`.
-pub fn write_spline(
+pub(super) fn write_spline(
     spline: &MergedSpline,
     outputs: &[PlannedOutput],
     provenance: &[Session],

@@ -2,13 +2,14 @@
 
 use super::page::views_page;
 use super::{Length, NextOptions, NextView, ViewsReport, next_views};
-use crate::output::refuse_input_as_output;
-use crate::report::ReportOutput;
+use crate::job::Job;
+use crate::output::unsupported_extension;
+use crate::report::{ReportOutput, with_page};
 use planish_core::Progress;
-use planish_estimate::{Error, Result};
+use planish_estimate::Result;
 use planish_exchange::calibration::read_view_sensor;
 use planish_exchange::ply::{Column, MeshColumns, write_points};
-use planish_exchange::{Unit, check_writable, extension, write_atomically};
+use planish_exchange::{Unit, extension, write_atomically};
 use planish_sense::{Pose, ViewSensor};
 use planish_surface::saved::load;
 use serde::Serialize;
@@ -33,7 +34,7 @@ pub struct NextViewsJob {
     pub report: Option<ReportOutput>,
 }
 
-/// What [`next_view_files`] did.
+/// What a [`NextViewsJob`] did.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NextViewsJobReport {
     /// The poses and figures.
@@ -44,26 +45,28 @@ pub struct NextViewsJobReport {
     pub unit: Unit,
 }
 
-/// Reads a saved model and a sensor, chooses poses, and writes them.
-///
-/// # Errors
-/// What the readers, [`next_views`] and the writers report; `Unsupported` for outputs of other kinds, before
-/// any work.
-pub fn next_view_files(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViewsJobReport> {
-    let inputs = [job.model.clone(), job.sensor.clone()];
-    for path in &job.outputs {
-        if !matches!(extension(path).as_str(), "toml" | "csv" | "ply") {
-            return Err(Error::unsupported(format!(
-                "{}: the extension says what to write: needed .toml (scans of a job), .csv or .ply (poses)",
-                path.display()
-            )));
+impl Job for NextViewsJob {
+    type Report = NextViewsJobReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(vec![self.model.clone(), self.sensor.clone()])
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        let is_written = |path: &&PathBuf| matches!(extension(path).as_str(), "toml" | "csv" | "ply");
+        if let Some(path) = self.outputs.iter().find(|path| !is_written(path)) {
+            return Err(unsupported_extension(path, ".toml (scans of a job), .csv or .ply (poses)"));
         }
-        refuse_input_as_output(path, &inputs)?;
-        check_writable(path)?;
+        with_page(self.outputs.clone(), self.report.as_ref())
     }
-    if let Some(page) = &job.report {
-        page.check(&inputs, &job.outputs)?;
+
+    fn execute(&self, progress: &dyn Progress) -> Result<NextViewsJobReport> {
+        choose_views(self, progress)
     }
+}
+
+/// Reads a saved model and a sensor, chooses poses, and writes them.
+fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViewsJobReport> {
     progress.check("reading", 0.0)?;
     let known = read_view_sensor(&job.sensor)?;
     let model = load(&job.model)?;
@@ -81,9 +84,9 @@ pub fn next_view_files(job: &NextViewsJob, progress: &dyn Progress) -> Result<Ne
         }
     }
     if let Some(page) = &job.report {
-        let [model_file, sensor_file] = inputs;
-        let made = views_page(&model, &next, &sensor, &model_file)?;
-        page.write(made, &[(model_file, "the model".to_owned()), (sensor_file, "the sensor".to_owned())])?;
+        let made = views_page(&model, &next, &sensor, &job.model)?;
+        let inputs = [(&job.model, "the model"), (&job.sensor, "the sensor")];
+        page.write(made, &inputs.map(|(path, role)| (path.clone(), role.to_owned())))?;
     }
     Ok(NextViewsJobReport { next, unit: model.unit })
 }

@@ -7,7 +7,9 @@
 //! left out.
 
 use super::{ContourPatch, OccludingJob};
-use crate::output::{OutputFormat, OutputOptions, PlannedOutput, WrittenFile, plan_outputs, prepare};
+use crate::output::{
+    OutputFormat, OutputOptions, PlannedOutput, WrittenFile, check_outputs, plan_outputs, prepare,
+};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{ErrorKind, Result};
 use planish_exchange::{PosedScan, ScanSet, Unit};
@@ -36,7 +38,7 @@ pub(super) fn patches(
     progress: &dyn Progress,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Patch>> {
-    let splines = plan_outputs(&job.patches, &[])?.iter().any(|p| !p.format.is_mesh());
+    let splines = plan_outputs(&job.patches)?.iter().any(|p| !p.format.is_mesh());
     let mut patches: Vec<Patch> = Vec::new();
     if job.patches.is_empty() {
         return Ok(patches);
@@ -137,8 +139,9 @@ pub(super) fn written(
     let mut reports = Vec::new();
     for (k, mut patch) in patches.into_iter().enumerate() {
         let paths: Vec<PathBuf> = job.patches.iter().map(|path| numbered(path, k + 1)).collect();
+        check_outputs(&paths, inputs)?;
         let (meshes, splines): (Vec<PlannedOutput>, Vec<PlannedOutput>) =
-            plan_outputs(&paths, inputs)?.into_iter().partition(|p| p.format.is_mesh());
+            plan_outputs(&paths)?.into_iter().partition(|p| p.format.is_mesh());
         for output in meshes {
             let mesh = &patch.mesh;
             let seen = vec![1; mesh.positions.len()];

@@ -15,8 +15,9 @@ mod report;
 mod rough_start;
 
 use super::looks::{Known, picture_of, write_moved};
-use super::surface::check_outputs;
-use crate::report::ReportOutput;
+use super::surface::mesh_outputs;
+use crate::job::Job;
+use crate::report::{ReportOutput, with_page};
 use input::{Frame, FrameFiles, Moved, Units};
 use page::{ShownShell, shell_page};
 use planish_core::{Progress, WRITING_STAGE};
@@ -232,39 +233,81 @@ pub struct ShellFitReport {
 /// Where fitting begins and ends in the whole job.
 const FITTING: (f64, f64) = (0.05, 0.95);
 
-/// Fits, and writes what was asked for.
-///
-/// # Errors
-/// `Io` where a file cannot be read or written; `Input` for meshes without faces, views that make no sense,
-/// units that differ, and everything that [`fit_shell_watched`] refuses; `Undetermined` where the readings do
-/// not say where the mesh is; `Interrupted` when told to stop, at the next iteration: of a sequence the
-/// frames before are written then.
-pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport> {
-    let mut inputs = vec![job.mesh.clone()];
-    inputs.extend(job.controls_file.iter().chain(&job.family).cloned());
-    let frames = match &job.sequence {
-        Some(_) if job.rough_start => {
-            return Err(Error::input(
-                "a sequence follows one mesh: make a rough start ready by the first frame's silhouettes alone",
-            ));
+impl Default for ShellFitJob {
+    fn default() -> Self {
+        Self {
+            mesh: PathBuf::new(),
+            points: Vec::new(),
+            silhouettes: None,
+            sequence: None,
+            deformation: DeformationKind::default(),
+            controls: 60,
+            controls_file: None,
+            family: Vec::new(),
+            rigid: Vec::new(),
+            blend: None,
+            metaball: Metaball::Triangular,
+            outline_step_px: 5.0,
+            believe_sigma: false,
+            rough_start: false,
+            outputs: Vec::new(),
+            report: None,
+            unit: None,
         }
+    }
+}
+
+impl Job for ShellFitJob {
+    type Report = ShellFitReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        let frames = frames_of(self)?;
+        let of_frames = frames.iter().flat_map(|frame| frame.points.iter().chain(&frame.silhouettes));
+        Ok([&self.mesh]
+            .into_iter()
+            .chain(&self.controls_file)
+            .chain(&self.family)
+            .chain(of_frames)
+            .cloned()
+            .collect())
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        let outputs = outputs_of_frames(self, &frames_of(self)?).concat();
+        with_page(
+            mesh_outputs(&outputs, is_mesh_file, ".ply, .obj, .stl, .off or .glb")?,
+            self.report.as_ref(),
+        )
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<ShellFitReport> {
+        fit_mesh(self, progress)
+    }
+}
+
+/// Points and silhouettes of each frame; one frame without a name if the mesh is fitted once.
+fn frames_of(job: &ShellFitJob) -> Result<Vec<FrameFiles>> {
+    match &job.sequence {
+        Some(_) if job.rough_start => Err(Error::input(
+            "a sequence follows one mesh: make a rough start ready by the first frame's silhouettes alone",
+        )),
         Some(_) if !job.points.is_empty() || job.silhouettes.is_some() => {
-            return Err(Error::input(
-                "a sequence holds its points and silhouettes in the folders of its frames",
-            ));
+            Err(Error::input("a sequence holds its points and silhouettes in the folders of its frames"))
         }
-        Some(folder) => input::frames_of(folder)?,
-        None => vec![FrameFiles {
+        Some(folder) => input::frames_of(folder),
+        None => Ok(vec![FrameFiles {
             name: String::new(),
             points: job.points.clone(),
             silhouettes: job.silhouettes.clone(),
-        }],
-    };
-    inputs.extend(frames.iter().flat_map(|frame| frame.points.iter().chain(&frame.silhouettes)).cloned());
-    let outputs = outputs_of(job, &frames, &inputs)?;
-    if let Some(page) = &job.report {
-        page.check(&inputs, &outputs.concat())?;
+        }]),
     }
+}
+
+/// Fits, and writes what was asked for. If a sequence is interrupted, the frames before are written.
+fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport> {
+    let frames = frames_of(job)?;
+    let mut inputs = job.inputs()?;
+    let outputs = outputs_of_frames(job, &frames);
     progress.check("reading", 0.0)?;
     let mut units = Units::of(job.unit);
     let (mut mesh, mut looks) = read_template(job, &mut units)?;
@@ -430,8 +473,8 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
     Ok(done)
 }
 
-/// Where the meshes of each frame go.
-fn outputs_of(job: &ShellFitJob, frames: &[FrameFiles], inputs: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
+/// Files of the meshes of each frame.
+fn outputs_of_frames(job: &ShellFitJob, frames: &[FrameFiles]) -> Vec<Vec<PathBuf>> {
     let of_frame = |frame: &FrameFiles, output: &Path| match job.sequence {
         None => output.to_owned(),
         Some(_) => {
@@ -440,11 +483,7 @@ fn outputs_of(job: &ShellFitJob, frames: &[FrameFiles], inputs: &[PathBuf]) -> R
             output.with_file_name(format!("{stem}.{}.{ending}", frame.name))
         }
     };
-    let planned: Vec<Vec<PathBuf>> = (frames.iter())
-        .map(|frame| job.outputs.iter().map(|output| of_frame(frame, output)).collect())
-        .collect();
-    check_outputs(&planned.concat(), inputs, is_mesh_file, ".ply, .obj, .stl, .off or .glb")?;
-    Ok(planned)
+    frames.iter().map(|frame| job.outputs.iter().map(|output| of_frame(frame, output)).collect()).collect()
 }
 
 /// The mesh, and what it looks like.

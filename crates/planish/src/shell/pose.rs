@@ -32,7 +32,8 @@
 //! Not guaranteed: that a posed mesh does not cross itself.
 
 use super::looks::{Known, NamedPlaces, normals_of, picture_of, write_glb, write_obj};
-use super::surface::check_outputs;
+use super::surface::mesh_outputs;
+use crate::job::Job;
 use nalgebra::DVector;
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::vector3::{add, distance};
@@ -55,7 +56,7 @@ const USUAL_CONTROLS: usize = 60;
 pub(super) const USUAL_BLEND: f64 = 0.1;
 
 /// What to do.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShellPoseJob {
     /// The mesh.
     pub mesh: PathBuf,
@@ -145,19 +146,25 @@ pub fn part_vertices(mesh: &TexturedMesh, part: &str) -> Result<Vec<u32>> {
     read_vertex_list(path)
 }
 
+impl Job for ShellPoseJob {
+    type Report = ShellPoseReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(vec![self.mesh.clone(), self.poses.clone()])
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        let needed = ".glb (all poses), or .ply, .obj, .stl or .off (the first pose)";
+        mesh_outputs(&self.outputs, is_mesh_file, needed)
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<ShellPoseReport> {
+        pose_mesh(self, progress)
+    }
+}
+
 /// Poses a mesh.
-///
-/// # Errors
-/// As the readers and writers; `Input` for parts, controls and poses that are not there; outputs are checked
-/// before the work.
-pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseReport> {
-    let inputs = [job.mesh.clone(), job.poses.clone()];
-    check_outputs(
-        &job.outputs,
-        &inputs,
-        is_mesh_file,
-        ".glb (all poses), or .ply, .obj, .stl or .off (the first pose)",
-    )?;
+fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseReport> {
     progress.check("reading", 0.0)?;
     let mut file = read_textured(&job.mesh)?;
     let poses = read_poses(&job.poses)?;
@@ -199,7 +206,7 @@ pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<S
     for path in &job.outputs {
         written.extend(write(path, &file, &mesh, &poses, &targets, picture.as_deref())?);
     }
-    let mut read = inputs.to_vec();
+    let mut read = vec![job.mesh.clone(), job.poses.clone()];
     read.append(&mut file.files);
     Ok(ShellPoseReport {
         unit: file.unit,

@@ -5,11 +5,12 @@
 //!
 //! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
 
-use crate::output::{refuse_input_as_output, refuse_same_output};
+use crate::job::Job;
+use crate::output::unsupported_extension;
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
+use planish_exchange::Unit;
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, read_mesh, write_mesh};
-use planish_exchange::{Unit, check_writable};
 use planish_mesh::TriangleMesh;
 pub use planish_shell::{IsoLevel, Metaball};
 use planish_shell::{IsoOptions, Shell, ShellOptions, iso_surface, subdivided};
@@ -84,38 +85,52 @@ pub struct ShellMeshReport {
     pub termination: &'static str,
 }
 
-/// Refuses outputs that cannot be written as meshes, before the work.
-pub(super) fn check_outputs(
+impl Default for ShellMeshJob {
+    fn default() -> Self {
+        Self {
+            mesh: PathBuf::new(),
+            level: IsoLevel::Shell,
+            metaball: Metaball::Triangular,
+            thickness: None,
+            softness: None,
+            threshold: 1.0,
+            cell: None,
+            outputs: Vec::new(),
+            unit: None,
+        }
+    }
+}
+
+impl Job for ShellMeshJob {
+    type Report = ShellMeshReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(vec![self.mesh.clone()])
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        mesh_outputs(&self.outputs, is_mesh_file, ".ply, .obj, .stl, .off or .glb")
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<ShellMeshReport> {
+        mesh_shell(self, progress)
+    }
+}
+
+/// Outputs whose extensions are all `good`; `needed` lists those that are.
+pub(super) fn mesh_outputs(
     outputs: &[PathBuf],
-    inputs: &[PathBuf],
     good: impl Fn(&Path) -> bool,
     needed: &str,
-) -> Result<()> {
-    for (k, path) in outputs.iter().enumerate() {
-        if !good(path) {
-            return Err(Error::unsupported(format!(
-                "{}: the extension says what to write: needed {needed}",
-                path.display()
-            )));
-        }
-        refuse_input_as_output(path, inputs)?;
-        refuse_same_output(path, &outputs[..k])?;
-        check_writable(path)?;
+) -> Result<Vec<PathBuf>> {
+    match outputs.iter().find(|path| !good(path)) {
+        Some(path) => Err(unsupported_extension(path, needed)),
+        None => Ok(outputs.to_vec()),
     }
-    Ok(())
 }
 
 /// Meshes the surface of a shell.
-///
-/// # Errors
-/// As the readers, [`iso_surface`] and the writers; outputs are checked before the work.
-pub fn shell_mesh_files(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshReport> {
-    check_outputs(
-        &job.outputs,
-        std::slice::from_ref(&job.mesh),
-        is_mesh_file,
-        ".ply, .obj, .stl, .off or .glb",
-    )?;
+fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshReport> {
     progress.check("reading", 0.0)?;
     let file = read_mesh(&job.mesh)?;
     let unit = file.unit.or(job.unit);

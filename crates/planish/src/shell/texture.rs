@@ -19,7 +19,8 @@ mod painted;
 mod view;
 
 use super::fit::input::read_mask;
-use super::surface::check_outputs;
+use super::surface::mesh_outputs;
+use crate::job::Job;
 use atlas::at_place;
 use blend::{Blended, Saying};
 use output::write;
@@ -56,7 +57,7 @@ pub enum ColourPlace {
 }
 
 /// What to do.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShellTextureJob {
     /// The mesh.
     pub mesh: PathBuf,
@@ -141,26 +142,35 @@ struct Coloured {
     views: Vec<u8>,
 }
 
+impl Job for ShellTextureJob {
+    type Report = ShellTextureReport;
+
+    fn inputs(&self) -> Result<Vec<PathBuf>> {
+        Ok(vec![self.mesh.clone(), self.views.clone()])
+    }
+
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        let good = |path: &Path| match extension(path).as_str() {
+            "ply" => true,
+            "glb" | "obj" => self.place != ColourPlace::Vertices || extension(path) == "glb",
+            _ => false,
+        };
+        let needed = match self.place {
+            ColourPlace::Vertices => ".ply or .glb for colours of vertices",
+            _ => ".ply, .glb, or .obj (with a texture)",
+        };
+        mesh_outputs(&self.outputs, good, needed)
+    }
+
+    fn execute(&self, progress: &dyn Progress) -> Result<ShellTextureReport> {
+        texture_mesh(self, progress)
+    }
+}
+
 /// Colours a mesh, and writes what was asked for.
 ///
 /// Cost: for each vertex or pixel of the texture a look into each view's depth; a depth buffer of each view.
-///
-/// # Errors
-/// `Io` where a file cannot be read or written; `Input` for meshes without faces, views without pictures,
-/// masks of another size than their picture, a texture too small for an atlas; `Undetermined` where no view
-/// sees any vertex. Outputs are checked before the work.
-pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellTextureReport> {
-    let inputs = [job.mesh.clone(), job.views.clone()];
-    let good = |path: &Path| match extension(path).as_str() {
-        "ply" => true,
-        "glb" | "obj" => job.place != ColourPlace::Vertices || extension(path) == "glb",
-        _ => false,
-    };
-    let needed = match job.place {
-        ColourPlace::Vertices => ".ply or .glb for colours of vertices",
-        _ => ".ply, .glb, or .obj (with a texture)",
-    };
-    check_outputs(&job.outputs, &inputs, good, needed)?;
+fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellTextureReport> {
     progress.check("reading", 0.0)?;
     let mut warnings = Vec::new();
     let (file, scene) = read(job, progress, &mut warnings)?;
@@ -194,7 +204,7 @@ pub fn shell_texture_files(job: &ShellTextureJob, progress: &dyn Progress) -> Re
     for path in &job.outputs {
         written.extend(write(path, &file, &coloured, texture.as_ref())?);
     }
-    let mut all = inputs.to_vec();
+    let mut all = vec![job.mesh.clone(), job.views.clone()];
     all.extend(scene.files);
     all.dedup();
     Ok(ShellTextureReport {

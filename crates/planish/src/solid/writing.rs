@@ -131,21 +131,13 @@ fn numbered(path: &Path, rank: usize) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_solid::views::Projection;
 
     #[test]
     fn stl_far_from_the_origin_is_refused() {
         let job = |output: &str| SolidJob {
             views: Vec::new(),
-            projection: Projection::FirstAngle,
-            kinds: None,
-            level: 0.001,
-            graphs: Vec::new(),
             outputs: vec![PathBuf::from(output)],
-            mesh_tolerance: None,
-            tolerance: None,
-            all: false,
-            unit: None,
+            ..SolidJob::default()
         };
         let far = [[1e8, 1e8, 1e8], [1e8 + 40.0, 1e8, 1e8]];
         let told = refuse_coarse_numbers(&job("part.stl"), &far, 0.02).unwrap_err().to_string();

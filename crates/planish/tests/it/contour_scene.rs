@@ -1,7 +1,8 @@
 //! The scene `contours` against `sense contours`.
 
+use planish::Job;
 use planish::Unit;
-use planish::occluding::{OccludingJob, OccludingOptions, sense_contours};
+use planish::occluding::{OccludingJob, OccludingOptions};
 use planish::progress::Silent;
 use planish::simulate::{ContoursOptions, ContoursShape, write_contours_scene};
 use planish_exchange::ply::read_scan;
@@ -28,7 +29,7 @@ fn points_of_the_scene_lie_on_the_thing() {
             unit: None,
             seed: 0,
         };
-        let report = sense_contours(&job, &Silent).unwrap();
+        let report = job.run(&Silent).unwrap();
         assert!(report.observations > 800, "{report:?}");
         assert!((report.chi2 - 1.0).abs() < 0.1, "{}", report.chi2);
         let off = |scan: &planish_sense::Scan| {
@@ -50,7 +51,7 @@ fn points_of_the_scene_lie_on_the_thing() {
         let masks: Vec<&str> = text.lines().filter(|line| !line.starts_with("contours")).collect();
         job.views = folder.path().join("masks.toml");
         std::fs::write(&job.views, masks.join("\n")).unwrap();
-        let report = sense_contours(&job, &Silent).unwrap();
+        let report = job.run(&Silent).unwrap();
         let scan = read_scan(&output).unwrap();
         let sides = (scan.points.iter())
             .filter(|p| p[2].abs() < 40.0)

@@ -1,9 +1,7 @@
 //! Contours end to end: files of readings in, reports out.
 
-use planish::contour::{
-    CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Kind, Motion, Relation, Shape,
-    SigmaDefaults, contour_files,
-};
+use planish::Job;
+use planish::contour::{ContourJob, ContourReport, Form, Kind, Motion, Relation, Shape};
 use planish::progress::Silent;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
 use planish_contour::planar::{Sighting, Target, points};
@@ -15,20 +13,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 fn job(input: PathBuf, kinds: &[Kind]) -> ContourJob {
-    ContourJob {
-        input,
-        kinds: kinds.to_vec(),
-        chains: false,
-        shapes: Vec::new(),
-        fit: FitOptions::default(),
-        sigma: SigmaDefaults::default(),
-        carmen: CarmenOptions { first: 0, count: 1, range: [0.05, 20.0], region: None },
-        gap: None,
-        outputs: Vec::new(),
-        pixel: None,
-        constrain: ConstrainJob::default(),
-        unit: Some(Unit::Millimetre),
-    }
+    ContourJob { input, kinds: kinds.to_vec(), unit: Some(Unit::Millimetre), ..ContourJob::default() }
 }
 
 fn write_points(path: &Path, parts: &[(f64, Vec<Sighting>)]) {
@@ -62,16 +47,16 @@ fn levels_that_agree_are_a_prism_and_circles_of_one_axis_a_revolution() {
     let rectangle = [10.0, 5.0, 40.0, 25.0, 0.3];
     let level = |k: u64| points(&Kind::Rectangle, &rectangle, 150, 0.2, k).noisy;
     write_points(&path, &[(0.0, level(1)), (10.0, level(2)), (20.0, level(3))]);
-    let report = contour_files(&job(path.clone(), &[Kind::Rectangle]), &Silent).unwrap();
+    let report = job(path.clone(), &[Kind::Rectangle]).run(&Silent).unwrap();
     let levels = report.levels.as_ref().unwrap();
     assert_eq!((levels.relation, levels.levels.len()), (Relation::Prism, 3));
     let circle = |radius: f64, seed| points(&Kind::Circle, &[3.0, -2.0, radius], 150, 0.2, seed).noisy;
     write_points(&path, &[(0.0, circle(20.0, 1)), (10.0, circle(15.0, 2))]);
-    let report = contour_files(&job(path.clone(), &[Kind::Circle]), &Silent).unwrap();
+    let report = job(path.clone(), &[Kind::Circle]).run(&Silent).unwrap();
     assert_eq!(report.levels.unwrap().relation, Relation::Revolution);
     let aside = points(&Kind::Circle, &[5.0, -2.0, 15.0], 150, 0.2, 4).noisy;
     write_points(&path, &[(0.0, circle(20.0, 1)), (10.0, aside)]);
-    let report = contour_files(&job(path, &[Kind::Circle]), &Silent).unwrap();
+    let report = job(path, &[Kind::Circle]).run(&Silent).unwrap();
     assert_eq!(report.levels.unwrap().relation, Relation::None);
 }
 
@@ -83,7 +68,7 @@ fn a_plate_with_holes_is_told_as_one() {
     let left = points(&Kind::Circle, &[-20.0, 0.0, 6.0], 120, 0.1, 2).noisy;
     let right = points(&Kind::Slot, &[18.0, 4.0, 24.0, 10.0, 0.2], 200, 0.1, 3).noisy;
     write_points(&path, &[(0.0, [plate, left, right].concat())]);
-    let report = contour_files(&ContourJob { gap: Some(5.0), ..job(path, &[]) }, &Silent).unwrap();
+    let report = ContourJob { gap: Some(5.0), ..job(path, &[]) }.run(&Silent).unwrap();
     let said: Vec<(&str, Option<usize>)> =
         report.contours.iter().map(|c| (c.kind.as_str(), c.hole_of)).collect();
     assert_eq!(said, [("rectangle", None), ("slot", Some(0)), ("circle", Some(0))]);
@@ -112,7 +97,7 @@ fn the_product_of_the_sides_finds_the_rectangle_too() {
     let path = scene(Kind::Rectangle, [0.0; 3], 0.2, folder.path());
     let mut job = job(path, &[Kind::Rectangle]);
     job.fit.form = Form::Product;
-    let report = contour_files(&job, &Silent).unwrap();
+    let report = job.run(&Silent).unwrap();
     is_near(&report, 0, "width", 90.0);
     is_near(&report, 0, "height", 55.0);
 }
@@ -124,13 +109,13 @@ fn a_thing_that_moves_and_turns_is_found_with_its_motion() {
     let path = scene(Kind::Rectangle, [6.0, -3.0, turn], 0.3, folder.path());
     let mut job = job(path, &[Kind::Rectangle]);
     job.fit.motion = Motion::Rigid;
-    let report = contour_files(&job, &Silent).unwrap();
+    let report = job.run(&Silent).unwrap();
     is_near(&report, 0, "width", 90.0);
     is_near(&report, 0, "height", 55.0);
     is_near(&report, 0, "rotation_deg_per_s", 8.0);
     // Without the motion the readings do not fit.
     job.fit.motion = Motion::Still;
-    let still = contour_files(&job, &Silent).unwrap();
+    let still = job.run(&Silent).unwrap();
     assert!(still.main.reduced_chi_square > 2.0 * report.main.reduced_chi_square);
 }
 
@@ -171,8 +156,7 @@ fn the_edge_of_a_disc_in_a_picture_is_a_circle() {
         let center = [70.0 + 0.13 * seed as f64, 60.0 - 0.07 * seed as f64];
         disc(&path, center, 35.0, seed + 1);
         let report =
-            contour_files(&ContourJob { pixel: Some(pixel), ..job(path.clone(), &[Kind::Circle]) }, &Silent)
-                .unwrap();
+            ContourJob { pixel: Some(pixel), ..job(path.clone(), &[Kind::Circle]) }.run(&Silent).unwrap();
         let truth = [center[0] * pixel, (119.0 - center[1]) * pixel, 35.0 * pixel];
         for ((_, found), truth) in report.main.parameters.iter().zip(truth) {
             let error = (found.value - truth) / found.sigma;
@@ -209,17 +193,17 @@ fn readings_in_space_are_a_cylinder() {
     job.shapes = Shape::ALL.to_vec();
     job.sigma.position = Some(0.5);
     job.sigma.heading_deg = Some(0.01f64.to_degrees());
-    let report = contour_files(&job, &Silent).unwrap();
+    let report = job.run(&Silent).unwrap();
     assert_eq!(report.main.kind, "cylinder", "{:?}", report.main.alternatives);
     is_near(&report, 0, "radius", 25.0);
     is_near(&report, 0, "axis_x", solid.parameters()[3]);
     // The same file without a kind in space, and a kind in space without σ.
     job.shapes.clear();
-    let refused = contour_files(&job, &Silent).unwrap_err().to_string();
+    let refused = job.run(&Silent).unwrap_err().to_string();
     assert!(refused.contains("line 1") && refused.contains("--kind plane3"), "{refused}");
     std::fs::write(&path, "x,y,z\n1,2,3\n").unwrap();
     job.shapes = vec![Shape::Plane];
-    let refused = contour_files(&job, &Silent).unwrap_err().to_string();
+    let refused = job.run(&Silent).unwrap_err().to_string();
     assert!(refused.contains("line 2") && refused.contains("--sigma-point"), "{refused}");
 }
 
@@ -243,7 +227,7 @@ fn a_room_of_a_carmen_log_has_walls() {
     let mut job = job(path, &[Kind::Rectangle]);
     job.carmen.count = 2;
     job.gap = Some(0.5);
-    let report = contour_files(&job, &Silent).unwrap();
+    let report = job.run(&Silent).unwrap();
     assert_eq!(report.unit, Some(Unit::Metre));
     is_near(&report, 0, "width", 6.0);
     is_near(&report, 0, "height", 4.0);
@@ -262,7 +246,7 @@ fn an_open_outline_is_a_chain_with_its_ends() {
         write_points(&path, &[(0.0, points(&kind, &theta, 300, 0.2, seed).noisy)]);
         let output = folder.path().join("bracket.json");
         let job = ContourJob { outputs: vec![output.clone()], ..job(path.clone(), &[]) };
-        let report = contour_files(&job, &Silent).unwrap();
+        let report = job.run(&Silent).unwrap();
         assert_eq!(report.main.kind, "chain", "seed {seed}: {:?}", report.main.alternatives);
         assert_eq!(report.main.closed, Some(false));
         for (name, truth) in names.iter().zip(theta) {
@@ -286,7 +270,7 @@ fn the_section_of_several_levels_is_covered() {
     for seed in 0..runs {
         let level = |k: u64| points(&Kind::Rectangle, &truth, 150, 0.2, 3 * seed + k).noisy;
         write_points(&path, &[(0.0, level(0)), (10.0, level(1)), (20.0, level(2))]);
-        let levels = contour_files(&job(path.clone(), &[Kind::Rectangle]), &Silent).unwrap().levels.unwrap();
+        let levels = job(path.clone(), &[Kind::Rectangle]).run(&Silent).unwrap().levels.unwrap();
         prisms += u32::from(levels.relation == Relation::Prism);
         for ((_, value, sigma), truth) in
             levels.mean.iter().zip([10.0, 5.0, 40.0, 25.0, 0.3_f64.to_degrees()])
@@ -319,7 +303,7 @@ fn corridors_of_a_measured_log_have_walls() {
     job.chains = true;
     job.carmen.range = [0.05, 8.0];
     job.gap = Some(0.4);
-    let report = contour_files(&job, &Silent).unwrap();
+    let report = job.run(&Silent).unwrap();
     assert_eq!(report.unit, Some(Unit::Metre));
     assert!(!report.contours.is_empty() && report.main.readings >= 20);
     for contour in &report.contours {
@@ -374,7 +358,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         std::fs::write(&path, text).unwrap();
         let output = folder.path().join("out.json");
         let job = ContourJob { outputs: vec![output.clone()], ..job(path, &[Kind::Circle]) };
-        let refused = contour_files(&job, &Silent).unwrap_err().to_string();
+        let refused = job.run(&Silent).unwrap_err().to_string();
         assert!(refused.contains(says) && refused.contains(name), "{name}: {refused}");
         assert!(!output.exists(), "{name}: an output was left behind");
     }

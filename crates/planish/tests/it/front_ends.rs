@@ -3,8 +3,9 @@
 
 #![allow(clippy::print_stdout, reason = "a skipped test is said aloud")]
 
+use planish::Job;
 use planish::progress::Silent;
-use planish::sense::{SenseJob, SenseKind, sense};
+use planish::sense::{SenseJob, SenseKind};
 use planish::{StereoOptions, StereoPoints};
 use planish_exchange::picture::{read_brightness, read_picture};
 use std::path::PathBuf;
@@ -38,7 +39,7 @@ fn gross_errors_are_few_and_stand_where_sigma_is_large() {
         outputs: vec![path.clone()],
         unit: None,
     };
-    let report = sense(&job, &Silent).unwrap();
+    let report = job.run(&Silent).unwrap();
     assert_eq!(report.pixels, 450 * 375);
     let bytes = std::fs::read(&path).unwrap();
     let values: Vec<f32> = bytes[bytes.len() - 8 * report.pixels..]

@@ -3,9 +3,10 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use planish::compare::{CompareOptions, compare_files_reported};
-use planish::fit_files::{FitJob, fit_files};
-use planish::next::{NextJob, NextOptions, next_files_reported};
+use planish::Job;
+use planish::compare::CompareJob;
+use planish::fit_files::FitJob;
+use planish::next::{NextJob, NextOptions};
 use planish::progress::Silent;
 use planish::report::ReportOutput;
 use planish_exchange::mesh::read_mesh;
@@ -62,7 +63,7 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
         report: Some(output(page.clone())),
         ..FitJob::default()
     };
-    let done = fit_files(&job, &Silent).unwrap();
+    let done = job.run(&Silent).unwrap();
     let (text, scene) = read(&page);
     needs_no_network(&text);
     let written = read_mesh(&mesh).unwrap();
@@ -97,7 +98,7 @@ fn a_report_of_a_fit_holds_what_the_files_hold() {
         assert!(set.as_array().unwrap().iter().all(|s| (s.as_u64().unwrap() as usize) < scans));
     }
     // The same files and the same command give the same bytes.
-    fit_files(&job, &Silent).unwrap();
+    job.run(&Silent).unwrap();
     assert_eq!(std::fs::read_to_string(&page).unwrap(), text);
 }
 
@@ -122,7 +123,7 @@ fn scans_that_contradict_each_other_are_named_at_once() {
         report: Some(output(page.clone())),
         ..FitJob::default()
     };
-    fit_files(&job, &Silent).unwrap();
+    job.run(&Silent).unwrap();
     let (text, _) = read(&page);
     let verdict = text.split("<section class=\"verdict").nth(1).unwrap();
     let verdict = verdict.split("</section>").next().unwrap();
@@ -140,12 +141,17 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
         mesh_tolerance: Some(0.05),
         ..FitJob::default()
     };
-    fit_files(&job, &Silent).unwrap();
+    job.run(&Silent).unwrap();
     let truth = pebble().join("truth.ply");
     let page_output = output(page.clone());
     let compare = |model: &Path| {
-        compare_files_reported(model, &truth, &CompareOptions::default(), Some(&page_output), &Silent)
-            .unwrap()
+        let job = CompareJob {
+            model: model.to_path_buf(),
+            reference: truth.clone(),
+            report: Some(page_output.clone()),
+            ..CompareJob::default()
+        };
+        job.run(&Silent).unwrap()
     };
     let report = compare(&mesh);
     let (text, scene) = read(&page);
@@ -164,11 +170,10 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
     let job = NextJob {
         model: model.clone(),
         options: NextOptions { count: 3, ..NextOptions::default() },
-        sigma: None,
-        goal: None,
-        outputs: Vec::new(),
+        report: Some(page_output),
+        ..NextJob::default()
     };
-    let next = next_files_reported(&job, Some(&page_output), &Silent).unwrap();
+    let next = job.run(&Silent).unwrap();
     let (_, scene) = read(&page);
     for (mark, point) in scene["marks"].as_array().unwrap().iter().zip(&next.next.points) {
         for d in 0..3 {
@@ -189,7 +194,7 @@ fn a_report_goes_into_a_file_of_its_own() {
             report: Some(output(page)),
             ..FitJob::default()
         };
-        fit_files(&job, &Silent).unwrap_err().to_string()
+        job.run(&Silent).unwrap_err().to_string()
     };
     let wrong = said(folder.path().join("page.pdf"), Vec::new());
     assert!(wrong.contains("page.pdf") && wrong.contains(".html"), "{wrong}");

@@ -1,8 +1,9 @@
 //! `planish shell fit` of a rough start, from files to files: an ellipsoid that is to become a bow, whose
 //! ends no deformation of a ball brings about without a web.
 
+use planish::Job;
 use planish::progress::Silent;
-use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, ShellFitReport, shell_fit_files};
+use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, ShellFitReport};
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
 use planish_exchange::Unit;
 use planish_exchange::mesh::{MeshColumns, read_mesh, write_mesh};
@@ -115,7 +116,7 @@ fn least_held_out(report: &ShellFitReport) -> f64 {
 fn an_ellipsoid_becomes_a_bow() {
     let folder = tempfile::tempdir().unwrap();
     let job = scene(folder.path());
-    let made = shell_fit_files(&job, &Silent).unwrap();
+    let made = job.run(&Silent).unwrap();
     let flow = made.flow.clone().unwrap();
     println!("rough start: {:?} {flow:?} {:?}", made.iou, made.sigma);
     assert_eq!((made.held_out.len(), flow.parts), (2, 1));
@@ -133,7 +134,7 @@ fn an_ellipsoid_becomes_a_bow() {
     // there.
     assert!(rms < 0.5 && held > 0.5, "{rms} {held}");
     let bent = ShellFitJob { rough_start: false, ..job };
-    let bent = shell_fit_files(&bent, &Silent).unwrap();
+    let bent = bent.run(&Silent).unwrap();
     println!("bent: {:?}", bent.iou);
     assert!(bent.flow.is_none() && least_held_out(&bent) < 0.9, "{:?}", bent.iou);
 }
@@ -145,7 +146,7 @@ fn open_meshes_and_those_elsewhere_are_no_start() {
     let job = scene(folder.path());
     let refused = |mesh: &TriangleMesh| {
         write(folder.path(), "start.ply", mesh);
-        shell_fit_files(&job, &Silent).unwrap_err().to_string()
+        job.run(&Silent).unwrap_err().to_string()
     };
     let mut open = icosphere(20.0, 3);
     open.triangles.pop();
@@ -156,6 +157,6 @@ fn open_meshes_and_those_elsewhere_are_no_start() {
     let said = refused(&elsewhere);
     assert!(said.contains("start.ply") && said.contains("nothing of the mesh"), "{said}");
     let sequence = ShellFitJob { silhouettes: None, sequence: Some(folder.path().to_owned()), ..job.clone() };
-    let said = shell_fit_files(&sequence, &Silent).unwrap_err().to_string();
+    let said = sequence.run(&Silent).unwrap_err().to_string();
     assert!(said.contains("rough start"), "{said}");
 }

@@ -1,7 +1,8 @@
 //! `planish shell fit` from files to files: what a mesh looks like is kept, and parts that are rigid stay so.
 
+use planish::Job;
 use planish::progress::{Progress, Silent};
-use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob, shell_fit_files};
+use planish::shell::fit::{DeformationKind, Metaball, ShellFitJob};
 use planish_estimate::ErrorKind;
 use planish_estimate::vector3::{distance, norm};
 use planish_exchange::mesh::{PolygonMesh, read_mesh};
@@ -73,7 +74,7 @@ fn texture_and_its_coordinates_are_kept() {
     let folder = tempfile::tempdir().unwrap();
     let job = job(folder.path(), &["out/fitted.obj", "out/fitted.glb", "out/fitted.ply"]);
     std::fs::create_dir(folder.path().join("out")).unwrap();
-    let report = shell_fit_files(&job, &Silent).unwrap();
+    let report = job.run(&Silent).unwrap();
     let names: Vec<String> = (report.written.iter())
         .map(|path| path.file_name().unwrap().to_string_lossy().into_owned())
         .collect();
@@ -147,11 +148,11 @@ fn a_fit_tells_how_far_it_is_and_can_be_stopped() {
         stop_at,
     };
     let stopped = listener(3);
-    let said = shell_fit_files(&job, &stopped).unwrap_err();
+    let said = job.run(&stopped).unwrap_err();
     assert_eq!(said.kind(), ErrorKind::Interrupted);
     assert!(stopped.rms.borrow().len() == 4 && !job.outputs[0].exists());
     let whole = listener(usize::MAX);
-    let report = shell_fit_files(&job, &whole).unwrap();
+    let report = job.run(&whole).unwrap();
     assert_eq!(*whole.stages.borrow(), ["reading", "fitting", "writing"]);
     let rms = whole.rms.borrow();
     assert_eq!(rms.len(), report.iterations);
@@ -167,7 +168,7 @@ fn rigid_parts_keep_their_lengths() {
             blend: Some(4.0),
             ..job(folder.path(), &["fitted.obj"])
         };
-        shell_fit_files(&job, &Silent).unwrap();
+        job.run(&Silent).unwrap();
         let (before, after) = (read_textured(&job.mesh).unwrap(), read_textured(&job.outputs[0]).unwrap());
         let cap = before.vertices_of("cap").unwrap();
         assert!(cap.len() > 20);
@@ -184,7 +185,7 @@ fn rigid_parts_keep_their_lengths() {
     // turned. How far it turns depends on where controls stand: 0.7 % is a turn of 0.12.
     assert!(stays < 0.01, "{stays}");
     let unknown = ShellFitJob { rigid: vec!["hat".to_owned()], ..job(folder.path(), &[]) };
-    let message = shell_fit_files(&unknown, &Silent).unwrap_err().to_string();
+    let message = unknown.run(&Silent).unwrap_err().to_string();
     assert!(
         message.contains("ball.obj") && message.contains("cap, rest") || message.contains("rest, cap"),
         "{message}"
@@ -212,7 +213,7 @@ fn loose_parts_of_what_is_rigid_need_no_readings() {
         writeln!(text, "f {} {} {}", t[0], t[1], t[2]).unwrap();
     }
     std::fs::write(&job.mesh, text).unwrap();
-    let report = shell_fit_files(&job, &Silent).unwrap();
+    let report = job.run(&Silent).unwrap();
     assert_eq!(report.controls, 20);
     let found = read_textured(&job.outputs[0]).unwrap();
     assert!(off(&found.points[..first as usize - 1]) < 0.35, "{}", off(&found.points[..first as usize - 1]));

@@ -4,8 +4,9 @@
 #![allow(clippy::print_stdout, reason = "a skipped test is said aloud")]
 
 use planish::ErrorKind;
+use planish::Job;
 use planish::progress::Silent;
-use planish::solid::{Projection, SolidJob, SolidReport, solid_files};
+use planish::solid::{SolidJob, SolidReport};
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
@@ -17,19 +18,8 @@ fn bracket() -> Vec<PathBuf> {
 }
 
 fn solved(views: Vec<PathBuf>, outputs: Vec<PathBuf>) -> planish::Result<SolidReport> {
-    let job = SolidJob {
-        views,
-        projection: Projection::FirstAngle,
-        kinds: None,
-        level: 0.001,
-        graphs: Vec::new(),
-        outputs,
-        mesh_tolerance: None,
-        tolerance: None,
-        all: false,
-        unit: None,
-    };
-    solid_files(&job, &Silent)
+    let job = SolidJob { views, outputs, ..SolidJob::default() };
+    job.run(&Silent)
 }
 
 /// A DXF file of lines: from, to, layer.
@@ -179,19 +169,13 @@ fn meshes_are_closed_and_as_near_as_asked_for() {
         ["ply", "stl", "glb", "obj"].map(|e| folder.path().join(format!("bracket.{e}"))).to_vec();
     let job = |tolerance: f64| SolidJob {
         views: bracket(),
-        projection: Projection::FirstAngle,
-        kinds: None,
-        level: 0.001,
-        graphs: Vec::new(),
         outputs: outputs.clone(),
         mesh_tolerance: Some(tolerance),
-        tolerance: None,
-        all: false,
-        unit: None,
+        ..SolidJob::default()
     };
     let mut triangles = 0;
     for tolerance in [0.1, 0.01] {
-        let report = solid_files(&job(tolerance), &Silent).unwrap();
+        let report = job(tolerance).run(&Silent).unwrap();
         assert_eq!(report.written, outputs);
         let exact = &report.solutions[0];
         for path in &outputs {
@@ -209,7 +193,7 @@ fn meshes_are_closed_and_as_near_as_asked_for() {
         assert!(made > triangles);
         triangles = made;
     }
-    let e = solid_files(&job(-1.0), &Silent).unwrap_err();
+    let e = job(-1.0).run(&Silent).unwrap_err();
     assert!(e.to_string().contains("needed a mesh tolerance > 0"), "{e}");
 }
 

@@ -1,8 +1,8 @@
 //! The job `simulate sphere`: files written and options refused.
 
-use planish::ErrorKind;
 use planish::progress::Silent;
-use planish::simulate::{SphereOptions, sphere, write_sphere};
+use planish::simulate::{SphereJob, SphereOptions, sphere};
+use planish::{ErrorKind, Job};
 
 #[test]
 fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
@@ -15,7 +15,12 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
         ..SphereOptions::default()
     };
     let paths = ["a.csv", "a.svg"].map(|name| folder.path().join(name));
-    let rows = write_sphere(&small, &paths, None, None, &Silent).unwrap();
+    let job = |outputs: &[std::path::PathBuf]| SphereJob {
+        options: small.clone(),
+        outputs: outputs.to_vec(),
+        ..SphereJob::default()
+    };
+    let rows = job(&paths).run(&Silent).unwrap();
     let [table, drawing] = paths.map(|path| std::fs::read_to_string(path).unwrap());
     assert_eq!(table.lines().count(), rows.len() + 1);
     assert!(table.starts_with("readings,noise_percent,orientation_deg,depth,leaf_patches,patch_percent"));
@@ -24,12 +29,12 @@ fn figures_hold_every_row_and_nothing_is_written_of_wrong_options() {
     assert_eq!(rows, sphere(&small, &Silent).unwrap(), "the same seed gives the same numbers");
 
     let wrong = folder.path().join("a.png");
-    let refused = write_sphere(&small, std::slice::from_ref(&wrong), None, None, &Silent).unwrap_err();
+    let refused = job(&[wrong]).run(&Silent).unwrap_err();
     assert_eq!(refused.kind(), ErrorKind::Unsupported);
     for bad in [
         SphereOptions { sets: 0, ..small.clone() },
         SphereOptions { readings: vec![5], ..small.clone() },
-        SphereOptions { noise_percent: vec![-1.0], ..small },
+        SphereOptions { noise_percent: vec![-1.0], ..small.clone() },
     ] {
         assert_eq!(sphere(&bad, &Silent).unwrap_err().kind(), ErrorKind::Input);
     }

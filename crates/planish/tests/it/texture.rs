@@ -1,8 +1,9 @@
 //! `planish shell texture` from files to files: a simulated thing whose colours are known, one view of
 //! another thing, and what no view sees.
 
+use planish::Job;
 use planish::progress::Silent;
-use planish::shell::texture::{ColourPlace, ShellTextureJob, ShellTextureReport, shell_texture_files};
+use planish::shell::texture::{ColourPlace, ShellTextureJob, ShellTextureReport};
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
 use planish_exchange::Unit;
 use planish_exchange::mesh::{Column, MeshColumns, PolygonMesh, read_mesh, write_mesh};
@@ -101,7 +102,7 @@ fn scene(folder: &Path) -> ShellTextureJob {
 
 fn run(job: &ShellTextureJob, outputs: &[PathBuf], place: ColourPlace) -> ShellTextureReport {
     let job = ShellTextureJob { outputs: outputs.to_vec(), place, ..job.clone() };
-    shell_texture_files(&job, &Silent).unwrap()
+    job.run(&Silent).unwrap()
 }
 
 fn colours_of(mesh: &PolygonMesh) -> Vec<[f64; 3]> {
@@ -217,7 +218,7 @@ fn a_texture_on_an_atlas_shows_the_thing() {
 fn what_cannot_be_coloured_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let job = scene(folder.path());
-    let refused = |job: &ShellTextureJob| shell_texture_files(job, &Silent).unwrap_err().to_string();
+    let refused = |job: &ShellTextureJob| job.run(&Silent).unwrap_err().to_string();
     let with = |from: &str, to: &str| {
         let text = std::fs::read_to_string(&job.views).unwrap().replace(from, to);
         let views = folder.path().join("w.toml");

@@ -1,8 +1,9 @@
 //! Pictures: what is seen is where it should be, in the colour of its value.
 
 use planish::ErrorKind;
+use planish::Job;
 use planish::progress::Silent;
-use planish::view::{CameraAngles, ColourBy, PictureOptions, PictureReport, ViewedFile, write_picture};
+use planish::view::{CameraAngles, ColourBy, PictureJob, PictureOptions, PictureReport, ViewedFile};
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_exchange::picture::{Picture, read_picture};
 use planish_mesh::{TriangleMesh, icosphere, parallelepiped};
@@ -25,7 +26,7 @@ fn seen(
         size: SIZE,
         ..PictureOptions::default()
     };
-    let report = write_picture(&viewed, &options, &path, &Silent)?;
+    let report = PictureJob { viewed, options, output: path.clone() }.run(&Silent)?;
     Ok((report, read_picture(&path).expect("a picture")))
 }
 
@@ -174,7 +175,8 @@ fn a_picture_larger_than_memory_is_refused() {
     let mesh = write(folder.path(), "ball.ply", &icosphere(1.0, 1), &[]);
     let options = PictureOptions { size: [16_384, 16_384], ..PictureOptions::default() };
     let viewed = ViewedFile { file: mesh, ..ViewedFile::default() };
-    let e = write_picture(&viewed, &options, &folder.path().join("a.png"), &Silent).unwrap_err();
+    let job = PictureJob { viewed, options, output: folder.path().join("a.png") };
+    let e = job.run(&Silent).unwrap_err();
     assert!(e.kind() == ErrorKind::Input && e.to_string().contains("64 million"), "{e}");
 }
 

@@ -1,0 +1,56 @@
+//! The protocol of all jobs: files in, a result, files out.
+
+use crate::output::check_outputs;
+use planish_core::{Progress, Result};
+use std::path::PathBuf;
+
+/// Work that reads files, computes a result and writes files.
+///
+/// A job is a plain struct with public fields and, where it has sensible ones, defaults. [`Job::run`] checks every
+/// output before any work, so that a run of an hour does not end with a file that cannot be written.
+///
+/// # Examples
+/// ```no_run
+/// use planish::Job;
+/// use planish::compare::CompareJob;
+/// use planish::progress::Silent;
+/// let job = CompareJob {
+///     model: "part.planish".into(),
+///     reference: "truth.ply".into(),
+///     ..CompareJob::default()
+/// };
+/// println!("{:?}", job.run(&Silent)?.coverage95);
+/// # Ok::<(), planish::Error>(())
+/// ```
+pub trait Job {
+    /// The figures of a finished job.
+    type Report;
+
+    /// Files that the job reads, as far as they are known before any of them is read.
+    ///
+    /// # Errors
+    /// `Io` for a folder whose files cannot be listed; `Input` for inputs that do not go together.
+    fn inputs(&self) -> Result<Vec<PathBuf>>;
+
+    /// Files that the job writes, a page included.
+    ///
+    /// # Errors
+    /// `Unsupported` for a file whose extension names no format of this job.
+    fn outputs(&self) -> Result<Vec<PathBuf>>;
+
+    /// Reads, computes and writes; call [`Job::run`], which checks the outputs first.
+    ///
+    /// # Errors
+    /// What the readers, the computation and the writers report; `Interrupted` on request.
+    fn execute(&self, progress: &dyn Progress) -> Result<Self::Report>;
+
+    /// Checks the outputs, then reads, computes and writes.
+    ///
+    /// # Errors
+    /// As [`Job::outputs`] and [`Job::execute`]; before any work `Input` for an output that is named twice or is
+    /// also an input, and `Io` for one that cannot be written.
+    fn run(&self, progress: &dyn Progress) -> Result<Self::Report> {
+        check_outputs(&self.outputs()?, &self.inputs()?)?;
+        self.execute(progress)
+    }
+}
