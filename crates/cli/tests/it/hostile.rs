@@ -353,9 +353,12 @@ fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
     fill_drawings(folder.path());
     let kept: Vec<_> = ["old.ply", "old.planish", "old.step"].map(|name| folder.path().join(name)).to_vec();
     let mut page = String::from(
-        "# Hostile inputs\n\nWhat `planish` says to inputs that want to break it, and with which exit code it ends: 0 done, 1 the data do not \
-         determine the answer,\n2 wrong use or input, 3 file trouble. Wherever it fails, no file is begun and older files are as they were. A \
-         test keeps this page true.\n",
+        "# Errors on damaged input\n\n\
+         This page lists damaged and unusual inputs, the messages that `planish` prints for them, and its exit code.\n\
+         If a command fails, it writes no output, and existing files stay unchanged. The test\n\
+         `crates/cli/tests/it/hostile.rs` runs every command of this page.\n\n\
+         | Exit code | Meaning |\n|---|---|\n| 0 | success |\n| 1 | the data do not determine the answer |\n\
+         | 2 | wrong use or wrong input |\n| 3 | a file cannot be read or written |\n",
     );
     for &(what, line, expected) in INPUTS {
         for path in &kept {
