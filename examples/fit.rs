@@ -1,8 +1,8 @@
-//! A surface from points in memory: two sensors, one of which states a σ that is not true.
+//! Fits a surface to points in memory from two sensors, one of which states a wrong σ.
 //!
 //! `cargo run --release -p planish --example fit`
 
-#![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
+#![allow(clippy::print_stdout, reason = "the program prints its result")]
 
 use planish::fit::{FitOptions, fit};
 use planish::progress::Silent;
@@ -13,14 +13,14 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use std::path::Path;
 
-/// What is measured: a wavy sheet of 80 by 60 mm.
+/// Height of the object, a wavy sheet of 80 by 60 mm.
 fn height(x: f64, y: f64) -> f64 {
     3.0 * (x / 9.0).sin() * (y / 12.0).cos()
 }
 
 fn main() -> Result<()> {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
-    // Each sensor says how good it is; the second one is wrong about that.
+    // Name, stated σ and true σ. The second sensor states a wrong σ.
     let sensors = [("laser", 0.05, 0.05), ("camera", 0.10, 0.30)];
     let mut set = ScanSet { unit: Some(Unit::Millimetre), ..ScanSet::default() };
     for (k, (name, stated, true_sigma)) in sensors.into_iter().enumerate() {
@@ -48,17 +48,17 @@ fn main() -> Result<()> {
     let found = fit(&set, &FitOptions::default(), &Silent)?;
     let report = &found.report;
     println!(
-        "a {} of {} control vertices, σ {:.4} mm in the median",
+        "{} with {} control vertices, median σ {:.4} mm",
         report.shape, report.coefficients, report.sigma.median
     );
     for sensor in &report.sensors {
         println!(
-            "{}: σ stated {:.2}, found {:.3}",
+            "{}: stated σ {:.2}, estimated {:.3}",
             sensor.name,
             sensor.sigma_stated.unwrap_or(f64::NAN),
             sensor.sigma_estimated
         );
     }
-    // The model with its covariance; `planish compare`, `next` and `fit --update` go on from it.
+    // The model includes its covariance. `planish compare`, `next` and `fit --update` can read it.
     saved::save(&found.model, &[], Path::new("sheet.planish"))
 }

@@ -1,8 +1,8 @@
-//! Two meshes that overlap, one of them a little off, made into one.
+//! Aligns and merges two overlapping meshes, one of which has a small pose error.
 //!
 //! `cargo run --release -p planish --example merge`
 
-#![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
+#![allow(clippy::print_stdout, reason = "the program prints its result")]
 
 use planish::merge::{MergeOptions, NamedPatch, PatchSet, merge, write_merged};
 use planish::progress::Silent;
@@ -22,13 +22,13 @@ fn height(x: f64, y: f64) -> f64 {
 fn main() -> Result<()> {
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
     let error = Normal::new(0.0, SIGMA).expect("a positive σ");
-    let off = Pose::from_rotation_vector([0.004, -0.006, 0.005], [0.3, -0.2, 0.3]);
+    let pose_error = Pose::from_rotation_vector([0.004, -0.006, 0.005], [0.3, -0.2, 0.3]);
     let mut patches = Vec::new();
-    for (name, x, stands) in [("left", 0.0, Pose::identity()), ("right", 18.0, off)] {
+    for (name, x, pose) in [("left", 0.0, Pose::identity()), ("right", 18.0, pose_error)] {
         let mut mesh = grid_sheet(40.0, 40.0, 60, 60);
         for p in &mut mesh.positions {
-            let place = [p[0] + x, p[1], height(p[0] + x, p[1]) + error.sample(&mut random)];
-            *p = stands.apply(place);
+            let position = [p[0] + x, p[1], height(p[0] + x, p[1]) + error.sample(&mut random)];
+            *p = pose.apply(position);
         }
         let sigma = vec![SIGMA; mesh.positions.len()];
         patches.push(NamedPatch {
@@ -43,12 +43,12 @@ fn main() -> Result<()> {
     let whole = merge(set, &options, &Silent)?;
     let report = &whole.report;
     println!(
-        "{} triangles, {} edges of three and more, σ {:.4} mm in the median",
+        "{} triangles, {} non-manifold edges, median σ {:.4} mm",
         report.triangles, report.nonmanifold_edges, report.sigma.median
     );
     for pose in &report.poses {
         println!(
-            "{}: moved by {:.3} mm, known to {:.3} mm",
+            "{}: moved by {:.3} mm, σ {:.3} mm",
             pose.scan,
             pose.moved.unwrap_or(0.0),
             pose.sigma_translation.unwrap_or(0.0)

@@ -1,8 +1,8 @@
-//! What is known, whether that is true, and where to measure next: files in, numbers out.
+//! Fits a model, compares it with the ground truth, and chooses the next points to measure.
 //!
-//! `cargo run --release -p planish --example next`, in the root of the repository.
+//! `cargo run --release -p planish --example next` (in the root of the repository)
 
-#![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
+#![allow(clippy::print_stdout, reason = "the program prints its result")]
 
 use planish::Job;
 use planish::Result;
@@ -20,6 +20,7 @@ fn main() -> Result<()> {
         outputs: vec![model.clone()],
         ..FitJob::default()
     };
+<<<<<<< HEAD
     let fitted = job.run(&Silent)?.fit;
     println!("σ {:.4} mm in the median, {:.4} at most", fitted.sigma.median, fitted.sigma.max);
 
@@ -30,15 +31,23 @@ fn main() -> Result<()> {
         ..CompareJob::default()
     };
     let compared = job.run(&Silent)?;
+=======
+    let fitted = fit_files(&job, &Silent)?.fit;
+    println!("median σ {:.4} mm, maximum {:.4} mm", fitted.sigma.median, fitted.sigma.max);
+
+    // The pebble is simulated, so its exact surface is known.
+    let truth = Path::new("examples/data/pebble/truth.ply");
+    let compared = compare_files(&model, truth, &CompareOptions::default(), &Silent)?;
+>>>>>>> w/docs
     if let Some(share) = compared.coverage95 {
-        println!("{:.1} % of the truth lies within 1.96 σ", 100.0 * share);
+        println!("{:.1} % of the reference points lie within 1.96 σ", 100.0 * share);
     }
 
-    // Each point is the best one given those before it.
+    // Points are chosen one after another, each given the previous ones.
     let options = NextOptions { count: 3, sigma: Some(0.004), ..NextOptions::default() };
     for point in next_points(&saved::load(&model)?, &options, &Silent)?.points {
         println!(
-            "touch {:.1?}: σ from {:.4} to {:.4}",
+            "touch {:.1?}: σ decreases from {:.4} to {:.4} mm",
             point.position, point.sigma_before, point.sigma_after
         );
     }

@@ -1,12 +1,12 @@
-"""The triangular prism of Weiss-Cohen, Bondarenko and Halevi 2009, from readings to STEP, many times over.
+"""Reconstructs the prism of Weiss-Cohen, Bondarenko and Halevi (2009) from simulated readings, many times.
 
     cargo build --release -p planish-cli
     python3 examples/prism.py --runs 100 --picture prism.png
 
-Every run simulates readings of the prism's three views by a sensor of uncertain pose (planish simulate scene views), finds
-their contours and what holds in them (planish contour --constrain), and makes one geometry and a solid of them (planish
-solid). Sizes with their σ are held against the truth. Needs nothing but Python; a picture needs matplotlib, --judge the
-module OCP (cadquery-ocp), with which Open Cascade reads every STEP file.
+Every run simulates readings of the prism's three views by a sensor with an uncertain pose (planish simulate
+scene views), estimates the contours and their constraints (planish contour --constrain), and combines them into
+one geometry and a solid (planish solid). The sizes and their σ are compared with the ground truth. --picture
+needs matplotlib. --judge needs the module OCP (cadquery-ocp), with which Open Cascade reads every STEP file.
 """
 
 import argparse
@@ -26,27 +26,27 @@ def planish(command, *args, folder):
     return done.returncode, done.stderr.strip()
 
 
-def one(command, seed, readings, noise, folder, views):
-    """Readings to STEP; the geometry with its sizes, or why there is none."""
+def run_once(command, seed, readings, noise, folder, views):
+    """Runs all commands; returns the content of prism.json, or None and the error message."""
     planish(command, "simulate", "scene", "views", "--out", "prism", "--seed", seed, "--readings", readings, "--noise", noise, folder=folder)
     for view in views:
         kind = ["--kind", KINDS[view]]
-        code, said = planish(command, "contour", f"prism/{view}/readings.csv", *kind, "--constrain", "-o", f"{view}.json", folder=folder)
+        code, message = planish(command, "contour", f"prism/{view}/readings.csv", *kind, "--constrain", "-o", f"{view}.json", folder=folder)
         if code:
-            return None, f"contour of the {view} view: {said}"
+            return None, f"contour of the {view} view: {message}"
     files = [f"{view}.json" for view in views]
-    code, said = planish(command, "solid", *files, "--as", ",".join(views), "-o", "prism.step", "-o", "prism.json", "--graphs", "graphs.json", folder=folder)
+    code, message = planish(command, "solid", *files, "--as", ",".join(views), "-o", "prism.step", "-o", "prism.json", "--graphs", "graphs.json", folder=folder)
     if code:
-        return None, said
+        return None, message
     return json.loads((folder / "prism.json").read_text()), None
 
 
-def truth_of(value):
+def nearest_true_length(value):
     return min((WIDTH, DEPTH, HEIGHT, math.hypot(WIDTH, HEIGHT)), key=lambda length: abs(length - value))
 
 
-def judged(path):
-    """Volume by Open Cascade, where the shape is valid."""
+def open_cascade_volume(path):
+    """Volume computed by Open Cascade, or None if the shape is invalid."""
     from OCP.BRepCheck import BRepCheck_Analyzer
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
@@ -68,7 +68,7 @@ def main():
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--readings", type=int, default=300)
     parser.add_argument("--noise", type=float, default=1.0)
-    parser.add_argument("--views", default="front,top,side", help="or front,side: the two of the paper")
+    parser.add_argument("--views", default="front,top,side", help="use front,side for the two views of the paper")
     parser.add_argument("--picture", type=pathlib.Path)
     parser.add_argument("--judge", action="store_true")
     args = parser.parse_args()
@@ -79,7 +79,7 @@ def main():
     for seed in range(args.first_seed, args.first_seed + args.runs):
         with tempfile.TemporaryDirectory() as name:
             folder = pathlib.Path(name)
-            found, why = one(args.planish, seed, args.readings, args.noise, folder, views)
+            found, why = run_once(args.planish, seed, args.readings, args.noise, folder, views)
             if found is None:
                 lost.append((seed, why))
                 continue
@@ -91,15 +91,15 @@ def main():
             agreed.append(geometry["p_value"])
             ranks.add(tuple((view["view"], view["rank"], view["parameters"]) for view in geometry["views"]))
             for dimension in geometry["dimensions"]:
-                error = (dimension["value"] - truth_of(dimension["value"])) / dimension["sigma"]
+                error = (dimension["value"] - nearest_true_length(dimension["value"])) / dimension["sigma"]
                 group = f"extent {dimension['name']}" if dimension["kind"] == "extent" else "lengths of edges"
                 sizes[group].append((error, dimension["sigma"]))
             if args.judge:
-                volumes.append((judged(folder / "prism.step"), found["solutions"][0]["volume"]))
+                volumes.append((open_cascade_volume(folder / "prism.step"), found["solutions"][0]["volume"]))
             if args.picture and seed == args.first_seed:
                 draw(args.picture, found, folder, views)
 
-    print(f"{args.runs - len(lost)} of {args.runs} runs gave the prism.")
+    print(f"{args.runs - len(lost)} of {args.runs} runs found the prism.")
     for seed, why in lost:
         print(f"  seed {seed}: {why.splitlines()[0]}")
     print("\n| size | n | within 1.96 σ | mean square over σ² | mean error over σ | median σ / mm |\n|---|---|---|---|---|---|")

@@ -1,8 +1,8 @@
-//! A pair of pictures into points with covariance.
+//! Converts a stereo pair to points with covariance.
 //!
 //! `cargo run --release -p planish --example sense`
 
-#![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
+#![allow(clippy::print_stdout, reason = "the program prints its result")]
 
 use planish::Job;
 use planish::progress::Silent;
@@ -27,12 +27,12 @@ fn main() -> Result<()> {
         unit: None,
     };
     let report = job.run(&Silent)?;
-    println!("{} points of {} pixels", report.observations, report.pixels);
+    println!("{} points from {} pixels", report.observations, report.pixels);
     if let Some(sigma) = report.sigma {
-        println!("σ along rays {:.3} in the median, {:.3} at 95 %", sigma.median, sigma.p95);
+        println!("σ along rays: median {:.3}, 95 % below {:.3}", sigma.median, sigma.p95);
     }
-    for (why, count) in &report.rejected {
-        println!("left out as {why}: {count}");
+    for (reason, count) in &report.rejected {
+        println!("rejected ({reason}): {count}");
     }
     Ok(())
 }

@@ -1,8 +1,8 @@
-//! A ball that is moved by thirty controls until it goes through points of something else.
+//! Deforms a ball by 30 controls until it matches the points and silhouettes of another object.
 //!
 //! `cargo run --release -p planish --example shell`
 
-#![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
+#![allow(clippy::print_stdout, reason = "the program prints its result")]
 
 use planish::Job;
 use planish::progress::Silent;
@@ -13,7 +13,7 @@ use planish_shell::Metaball;
 use std::path::{Path, PathBuf};
 
 fn main() -> Result<()> {
-    // A deformed ball as points with gross errors, and masks from three sides; the truth beside them.
+    // Simulate a deformed ball: points with gross errors, masks from three sides, and the ground truth.
     let folder = Path::new("bent");
     let scene = ShellSceneOptions {
         mesh: None,
@@ -49,11 +49,14 @@ fn main() -> Result<()> {
     };
     let report = job.run(&Silent)?;
     println!(
-        "{} iterations, {} gross errors, σ {:.4} in the median",
+        "{} iterations, {} gross errors, median σ {:.4}",
         report.iterations, report.outliers, report.sigma.median
     );
     for (view, share) in &report.iou {
-        println!("{view}: intersection over union {:.4}, {:.4} before", share, report.iou_before[view]);
+        println!(
+            "{view}: intersection over union {:.4} ({:.4} before the fit)",
+            share, report.iou_before[view]
+        );
     }
     Ok(())
 }

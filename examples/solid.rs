@@ -1,8 +1,8 @@
-//! Front, top and side view of a bracket, and every solid that they can mean.
+//! Finds every solid that matches the front, top and side view of a bracket.
 //!
-//! `cargo run --release -p planish --example solid`, in the root of the repository.
+//! `cargo run --release -p planish --example solid` (in the root of the repository)
 
-#![allow(clippy::print_stdout, reason = "a program whose output is what it has to say")]
+#![allow(clippy::print_stdout, reason = "the program prints its result")]
 
 use planish::Job;
 use planish::Result;
@@ -24,7 +24,7 @@ fn main() -> Result<()> {
             solid.volume, solid.faces.plane, solid.faces.cylinder
         );
     }
-    // What no solid explains is named: view, entity, and why.
+    // Lines that no solid explains, with the reason. The list is empty if a solid was found.
     for line in &report.unexplained {
         println!("{}: {}", line.view, line.why);
     }
