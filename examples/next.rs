@@ -20,25 +20,16 @@ fn main() -> Result<()> {
         outputs: vec![model.clone()],
         ..FitJob::default()
     };
-<<<<<<< HEAD
     let fitted = job.run(&Silent)?.fit;
-    println!("σ {:.4} mm in the median, {:.4} at most", fitted.sigma.median, fitted.sigma.max);
+    println!("median σ {:.4} mm, maximum {:.4} mm", fitted.sigma.median, fitted.sigma.max);
 
-    // Against the truth, which a simulated pebble has.
+    // The pebble is simulated, so its exact surface is known.
     let job = CompareJob {
         model: model.clone(),
         reference: PathBuf::from("examples/data/pebble/truth.ply"),
         ..CompareJob::default()
     };
     let compared = job.run(&Silent)?;
-=======
-    let fitted = fit_files(&job, &Silent)?.fit;
-    println!("median σ {:.4} mm, maximum {:.4} mm", fitted.sigma.median, fitted.sigma.max);
-
-    // The pebble is simulated, so its exact surface is known.
-    let truth = Path::new("examples/data/pebble/truth.ply");
-    let compared = compare_files(&model, truth, &CompareOptions::default(), &Silent)?;
->>>>>>> w/docs
     if let Some(share) = compared.coverage95 {
         println!("{:.1} % of the reference points lie within 1.96 σ", 100.0 * share);
     }

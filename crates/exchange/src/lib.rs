@@ -59,10 +59,12 @@ pub mod vrip;
 pub mod xyz;
 
 mod affine;
+mod appearance;
 mod atomic;
 mod checksum;
 mod foreign;
 mod georeference;
+mod mesh_data;
 mod numbers;
 mod points;
 mod scans;

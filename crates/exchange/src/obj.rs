@@ -30,7 +30,7 @@ use planish_sense::Scan;
 
 use crate::Unit;
 use crate::atomic::write_packed;
-use crate::mesh::{MeshColumns, PolygonMesh, scan_of_vertices};
+use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
 use looks::Looks;
 pub(crate) use looks::read_textured;
 

@@ -18,7 +18,7 @@ use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
 use crate::atomic::write_packed;
-use crate::mesh::{MeshColumns, PolygonMesh, scan_of_vertices};
+use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
 /// Bytes of the shortest line of a vertex, `0 0 0`.

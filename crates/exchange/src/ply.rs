@@ -18,7 +18,7 @@ mod tests;
 mod write;
 mod write_scan;
 
-pub use crate::mesh::{Column, MeshColumns, PolygonMesh};
+pub use crate::mesh_data::{Column, MeshColumns, PolygonMesh};
 pub(crate) use read::read_scan_and_unit;
 pub use read::{PlyContents, read_contents, read_mesh, read_scan};
 pub use write::{write_mesh, write_points};

@@ -10,12 +10,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use planish_estimate::{Error, ErrorKind, Result};
-use planish_sense::{Pose, Scan, Sensor, SensorKind, Viewing};
+use planish_sense::{Pose, Scan, Sensor, Viewing};
 use rayon::prelude::*;
 
 use crate::depth::{calibration_of, is_depth_image, read_depth};
 use crate::e57::read_e57;
-use crate::job::read_job;
+use crate::job::{read_job, unnamed_sensor};
 use crate::las::read_las_and_map;
 use crate::npy::{read_npy, read_npz};
 use crate::pcd::read_pcd;
@@ -63,16 +63,6 @@ pub struct InputFile {
     pub points: usize,
     /// How many records were dropped because a coordinate was not finite.
     pub dropped_not_finite: usize,
-}
-
-/// The sensor of scans for which none is named: a range sensor whose σ is to be estimated.
-pub(crate) fn unnamed_sensor() -> Sensor {
-    Sensor {
-        name: "scanner".to_owned(),
-        kind: SensorKind::Range,
-        noise: None,
-        ..planish_sense::Sensor::default()
-    }
 }
 
 /// A scan still to be read.

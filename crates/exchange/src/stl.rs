@@ -26,7 +26,7 @@ use planish_sense::Scan;
 
 use crate::Unit;
 use crate::atomic::write_packed;
-use crate::mesh::{MeshColumns, PolygonMesh, scan_of_vertices};
+use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
 use crate::numbers::NumberType;
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 

@@ -24,7 +24,6 @@
 //! ```
 
 mod bvh;
-mod check;
 mod crossings;
 mod curvature;
 mod deviation;
@@ -47,7 +46,6 @@ mod triangle;
 mod visibility;
 mod winding;
 
-pub use check::MeshCheck;
 pub use crossings::SelfCrossings;
 pub use curvature::{VertexCurvature, vertex_curvature};
 pub use deviation::{DeviationStatistics, quantile_of_sorted};
@@ -58,7 +56,7 @@ pub use merge::{
     CommonRegion, Fused, NoiseLikeness, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, Tidied,
     ZipOptions, Zipped, fused, noise_likeness, searches_of, taper, zipped,
 };
-pub use mesh::{BoundingBox, Distortion, TriangleMesh};
+pub use mesh::{BoundingBox, Distortion, MeshCheck, TriangleMesh};
 pub use neighbours::Neighbours;
 pub use primitives::{cylinder, grid_sheet, icosphere, parallelepiped};
 pub use ray::RayHit;

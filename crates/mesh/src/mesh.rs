@@ -10,9 +10,11 @@ use std::collections::{HashMap, HashSet};
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub};
 use planish_estimate::{Error, Result};
 
-use crate::check::MeshCheck;
+mod check;
+
 use crate::edges::EdgeTable;
 use crate::triangle;
+pub use check::MeshCheck;
 
 /// Triangles beside a fold are turned away from one another by more than 120°.
 const FOLDED_COSINE: f64 = -0.5;
@@ -267,7 +269,7 @@ impl TriangleMesh {
     /// What kind of mesh this is: open, closed, manifold, oriented, of how many parts. Cost O(n log n).
     #[must_use]
     pub fn check(&self) -> MeshCheck {
-        MeshCheck::of(self)
+        MeshCheck::new(self)
     }
 
     /// The same triangles over vertices merged where their coordinates are equal, first come first; unused

@@ -5,8 +5,8 @@
 //! der Walt, 2015), red to blue about grey (ColorBrewer, Harrower and Brewer, 2003), and for kinds the
 //! colours of Okabe and Ito (2008).
 
+use crate::field::{Field, FieldKind, Values};
 use crate::numbers::significant;
-use crate::scene::{Field, FieldKind, Values};
 
 /// Red, green and blue from 0 to 1, as screens take them (sRGB).
 pub type Colour = [f64; 3];

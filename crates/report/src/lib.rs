@@ -7,11 +7,12 @@
 //! Not guaranteed: that browsers without WebGL show the 3D view; they show the rest, and say so.
 
 pub mod colour;
+mod field;
 pub mod numbers;
 mod page;
 pub mod plot;
 mod scene;
-mod thin;
 
+pub use field::{Field, FieldKind, Values};
 pub use page::{Block, Figure, Finding, Level, Page, Section, Table};
-pub use scene::{Cloud, Field, FieldKind, LineSet, Mark, Scene, SeenBy, SurfaceShown, Values};
+pub use scene::{Cloud, LineSet, Mark, Scene, SeenBy, SurfaceShown};

@@ -257,7 +257,7 @@ mod tests {
     fn posed(
         picture: Option<&'static [u8]>,
         weights: usize,
-    ) -> (Result<()>, Vec<u8>, Result<crate::mesh::PolygonMesh>) {
+    ) -> (Result<()>, Vec<u8>, Result<crate::mesh_data::PolygonMesh>) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.glb");
         let targets = [MorphTarget {

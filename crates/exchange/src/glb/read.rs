@@ -11,10 +11,10 @@ use serde_json::Value;
 
 use super::{BINARY_CHUNK, BYTE, FLOAT, INTEGER, JSON_CHUNK, MAGIC, SHORT, TRIANGLES};
 use crate::Unit;
-use crate::mesh::{PolygonMesh, scan_of_vertices};
+use crate::appearance::TexturedMesh;
+use crate::mesh_data::{PolygonMesh, scan_of_vertices};
 use crate::numbers::NumberType;
 use crate::source::{Source, read_file};
-use crate::textured::TexturedMesh;
 
 /// A scene's tree of nodes is not deeper than this.
 const DEEPEST: usize = 64;
@@ -266,7 +266,7 @@ impl File<'_> {
         let view = &self.document["bufferViews"][index(&self.document["images"][source]["bufferView"])?];
         let start = index(&view["byteOffset"]).unwrap_or(0);
         let bytes = self.binary.get(start..start.checked_add(index(&view["byteLength"])?)?)?;
-        let known = bytes.starts_with(b"\x89PNG") || crate::textured::is_jpeg(bytes);
+        let known = bytes.starts_with(b"\x89PNG") || crate::appearance::is_jpeg(bytes);
         (known && index(&view["buffer"]) == Some(0)).then_some(bytes)
     }
 

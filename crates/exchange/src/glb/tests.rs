@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use super::read::mesh_from;
 use super::write::{Layout, write_to};
 use crate::Unit;
-use crate::mesh::{Column, MeshColumns, PolygonMesh};
+use crate::mesh_data::{Column, MeshColumns, PolygonMesh};
 use crate::source::Source;
 
 fn read(bytes: &[u8]) -> Result<PolygonMesh> {

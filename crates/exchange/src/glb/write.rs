@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::{BINARY_CHUNK, BYTE, FLOAT, INTEGER, JSON_CHUNK, MAGIC, TRIANGLES};
 use crate::Unit;
 use crate::atomic::write_packed;
-use crate::mesh::MeshColumns;
+use crate::mesh_data::MeshColumns;
 
 /// Viridis at five places from end to end, linear as glTF wants it.
 const RAMP: [[f64; 3]; 5] = [

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use planish_estimate::{Error, Result};
 
 use super::{Farthest, Obj, mesh_of};
+use crate::appearance::{MeshPart, NO_UV, PartKind, TexturedMesh, read_materials};
 use crate::source::{next_word, parse_number, read_file, shown};
-use crate::textured::{MeshPart, NO_UV, PartKind, TexturedMesh, read_materials};
 
 /// What is read beside positions, normals and faces.
 #[derive(Default)]

@@ -9,7 +9,7 @@ use planish_sense::{RangeGrid, Scan, Viewing};
 use super::body::{Place, Row, check_count, read_rows, refuse_more, skip_rows};
 use super::header::{Element, Encoding, Header, read_header};
 use crate::Unit;
-use crate::mesh::PolygonMesh;
+use crate::mesh_data::PolygonMesh;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::{Source, read_file};
 

@@ -9,7 +9,7 @@ use std::path::Path;
 use planish_estimate::Result;
 
 use crate::atomic::write_packed;
-use crate::mesh::{Column, MeshColumns};
+use crate::mesh_data::{Column, MeshColumns};
 
 /// Writes a mesh; [`read_mesh`](super::read_mesh) gives back the same numbers.
 ///

@@ -26,7 +26,7 @@ use planish_estimate::{Error, Result};
 use planish_solid::parametric::{Fineness, Meshed};
 
 use crate::Unit;
-use crate::mesh::PolygonMesh;
+use crate::mesh_data::PolygonMesh;
 use crate::source::open;
 use geometry::Geometry;
 use product::{Motion, Products, Units};

@@ -3,8 +3,9 @@
 //! Comes in: a surface. Goes out: one of some of its own vertices, with their values. Not guaranteed: that it
 //! is manifold; it is for looking at.
 
+use super::{SeenBy, SurfaceShown};
+use crate::field::{Field, Values};
 use crate::numbers::count;
-use crate::scene::{Field, SeenBy, SurfaceShown, Values};
 use std::collections::{HashMap, HashSet};
 
 /// Triangles of a surface that a browser without a graphics card opens and turns without waiting.
@@ -136,7 +137,7 @@ fn of_kept(surface: &SurfaceShown, kept: &[u32], triangles: Vec<[u32; 3]>) -> Su
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::FieldKind;
+    use crate::field::FieldKind;
 
     /// Both sides of a plate that is thinner than the cells.
     fn plate(n: u32) -> SurfaceShown {

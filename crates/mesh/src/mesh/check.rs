@@ -5,8 +5,8 @@
 //! and otherwise ignored. Not guaranteed: that a watertight mesh does not cross itself; that is not looked
 //! at.
 
+use super::TriangleMesh;
 use crate::edges::{EdgeTable, is_collapsed};
-use crate::mesh::TriangleMesh;
 use crate::sets::Sets;
 use crate::triangle::area_vector;
 
@@ -46,7 +46,7 @@ pub struct MeshCheck {
 }
 
 impl MeshCheck {
-    pub(crate) fn of(mesh: &TriangleMesh) -> Self {
+    pub(super) fn new(mesh: &TriangleMesh) -> Self {
         let table = EdgeTable::of(&mesh.triangles);
         let (mut edges, mut boundary_edges, mut nonmanifold_edges, mut misoriented_edges) = (0, 0, 0, 0);
         let vertex = |half: u32| mesh.triangles[half as usize / 3][half as usize % 3];

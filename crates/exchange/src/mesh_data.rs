@@ -1,0 +1,136 @@
+//! Triangle meshes as files hold them: what every reader of meshes returns and every writer takes.
+
+use crate::Unit;
+use crate::points::{PointCollector, PointColumns};
+use planish_estimate::{Error, Result};
+use planish_sense::Scan;
+
+/// Triangles with named numbers at their vertices, as a file holds them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PolygonMesh {
+    /// Positions, in the file's unit; all finite.
+    pub points: Vec<[f64; 3]>,
+    /// Indices of the corners, all below `points.len()`. A polygon is cut into the fan of its first corner.
+    pub triangles: Vec<[u32; 3]>,
+    /// The other plain vertex properties, in the file's order: a name and one number a vertex (maybe not
+    /// finite).
+    pub columns: Vec<(String, Vec<f64>)>,
+    /// The unit of length, where the file names it.
+    pub unit: Option<Unit>,
+}
+
+impl PolygonMesh {
+    /// The numbers of a vertex property.
+    #[must_use]
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        self.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.as_slice())
+    }
+}
+
+/// One number for each vertex.
+#[derive(Debug, Clone, Copy)]
+pub enum Column<'a> {
+    /// Written as 64-bit floating point where the format has it.
+    F64(&'a [f64]),
+    /// Written as bytes where the format has them.
+    U8(&'a [u8]),
+}
+
+impl Column<'_> {
+    pub(crate) fn len(&self) -> usize {
+        match self {
+            Self::F64(values) => values.len(),
+            Self::U8(values) => values.len(),
+        }
+    }
+
+    /// The number of one vertex.
+    pub(crate) fn at(&self, vertex: usize) -> f64 {
+        match self {
+            Self::F64(values) => values[vertex],
+            Self::U8(values) => f64::from(values[vertex]),
+        }
+    }
+}
+
+/// What a mesh file holds.
+///
+/// The mesh of a fit has normals and the columns `sigma` ([`Column::F64`], along the normal) and `observed`
+/// ([`Column::U8`]: 1 measured, 0 prior only, 2 completed).
+#[derive(Debug, Clone, Default)]
+pub struct MeshColumns<'a> {
+    /// Positions.
+    pub points: &'a [[f64; 3]],
+    /// Normals `nx ny nz`, one for each point.
+    pub normals: Option<&'a [[f64; 3]]>,
+    /// Further columns: a name without blanks and one number for each point.
+    pub columns: Vec<(&'a str, Column<'a>)>,
+    /// Corners of triangles.
+    pub triangles: &'a [[u32; 3]],
+    /// Unit of length.
+    pub unit: Option<Unit>,
+}
+
+impl MeshColumns<'_> {
+    /// Whether columns are of one length and of different names, and corners (where `faces` are wanted) name
+    /// points.
+    pub(crate) fn check(&self, faces: bool) -> Result<()> {
+        let points = self.points.len();
+        let normals = self.normals.map(|n| ("normals", n.len()));
+        let columns = self.columns.iter().map(|(name, column)| (*name, column.len()));
+        for (name, length) in columns.clone().chain(normals) {
+            if length != points {
+                return Err(Error::input(format!(
+                    "needed {points} entries in the column `{name}`, found {length}"
+                )));
+            }
+        }
+        let mut names: Vec<&str> = vec!["x", "y", "z"];
+        if self.normals.is_some() {
+            names.extend(["nx", "ny", "nz"]);
+        }
+        for (name, _) in columns {
+            let word = !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
+            if !word || names.contains(&name) {
+                return Err(Error::input(format!(
+                    "the column name {name:?}: needed one word that no other column has"
+                )));
+            }
+            names.push(name);
+        }
+        if faces {
+            let limit = points.min(i32::MAX as usize);
+            if let Some(at) = self.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= limit)) {
+                return Err(Error::input(format!(
+                    "triangle {at}: needed indices below {limit}, found {:?}",
+                    self.triangles[at]
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// The column of a name.
+    pub(crate) fn column(&self, name: &str) -> Option<Column<'_>> {
+        self.columns.iter().find(|(n, _)| *n == name).map(|(_, column)| *column)
+    }
+}
+
+/// The vertices as points of a scan, with what columns say of their errors and normals.
+pub(crate) fn scan_of_vertices(
+    points: impl ExactSizeIterator<Item = [f64; 3]>,
+    columns: &[(String, Vec<f64>)],
+    name: &str,
+) -> Result<Scan> {
+    let names: Vec<&str> =
+        ["x", "y", "z"].into_iter().chain(columns.iter().map(|(name, _)| name.as_str())).collect();
+    let mut collector = PointCollector::new(PointColumns::find(&names)?, points.len());
+    let mut record = Vec::with_capacity(names.len());
+    for (vertex, point) in points.enumerate() {
+        record.clear();
+        record.extend(point);
+        record.extend(columns.iter().map(|(_, column)| column[vertex]));
+        collector.push(&record, format_args!("vertex {vertex}"))?;
+    }
+    Ok(collector.finish(name).0)
+}
