@@ -53,11 +53,15 @@ pub fn ply_scans() -> Result<Vec<Vec<u8>>> {
         ..Scan::default()
     };
     let plain = Scan { sigma: Some(vec![0.1; count]), points, ..Scan::default() };
-    let text = "ply\nformat ascii 1.0\ncomment unit mm\nobj_info num_cols 2\nobj_info num_rows 2\nobj_info is_cyberware_data 1\n\
-                element vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float sigma\nelement other 1\n\
-                property list uchar short list\nelement range_grid 4\nproperty list uchar int vertex_indices\nend_header\n\
+    let text = "ply\nformat ascii 1.0\ncomment unit mm\nobj_info num_cols 2\nobj_info num_rows 2\nobj_info \
+        is_cyberware_data 1\n\
+                element vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float \
+                sigma\nelement other 1\n\
+                property list uchar short list\nelement range_grid 4\nproperty list uchar int \
+                vertex_indices\nend_header\n\
                 0 0 0.5 0.1\n1 0 nan 0.2\n0 1 0.25 0.1\n2 -7 8\n1 0\n1 1\n0\n1 2\n";
-    let mut big = b"ply\r\nformat binary_big_endian 1.0\r\nelement vertex 2\r\nproperty float x\r\nproperty double y\r\nproperty int z\r\n\
+    let mut big = b"ply\r\nformat binary_big_endian 1.0\r\nelement vertex 2\r\nproperty float x\r\nproperty \
+        double y\r\nproperty int z\r\n\
                     property uchar red\r\nend_header\r\n"
         .to_vec();
     for k in 0..2_u8 {
@@ -88,7 +92,8 @@ pub fn ply_meshes() -> Result<Vec<Vec<u8>>> {
         triangles: &[[0, 1, 3], [1, 4, 3], [1, 2, 4], [4, 2, 5], [3, 4, 6]],
         unit: Some(Unit::Metre),
     };
-    let text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nproperty float quality\n\
+    let text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float \
+        z\nproperty float quality\n\
                 element face 2\nproperty list uchar int vertex_index\nproperty uchar flags\nend_header\n\
                 0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 nan\n0 0 1 5\n4 0 1 2 3 0\n3 0 4 1 7\n";
     Ok(vec![written(|path| write_mesh(path, &mesh), "a.ply")?, text.as_bytes().to_vec()])
@@ -117,7 +122,8 @@ pub fn texts() -> Result<Vec<Vec<u8>>> {
 pub fn pcds() -> Result<Vec<Vec<u8>>> {
     let head = |data: &str| {
         format!(
-            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z normal_x normal_y normal_z sigma extra\nSIZE 8 8 8 4 4 4 4 2\nTYPE F F F F F F F U\n\
+            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z normal_x normal_y normal_z sigma extra\nSIZE 8 8 8 4 4 \
+             4 4 2\nTYPE F F F F F F F U\n\
              COUNT 1 1 1 1 1 1 1 3\nWIDTH 3\nHEIGHT 3\nVIEWPOINT 0 0 5 1 0 0 0\nPOINTS 9\nDATA {data}\n"
         )
         .into_bytes()
@@ -146,7 +152,8 @@ pub fn pcds() -> Result<Vec<Vec<u8>>> {
     }
     let sizes = [compressed.len() as u32, columns.len() as u32].map(u32::to_le_bytes).concat();
     let text: String = points(3).iter().map(|[x, y, z]| format!("{x} {y} {z} 0 0 1 0.1 1 2 3\n")).collect();
-    let plain = b"VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n1 2 3 4.2e+06\nnan nan nan 0\n";
+    let plain = b"VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH 2\nHEIGHT 1\nPOINTS \
+        2\nDATA ascii\n1 2 3 4.2e+06\nnan nan nan 0\n";
     Ok(vec![
         [head("binary"), binary].concat(),
         [head("binary_compressed"), sizes, compressed].concat(),
@@ -202,9 +209,12 @@ pub fn lists() -> Result<Vec<Vec<u8>>> {
 
 /// Jobs; `good.xyz` lies beside them.
 pub fn jobs() -> Result<Vec<Vec<u8>>> {
-    let job = "unit = \"mm\"\n[sensor.laser]\nkind = \"range\"\nsigma_along = 0.05\nsigma_across = 0.02\n[sensor.probe]\nkind = \"touch\"\n\
-               sigma = 0.004\n[[scan]]\nsensor = \"laser\"\nfile = \"good.xyz\"\npose = { translation = [1, 2, 3], quaternion_xyzw = [0, 0, \
-               0.70710678, 0.70710678], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }\nviewpoint = [0, 0, 300]\n[[scan]]\nsensor = \
+    let job = "unit = \"mm\"\n[sensor.laser]\nkind = \"range\"\nsigma_along = 0.05\nsigma_across = \
+        0.02\n[sensor.probe]\nkind = \"touch\"\n\
+               sigma = 0.004\n[[scan]]\nsensor = \"laser\"\nfile = \"good.xyz\"\npose = { translation = [1, \
+               2, 3], quaternion_xyzw = [0, 0, \
+               0.70710678, 0.70710678], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }\nviewpoint = \
+               [0, 0, 300]\n[[scan]]\nsensor = \
                \"probe\"\nfile = \"a scan.xyz\"\ndirection = [0, 0, -1]\n";
     Ok(vec![job.as_bytes().to_vec(), b"[[scan]]\nfile = \"good.xyz\"\n".to_vec()])
 }
@@ -269,7 +279,8 @@ fn square(name: &str) -> Result<Vec<u8>> {
 
 /// OBJ of ours and of others.
 pub fn objs() -> Result<Vec<Vec<u8>>> {
-    let other = "# made elsewhere\nmtllib a.mtl\no thing\nv 0 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0\nv 0 1 0.5\nvt 0 0\nvn 0 0 1\n\
+    let other = "# made elsewhere\nmtllib a.mtl\no thing\nv 0 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0\nv 0 1 \
+        0.5\nvt 0 0\nvn 0 0 1\n\
                  f 1/1/1 2/1/1 3/1/1 4/1/1\nf -4//-1 -3//-1 \\\n-1//-1\nl 1 2\ns off\n";
     Ok(vec![square("a.obj")?, other.as_bytes().to_vec()])
 }
@@ -293,7 +304,8 @@ pub fn steps() -> Result<Vec<Vec<u8>>> {
 }
 
 pub fn offs() -> Result<Vec<Vec<u8>>> {
-    let other = "COFF\n# four\n4 1 0\n0 0 0 1 0 0 1\n1 0 0 1 0 0 1\n1 1 0 1 0 0 1\n0 1 0 1 0 0 1\n4 0 1 2 3 0.5 0.5 0.5\n";
+    let other = "COFF\n# four\n4 1 0\n0 0 0 1 0 0 1\n1 0 0 1 0 0 1\n1 1 0 1 0 0 1\n0 1 0 1 0 0 1\n4 0 1 2 3 \
+        0.5 0.5 0.5\n";
     Ok(vec![square("a.off")?, other.as_bytes().to_vec()])
 }
 
@@ -306,7 +318,8 @@ pub fn mtls() -> Result<Vec<Vec<u8>>> {
 pub fn stls() -> Result<Vec<Vec<u8>>> {
     let facet = |z: f64| {
         format!(
-            "facet normal 0 0 1\n outer loop\n  vertex 0 0 {z}\n  vertex 1 0 {z}\n  vertex 0 1e0 {z}\n endloop\nendfacet\n"
+            "facet normal 0 0 1\n outer loop\n  vertex 0 0 {z}\n  vertex 1 0 {z}\n  vertex 0 1e0 {z}\n \
+             endloop\nendfacet\n"
         )
     };
     let text = format!("solid thing\n{}{}endsolid thing\n", facet(0.0), facet(1.5));
@@ -487,7 +500,9 @@ pub fn stereos() -> Result<Vec<Vec<u8>>> {
     Ok(vec![
         full.as_bytes().to_vec(),
         b"f = 500.0\ncx = 2\ncy = 1\nbaseline = 0.06\n".to_vec(),
-        b"[[view]]\nK = [[90, 0, 32], [0, 90, 24], [0, 0, 1]]\ndistortion = [-0.2, 0.05, 1e-3, -2e-3, 0.0]\n[[view]]\nK = [[90, 0, 32], [0, 90, 24], [0, 0, 1]]\nt = [-150.0, 0.0, 20.0]\n".to_vec(),
+        b"[[view]]\nK = [[90, 0, 32], [0, 90, 24], [0, 0, 1]]\ndistortion = [-0.2, 0.05, 1e-3, -2e-3, \
+            0.0]\n[[view]]\nK = [[90, 0, 32], [0, 90, 24], [0, 0, 1]]\nt = [-150.0, 0.0, 20.0]\n"
+            .to_vec(),
     ])
 }
 
@@ -495,8 +510,16 @@ pub fn stereos() -> Result<Vec<Vec<u8>>> {
 pub fn views() -> Result<Vec<Vec<u8>>> {
     let ranges = "near = 200\nfar = 800.0\nsigma_along = 0.05\n";
     Ok(vec![
-        format!("unit = \"mm\"\nfov_deg = [40, 30]\nrays = [640, 480]\nmax_incidence_deg = 50\nsigma_over_cos = true\n{ranges}").into_bytes(),
-        format!("fx = 500\nfy = 500\ncx = 2\ncy = 1\nsize = [5, 3]\nsigma_across = 0.1\nsigma_per_range2 = 1e-7\n{ranges}").into_bytes(),
+        format!(
+            "unit = \"mm\"\nfov_deg = [40, 30]\nrays = [640, 480]\nmax_incidence_deg = \
+            50\nsigma_over_cos = true\n{ranges}"
+        )
+        .into_bytes(),
+        format!(
+            "fx = 500\nfy = 500\ncx = 2\ncy = 1\nsize = [5, 3]\nsigma_across = 0.1\nsigma_per_range2 = \
+            1e-7\n{ranges}"
+        )
+        .into_bytes(),
     ])
 }
 
@@ -507,7 +530,8 @@ pub fn mask_views() -> Result<Vec<Vec<u8>>> {
     let projection = "P = [[900, 0, 320, 1000], [0, 900, 240, 2000], [0, 0, 1, 800]]\n";
     Ok(vec![
         format!(
-            "unit = \"mm\"\nmask_threshold = 40\nsigma_rotation_deg = 1.0\nsigma_translation = 2\n[[view]]\nmask = \"a.png\"\n{k}{posed}[[view]]\nname = \"b\"\nheld_out = true\n{projection}"
+            "unit = \"mm\"\nmask_threshold = 40\nsigma_rotation_deg = 1.0\nsigma_translation = \
+             2\n[[view]]\nmask = \"a.png\"\n{k}{posed}[[view]]\nname = \"b\"\nheld_out = true\n{projection}"
         )
         .into_bytes(),
     ])
@@ -515,8 +539,10 @@ pub fn mask_views() -> Result<Vec<Vec<u8>>> {
 
 /// Poses of a mesh with keyframes.
 pub fn poses() -> Result<Vec<Vec<u8>>> {
-    let pose = "[[pose]]\nname = \"up\"\nmove = [{ near = [10, 0, 2], by = [0, 3, 0] }, { near = [0, 0, 0], within = 6, by = [0, 1, 0] }, { control = 7, by = [0, 3, 0] }]\n";
-    let frames = "[[keyframe]]\nseconds = 0\nweights = { up = 0 }\n[[keyframe]]\nseconds = 1.5\nweights = { up = 1 }\n";
+    let pose = "[[pose]]\nname = \"up\"\nmove = [{ near = [10, 0, 2], by = [0, 3, 0] }, { near = [0, 0, 0], \
+        within = 6, by = [0, 1, 0] }, { control = 7, by = [0, 3, 0] }]\n";
+    let frames = "[[keyframe]]\nseconds = 0\nweights = { up = 0 }\n[[keyframe]]\nseconds = 1.5\nweights = { \
+        up = 1 }\n";
     Ok(vec![
         format!("controls = 60\nblend = 2.0\n[[rigid]]\npart = \"head\"\nmotion = \"held\"\n{pose}{frames}")
             .into_bytes(),
@@ -527,7 +553,8 @@ pub fn poses() -> Result<Vec<Vec<u8>>> {
 /// A camera and a projector of crossed stripes.
 pub fn grids() -> Result<Vec<Vec<u8>>> {
     let k = "K = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]\n";
-    let stripes = "[stripes]\ndirections_deg = [30, 120]\nspacing = 20\norigin = [320, 240]\nrange = [[-20, 20], [-20, 20]]\n";
+    let stripes = "[stripes]\ndirections_deg = [30, 120]\nspacing = 20\norigin = [320, 240]\nrange = [[-20, \
+        20], [-20, 20]]\n";
     let posed = "R = [[0.96, 0.0, 0.28], [0.0, 1.0, 0.0], [-0.28, 0.0, 0.96]]\nt = [-150.0, 0.0, 20.0]\n";
     Ok(vec![
         format!("unit = \"mm\"\nsigma_px = 0.02\n[camera]\n{k}[projector]\n{k}{posed}{stripes}").into_bytes(),
@@ -536,7 +563,8 @@ pub fn grids() -> Result<Vec<Vec<u8>>> {
 
 /// Lights of photometric stereo.
 pub fn lights() -> Result<Vec<Vec<u8>>> {
-    let stated = "unit = \"mm\"\nframe = \"viewer\"\nlights = [[0.4, 0.5, 0.8], [-0.3, 0.5, 0.8], [0.0, 0.3, 0.9]]\npixel_size = 0.2\nsigma_brightness = 1.5\n";
+    let stated = "unit = \"mm\"\nframe = \"viewer\"\nlights = [[0.4, 0.5, 0.8], [-0.3, 0.5, 0.8], [0.0, \
+        0.3, 0.9]]\npixel_size = 0.2\nsigma_brightness = 1.5\n";
     let ball =
         "sigma_light_deg = 1.0\n[ball]\nimages = [\"a.tga\", \"b.tga\", \"c.tga\"]\nmask = \"m.tga\"\n";
     Ok(vec![stated.as_bytes().to_vec(), ball.as_bytes().to_vec()])
@@ -547,9 +575,11 @@ pub fn dxfs() -> Result<Vec<Vec<u8>>> {
     let lines = |text: &str| text.split(' ').collect::<Vec<_>>().join("\n") + "\n";
     let head =
         "0 SECTION 2 HEADER 9 $INSUNITS 70 4 0 ENDSEC 0 SECTION 2 TABLES 0 LAYER 2 INNER 6 HIDDEN 0 ENDSEC";
-    let blocks = "0 SECTION 2 BLOCKS 0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 0 0 ARC 8 0 10 1 20 0 40 2 50 0 51 90 0 ENDBLK 0 ENDSEC";
+    let blocks = "0 SECTION 2 BLOCKS 0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 0 0 ARC 8 0 10 1 \
+        20 0 40 2 50 0 51 90 0 ENDBLK 0 ENDSEC";
     let placed = "0 INSERT 2 part 10 5 20 5 41 2 42 2 50 30 70 2 71 2 44 10 45 10";
-    let curves = "0 LINE 5 2A 8 INNER 10 0 20 0 11 40 21 0 0 CIRCLE 8 0 10 20 20 10 40 6 0 ELLIPSE 10 0 20 0 11 4 21 0 40 0.5 41 0 42 6.28 \
+    let curves = "0 LINE 5 2A 8 INNER 10 0 20 0 11 40 21 0 0 CIRCLE 8 0 10 20 20 10 40 6 0 ELLIPSE 10 0 20 \
+        0 11 4 21 0 40 0.5 41 0 42 6.28 \
                   0 LWPOLYLINE 90 3 70 1 10 0 20 0 42 0.5 10 4 20 0 10 4 20 3";
     let others = "0 POLYLINE 70 1 0 VERTEX 10 0 20 0 0 VERTEX 10 4 20 0 42 1 0 SEQEND \
                   0 SPLINE 70 8 71 2 72 6 73 3 40 0 40 0 40 0 40 1 40 1 40 1 10 0 20 0 10 1 20 2 10 2 20 0";
@@ -565,9 +595,12 @@ pub fn dxfs() -> Result<Vec<Vec<u8>>> {
 
 /// Drawings with groups, transforms, styles, and every shape.
 pub fn svgs() -> Result<Vec<Vec<u8>>> {
-    let shapes = "<g id='HIDDEN' transform='translate(3 4) rotate(30)'><line x1='1' x2='5'/><circle r='4' cx='2'/></g><rect width='9' height='5' rx='1'/>\
-                  <polygon points='0,0 1,0 1,1'/><ellipse rx='3' ry='2' class='d'/><path d='M0 0h3v2l-1-1A2 2 0 0 1 5 5C1 2 3 4 5 6S1 1 0 0Q1 2 3 4T5 5z'/>";
-    let sheet = "<?xml version='1.0'?><!DOCTYPE svg [<!ENTITY w '20'>]><svg xmlns='http://www.w3.org/2000/svg' width='100mm' viewBox='0 0 100 50'>\
+    let shapes = "<g id='HIDDEN' transform='translate(3 4) rotate(30)'><line x1='1' x2='5'/><circle r='4' \
+        cx='2'/></g><rect width='9' height='5' rx='1'/>\
+                  <polygon points='0,0 1,0 1,1'/><ellipse rx='3' ry='2' class='d'/><path d='M0 0h3v2l-1-1A2 \
+                  2 0 0 1 5 5C1 2 3 4 5 6S1 1 0 0Q1 2 3 4T5 5z'/>";
+    let sheet = "<?xml version='1.0'?><!DOCTYPE svg [<!ENTITY w '20'>]><svg \
+        xmlns='http://www.w3.org/2000/svg' width='100mm' viewBox='0 0 100 50'>\
                  <style>.d { stroke-dasharray: 3 2 }</style><text>40</text>";
     Ok(vec![
         format!("{sheet}{shapes}<line x2='&w;'/></svg>").into_bytes(),

@@ -82,7 +82,8 @@ fn row(name: &str, across: usize, along: usize, periodic: bool, b: usize, dissec
         inverse_ms = inverse_ms.min(start.elapsed().as_secs_f64() * 1e3);
     }
     println!(
-        "{name:<28} {:>7} {b:>2} {pattern_ms:>8.1} {order_ms:>8.1} {symbolic_ms:>8.1} {add_ms:>8.1} {factor_ms:>8.1} \
+        "{name:<28} {:>7} {b:>2} {pattern_ms:>8.1} {order_ms:>8.1} {symbolic_ms:>8.1} {add_ms:>8.1} \
+         {factor_ms:>8.1} \
          {solve_ms:>7.1} {inverse_ms:>8.1} {:>6.2} {:>8.2} {:>7.2} {:>7}",
         nodes * b,
         inverse_ms / factor_ms,

@@ -67,7 +67,8 @@ pub fn calibration_of(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
     match beside.is_file() {
         true => Ok(beside),
         false => Err(Error::input(format!(
-            "{}: a depth image needs the calibration of its camera: name one in a job (`calibration = \"camera.toml\"` in its [[scan]]) or write \
+            "{}: a depth image needs the calibration of its camera: name one in a job (`calibration \
+             = \"camera.toml\"` in its [[scan]]) or write \
              {} with fx fy cx cy and scale, and sigma_a sigma_b for σ = a + b z²",
             path.display(),
             beside.display()
@@ -144,7 +145,8 @@ pub(crate) fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Res
     let pixels = u64::from(columns) * u64::from(rows);
     match length {
         Some(length) if pixels > length.saturating_mul(MOST_EXPANSION) => Err(Error::input(format!(
-            "the header promises {columns} × {rows} pixels, which {length} bytes cannot hold: the file is damaged"
+            "the header promises {columns} × {rows} pixels, which {length} bytes cannot hold: the file is \
+             damaged"
         ))),
         _ => Ok(()),
     }
@@ -166,7 +168,8 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
         (png::ColorType::Grayscale, png::BitDepth::Eight) => false,
         (colour, depth) => {
             return Err(Error::unsupported(format!(
-                "needed depth in one channel of 16 (or 8) bits, found {colour:?} of {depth:?} bits: this is a picture"
+                "needed depth in one channel of 16 (or 8) bits, found {colour:?} of {depth:?} bits: this is \
+                 a picture"
             )));
         }
     };
@@ -203,7 +206,8 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
             Error::io("could not be read").with_source(e)
         }
         TiffError::LimitsExceeded => Error::unsupported(
-            "a TIFF image of more than 256 MiB, or of more than its file can hold: write it in parts, or anew",
+            "a TIFF image of more than 256 MiB, or of more than its file can hold: write it in parts, or \
+             anew",
         ),
         TiffError::UnsupportedError(_) => {
             Error::unsupported("a TIFF image of a kind that is not read").with_source(e)

@@ -90,7 +90,8 @@ fn scan_from(
         && needed > length
     {
         return Err(Error::input(format!(
-            "{} points are promised, which take at least {needed} bytes, but the file has {length}: it is cut off or its header is wrong",
+            "{} points are promised, which take at least {needed} bytes, but the file has {length}: it is \
+             cut off or its header is wrong",
             cloud.records
         )));
     }

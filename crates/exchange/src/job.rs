@@ -221,7 +221,8 @@ impl Text {
             return Err(self.wrong(
                 deg,
                 format_args!(
-                    "needed {key} below {MOST_SIGMA_NORMAL_DEG} degrees, where a direction is not known, found {found}"
+                    "needed {key} below {MOST_SIGMA_NORMAL_DEG} degrees, where a direction is not known, \
+                     found {found}"
                 ),
             ));
         }
@@ -232,7 +233,8 @@ impl Text {
             return Err(self.wrong(
                 found,
                 format_args!(
-                    "sensor.{name} measures no positions: needed `sigma_deg` (of normals) or `sigma_k` (of curvatures)"
+                    "sensor.{name} measures no positions: needed `sigma_deg` (of normals) or `sigma_k` (of \
+                     curvatures)"
                 ),
             ));
         }
@@ -243,7 +245,8 @@ impl Text {
             _ => {
                 let line = ray_key.map_or(1, |found| self.line(found.span().start));
                 return Err(Error::input(format!(
-                    "line {line}: sensor.{name}: needed either `sigma`, or both `sigma_along` and `sigma_across`, or none of them"
+                    "line {line}: sensor.{name}: needed either `sigma`, or both `sigma_along` and \
+                     `sigma_across`, or none of them"
                 )));
             }
         };
@@ -486,7 +489,8 @@ viewpoint = [0, 0, 300]
 
     proptest! {
         #[test]
-        fn no_text_makes_it_panic(text in "([\\[\\]=\"{}a-z0-9. \n]|\\[\\[scan\\]\\]\n|file = \"a\"\n|\\[sensor.a\\]\n|kind = \"range\"\n){0,40}") {
+        fn no_text_makes_it_panic(text in "([\\[\\]=\"{}a-z0-9. \n]|\\[\\[scan\\]\\]\n|file \
+            = \"a\"\n|\\[sensor.a\\]\n|kind = \"range\"\n){0,40}") {
             let _ = parse(&text, Path::new("d"));
         }
     }

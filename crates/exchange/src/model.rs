@@ -224,7 +224,8 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
         Some(SCHEMA) => {}
         Some(newer) if newer > SCHEMA => {
             return Err(Error::unsupported(format!(
-                "was written by a newer Planish (schema {newer}, this version reads up to {SCHEMA}): update Planish"
+                "was written by a newer Planish (schema {newer}, this version reads up to {SCHEMA}): update \
+                 Planish"
             )));
         }
         _ => {

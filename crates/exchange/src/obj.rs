@@ -232,7 +232,8 @@ impl Obj {
         while let Some(corner) = next_word(&mut rest) {
             let wrong = || {
                 Error::input(format!(
-                    "line {line}: needed a corner `vertex`, `vertex/texture`, `vertex//normal` or `vertex/texture/normal`, found {}",
+                    "line {line}: needed a corner `vertex`, `vertex/texture`, `vertex//normal` or \
+                     `vertex/texture/normal`, found {}",
                     shown(corner)
                 ))
             };
@@ -243,7 +244,8 @@ impl Obj {
                 let from_zero = if stated < 0 { count as i64 + stated } else { stated - 1 };
                 u32::try_from(from_zero).ok().filter(|&i| i != NONE).ok_or_else(|| {
                     Error::input(format!(
-                        "line {line}: needed the number of a {what} from 1 on, or from -{count} to -1, found {stated}"
+                        "line {line}: needed the number of a {what} from 1 on, or from -{count} to -1, \
+                         found {stated}"
                     ))
                 })
             };

@@ -128,7 +128,8 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
             ["DATA", ..] => return Err(wrong("`ascii`, `binary` or `binary_compressed`")),
             _ => {
                 return Err(wrong(
-                    "`VERSION`, `FIELDS`, `SIZE`, `TYPE`, `COUNT`, `WIDTH`, `HEIGHT`, `VIEWPOINT`, `POINTS` or `DATA`",
+                    "`VERSION`, `FIELDS`, `SIZE`, `TYPE`, `COUNT`, `WIDTH`, `HEIGHT`, `VIEWPOINT`, `POINTS` \
+                     or `DATA`",
                 ));
             }
         }
@@ -151,19 +152,13 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         .map(|((name, (size, kind)), count)| {
             let number = NumberType::of_kind(kind, size).ok_or_else(|| {
                 Error::input(format!(
-                    "the field `{name}`: needed a type I, U or F of 1, 2, 4 or 8 bytes, found {kind} of {size}"
+                    "the field `{name}`: needed a type I, U or F of 1, 2, 4 or 8 bytes, found {kind} of \
+                     {size}"
                 ))
             })?;
-            let count = count
-                .parse()
-                .ok()
-                .filter(|&n: &usize| n <= MOST_COLUMNS)
-                .ok_or_else(|| {
-                    Error::input(format!(
-                        "the field `{name}`: needed a count, found {}",
-                        shown(count.as_bytes())
-                    ))
-                })?;
+            let count = count.parse().ok().filter(|&n: &usize| n <= MOST_COLUMNS).ok_or_else(|| {
+                Error::input(format!("the field `{name}`: needed a count, found {}", shown(count.as_bytes())))
+            })?;
             Ok(Field { name, number, count })
         })
         .collect::<Result<Vec<_>>>()?;
@@ -395,8 +390,10 @@ mod tests {
     /// Two rows of two points, one of them not a number, with a normal and three numbers that nobody needs.
     fn header(data: &str) -> String {
         format!(
-            "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z normal_x normal_y normal_z extra\n\
-             SIZE 8 8 8 4 4 4 2\nTYPE F F F F F F U\nCOUNT 1 1 1 1 1 1 3\nWIDTH 2\nHEIGHT 2\nVIEWPOINT 0 0 5 1 0 0 0\n\
+            "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z normal_x normal_y \
+             normal_z extra\n\
+             SIZE 8 8 8 4 4 4 2\nTYPE F F F F F F U\nCOUNT 1 1 1 1 1 1 3\nWIDTH 2\nHEIGHT 2\nVIEWPOINT 0 0 \
+             5 1 0 0 0\n\
              POINTS 4\nDATA {data}\n"
         )
     }
@@ -465,7 +462,11 @@ mod tests {
 
     #[test]
     fn an_unorganised_cloud_without_a_viewpoint_has_none() {
-        let scan = read(b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1\nDATA ascii\n1 2 3\n").unwrap();
+        let scan = read(
+            b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 \
+            0\nPOINTS 1\nDATA ascii\n1 2 3\n",
+        )
+        .unwrap();
         assert_eq!((scan.points, scan.viewing, scan.grid), (vec![[1.0, 2.0, 3.0]], Viewing::Unknown, None));
     }
 

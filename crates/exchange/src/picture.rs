@@ -277,7 +277,8 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     let grey = matches!(kind, 3 | 11);
     if !matches!((kind, bits), (2 | 10, 24 | 32) | (3 | 11, 8)) || head[1] != 0 {
         return Err(Error::unsupported(format!(
-            "needed a TGA of 24 or 32 bits of colour, or of 8 bits of brightness, found type {kind} of {bits} bits"
+            "needed a TGA of 24 or 32 bits of colour, or of 8 bits of brightness, found type {kind} of \
+             {bits} bits"
         )));
     }
     let mut body = bytes.get(18 + usize::from(head[0])..).ok_or_else(damaged)?;

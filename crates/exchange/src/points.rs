@@ -238,7 +238,8 @@ impl PointCollector {
                 let covariance = columns.map(|c| record[c]);
                 if !is_positive_definite(&covariance) {
                     return Err(Error::input(format!(
-                        "{place}: needed a positive definite covariance, found cxx cxy cxz cyy cyz czz = {} (point {number})",
+                        "{place}: needed a positive definite covariance, found cxx cxy cxz cyy cyz czz = {} \
+                         (point {number})",
                         covariance.map(|c| c.to_string()).join(" ")
                     )));
                 }
@@ -259,7 +260,8 @@ impl PointCollector {
             let sigma = positive(SIGMA_NORMAL, record[column])?;
             if sigma >= MOST_SIGMA_NORMAL_DEG {
                 return Err(Error::input(format!(
-                    "{place}: needed {SIGMA_NORMAL} below {MOST_SIGMA_NORMAL_DEG}, where a direction is not known, found {sigma} (point {number})"
+                    "{place}: needed {SIGMA_NORMAL} below {MOST_SIGMA_NORMAL_DEG}, where a direction is not \
+                     known, found {sigma} (point {number})"
                 )));
             }
             self.scan.sigma_normal_deg.get_or_insert_default().push(sigma);
@@ -290,7 +292,8 @@ impl PointCollector {
             let found = record[column];
             if !(0.0..=MOST_SCAN_NUMBER).contains(&found) || found.fract() != 0.0 {
                 return Err(Error::input(format!(
-                    "{place}: needed the number of a scan, a whole number from 0, found {found} (point {number})"
+                    "{place}: needed the number of a scan, a whole number from 0, found {found} (point \
+                     {number})"
                 )));
             }
             self.scan.scan_numbers.get_or_insert_default().push(found as u32);

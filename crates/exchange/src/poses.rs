@@ -166,7 +166,8 @@ pub fn read_poses(path: &Path) -> Result<PoseFile> {
 fn parse(text: &str) -> Result<PoseFile> {
     let t: Table = table(
         text,
-        "poses need [[pose]] with name and move = [{ near or control, by }], and may have controls, blend, [[rigid]] with part and motion, and [[keyframe]] with seconds and weights",
+        "poses need [[pose]] with name and move = [{ near or control, by }], and may have controls, blend, \
+         [[rigid]] with part and motion, and [[keyframe]] with seconds and weights",
     )?;
     let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
     let controls = match t.controls {
@@ -250,7 +251,8 @@ fn one_move(entry: &MoveTable) -> Result<MoveEntry> {
         }
         _ => {
             return Err(Error::input(
-                "a move needs control = INDEX, or near = [x, y, z] and maybe within = LENGTH, and by = [x, y, z]",
+                "a move needs control = INDEX, or near = [x, y, z] and maybe within = LENGTH, and by = [x, \
+                 y, z]",
             ));
         }
     };
@@ -271,7 +273,8 @@ part = \"head\"
 motion = \"held\"
 [[pose]]
 name = \"up\"
-move = [{ near = [1, 0, 2], by = [0, 3, 0] }, { control = 7, by = [0, 3, 0] }, { near = [0, 0, 0], within = 6, by = [0, 3, 0] }]
+move = [{ near = [1, 0, 2], by = [0, 3, 0] }, { control = 7, by = [0, 3, 0] }, { near = [0, 0, 0], within = \
+6, by = [0, 3, 0] }]
 [[pose]]
 name = \"down\"
 move = []

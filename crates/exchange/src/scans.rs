@@ -205,7 +205,8 @@ fn read_by_extension(path: &Path) -> Result<Read> {
         "glb" => glb::read_scan(path),
         "xyz" | "txt" | "asc" | "csv" | "pts" => read_points(path).map(|scan| (scan, None)),
         list @ ("conf" | "toml") => Err(Error::input(format!(
-            "{}: needed a scan, found a list of scans (`{list}`): lists are named on the command line, not in other lists",
+            "{}: needed a scan, found a list of scans (`{list}`): lists are named on the command line, not \
+             in other lists",
             path.display()
         ))),
         _ => {
@@ -217,7 +218,8 @@ fn read_by_extension(path: &Path) -> Result<Read> {
                 return Err(Error::io(format!("{}: is a folder, needed a file", path.display())));
             }
             Err(Error::unsupported(format!(
-                "{}: needed a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {}",
+                "{}: needed a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, \
+                 csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {}",
                 path.display(),
                 found_extension(path)
             )))
@@ -318,7 +320,8 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
         let dropped_not_finite = scans.iter().map(|scan| scan.dropped_not_finite).sum();
         if points == 0 {
             return Err(Error::input(format!(
-                "{}: needed points, found none ({dropped_not_finite} records without finite coordinates were dropped)",
+                "{}: needed points, found none ({dropped_not_finite} records without finite coordinates \
+                 were dropped)",
                 wanted.path.display(),
             )));
         }
@@ -389,7 +392,8 @@ mod tests {
         folder
     }
 
-    const PLY: &str = "ply\nformat ascii 1.0\ncomment unit mm\nelement vertex 1\nproperty float x\nproperty float y\n\
+    const PLY: &str = "ply\nformat ascii 1.0\ncomment unit mm\nelement vertex 1\nproperty float x\nproperty \
+        float y\n\
                        property float z\nend_header\n1 2 3\n";
 
     #[test]
@@ -415,7 +419,8 @@ mod tests {
             ("l.conf", "bmesh a.ply 1 0 0 0 0 0 1\n"),
             (
                 "j.toml",
-                "unit = \"mm\"\n[sensor.p]\nkind = \"touch\"\n[[scan]]\nfile = \"c.csv\"\ndirection = [0, 0, 1]\n\
+                "unit = \"mm\"\n[sensor.p]\nkind = \"touch\"\n[[scan]]\nfile = \"c.csv\"\ndirection = [0, \
+                 0, 1]\n\
                  pose = { sigma_translation = 0.5 }\n",
             ),
         ]);

@@ -90,7 +90,8 @@ const ALWAYS_UNPACKED: u64 = 64 << 20;
 pub(crate) fn check_expansion(packed: u64, unpacked: u64) -> Result<()> {
     match unpacked > ALWAYS_UNPACKED.saturating_add(packed.saturating_mul(MOST_EXPANSION)) {
         true => Err(Error::input(format!(
-            "{packed} compressed bytes stand for {unpacked} and more: no measurements do, and they would fill the memory; unpack the file \
+            "{packed} compressed bytes stand for {unpacked} and more: no measurements do, and they would \
+             fill the memory; unpack the file \
              first if it is to be read"
         ))),
         false => Ok(()),
@@ -149,7 +150,9 @@ pub fn found_extension(path: &Path) -> String {
     match extension(path).as_str() {
         "" => "no extension".to_owned(),
         "iges" | "igs" => {
-            "IGES, which is not read: write it as STEP, or as a mesh (.stl, .obj, .ply) with a chord error well below what is to be told apart".to_owned()
+            "IGES, which is not read: write it as STEP, or as a mesh (.stl, .obj, .ply) with a chord error \
+             well below what is to be told apart"
+                .to_owned()
         }
         other => format!("the extension `{other}`"),
     }
@@ -206,7 +209,8 @@ impl<R: Read> Source<R> {
     pub(crate) fn check_promise(&self, count: u64, what: impl Display, needed: u64) -> Result<()> {
         match self.remaining() {
             Some(left) if left < needed => Err(Error::input(format!(
-                "the header promises {count} {what}, which take at least {needed} bytes, but only {left} bytes follow: \
+                "the header promises {count} {what}, which take at least {needed} bytes, but only {left} \
+                 bytes follow: \
                  the file is cut off or its header is wrong"
             ))),
             _ => Ok(()),
@@ -246,7 +250,8 @@ impl<R: Read> Source<R> {
                     if matches!(e.kind(), IoKind::InvalidInput | IoKind::InvalidData | IoKind::UnexpectedEof)
                     {
                         return Err(Error::input(format!(
-                            "the compressed file is damaged or cut off: it cannot be unpacked from byte {at} on"
+                            "the compressed file is damaged or cut off: it cannot be unpacked from byte \
+                             {at} on"
                         ))
                         .with_source(e));
                     }

@@ -146,7 +146,8 @@ impl Soup {
     fn read_binary<R: Read>(&mut self, source: &mut Source<R>) -> Result<()> {
         let Some(header) = source.bytes(HEADER + 4)? else {
             return Err(Error::input(format!(
-                "needed a header of {} bytes, or text that begins with `solid`: the file is cut off or no STL file",
+                "needed a header of {} bytes, or text that begins with `solid`: the file is cut off or no \
+                 STL file",
                 HEADER + 4
             )));
         };
@@ -160,7 +161,8 @@ impl Soup {
             let byte = source.offset();
             let Some(record) = source.bytes(RECORD)? else {
                 return Err(Error::input(format!(
-                    "byte {byte}: the file ends here: it is cut off ({count} triangles promised, {triangle} found)"
+                    "byte {byte}: the file ends here: it is cut off ({count} triangles promised, {triangle} \
+                     found)"
                 )));
             };
             let mut corners = [[0.0; 3]; 3];
@@ -220,7 +222,8 @@ impl Soup {
                     }
                     _ => {
                         return Err(Error::input(format!(
-                            "line {number}: needed `facet`, `outer loop`, `vertex`, `endloop`, `endfacet` or `endsolid`, found {}",
+                            "line {number}: needed `facet`, `outer loop`, `vertex`, `endloop`, `endfacet` \
+                             or `endsolid`, found {}",
                             shown(word)
                         )));
                     }

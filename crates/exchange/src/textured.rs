@@ -41,7 +41,8 @@ pub fn read_textured(path: &Path) -> Result<TexturedMesh> {
 mod tests {
     use super::*;
 
-    const OBJ: &str = "mtllib a.mtl none.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt 0.5 0.5\n\
+    const OBJ: &str = "mtllib a.mtl none.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 \
+        1\nvt 0 1\nvt 0.5 0.5\n\
         o left\nusemtl skin\nf 1/1 2/2 3/3\no right\ng hand arm\nusemtl cloth\nf 1/5 3/3 4/4\nf 1 2 3\n";
 
     #[test]

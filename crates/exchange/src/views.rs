@@ -135,7 +135,9 @@ pub fn read_views(path: &Path) -> Result<Views> {
 fn parse(text: &str, folder: &Path) -> Result<Views> {
     let t: Table = table(
         text,
-        "views need [[view]] with K, R and t, or P, and may have name, image, mask, contours and held_out; beside them there may be mask_threshold, mask_least_share, sigma_px, sigma_rotation_deg, sigma_translation, tracks and unit",
+        "views need [[view]] with K, R and t, or P, and may have name, image, mask, contours and held_out; \
+         beside them there may be mask_threshold, mask_least_share, sigma_px, sigma_rotation_deg, \
+         sigma_translation, tracks and unit",
     )?;
     let mut files = Vec::new();
     let mut views: Vec<ViewFile> = Vec::new();

@@ -78,7 +78,8 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                     .filter(|_| (length - 1.0).abs() <= QUATERNION_WITHIN)
                     .ok_or_else(|| {
                         Error::input(format!(
-                            "line {line}: needed a quaternion (the last four numbers) of length 1, found length {length}"
+                            "line {line}: needed a quaternion (the last four numbers) of length 1, found \
+                             length {length}"
                         ))
                     })?;
                 scans.push(ListedScan { path: folder.join(name.join(" ")), world_from_scanner: pose, line });

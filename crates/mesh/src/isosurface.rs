@@ -77,7 +77,8 @@ pub fn isosurface(
     let extent = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
     if !(cell > 0.0 && cell.is_finite() && extent >= 0.0 && extent.is_finite()) {
         return Err(Error::input(format!(
-            "an isosurface needs a box and cells of positive size, found a box {extent} long and cells of {cell}"
+            "an isosurface needs a box and cells of positive size, found a box {extent} long and cells of \
+             {cell}"
         )));
     }
     let levels = ((extent / cell).max(1.0).log2().ceil() as u32).max(1);

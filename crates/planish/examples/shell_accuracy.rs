@@ -36,7 +36,8 @@ fn main() -> Result<()> {
         return Err(Error::input("needed POINTS CONTROLS MESH..."));
     };
     println!(
-        "| mesh | facets | metaballs | open / non-manifold edges | start, σ | shell, σ | true places, σ | ratio | covered | gross found | good lost | s |"
+        "| mesh | facets | metaballs | open / non-manifold edges | start, σ | shell, σ | true places, σ | \
+         ratio | covered | gross found | good lost | s |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     let mut seeds = 1;
@@ -267,7 +268,8 @@ fn one(
     };
     let name = format!("{}{fins}", path.rsplit('/').next().unwrap_or(path));
     println!(
-        "| {name} | {} | {metaball:?} | {} / {} | {:.2} | {:.3} | {:.3} | {:.2} | {:.3} | {:.3} | {:.4} | {seconds:.1} |",
+        "| {name} | {} | {metaball:?} | {} / {} | {:.2} | {:.3} | {:.3} | {:.2} | {:.3} | {:.3} | {:.4} | \
+         {seconds:.1} |",
         mesh.triangles.len(),
         check.boundary_edges,
         check.nonmanifold_edges,

@@ -86,7 +86,8 @@ impl AnimationOutput {
                 Ok(Self::Pictures(path.to_path_buf()))
             }
             other => Err(Error::unsupported(format!(
-                "{}: an animation is a .glb file or a folder of pictures (a name without extension), found .{other}",
+                "{}: an animation is a .glb file or a folder of pictures (a name without extension), found \
+                 .{other}",
                 path.display()
             ))),
         }

@@ -219,7 +219,8 @@ impl Compared {
                 ComparedMesh::of_file(file, path).map(Self::Mesh)
             }
             _ => Err(Error::unsupported(format!(
-                "{}: needed a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), found {}",
+                "{}: needed a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), \
+                 found {}",
                 path.display(),
                 planish_exchange::found_extension(path)
             ))),
@@ -438,7 +439,8 @@ pub(crate) fn compared(
     }
     if report.forward.is_none() && report.backward.is_none() {
         return Err(Error::undetermined(
-            "the model and the reference share nothing to compare: no point of either lies beside an observed part of the other",
+            "the model and the reference share nothing to compare: no point of either lies beside an \
+             observed part of the other",
         ));
     }
     progress.advance("done", 1.0);
@@ -525,7 +527,8 @@ fn summarise_backward(
     }
     if 2 * against > pairs.len() {
         report.warnings.push(
-            "most of the reference's normals point to the other side than the model's: signs are along the reference's"
+            "most of the reference's normals point to the other side than the model's: signs are along the \
+             reference's"
                 .to_owned(),
         );
     }

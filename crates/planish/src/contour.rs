@@ -123,7 +123,8 @@ impl Job for ContourJob {
         match self.shapes.is_empty() {
             true => find_contours(self, progress),
             false if self.constrain.is_asked_for() => Err(Error::unsupported(
-                "relations are those of contours in a plane: --constrain, --snap, --given and --graphs do not go together with shapes in space",
+                "relations are those of contours in a plane: --constrain, --snap, --given and --graphs do \
+                 not go together with shapes in space",
             )),
             false => space::find_shapes(self, progress),
         }

@@ -288,7 +288,8 @@ fn unsteady(report: &FitReport) -> Vec<String> {
     let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MOST_INNOVATION);
     off.map(|pose| {
         format!(
-            "{}: at {} s the thing is {:.0} σ from where a steady motion would have it: is the time of the scan right, and does the thing turn steadily?",
+            "{}: at {} s the thing is {:.0} σ from where a steady motion would have it: is the time of the \
+             scan right, and does the thing turn steadily?",
             pose.scan, pose.time_s, pose.innovation
         )
     })
@@ -318,7 +319,8 @@ fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) ->
     }
     let unit = earlier.unit;
     Err(Error::undetermined(format!(
-        "{}: the readings lie {:.3e} {unit} (rms) from a model of {size:.3e} {unit}: do they share its frame and unit?",
+        "{}: the readings lie {:.3e} {unit} (rms) from a model of {size:.3e} {unit}: do they share its \
+         frame and unit?",
         names(&job.inputs),
         report.rms
     )))
@@ -361,7 +363,8 @@ fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
         let stated = posed.scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
         if posed.scan.curvatures.is_some() && !stated && sensor.kind != SensorKind::Curvature {
             warnings.push(format!(
-                "{}: k1 k2 are not used: nothing says how well they are known; needed the column `sigma_k`, or `sigma_k` of the sensor in a job",
+                "{}: k1 k2 are not used: nothing says how well they are known; needed the column `sigma_k`, \
+                 or `sigma_k` of the sensor in a job",
                 posed.scan.name
             ));
         }
@@ -374,7 +377,8 @@ fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
     for input in set.inputs.iter().filter(|input| input.points > 0) {
         if before.contains(&(input.path.file_name(), input.points)) {
             warnings.push(format!(
-                "{}: a scan of this name and size went into the model before: if it is the same, its readings now count twice",
+                "{}: a scan of this name and size went into the model before: if it is the same, its \
+                 readings now count twice",
                 input.path.display()
             ));
         }
@@ -410,7 +414,11 @@ fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<String> {
     let classified = set.scans.iter().any(|posed| posed.scan.classes.is_some());
     let wanted = job.options.shape == Some(Shape::Sheet) && job.options.ground.is_none();
     if wanted && lidar && !classified {
-        vec!["the points of the lidar are not classified: buildings and trees are part of the sheet; --ground leaves them out".to_owned()]
+        vec![
+            "the points of the lidar are not classified: buildings and trees are part of the sheet; \
+            --ground leaves them out"
+                .to_owned(),
+        ]
     } else {
         Vec::new()
     }

@@ -126,7 +126,8 @@ impl Job for MergeJob {
         };
         if let Some(output) = plan_outputs(&self.outputs)?.iter().find(|output| !is_written(output.format)) {
             return Err(Error::unsupported(format!(
-                "{}: a merged surface is a mesh or a spline: needed .ply, .glb, .obj, .stl, .step or .planish",
+                "{}: a merged surface is a mesh or a spline: needed .ply, .glb, .obj, .stl, .step or \
+                 .planish",
                 output.path.display()
             )));
         }

@@ -317,12 +317,14 @@ impl Prepared {
     fn new(model: &SurfaceModel, options: &NextOptions, progress: &dyn Progress) -> Result<Self> {
         if model.patches.is_some() {
             return Err(Error::unsupported(
-                "the model is one of the patch filter, which does not know how far apart places vary together: needed one of `fit --filter global`",
+                "the model is one of the patch filter, which does not know how far apart places vary \
+                 together: needed one of `fit --filter global`",
             ));
         }
         if model.moves_freely {
             return Err(Error::unsupported(
-                "the model is a state of a sheet that bends, whose vertices move in every direction: needed one of `fit` without --motion bend",
+                "the model is a state of a sheet that bends, whose vertices move in every direction: needed \
+                 one of `fit` without --motion bend",
             ));
         }
         progress.check("equations", 0.05)?;
@@ -490,7 +492,8 @@ fn best_sigma(model: &SurfaceModel) -> Option<f64> {
 fn only_coordinate(measured: [bool; 3]) -> Result<[f64; 3]> {
     if measured.iter().filter(|m| **m).count() != 1 {
         return Err(Error::unsupported(
-            "needed a model along its normals, or one of heights: of this one several coordinates were measured, each for itself",
+            "needed a model along its normals, or one of heights: of this one several coordinates were \
+             measured, each for itself",
         ));
     }
     Ok(measured.map(|m| if m { 1.0 } else { 0.0 }))

@@ -77,7 +77,8 @@ impl OutputFormat {
                     other => format!("`{other}`"),
                 };
                 Err(Error::unsupported(format!(
-                    "{}: the extension says what to write: needed .step or .stp (exact surface), .ply or .glb (mesh with σ), .obj or \
+                    "{}: the extension says what to write: needed .step or .stp (exact surface), .ply or \
+                     .glb (mesh with σ), .obj or \
                      .stl (mesh), .tif (raster of heights) or .planish (saved model), found {found}",
                     path.display()
                 )))
@@ -269,7 +270,8 @@ fn stl_warnings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<String> {
     files
         .map(|output| {
             format!(
-                "{}: STL holds seven digits, so far from the origin it moves points by up to {rounding:.1e} {}: .ply, .obj and .glb do not",
+                "{}: STL holds seven digits, so far from the origin it moves points by up to {rounding:.1e} \
+                 {}: .ply, .obj and .glb do not",
                 output.path.display(),
                 mesh.unit
             )

@@ -298,7 +298,8 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     let lost = crossings("no_index") + crossings("off_line") + crossings("undetermined");
     if matches!(job.kind, SenseKind::Grid { .. }) && lost > 2 * sensed.observations {
         warnings.push(format!(
-            "{} of {} crossings of stripes agree with the calibration: are spacing, directions and origin of [stripes], and the projector, those of the picture?",
+            "{} of {} crossings of stripes agree with the calibration: are spacing, directions and origin \
+             of [stripes], and the projector, those of the picture?",
             sensed.observations,
             sensed.observations + lost
         ));
@@ -365,7 +366,9 @@ fn stereo(
     let known: Vec<f64> = map.sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
     if known.is_empty() {
         return Err(Error::undetermined(format!(
-            "{}: no disparity is to be believed: are the pictures rectified (or does the calibration say how both cameras stand), left before right, and the range of disparities wide enough, also below 0?",
+            "{}: no disparity is to be believed: are the pictures rectified (or does the calibration say \
+             how both cameras stand), left before right, and the range of disparities wide enough, also \
+             below 0?",
             blame()
         )));
     }
@@ -380,7 +383,8 @@ fn stereo(
     let mut warnings = Vec::new();
     if (known.len() as f64) < LEAST_MATCHED * map.disparity.len() as f64 {
         warnings.push(format!(
-            "only {:.1} % of the pixels have a match, and many of those may be chance: is the left picture the first, are the pictures rectified, and is --disparities wide enough?",
+            "only {:.1} % of the pixels have a match, and many of those may be chance: is the left picture \
+             the first, are the pictures rectified, and is --disparities wide enough?",
             100.0 * known.len() as f64 / map.disparity.len() as f64
         ));
     }
@@ -495,14 +499,16 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
     let mut warnings = Vec::new();
     if let Some(stated) = stated.filter(|stated| found > MOST_BRIGHTNESS_MISFIT * stated) {
         warnings.push(format!(
-            "the brightness of the typical pixel departs from that of a matte surface by {found:.3}, {:.0} times the stated sigma_brightness: σ of the normals is too \
+            "the brightness of the typical pixel departs from that of a matte surface by {found:.3}, {:.0} \
+             times the stated sigma_brightness: σ of the normals is too \
              small by as much; leave sigma_brightness out, or are the pictures in the order of the lights?",
             found / stated
         ));
     }
     if found > MOST_BRIGHTNESS_SHARE * map.brightest {
         warnings.push(format!(
-            "the brightness of the typical pixel departs from that of a matte surface by {:.0} % of the brightest: are the pictures in the order of the lights, and of one view?",
+            "the brightness of the typical pixel departs from that of a matte surface by {:.0} % of the \
+             brightest: are the pictures in the order of the lights, and of one view?",
             100.0 * found / map.brightest
         ));
     }
@@ -589,7 +595,8 @@ fn check_formats(job: &SenseJob) -> Result<()> {
             "ply" if !packed => {
                 if let SenseKind::Stereo { calibration: None, .. } = job.kind {
                     return Err(Error::input(format!(
-                        "{}: points need the calibration of the cameras: say --calib, or write disparities as .tif",
+                        "{}: points need the calibration of the cameras: say --calib, or write disparities \
+                         as .tif",
                         path.display()
                     )));
                 }

@@ -230,7 +230,8 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     };
     if !found.complete {
         warnings.push(format!(
-            "there may be more solids than the {} that were looked at: a further view or hidden lines would tell them apart",
+            "there may be more solids than the {} that were looked at: a further view or hidden lines would \
+             tell them apart",
             found.solutions.len()
         ));
     }
@@ -337,7 +338,8 @@ fn counts(solid: &Solid) -> FaceCounts {
 fn check_settings(job: &SolidJob) -> Result<()> {
     if !(1..=3).contains(&job.views.len()) {
         return Err(Error::input(format!(
-            "needed drawings (.dxf, .svg) of the front, top and side view, in this order (the side may be left out), or one file with all of them, found {}",
+            "needed drawings (.dxf, .svg) of the front, top and side view, in this order (the side may be \
+             left out), or one file with all of them, found {}",
             job.views.len()
         )));
     }
@@ -356,7 +358,8 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         && is_contours(job)
     {
         return Err(Error::input(format!(
-            "{}: is no contour (.json), as other views are: needed all views of one sort, for an exact drawing has no σ to match by",
+            "{}: is no contour (.json), as other views are: needed all views of one sort, for an exact \
+             drawing has no σ to match by",
             drawn.display()
         )));
     }
@@ -373,7 +376,8 @@ fn check_settings(job: &SolidJob) -> Result<()> {
         && let Some(view) = job.views.first().filter(|_| is_contours(job))
     {
         return Err(Error::input(format!(
-            "{}: --tolerance joins coordinates of drawings, and this is a contour, whose covariance says what is one: leave it out (--level is for contours)",
+            "{}: --tolerance joins coordinates of drawings, and this is a contour, whose covariance says \
+             what is one: leave it out (--level is for contours)",
             view.display()
         )));
     }

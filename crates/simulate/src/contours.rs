@@ -174,7 +174,8 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
                 format!("[{}, {}, {}]", row(0), row(1), row(2))
             };
             views += &format!(
-                "\n[[view]]\nname = \"{}-{:02}\"\nmask = \"{mask}\"\ncontours = \"{contours}\"\nK = {}\nR = {}\nt = [{:?}, {:?}, {:?}]\n",
+                "\n[[view]]\nname = \"{}-{:02}\"\nmask = \"{mask}\"\ncontours = \"{contours}\"\nK = {}\nR = \
+                 {}\nt = [{:?}, {:?}, {:?}]\n",
                 m + 1,
                 k + 1,
                 rows(&camera.k),

@@ -70,7 +70,8 @@ pub(super) fn draw(headline: &str, rows: &[Vec<Panel>]) -> String {
     // Writing to a string does not fail.
     let _ = writeln!(
         out,
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 \
+         {width} {height}\" \
          font-family=\"Helvetica, Arial, sans-serif\" font-size=\"12\" fill=\"#202020\">\n\
          <rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>"
     );
@@ -146,7 +147,8 @@ fn draw_panel(out: &mut String, panel: &Panel, [x0, y0]: [f64; 2], scale: &[Axis
         let joined: Vec<String> = points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
         let _ = writeln!(
             out,
-            "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" stroke-linecap=\"round\" stroke-dasharray=\"{}\"/>",
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\" \
+             stroke-linecap=\"round\" stroke-dasharray=\"{}\"/>",
             joined.join(" "),
             curve.colour,
             curve.width,
@@ -193,13 +195,15 @@ fn draw_legend(
     let [x, y] = corners.into_iter().min_by_key(covered).unwrap_or(corners[0]);
     let _ = writeln!(
         out,
-        "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width}\" height=\"{height}\" fill=\"#ffffff\" fill-opacity=\"0.85\" stroke=\"#d0d0d0\"/>"
+        "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width}\" height=\"{height}\" fill=\"#ffffff\" \
+         fill-opacity=\"0.85\" stroke=\"#d0d0d0\"/>"
     );
     for (k, curve) in panel.curves.iter().enumerate() {
         let at = y + 14.0 + 15.0 * k as f64;
         let _ = writeln!(
             out,
-            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"{}\" stroke-width=\"1.8\" stroke-linecap=\"round\" \
+            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"{}\" stroke-width=\"1.8\" \
+             stroke-linecap=\"round\" \
              stroke-dasharray=\"{}\"/>",
             x + 6.0,
             at - 4.0,

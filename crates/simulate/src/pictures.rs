@@ -259,7 +259,8 @@ fn sanity_check(options: &PictureSceneOptions) -> Result<()> {
     let [columns, rows] = options.size;
     if !(1..=360).contains(&options.views) || columns.min(rows) < 64 || columns.max(rows) > 8192 {
         return Err(Error::input(format!(
-            "needed 1 to 360 views of 64 to 8192 pixels along each side, found {} views of {columns} × {rows}",
+            "needed 1 to 360 views of 64 to 8192 pixels along each side, found {} views of {columns} × \
+             {rows}",
             options.views
         )));
     }
@@ -452,7 +453,9 @@ impl Stage {
                 );
                 write!(
                     text,
-                    "sigma_px = 0.01\n\n[camera]\nK = {k}\n\n[projector]\nK = {k}\nR = {:?}\nt = {:?}\n\n[stripes]\ndirections_deg = {STRIPES_DEG:?}\nspacing = {:?}\norigin = {:?}\nrange = {:?}\n",
+                    "sigma_px = 0.01\n\n[camera]\nK = {k}\n\n[projector]\nK = {k}\nR = {:?}\nt = \
+                     {:?}\n\n[stripes]\ndirections_deg = {STRIPES_DEG:?}\nspacing = {:?}\norigin = \
+                     {:?}\nrange = {:?}\n",
                     projector.rotation, projector.translation, pattern.spacing, pattern.origin, pattern.range
                 )
             }
@@ -469,14 +472,16 @@ impl Stage {
             PictureScene::Grid => "curvature",
         };
         let mut text = format!(
-            "# Simulated views; the files are those that `planish sense {name}` writes.\nunit = \"{}\"\n\n[sensor.{name}]\nkind = \"{kind}\"\n",
+            "# Simulated views; the files are those that `planish sense {name}` writes.\nunit \
+             = \"{}\"\n\n[sensor.{name}]\nkind = \"{kind}\"\n",
             self.unit
         );
         for view in views {
             let pose = self.poses[view];
             let _ = write!(
                 text,
-                "\n[[scan]]\nsensor = \"{name}\"\nfile = \"{name}-{}.ply\"\npose = {{ translation = {:?}, quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
+                "\n[[scan]]\nsensor = \"{name}\"\nfile = \"{name}-{}.ply\"\npose = {{ translation = {:?}, \
+                 quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
                 view + 1,
                 pose.translation,
                 pose.quaternion_xyzw()

@@ -60,7 +60,8 @@ fn truth_of(kind: &Kind) -> Result<Vec<f64>> {
         Kind::Polygon(6) => vec![-40.0, -45.0, 50.0, -45.0, 50.0, -5.0, 10.0, -5.0, 10.0, 45.0, -40.0, 45.0],
         _ => {
             return Err(Error::unsupported(format!(
-                "a scene of a {kind}: there are circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N, polygon-6"
+                "a scene of a {kind}: there are circle, ellipse, rectangle, rounded-rectangle, slot, \
+                 regular-polygon-N, polygon-6"
             )));
         }
     })

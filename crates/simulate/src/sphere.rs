@@ -611,7 +611,8 @@ fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> [(
 #[must_use]
 pub fn sphere_figure(options: &SphereOptions, rows: &[SphereRow]) -> String {
     draw(
-        "Mean error of a sphere, in % of its radius: solid the patch filter, dashed the global filter, dotted the posterior bound",
+        "Mean error of a sphere, in % of its radius: solid the patch filter, dashed the global filter, \
+         dotted the posterior bound",
         &panels(options, rows),
     )
 }

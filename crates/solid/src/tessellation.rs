@@ -129,7 +129,8 @@ pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     let needed = triangles_needed(solid, tolerance);
     if needed > MOST_TRIANGLES {
         return Err(Error::input(format!(
-            "a mesh that misses the solid by {tolerance:e} at most needs about {needed:.1e} triangles: needed at most {MOST_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
+            "a mesh that misses the solid by {tolerance:e} at most needs about {needed:.1e} triangles: \
+             needed at most {MOST_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
             // Rounded up, so that it works.
             1.06 * least_tolerance(solid)
         )));

@@ -87,7 +87,8 @@ pub fn read_grid_calibration(path: &Path) -> Result<GridCalibration> {
 fn parse(text: &str) -> Result<GridCalibration> {
     let t: Table = table(
         text,
-        "crossed stripes need [camera] and [projector] with K (and R and t), and [stripes] with directions_deg, spacing, origin and range; and may have sigma_px and unit",
+        "crossed stripes need [camera] and [projector] with K (and R and t), and [stripes] with \
+         directions_deg, spacing, origin and range; and may have sigma_px and unit",
     )?;
     let sigma_px = t.sigma_px.unwrap_or(USUAL_SIGMA_PX);
     check_numbers(&[("sigma_px", sigma_px, sigma_px > 0.0, "a finite number above 0")])?;
@@ -122,7 +123,8 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
         return Err(Error::input(format!(
-            "needed {name}.K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and finite R and t, found K = {:?}",
+            "needed {name}.K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and \
+             finite R and t, found K = {:?}",
             made.k
         )));
     }

@@ -98,7 +98,8 @@ pub fn read_lights(path: &Path) -> Result<LightsCalibration> {
 fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
     let t: Table = table(
         text,
-        "lights need `lights` (a direction for each image) or [ball] with images and mask, and may have frame, pixel_size, sigma_brightness, sigma_light_deg and unit",
+        "lights need `lights` (a direction for each image) or [ball] with images and mask, and may have \
+         frame, pixel_size, sigma_brightness, sigma_light_deg and unit",
     )?;
     let sigma = t.sigma_brightness;
     check_numbers(&[

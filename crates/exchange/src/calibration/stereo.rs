@@ -129,7 +129,8 @@ fn check_sigma(sigma: f64) -> Result<()> {
 fn parse_views(text: &str) -> Result<StereoCalibration> {
     let t: ViewsTable = table(
         text,
-        "two views need K each, and may have R, t and distortion; beside them there may be sigma_disparity_px and unit",
+        "two views need K each, and may have R, t and distortion; beside them there may be \
+         sigma_disparity_px and unit",
     )?;
     check_sigma(t.sigma_disparity_px)?;
     let [first, second] = t.view.as_slice() else {
@@ -147,7 +148,8 @@ fn parse_views(text: &str) -> Result<StereoCalibration> {
 fn parse_rectified(text: &str) -> Result<StereoCalibration> {
     let t: Table = table(
         text,
-        "two rectified cameras need f cx cy baseline, and may have doffs, sigma_disparity_px and unit; others need two [[view]] with K, R and t",
+        "two rectified cameras need f cx cy baseline, and may have doffs, sigma_disparity_px and unit; \
+         others need two [[view]] with K, R and t",
     )?;
     check_numbers(&[
         ("f", t.f, t.f > 0.0 && t.f < MOST_PIXELS, "a finite number of pixels above 0 and below 1e7"),

@@ -69,7 +69,8 @@ pub fn read_view_sensor(path: &Path) -> Result<ViewCalibration> {
 fn parse(text: &str) -> Result<ViewCalibration> {
     let t: Table = table(
         text,
-        "a sensor needs fov_deg and rays (or fx fy cx cy and size), near, far and sigma_along, and may have max_incidence_deg, sigma_across, sigma_per_range2, sigma_over_cos and unit",
+        "a sensor needs fov_deg and rays (or fx fy cx cy and size), near, far and sigma_along, and may have \
+         max_incidence_deg, sigma_across, sigma_per_range2, sigma_over_cos and unit",
     )?;
     let sensor = ViewSensor {
         borders: borders(&t)?,
@@ -107,7 +108,8 @@ fn borders(t: &Table) -> Result<[[f64; 2]; 2]> {
             Ok([side(fx, cx, width), side(fy, cy, height)])
         }
         _ => Err(Error::input(
-            "needed either fov_deg = [horizontal, vertical], or all of fx fy cx cy and size = [width, height]",
+            "needed either fov_deg = [horizontal, vertical], or all of fx fy cx cy and size = [width, \
+             height]",
         )),
     }
 }

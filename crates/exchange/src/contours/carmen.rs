@@ -105,7 +105,8 @@ pub(crate) fn read_carmen<R: Read>(
     }
     if read.sightings.is_empty() {
         return Err(Error::input(format!(
-            "a log of {scans} scans, of which none of those asked for (from {}, {} of them) has a range within {} to {} m",
+            "a log of {scans} scans, of which none of those asked for (from {}, {} of them) has a range \
+             within {} to {} m",
             options.first, options.count, options.range[0], options.range[1]
         )));
     }

@@ -84,7 +84,8 @@ pub fn read_contour_json(path: &Path) -> Result<ContourFile> {
 }
 
 fn parse(text: &str) -> Result<ContourFile> {
-    let needed = "needed contours as `planish contour -o contour.json` writes them (kind, parameters, order, covariance)";
+    let needed = "needed contours as `planish contour -o contour.json` writes them (kind, parameters, \
+        order, covariance)";
     let written: Written = serde_json::from_str(text)
         .map_err(|e| Error::input(format!("{needed}, found: {e}")).with_source(e))?;
     let contours = match (written.contours, written.main) {
@@ -164,7 +165,8 @@ fn kind_of(name: &str, order: &[String], closed: bool) -> Result<Kind> {
     }
     Kind::of_name(name, MOST_CORNERS).ok_or_else(|| {
         Error::input(format!(
-            "kind `{name}`: needed line, circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N, polygon-N or chain"
+            "kind `{name}`: needed line, circle, ellipse, rectangle, rounded-rectangle, slot, \
+             regular-polygon-N, polygon-N or chain"
         ))
     })
 }

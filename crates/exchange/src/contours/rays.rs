@@ -53,7 +53,8 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
         }
         if rays.is_empty() {
             return Err(Error::input(
-                "holds no readings in space: needed a header `x,y,z,azimuth_deg,elevation_deg,range` or `x,y,z`, and lines",
+                "holds no readings in space: needed a header `x,y,z,azimuth_deg,elevation_deg,range` or \
+                 `x,y,z`, and lines",
             ));
         }
         Ok(rays)
@@ -67,7 +68,8 @@ fn header_of(line: &[u8], number: u64) -> Result<Header> {
     match needed.iter().find(|name| !header.has(name)) {
         None => Ok(header),
         Some(name) => Err(Error::input(format!(
-            "line {number}: needed a header with `x,y,z,azimuth_deg,elevation_deg,range` (ranges) or `x,y,z` (points), found {} without `{name}`",
+            "line {number}: needed a header with `x,y,z,azimuth_deg,elevation_deg,range` (ranges) or \
+             `x,y,z` (points), found {} without `{name}`",
             shown(line)
         ))),
     }

@@ -115,7 +115,8 @@ impl Header {
         let has = |name: &str| header.has(name);
         if Self::named(line, number, &["z"])?.has("z") {
             return Err(Error::input(format!(
-                "line {number}: a column `z` is of readings in space: name what was seen, --kind plane3, sphere, cylinder or box"
+                "line {number}: a column `z` is of readings in space: name what was seen, --kind plane3, \
+                 sphere, cylinder or box"
             )));
         }
         let missing = match (has("x") && has("y"), has("heading_deg"), has("range")) {
@@ -126,7 +127,8 @@ impl Header {
         };
         match missing {
             Some(name) => Err(Error::input(format!(
-                "line {number}: needed a header with `x,y,heading_deg,range` (ranges) or `x,y` (points), found {} without `{name}`",
+                "line {number}: needed a header with `x,y,heading_deg,range` (ranges) or `x,y` (points), \
+                 found {} without `{name}`",
                 shown(line)
             ))),
             None => Ok(header),

@@ -61,7 +61,8 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
     let (width, height) =
         (2.0 * beside + scale * (high[0] - low[0]), 2.0 * above + scale * (high[1] - low[1]));
     let mut text = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {width:.1} {height:.1}\">\n\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 \
+         0 {width:.1} {height:.1}\">\n\
          <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
     );
     for (p, used) in points {
@@ -109,7 +110,8 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
         let words = label.text.replace('&', "&amp;").replace('<', "&lt;");
         let _ = writeln!(
             text,
-            "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" font-family=\"sans-serif\" font-size=\"15\" fill=\"#111\" stroke=\"#fff\" stroke-width=\"4\" \
+            "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" font-family=\"sans-serif\" \
+             font-size=\"15\" fill=\"#111\" stroke=\"#fff\" stroke-width=\"4\" \
              stroke-linejoin=\"round\" paint-order=\"stroke\">{words}</text>"
         );
     }

@@ -16,7 +16,8 @@ fn drawn(blocks: &str, entities: &str) -> Result<DxfDrawing> {
     read_dxf(&path)
 }
 
-const LINE_BLOCK: &str = "0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 0 0 ARC 8 HIDDEN 10 1 20 0 40 2 50 0 51 90 0 ENDBLK";
+const LINE_BLOCK: &str = "0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 0 0 ARC 8 HIDDEN 10 1 20 0 \
+    40 2 50 0 51 90 0 ENDBLK";
 
 #[test]
 fn a_block_is_drawn_where_its_insert_places_it() {
@@ -75,7 +76,8 @@ fn a_block_that_is_missing_or_holds_itself_is_named() {
 fn an_old_polyline_has_lines_and_arcs() {
     let found = drawn(
         "",
-        "0 POLYLINE 70 1 0 VERTEX 10 0 20 0 0 VERTEX 10 4 20 0 42 1 0 VERTEX 10 4 20 2 0 VERTEX 10 0 20 2 0 SEQEND 0 LINE 10 0 20 5 11 1 21 5",
+        "0 POLYLINE 70 1 0 VERTEX 10 0 20 0 0 VERTEX 10 4 20 0 42 1 0 VERTEX 10 4 20 2 0 VERTEX 10 0 20 2 0 \
+         SEQEND 0 LINE 10 0 20 5 11 1 21 5",
     )
     .unwrap();
     assert_eq!(found.curves.len(), 5);
@@ -89,7 +91,8 @@ fn an_old_polyline_has_lines_and_arcs() {
 fn texts_hatches_and_meshes_are_counted_and_the_first_is_named() {
     let found = drawn(
         "",
-        "0 TEXT 5 A1 1 hello 0 HATCH 5 A2 0 HATCH 5 A3 0 POLYLINE 5 A4 70 64 0 VERTEX 10 0 20 0 0 SEQEND 0 LINE 10 0 20 0 11 1 21 0",
+        "0 TEXT 5 A1 1 hello 0 HATCH 5 A2 0 HATCH 5 A3 0 POLYLINE 5 A4 70 64 0 VERTEX 10 0 20 0 0 SEQEND 0 \
+         LINE 10 0 20 0 11 1 21 0",
     )
     .unwrap();
     assert_eq!(found.curves.len(), 1);

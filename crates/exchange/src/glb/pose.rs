@@ -89,7 +89,8 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
     let poses = (mesh.targets.iter()).all(|t| t.points.len() == n && t.normals.len() == n);
     if n == 0 || mesh.triangles.is_empty() || !equal || !poses {
         return Err(Error::input(
-            "needed triangles, and as many normals, texture coordinates, colours, σ and places of each pose as points",
+            "needed triangles, and as many normals, texture coordinates, colours, σ and places of each pose \
+             as points",
         ));
     }
     if mesh.triangles.iter().flatten().any(|&corner| corner as usize >= n) {

@@ -298,7 +298,8 @@ impl File<'_> {
             let most = (self.binary.len() / 12).saturating_mul(MOST_COPIES).max(FEW_VERTICES);
             if first.saturating_add(positions.count) > most {
                 return Err(Error::input(format!(
-                    "the nodes repeat their meshes to more than {most} vertices, which the file does not hold: write one copy"
+                    "the nodes repeat their meshes to more than {most} vertices, which the file does not \
+                     hold: write one copy"
                 )));
             }
             for vertex in 0..positions.count {
@@ -423,7 +424,8 @@ impl File<'_> {
         let found = accessor["type"].as_str().unwrap_or("nothing");
         if !components.contains(&component) || found != kind {
             return Err(Error::unsupported(format!(
-                "accessor {number}: needed {kind} of component type {components:?}, found {found} of {component}"
+                "accessor {number}: needed {kind} of component type {components:?}, found {found} of \
+                 {component}"
             )));
         }
         if accessor["sparse"].is_object() || accessor["bufferView"].is_null() {

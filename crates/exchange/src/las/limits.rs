@@ -56,7 +56,8 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
             })?;
         if start.saturating_add(EXTENDED_HEAD).saturating_add(size) > length {
             return Err(Error::input(format!(
-                "byte {start}: an extended record promises {size} bytes, but the file has {length}: it is cut off or damaged"
+                "byte {start}: an extended record promises {size} bytes, but the file has {length}: it is \
+                 cut off or damaged"
             )));
         }
     }
@@ -73,7 +74,8 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
     if !compressed {
         return match offset.saturating_add(points) > length {
             true => Err(Error::input(format!(
-                "the header promises {promised} points of {record} bytes, but the file has {length} bytes: it is cut off or its header is wrong"
+                "the header promises {promised} points of {record} bytes, but the file has {length} bytes: \
+                 it is cut off or its header is wrong"
             ))),
             false => Ok(()),
         };

@@ -63,7 +63,8 @@ fn every_type_order_and_side_gives_the_same_points() {
 
 #[test]
 fn fields_of_structured_arrays_are_columns() {
-    let descr = "[('sigma', '<f4'), ('name', '|S3'), ('xyz', '<f8', (3,)), ('t', '<M8[ns]'), ('Nx', '>f4'), ('ny', '<f4'), \
+    let descr = "[('sigma', '<f4'), ('name', '|S3'), ('xyz', '<f8', (3,)), ('t', '<M8[ns]'), ('Nx', '>f4'), \
+        ('ny', '<f4'), \
                  (('a title', 'nz'), '<f4'), ('rgb', '|u1', (3,)), ('', '|V1')]";
     let record = |sigma: f32, p: [f64; 3], n: [f32; 3]| {
         let mut bytes = sigma.to_le_bytes().to_vec();
@@ -271,7 +272,8 @@ proptest! {
 
     #[test]
     fn no_change_of_a_byte_makes_it_panic(at in 0_usize..400, value in any::<u8>()) {
-        let mut bytes = file("[('x', '<f8'), ('y', '<f8'), ('z', '<f8')]", false, "(2,)", &doubles(&TWO.concat()));
+        let mut bytes = file("[('x', '<f8'), ('y', '<f8'), ('z', \
+            '<f8')]", false, "(2,)", &doubles(&TWO.concat()));
         let at = at % bytes.len();
         bytes[at] = value;
         let _ = read(&bytes);

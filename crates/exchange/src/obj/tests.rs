@@ -46,7 +46,8 @@ fn ugly_files_hold_the_same_square() {
         format!("{SQUARE}f 1 2 3 4\n").replace("\nv", "\n  v"),
         format!("{SQUARE}f 1 2 3 4\n").replace('\n', "\n\n\n"),
         format!(
-            "# a comment\nmtllib a.mtl\no thing\n{SQUARE}vt 0 0\nvt 1\ng a b\nusemtl red\ns off\nf 1 2 3 4\nl 1 2\np 1\n"
+            "# a comment\nmtllib a.mtl\no thing\n{SQUARE}vt 0 0\nvt 1\ng a b\nusemtl red\ns off\nf 1 2 3 \
+             4\nl 1 2\np 1\n"
         ),
         format!("f 1 2 3 4\n{SQUARE}"),
         "v 0 0 0 1\nv 1 0 0 1.0\nv 1 1 0 2\nv 0 1 0 1\nf 1 2 3 4\n".to_owned(),

@@ -115,7 +115,8 @@ pub(crate) fn refuse_more<R: Read>(source: &mut Source<R>) -> Result<()> {
     };
     let more = source.remaining().map_or("more".to_owned(), |n| format!("{n} more bytes"));
     Err(Error::input(format!(
-        "byte {byte}: needed the end of the file, found {more}: the header promises less than the file holds; correct its counts, or cut \
+        "byte {byte}: needed the end of the file, found {more}: the header promises less than the file \
+         holds; correct its counts, or cut \
          the file there"
     )))
 }

@@ -44,7 +44,8 @@ fn ascii(elements: &str, body: &str) -> Vec<u8> {
 fn range_scan() -> Vec<u8> {
     ascii(
         &format!(
-            "obj_info is_cyberware_data 1\nobj_info num_cols 3\nobj_info num_rows 2\nelement vertex 3\n{XYZ}\n\
+            "obj_info is_cyberware_data 1\nobj_info num_cols 3\nobj_info num_rows 2\nelement vertex \
+             3\n{XYZ}\n\
              element range_grid 6\nproperty list uchar int vertex_indices"
         ),
         "0.1 0.2 0.3 \nnan 0 0 \n-1 -2 -3.5e-2 \n0 \n1 2 \n1 1 \n1 0 \n0 \n0 \n",
@@ -71,8 +72,10 @@ fn a_range_scan_has_its_grid_and_its_direction_of_view() {
 #[test]
 fn every_type_reads_the_same_in_every_encoding() {
     let elements = "element junk 2\nproperty list uint16 double weights\nproperty char c\nelement vertex 1\n\
-        property int8 a\nproperty uint8 b\nproperty int16 c\nproperty uint16 d\nproperty int32 e\nproperty uint32 f\n\
-        property float32 x\nproperty float64 y\nproperty list uchar short l\nproperty double z\nelement face 1\n\
+        property int8 a\nproperty uint8 b\nproperty int16 c\nproperty uint16 d\nproperty int32 e\nproperty \
+        uint32 f\n\
+        property float32 x\nproperty float64 y\nproperty list uchar short l\nproperty double z\nelement \
+        face 1\n\
         property uchar flag\nproperty list uint uint vertex_index\nelement after 1\nproperty short s";
     let junk: [(&[f64], i8); 2] = [(&[1.0, 2.0], -3), (&[], 4)];
     let body = |big: bool| {
@@ -133,7 +136,8 @@ fn binary_files_cut_anywhere_are_refused() {
         };
         let vertices: Vec<u8> = (0..30).flat_map(|k| one(f64::from(k))).collect();
         let faces = vec![3_u8, 0, 1, 2, 4, 9, 8, 7, 6];
-        let elements = "element vertex 10\nproperty double x\nproperty double y\nproperty double z\nelement face 2\n\
+        let elements = "element vertex 10\nproperty double x\nproperty double y\nproperty double z\nelement \
+            face 2\n\
                         property list uchar uchar vertex_indices";
         let bytes = file(format, elements, &[vertices, faces].concat());
         assert_eq!(mesh(&bytes).unwrap().triangles, [[0, 1, 2], [9, 8, 7], [9, 7, 6]]);
@@ -217,7 +221,8 @@ fn promised_counts_are_compared_with_the_file_before_anything_is_reserved() {
             }
         }
         let grid = format!(
-            "obj_info num_cols {count}\nobj_info num_rows 1\nelement vertex 1\n{XYZ}\nelement range_grid {count}\n\
+            "obj_info num_cols {count}\nobj_info num_rows 1\nelement vertex 1\n{XYZ}\nelement range_grid \
+             {count}\n\
              property list uchar int vertex_indices"
         );
         assert!(scan_message(&ascii(&grid, "1 2 3\n")).contains(count));
@@ -230,8 +235,10 @@ fn promised_counts_are_compared_with_the_file_before_anything_is_reserved() {
 
 #[test]
 fn lists_may_come_before_the_vertices_and_properties_in_any_order() {
-    let elements = "element face 1\nproperty list uchar int vertex_indices\nelement vertex 3\nproperty float nz\n\
-        property double sigma\nproperty float z\nproperty float y\nproperty float x\nproperty float ny\nproperty float nx";
+    let elements = "element face 1\nproperty list uchar int vertex_indices\nelement vertex 3\nproperty \
+        float nz\n\
+        property double sigma\nproperty float z\nproperty float y\nproperty float x\nproperty float \
+        ny\nproperty float nx";
     let body = "3 0 1 2\n1 0.5 3 2 1 0 0\n1 0.5 3 2 4 0 0\n1 0.25 3 5 4 0 0\n";
     let mesh = mesh(&ascii(elements, body)).unwrap();
     assert_eq!(mesh.triangles, [[0, 1, 2]]);
@@ -329,7 +336,8 @@ fn wrong_bodies_are_named_by_line_and_record() {
 fn wrong_range_grids_are_refused() {
     let grid = |info: &str, count: usize, cells: &str| {
         let elements = format!(
-            "{info}\nelement vertex 1\n{XYZ}\nelement range_grid {count}\nproperty list uchar int vertex_indices"
+            "{info}\nelement vertex 1\n{XYZ}\nelement range_grid {count}\nproperty list uchar int \
+             vertex_indices"
         );
         scan_message(&ascii(&elements, &format!("0 0 0\n{cells}")))
     };
@@ -427,7 +435,8 @@ proptest! {
 
     #[test]
     fn no_header_makes_it_panic(
-        lines in "((element (vertex|face|range_grid) [0-9]{1,3}|property (float|uchar|int) [xyz]|property list (uchar|int) (int|short) vertex_indices|obj_info num_(cols|rows) [0-9]|comment a)\n){0,9}",
+        lines in "((element (vertex|face|range_grid) [0-9]{1,3}|property (float|uchar|int) [xyz]|property \
+            list (uchar|int) (int|short) vertex_indices|obj_info num_(cols|rows) [0-9]|comment a)\n){0,9}",
         format in 0_usize..3,
         body in proptest::collection::vec(any::<u8>(), 0..200),
         text in "[0-9 .e\n-]{0,100}",

@@ -89,7 +89,8 @@ fn check_knots(degree: usize, knots: &[(f64, usize)], poles: usize) -> Result<()
     let sum: usize = knots.iter().map(|k| k.1).sum();
     if degree == 0 || knots.len() < 2 || !ascending || !clamped_at_most || sum != poles + degree + 1 {
         return Err(Error::input(format!(
-            "needed ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, found degree {degree}, \
+            "needed ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, found \
+             degree {degree}, \
              {poles} poles, {} knots with multiplicities that sum to {sum}",
             knots.len()
         )));

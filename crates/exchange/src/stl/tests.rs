@@ -151,7 +151,8 @@ proptest! {
     }
 
     #[test]
-    fn no_text_of_the_right_words_makes_it_panic(text in "solid\n((facet normal|outer loop|vertex|endloop|endfacet|endsolid|[0-9]|-|[. \n])){0,60}") {
+    fn no_text_of_the_right_words_makes_it_panic(text in "solid\n((facet normal|outer \
+        loop|vertex|endloop|endfacet|endsolid|[0-9]|-|[. \n])){0,60}") {
         let _ = mesh(text.as_bytes());
     }
 }

@@ -103,7 +103,8 @@ fn dashes_are_hidden_and_dashes_with_dots_are_centre_lines() {
     let drawing = drawn(
         "<style>.d { stroke-dasharray: 4 2 } </style>\
          <line x2='1'/><line x2='2' class='d'/><line x2='3' style='stroke-dasharray:4,2,1,2'/>\
-         <g id='HIDDEN'><line x2='4'/><line x2='5' stroke-dasharray='none'/></g><line x2='6' display='none'/>",
+         <g id='HIDDEN'><line x2='4'/><line x2='5' stroke-dasharray='none'/></g><line x2='6' \
+         display='none'/>",
     );
     let styles: Vec<LineStyle> = drawing.curves.iter().map(|c| c.style).collect();
     use LineStyle::{Hidden, Visible};

@@ -208,7 +208,8 @@ fn findings(report: &ComparisonReport, unit: SmallUnit<'_>) -> Vec<Finding> {
         found.push(Finding::new(
             Level::Look,
             format!(
-                "Most deviations have one sign: {} on average. The frames or the scales of the two may differ.",
+                "Most deviations have one sign: {} on average. The frames or the scales of the two may \
+                 differ.",
                 unit.text(d.mean)
             ),
         ));
@@ -240,7 +241,9 @@ fn whether_true(normalised: &[f64], report: &ComparisonReport) -> Section {
         vec![
             Block::Drawing {
                 svg,
-                caption: "Deviations of the reference's points over their σ (bars), and the normal distribution that they have where σ is true (line).".to_owned(),
+                caption: "Deviations of the reference's points over their σ (bars), and the normal \
+                    distribution that they have where σ is true (line)."
+                    .to_owned(),
             },
             Block::Text(format!(
                 "Deviations are {} times their σ (rms); {} of them lie within 1.96 σ.",

@@ -133,7 +133,8 @@ pub(crate) fn findings(report: &ContourReport) -> Vec<Finding> {
             found.push(Finding::new(
                 Level::Look,
                 format!(
-                    "{name}: its readings lie {} times as far from it as their σ says: the σ is too small, or it is of another kind.",
+                    "{name}: its readings lie {} times as far from it as their σ says: the σ is too small, \
+                     or it is of another kind.",
                     significant(part.reduced_chi_square.sqrt(), 2)
                 ),
             ));

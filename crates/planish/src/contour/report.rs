@@ -169,7 +169,8 @@ pub(super) fn part_warnings(part: &PartReport, index: usize) -> Vec<String> {
     }
     if part.rejected as f64 > MANY_LEFT_OUT * part.readings as f64 {
         warnings.push(format!(
-            "{name}: {} of its readings lie beyond the gate and were left out: the kind may be wrong; name another with --kind, or check σ",
+            "{name}: {} of its readings lie beyond the gate and were left out: the kind may be wrong; name \
+             another with --kind, or check σ",
             part.rejected
         ));
     }

@@ -54,7 +54,8 @@ pub(crate) fn fit_page(
     sections.push(Section::new(
         "What is shown",
         vec![Block::Text(format!(
-            "The triangles lie within {} of the surface; their vertices carry its exact position and σ. A click reads the nearest of them. \
+            "The triangles lie within {} of the surface; their vertices carry its exact position and σ. A \
+             click reads the nearest of them. \
              Of the readings at most 20 000 are drawn, evenly chosen.",
             length(tolerance)
         ))],
@@ -116,14 +117,16 @@ fn misfit(scan: &ScanFigures, share_of_all: f64, unit: SmallUnit<'_>) -> Option<
     let sigma = scan.rms / scan.rms_normalised.max(f64::MIN_POSITIVE);
     if share > MOST_SET_ASIDE && share > 3.0 * share_of_all {
         Some(format!(
-            "Scan {} does not fit the others: {} of its readings were set aside, {} of all. Its pose or σ may be wrong, or those of the scans around it; or the thing moved.",
+            "Scan {} does not fit the others: {} of its readings were set aside, {} of all. Its pose or σ \
+             may be wrong, or those of the scans around it; or the thing moved.",
             scan.name,
             percent(share),
             percent(share_of_all)
         ))
     } else if scan.mean.abs() > MOST_APART * sigma {
         Some(format!(
-            "Scan {} lies {} off the others on average ({} σ of a reading): its pose may be off; --align estimates it.",
+            "Scan {} lies {} off the others on average ({} σ of a reading): its pose may be off; --align \
+             estimates it.",
             scan.name,
             unit.text(scan.mean),
             significant(scan.mean.abs() / sigma, 2)
@@ -163,7 +166,8 @@ fn findings(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> V
             found.push(Finding::new(
                 Level::Look,
                 format!(
-                    "The σ of sensor “{}” is false: it states {}, its residuals say {}, {times}. The estimate was used.",
+                    "The σ of sensor “{}” is false: it states {}, its residuals say {}, {times}. The \
+                     estimate was used.",
                     sensor.name,
                     text(stated),
                     text(sensor.sigma_estimated),
@@ -277,7 +281,9 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
             .collect();
         blocks.push(Block::Drawing {
             svg: plot::stated_and_found(&rows, unit.name),
-            caption: "Each sensor's σ along the normal, as stated and as its residuals say. A line to the right is a σ that is too small.".to_owned(),
+            caption: "Each sensor's σ along the normal, as stated and as its residuals say. A line to the \
+                right is a σ that is too small."
+                .to_owned(),
         });
     }
     let mut table = Table::new(["sensor", "readings", "σ stated", "σ found", "rms", "used"]);
@@ -304,7 +310,9 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
     if let Some(readings) = fit.readings.as_ref().filter(|r| !r.normalised.is_empty()) {
         blocks.push(Block::Drawing {
             svg: plot::normalised_residuals(&readings.normalised),
-            caption: "Residuals of the readings over their σ (bars), and the normal distribution (line). What lies beyond ±4 was set aside.".to_owned(),
+            caption: "Residuals of the readings over their σ (bars), and the normal distribution (line). \
+                What lies beyond ±4 was set aside."
+                .to_owned(),
         });
     }
     let moved: Vec<_> = report.poses.iter().filter(|p| p.moved.is_some()).collect();

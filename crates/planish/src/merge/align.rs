@@ -137,7 +137,8 @@ pub(super) fn align(
         }
         if !motion.undetermined.is_empty() {
             warnings.push(format!(
-                "the overlaps leave {} of the six directions of {} open: there it stays where it was (see `undetermined` of its pose in the JSON); what is shared may be \
+                "the overlaps leave {} of the six directions of {} open: there it stays where it was (see \
+                 `undetermined` of its pose in the JSON); what is shared may be \
                  small, flat or round",
                 motion.undetermined.len(),
                 names[k]
@@ -213,7 +214,8 @@ fn motions(
         let normalised: Vec<f64> = rows.iter().map(Residual::normalised).collect();
         if rows.len() < LEAST_RESIDUALS {
             return Err(Error::undetermined(format!(
-                "no two of the {} patches lie within {reach:.3} of one another: patches are aligned that stand a percent of their size and a degree off",
+                "no two of the {} patches lie within {reach:.3} of one another: patches are aligned that \
+                 stand a percent of their size and a degree off",
                 patches.len()
             )));
         }
@@ -233,7 +235,8 @@ fn motions(
         if at_rest || round + 1 == MOST_ROUNDS {
             if !at_rest {
                 warnings.push(format!(
-                    "the alignment is not at rest after {MOST_ROUNDS} rounds: its last step was {largest:.2} σ of a pose"
+                    "the alignment is not at rest after {MOST_ROUNDS} rounds: its last step was \
+                     {largest:.2} σ of a pose"
                 ));
             }
             let covariances = equations.covariances(excess_variance(&rows, scale, size, stated));
@@ -252,14 +255,16 @@ fn motions(
                 };
                 if motion.undetermined.len() >= MOST_OPEN {
                     return Err(Error::undetermined(format!(
-                        "{} cannot be aligned: what is near it on other patches is {how}, and tells {} of its six directions; check that it is a part of the same thing, in the same frame \
+                        "{} cannot be aligned: what is near it on other patches is {how}, and tells {} of \
+                         its six directions; check that it is a part of the same thing, in the same frame \
                          and unit (--unit), and that its σ is true",
                         names[k],
                         6 - motion.undetermined.len()
                     )));
                 }
                 warnings.push(format!(
-                    "{} and what is near it on other patches are still {how}: it is no part of the same thing, in another unit, or its σ is too small",
+                    "{} and what is near it on other patches are still {how}: it is no part of the same \
+                     thing, in another unit, or its σ is too small",
                     names[k]
                 ));
             }

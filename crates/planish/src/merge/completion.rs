@@ -138,7 +138,8 @@ pub(super) fn facing_in_words(facing: Facing, bound: &str) -> Vec<String> {
     }
     if facing.untold > 0 {
         words.push(format!(
-            "which way {} faces cannot be told by {bound}: what completes it is right only where it faces outwards",
+            "which way {} faces cannot be told by {bound}: what completes it is right only where it faces \
+             outwards",
             parts(facing.untold)
         ));
     }
@@ -211,7 +212,8 @@ fn within(
     let carved = mesh.triangles.len() - triangles.len();
     if triangles.is_empty() {
         return Err(Error::undetermined(
-            "all of the patches lies outside of what is to complete them: check that both are in one frame and unit",
+            "all of the patches lies outside of what is to complete them: check that both are in one frame \
+             and unit",
         ));
     }
     let mesh = TriangleMesh { positions: mesh.positions.clone(), triangles };

@@ -81,7 +81,8 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
             let [a, b] = found.first.map(|t| numbers.get(t as usize).copied().unwrap_or(t));
             let [x, y, z] = found.place;
             format!(
-                "{name} crosses itself: {} of its triangles, the first {a} and {b} (counted from 0) at ({x:.6}, {y:.6}, {z:.6})",
+                "{name} crosses itself: {} of its triangles, the first {a} and {b} (counted from 0) at \
+                 ({x:.6}, {y:.6}, {z:.6})",
                 match found.pairs {
                     1 => "one pair".to_owned(),
                     pairs => format!("{pairs} pairs"),
@@ -186,7 +187,8 @@ pub(super) fn unalike(patches: &[Patch], overlap: &Overlap, names: &[String], un
             let (_, edge, _) = spacing.select_nth_unstable_by(middle, f64::total_cmp);
             (sigma > UNALIKE * *edge).then(|| {
                 format!(
-                    "{name}: other patches near it differ by σ = {} {unit}, and its edges are {} {unit} long: where they are not of one thing, a smaller --epsilon keeps them apart",
+                    "{name}: other patches near it differ by σ = {} {unit}, and its edges are {} {unit} \
+                     long: where they are not of one thing, a smaller --epsilon keeps them apart",
                     significant(sigma, 3),
                     significant(*edge, 3)
                 )

@@ -50,7 +50,8 @@ fn merge_page(merged: &Merged) -> Page {
     let regular = report.valence.get(6).copied().unwrap_or(0) as f64
         / report.valence.iter().sum::<usize>().max(1) as f64;
     let mut mesh_text = format!(
-        "{}, {}; {} of the vertices have six neighbours. {} were made to sew the patches together, {} closed.",
+        "{}, {}; {} of the vertices have six neighbours. {} were made to sew the patches together, {} \
+         closed.",
         counted(report.triangles, "triangle"),
         counted(report.parts, "part"),
         percent(regular),
@@ -168,7 +169,9 @@ fn alignment(report: &MergeReport) -> Vec<Block> {
     }
     vec![
         Block::Text(
-            "Patches were brought to where they lie on the others, the first as it stands. σ is of the translation along an axis, and of the turn about one (root mean square over three axes); along open directions, which the overlaps do not tell, a patch stays where it was."
+            "Patches were brought to where they lie on the others, the first as it stands. σ is of the \
+             translation along an axis, and of the turn about one (root mean square over three axes); along \
+             open directions, which the overlaps do not tell, a patch stays where it was."
                 .to_owned(),
         ),
         Block::Table(table),

@@ -96,7 +96,8 @@ pub fn read_patches(
             let zeros = (0..sigma.len()).filter(is_zero).count();
             if let Some(v) = (0..sigma.len()).find(is_zero) {
                 return Err(Error::input(format!(
-                    "{name}: vertex {v} has σ = {}, as {zeros} of {} vertices have no positive one; leave the column `sigma` out where nothing is known",
+                    "{name}: vertex {v} has σ = {}, as {zeros} of {} vertices have no positive one; leave \
+                     the column `sigma` out where nothing is known",
                     sigma[v],
                     sigma.len()
                 )));
@@ -215,7 +216,8 @@ fn of_scan(path: &Path, posed: &PosedScan, sensor: Option<&Sensor>) -> Result<Na
     };
     let Some(grid) = &scan.grid else {
         return Err(Error::input(format!(
-            "{name}: needed a surface (a saved model, a mesh with faces, or a scan in rows and columns), found {} loose points: fit them first with `planish fit`",
+            "{name}: needed a surface (a saved model, a mesh with faces, or a scan in rows and columns), \
+             found {} loose points: fit them first with `planish fit`",
             scan.points.len()
         )));
     };

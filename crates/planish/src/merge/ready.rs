@@ -108,7 +108,8 @@ impl Ready {
         let in_space = in_order(self.names.clone(), &self.order);
         if overlap.regions.is_empty() {
             return Err(Error::undetermined(format!(
-                "no two of the {} patches overlap: {}; check that they share one frame and unit, try --align, or give a larger --epsilon",
+                "no two of the {} patches overlap: {}; check that they share one frame and unit, try \
+                 --align, or give a larger --epsilon",
                 self.patches.len(),
                 nearest(&self.patches, &self.searches, &in_space, self.unit)
             )));
@@ -138,7 +139,8 @@ impl Ready {
                 (0..self.patches[at].mesh.positions.len()).any(|v| !overlap.patches[at].feet(v).is_empty());
             if has_feet {
                 self.warnings.push(format!(
-                    "{}: none of its vertices is one of the mesh, as others lie farther within their patches or nearer together; what it says counts where these are put",
+                    "{}: none of its vertices is one of the mesh, as others lie farther within their \
+                     patches or nearer together; what it says counts where these are put",
                     self.names[*k]
                 ));
             }

@@ -62,7 +62,8 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
     let second = parts.iter().filter(|part| **part == 1).count();
     if second as f64 > SMALL_PART * parts.len() as f64 {
         return Err(Error::unsupported(format!(
-            "the merged surface has {count} parts, the second of {second} of {} triangles: a spline model needs one part; write a mesh, or merge the patches of one part only",
+            "the merged surface has {count} parts, the second of {second} of {} triangles: a spline model \
+             needs one part; write a mesh, or merge the patches of one part only",
             parts.len()
         )));
     }
@@ -93,7 +94,8 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
     let handles = (2 - check.euler_characteristic - check.boundary_loops as i64) / 2;
     if handles > 0 {
         warnings.push(format!(
-            "the merged surface has {handles} handles (or tunnels between its seams), its spline has none: see how far it is from the mesh there"
+            "the merged surface has {handles} handles (or tunnels between its seams), its spline has none: \
+             see how far it is from the mesh there"
         ));
     }
     let vertices = Vertices::of(merged, &is_of);

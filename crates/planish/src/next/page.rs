@@ -40,7 +40,8 @@ pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) ->
         findings.push(Finding::new(
             Level::Look,
             format!(
-                "On {} of the region's area σ holds shape that cells are too large to follow, up to {}: no reading makes it smaller, finer cells do.",
+                "On {} of the region's area σ holds shape that cells are too large to follow, up to {}: no \
+                 reading makes it smaller, finer cells do.",
                 percent(left.area_fraction),
                 unit.text(left.largest)
             ),
@@ -48,7 +49,8 @@ pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) ->
     }
     let mut blocks = vec![
         Block::Text(format!(
-            "Each of these readings has σ {} along the normal. σ now is what is known once all points before are measured.",
+            "Each of these readings has σ {} along the normal. σ now is what is known once all points \
+             before are measured.",
             unit.text(next.sigma)
         )),
         Block::Table(next_table(next, model_unit, unit)),
@@ -107,7 +109,8 @@ pub(crate) fn views_page(
         findings.push(Finding::new(
             Level::Look,
             format!(
-                "{} of the area is seen from none of the {} poses that were compared; the least known of it lies at {} with σ {}.",
+                "{} of the area is seen from none of the {} poses that were compared; the least known of it \
+                 lies at {} with σ {}.",
                 percent(next.unseen),
                 count(next.candidates),
                 place.position.map(|c| significant(c, 4)).join(", "),
@@ -160,7 +163,8 @@ pub(crate) fn views_page(
             "Views to take, in this order",
             vec![
                 Block::Text(
-                    "The sensor stands at x, y, z and looks along its z, with x right and y down. In the view, numbers stand where its axis meets the surface, with a line towards it; \
+                    "The sensor stands at x, y, z and looks along its z, with x right and y down. In the \
+                     view, numbers stand where its axis meets the surface, with a line towards it; \
                      the box “fields of view” shows where it stands and what its picture takes in."
                         .to_owned(),
                 ),

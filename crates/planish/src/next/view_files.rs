@@ -95,13 +95,17 @@ fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViews
 fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -> Result<()> {
     let along = next.sigma_along.unwrap_or(sensor.sigma_along);
     let mut text = format!(
-        "# Views to take, best first, by `planish next`. The sensor looks along its z, with x right and y down.\n# Save each scan, in the sensor's frame, in the file that is named here.\nunit = \"{unit}\"\n\n[sensor.next]\nkind = \"range\"\n# The mean of all readings.\nsigma_along = {along:?}\nsigma_across = {:?}\n",
+        "# Views to take, best first, by `planish next`. The sensor looks along its z, with x right and y \
+         down.\n# Save each scan, in the sensor's frame, in the file that is named here.\nunit \
+         = \"{unit}\"\n\n[sensor.next]\nkind = \"range\"\n# The mean of all readings.\nsigma_along = \
+         {along:?}\nsigma_across = {:?}\n",
         sensor.sigma_across
     );
     for (k, view) in next.views.iter().enumerate() {
         let _ = write!(
             text,
-            "\n[[scan]]\nsensor = \"next\"\nfile = \"view-{}.ply\"\npose = {{ translation = {:?}, quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
+            "\n[[scan]]\nsensor = \"next\"\nfile = \"view-{}.ply\"\npose = {{ translation = {:?}, \
+             quaternion_xyzw = {:?} }}\nviewpoint = [0.0, 0.0, 0.0]\n",
             k + 1,
             view.translation,
             view.quaternion_xyzw

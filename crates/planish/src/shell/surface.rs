@@ -155,7 +155,8 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
             let (fine, _) = subdivided(&mesh, SPHERES * softness, MOST_FACETS);
             if fine.triangles.len() >= MOST_FACETS {
                 warnings.push(format!(
-                    "{}: {} facets are not enough for spheres as small as the field is soft: the surface is bumpy; give a larger softness, or triangular metaballs",
+                    "{}: {} facets are not enough for spheres as small as the field is soft: the surface is \
+                     bumpy; give a larger softness, or triangular metaballs",
                     job.mesh.display(),
                     fine.triangles.len()
                 ));

@@ -195,7 +195,8 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
     let reports = judge(&scene, &said, &coloured, texture.as_ref());
     for view in reports.iter().filter(|view| view.left_out) {
         warnings.push(format!(
-            "view `{}` differs from the others at {} of the {} vertices that it sees, and was left out: its picture or its camera may be another's",
+            "view `{}` differs from the others at {} of the {} vertices that it sees, and was left out: its \
+             picture or its camera may be another's",
             view.view, view.odd, view.seen
         ));
     }
@@ -277,7 +278,8 @@ fn read(
     let two_sided = !mesh.check().oriented;
     if two_sided {
         warnings.push(format!(
-            "{}: its facets are not all turned the same way: what is thin may take colours from its other side",
+            "{}: its facets are not all turned the same way: what is thin may take colours from its other \
+             side",
             job.mesh.display()
         ));
     }
@@ -357,7 +359,8 @@ fn ask(job: &ShellTextureJob, scene: &Scene) -> Result<Answers> {
     let seen = blended.iter().flatten().count();
     if seen == 0 {
         return Err(Error::undetermined(format!(
-            "{}: no view sees any of the {} vertices: needed cameras that look at the mesh, in its unit and frame",
+            "{}: no view sees any of the {} vertices: needed cameras that look at the mesh, in its unit and \
+             frame",
             job.views.display(),
             mesh.positions.len()
         )));

@@ -51,7 +51,9 @@ pub(crate) fn sphere_page(options: &SphereOptions, rows: &[SphereRow], svg: Stri
         ],
         drawings: vec![Block::Drawing {
             svg,
-            caption: "Mean error over the noise: solid the patch filter, dashed the global filter, dotted what the global posterior lets expect.".to_owned(),
+            caption: "Mean error over the noise: solid the patch filter, dashed the global filter, dotted \
+                what the global posterior lets expect."
+                .to_owned(),
         }],
         sections: vec![Section::new("The rows", vec![Block::Table(table)])],
         ..Page::default()

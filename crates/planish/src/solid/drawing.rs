@@ -81,7 +81,8 @@ fn check_size(drawing: &Drawing, unit: Unit, job: &SolidJob) -> Result<()> {
         return Ok(());
     }
     Err(Error::input(format!(
-        "{}: what is drawn is {size:e} {unit} across: needed 0.001 mm to 1e9 mm, for what reads STEP works with fixed accuracies; check the unit (--unit, or $INSUNITS of a DXF) and the scale",
+        "{}: what is drawn is {size:e} {unit} across: needed 0.001 mm to 1e9 mm, for what reads STEP works \
+         with fixed accuracies; check the unit (--unit, or $INSUNITS of a DXF) and the scale",
         job.views.first().map(|v| v.display().to_string()).unwrap_or_default()
     )))
 }
@@ -202,7 +203,8 @@ fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
                 };
                 if !chains.iter().enumerate().any(touches) {
                     found.push(format!(
-                        "{}: {} of the {} view ends at {:.4} {:.4}, where no other line is: is the outline open?",
+                        "{}: {} of the {} view ends at {:.4} {:.4}, where no other line is: is the outline \
+                         open?",
                         paths[index.min(paths.len() - 1)].display(),
                         view.curves[k].entity,
                         view.kind.name(),
@@ -246,7 +248,8 @@ fn check_extents(drawing: &Drawing, paths: &[PathBuf]) -> Result<()> {
                     false => String::new(),
                 };
                 return Err(Error::input(format!(
-                    "{}: {} reaches {} = {:.6}, but the {} view ({}) ends at {:.6}{scale}: needed views of one scale in one frame",
+                    "{}: {} reaches {} = {:.6}, but the {} view ({}) ends at {:.6}{scale}: needed views of \
+                     one scale in one frame",
                     paths[index.min(paths.len() - 1)].display(),
                     ends[end],
                     ["x", "y", "z"][axis],

@@ -37,7 +37,8 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
             let off = (size - first).abs();
             if off > same(drawing) && off <= NEARLY * drawing.size() {
                 found.push(format!(
-                    "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} times as long: needed one scale; --tolerance {:.1e} takes coordinates so near for one",
+                    "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} \
+                     times as long: needed one scale; --tolerance {:.1e} takes coordinates so near for one",
                     file(paths, index),
                     view.kind.name(),
                     ["x", "y", "z"][axis],
@@ -77,7 +78,8 @@ pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<S
                     && off <= nearly
                 {
                     found.push(format!(
-                        "{}: {} of the {} view ends at {:.6} {:.6}, {off:.1e} from {entity} at {:.6} {:.6}: --tolerance {:.1e} joins ends so near",
+                        "{}: {} of the {} view ends at {:.6} {:.6}, {off:.1e} from {entity} at {:.6} {:.6}: \
+                         --tolerance {:.1e} joins ends so near",
                         file(paths, index),
                         drawn.entity,
                         view.kind.name(),
@@ -127,7 +129,8 @@ mod tests {
         let told = nearly_meeting_ends(&open, &paths);
         assert_eq!(
             told[0],
-            "front.dxf: LINE 0 of the front view ends at 39.999000 0.000000, 1.0e-3 from LINE 1 at 40.000000 0.000000: --tolerance 1.1e-3 joins ends so near"
+            "front.dxf: LINE 0 of the front view ends at 39.999000 0.000000, 1.0e-3 from LINE 1 at \
+             40.000000 0.000000: --tolerance 1.1e-3 joins ends so near"
         );
         let scaled = Drawing {
             views: vec![
@@ -138,9 +141,9 @@ mod tests {
         let told = nearly_equal_extents(&scaled, &paths);
         assert_eq!(
             told,
-            [
-                "top.dxf: the top view is 40.040000 long along x, and the front view (front.dxf) 40.000000, 1.001000 times as long: needed one scale; --tolerance 4.4e-2 takes coordinates so near for one"
-            ]
+            ["top.dxf: the top view is 40.040000 long along x, and the front view (front.dxf) 40.000000, \
+                 1.001000 times as long: needed one scale; --tolerance 4.4e-2 takes coordinates so near for \
+                 one"]
         );
         let fits = Drawing {
             views: vec![

@@ -229,7 +229,8 @@ impl Noisy {
         let leaning: Vec<String> = leaning.collect();
         if leaning.is_empty() {
             return error.in_context(
-                "contours are outlines: edges inside an outline are not seen, and a solid that shows some has other views",
+                "contours are outlines: edges inside an outline are not seen, and a solid that shows some \
+                 has other views",
             );
         }
         error.in_context(format!(

@@ -52,7 +52,8 @@ pub(super) fn prepare<'a>(
 /// What a tolerance would need, and what works.
 fn too_fine(solid: &Solid, tolerance: f64) -> Error {
     Error::input(format!(
-        "--mesh-tolerance {tolerance:e}: such a mesh has about {:.1e} triangles: needed at most {MOST_TRIANGLES:.0e}, as with --mesh-tolerance {:.1e}; a .step file is exact",
+        "--mesh-tolerance {tolerance:e}: such a mesh has about {:.1e} triangles: needed at most \
+         {MOST_TRIANGLES:.0e}, as with --mesh-tolerance {:.1e}; a .step file is exact",
         triangles_needed(solid, tolerance),
         // Rounded up, so that it works.
         1.06 * least_tolerance(solid)
@@ -65,7 +66,9 @@ fn refuse_coarse_numbers(job: &SolidJob, positions: &[[f64; 3]], tolerance: f64)
     let apart = farthest * f64::from(f32::EPSILON);
     match job.outputs.iter().find(|output| extension(output) == "stl") {
         Some(output) if apart > tolerance => Err(Error::unsupported(format!(
-            "{}: STL holds 32-bit numbers, which at coordinates of {farthest:.3e} are {apart:.1e} apart, more than the mesh's tolerance of {tolerance:.1e}: write .ply or .step, or draw nearer to the origin",
+            "{}: STL holds 32-bit numbers, which at coordinates of {farthest:.3e} are {apart:.1e} apart, \
+             more than the mesh's tolerance of {tolerance:.1e}: write .ply or .step, or draw nearer to the \
+             origin",
             output.display()
         ))),
         _ => Ok(()),
@@ -75,7 +78,8 @@ fn refuse_coarse_numbers(job: &SolidJob, positions: &[[f64; 3]], tolerance: f64)
 /// Why no mesh is written, and what can be done: neither the drawing nor the command is wrong.
 fn no_mesh(e: &Error, rank: usize) -> Error {
     Error::undetermined(format!(
-        "no file is written, for solid {rank} cannot be meshed: {e}; it can be written as .step, without .ply, .stl, .glb and .obj"
+        "no file is written, for solid {rank} cannot be meshed: {e}; it can be written as .step, without \
+         .ply, .stl, .glb and .obj"
     ))
 }
 

@@ -75,7 +75,8 @@ impl FromStr for CameraAngles {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        const NEEDED: &str = "needed AZIMUTH,ELEVATION in degrees, maybe with ,ZOOM behind (30,20 or 30,20,1.5), or front, back, left, right, \
+        const NEEDED: &str = "needed AZIMUTH,ELEVATION in degrees, maybe with ,ZOOM behind (30,20 or \
+            30,20,1.5), or front, back, left, right, \
                               top, bottom or iso";
         let named = |[azimuth_deg, elevation_deg]: [f64; 2]| Self { azimuth_deg, elevation_deg, zoom: 1.0 };
         let (name, zoom) = match text.split_once(',') {

@@ -118,7 +118,8 @@ impl Thing {
         let path = &viewed.file;
         if viewed.reference.is_some() {
             return Err(Error::unsupported(format!(
-                "{}: needed a model with a surface, found points only: deviations are those of a surface from a reference",
+                "{}: needed a model with a surface, found points only: deviations are those of a surface \
+                 from a reference",
                 path.display()
             )));
         }

@@ -259,7 +259,8 @@ fn open_cascade_finds_every_shape_valid_with_our_area_and_box() {
         let area = area * millimetres * millimetres;
         let found = result["area"].as_f64().unwrap();
         println!(
-            "{name}: valid {}, faces {faces}, area {found:.6} (ours {area:.6}, off {:.1e}), volume {}, tolerance {}",
+            "{name}: valid {}, faces {faces}, area {found:.6} (ours {area:.6}, off {:.1e}), volume {}, \
+             tolerance {}",
             result["valid"],
             found / area - 1.0,
             result["volume"],

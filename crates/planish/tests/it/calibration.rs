@@ -184,7 +184,8 @@ fn two_hundred_draws_reach_both_bounds() {
         let ratio = cramer_rao_ratio(shape, 200);
         let (nees, band, posterior) = posterior_honesty(shape, 200);
         println!(
-            "{:5}  RMSE/CRB {ratio:.4}   NEES/dof {nees:.4} in [{:.4}, {:.4}]   RMSE/posterior {posterior:.4}",
+            "{:5}  RMSE/CRB {ratio:.4}   NEES/dof {nees:.4} in [{:.4}, {:.4}]   RMSE/posterior \
+             {posterior:.4}",
             shape.name(),
             band.lower,
             band.upper

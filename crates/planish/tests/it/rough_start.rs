@@ -66,7 +66,8 @@ fn scene(folder: &Path) -> ShellFitJob {
         let t = r.map(|row| -dot(row, eye));
         writeln!(
             text,
-            "[[view]]\nname = \"v{view}\"\nmask = \"m{view}.png\"\nheld_out = {held_out}\nK = [[{FOCAL:?}, 0.0, {:?}], [0.0, {FOCAL:?}, {:?}], [0.0, 0.0, 1.0]]\nR = {r:?}\nt = {t:?}",
+            "[[view]]\nname = \"v{view}\"\nmask = \"m{view}.png\"\nheld_out = {held_out}\nK = [[{FOCAL:?}, \
+             0.0, {:?}], [0.0, {FOCAL:?}, {:?}], [0.0, 0.0, 1.0]]\nR = {r:?}\nt = {t:?}",
             middle[0], middle[1]
         )
         .unwrap();

@@ -219,7 +219,8 @@ fn views_in_svg_give_the_same_solid() {
         write(
             "side",
             &format!(
-                "<rect width='30' height='20'/><g {dashed}><line x1='9' x2='9' y2='20'/><line x1='21' x2='21' y2='20'/></g>"
+                "<rect width='30' height='20'/><g {dashed}><line x1='9' x2='9' y2='20'/><line x1='21' \
+                 x2='21' y2='20'/></g>"
             ),
         ),
     ];

@@ -117,7 +117,8 @@ fn the_reference_samples_are_told_apart() {
     };
     let read = |path: &Path| read_inputs(&[path], Some(Unit::Metre)).unwrap();
     println!(
-        "sample   type I  type II   total       κ |  of the sheet: σ of readings   median off     rms off   within 0.5 m"
+        "sample   type I  type II   total       κ |  of the sheet: σ of readings   median off     rms off   \
+         within 0.5 m"
     );
     let mut all: Vec<[f64; 4]> = Vec::new();
     for sample in ["11", "12", "21", "22", "23", "24", "31", "41", "42", "51", "52", "53", "54", "61", "71"] {

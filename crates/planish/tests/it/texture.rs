@@ -84,7 +84,8 @@ fn scene(folder: &Path) -> ShellTextureJob {
         let t = r.map(|row| -dot(row, eye));
         writeln!(
             text,
-            "[[view]]\nimage = \"v{view}.png\"\nheld_out = {}\nK = [[{FOCAL:?}, 0, {cx}], [0, {FOCAL:?}, {cy}], [0, 0, 1]]\nR = {r:?}\nt = {t:?}",
+            "[[view]]\nimage = \"v{view}.png\"\nheld_out = {}\nK = [[{FOCAL:?}, 0, {cx}], [0, {FOCAL:?}, \
+             {cy}], [0, 0, 1]]\nR = {r:?}\nt = {t:?}",
             view as usize == HELD_OUT
         )
         .unwrap();

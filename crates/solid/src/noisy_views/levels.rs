@@ -292,7 +292,8 @@ pub(super) fn not_one_thing(ends: &[End], alone: &Constrained, views: &[NoisyVie
     };
     let chi_square = worst.chi_square(alone);
     Error::input(format!(
-        "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; needed views of one thing, at one scale, in one frame",
+        "{}, but {}: χ² = {chi_square:.4} of 1 degree, p = {:.1e}; needed views of one thing, at one scale, \
+         in one frame",
         said(&worst.a),
         said(&worst.b),
         chi_square_tail(chi_square, 1)

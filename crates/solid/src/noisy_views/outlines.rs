@@ -42,7 +42,8 @@ fn outline(kind: &Kind, theta: &[f64]) -> Result<Vec<(Curve2, String)>> {
     }
     if matches!(kind, Kind::Ellipse | Kind::Line) {
         return Err(Error::unsupported(
-            "needed circles, and outlines of lines and arcs, of which solids of planes and cylinders are made",
+            "needed circles, and outlines of lines and arcs, of which solids of planes and cylinders are \
+             made",
         ));
     }
     let Some(outline) = kind.outline(theta) else {

@@ -40,7 +40,8 @@ impl Knots {
         }
         if n <= degree || at.len() != n + degree + 1 {
             return Err(Error::input(format!(
-                "needed more than {degree} control points and {degree} + 1 knots more than these, found {n} and {}",
+                "needed more than {degree} control points and {degree} + 1 knots more than these, found {n} \
+                 and {}",
                 at.len()
             )));
         }

@@ -40,7 +40,8 @@ impl<'a> Cells<'a> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         if is_too_fine(plan) {
             return Err(Error::unsupported(format!(
-                "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MOST_BOXES}, as where lines end or turn at fewer places",
+                "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MOST_BOXES}, as \
+                 where lines end or turn at fewer places",
                 n[0], n[1], n[2]
             )));
         }
@@ -56,7 +57,8 @@ impl<'a> Cells<'a> {
                     total += 1_usize << cuts.min(24);
                     if total > MOST_ATOMS {
                         return Err(Error::unsupported(format!(
-                            "the drawing cuts space into more than {MOST_ATOMS} parts: needed a simpler drawing"
+                            "the drawing cuts space into more than {MOST_ATOMS} parts: needed a simpler \
+                             drawing"
                         )));
                     }
                 }

@@ -50,7 +50,8 @@ pub fn joined(drawing: &Drawing, tolerance: f64) -> Result<Drawing> {
                     (*a, *b) = ([to(0, a[0]), to(1, a[1])], [to(0, b[0]), to(1, b[1])]);
                     if a == b && ends[0] != ends[1] {
                         return Err(Error::input(format!(
-                            "{} is not longer than the tolerance {tolerance:e}: needed a smaller one, or a drawing without it",
+                            "{} is not longer than the tolerance {tolerance:e}: needed a smaller one, or a \
+                             drawing without it",
                             drawn.entity
                         )));
                     }

@@ -80,8 +80,10 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
         let Some(kind) = kind.filter(|k| views.iter().all(|v: &View| v.kind.axes() != k.axes())) else {
             let [[left, right], [bottom, top]] = groups[g].span;
             return Err(Error::input(format!(
-                "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that stands neither where the top view nor where a \
-                 side view of the {} convention belongs: needed views of one scale in line with the front view",
+                "{name}: is part of a view ({left:.3} to {right:.3}, {bottom:.3} to {top:.3}) that stands \
+                 neither where the top view nor where a \
+                 side view of the {} convention belongs: needed views of one scale in line with the front \
+                 view",
                 match projection {
                     Projection::FirstAngle => "first-angle",
                     Projection::ThirdAngle => "third-angle",

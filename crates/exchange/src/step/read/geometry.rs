@@ -260,7 +260,8 @@ impl Geometry<'_, '_> {
         let half_angle_rad = entity.number(3)? * self.angle;
         if !(radius >= 0.0 && half_angle_rad > 0.0 && half_angle_rad < FRAC_PI_2) {
             return Err(entity.wrong(&format!(
-                "needed a radius of 0 or more and half an angle between 0 and a right angle, found {radius} and {half_angle_rad} rad"
+                "needed a radius of 0 or more and half an angle between 0 and a right angle, found {radius} \
+                 and {half_angle_rad} rad"
             )));
         }
         Ok(Surface::Elementary(brep::Surface::Cone { origin, axis: z, x, radius, half_angle_rad }))
@@ -315,7 +316,8 @@ fn repeated(entity: &Entity, counts: &[usize], knots: &[f64], wanted: usize) -> 
     let sum = counts.iter().fold(0_usize, |sum, n| sum.saturating_add(*n));
     if counts.len() != knots.len() || sum != wanted {
         return Err(entity.wrong(&format!(
-            "needed a multiplicity for each knot, {wanted} in all, found {} knots and {} multiplicities that sum to {sum}",
+            "needed a multiplicity for each knot, {wanted} in all, found {} knots and {} multiplicities \
+             that sum to {sum}",
             knots.len(),
             counts.len()
         )));

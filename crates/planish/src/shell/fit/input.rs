@@ -263,7 +263,8 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             let count = mesh.positions.len();
             if count > MOST_VERTICES {
                 return Err(Error::unsupported(format!(
-                    "{}: has {count} vertices, and at most {MOST_VERTICES} may each move on their own: use controls, or a coarser mesh",
+                    "{}: has {count} vertices, and at most {MOST_VERTICES} may each move on their own: use \
+                     controls, or a coarser mesh",
                     job.mesh.display()
                 )));
             }

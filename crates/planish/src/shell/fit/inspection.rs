@@ -49,7 +49,8 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     let [size_text, reach_text] = [size, reach].map(|length| significant(length, 3));
     if reach > LARGER * size || reach < SMALLER * size {
         return Err(Error::undetermined(format!(
-            "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: needed one unit (--unit is that of files that name none), or a mesh of the thing's size"
+            "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: needed one unit \
+             (--unit is that of files that name none), or a mesh of the thing's size"
         )));
     }
     let search = MeshSearch::try_new(mesh)?;
@@ -61,7 +62,8 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     let median = quantile_of_sorted(&away, 0.5);
     if median > (FAR * size).min(reach) {
         return Err(Error::undetermined(format!(
-            "half of the points are more than {} {unit} from the mesh, which reaches over {size_text} {unit}, and they over {reach_text} {unit}: bring both into one frame and unit first",
+            "half of the points are more than {} {unit} from the mesh, which reaches over {size_text} \
+             {unit}, and they over {reach_text} {unit}: bring both into one frame and unit first",
             significant(median, 3)
         )));
     }
@@ -93,7 +95,8 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
         let share = at_frame(&mask.mask, mask.columns, mask.rows);
         if share > AT_FRAME {
             words.push(format!(
-                "view {name}: {} of the mask's frame is the thing: is the mask inverted? The thing is what is brighter than its threshold",
+                "view {name}: {} of the mask's frame is the thing: is the mask inverted? The thing is what \
+                 is brighter than its threshold",
                 percent(share)
             ));
         }
@@ -106,10 +109,12 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
             // nothing.
             let off_axis = (0..2).any(|k| (middle[k] - 0.5 * picture[k]).abs() > OFF_AXIS * picture[k]);
             words.push(format!(
-                "view {name}: the mesh shows next to nowhere in its mask before the fit: is it the mask of another view, or the camera or the mesh in another unit or frame?{}",
+                "view {name}: the mesh shows next to nowhere in its mask before the fit: is it the mask of \
+                 another view, or the camera or the mesh in another unit or frame?{}",
                 match off_axis {
                     true => format!(
-                        " The camera's axis meets the picture at {:.0}, {:.0}, and the mask has {} × {} pixels: K may be of a picture of another size",
+                        " The camera's axis meets the picture at {:.0}, {:.0}, and the mask has {} × {} \
+                         pixels: K may be of a picture of another size",
                         middle[0], middle[1], mask.columns, mask.rows
                     ),
                     false => String::new(),
@@ -143,7 +148,8 @@ pub(super) fn outcome(
         let Some(report) = report else { continue };
         if 3 * report.outliers > report.count {
             words.push(format!(
-                "{} of {} {what} are gross errors: the mesh may have too few controls for the thing, or have started too far away",
+                "{} of {} {what} are gross errors: the mesh may have too few controls for the thing, or \
+                 have started too far away",
                 report.outliers, report.count
             ));
         }
@@ -153,20 +159,23 @@ pub(super) fn outcome(
     }
     for (view, iou) in done.iou.iter().filter(|(_, iou)| **iou < NOT_REACHED) {
         words.push(format!(
-            "view {view}: what the mesh shows agrees with its mask by {} only (intersection over union): see whether the mask is that view's",
+            "view {view}: what the mesh shows agrees with its mask by {} only (intersection over union): \
+             see whether the mask is that view's",
             significant(*iou, 2)
         ));
     }
     let distortion = mesh.distortion(found);
     if distortion.folds > 0 {
         words.push(format!(
-            "{} of the mesh folded over: bent by less than a right angle before, by more than 120° now; fewer controls hold it smoother",
+            "{} of the mesh folded over: bent by less than a right angle before, by more than 120° now; \
+             fewer controls hold it smoother",
             counted(distortion.folds, "edge")
         ));
     }
     if distortion.stretched > 0 {
         words.push(format!(
-            "{} grew by four times what the others did, and more: see whether there are spikes, which fewer controls or more points prevent",
+            "{} grew by four times what the others did, and more: see whether there are spikes, which fewer \
+             controls or more points prevent",
             counted(distortion.stretched, "edge")
         ));
     }
@@ -178,7 +187,8 @@ fn misstated(points: &ReadingsReport, believed: bool) -> Option<String> {
     let grossly = !(1.0 / MISSTATED..=MISSTATED).contains(&factor);
     (grossly && !believed).then(|| {
         format!(
-            "the points' residuals are {} of what their σ say: that was taken (--believe-sigma takes σ as stated)",
+            "the points' residuals are {} of what their σ say: that was taken (--believe-sigma takes σ as \
+             stated)",
             match factor > 1.0 {
                 true => format!("{} times", significant(factor, 2)),
                 false => percent(factor),

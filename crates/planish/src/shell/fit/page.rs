@@ -94,7 +94,8 @@ fn findings(report: &ShellFitReport) -> Vec<Finding> {
             found.push(Finding::new(
                 Level::Look,
                 format!(
-                    "The σ of {what} is {} times what was stated: the stated one is false, or the controls are too few for the shape.",
+                    "The σ of {what} is {} times what was stated: the stated one is false, or the controls \
+                     are too few for the shape.",
                     significant(of.sigma_factor, 3)
                 ),
             ));
@@ -189,7 +190,8 @@ fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
         vec![
             Block::Table(table),
             Block::Text(format!(
-                "Smoothness weighs {}, by marginal likelihood. Vertices count as measured where more than half of what is known of them comes from the readings.",
+                "Smoothness weighs {}, by marginal likelihood. Vertices count as measured where more than \
+                 half of what is known of them comes from the readings.",
                 significant(report.smoothness_weight, 3)
             )),
         ],
@@ -264,7 +266,11 @@ fn frames(report: &ShellFitReport, unit: SmallUnit<'_>) -> Option<Section> {
     Some(Section::new(
         "Frame by frame",
         vec![
-            Block::Text("All above is of the last frame. Surprise: by how many σ the parameters differ from what was predicted (rms).".to_owned()),
+            Block::Text(
+                "All above is of the last frame. Surprise: by how many σ the parameters differ from \
+                what was predicted (rms)."
+                    .to_owned(),
+            ),
             Block::Table(table),
         ],
     ))

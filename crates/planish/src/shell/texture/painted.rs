@@ -55,14 +55,17 @@ pub(super) fn paint(
     let size = job.texture_size.unwrap_or_else(usual);
     if size < least || size > LARGEST_TEXTURE {
         return Err(Error::input(format!(
-            "a texture of {count} triangles takes {least} pixels along a side or more, and {LARGEST_TEXTURE} are the most, found {size}: needed another size, a coarser mesh, or colours of vertices"
+            "a texture of {count} triangles takes {least} pixels along a side or more, and \
+             {LARGEST_TEXTURE} are the most, found {size}: needed another size, a coarser mesh, or colours \
+             of vertices"
         )));
     }
     let chart = own.unwrap_or_else(|| Chart::atlas(count, size));
     match chart.outside() {
         0 => {}
         n => warnings.push(format!(
-            "{}: {n} of {count} triangles have no texture coordinates or reach out of the picture: they get no colours of their own",
+            "{}: {n} of {count} triangles have no texture coordinates or reach out of the picture: they get \
+             no colours of their own",
             job.mesh.display()
         )),
     }
