@@ -4,7 +4,8 @@
 //! of the parameters, the bipartite graph with its maximum matching, the minimal and the pair graph
 //! ([`ViewGraphs`]), the parts of the structure ([`Decomposition`]), the composite graph of several views
 //! ([`Composite`]), Euler and postman tours ([`postman_tour`]); all as DOT and, through serde, as JSON. Not
-//! guaranteed: that a composite's vertices and edges belong to a solid; the crate `planish-solid` finds those.
+//! guaranteed: that a composite's vertices and edges belong to a solid; the crate `planish-solid` finds
+//! those.
 //!
 //! # The paper's prism, and its misprints
 //! Eq. 4.1 as printed names a point `P6` and an `f5: x1 = e`. With the text's three points of the front view

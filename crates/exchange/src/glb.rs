@@ -1,8 +1,9 @@
 //! GLB, binary glTF 2.0: what browsers and viewers show; meshes in and out.
 //!
 //! Comes in: a file whose geometry stands in its own binary chunk. Goes out: a
-//! [`PolygonMesh`](crate::mesh_data::PolygonMesh) of all meshes of the scene, in metres, the unit of glTF; normals
-//! are the columns `nx ny nz`, the attributes `_SIGMA` and `_OBSERVED` the columns `sigma` and `observed`.
+//! [`PolygonMesh`](crate::mesh_data::PolygonMesh) of all meshes of the scene, in metres, the unit of glTF;
+//! normals are the columns `nx ny nz`, the attributes `_SIGMA` and `_OBSERVED` the columns `sigma` and
+//! `observed`.
 //!
 //! **Written files** hold one mesh: `float32` positions about the middle of the mesh, which is the
 //! translation of its node, so that far coordinates lose no digits; the node's scale turns the model's unit

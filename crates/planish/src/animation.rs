@@ -1,6 +1,6 @@
 //! A model that forms before one's eyes: its snapshots as an animated mesh, or as pictures.
 //!
-//! Comes in: a fitted model with its [`Forming`]. Goes out: a GLB file with a morph target for every
+//! Input: a fitted model with its [`Forming`]. Output: a GLB file with a morph target for every
 //! snapshot, or a folder of PNG pictures `frame_0001.png` and so on. Colours show σ along the normal, on one
 //! logarithmic scale for all frames, from dark violet (small) to yellow (large). In the pictures orange dots
 //! are the readings so far.
@@ -206,11 +206,11 @@ impl ColourScale {
     }
 }
 
-/// A camera that looks at the middle of a thing from four sizes away: parallel enough that nothing is
+/// A camera that looks at the middle of an object from four sizes away: parallel enough that nothing is
 /// distorted.
 struct Camera {
     at: [f64; 3],
-    /// To the right, up, and towards the thing.
+    /// To the right, up, and towards the object.
     axes: [[f64; 3]; 3],
     /// Pixels over tangents.
     focal: f64,

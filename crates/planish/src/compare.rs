@@ -1,7 +1,7 @@
 //! Deviations of a model from a reference, and how often the model's stated σ covers them.
 //!
-//! Comes in: a model (`.planish`, or a mesh, maybe with columns `sigma` and `observed`) and a [`Reference`]:
-//! a mesh, or points with or without σ. Goes out: a [`ComparisonReport`] in the model's unit.
+//! Input: a model (`.planish`, or a mesh, maybe with columns `sigma` and `observed`) and a [`Reference`]:
+//! a mesh, or points with or without σ. Output: a [`ComparisonReport`] in the model's unit.
 //!
 //! *Forward*: from the vertices of the model's mesh to the reference's mesh. *Backward*: from the reference's
 //! points to the model's surface, by exact foot points where a `.planish` is given. Both are positive where
@@ -125,16 +125,16 @@ pub struct ComparisonReport {
     pub coverage95: Option<f64>,
     /// What was left out.
     pub skipped: Skipped,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
 /// How to compare.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CompareOptions {
-    /// The unit of files that name none; the other file's where none is given, else millimetres.
+    /// The unit of files that name none; the other file's if none is given, else millimetres.
     pub unit: Option<Unit>,
-    /// Chord error of the model's mesh, in the model's unit; half the median σ where none is given.
+    /// Chord error of the model's mesh, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,
     /// Which part of the model is compared.
     pub part: ComparedPart,
@@ -381,7 +381,7 @@ pub(crate) struct ShownReference {
     pub points: Vec<[f64; 3]>,
     /// The model's signed deviation from each.
     pub deviations: Vec<f64>,
-    /// The same over its σ; not finite where none is known.
+    /// The same over its σ; not finite if none is known.
     pub normalised: Vec<f64>,
     /// Its triangles, where it has any.
     pub mesh: Option<TriangleMesh>,

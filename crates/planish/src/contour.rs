@@ -1,6 +1,6 @@
 //! `planish contour`: which contour a sensor of uncertain pose saw.
 //!
-//! Comes in: a [`ContourJob`]. Goes out: a [`ContourReport`], as JSON, DXF and SVG too. Readings are told
+//! Input: a [`ContourJob`]. Output: a [`ContourReport`], as JSON, DXF and SVG too. Readings are told
 //! apart by level, then by gaps between them; of each part several kinds are tried. Not guaranteed: parts
 //! that are nearer to each other than readings of one part; `gap` says where that is.
 
@@ -45,7 +45,7 @@ use std::path::{Path, PathBuf};
 /// Fewer readings than this are no part, but strays.
 const LEAST_READINGS: usize = 8;
 
-/// What to do.
+/// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContourJob {
     /// CSV of readings, a CARMEN log, or a picture (PNG or JPEG) whose edges are the readings.
@@ -69,7 +69,7 @@ pub struct ContourJob {
     pub outputs: Vec<PathBuf>,
     /// What to find and impose between the contours.
     pub constrain: ConstrainJob,
-    /// Side of a picture's pixels, where the readings are the edges of one; 1 where it is not given.
+    /// Side of a picture's pixels, where the readings are the edges of one; 1 if it is not given.
     pub pixel: Option<f64>,
     /// Unit of lengths where the file does not name it.
     pub unit: Option<Unit>,
@@ -237,7 +237,7 @@ fn parts_of(
     if strays > 0 {
         let lie = if strays == 1 { "reading lies" } else { "readings lie" };
         warnings.push(format!(
-            "{strays} {lie} apart from all others, left out: raise --gap if they belong together"
+            "{strays} {lie} apart from all others and is not used: raise --gap if they belong together"
         ));
     }
     let (kinds, chains) = match job.kinds.is_empty() && !job.chains {
@@ -254,7 +254,7 @@ fn parts_of(
         match choose(&kinds, chains, &sightings, &job.fit) {
             Ok(choice) => parts.push(Part { level, members, choice }),
             Err(e) if count > 1 => {
-                warnings.push(format!("a part of {} readings was left out: {e}", members.len()))
+                warnings.push(format!("a part of {} readings could not be fitted: {e}", members.len()))
             }
             Err(e) => return Err(e),
         }

@@ -1,6 +1,6 @@
 //! The job `planish fit`: files in, a model fitted or updated, files out.
 //!
-//! Comes in: a [`FitJob`]. Goes out: the files that it names and a [`FitJobReport`]. Outputs are checked
+//! Input: a [`FitJob`]. Output: the files that it names and a [`FitJobReport`]. Outputs are checked
 //! before anything is read, and written when everything else has succeeded.
 
 mod page;
@@ -30,7 +30,7 @@ use std::time::Instant;
 /// The fewest control vertices that a limit may allow: the coarsest surfaces have a few dozen.
 pub const LEAST_COEFFICIENTS: usize = 16;
 
-/// No sensor that is worth adding errs by more than this share of the thing's size.
+/// No sensor that is worth adding errs by more than this share of the object's size.
 const MOST_DISTANT: f64 = 0.05;
 /// σ of a pose from where a steady motion leads, above which the scan is named.
 const MOST_INNOVATION: f64 = 3.0;
@@ -66,7 +66,7 @@ pub struct FitJob {
     /// Where refinement stops, in place of [`FitOptions::tolerance`]: a length in a unit of its own, or in
     /// that of the scans.
     pub tolerance: Option<Length>,
-    /// Chord error of meshes, in the model's unit; half the median σ where none is given.
+    /// Chord error of meshes, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,
     /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is
     /// given.
@@ -88,11 +88,11 @@ pub struct FitJobReport {
     pub fit: FitReport,
     /// Unit of every length.
     pub unit: Unit,
-    /// What was read.
+    /// Files that were read.
     pub inputs: Vec<InputFile>,
-    /// What was written.
+    /// Files that were written.
     pub written: Vec<WrittenFile>,
-    /// How the model formed, where that was asked for.
+    /// How the model formed, if requested.
     pub animation: Option<AnimationReport>,
     /// Readings of all sessions that the model holds.
     pub observations_of_all_sessions: usize,
@@ -191,7 +191,8 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     report.warnings.extend(in_far_places);
     if unit_of_maps {
         (report.warnings).push(
-            "no file names its unit of length: metres were taken, as on maps; say --unit m or ft".to_owned(),
+            "no file states its unit of length: metres are assumed, as on maps; use --unit m or ft"
+                .to_owned(),
         );
     }
     report.warnings.extend(unclassified(job, &set));
@@ -282,7 +283,7 @@ fn write(
     prepared.write(&provenance)
 }
 
-/// Scans of a moving thing that do not go on as those before them.
+/// Scans of a moving object that do not go on as those before them.
 fn unsteady(report: &FitReport) -> Vec<String> {
     let motion = report.propagation.as_ref().and_then(|p| p.motion.as_ref());
     let off = motion.iter().flat_map(|m| &m.poses).filter(|pose| pose.innovation > MOST_INNOVATION);
@@ -296,7 +297,7 @@ fn unsteady(report: &FitReport) -> Vec<String> {
     .collect()
 }
 
-/// Every reading was set aside: a model that nothing was added to is no result.
+/// Every reading was rejected: a model that nothing was added to is no result.
 fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
     let causes: Vec<String> = report.rejected.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
     let surface = match &job.update {
@@ -304,13 +305,13 @@ fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
         None => "the surface".to_owned(),
     };
     Error::undetermined(format!(
-        "{}: every reading was set aside ({}): none says anything of {surface}",
+        "{}: every reading was rejected ({}): no reading measures {surface}",
         names(&job.inputs),
         causes.join(", ").replace('_', " ")
     ))
 }
 
-/// A sensor whose σ is not stated explains any distance by its σ: readings of another thing, or in another
+/// A sensor whose σ is not stated explains any distance by its σ: readings of another object, or in another
 /// frame, are found by size.
 fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
     let size = BoundingBox::of(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
@@ -355,7 +356,8 @@ fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
     let mut warnings = Vec::new();
     if set.unit.is_none() && earlier.is_none() {
         warnings.push(
-            "no file names its unit of length: millimetres were taken; say --unit mm, m, in or ft".to_owned(),
+            "no file states its unit of length: millimetres are assumed; use --unit mm, m, in or ft"
+                .to_owned(),
         );
     }
     for posed in &set.scans {
@@ -434,7 +436,7 @@ fn check_settings(job: &FitJob) -> Result<()> {
         ("tolerance", job.tolerance.map(|length| length.value).or(tolerance)),
         ("mesh tolerance", job.mesh_tolerance),
         ("cell size", job.cell_size),
-        ("width of what stands on the ground", widest),
+        ("width of objects on the ground", widest),
     ] {
         if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
             return Err(Error::input(format!("needed a {name} > 0, found {value}")));

@@ -1,7 +1,7 @@
 //! The graphs of constraints as files: JSON or DOT.
 //!
-//! Comes in: [`ViewGraphs`] of one view or several with their structure and tours, and the composite graph of
-//! several. Goes out: one file with all of them.
+//! Input: [`ViewGraphs`] of one view or several with their structure and tours, and the composite graph of
+//! several. Output: one file with all of them.
 
 use planish_contour::constraint::{BarId, Constraint, Decomposition, Diagnosis, Drawing, PointId};
 use planish_contour::graph::{Composite, Tour, TourEdge, ViewGraphs, postman_tour};

@@ -1,6 +1,6 @@
 //! What a file holds.
 //!
-//! Comes in: a scan, a list of scans, a mesh or a saved model. Goes out: a [`FileInfo`]. Everything is read,
+//! Input: a scan, a list of scans, a mesh or a saved model. Output: a [`FileInfo`]. Everything is read,
 //! not only the header: a file that is cut off or malformed is found.
 //!
 //! Not guaranteed: anything about STEP files, which are written here but not read.
@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 /// What a file holds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FileInfo {
-    /// Unit of every length, where it is known.
+    /// Unit of every length, if known.
     #[serde(skip)]
     pub unit: Option<Unit>,
     /// Every file that was read: the file itself, and those that it names.
@@ -31,7 +31,7 @@ pub struct FileInfo {
     /// The contents.
     #[serde(flatten)]
     pub contents: Contents,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 /// Work that reads files, computes a result and writes files.
 ///
-/// A job is a plain struct with public fields and, where it has sensible ones, defaults. [`Job::run`] checks every
-/// output before any work, so that a run of an hour does not end with a file that cannot be written.
+/// A job is a plain struct with public fields and, where it has sensible ones, defaults. [`Job::run`] checks
+/// every output before any work, so that a run of an hour does not end with a file that cannot be written.
 ///
 /// # Examples
 /// ```no_run
@@ -47,8 +47,8 @@ pub trait Job {
     /// Checks the outputs, then reads, computes and writes.
     ///
     /// # Errors
-    /// As [`Job::outputs`] and [`Job::execute`]; before any work `Input` for an output that is named twice or is
-    /// also an input, and `Io` for one that cannot be written.
+    /// As [`Job::outputs`] and [`Job::execute`]; before any work `Input` for an output that is named twice or
+    /// is also an input, and `Io` for one that cannot be written.
     fn run(&self, progress: &dyn Progress) -> Result<Self::Report> {
         check_outputs(&self.outputs()?, &self.inputs()?)?;
         self.execute(progress)

@@ -1,6 +1,6 @@
 //! Surface patches that overlap, merged into one mesh.
 //!
-//! Comes in: saved models, meshes and organised scans in one frame. Goes out: one manifold mesh with σ and
+//! Input: saved models, meshes and organised scans in one frame. Output: one manifold mesh with σ and
 //! `observed`, and a [`MergeReport`].
 //!
 //! What is merged where is told by [`planish_mesh::Overlap`]; common regions are fused by the information of
@@ -64,14 +64,14 @@ pub enum MergeMethod {
 /// How patches are merged.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MergeOptions {
-    /// How shared places are fused; where nothing is said, by information if all patches state σ, and by a
+    /// How shared places are fused; if not specified, by information if all patches state σ, and by a
     /// refit if not.
     pub method: Option<MergeMethod>,
     /// Unit of files that name none.
     pub unit: Option<Unit>,
-    /// How far the mesh of a model may leave its surface; half its median σ where none is given.
+    /// How far the mesh of a model may leave its surface; half its median σ if none is given.
     pub mesh_tolerance: Option<Length>,
-    /// ε: places nearer than this are one; 2.58 σ of their difference (99 %) where none is given.
+    /// ε: places nearer than this are one; 2.58 σ of their difference (99 %) if none is given.
     pub epsilon: Option<Length>,
     /// θ in degrees: normals of one place differ by less.
     pub theta_deg: Option<f64>,
@@ -230,7 +230,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     })
 }
 
-/// Sews in what bounds the thing, where no patch is.
+/// Sews in what bounds the object, where no patch is.
 fn complete(sewn: &mut Zipped, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
     let completed = completed(sewn, &bound.tidied.patch)?;
     ready.warnings.extend(facing_in_words(completed.facing, &bound.name));

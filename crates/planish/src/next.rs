@@ -1,7 +1,7 @@
 //! Where to measure next: the points, or the poses of a sensor, whose readings would make a model's σ
 //! smallest.
 //!
-//! Comes in: a model and the σ of a sensor, or a sensor with its field of view. Goes out: points on the
+//! Input: a model and the σ of a sensor, or a sensor with its field of view. Output: points on the
 //! surface ([`next_points`]), or poses around it ([`next_views`]), one after the other, each the best given
 //! those before it, with σ before and after. Nothing is fitted: what a reading would do to the covariance
 //! does not depend on what it says.
@@ -76,7 +76,7 @@ pub struct NextOptions {
     /// σ of the readings along the normal, in the model's unit; that of the model's best sensor if none is
     /// given.
     pub sigma: Option<f64>,
-    /// Stop where the largest σ of the region is no more than this.
+    /// Stop where the largest σ of the region is at most this.
     pub goal: Option<f64>,
     /// Corners of a box that holds the region; everything if none is given.
     pub region: Option<[[f64; 3]; 2]>,
@@ -145,7 +145,7 @@ pub struct NextReport {
     /// Shape that cells are too large to follow, which counts in no figure here; none where there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape_left: Option<UnmeasurableSigma>,
-    /// What as many points do that are drawn at random, where that was asked for.
+    /// What as many points do that are drawn at random, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random: Option<RandomDraws>,
 }
@@ -364,7 +364,7 @@ fn variances_of(
 pub struct Length {
     /// How many of them.
     pub value: f64,
-    /// Of which; the model's where none is stated.
+    /// Of which; the model's if none is stated.
     pub unit: Option<Unit>,
 }
 

@@ -1,7 +1,7 @@
-//! The job `planish sense contours`: views of a thing in, points on its occluding contours out, and patches
+//! The job `planish sense contours`: views of an object in, points on its occluding contours out, and patches
 //! of its surface.
 //!
-//! Comes in: an [`OccludingJob`]. Goes out: the files that it names and an [`OccludingReport`]. Outputs are
+//! Input: an [`OccludingJob`]. Output: the files that it names and an [`OccludingReport`]. Outputs are
 //! checked before anything is read.
 //!
 //! Points are those of [`planish_sense::occluding`]; what hangs together of them is a strip. Each strip
@@ -105,7 +105,7 @@ pub struct ContourPatch {
 pub struct OutlineAgreement {
     /// The view.
     pub view: String,
-    /// Whether it took no part.
+    /// Whether it was held out.
     pub held_out: bool,
     /// Of the visual hull.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -153,13 +153,13 @@ pub struct OccludingReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Option<Unit>,
-    /// What was read.
+    /// Files that were read.
     #[serde(skip)]
     pub inputs: Vec<PathBuf>,
     /// Points and hull that were written.
     #[serde(serialize_with = "as_texts")]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -224,7 +224,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
     let mut warnings = Vec::new();
     if unit.is_none() {
         warnings.push(
-            "the views name no unit of length: say `unit` in them, or --unit mm, m, in or ft".to_owned(),
+            "the views state no unit of length: add `unit` to them, or use --unit mm, m, in or ft".to_owned(),
         );
     }
     let taking_part: Vec<&ViewFile> = file.views.iter().filter(|v| !v.held_out).collect();
@@ -257,7 +257,7 @@ fn sense_contours(job: &OccludingJob, progress: &dyn Progress) -> Result<Occludi
         }
         (Some(path), None) => {
             return Err(Error::undetermined(format!(
-                "{}: a visual hull needs masks in two views or more, none of which the thing reaches out of",
+                "{}: a visual hull needs masks in at least two views that show the whole object",
                 path.display()
             )));
         }
@@ -315,7 +315,7 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     let camera = Pinhole { k: matrix(&view.camera.k), r: matrix(&view.camera.r), t: view.camera.t.into() };
     let measured = !view.contours.is_empty();
     if !measured && outline.is_empty() {
-        return Err(Error::input("needed a mask, or contours with places in order, found neither"));
+        return Err(Error::input("needed a mask, or contours with ordered points, found none"));
     }
     let (contours, sigma_px, apart_px) = match measured {
         false => (outline.clone(), view.sigma_px, ALIKE * options.smoothing_px),
@@ -328,7 +328,7 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     Ok(ContourView { name: view.name.clone(), camera, contours, silhouette: outline, sigma_px, apart_px })
 }
 
-/// Contours of a file, turned so that the thing lies to the right of the way where a mask tells it.
+/// Contours of a file, turned so that the object lies to the right of the way where a mask tells it.
 fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
     let ends = view.contour_starts.iter().skip(1).copied().chain([view.contours.len()]);
     (view.contour_starts.iter().zip(ends))
@@ -342,7 +342,7 @@ fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
         .collect()
 }
 
-/// The hull of all silhouettes, where they are known.
+/// The hull of all silhouettes, if known.
 fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<VisualHull>> {
     let closed =
         |view: &&ContourView| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed);

@@ -1,6 +1,6 @@
 //! What is written of a model: the format follows the file's extension.
 //!
-//! Comes in: paths, before any work; then a model. Goes out: the files, each whole or not there. Everything
+//! Input: paths, before any work; then a model. Output: the files, each whole or not there. Everything
 //! that can go wrong with a path is found by [`plan_outputs`], before the work; everything that can go wrong
 //! with the model by [`prepare`], before the first file is written. What is left is a full disk.
 
@@ -77,7 +77,7 @@ impl OutputFormat {
                     other => format!("`{other}`"),
                 };
                 Err(Error::unsupported(format!(
-                    "{}: the extension says what to write: needed .step or .stp (exact surface), .ply or \
+                    "{}: cannot write this format: needed .step or .stp (exact surface), .ply or \
                      .glb (mesh with σ), .obj or \
                      .stl (mesh), .tif (raster of heights) or .planish (saved model), found {found}",
                     path.display()
@@ -145,7 +145,7 @@ pub struct WrittenFile {
 /// What outputs are made with.
 #[derive(Debug, Clone, Default)]
 pub struct OutputOptions {
-    /// Chord error of meshes, in the model's unit; half the median σ where none is given.
+    /// Chord error of meshes, in the model's unit; half the median σ if none is given.
     pub mesh_tolerance: Option<f64>,
     /// Side of the cells of rasters, in the model's unit; about the spacing of the readings where none is
     /// given.
@@ -173,8 +173,8 @@ pub fn plan_outputs(paths: &[PathBuf]) -> Result<Vec<PlannedOutput>> {
 /// Checks every output before the work begins.
 ///
 /// # Errors
-/// `Input` for an output that is named twice or is one of the `inputs`; `Io` if its folder is missing, the path
-/// names a folder, or writing is not allowed.
+/// `Input` for an output that is named twice or is one of the `inputs`; `Io` if its folder is missing, the
+/// path names a folder, or writing is not allowed.
 pub fn check_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
     for (k, path) in paths.iter().enumerate() {
         refuse_same_output(path, &paths[..k])?;
@@ -186,7 +186,7 @@ pub fn check_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
 
 /// The error for an output whose extension names no format of the job; `needed` lists those that do.
 pub(crate) fn unsupported_extension(path: &Path, needed: &str) -> Error {
-    Error::unsupported(format!("{}: the extension says what to write: needed {needed}", path.display()))
+    Error::unsupported(format!("{}: cannot write this format: needed {needed}", path.display()))
 }
 
 /// Refuses to write two outputs to one file.
@@ -222,7 +222,7 @@ pub struct Prepared<'a> {
     mesh: Option<ModelMesh>,
     dem: Option<Dem>,
     brep: Option<Brep>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 

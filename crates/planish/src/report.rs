@@ -1,6 +1,6 @@
 //! Reports: one page of HTML a job, which opens without a network.
 //!
-//! Comes in: what a job knows once it is done, its model and the figures of its summary. Goes out: a
+//! Input: what a job knows once it is done, its model and the figures of its summary. Output: a
 //! [`planish_report::Page`] and its file. Nothing that the summary says is computed again. Reports hold no
 //! time of day: the same input gives the same bytes.
 

@@ -1,6 +1,6 @@
 //! The job `planish sense`: raw data of a sensor in, points that state their covariance out.
 //!
-//! Comes in: a [`SenseJob`]. Goes out: the files that it names and a [`SenseReport`]. Outputs are checked
+//! Input: a [`SenseJob`]. Output: the files that it names and a [`SenseReport`]. Outputs are checked
 //! before anything is read, and written when everything else has succeeded.
 //!
 //! | kind | comes in | goes out beside points (`.ply`) |
@@ -40,7 +40,7 @@ const MOST_SIGMA_DEG: f64 = 90.0;
 
 /// Residuals of brightness that are so many times the stated σ are told.
 const MOST_BRIGHTNESS_MISFIT: f64 = 3.0;
-/// And those that are so large a share of the brightest: matte things under far lights stay below a few per
+/// And those that are so large a share of the brightest: matte objects under far lights stay below a few per
 /// cent.
 const MOST_BRIGHTNESS_SHARE: f64 = 0.1;
 /// So small a share of pixels with a match is told: of true pairs a third to nine tenths have one, of
@@ -94,7 +94,7 @@ pub enum SenseKind {
     Depth {
         /// The image.
         image: PathBuf,
-        /// Its camera; a file of the image's name with the extension `.toml` where none is given.
+        /// Its camera; a file of the image's name with the extension `.toml` if none is given.
         calibration: Option<PathBuf>,
     },
 }
@@ -215,12 +215,12 @@ pub struct SenseReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Option<Unit>,
-    /// What was read.
+    /// Files that were read.
     #[serde(skip)]
     pub inputs: Vec<PathBuf>,
-    /// What was written.
+    /// Files that were written.
     pub written: Vec<SensedFile>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -244,7 +244,7 @@ struct Sensed {
     unit: Option<Unit>,
     /// Files that a calibration named.
     more_inputs: Vec<PathBuf>,
-    /// What a user should know.
+    /// Warnings for the user.
     warnings: Vec<String>,
 }
 
@@ -291,7 +291,8 @@ fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     let mut warnings = std::mem::take(&mut sensed.warnings);
     if unit.is_none() && sensed.scan.is_some() && !matches!(job.kind, SenseKind::NormalMap { .. }) {
         warnings.push(
-            "the calibration names no unit of length: say `unit` in it, or --unit mm, m, in or ft".to_owned(),
+            "the calibration states no unit of length: add `unit` to it, or use --unit mm, m, in or ft"
+                .to_owned(),
         );
     }
     let crossings = |cause: &str| sensed.rejected.get(cause).copied().unwrap_or(0);
@@ -609,7 +610,7 @@ fn check_formats(job: &SenseJob) -> Result<()> {
                     ".ply (points)"
                 };
                 return Err(Error::unsupported(format!(
-                    "{}: the extension says what to write: needed {wanted}, found `{other}`",
+                    "{}: cannot write this format: needed {wanted}, found `{other}`",
                     path.display()
                 )));
             }

@@ -1,7 +1,7 @@
 //! `planish solid`: every solid that two or three views can mean, written as STEP.
 //!
-//! Comes in: DXF or SVG files, one a view, or one with all views; or contours with their covariance as
-//! `planish contour` writes them, one a view. Goes out: the solids, best first, each a STEP file with true
+//! Input: DXF or SVG files, one a view, or one with all views; or contours with their covariance as
+//! `planish contour` writes them, one a view. Output: the solids, best first, each a STEP file with true
 //! planes and cylinders, or a watertight mesh; and which lines none of them explains. A solid is written only
 //! where what it shows in its views agrees with the drawing ([`planish_solid::reprojection`]).
 
@@ -28,7 +28,7 @@ use planish_solid::views::{Rejected, Rejection, Solution, solve};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// What to do.
+/// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
     /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order; the
@@ -46,10 +46,10 @@ pub struct SolidJob {
     /// known of the sizes.
     pub outputs: Vec<PathBuf>,
     /// How far chords of a mesh miss the solid at most, in the unit; [`DEFAULT_CHORD`] times the drawing's
-    /// size where none is given.
+    /// size if none is given.
     pub mesh_tolerance: Option<f64>,
     /// Coordinates of drawings that are no farther apart than this are one, in the unit; as they are drawn
-    /// where none is given.
+    /// if none is given.
     pub tolerance: Option<f64>,
     /// Whether all solids are written, as `NAME.1.step`, `NAME.2.step` …
     pub all: bool,
@@ -182,7 +182,7 @@ pub struct SolidReport {
     /// Of contours, how they were matched, and the best solid's sizes with σ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<NoisyGeometry>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
     /// The unit of all lengths.
     #[serde(skip)]

@@ -1,6 +1,6 @@
 //! Looking at a file: as a picture without a window or a graphics card, or as a page for a browser.
 //!
-//! Comes in: a model, a mesh, points or scans, and from where to look. Goes out: a PNG with a legend
+//! Input: a model, a mesh, points or scans, and from where to look. Output: a PNG with a legend
 //! ([`write_picture`]), or HTML ([`view_page`]). The same bytes at any number of threads.
 //!
 //! Not guaranteed: that pictures of different versions are the same to the last bit.
@@ -44,7 +44,7 @@ const BORDER: f64 = 0.05;
 /// no wider than [`DOT_WIDTHS`].
 const DOT_WIDTH: f64 = 1.5;
 const DOT_WIDTHS: [f64; 2] = [1.4, 9.0];
-/// A thing without colours of its own.
+/// An object without colours of its own.
 const CLAY: Colour = [0.84, 0.83, 0.80];
 /// What is behind, at the top and at the bottom.
 const PAPER: [Colour; 2] = [[0.976, 0.978, 0.974], [0.918, 0.924, 0.922]];
@@ -65,9 +65,9 @@ pub enum ColourBy {
 /// How a picture is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureOptions {
-    /// From where; the view of a report where none is given.
+    /// From where; the view of a report if none is given.
     pub camera: Option<CameraAngles>,
-    /// What is up; z where none is given.
+    /// What is up; z if none is given.
     pub up: Option<Up>,
     /// By what; the deviation where there is one, else σ, else what kinds of parts there are, where none is
     /// given.
@@ -85,7 +85,7 @@ impl Default for PictureOptions {
 /// What was drawn.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureReport {
-    /// Unit of every length, where it is known.
+    /// Unit of every length, if known.
     #[serde(skip)]
     pub unit: Option<Unit>,
     /// Files that were read.
@@ -101,9 +101,9 @@ pub struct PictureReport {
     pub color_unit: String,
     /// Columns and rows.
     pub size: [usize; 2],
-    /// Share of the picture that the thing covers.
+    /// Share of the picture that the object covers.
     pub covered: f64,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -227,11 +227,11 @@ pub struct ViewedPage {
     pub html: String,
     /// What the file holds, in one sentence.
     pub what: String,
-    /// Unit of every length, where it is known.
+    /// Unit of every length, if known.
     pub unit: Option<Unit>,
     /// Files that were read.
     pub inputs: Vec<PathBuf>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -330,7 +330,7 @@ fn chosen_field(thing: &Thing, colour: Option<ColourBy>) -> Result<Option<&Field
     }
 }
 
-/// Draws what a thing shows at first. What does not hold the field has the colour of clay.
+/// Draws what an object shows at first. What does not hold the field has the colour of clay.
 fn pixels(
     thing: &Thing,
     field: Option<&Field>,

@@ -1,7 +1,7 @@
 //! The scene `bending`: a flat sheet that is bent further and further, without stretch, and scanned in every
 //! state.
 //!
-//! Comes in: [`BendingOptions`]. Goes out: a [`ScanScene`] with one scan a second, and the truth behind each
+//! Input: [`BendingOptions`]. Output: a [`ScanScene`] with one scan a second, and the truth behind each
 //! in `states`; `truth` is the sheet at the last. The last scan has a hole, whose material the others saw.
 //! The truth keeps `E, F, G` exactly, unless a stretch is asked for: then a bulge grows with the bend, and no
 //! isometry leads from one state to the next.

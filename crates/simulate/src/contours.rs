@@ -1,13 +1,13 @@
 //! The scene `contours`: a surface of revolution, seen as occluding contours from a camera that moves around
 //! it twice.
 //!
-//! Comes in: [`ContoursOptions`]. Goes out: for each motion a file of views with a mask and measured contours
+//! Input: [`ContoursOptions`]. Output: for each motion a file of views with a mask and measured contours
 //! for each view, and beside them the truth as a mesh and as JSON.
 //!
 //! The contour generator of `x² + y² = r(z)²` from a camera at `C` is known in closed form: at height `z`,
 //! `cos(θ − θ_C) = (r − r' (z − C_z)) / |C_xy|` (R. Mohr, C. Zhao, G. Koscielny 1994 show a hyperboloid and a
-//! carafe). Contours hold what of it no part of the thing hides; each place errs by itself, along both axes
-//! of the picture. The rims above and below are in the masks only: there the thing has edges.
+//! carafe). Contours hold what of it no part of the object hides; each place errs by itself, along both axes
+//! of the picture. The rims above and below are in the masks only: there the object has edges.
 //!
 //! Not guaranteed: places some hundredths of a millimetre beside one another where one part hides another.
 
@@ -34,7 +34,7 @@ use std::path::{Path, PathBuf};
 const SIZE: [usize; 2] = [640, 480];
 /// Each pixel of a mask is looked at so many times along both axes.
 const FINER: usize = 3;
-/// The camera's distance, in millimetres; the thing is 100 mm high.
+/// The camera's distance, in millimetres; the object is 100 mm high.
 const FAR_MM: f64 = 400.0;
 /// Where each motion begins, how far it goes and how high it looks from, in degrees.
 const MOTIONS: [[f64; 3]; 2] = [[-60.0, 120.0, 10.0], [30.0, 120.0, -14.0]];
@@ -42,12 +42,12 @@ const MOTIONS: [[f64; 3]; 2] = [[-60.0, 120.0, 10.0], [30.0, 120.0, -14.0]];
 const FINE: usize = 6000;
 /// Contours shorter than this are left out, in pixels.
 const SHORTEST_PX: f64 = 30.0;
-/// Steps along a line of sight in which the thing is looked for.
+/// Steps along a line of sight in which the object is looked for.
 const STEPS: usize = 600;
-/// No thing of this scene is wider, from its axis.
+/// No object of this scene is wider, from its axis.
 const WIDEST_MM: f64 = 50.0;
 
-/// The thing.
+/// The object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ContoursShape {
     /// A hyperboloid of one sheet, `r² = 30² (1 + (z/40)²)`, 100 mm high.
@@ -92,7 +92,7 @@ const HALF: f64 = 50.0;
 /// Settings of the scene `contours`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContoursOptions {
-    /// The thing.
+    /// The object.
     pub shape: ContoursShape,
     /// Views of each motion, 120° along.
     pub views: usize,
@@ -104,7 +104,7 @@ pub struct ContoursOptions {
     pub unit: Unit,
 }
 
-/// What was written.
+/// Files that were written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContoursSummary {
     /// Places along contours.
@@ -202,14 +202,14 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
     Ok(made)
 }
 
-/// A camera around the thing's middle, at an angle and a height above its plane.
+/// A camera around the object's middle, at an angle and a height above its plane.
 fn camera(angle: f64, height: f64) -> Result<Camera> {
     let from =
         [FAR_MM * height.cos() * angle.cos(), FAR_MM * height.cos() * angle.sin(), FAR_MM * height.sin()];
     let forward = Vector3::from(unit(scale(-1.0, from)).unwrap_or([1.0, 0.0, 0.0]));
     let right = forward.cross(&Vector3::z()).normalize();
     let r = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
-    // The thing fills four fifths of the picture's height.
+    // The object fills four fifths of the picture's height.
     let focal = 0.75 * SIZE[1] as f64 * FAR_MM / (2.0 * HALF);
     let [cx, cy] = SIZE.map(|n| 0.5 * (n as f64 - 1.0));
     Camera::new(
@@ -260,13 +260,13 @@ fn visible(shape: ContoursShape, camera: &Camera) -> Vec<Vec<[f64; 2]>> {
     found
 }
 
-/// Whether a line of sight that touches the thing passes through it elsewhere; the thing is closed above and
-/// below.
+/// Whether a line of sight that touches the object passes through it elsewhere; the object is closed above
+/// and below.
 fn hidden(shape: ContoursShape, from: [f64; 3], at: [f64; 3]) -> bool {
     let way = sub(at, from);
     let far = distance(at, from);
     let reach = 3.0 * HALF / far;
-    // Where the line runs within the cylinder around the thing: |from + t·way|² = w² across the axis.
+    // Where the line runs within the cylinder around the object: |from + t·way|² = w² across the axis.
     let a = way[0] * way[0] + way[1] * way[1];
     let b = from[0] * way[0] + from[1] * way[1];
     let c = from[0] * from[0] + from[1] * from[1] - WIDEST_MM * WIDEST_MM;
@@ -313,7 +313,7 @@ fn closed(shape: ContoursShape) -> TriangleMesh {
     mesh
 }
 
-/// The share of each pixel that the thing covers.
+/// The share of each pixel that the object covers.
 fn mask_of(mesh: &TriangleMesh, camera: &Camera) -> Result<Vec<u8>> {
     let finer = FINER as f64;
     let mut k = [0, 1, 2].map(|i| [0, 1, 2].map(|j| camera.k[(i, j)]));

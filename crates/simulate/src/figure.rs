@@ -1,6 +1,6 @@
 //! Line charts as SVG: panels of curves with axes, units and legends.
 //!
-//! Comes in: rows of [`Panel`]s. Goes out: one SVG document. Axes start at zero; all panels of a row have one
+//! Input: rows of [`Panel`]s. Output: one SVG document. Axes start at zero; all panels of a row have one
 //! scale, so that they compare. The same curves give the same bytes. Not guaranteed: legends that never lie
 //! over a curve; they stand where the panel is emptiest of its corners.
 

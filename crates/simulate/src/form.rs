@@ -1,6 +1,6 @@
 //! Smooth freeform surfaces in closed form.
 //!
-//! Comes in: a shape, a size and a seed. Goes out: a [`ClosedForm`]: points and exact derivatives at any
+//! Input: a shape, a size and a seed. Output: a [`ClosedForm`]: points and exact derivatives at any
 //! `(u, v)`. None of them is a spline, so that no fit can hit one by luck. Sizes are in the model's unit;
 //! `size` is about the longest side.
 //!

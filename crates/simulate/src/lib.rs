@@ -1,6 +1,6 @@
 //! Known truth: simulated measurements of surfaces that are known exactly.
 //!
-//! Comes in: options and a seed. Goes out: readings as a job would hold them, and the truth behind each of
+//! Input: options and a seed. Output: readings as a job would hold them, and the truth behind each of
 //! them. The same options give the same bytes, at any number of threads.
 //!
 //! | module | what |
@@ -10,7 +10,7 @@
 //! | virtual_sensor | range scanners and touch probes that measure it |
 //! | sphere | the figures of the paper on Kalman spline fusion: a sphere found again by both filters |
 //! | figure | line charts as SVG |
-//! | render | what a camera sees of a textured thing, under a lamp or projected stripes |
+//! | render | what a camera sees of a textured object, under a lamp or projected stripes |
 //! | pictures | the scenes `stereo` and `grid`: such pictures from several views |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
 //! | bending | the scene `bending`: a sheet that bends without stretch between scans |
@@ -18,7 +18,7 @@
 //! | readings | the scene `readings`: a contour, ranged from uncertain poses |
 //! | views | the scene `views`: the outlines of a prism in three views, ranged so |
 //! | shell | the scene `shell`: a mesh deformed by known controls, points, masks |
-//! | turning | the scene `turning`: a thing on a turntable, scanned at known times |
+//! | turning | the scene `turning`: an object on a turntable, scanned at known times |
 //! | vessel | the scene `vessel`: a surface of revolution seen from one side |
 //!
 //! ```

@@ -1,4 +1,4 @@
-//! Pictures of cameras that converge, rectified and matched, against a rectified pair of the same thing.
+//! Pictures of cameras that converge, rectified and matched, against a rectified pair of the same object.
 
 use super::render::{Exposure, Light, Texture};
 use planish_estimate::vector3::{cross, norm, sub, unit};

@@ -1,10 +1,10 @@
-//! The scenes `stereo` and `grid`: pictures of a textured thing from several views, and the truth.
+//! The scenes `stereo` and `grid`: pictures of a textured object from several views, and the truth.
 //!
-//! Comes in: [`PictureSceneOptions`]: a mesh, or a built-in freeform. Goes out: a folder with pictures of
+//! Input: [`PictureSceneOptions`]: a mesh, or a built-in freeform. Output: a folder with pictures of
 //! every view, the calibration that `planish sense` reads, `job.toml` with the poses for what `sense` will
 //! write, the same for each view alone (`view-1.toml`), `truth.ply` and `truth.json`.
 //!
-//! Views stand around the thing on a ring, 20° above its equator. Both scenes have the same cameras, so that
+//! Views stand around the object on a ring, 20° above its equator. Both scenes have the same cameras, so that
 //! their results belong together: the camera of the stripes is the left one of the pair.
 //!
 //! Not guaranteed: that all of a surface is seen.
@@ -28,17 +28,17 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Length of a built-in thing, in millimetres.
+/// Length of a built-in object, in millimetres.
 const SIZE_MM: f64 = 100.0;
-/// Distance of cameras to the thing's middle, over its diagonal.
+/// Distance of cameras to the object's middle, over its diagonal.
 const DISTANCE: f64 = 2.2;
 /// Height of the ring of views.
 const ELEVATION_DEG: f64 = 20.0;
-/// Distance of the two cameras of a pair, over that to the thing.
+/// Distance of the two cameras of a pair, over that to the object.
 const BASELINE: f64 = 0.12;
 /// The least disparity, in pixels.
 const LEAST_DISPARITY: f64 = 8.0;
-/// The angle between camera and projector, seen from the thing.
+/// The angle between camera and projector, seen from the object.
 const PROJECTOR_DEG: f64 = 25.0;
 /// Directions of the stripes. Neither whole shifts of the pattern nor quarter turns of it put crossings on
 /// the lines of others, as 45° would.
@@ -47,13 +47,13 @@ const STRIPES_DEG: [f64; 2] = [35.0, 125.0];
 const STRIPE_SIGMA_PX: f64 = 1.8;
 /// The finest spots of the texture, in pixels.
 const GRAIN_PX: f64 = 3.0;
-/// Share of the picture that the thing takes.
+/// Share of the picture that the object takes.
 const FILLED: f64 = 0.94;
 
 /// Settings of the scenes `stereo` and `grid`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PictureSceneOptions {
-    /// The thing; a freeform if none is given.
+    /// The object; a freeform if none is given.
     pub mesh: Option<PathBuf>,
     /// Steps of smooth subdivision of the mesh: what is seen and what is true is the finer one.
     pub subdivide: usize,
@@ -61,7 +61,7 @@ pub struct PictureSceneOptions {
     pub up: usize,
     /// Topology of the freeform.
     pub shape: Shape,
-    /// Views around the thing.
+    /// Views around the object.
     pub views: usize,
     /// Columns and rows of the pictures.
     pub size: [usize; 2],
@@ -146,7 +146,7 @@ pub struct PictureTruth {
     pub seed: u64,
     /// Unit of every length.
     pub unit: String,
-    /// Diagonal of the box about the thing.
+    /// Diagonal of the box about the object.
     pub diagonal: f64,
     /// σ of a pixel's brightness, of 255.
     pub sigma_brightness: f64,
@@ -171,7 +171,7 @@ pub struct ViewPose {
     pub quaternion_xyzw: [f64; 4],
 }
 
-/// What was written.
+/// Files that were written.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PictureSceneSummary {
     /// Every file, the job first.
@@ -180,7 +180,7 @@ pub struct PictureSceneSummary {
     pub truth: PictureTruth,
 }
 
-/// The thing and the cameras around it.
+/// The object and the cameras around it.
 struct Stage {
     mesh: TriangleMesh,
     search: MeshSearch,
@@ -359,7 +359,7 @@ impl Stage {
         BASELINE * self.far
     }
 
-    /// `cx` of the right camera less that of the left: such that the farthest of the thing has the least
+    /// `cx` of the right camera less that of the left: such that the farthest of the object has the least
     /// disparity.
     fn doffs(&self) -> f64 {
         (self.focal * self.baseline() / (self.far + 0.5 * self.diagonal) - LEAST_DISPARITY).round()

@@ -1,6 +1,6 @@
 //! The scene `readings`: a contour of some 100 mm, ranged from all around by a sensor of uncertain pose.
 //!
-//! Comes in: [`ReadingsOptions`]. Goes out: `readings.csv`, `exact.csv` and `truth.json` in a folder.
+//! Input: [`ReadingsOptions`]. Output: `readings.csv`, `exact.csv` and `truth.json` in a folder.
 
 use super::truth::positive;
 use planish_contour::planar::{Kind, SensorOptions, Sighting, Target, ranges};
@@ -27,7 +27,7 @@ pub struct ReadingsOptions {
     pub noise: f64,
     /// Share of wild readings.
     pub outlier_share: f64,
-    /// Velocity of the thing, `vx vy ω` in lengths and radians a second.
+    /// Velocity of the object, `vx vy ω` in lengths and radians a second.
     pub velocity: [f64; 3],
     /// Seed of every error.
     pub seed: u64,
@@ -35,7 +35,7 @@ pub struct ReadingsOptions {
     pub unit: Unit,
 }
 
-/// What was written.
+/// Files that were written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadingsSummary {
     /// Readings.
@@ -46,7 +46,7 @@ pub struct ReadingsSummary {
     pub files: Vec<PathBuf>,
 }
 
-/// Parameters of the thing, some 100 mm long, not at the origin and not upright.
+/// Parameters of the object, some 100 mm long, not at the origin and not upright.
 fn truth_of(kind: &Kind) -> Result<Vec<f64>> {
     let (x, y, angle) = (12.0, -7.0, 25f64.to_radians());
     Ok(match kind {

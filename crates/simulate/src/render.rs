@@ -1,6 +1,6 @@
-//! What a camera sees of a textured thing, under a lamp or under projected stripes.
+//! What a camera sees of a textured object, under a lamp or under projected stripes.
 //!
-//! Comes in: a mesh to cast rays at, a camera, a light. Goes out: brightness of pixels, with noise, from 0 to
+//! Input: a mesh to cast rays at, a camera, a light. Output: brightness of pixels, with noise, from 0 to
 //! 255.
 //!
 //! Surfaces are matt (Lambert). The texture is solid: it is a function of the place, so that every view sees
@@ -95,7 +95,7 @@ fn noise(at: [f64; 3], seed: u64) -> f64 {
         .sum()
 }
 
-/// What lights the thing.
+/// What lights the object.
 #[derive(Debug, Clone, Copy)]
 #[allow(clippy::large_enum_variant, reason = "one light a picture")]
 pub enum Light {
@@ -152,7 +152,7 @@ pub struct Exposure<'a> {
     pub size: [usize; 2],
     /// The light.
     pub light: &'a Light,
-    /// The thing's texture.
+    /// The object's texture.
     pub texture: &'a Texture,
     /// σ of a pixel's brightness, of 255.
     pub sigma_brightness: f64,

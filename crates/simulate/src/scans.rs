@@ -1,7 +1,8 @@
 //! The scene `scans`: one freeform, several sensors, everything that goes wrong, and the truth.
 //!
-//! Comes in: [`ScanSceneOptions`]. Goes out: a [`ScanScene`] whose `set` is ready for [`planish_surface::fit::fit`], or
-//! a folder: a PLY file for each scan, `job.toml` that names them, `truth.ply` and `truth.json`.
+//! Input: [`ScanSceneOptions`]. Output: a [`ScanScene`] whose `set` is ready for
+//! [`planish_surface::fit::fit`], or a folder: a PLY file for each scan, `job.toml` that names them,
+//! `truth.ply` and `truth.json`.
 //!
 //! The sensors: `laser`, a range camera with other σ along than across the ray; `old`, a scanner with three
 //! times its σ in every direction that states less than is true; `probe`, a touch probe with a twenty-fifth
@@ -30,7 +31,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Length of the simulated things, in millimetres.
+/// Length of the simulated objects, in millimetres.
 const SIZE_MM: f64 = 100.0;
 /// True σ of the old scanner over the laser's.
 const OLD_SIGMA: f64 = 3.0;
@@ -46,7 +47,7 @@ pub struct ScanSceneOptions {
     pub seed: u64,
     /// Readings of all scanners together, to within a few per cent.
     pub readings: usize,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the thing's
+    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the object's
     /// length if none is given.
     pub sigma: Option<f64>,
     /// Views of the laser.
@@ -57,7 +58,7 @@ pub struct ScanSceneOptions {
     pub misstated: f64,
     /// Points of the touch probe; 0 for no probe.
     pub probe_points: usize,
-    /// Share of the scanners' readings with a gross error, of 1 to 10 % of the thing's length along the ray.
+    /// Share of the scanners' readings with a gross error, of 1 to 10 % of the object's length along the ray.
     pub outlier_share: f64,
     /// σ grows by this share from the middle of each scanner's field of view to its corners; every reading
     /// then states its own.
@@ -91,7 +92,7 @@ impl Default for ScanSceneOptions {
 }
 
 impl ScanSceneOptions {
-    /// The thing's length, in the unit.
+    /// The object's length, in the unit.
     #[must_use]
     pub fn size(&self) -> f64 {
         SIZE_MM / self.unit.millimetres()
@@ -125,7 +126,7 @@ impl ScanSceneOptions {
                 let size = self.size();
                 let unit = self.unit;
                 return Err(Error::input(format!(
-                    "needed sigma of at most a tenth of the thing's {size} {unit}, found {sigma}"
+                    "needed sigma of at most a tenth of the object's {size} {unit}, found {sigma}"
                 )));
             }
         }
@@ -161,13 +162,13 @@ pub struct ScanScene {
     pub sensors: Vec<SensorTruth>,
     /// For each scan, what each of its readings really saw.
     pub readings: Vec<Vec<TrueReading>>,
-    /// How the thing moved, where it did.
+    /// How the object moved, where it did.
     pub motion: Option<TrueMotion>,
-    /// Of a thing that changes its shape, the true surface behind each scan; `truth` is the last.
+    /// Of an object that changes its shape, the true surface behind each scan; `truth` is the last.
     pub states: Vec<Truth>,
 }
 
-/// The motion of a simulated thing: a constant turn about a fixed axis.
+/// The motion of a simulated object: a constant turn about a fixed axis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TrueMotion {
     /// Degrees per second.
@@ -176,7 +177,7 @@ pub struct TrueMotion {
     pub axis: [f64; 3],
     /// A point of it.
     pub axis_point: [f64; 3],
-    /// When each scan was taken, in seconds; the truth is the thing at the first.
+    /// When each scan was taken, in seconds; the truth is the object at the first.
     pub times_s: Vec<f64>,
 }
 
@@ -216,7 +217,7 @@ pub struct TruthSummary {
     /// The formula of the surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<ClosedForm>,
-    /// How the thing moved, where it did.
+    /// How the object moved, where it did.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<TrueMotion>,
     /// The formulas of the surface at each time, where it changed.
@@ -345,7 +346,7 @@ pub(super) fn seed_of(seed: u64, scan: usize) -> u64 {
     seed.wrapping_add((scan as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
-/// Where a view stands: looking at the middle of the thing from four lengths away, with a few degrees of
+/// Where a view stands: looking at the middle of the object from four lengths away, with a few degrees of
 /// disorder.
 fn pose(
     truth: &Truth,
@@ -381,7 +382,7 @@ fn pose(
     looking_from(truth, z, TAU * roll, size)
 }
 
-/// A pose four lengths away from the middle of the thing, in a direction, turned about it by `roll_rad`.
+/// A pose four lengths away from the middle of the object, in a direction, turned about it by `roll_rad`.
 pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64) -> Result<Pose> {
     let (e1, e2) = tangents(z);
     let (sin, cos) = roll_rad.sin_cos();
@@ -396,7 +397,7 @@ pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64)
         .ok_or_else(|| Error::input("a view without a direction"))
 }
 
-/// Optics that take in all of the thing: parallel rays for the old scanner, rays from a point for the laser.
+/// Optics that take in all of the object: parallel rays for the old scanner, rays from a point for the laser.
 pub(super) fn field_of_view(truth: &Truth, pose: &Pose, parallel: bool) -> Optics {
     let scanner_from_world = pose.inverse();
     let mut half = [0.0_f64; 2];
@@ -540,7 +541,8 @@ pub fn write_scan_scene(scene: &ScanScene, folder: &Path) -> Result<ScanSceneSum
 /// The job that names the scans, as [`planish_exchange::job::read_job`] reads it.
 fn job_text(set: &ScanSet) -> String {
     let mut text =
-        "# A simulated scene. The σ are what the sensors state; truth.json says what is true.\n".to_owned();
+        "# A simulated scene. The σ are those that the sensors state; truth.json holds the true values.\n"
+            .to_owned();
     if let Some(unit) = set.unit {
         let _ = writeln!(text, "unit = \"{unit}\"");
     }

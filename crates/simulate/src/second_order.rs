@@ -1,6 +1,6 @@
 //! Numbers that carry their first and second derivatives with respect to two parameters.
 //!
-//! Comes in: formulas. Goes out: exact derivatives of them, without differences and without writing them down
+//! Input: formulas. Output: exact derivatives of them, without differences and without writing them down
 //! twice.
 
 use planish_spline::Jet;

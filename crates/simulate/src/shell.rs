@@ -1,7 +1,7 @@
 //! The scene `shell`: a mesh that was deformed by known controls, as noisy points with gross errors, and its
 //! masks in views around it.
 //!
-//! Comes in: [`ShellSceneOptions`]. Goes out: `mesh.obj` (the mesh at rest), `points.ply` with σ,
+//! Input: [`ShellSceneOptions`]. Output: `mesh.obj` (the mesh at rest), `points.ply` with σ,
 //! `views.toml` with a mask for each view, and beside them `truth.ply` (the deformed mesh) and `truth.json`
 //! (controls and their displacements).
 //!
@@ -34,7 +34,7 @@ const LENGTH_MM: f64 = 100.0;
 /// Settings of the scene `shell`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellSceneOptions {
-    /// The mesh; a ball where none is given.
+    /// The mesh; a ball if none is given.
     pub mesh: Option<PathBuf>,
     /// Controls, chosen on the mesh.
     pub controls: usize,
@@ -54,7 +54,7 @@ pub struct ShellSceneOptions {
     pub unit: Unit,
 }
 
-/// What was written.
+/// Files that were written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellSceneSummary {
     /// Points.
@@ -98,7 +98,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let bounds = BoundingBox::of(&rest.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
     let size = bounds.diagonal();
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
-    // Not those that a fit chooses: a real thing does not bend by them.
+    // Not those that a fit chooses: a real object does not bend by them.
     let skipped = random.random_range(1..rest.positions.len().max(2));
     let controls = controls_from(&rest, options.controls, skipped)?.points;
     let moved: Vec<[f64; 3]> =

@@ -1,6 +1,6 @@
 //! Figures 2 and 3 of the paper on Kalman spline fusion: a sphere, measured badly, found again.
 //!
-//! Comes in: [`SphereOptions`] and a seed. Goes out: [`SphereRow`]s, mean errors in per cent of the radius
+//! Input: [`SphereOptions`] and a seed. Output: [`SphereRow`]s, mean errors in per cent of the radius
 //! over maximum noise, for both filters beside what the posterior promises; written as CSV and drawn as SVG
 //! with [`sphere_csv`] and [`sphere_figure`].
 //!

@@ -1,6 +1,6 @@
 //! The surface behind a simulated scene: known exactly, at every point.
 //!
-//! Comes in: a closed form, or a spline surface (random in a given space, or drawn from a prior). Goes out:
+//! Input: a closed form, or a spline surface (random in a given space, or drawn from a prior). Output:
 //! points, normals, curvatures, area-uniform samples, a dense mesh, and exact distances of nearby points.
 //!
 //! Not guaranteed: the foot of a point as far away as the surface's radius of curvature, or closer to another
@@ -221,7 +221,7 @@ impl Truth {
         TruthPoint { parameters, position: jet.point, normal: jet.normal().unwrap_or([0.0; 3]) }
     }
 
-    /// A mesh of no more than about this many triangles, facing outwards, its vertices on the surface, and
+    /// A mesh of at most about this many triangles, facing outwards, its vertices on the surface, and
     /// their exact normals.
     #[must_use]
     pub fn mesh(&self, triangles: usize) -> (TriangleMesh, Vec<[f64; 3]>) {
@@ -410,7 +410,7 @@ impl Truth {
     }
 
     fn moved(&self, at: [f64; 2], step: [f64; 2]) -> [f64; 2] {
-        // No more than a few facets at once.
+        // At most a few facets at once.
         let longest = step[0].hypot(step[1]);
         let share = if longest > 0.05 { 0.05 / longest } else { 1.0 };
         let step = step.map(|s| share * s);

@@ -1,7 +1,7 @@
 //! The scene `turning`: a freeform on a turntable, scanned by a laser that stands still, at known times.
 //!
-//! Comes in: [`TurningOptions`]. Goes out: a [`ScanScene`] whose scans all have the pose of the laser and
-//! state their times; the truth is the thing as the first scan met it.
+//! Input: [`TurningOptions`]. Output: a [`ScanScene`] whose scans all have the pose of the laser and
+//! state their times; the truth is the object as the first scan met it.
 
 use super::scans::{
     ScanScene, ScanSceneOptions, ScanSceneSummary, TrueMotion, field_of_view, grid_for, looking_from,
@@ -17,8 +17,8 @@ use planish_sense::{Pose, SensorKind};
 use planish_spline::Shape;
 use std::path::Path;
 
-/// Where the laser looks from, and where the axis of the table points and passes the thing's origin, over its
-/// size.
+/// Where the laser looks from, and where the axis of the table points and passes the object's origin, over
+/// its size.
 const FROM: [f64; 3] = [0.9, 0.1, 0.45];
 const AXIS: [f64; 3] = [0.05, -0.1, 1.0];
 const AXIS_POINT: [f64; 3] = [0.1, 0.05, 0.0];
@@ -34,7 +34,7 @@ pub struct TurningOptions {
     pub views: usize,
     /// Degrees that the table turns in a second.
     pub rate_deg_per_s: f64,
-    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the thing's
+    /// True σ of the laser along its rays, in `unit`; half of it holds across. A thousandth of the object's
     /// length if none is given.
     pub sigma: Option<f64>,
     /// Unit of every length.
@@ -52,7 +52,7 @@ impl TurningOptions {
         positive("rate", self.rate_deg_per_s)?;
         if self.views < 2 {
             return Err(Error::input(format!(
-                "needed at least two views of a thing that turns, found {}",
+                "needed at least two views of a turning object, found {}",
                 self.views
             )));
         }

@@ -1,8 +1,8 @@
 //! The scene `vessel`: a surface of revolution that a laser saw from one side.
 //!
-//! Comes in: [`VesselOptions`]. Goes out: a [`ScanScene`] of one scan; the truth is the whole vessel. What
-//! lies behind follows from the symmetry alone; the middle of the bottom nobody saw at any angle, and nothing
-//! tells it.
+//! Input: [`VesselOptions`]. Output: a [`ScanScene`] of one scan; the truth is the whole vessel. What lies
+//! behind follows from the symmetry alone; the middle of the bottom was not observed at any angle, and
+//! nothing tells it.
 
 use super::form::{BallBump, BallForm, ClosedForm};
 use super::scans::{

@@ -1,7 +1,7 @@
 //! The scene `views`: the outlines of a triangular prism in three views, ranged from all around by a sensor
 //! of uncertain pose.
 //!
-//! Comes in: [`ViewsOptions`]. Goes out: for each view a folder with `readings.csv`, `exact.csv` and
+//! Input: [`ViewsOptions`]. Output: for each view a folder with `readings.csv`, `exact.csv` and
 //! `truth.json`, and the prism's vertices in `truth.json` beside them.
 //!
 //! # References

@@ -1,6 +1,6 @@
 //! Sensors that measure a known surface.
 //!
-//! Comes in: a [`Truth`], where the sensor stands and how it errs. Goes out: a [`Scan`] in the sensor's
+//! Input: a [`Truth`], where the sensor stands and how it errs. Output: a [`Scan`] in the sensor's
 //! frame, and for each of its readings what was really there. Every reading has its own stream of random
 //! numbers: one that is dropped changes no other, and the number of threads changes none.
 //!

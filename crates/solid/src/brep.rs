@@ -1,6 +1,6 @@
 //! Solids as faces on analytic surfaces.
 //!
-//! Comes in: vertices, edges with curves, faces with surfaces and loops. Goes out: whether they fit together
+//! Input: vertices, edges with curves, faces with surfaces and loops. Output: whether they fit together
 //! ([`Solid::check`]), and volume, area and centroid by the divergence theorem ([`Solid::measures`]); where
 //! it touches itself ([`Solid::contacts`]), and its bodies ([`Solid::bodies`]).
 

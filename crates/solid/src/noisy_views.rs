@@ -1,7 +1,7 @@
-//! Noisy views of one thing made consistent: contours with covariance, matched by χ² on the coordinates that
+//! Noisy views of one object made consistent: contours with covariance, matched by χ² on the coordinates that
 //! they share.
 //!
-//! Comes in: two or three [`NoisyView`]s in one frame, each a sketch with what holds in it. Goes out: a
+//! Input: two or three [`NoisyView`]s in one frame, each a sketch with what holds in it. Output: a
 //! [`ConsistentViews`]: which coordinates of different views are one, with their p-values, and the most
 //! likely geometry in which they are, with the covariance that all views give it; and from it exact views,
 //! and sizes in space with σ. Not guaranteed: that coordinates which the errors hide are one; the p-value and
@@ -49,7 +49,7 @@ pub struct NoisyView {
 pub struct MatchOptions {
     /// The probability with which coordinates that are one are taken for two, over all.
     pub level: f64,
-    /// Coordinates are not matched where more than this share of the thing's extent would pass: agreement
+    /// Coordinates are not matched where more than this share of the object's extent would pass: agreement
     /// means too little.
     pub max_chance: f64,
 }
@@ -87,7 +87,7 @@ pub struct ConsistentViews {
     first: Vec<usize>,
 }
 
-/// Views are not of one thing where their ends agree with less than this share of the level.
+/// Views are not of one object where their ends agree with less than this share of the level.
 const FOREIGN: f64 = 0.01;
 
 /// Matches the coordinates of noisy views and makes them one geometry.
@@ -95,7 +95,7 @@ const FOREIGN: f64 = 0.01;
 /// What holds in each view is imposed on all views together, block by block, and that views which share an
 /// axis end together. Coordinates along an axis of space that then are not one already are candidates, in one
 /// view or in two; [`constrain_among`] tests and imposes them, the strongest evidence first, with the range
-/// of a coordinate the thing's extent. What comes out is the maximum of the joint likelihood of all views
+/// of a coordinate the object's extent. What comes out is the maximum of the joint likelihood of all views
 /// under everything imposed, with its covariance. Cost: that of `constrain_among` with the squares of the
 /// numbers of coordinates.
 ///
@@ -126,7 +126,7 @@ pub fn match_views(views: &[NoisyView], options: &MatchOptions) -> Result<Consis
     };
     let alone = constrain_among(&drawing, &covariance, &[], &base)?;
     let places = levels::places(views, &offsets, &alone.drawing)?;
-    // Views of one thing end together: this is no finding, but it is tested.
+    // Views of one object end together: this is no finding, but it is tested.
     let ends = levels::ends(&places, &alone, views.len());
     given.extend(ends.iter().map(|end| end.constraint()));
     let base = ConstrainOptions { given, ..base };

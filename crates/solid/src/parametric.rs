@@ -1,7 +1,7 @@
 //! Faces of CAD programs, trimmed by edges, as triangles.
 //!
-//! Comes in: vertices, edges with curves, faces with surfaces of any kind and loops of edges, as others wrote
-//! them. Goes out: triangles whose corners lie on the surfaces and along the edges, and for each face whether
+//! Input: vertices, edges with curves, faces with surfaces of any kind and loops of edges, as others wrote
+//! them. Output: triangles whose corners lie on the surfaces and along the edges, and for each face whether
 //! it could be filled. Every edge is cut into chords once, and all its faces use these: where faces share an
 //! edge their triangles do, too.
 //!

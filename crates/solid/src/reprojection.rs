@@ -1,6 +1,6 @@
 //! What a finished solid shows in its views, compared with a drawing: an independent check.
 //!
-//! Comes in: a solid by its boundary, and the drawing that it should mean. Goes out: the lines in which the
+//! Input: a solid by its boundary, and the drawing that it should mean. Output: the lines in which the
 //! two differ, none where they agree within [`CompareOptions`]. Nothing here is shared with the search in
 //! the module `views`: no cells, no grid, no tidied curves.
 //!

@@ -1,6 +1,6 @@
 //! Triangles of a solid: watertight, within a chord tolerance.
 //!
-//! Comes in: a solid by its boundary. Goes out: a [`TriangleMesh`] that is closed, oriented outwards and
+//! Input: a solid by its boundary. Output: a [`TriangleMesh`] that is closed, oriented outwards and
 //! manifold, whose vertices lie on the solid's edges and faces. Every edge is cut into chords once, and both
 //! its faces use these; each face is filled between its loops by a constrained Delaunay triangulation in
 //! plane coordinates of its surface (`chart`), with points added within it where a chord misses the surface

@@ -1,6 +1,6 @@
 //! Every solid that two or three orthographic views can mean.
 //!
-//! Comes in: a [`Drawing`], curves with their style in the model's coordinates. Goes out: [`Solutions`],
+//! Input: a [`Drawing`], curves with their style in the model's coordinates. Output: [`Solutions`],
 //! solids with true planes, cylinders, cones, spheres and tori, best first, and the lines that none of them
 //! explains.
 //!

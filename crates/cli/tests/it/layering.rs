@@ -1,4 +1,5 @@
-//! Direction of imports: between crates by their manifests, between the top-level modules of a crate by its code.
+//! Direction of imports: between crates by their manifests, between the top-level modules of a crate by its
+//! code.
 
 use crate::sources::{Source, sources};
 use serde_json::Value;

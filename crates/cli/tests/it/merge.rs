@@ -254,7 +254,7 @@ fn a_copy_is_left_out() {
     run("merge a.obj b.obj -o two.ply");
     let said = run("merge a.obj b.obj copy.obj -o three.ply");
     assert!(
-        said.stderr.contains("copy.obj has the same vertices as a.obj: it was left out"),
+        said.stderr.contains("copy.obj has the same vertices as a.obj: it was ignored"),
         "{}",
         said.stderr
     );

@@ -194,13 +194,10 @@ fn findings(report: &ComparisonReport, unit: SmallUnit<'_>) -> Vec<Finding> {
         } else if share > TRUE_SHARES[1] {
             Finding::new(Level::Look, format!("σ is rather large: {text} (95 % where it is true)."))
         } else {
-            Finding::new(Level::Good, format!("σ told the truth: {text} (95 % where it is true)."))
+            Finding::new(Level::Good, format!("σ is consistent: {text} (expected: 95 %)."))
         });
     } else {
-        found.push(Finding::new(
-            Level::Look,
-            "The model states no σ: whether it tells the truth cannot be said.",
-        ));
+        found.push(Finding::new(Level::Look, "The model states no σ: its uncertainty cannot be checked."));
     }
     if let Some(d) = report.backward.or(report.forward)
         && d.mean.abs() > MOST_BIAS * d.rms
@@ -268,7 +265,7 @@ fn left_out(report: &ComparisonReport) -> Section {
         .map(|(n, what)| Block::Text(format!("{} {what}.", count(n))))
         .collect();
     Section::new(
-        "What was left out",
+        "Points that were not compared",
         if lines.is_empty() { vec![Block::Text("Nothing.".to_owned())] } else { lines },
     )
 }

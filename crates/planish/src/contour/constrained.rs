@@ -1,6 +1,6 @@
 //! What holds between the contours of a file: found by tests, imposed, put on a grid, counted.
 //!
-//! Comes in: the fitted parts and what a user asks for. Goes out: a [`ConstrainedReport`], the contours with
+//! Input: the fitted parts and what a user asks for. Output: a [`ConstrainedReport`], the contours with
 //! all of it imposed, and the graphs. Not guaranteed: that a relation which the errors hide was meant; its
 //! p-value is reported.
 

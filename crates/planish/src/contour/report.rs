@@ -88,7 +88,7 @@ pub struct ContourReport {
     pub unit: Option<Unit>,
     /// Readings that were left out before the fit.
     pub left_out: usize,
-    /// What a user should know.
+    /// Warnings for the user.
     #[serde(skip)]
     pub warnings: Vec<String>,
 }

@@ -56,7 +56,7 @@ pub(crate) fn shape_page(
                     ),
                     kinds(
                         "used",
-                        "took part",
+                        "used",
                         FieldKind::Categories(vec![(1, "yes".to_owned()), (0, "no: rejected".to_owned())]),
                         used,
                     ),

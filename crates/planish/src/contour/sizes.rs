@@ -1,6 +1,6 @@
 //! Sizes with σ, beside the lines of a contour's drawing.
 //!
-//! Comes in: contours as they are drawn, and the sizes that are reported of them. Goes out: a label for each
+//! Input: contours as they are drawn, and the sizes that are reported of them. Output: a label for each
 //! reported length that a straight line has, and for each radius that an arc has.
 //!
 //! Not guaranteed: that labels of close lines stand apart.
@@ -10,7 +10,7 @@ use crate::contour::ContourReport;
 use planish_contour::planar::Kind;
 use planish_exchange::contours::{DrawnContour, SizeLabel};
 
-/// A line has a reported length where they differ by no more than this share.
+/// A line has a reported length where they differ by at most this share.
 const SAME: f64 = 1e-6;
 
 /// A size that is reported.

@@ -25,7 +25,7 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
     }
     if job.fit.motion != Motion::Still || job.fit.form != Form::ActiveFacet {
         return Err(Error::unsupported(
-            "shapes in space stand still and have an equation a side: leave out --motion and --product",
+            "3D shapes support neither motion nor the product form: omit --motion and --product",
         ));
     }
     unused::refuse_unused(job, unused::Readings::Space)?;

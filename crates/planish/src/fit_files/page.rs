@@ -20,12 +20,12 @@ const NEXT_POINTS: usize = 5;
 const MOST_NORMALISED: f64 = 1.5;
 /// A scan whose mean residual is more than this many σ of a reading lies apart from the others.
 const MOST_APART: f64 = 0.5;
-/// A scan of which more than this share is set aside, and more than three times the share of all, does not
+/// A scan of which more than this share is rejected, and more than three times the share of all, does not
 /// fit.
 const MOST_SET_ASIDE: f64 = 0.1;
 /// Fewer readings judge no scan.
 const LEAST_JUDGED: usize = 30;
-/// Readings that took no part are off by their predicted σ, within this factor, where σ is true.
+/// Readings that was held out are off by their predicted σ, within this factor, where σ is true.
 const TRUE_SIGMA: f64 = 1.25;
 
 /// The page of a fit. `named` are the files that the command names; `report` holds the warnings of the whole
@@ -226,7 +226,7 @@ fn went_in(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> Se
     if !scans.is_empty() {
         let off = unit.head("mean");
         let rms = unit.head("rms");
-        let mut table = Table::new(["scan", "sensor", "used", "set aside", &rms, &off, "rms / σ"]);
+        let mut table = Table::new(["scan", "sensor", "used", "rejected", &rms, &off, "rms / σ"]);
         for scan in scans {
             table.row(
                 [
@@ -245,11 +245,11 @@ fn went_in(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> Se
     }
     let total: usize = report.rejected.values().sum();
     blocks.push(Block::Text(if total == 0 {
-        "No reading was left out.".to_owned()
+        "No reading was rejected.".to_owned()
     } else {
         let causes: Vec<String> =
             (report.rejected.iter()).map(|(cause, n)| format!("{} {}", count(*n), why(cause))).collect();
-        format!("{} left out: {}.", counted(total, "reading"), causes.join(", "))
+        format!("{} rejected: {}.", counted(total, "reading"), causes.join(", "))
     }));
     Section::new("What went in", blocks)
 }
@@ -366,14 +366,14 @@ fn concluded(report: &FitReport) -> Option<Section> {
                 count(symmetry.agreeing),
                 count(symmetry.compared)
             ),
-            false => "No symmetry that the readings bear out.".to_owned(),
+            false => "The readings support no symmetry.".to_owned(),
         }));
     }
     if !found.gaps.is_empty() {
         blocks.push(Block::Text(format!("{} looked at.", counted(found.gaps.len(), "gap"))));
     }
     blocks.push(Block::Text(format!(
-        "{} of the area was completed, by {} that were concluded from others.",
+        "{} of the area was completed, by {} inferred from others.",
         percent(found.invented_area_fraction),
         counted(found.pseudo_readings, "reading")
     )));
@@ -411,7 +411,7 @@ fn to_do(report: &FitReport, next: Option<&NextReport>, model_unit: &str, unit: 
             blocks.push(Block::Table(next_table(next, model_unit, unit)));
         }
         _ => blocks.push(Block::Text(
-            "This model does not say where to measure next: that takes one of fit --filter global."
+            "This model cannot plan the next measurement: that needs a model of fit --filter global."
                 .to_owned(),
         )),
     }

@@ -1,6 +1,6 @@
 //! Patches a little off, brought together before they are merged.
 //!
-//! Comes in: patches in frames that agree but for small motions, all facing alike. Goes out: the same in the
+//! Input: patches in frames that agree but for small motions, all facing alike. Output: the same in the
 //! frame of the first, and the motion of each with its covariance.
 //!
 //! Every vertex `p` of a patch `i` that lies on another, `j`, says how far both are apart along the normal
@@ -37,7 +37,7 @@ use planish_mesh::{BoundingBox, MeshSearch, Neighbours, Patch, TriangleMesh};
 use planish_sense::Pose;
 use planish_surface::model::PoseReport;
 
-/// Vertices of a patch that take part, at most.
+/// Vertices of a patch that are used, at most.
 const MOST_VERTICES: usize = 5000;
 /// A motion that leaves the residuals less than so many of its places apart is not told by them.
 const LEAST_RESIDUALS: usize = 12;
@@ -55,8 +55,8 @@ const DETERMINED: f64 = 0.25;
 /// The least scale of residuals, as a share of the size of all patches: what rounding to single precision
 /// does.
 const LEAST_SCALE: f64 = 1e-7;
-/// Patches that are parts of one thing lie no more than so many σ apart when they are aligned, and, where σ
-/// is not stated, no more than an edge.
+/// Patches that are parts of one object lie at most so many σ apart when they are aligned, and, where σ
+/// is not stated, at most an edge.
 const APART: f64 = 5.0;
 /// Planes and balls leave three directions open, nothing that patches share leaves more.
 const MOST_OPEN: usize = 4;
@@ -101,7 +101,7 @@ struct Side<'a> {
 }
 
 impl Side<'_> {
-    /// σ of a vertex; one where none is known.
+    /// σ of a vertex; one if none is known.
     fn sigma(&self, vertex: usize) -> f64 {
         self.patch.sigma.get(vertex).copied().unwrap_or(1.0)
     }

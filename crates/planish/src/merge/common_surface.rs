@@ -1,9 +1,9 @@
 //! One surface where patches share places.
 //!
-//! Comes in: patches and where they lie on one another. Goes out: where their vertices come to lie. Shared
+//! Input: patches and where they lie on one another. Output: where their vertices come to lie. Shared
 //! places are covered with pieces, each a height field over the plane of its mean normal (R. Mohr, C. Zhao,
 //! G. Koscielny 1994 take the direction from the origin to the region's centroid, their eq. 2, which serves
-//! only where the origin lies well inside the thing), refitted by a bicubic spline ([`HeightField`]), and
+//! only where the origin lies well inside the object), refitted by a bicubic spline ([`HeightField`]), and
 //! blended: a place is where the pieces about it say, each by how near its middle is. Pieces follow the
 //! surface from neighbour to neighbour and end where normals turn away, so that what is no height field is
 //! several.

@@ -1,9 +1,9 @@
-//! What no patch covers, taken from a surface that bounds the thing.
+//! What no patch covers, taken from a surface that bounds the object.
 //!
-//! Comes in: a merged surface, and a mesh that the thing lies within, such as the visual hull of its
-//! silhouettes (A. Laurentini 1994). Goes out: one mesh, in which the bound stands where no patch is. Not
-//! guaranteed: that the thing is as large there as what bounds it; anything where it cannot be told which way
-//! a part of the patches faces ([`Facing::untold`]).
+//! Input: a merged surface, and a mesh that the object lies within, such as the visual hull of its
+//! silhouettes (A. Laurentini 1994). Output: one mesh, in which the bound stands where no patch is. Not
+//! guaranteed: that the object is as large there as what bounds it; anything where it cannot be told which
+//! way a part of the patches faces ([`Facing::untold`]).
 
 use planish_estimate::vector3::{distance, dot};
 use planish_estimate::{Error, Result};
@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 const OVER: f64 = 6.0;
 /// Beyond the border of a patch it is left out up to so many edges away, so that there is room to sew.
 const BESIDE: f64 = 1.0;
-/// Normals of one side of a thing differ by less.
+/// Normals of one side of an object differ by less.
 const LARGEST_ANGLE_RAD: f64 = 1.2;
 /// What is left of the bound lies on no patch: ε, in edges.
 const EPSILON: f64 = 0.01;
@@ -57,7 +57,7 @@ pub(super) struct Completed {
 }
 
 /// Sews a bound to what was merged, where that has nothing. σ of the bound is its own, or the length of its
-/// edges: how far the thing may lie beneath is not in it. Triangles that reach out of a closed bound are
+/// edges: how far the object may lie beneath is not in it. Triangles that reach out of a closed bound are
 /// carved away. A bound that is closed faces outwards, whichever way its file has it; parts of the patches
 /// that face against the bound are turned over.
 pub(super) fn completed(merged: &Zipped, bound: &Patch) -> Result<Completed> {
@@ -134,7 +134,7 @@ pub(super) fn facing_in_words(facing: Facing, bound: &str) -> Vec<String> {
     };
     let mut words = Vec::new();
     if facing.turned > 0 {
-        words.push(format!("{} faced inwards, told by {bound}: turned over", parts(facing.turned)));
+        words.push(format!("{} faced inwards according to {bound} and was reversed", parts(facing.turned)));
     }
     if facing.untold > 0 {
         words.push(format!(

@@ -1,6 +1,6 @@
 //! What is to be known of patches before they are merged.
 //!
-//! Comes in: patches as they were read. Goes out: those that are no copies, all facing alike, and words on
+//! Input: patches as they were read. Output: those that are no copies, all facing alike, and words on
 //! what crosses itself or comes near nothing. Not guaranteed: that a copy is known as one after its numbers
 //! were rounded.
 
@@ -27,7 +27,7 @@ const LITTLE: f64 = 0.05;
 const UNALIKE: f64 = 0.4;
 
 /// Leaves out patches whose vertices all lie exactly where those of an earlier one do: two files of the same
-/// readings know no more than one.
+/// readings know at most one.
 ///
 /// # Errors
 /// `Input` where fewer than two patches are left.
@@ -58,7 +58,7 @@ pub(super) fn leave_out_copies(
         return Err(Error::input(format!("merging takes two patches or more, found {}{why}", kept.len())));
     }
     warnings.extend(
-        copies.into_iter().map(|copy| format!("{copy}: it was left out, as both know what one knows")),
+        copies.into_iter().map(|copy| format!("{copy}: it was ignored, because it adds no information")),
     );
     Ok(kept.into_iter().map(|(patch, _)| patch).collect())
 }
@@ -172,8 +172,8 @@ pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>,
     Ok((turned, searches))
 }
 
-/// Patches whose σ was told from how they differ from others, and differ as what is not of one thing does, in
-/// words.
+/// Patches whose σ was told from how they differ from others, and differ as what is not of one object does,
+/// in words.
 ///
 /// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is
 /// then as long as an edge.
@@ -215,7 +215,7 @@ pub(super) fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[Strin
     match best {
         Some((d, i, j)) => {
             let (here, there) = (&names[i], &names[j]);
-            // Things may be a thousandth of a unit large.
+            // Objects may be a thousandth of a unit large.
             match d {
                 0.0 => format!("{here} and {there} touch, but nowhere does one lie along the other"),
                 d if d < 1e-3 => format!("{here} and {there} come within {d:.2e} {unit}"),

@@ -1,6 +1,6 @@
 //! What comes of a merge.
 //!
-//! Comes in: counts and shapes. Goes out: [`Merged`] and its [`MergeReport`], whose keys are those of
+//! Input: counts and shapes. Output: [`Merged`] and its [`MergeReport`], whose keys are those of
 //! `--json`. Not guaranteed: anything; these are plain records.
 
 use super::MergeMethod;
@@ -32,7 +32,7 @@ pub struct PatchReport {
     pub vertices_kept: usize,
     /// Whether it was turned over, as it faced the other way than the patches that it lies on.
     pub turned_over: bool,
-    /// Median of its σ; estimated where none was stated.
+    /// Median of its σ; estimated if none was stated.
     pub sigma: f64,
 }
 
@@ -102,10 +102,10 @@ pub struct MergeReport {
     /// What stands where no patch is, where a bound was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub completed: Option<CompletionReport>,
-    /// What fills holes, where that was asked for.
+    /// What fills holes, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub filled: Option<FillReport>,
-    /// Whether σ was told from how patches differ where none was stated.
+    /// Whether σ was told from how patches differ if none was stated.
     pub sigma_estimated: bool,
     /// Quantiles of σ of the whole, over its vertices.
     pub sigma: SigmaSummary,
@@ -125,7 +125,7 @@ pub struct MergeReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Unit,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -140,8 +140,8 @@ pub struct Merged {
     pub sigma: Vec<f64>,
     /// 1 where it was measured, 2 where it was completed.
     pub observed: Vec<u8>,
-    /// How it bends, where that was asked for.
+    /// How it bends, if requested.
     pub curvature: Option<VertexCurvature>,
-    /// What came of it.
+    /// Result of the job.
     pub report: MergeReport,
 }

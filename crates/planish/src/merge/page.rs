@@ -206,7 +206,7 @@ fn findings(report: &MergeReport) -> Vec<Finding> {
     if report.sigma_estimated {
         found.push(Finding::new(
             Level::Look,
-            "The patches state no σ: it was told from how they differ where they overlap.",
+            "The patches state no σ: it was estimated from their differences in the overlaps.",
         ));
     }
     found

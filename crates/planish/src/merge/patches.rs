@@ -1,6 +1,6 @@
 //! What can be merged, read from files: saved models, meshes, organised scans.
 //!
-//! Comes in: paths. Goes out: patches in one frame and unit, with σ where files state it. Not guaranteed:
+//! Input: paths. Output: patches in one frame and unit, with σ where files state it. Not guaranteed:
 //! that frames agree where no pose was given.
 
 use crate::compare::ComparedMesh;
@@ -37,13 +37,13 @@ pub struct NamedPatch {
 pub struct PatchSet {
     /// The patches, in the order of the files.
     pub patches: Vec<NamedPatch>,
-    /// What the thing lies within, taken where no patch is.
+    /// What the object lies within, taken where no patch is.
     pub bound: Option<NamedPatch>,
     /// Unit of every length.
     pub unit: Option<Unit>,
     /// Every file that was read.
     pub inputs: Vec<PathBuf>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -116,7 +116,7 @@ pub fn read_patches(
         }
         if at == paths.len() && read.len() != first + 1 {
             return Err(Error::input(format!(
-                "{}: what bounds a thing is one surface, found {}",
+                "{}: needed one surface as the bound of the object, found {}",
                 path.display(),
                 read.len() - first
             )));
@@ -137,7 +137,7 @@ pub fn read_patches(
                 set.warnings.push(format!("{}: turned from {from} into {to}", named.name));
             }
             (None, Some(to)) => set.warnings.push(format!(
-                "{} names no unit: taken to be in {to}, as others are; --unit says another",
+                "{} states no unit: {to} is assumed, as for the others; use --unit for another",
                 named.name
             )),
             _ => {}
@@ -162,7 +162,7 @@ fn of_faces(
     let mesh = faces.triangles(&faces.fineness(chord)).map_err(|e| e.in_context(path.display()))?;
     if let Some(first) = mesh.left_out.first() {
         warnings.push(format!(
-            "{}: {} of {} faces are left out, the first: {first}",
+            "{}: {} of {} faces are skipped, the first: {first}",
             path.display(),
             mesh.left_out.len(),
             mesh.left_out.len() + mesh.faces

@@ -1,6 +1,6 @@
 //! Patches made ready to be merged, and what is told of them afterwards.
 //!
-//! Comes in: patches as they were read. Goes out: those that are no copies, turned and moved to lie on one
+//! Input: patches as they were read. Output: those that are no copies, turned and moved to lie on one
 //! another, in an order that does not hang on that of the files; where they overlap; and the report, which
 //! names them in the order of the files. Not guaranteed: that patches in frames of their own come together.
 
@@ -31,7 +31,7 @@ pub(super) struct Ready {
     /// Whether some patch crosses itself.
     pub crosses: bool,
     unit: Unit,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -53,7 +53,7 @@ impl Ready {
         let PatchSet { patches: named, unit, mut warnings, .. } = set;
         for named in named.iter().filter(|p| p.tidied.dropped > 0) {
             warnings.push(format!(
-                "{}: {} triangles were left out, as other triangles have their edges already",
+                "{}: {} triangles were removed, because their edges already belong to two others",
                 named.name, named.tidied.dropped
             ));
         }

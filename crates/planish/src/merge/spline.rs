@@ -1,6 +1,6 @@
 //! A merged mesh as one spline surface.
 //!
-//! Comes in: a merged mesh of one part, and what is small beside it. Goes out: a hierarchical spline through
+//! Input: a merged mesh of one part, and what is small beside it. Output: a hierarchical spline through
 //! its vertices, whose σ is that of the mesh. Not guaranteed: detail finer than the mesh's σ; how far the
 //! surface leaves the vertices is reported.
 //!
@@ -48,7 +48,7 @@ pub struct MergedSpline {
     pub model: SurfaceModel,
     /// How it follows the mesh.
     pub report: SplineReport,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 

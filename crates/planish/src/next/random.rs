@@ -1,6 +1,6 @@
 //! Points drawn at random, to judge the chosen ones by.
 //!
-//! Comes in: the factor of a model's information, and its places. Goes out: the largest σ of the region after
+//! Input: the factor of a model's information, and its places. Output: the largest σ of the region after
 //! 1, 2, 3 … points of every draw. Points are leaf middles drawn by area, as often as they come up.
 
 use super::{NextOptions, Place, columns, figures};

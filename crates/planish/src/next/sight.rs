@@ -1,10 +1,10 @@
 //! What a sensor sees of a model from a pose.
 //!
-//! Comes in: a model and a sensor. Goes out: whether a place is seen, every reading of a pose, and the poses
+//! Input: a model and a sensor. Output: whether a place is seen, every reading of a pose, and the poses
 //! that can be taken up.
 //!
 //! A place is seen that lies in the field of view and in range, shows its outer side (where normals point)
-//! under no more than the largest incidence, and has nothing of the model before it. Rays are cast at a
+//! under at most the largest incidence, and has nothing of the model before it. Rays are cast at a
 //! tessellation of the model.
 //!
 //! Not guaranteed: that there is room for the sensor beside what the model knows, such as over a table; that

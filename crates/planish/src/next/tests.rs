@@ -149,7 +149,7 @@ fn a_goal_stops_it_and_a_region_bounds_it() {
     assert!(next_points(&model, &nowhere, &Silent).is_err());
 }
 
-/// A sensor for things of about size one.
+/// A sensor for objects of about size one.
 fn camera() -> ViewSensor {
     ViewSensor {
         borders: ViewSensor::borders_of_angles([0.9, 0.7]),

@@ -1,6 +1,6 @@
 //! Poses of a sensor, chosen one after the other.
 //!
-//! Comes in: a model and a sensor with a field of view. Goes out: poses, each the best of those that were
+//! Input: a model and a sensor with a field of view. Output: poses, each the best of those that were
 //! tried given the views before it, with σ after it.
 //!
 //! Candidates stand around the model at feasible distances. A candidate is judged by representatives: a few

@@ -1,9 +1,9 @@
 //! From strips of points to patches of surface.
 //!
-//! Comes in: points in strips. Goes out: a mesh of each strip, a fitted sheet where a spline is asked for,
+//! Input: points in strips. Output: a mesh of each strip, a fitted sheet where a spline is asked for,
 //! and their files.
 //!
-//! Not guaranteed: that a strip which winds around a thing is a sheet; what cannot be fitted is named and
+//! Not guaranteed: that a strip which winds around an object is a sheet; what cannot be fitted is named and
 //! left out.
 
 use super::{ContourPatch, OccludingJob};

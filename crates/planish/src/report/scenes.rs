@@ -237,8 +237,8 @@ fn reading_cloud(readings: &ShownReadings, unit: &str) -> Cloud {
             ),
             kinds(
                 "used",
-                "took part",
-                FieldKind::Categories(vec![(1, "yes".to_owned()), (0, "no: set aside".to_owned())]),
+                "used",
+                FieldKind::Categories(vec![(1, "yes".to_owned()), (0, "no: rejected".to_owned())]),
                 readings.used.iter().map(|u| u16::from(*u)).collect(),
             ),
         ],

@@ -1,7 +1,7 @@
 //! `planish shell fit`: a mesh moved by a few controls until it goes through points and shows the outlines of
 //! views.
 //!
-//! Comes in: a mesh of any kind, point files, `views.toml` with masks. Goes out: the mesh where it was found,
+//! Input: a mesh of any kind, point files, `views.toml` with masks. Output: the mesh where it was found,
 //! with σ along its normals, and with its texture; poses of cameras that were uncertain; how far the masks
 //! are covered, in views held out as well.
 //!
@@ -56,7 +56,7 @@ pub enum DeformationKind {
     Modes,
 }
 
-/// What to do.
+/// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellFitJob {
     /// The mesh.
@@ -69,7 +69,7 @@ pub struct ShellFitJob {
     pub sequence: Option<PathBuf>,
     /// What moves the mesh.
     pub deformation: DeformationKind,
-    /// How many controls, where none are given: of a lattice all its points, of modes the most.
+    /// How many controls, if none is given: of a lattice all its points, of modes the most.
     pub controls: usize,
     /// Control points.
     pub controls_file: Option<PathBuf>,
@@ -77,7 +77,7 @@ pub struct ShellFitJob {
     pub family: Vec<PathBuf>,
     /// Parts that stay rigid: a group, object or material of the OBJ, or a file of vertex indices.
     pub rigid: Vec<String>,
-    /// Over which length they fade into the rest; a tenth of the mesh's size where none is given.
+    /// Over which length they fade into the rest; a tenth of the mesh's size if none is given.
     pub blend: Option<f64>,
     /// What metaballs are built around.
     pub metaball: Metaball,
@@ -181,7 +181,7 @@ pub struct ShellFitReport {
     pub iou: BTreeMap<String, f64>,
     /// The same before the fit.
     pub iou_before: BTreeMap<String, f64>,
-    /// Views that took no part.
+    /// Views that was held out.
     pub held_out: Vec<String>,
     /// How many controls there are; parameters, of modes.
     pub controls: usize,
@@ -225,7 +225,7 @@ pub struct ShellFitReport {
     /// Every file that was written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Warnings for the user.
     #[serde(skip)]
     pub warnings: Vec<String>,
 }

@@ -1,6 +1,6 @@
 //! What a mesh looks like, kept while it is moved: texture coordinates and texture of an OBJ or GLB.
 //!
-//! Comes in: a mesh with its looks, and where its vertices have come to lie. Goes out: OBJ with MTL and
+//! Input: a mesh with its looks, and where its vertices have come to lie. Output: OBJ with MTL and
 //! picture, or GLB, of the mesh at those places.
 //!
 //! Not guaranteed: more of a material than the picture of its colour.
@@ -20,9 +20,7 @@ pub(super) fn picture_of(file: &TexturedMesh, warnings: &mut Vec<String>) -> Opt
     if file.picture.is_some() {
         return file.picture.clone();
     }
-    read_bytes(file.texture.as_ref()?)
-        .map_err(|e| warnings.push(format!("the texture is left out: {e}")))
-        .ok()
+    read_bytes(file.texture.as_ref()?).map_err(|e| warnings.push(format!("the texture is dropped: {e}"))).ok()
 }
 
 /// What OBJ and GLB can name or hold as a texture.
@@ -30,7 +28,7 @@ fn can_be_kept(bytes: &&[u8]) -> bool {
     bytes.starts_with(b"\x89PNG") || is_jpeg(bytes)
 }
 
-/// How well vertices are known: σ along normals, and which were measured; both empty where nothing is said.
+/// How well vertices are known: σ along normals, and which were measured; both empty if not specified.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Known<'a> {
     pub sigma: &'a [f64],

@@ -1,6 +1,6 @@
 //! `planish shell pose`: a mesh posed by moving a few of its controls.
 //!
-//! Comes in: a mesh, and a TOML file of poses and keyframes:
+//! Input: a mesh, and a TOML file of poses and keyframes:
 //!
 //! ```toml
 //! controls = 60                       # chosen on the mesh; or a list of places [[x, y, z], ...]
@@ -26,7 +26,7 @@
 //! weights = { "shoulders up" = 1 }
 //! ```
 //!
-//! Goes out: GLB with a morph target for each pose, and an animation where there are keyframes; texture
+//! Output: GLB with a morph target for each pose, and an animation where there are keyframes; texture
 //! coordinates and the texture of an OBJ or GLB are kept. Other formats hold the mesh in the first pose.
 //!
 //! Not guaranteed: that a posed mesh does not cross itself.
@@ -50,12 +50,12 @@ use planish_shell::{Dirichlet, PartMotion, RigidPart, RigidParts, automatic_cont
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Controls where nothing is said.
+/// Controls if not specified.
 const USUAL_CONTROLS: usize = 60;
-/// The blend where none is given, as a share of the mesh's size.
+/// The blend if none is given, as a share of the mesh's size.
 pub(super) const USUAL_BLEND: f64 = 0.1;
 
-/// What to do.
+/// Settings of the job.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShellPoseJob {
     /// The mesh.
@@ -71,7 +71,7 @@ pub struct ShellPoseJob {
     pub unit: Option<Unit>,
 }
 
-/// What came of it.
+/// Result of the job.
 #[derive(Debug, Clone, Serialize)]
 pub struct ShellPoseReport {
     /// Unit of lengths.
@@ -95,7 +95,7 @@ pub struct ShellPoseReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
     /// `converged`.
     pub termination: &'static str,

@@ -1,6 +1,6 @@
 //! `planish shell mesh`: the surface of a mesh's shell as a manifold mesh.
 //!
-//! Comes in: a mesh of any kind and the settings of its field. Goes out: a mesh, and how far from the exact
+//! Input: a mesh of any kind and the settings of its field. Output: a mesh, and how far from the exact
 //! surface it is.
 //!
 //! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
@@ -17,7 +17,7 @@ use planish_shell::{IsoOptions, Shell, ShellOptions, iso_surface, subdivided};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// How thick a shell is where nothing is said, and how soft its field, as shares of the mesh's size.
+/// How thick a shell is if not specified, and how soft its field, as shares of the mesh's size.
 const USUAL_THICKNESS: f64 = 0.01;
 const USUAL_SOFTNESS: f64 = 0.002;
 /// Spherical metaballs are at most so many times as large as the field is soft.
@@ -25,7 +25,7 @@ const SPHERES: f64 = 3.0;
 /// And there are at most so many of them.
 const MOST_FACETS: usize = 400_000;
 
-/// What to do.
+/// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellMeshJob {
     /// The mesh.
@@ -34,13 +34,13 @@ pub struct ShellMeshJob {
     pub level: IsoLevel,
     /// What metaballs are built around.
     pub metaball: Metaball,
-    /// `d0` of triangular metaballs; a hundredth of the mesh's size where none is given.
+    /// `d0` of triangular metaballs; a hundredth of the mesh's size if none is given.
     pub thickness: Option<f64>,
-    /// `1/k`; 1/500 of the mesh's size where none is given.
+    /// `1/k`; 1/500 of the mesh's size if none is given.
     pub softness: Option<f64>,
     /// `T`.
     pub threshold: f64,
-    /// Side of a cell; 1/150 of the mesh's size where none is given.
+    /// Side of a cell; 1/150 of the mesh's size if none is given.
     pub cell: Option<f64>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
@@ -48,7 +48,7 @@ pub struct ShellMeshJob {
     pub unit: Option<Unit>,
 }
 
-/// What came of it.
+/// Result of the job.
 #[derive(Debug, Clone, Serialize)]
 pub struct ShellMeshReport {
     /// Unit of lengths.
@@ -79,7 +79,7 @@ pub struct ShellMeshReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
     /// `converged`.
     pub termination: &'static str,

@@ -1,6 +1,6 @@
-//! `planish shell texture`: the colours of a mesh, from calibrated pictures of the thing.
+//! `planish shell texture`: the colours of a mesh, from calibrated pictures of the object.
 //!
-//! Comes in: a mesh, maybe a fitted one with σ, and `views.toml` with pictures. Goes out: colours of vertices
+//! Input: a mesh, maybe a fitted one with σ, and `views.toml` with pictures. Output: colours of vertices
 //! (PLY, GLB), or a texture on the mesh's own coordinates or on an atlas of its triangles (OBJ with MTL and
 //! PNG, GLB); how many views each vertex has its colour from, and how far the colours are from the pictures,
 //! in views held out as well.
@@ -37,7 +37,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use view::ColourView;
 
-/// A texture has at least so many pixels along a side, and at most, where nothing is said.
+/// A texture has at least so many pixels along a side, and at most, if not specified.
 const USUAL_SIDES: [usize; 2] = [256, 4096];
 /// The largest side of a texture.
 pub const LARGEST_TEXTURE: usize = 8192;
@@ -56,7 +56,7 @@ pub enum ColourPlace {
     Texture,
 }
 
-/// What to do.
+/// Settings of the job.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShellTextureJob {
     /// The mesh.
@@ -65,7 +65,7 @@ pub struct ShellTextureJob {
     pub views: PathBuf,
     /// Where colours go.
     pub place: ColourPlace,
-    /// Pixels along a side of the texture; about as fine as the pictures where none are given.
+    /// Pixels along a side of the texture; about as fine as the pictures if none is given.
     pub texture_size: Option<usize>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
@@ -84,7 +84,7 @@ pub struct ColourViewReport {
     pub seen: usize,
     /// Those where it differs too much from other views to take part.
     pub odd: usize,
-    /// Whether it differs so often that it took no part at all.
+    /// Whether it differs so often that it was held out at all.
     pub left_out: bool,
     /// Root mean square difference of its picture from the colours that were made, from 0 to 255, over the
     /// pixels of the mesh away from its outlines.
@@ -104,7 +104,7 @@ pub struct TextureReport {
     pub atlas: bool,
 }
 
-/// What came of it.
+/// Result of the job.
 #[derive(Debug, Clone, Serialize)]
 pub struct ShellTextureReport {
     /// Unit of lengths.
@@ -129,7 +129,7 @@ pub struct ShellTextureReport {
     /// Files written.
     #[serde(skip)]
     pub written: Vec<PathBuf>,
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
     /// `converged`.
     pub termination: &'static str,
@@ -321,7 +321,7 @@ struct Said {
 
 /// Colours of the vertices, and whose they are.
 struct Answers {
-    /// Views that take part.
+    /// Views that are used.
     asked: Vec<usize>,
     said: Said,
     coloured: Coloured,

@@ -234,7 +234,7 @@ impl Noisy {
             );
         }
         error.in_context(format!(
-            "{}: if a side should stand upright, say so in `planish contour --given`, or lower --level",
+            "{}: if a side is upright, state it with `planish contour --given`, or lower --level",
             leaning.join(", ")
         ))
     }

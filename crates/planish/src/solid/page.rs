@@ -88,7 +88,7 @@ pub(crate) fn solid_page(
     let headline = match report.solutions.len() {
         0 => "No solid has these views.".to_owned(),
         1 => "One solid has these views.".to_owned(),
-        n => format!("{n} solids have these views; they stand side by side, the best on the left."),
+        n => format!("{n} solids have these views; they are shown side by side, the best on the left."),
     };
     let figures = (report.solutions.first()).map_or_else(Vec::new, |best| {
         vec![
@@ -160,7 +160,7 @@ fn findings(report: &SolidReport) -> Vec<Finding> {
         1 => {}
         n => found.push(Finding::new(
             Level::Look,
-            format!("The drawing does not tell {n} solids apart: a further view would."),
+            format!("{n} solids have these views: another view would tell which is meant."),
         )),
     }
     if let Some(geometry) = &report.geometry {

@@ -1,11 +1,11 @@
-//! From where a thing is looked at: directions by angles or names, and the projection onto a picture.
+//! From where an object is looked at: directions by angles or names, and the projection onto a picture.
 
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, Projected};
 use std::str::FromStr;
 
-/// The camera's distance from the middle of a thing, over the diagonal of its box: near enough for depth to
+/// The camera's distance from the middle of an object, over the diagonal of its box: near enough for depth to
 /// show, far enough to distort nothing.
 const DISTANCE: f64 = 2.6;
 /// Azimuth and elevation of `iso`, in degrees: equal angles with all three axes.
@@ -57,7 +57,7 @@ impl Up {
     }
 }
 
-/// A direction from which a thing is looked at, by angles.
+/// A direction from which an object is looked at, by angles.
 ///
 /// From azimuth 0 one looks from the front: from −y where z is up, from z where y is up. It grows to the
 /// right: 90 is the right side.
@@ -65,7 +65,7 @@ impl Up {
 pub struct CameraAngles {
     /// About what is up, in degrees.
     pub azimuth_deg: f64,
-    /// Above the level of the thing, in degrees from −90 to 90.
+    /// Above the level of the object, in degrees from −90 to 90.
     pub elevation_deg: f64,
     /// How much larger than what just fits.
     pub zoom: f64,
@@ -117,7 +117,7 @@ impl FromStr for CameraAngles {
     }
 }
 
-/// The directions of a picture: to the right, up, and from the thing to the camera.
+/// The directions of a picture: to the right, up, and from the object to the camera.
 pub(super) type Axes = [[f64; 3]; 3];
 
 /// The axes of a camera that stands at these angles.
@@ -138,14 +138,14 @@ pub(super) fn axes_from(from: [f64; 3], up: [f64; 3]) -> Result<Axes> {
     Ok([right, cross(from, right), from])
 }
 
-/// Where in a picture the thing is to be: from the left and the top, in pixels.
+/// Where in a picture the object is to be: from the left and the top, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Frame {
     pub low: [f64; 2],
     pub high: [f64; 2],
 }
 
-/// A pinhole that looks at a thing.
+/// A pinhole that looks at an object.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Camera {
     at: [f64; 3],
@@ -155,7 +155,7 @@ pub(super) struct Camera {
     pub focal: f64,
     /// Column and row of what is straight ahead.
     middle: [f64; 2],
-    /// Diagonal of the thing's box.
+    /// Diagonal of the object's box.
     pub diagonal: f64,
 }
 
@@ -279,7 +279,7 @@ mod tests {
         let [columns, rows] = [reach(0), reach(1)];
         assert!(columns[0] >= 10.0 - 1e-9 && columns[1] <= 200.0 + 1e-9);
         assert!(rows[0] >= 20.0 - 1e-9 && rows[1] <= 120.0 + 1e-9);
-        // One of the two directions is filled, and the thing is in the middle of both.
+        // One of the two directions is filled, and the object is in the middle of both.
         assert!((columns[1] - columns[0] - 190.0).abs() < 1e-6 || (rows[1] - rows[0] - 100.0).abs() < 1e-6);
         assert!((columns[0] + columns[1] - 210.0).abs() < 1e-6 && (rows[0] + rows[1] - 140.0).abs() < 1e-6);
         // Places are the inverse of projections.

@@ -1,4 +1,4 @@
-//! What stands beside a thing in a picture: the colours and their values, the thing's size, and the
+//! What stands beside an object in a picture: the colours and their values, the object's size, and the
 //! directions of its axes.
 
 use super::camera::Camera;
@@ -16,7 +16,7 @@ pub(super) struct Legend {
     pub title: String,
     /// Its colours; none where the colours say nothing of values.
     pub scale: Option<Scale>,
-    /// The size of the thing's box, with its unit.
+    /// The size of the object's box, with its unit.
     pub size: String,
 }
 

@@ -1,7 +1,7 @@
 //! Light on what a camera sees: matt surfaces lit over the left shoulder, darker where others are near, and
 //! dots that stand out by their depth.
 //!
-//! Comes in: [`Shape`]s with a colour for each place. Goes out: linear light for each pixel, and how much of
+//! Input: [`Shape`]s with a colour for each place. Output: linear light for each pixel, and how much of
 //! it is covered.
 //!
 //! What darkens folds is *ambient obscurance* (McGuire, Osman, Bukowski and Hennessy, “The Alchemy
@@ -29,9 +29,9 @@ const LAMP: [f64; 3] = [-0.42, 0.58, 0.70];
 const SKY: f64 = 0.44;
 const GROUND: f64 = 0.24;
 const DIRECT: f64 = 0.72;
-/// The lamp reaches so far around a thing, as a cosine: its edge of light is soft.
+/// The lamp reaches so far around an object, as a cosine: its edge of light is soft.
 const AROUND: f64 = 0.4;
-/// Reach of obscurance, over the diagonal of the thing; how dark it makes; places that are asked.
+/// Reach of obscurance, over the diagonal of the object; how dark it makes; places that are asked.
 const REACH: f64 = 0.035;
 const OBSCURANCE: f64 = 1.5;
 const ASKED: usize = 48;
@@ -44,7 +44,7 @@ const STEEPEST: f64 = 4.0;
 /// What is drawn.
 pub(super) enum Shape<'a> {
     /// Triangles; colours of a place by its triangle and weights of its corners, or of the normal (in the
-    /// picture's axes) where none are given.
+    /// picture's axes) if none is given.
     Surface { positions: &'a [[f64; 3]], triangles: &'a [[u32; 3]], colour: Option<&'a PlaceColour<'a>> },
     /// Dots with a colour and maybe a normal each, so many pixels wide.
     Dots {
@@ -334,7 +334,7 @@ fn obscurance(
         };
         let off = sub(camera.place(there.map(|x| x.floor() + 0.5), other.depth), place);
         let square = dot(off, off);
-        // Near things count, far ones do not; a place does not stand in its own light.
+        // Near objects count, far ones do not; a place does not stand in its own light.
         let above = dot(off, pixel.normal) - 0.002 * camera.diagonal;
         if above > 0.0 && square < 4.0 * reach * reach {
             sum += above * reach / (square + 0.01 * reach * reach) * (1.0 - square / (4.0 * reach * reach));

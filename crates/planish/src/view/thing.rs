@@ -42,7 +42,7 @@ pub(super) struct Thing {
 }
 
 impl Thing {
-    /// Reads a file. Models become about so many triangles, and of clouds no more than so many points are
+    /// Reads a file. Models become about so many triangles, and of clouds at most so many points are
     /// kept.
     pub(super) fn read(
         viewed: &ViewedFile,

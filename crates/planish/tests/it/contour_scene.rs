@@ -8,7 +8,7 @@ use planish::simulate::{ContoursOptions, ContoursShape, write_contours_scene};
 use planish_exchange::ply::read_scan;
 use planish_sense::variance_along;
 
-/// Points of the scene's contours lie on the thing to within their σ, for both shapes, and follow from
+/// Points of the scene's contours lie on the object to within their σ, for both shapes, and follow from
 /// the masks alone, too.
 #[test]
 fn points_of_the_scene_lie_on_the_thing() {

@@ -33,7 +33,7 @@ fn fit_scene(scene: &ScanScene) -> Fit {
 struct Judged {
     deviation: f64,
     sigma: f64,
-    /// Smaller of the true radii of curvature over the thing's length.
+    /// Smaller of the true radii of curvature over the object's length.
     radius: f64,
     level: u8,
     /// Knot spans of the base to the nearest open border.

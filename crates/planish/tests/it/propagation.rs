@@ -1,4 +1,4 @@
-//! What nobody measured, concluded from what was: judged against the truth.
+//! What was not measured, concluded from what was: judged against the truth.
 
 use crate::common;
 

@@ -165,7 +165,7 @@ fn a_report_of_a_comparison_is_coloured_by_the_deviations_that_it_counts() {
     // Of a model, too, and the verdict is that of the figures.
     let report = compare(&model);
     assert!(report.coverage95.unwrap() > 0.93);
-    assert!(read(&page).0.contains("σ told the truth"));
+    assert!(read(&page).0.contains("σ is consistent"));
     // Points to measure stand on the model.
     let job = NextJob {
         model: model.clone(),

@@ -111,7 +111,7 @@ fn least_held_out(report: &ShellFitReport) -> f64 {
     (report.held_out.iter()).map(|view| report.iou[view]).fold(1.0, f64::min)
 }
 
-/// A user's ellipsoid becomes a bow in views that took no part, closed and in one piece. Bent alone it does
+/// A user's ellipsoid becomes a bow in views that was held out, closed and in one piece. Bent alone it does
 /// not.
 #[test]
 fn an_ellipsoid_becomes_a_bow() {

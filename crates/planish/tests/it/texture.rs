@@ -1,5 +1,5 @@
-//! `planish shell texture` from files to files: a simulated thing whose colours are known, one view of
-//! another thing, and what no view sees.
+//! `planish shell texture` from files to files: a simulated object whose colours are known, one view of
+//! another object, and what no view sees.
 
 use planish::Job;
 use planish::progress::Silent;
@@ -150,7 +150,7 @@ fn vertices_have_the_colours_of_the_thing_and_say_from_how_many_views() {
     assert_eq!((of(-51.0, -40.0), of(0.0, 40.0)), (0.0, 1.0));
     assert_eq!(views.iter().filter(|n| **n > 0.0).count(), report.seen);
     assert_eq!(report.seen + report.filled, report.vertices);
-    // The view of another thing is told, and so is how far what was held out is met.
+    // The view of another object is told, and so is how far what was held out is met.
     for (k, view) in report.views.iter().enumerate() {
         let share = view.odd as f64 / view.seen as f64;
         assert_eq!((share > 0.8, view.left_out), (k == ODD, k == ODD), "{view:?}");

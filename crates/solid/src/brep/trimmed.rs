@@ -1,7 +1,7 @@
 //! Faces within their loops, for rays.
 //!
 //! A ray meets a surface in closed form for planes and cylinders; for any other by its signed distance, which
-//! changes by no more than the way gone: where it is larger than half an interval, the ray meets nothing
+//! changes by at most the way gone: where it is larger than half an interval, the ray meets nothing
 //! there. Whether a point of the surface is in the face is told by the nearest loop along the second
 //! parameter, of spheres and tori else along the first: loops have their face to the left.
 

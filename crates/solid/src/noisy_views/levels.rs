@@ -73,7 +73,7 @@ pub(super) fn places(views: &[NoisyView], offsets: &[Offset], drawing: &Drawing)
         }
         if found.len() == before {
             return Err(Error::input(format!(
-                "the {} view has neither corners nor circles that other views could show",
+                "the {} view has no corners or circles that other views could show",
                 noisy.kind.name()
             )));
         }

@@ -1,6 +1,6 @@
 //! What a face covers of its surface's parameters: polygons without jumps.
 //!
-//! Comes in: loops in parameters. Goes out: polygons; a point in an odd number of them is in the face. Two
+//! Input: loops in parameters. Output: polygons; a point in an odd number of them is in the face. Two
 //! loops that wind around are cut open along a bridge, which both sides of the cut share; where the face
 //! holds a pole, or all of a closed surface, loops are made for it.
 

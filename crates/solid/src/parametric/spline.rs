@@ -1,6 +1,6 @@
 //! Rational B-spline curves and surfaces of any degree: points and first derivatives.
 //!
-//! Comes in: degree, knots, control points and weights. Goes out: places at parameters, clamped to the
+//! Input: degree, knots, control points and weights. Output: places at parameters, clamped to the
 //! domain. Not guaranteed: continuity; a knot may be as multiple as the degree allows.
 //!
 //! # References

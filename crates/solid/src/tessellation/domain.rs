@@ -1,6 +1,6 @@
 //! The part of a surface's parameters that a face covers: polygons, an outer one and holes.
 //!
-//! Comes in: a face with the points of its edges. Goes out: polygons of mesh vertices in a plane ([`Chart`]).
+//! Input: a face with the points of its edges. Output: polygons of mesh vertices in a plane ([`Chart`]).
 //! In parameters these do not jump by a turn: a face between two loops around an axis, or around the tube of
 //! a torus, is cut along a bridge from one to the other, which both sides of the cut share.
 

@@ -27,7 +27,7 @@ pub fn triangles_needed(solid: &Solid, tolerance: f64) -> f64 {
     edges + faces.sum::<f64>()
 }
 
-/// The least tolerance for which a mesh needs no more than [`MOST_TRIANGLES`], by halving to a hundredth of
+/// The least tolerance for which a mesh needs at most [`MOST_TRIANGLES`], by halving to a hundredth of
 /// itself.
 #[must_use]
 pub fn least_tolerance(solid: &Solid) -> f64 {
@@ -45,7 +45,7 @@ pub fn least_tolerance(solid: &Solid) -> f64 {
     enough.exp()
 }
 
-/// The widest angle of a chord that misses a circle by no more than the tolerance.
+/// The widest angle of a chord that misses a circle by at most the tolerance.
 fn widest(radius: f64, tolerance: f64) -> f64 {
     // 2 acos(1 − s) is 2 √(2 s) for small s, where 1 − s has no digits left.
     let share = (tolerance / radius).min(1.0);

@@ -1,6 +1,6 @@
 //! A drawing whose coordinates that nearly agree are one.
 //!
-//! Comes in: a drawing and a tolerance. Goes out: the same drawing, where coordinates of an axis that are no
+//! Input: a drawing and a tolerance. Output: the same drawing, where coordinates of an axis that are no
 //! farther apart than the tolerance, in any view, have one value: ends of lines, centres of circles, and how
 //! far circles reach. Points along other curves stay.
 //!

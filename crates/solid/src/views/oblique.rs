@@ -1,6 +1,6 @@
 //! Which planes and cylinders oblique to all views a drawing may mean.
 //!
-//! Comes in: a drawing of three views. Goes out: walls, and the curves that they explain without any surface
+//! Input: a drawing of three views. Output: walls, and the curves that they explain without any surface
 //! seen edge-on.
 //!
 //! - Two edges of the wireframe that meet and are not parallel span a plane. It is a candidate where it is

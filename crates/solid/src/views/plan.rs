@@ -1,6 +1,6 @@
 //! The plan of a drawing: a grid that all views share, and what is drawn on and between its lines.
 //!
-//! Comes in: a drawing. Goes out: for each axis the coordinates at which anything begins, ends or turns; for
+//! Input: a drawing. Output: for each axis the coordinates at which anything begins, ends or turns; for
 //! each view what is drawn along grid lines, and the pieces of oblique lines and circles, each from border to
 //! border of one cell of the grid.
 

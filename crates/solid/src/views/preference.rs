@@ -1,7 +1,7 @@
 //! What is tried first: that cylinders are not used where a surface of revolution is in the same box.
 //!
 //! A half circle above a circle means half a ball, two crossing cylinders, or either of them in each quarter:
-//! four domes make hundreds of solids, of which only some are looked at. Comes in: cells. Goes out: for each
+//! four domes make hundreds of solids, of which only some are looked at. Input: cells. Output: for each
 //! circle that a view draws, pairs of cells on both sides of its cylinder, in the boxes through which a
 //! surface of revolution passes; the search first gives both cells of a pair one state.
 

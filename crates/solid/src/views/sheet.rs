@@ -1,6 +1,6 @@
 //! A sheet on which all views stand side by side.
 //!
-//! Comes in: curves of one file, and the convention by which the views are placed. Goes out: a [`Drawing`] of
+//! Input: curves of one file, and the convention by which the views are placed. Output: a [`Drawing`] of
 //! two or three views in the part's coordinates, each view's left lower corner at the origin. Views are what
 //! hangs together: the boxes around their curves touch, and views stand apart.
 //!
@@ -51,7 +51,7 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
     let front = match (projection, n) {
         (_, 0 | 1) => {
             return Err(Error::input(format!(
-                "needed two or three views that stand apart, found {n}: is each view in a file of its own?"
+                "needed two or three separate views, found {n}: is each view in its own file?"
             )));
         }
         (_, 2) => {

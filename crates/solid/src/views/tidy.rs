@@ -1,6 +1,6 @@
 //! Curves tidied: what drawing programs leave in pieces, or fit only roughly, on the circle that it means.
 //!
-//! Comes in: a drawing. Goes out: the same curves, where an arc or a short chord whose points lie on another
+//! Input: a drawing. Output: the same curves, where an arc or a short chord whose points lie on another
 //! arc's circle is on that very circle, and circles whose points allow it have round centres and radii.
 //! Exported outlines are cut at every crossing; a circle fitted to a short piece has a centre far off, though
 //! the piece itself is where it should be.

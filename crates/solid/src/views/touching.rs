@@ -1,7 +1,7 @@
 //! Cylinders that touch other faces along a line.
 //!
 //! Where a hole touches a wall, the solid on both sides of the line has an edge of its own there, and on the
-//! cylinder the two run back and forth on one another. Comes in: coedges of every surface. Goes out: coedges
+//! cylinder the two run back and forth on one another. Input: coedges of every surface. Output: coedges
 //! without such slits:
 //! - one that ends within the cylinder's face is taken from it, and the faces beside the line share the edge;
 //! - along one that reaches from end to end the face borders itself: there is its seam, or it is cut in two

@@ -1,6 +1,6 @@
 //! Curves between two surfaces that have no simple form, followed step by step.
 //!
-//! Comes in: two surfaces by their signed distances, and points near both. Goes out: chains of points on
+//! Input: two surfaces by their signed distances, and points near both. Output: chains of points on
 //! both, equally far apart, between which any other point is found by Newton's method.
 //!
 //! Not guaranteed: curves that cross themselves, and parts shorter than a few steps.

@@ -1,6 +1,6 @@
 //! Which walls a drawing may mean: surfaces of revolution about the centres of its circles.
 //!
-//! Comes in: a plan. Goes out: walls. A circle in one view is an axis; an oblique line or an arc of another
+//! Input: a plan. Output: walls. A circle in one view is an axis; an oblique line or an arc of another
 //! view that sees this axis in its plane, turned about it, is a cone, sphere or torus. It is a candidate
 //! where the view along the axis shows a circle of the distance at which it ends or is widest, and a sphere
 //! only where every view across the axis shows its outline.

@@ -1,6 +1,6 @@
 //! Points and straight edges in space that all three views show.
 //!
-//! Comes in: a drawing of three views. Goes out: points whose images are ends of curves in each view, and
+//! Input: a drawing of three views. Output: points whose images are ends of curves in each view, and
 //! straight edges between them that are drawn, visible or hidden, in each. Only edges parallel to no axis are
 //! made: no others lie in planes oblique to all views.
 //!

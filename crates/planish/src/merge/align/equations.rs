@@ -1,6 +1,6 @@
 //! The residuals between patches, and the normal equations of their motions.
 //!
-//! Comes in: patches at their poses. Goes out: how far they are apart along normals, and steps and
+//! Input: patches at their poses. Output: how far they are apart along normals, and steps and
 //! covariances of all motions but the first. Not guaranteed: that anything lies on anything.
 
 use super::{Hold, Side};

@@ -160,7 +160,7 @@ fn patches_out_of_reach_are_refused() {
     assert!(told.contains("within"), "{told}");
 }
 
-/// What is not of one thing is near at places, but does not come together: that is an error, or said aloud.
+/// What is not of one object is near at places, but does not come together: that is an error, or said aloud.
 #[test]
 fn unlike_things_do_not_pass_for_one() {
     let mut random = ChaCha8Rng::seed_from_u64(3);

@@ -320,10 +320,8 @@ fn read_points(
     let mut unknown = 0_usize;
     let not_finite: usize = set.scans.iter().map(|posed| posed.scan.dropped_not_finite).sum();
     if not_finite > 0 {
-        warnings.push(format!(
-            "{} with coordinates that are not finite numbers: left out",
-            counted(not_finite, "point")
-        ));
+        warnings
+            .push(format!("{} with coordinates that are not finite: ignored", counted(not_finite, "point")));
     }
     for posed in &set.scans {
         let (scan, pose) = (&posed.scan, &posed.scan.world_from_scanner);

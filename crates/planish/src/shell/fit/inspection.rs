@@ -1,8 +1,8 @@
 //! What of a fit's input cannot be meant, and what of its outcome should be looked at.
 //!
-//! Comes in: the mesh and the readings of a frame before the fit; what was found after it. Goes out: an error
+//! Input: the mesh and the readings of a frame before the fit; what was found after it. Output: an error
 //! where readings and mesh are of other sizes or places, and words for a user. Not guaranteed: that what
-//! passes is right; half a thing in the right place looks like the whole of a smaller one.
+//! passes is right; half an object in the right place looks like the whole of a smaller one.
 
 use super::input::Frame;
 use super::{ReadingsReport, ShellFitReport};
@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 /// Points that reach over so many times the size of the mesh are in another unit.
 const LARGER: f64 = 8.0;
-/// And those that reach over less than this share of it; a part of a thing may be small.
+/// And those that reach over less than this share of it; a part of an object may be small.
 const SMALLER: f64 = 1.0 / 100.0;
 /// Half of the points are within this distance of the mesh, in its sizes.
 const FAR: f64 = 0.25;
@@ -31,7 +31,7 @@ const UNLIKE: f64 = 0.05;
 const NOT_REACHED: f64 = 0.5;
 /// The axis of a camera is within this share of the picture about its middle.
 const OFF_AXIS: f64 = 0.25;
-/// A thing covers less of a picture's frame than this.
+/// An object covers less of a picture's frame than this.
 const AT_FRAME: f64 = 0.5;
 
 /// Whether points can be of the mesh: neither a hundred times larger or smaller, nor far off.
@@ -105,7 +105,7 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
         {
             let middle = [fitted.camera.k[(0, 2)], fitted.camera.k[(1, 2)]];
             let picture = [mask.columns as f64, mask.rows as f64];
-            // Of calibrations that know no more than a projection the axis may be anywhere: alone it says
+            // Of calibrations that know at most a projection the axis may be anywhere: alone it says
             // nothing.
             let off_axis = (0..2).any(|k| (middle[k] - 0.5 * picture[k]).abs() > OFF_AXIS * picture[k]);
             words.push(format!(

@@ -203,7 +203,7 @@ fn overlaps(report: &ShellFitReport) -> Option<Section> {
     if report.iou.is_empty() {
         return None;
     }
-    let mut table = Table::new(["view", "overlap", "before", "took part"]);
+    let mut table = Table::new(["view", "overlap", "before", "used"]);
     for (view, share) in &report.iou {
         let held_out = report.held_out.contains(view);
         table.row(

@@ -1,7 +1,7 @@
 //! A rough start made ready for a fit to masks: it flows out where they are not covered, and is cut where
 //! they show nothing.
 //!
-//! Comes in: a closed mesh and views with masks. Goes out: a closed mesh within all silhouettes that covers
+//! Input: a closed mesh and views with masks. Output: a closed mesh within all silhouettes that covers
 //! them as far as cells can, and σ of its vertices.
 //!
 //! A deformation keeps what hangs together: a ball that is to become a body with a tail beside it is left
@@ -107,7 +107,7 @@ pub(super) fn options(size: f64) -> ShellFitOptions {
 ///
 /// # Errors
 /// What `watch` says; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks
-/// that the thing does not reach out of, an open mesh, or one that lies outside of some mask.
+/// that the object does not reach out of, an open mesh, or one that lies outside of some mask.
 pub(super) fn flown(
     job: &ShellFitJob,
     mut mesh: TriangleMesh,
@@ -220,7 +220,7 @@ pub(super) fn without_looks(
     warnings: &mut Vec<String>,
 ) -> TexturedMesh {
     if !looks.uv_triangles.is_empty() {
-        warnings.push("the mesh was made anew: its texture is left out".to_owned());
+        warnings.push("the mesh was remeshed: its texture is dropped".to_owned());
     }
     TexturedMesh {
         points: mesh.positions.clone(),

@@ -1,6 +1,6 @@
 //! Where on a mesh each pixel of its texture lies.
 //!
-//! Comes in: texture coordinates, or none: then every triangle gets half a square of its own. Goes out: a
+//! Input: texture coordinates, or none: then every triangle gets half a square of its own. Output: a
 //! [`Chart`], and for each pixel the triangle and the place on it.
 //!
 //! Not guaranteed: that squares of an atlas are as fine on a small triangle as on a large one: all have the

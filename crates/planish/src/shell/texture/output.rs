@@ -1,6 +1,6 @@
 //! Coloured meshes as files.
 //!
-//! Comes in: a mesh with colours of its vertices, or with a texture. Goes out: PLY with colours, GLB with
+//! Input: a mesh with colours of its vertices, or with a texture. Output: PLY with colours, GLB with
 //! either, OBJ with its material and picture.
 
 use super::Coloured;

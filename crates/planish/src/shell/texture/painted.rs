@@ -1,6 +1,6 @@
 //! A texture painted by what views see.
 //!
-//! Comes in: a mesh, colours of its vertices, and what answers for a place and its normal. Goes out: a
+//! Input: a mesh, colours of its vertices, and what answers for a place and its normal. Output: a
 //! picture and where each triangle lies in it.
 
 use super::atlas::{self, Chart, at_place};

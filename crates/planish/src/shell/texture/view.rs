@@ -1,6 +1,6 @@
 //! What one calibrated picture says of the colour of a place on a surface, and whether it sees it at all.
 //!
-//! Comes in: a camera, its picture, maybe a mask, and the mesh. Goes out: [`Glimpse`]s: a colour, and a
+//! Input: a camera, its picture, maybe a mask, and the mesh. Output: [`Glimpse`]s: a colour, and a
 //! weight that grows with how straight and how finely the place is seen.
 //!
 //! A place is seen where the nearest facet through its pixel is no nearer than it is: a depth buffer as large
