@@ -76,7 +76,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
             image.columns, image.rows
         )));
     }
-    let field = Gradients::of(image, s);
+    let field = Gradients::new(image, s);
     let noise = noise_of(image).max(1.0 / 12f64.sqrt());
     // Variance of a Gaussian derivative of white noise in a plane: σ² / 8π s⁴.
     let least = LEAST_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
@@ -90,7 +90,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     spreads.sort_by(f64::total_cmp);
     let spread = spreads[spreads.len() / 2].max(s * s);
     let sigma_at_one = noise * (3.0 / (16.0 * std::f64::consts::PI)).sqrt() * spread / s.powi(3);
-    let grid = Buckets::of(&found, NEAR * s);
+    let grid = Buckets::new(&found, NEAR * s);
     let curvature: Vec<f64> = found
         .iter()
         .map(|edge| {
@@ -139,7 +139,7 @@ struct Gradients {
 
 impl Gradients {
     /// Derivatives of the picture smoothed by a Gaussian of σ `s`.
-    fn of(image: &Image, s: f64) -> Self {
+    fn new(image: &Image, s: f64) -> Self {
         let reach = (4.0 * s).ceil() as i64;
         let weight = |k: i64| (-0.5 * (k as f64 / s).powi(2)).exp();
         let sum: f64 = (-reach..=reach).map(weight).sum();
@@ -222,7 +222,7 @@ struct Buckets {
 }
 
 impl Buckets {
-    fn of(edges: &[Edge], cell: f64) -> Self {
+    fn new(edges: &[Edge], cell: f64) -> Self {
         let mut at = std::collections::BTreeMap::<_, Vec<usize>>::new();
         for (k, edge) in edges.iter().enumerate() {
             at.entry(edge.position.map(|c| (c / cell).floor() as i64)).or_default().push(k);

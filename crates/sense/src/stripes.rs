@@ -266,7 +266,7 @@ fn point_and_normal(
 
 /// Principal curvatures of the surface at a junction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Curvature {
+pub struct StripeCurvature {
     /// The larger one; positive where the surface bends towards its normal.
     pub k1: f64,
     /// The smaller one.
@@ -286,7 +286,7 @@ pub struct Curvature {
 ///
 /// # Errors
 /// `Undetermined` for fewer than three directions that differ.
-pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Curvature> {
+pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<StripeCurvature> {
     let n = middle.normal;
     let (e1, e2) = tangents(n);
     let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
@@ -326,7 +326,7 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Cur
     let (mean, half) = (0.5 * (a + d), (0.25 * (a - d) * (a - d) + b * b).sqrt());
     let angle = 0.5 * (2.0 * b).atan2(a - d);
     let d1 = std::array::from_fn(|k| angle.cos() * e1[k] + angle.sin() * e2[k]);
-    Ok(Curvature {
+    Ok(StripeCurvature {
         k1: mean + half,
         k2: mean - half,
         d1,

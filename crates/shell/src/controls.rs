@@ -46,7 +46,7 @@ struct Roads {
 }
 
 impl Roads {
-    fn of(mesh: &TriangleMesh) -> Self {
+    fn new(mesh: &TriangleMesh) -> Self {
         let normals = mesh.vertex_normals();
         let mut pairs: BTreeSet<[u32; 2]> = BTreeSet::new();
         for t in &mesh.triangles {
@@ -157,7 +157,7 @@ fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> 
 /// # Errors
 /// `Input` for no controls at all, or a mesh without triangles.
 pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls> {
-    controls_from(mesh, count, 0)
+    automatic_controls_skipping(mesh, count, 0)
 }
 
 /// [`automatic_controls`] of which the first is a vertex that triangles have, the one after so many: other
@@ -165,11 +165,11 @@ pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls>
 ///
 /// # Errors
 /// As [`automatic_controls`].
-pub fn controls_from(mesh: &TriangleMesh, count: usize, skipped: usize) -> Result<Controls> {
+pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: usize) -> Result<Controls> {
     if count == 0 || mesh.triangles.is_empty() {
         return Err(Error::input("controls need a mesh with faces, and at least one was to be asked for"));
     }
-    let roads = Roads::of(mesh);
+    let roads = Roads::new(mesh);
     let mut used = vec![false; mesh.positions.len()];
     for &v in mesh.triangles.iter().flatten() {
         used[v as usize] = true;

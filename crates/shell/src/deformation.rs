@@ -69,7 +69,11 @@ pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f6
 
 /// Where vertices that lay at some places come to lie.
 #[must_use]
-pub fn displaced(positions: &[[f64; 3]], deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f64; 3]> {
+pub fn displaced_positions(
+    positions: &[[f64; 3]],
+    deformation: &dyn Deformation,
+    q: &DVector<f64>,
+) -> Vec<[f64; 3]> {
     let by = displacements(deformation, q);
     positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect()
 }

@@ -31,7 +31,7 @@
 mod derivatives;
 mod subdivision;
 
-pub use subdivision::subdivided;
+pub use subdivision::subdivide_for_spheres;
 
 use crate::skeleton::{Skeleton, skeleton};
 use nalgebra::Vector3;
@@ -130,7 +130,7 @@ pub struct ShellDistance {
 
 /// A facet's part in a distance: what its derivatives are made of.
 #[derive(Debug, Clone, Copy)]
-pub struct Share {
+pub struct FacetShare {
     near: NearFacet,
     /// `p_i`, of all that are near.
     share: f64,
@@ -148,7 +148,7 @@ struct Sums {
 
 impl Sums {
     #[inline]
-    fn add(&mut self, at: [f64; 3], one: &Share, (height, normal): (f64, Vector3<f64>)) {
+    fn add(&mut self, at: [f64; 3], one: &FacetShare, (height, normal): (f64, Vector3<f64>)) {
         let p = one.share;
         let away = p * away(at, &one.near);
         self.share += p;
@@ -337,7 +337,7 @@ impl<'a> Shell<'a> {
 
     /// The distance of a place from the mesh by the field, and what it is made of, for [`Self::by_vertices`].
     /// `None` where the place is not finite.
-    pub fn distance(&self, at: [f64; 3], shares: &mut Vec<Share>) -> Option<ShellDistance> {
+    pub fn distance(&self, at: [f64; 3], shares: &mut Vec<FacetShare>) -> Option<ShellDistance> {
         let k = self.options.sharpness;
         shares.clear();
         let mut nearest: Option<NearFacet> = None;
@@ -346,7 +346,7 @@ impl<'a> Shell<'a> {
             if nearest.as_ref().is_none_or(nearer) {
                 nearest = Some(*near);
             }
-            shares.push(Share { near: *near, share: 0.0 });
+            shares.push(FacetShare { near: *near, share: 0.0 });
         });
         let nearest = nearest?;
         // Visited before the nearest was known.
@@ -361,7 +361,7 @@ impl<'a> Shell<'a> {
             shares.iter_mut().for_each(|one| one.share /= sums.share);
         } else {
             // Facets without area only: the nearest stands for them.
-            let alone = Share { near: nearest, share: 1.0 };
+            let alone = FacetShare { near: nearest, share: 1.0 };
             shares.clear();
             shares.push(alone);
             sums = Sums::default();

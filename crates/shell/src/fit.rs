@@ -42,7 +42,8 @@ mod taken;
 mod tracks;
 
 pub use readings::{
-    FeatureTrack, OutlineKind, OutlinePoint, PointReading, PoseNoise, ShellReadings, ShellView, Sighting,
+    FeatureObservation, FeatureTrack, OutlineKind, OutlinePoint, PointReading, PoseNoise, ShellReadings,
+    ShellView,
 };
 
 pub use sequence::{FrameFit, ShellTracker};
@@ -84,8 +85,8 @@ pub struct ShellFitOptions {
     pub start_sigma: Option<f64>,
     /// What is known of the parameters before.
     pub prior: Option<ParameterPrior>,
-    /// Facets that spherical shells are subdivided into, at most.
-    pub most_facets: usize,
+    /// Facets that spherical shells are subdivide_for_spheres into, at most.
+    pub max_facets: usize,
 }
 
 impl Default for ShellFitOptions {
@@ -101,7 +102,7 @@ impl Default for ShellFitOptions {
             start: None,
             start_sigma: None,
             prior: None,
-            most_facets: 200_000,
+            max_facets: 200_000,
         }
     }
 }
@@ -144,7 +145,7 @@ pub struct ShellFit {
     pub smoothness_weight: f64,
     /// σ of what the parameters cannot follow, along normals, by residuals of neighbours that are alike; zero
     /// where they are noise. It is of the surface, not of the parameters: their covariance does not hold it.
-    pub lack_of_fit: f64,
+    pub unresolved_shape: f64,
     /// Points.
     pub points: SourceFit,
     /// Places on outlines, of one view after the other.
@@ -185,7 +186,7 @@ pub fn fit_shell(
     readings: &ShellReadings<'_>,
     options: &ShellFitOptions,
 ) -> Result<ShellFit> {
-    fit_shell_watched(mesh, deformation, readings, options, &mut |_| Ok(()))
+    fit_shell_with_progress(mesh, deformation, readings, options, &mut |_| Ok(()))
 }
 
 /// How far a fit has come.
@@ -209,7 +210,7 @@ pub struct ShellProgress {
 /// ```
 /// use planish_estimate::{Error, ErrorKind};
 /// use planish_mesh::icosphere;
-/// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell_watched};
+/// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell_with_progress};
 /// # fn main() -> planish_estimate::Result<()> {
 /// let ball = icosphere(1.0, 2);
 /// let controls: Vec<[f64; 3]> = icosphere(1.2, 1).positions;
@@ -219,7 +220,7 @@ pub struct ShellProgress {
 ///     .collect();
 /// let readings = ShellReadings { points: &points, ..ShellReadings::default() };
 /// let mut told = 0;
-/// let stopped = fit_shell_watched(&ball, &deformation, &readings, &ShellFitOptions::default(), &mut |at| {
+/// let stopped = fit_shell_with_progress(&ball, &deformation, &readings, &ShellFitOptions::default(), &mut |at| {
 ///     told += 1;
 ///     if at.iteration < 2 { Ok(()) } else { Err(Error::interrupted()) }
 /// });
@@ -227,7 +228,7 @@ pub struct ShellProgress {
 /// # Ok(())
 /// # }
 /// ```
-pub fn fit_shell_watched(
+pub fn fit_shell_with_progress(
     mesh: &TriangleMesh,
     deformation: &dyn Deformation,
     readings: &ShellReadings<'_>,
@@ -246,7 +247,7 @@ impl ShellFit {
     pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: [f64; 3]) -> f64 {
         let row = parameter_row(deformation, vertex, direction);
         let by_parameters = row.dot(&(&self.covariance * &row)).max(0.0);
-        (by_parameters + self.lack_of_fit * self.lack_of_fit).sqrt()
+        (by_parameters + self.unresolved_shape * self.unresolved_shape).sqrt()
     }
 }
 
@@ -314,7 +315,7 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
 
 /// The stiffness of one coordinate for all three of every control.
 #[must_use]
-pub fn of_three_coordinates(stiffness: &DMatrix<f64>) -> DMatrix<f64> {
+pub fn stiffness_for_xyz(stiffness: &DMatrix<f64>) -> DMatrix<f64> {
     stiffness.kronecker(&DMatrix::identity(3, 3))
 }
 

@@ -15,22 +15,22 @@ mod field;
 mod fit;
 mod isosurface;
 mod natural_neighbour;
-mod renewed;
+mod remeshing;
 mod skeleton;
 
 pub use camera::Camera;
-pub use controls::{Controls, automatic_controls, controls_from, nearest_pairs, stiffness};
+pub use controls::{Controls, automatic_controls, automatic_controls_skipping, nearest_pairs, stiffness};
 pub use deformation::{
     Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PartMotion, RigidPart, RigidParts,
-    VertexDisplacements, displaced, displacements, parameter_row,
+    VertexDisplacements, displaced_positions, displacements, parameter_row,
 };
 pub use delaunay::Delaunay;
-pub use field::{Metaball, Share, Shell, ShellDistance, ShellOptions, subdivided};
+pub use field::{FacetShare, Metaball, Shell, ShellDistance, ShellOptions, subdivide_for_spheres};
 pub use fit::{
-    FeatureTrack, FrameFit, OutlineKind, OutlinePoint, ParameterPrior, PointReading, PoseNoise, ShellFit,
-    ShellFitOptions, ShellProgress, ShellReadings, ShellTracker, ShellView, Sighting, SourceFit, fit_points,
-    fit_shell, fit_shell_watched, of_three_coordinates,
+    FeatureObservation, FeatureTrack, FrameFit, OutlineKind, OutlinePoint, ParameterPrior, PointReading,
+    PoseNoise, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, ShellTracker, ShellView, SourceFit,
+    fit_points, fit_shell, fit_shell_with_progress, stiffness_for_xyz,
 };
 pub use isosurface::{IsoLevel, IsoOptions, IsoSurface, iso_surface};
 pub use natural_neighbour::{NaturalNeighbours, Weight};
-pub use renewed::{Bound, Renewal, local_means, renewed};
+pub use remeshing::{Region, RemeshOptions, remesh, smooth_vertex_values};

@@ -30,7 +30,7 @@ use rayon::prelude::*;
 /// The box about everything, as a multiple of its size.
 const BOX: f64 = 2.0;
 /// A place nearer to a site than this share of the box is the site.
-const SAME: f64 = 1e-13;
+const COINCIDENT: f64 = 1e-13;
 /// Sites nearer to each other than this share of the box are one.
 const MERGED: f64 = 1e-12;
 /// Corners of the box, which are sites as well.
@@ -178,7 +178,7 @@ impl NaturalNeighbours {
         let points = self.delaunay.points();
         let start = self.delaunay.locate(at, query.last);
         query.last = start;
-        let near = |site: &u32| distance(points[*site as usize], at) < SAME * self.size;
+        let near = |site: &u32| distance(points[*site as usize], at) < COINCIDENT * self.size;
         if let Some(site) = self.delaunay.corners(start).into_iter().find(near) {
             weights.push(Weight { site, weight: 1.0 });
             return Ok(());

@@ -28,7 +28,7 @@ use planish_exchange::textured::{TexturedMesh, read_textured};
 use planish_mesh::TriangleMesh;
 pub use planish_shell::Metaball;
 use planish_shell::{
-    Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_watched,
+    Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_with_progress,
 };
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -234,7 +234,7 @@ const FITTING: (f64, f64) = (0.05, 0.95);
 ///
 /// # Errors
 /// `Io` where a file cannot be read or written; `Input` for meshes without faces, views that make no sense,
-/// units that differ, and everything that [`fit_shell_watched`] refuses; `Undetermined` where the readings do
+/// units that differ, and everything that [`fit_shell_with_progress`] refuses; `Undetermined` where the readings do
 /// not say where the mesh is; `Interrupted` when told to stop, at the next iteration: of a sequence the
 /// frames before are written then.
 pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport> {
@@ -338,8 +338,8 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
             progress.check(stage, share(at.share))
         };
         let made = match &mut tracker {
-            Some(tracker) => tracker.follow_watched(&frame.readings(), &mut watch),
-            None => fit_shell_watched(&mesh, &*deformation, &frame.readings(), &options, &mut watch)
+            Some(tracker) => tracker.follow_with_progress(&frame.readings(), &mut watch),
+            None => fit_shell_with_progress(&mesh, &*deformation, &frame.readings(), &options, &mut watch)
                 .map(|fit| FrameFit { fit, predicted: None, acceleration: 0.0 }),
         };
         let FrameFit { fit: made, predicted, .. } = made.map_err(in_frame)?;
@@ -393,7 +393,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
         sigma: SigmaSummary::of(measured),
         smoothness_weight: made.smoothness_weight,
-        lack_of_fit: made.lack_of_fit,
+        lack_of_fit: made.unresolved_shape,
         iterations: made.iterations,
         flow,
         frames: of_frames,

@@ -181,7 +181,7 @@ pub fn shell_pose_files(job: &ShellPoseJob, progress: &dyn Progress) -> Result<S
         progress.check("posing", 0.3)?;
         let (q, moved) = moves(&pose.moves, &controls, size)
             .map_err(|e| e.in_context(format!("{}: pose `{}`", job.poses.display(), pose.name)))?;
-        let points = deformation.positions(&deformation.carried(&q));
+        let points = deformation.positions(&deformation.rigid_start(&q));
         reports.push(PoseReport {
             name: pose.name.clone(),
             moved,
@@ -227,7 +227,7 @@ fn rigid_parts(
     for (part, held) in all {
         let vertices = part_vertices(file, &part).map_err(|e| e.in_context(job.mesh.display()))?;
         reports.push(RigidReport { part, vertices: vertices.len(), held });
-        parts.push(RigidPart { vertices, motion: if held { PartMotion::Held } else { PartMotion::Free } });
+        parts.push(RigidPart { vertices, motion: if held { PartMotion::Fixed } else { PartMotion::Free } });
     }
     Ok((parts, reports))
 }

@@ -55,7 +55,7 @@ impl SilhouetteBound {
     pub fn new(views: &[ContourView]) -> Result<Self> {
         let views: Vec<Distances> = (views.par_iter())
             .filter(|view| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed))
-            .map(Distances::of)
+            .map(Distances::new)
             .collect();
         if views.len() < 2 {
             return Err(Error::undetermined(format!(
@@ -86,7 +86,7 @@ impl SilhouetteBound {
 
     /// Whether the depth may be zero within `reach` of a place; never no where it is.
     #[must_use]
-    pub fn may_end(&self, at: [f64; 3], reach: f64) -> bool {
+    pub fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool {
         // Distances in pixels change by no more than the perspective of the ball makes of them.
         let mut on_border = false;
         for view in &self.views {
@@ -115,7 +115,12 @@ impl VisualHull {
         let bound = SilhouetteBound::new(views)?;
         let longest = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
         let cell = longest / cells.max(1) as f64;
-        let mesh = isosurface(bounds, cell, |at| -bound.depth(at), |at, reach| bound.may_end(at, reach))?;
+        let mesh = isosurface(
+            bounds,
+            cell,
+            |at| -bound.depth(at),
+            |at, reach| bound.may_contain_boundary(at, reach),
+        )?;
         if mesh.triangles.is_empty() {
             return Err(Error::undetermined("nothing lies within all silhouettes"));
         }
@@ -158,7 +163,7 @@ impl VisualHull {
 }
 
 impl Distances {
-    fn of(view: &ContourView) -> Self {
+    fn new(view: &ContourView) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for p in view.silhouette.iter().flat_map(|c| &c.places) {
             for k in 0..2 {

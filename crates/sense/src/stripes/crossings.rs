@@ -62,7 +62,7 @@ pub(super) struct Crossings {
 
 impl Crossings {
     /// Finds them.
-    pub fn of(image: &Image, ridges: &Ridges) -> Self {
+    pub fn new(image: &Image, ridges: &Ridges) -> Self {
         let spots = meeting_places(image, ridges);
         let least = LEAST_REACH_SCALES * ridges.scale;
         let first = different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, least)), least);

@@ -26,7 +26,7 @@ use super::indexing::{EpipolarLines, Indexed, LEAST_KNOTS, index};
 use super::network::pieces;
 use super::pattern::StripePattern;
 use super::ridges::{Ridges, sigma_of_brightness};
-use super::{Curvature, Junction, JunctionCovariance, Orientation, Pinhole, curvature, orientation};
+use super::{Junction, JunctionCovariance, Orientation, Pinhole, StripeCurvature, curvature, orientation};
 use crate::{Image, PrincipalCurvatures, Scan, Viewing};
 
 /// Crossings farther than so many σ off their epipolar lines are left out.
@@ -87,7 +87,7 @@ pub struct GridReading {
     /// Point and normal, in the world of the calibration.
     pub orientation: Orientation,
     /// Curvature, where enough neighbours are there.
-    pub curvature: Option<Curvature>,
+    pub curvature: Option<StripeCurvature>,
 }
 
 /// What a picture of crossed stripes says of a surface.
@@ -129,8 +129,8 @@ pub fn read_grid(
     let image = divided.as_ref().unwrap_or(image);
     let lines = EpipolarLines::new(&grid.camera, &grid.projector)
         .ok_or_else(|| Error::input("needed matrices K that have an inverse"))?;
-    let ridges = Ridges::of(image, options.scale_px);
-    let crossings = Crossings::of(image, &ridges);
+    let ridges = Ridges::new(image, options.scale_px);
+    let crossings = Crossings::new(image, &ridges);
     let net = pieces(&crossings, &ridges);
     let indexed: Vec<Vec<Indexed>> =
         (net.iter()).filter_map(|piece| index(piece, &crossings.found, &lines, &grid.pattern)).collect();
@@ -158,13 +158,14 @@ pub fn read_grid(
         viewpoint: grid.camera.centre(),
     };
     let near = |k: &&Indexed| off_line(k).normalised(unit) <= GATE * GATE;
-    let told_pieces: Vec<BTreeMap<[i32; 2], Told>> = (indexed.iter())
+    let told_pieces: Vec<BTreeMap<[i32; 2], OrderedCrossing>> = (indexed.iter())
         .map(|piece| {
-            let of = |k: &Indexed| (k.stripes, Told::of(&crossings.found[k.crossing], k.first, unit));
+            let of =
+                |k: &Indexed| (k.stripes, OrderedCrossing::new(&crossings.found[k.crossing], k.first, unit));
             piece.iter().filter(near).map(of).collect()
         })
         .collect();
-    let both_sides = |piece: &BTreeMap<[i32; 2], Told>| -> Vec<Residual> {
+    let both_sides = |piece: &BTreeMap<[i32; 2], OrderedCrossing>| -> Vec<Residual> {
         let all = piece.keys().flat_map(|at| off_chords(piece, *at));
         all.flatten().filter(|r| r.scaled == 1.0).collect()
     };
@@ -173,7 +174,7 @@ pub fn read_grid(
         let straight = |at: &[i32; 2]| {
             off_chords(piece, *at).iter().flatten().all(|r| r.normalised(sigma_angle) <= GATE * GATE)
         };
-        let kept: BTreeMap<[i32; 2], &Told> =
+        let kept: BTreeMap<[i32; 2], &OrderedCrossing> =
             piece.iter().filter(|(at, _)| straight(at)).map(|(at, t)| (*at, t)).collect();
         rejected.undetermined += made.add_piece(&kept, sigma_angle, grid);
     }
@@ -266,15 +267,15 @@ fn judged(residuals: &[Residual]) -> Option<f64> {
 }
 
 /// A crossing with its stripes in order.
-struct Told {
+struct OrderedCrossing {
     image: [f64; 2],
     angles_rad: [f64; 2],
     /// Of x, y and both angles, by the noise of the picture.
     covariance: [[f64; 4]; 4],
 }
 
-impl Told {
-    fn of(crossing: &Crossing, first: usize, unit: f64) -> Self {
+impl OrderedCrossing {
+    fn new(crossing: &Crossing, first: usize, unit: f64) -> Self {
         let order = [first, 1 - first];
         let entry = [0, 1, 2 + order[0], 2 + order[1]];
         Self {
@@ -293,12 +294,12 @@ impl Told {
 /// How far each stripe of a crossing runs otherwise than the crossings before and after it on the stripe say.
 /// On a parabola the chord from the one before to the one after is as steep as the middle, and a chord as
 /// steep as the mean of both ends. x is the σ of an angle that noise does not make.
-fn off_chords(piece: &BTreeMap<[i32; 2], Told>, at: [i32; 2]) -> [Option<Residual>; 2] {
+fn off_chords(piece: &BTreeMap<[i32; 2], OrderedCrossing>, at: [i32; 2]) -> [Option<Residual>; 2] {
     let own = &piece[&at];
     [0, 1].map(|set| {
         // Along a stripe of one set those of the other are counted.
         let beside = |by: i32| piece.get(&if set == 0 { [at[0], at[1] + by] } else { [at[0] + by, at[1]] });
-        let chord = |a: &Told, b: &Told| {
+        let chord = |a: &OrderedCrossing, b: &OrderedCrossing| {
             let d = [b.image[0] - a.image[0], b.image[1] - a.image[1]];
             (d[1].atan2(d[0]), (a.place() + b.place()) / (d[0] * d[0] + d[1] * d[1]))
         };
@@ -329,7 +330,12 @@ fn half_turn(angle: f64) -> f64 {
 
 impl GridReadings {
     /// Adds a piece of the net; returns how many of its crossings determine nothing.
-    fn add_piece(&mut self, piece: &BTreeMap<[i32; 2], &Told>, sigma_angle: f64, grid: &GridCamera) -> usize {
+    fn add_piece(
+        &mut self,
+        piece: &BTreeMap<[i32; 2], &OrderedCrossing>,
+        sigma_angle: f64,
+        grid: &GridCamera,
+    ) -> usize {
         let mut found: BTreeMap<[i32; 2], (Orientation, [f64; 2], f64)> = BTreeMap::new();
         for (stripes, told) in piece {
             let junction = Junction {

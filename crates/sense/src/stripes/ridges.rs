@@ -51,7 +51,7 @@ pub(super) struct Derivatives {
 
 impl Derivatives {
     /// Those at a scale, by separable kernels; the border is carried on outwards.
-    pub fn of(image: &Image, scale: f64) -> Self {
+    pub fn new(image: &Image, scale: f64) -> Self {
         let kernels = [0, 1, 2].map(|order| kernel(scale, order));
         let rows = [0, 1, 2].map(|order| along_rows(image, &kernels[order]));
         let down = |of: &Vec<f32>, order: usize| along_columns(of, image.columns, &kernels[order]);
@@ -149,8 +149,8 @@ pub(super) fn typical(strengths: impl Iterator<Item = f64>) -> f64 {
 
 impl Ridges {
     /// The bright lines of a picture.
-    pub fn of(image: &Image, scale: f64) -> Self {
-        let bent = Derivatives::of(image, scale);
+    pub fn new(image: &Image, scale: f64) -> Self {
+        let bent = Derivatives::new(image, scale);
         let (columns, rows) = (image.columns, image.rows);
         let mut at: Vec<Option<Ridge>> = (0..columns * rows)
             .into_par_iter()
@@ -262,7 +262,7 @@ mod tests {
     #[test]
     fn places_on_a_line_are_found_to_a_fraction_of_a_pixel() {
         for angle in [0.0, 0.3, 0.8, 1.4, 2.2] {
-            let ridges = Ridges::of(&line(angle, 0.0, 0), 1.5);
+            let ridges = Ridges::new(&line(angle, 0.0, 0), 1.5);
             let found: Vec<&Ridge> = ridges.near([20.0, 20.0], 10.0).collect();
             assert!(found.len() >= 20, "{}", found.len());
             for r in found {
@@ -278,7 +278,7 @@ mod tests {
         let (angle, sigma) = (0.0, 3.0);
         let (mut squares, mut stated, mut products, mut n) = (0.0, 0.0, 0.0, 0.0);
         for seed in 0..400 {
-            let ridges = Ridges::of(&line(angle, sigma, seed), 1.5);
+            let ridges = Ridges::new(&line(angle, sigma, seed), 1.5);
             let at = |x: f64| ridges.near([x, 20.0], 1.0).find(|r| (r.place[0] - x).abs() < 0.3).copied();
             if let (Some(a), Some(b)) = (at(15.0), at(17.0)) {
                 squares += off(&a, angle).powi(2);

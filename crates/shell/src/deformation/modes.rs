@@ -25,12 +25,12 @@ pub struct Modes {
 }
 
 impl Modes {
-    /// The largest modes of a family, at most `most`. Positions are those of one vertex in every member.
+    /// The largest modes of a family, at most `max_modes`. Positions are those of one vertex in every member.
     ///
     /// # Errors
     /// `Input` for fewer than two members, or members of different numbers of vertices; `Undetermined` where
     /// all are the same.
-    pub fn of(family: &[Vec<[f64; 3]>], most: usize) -> Result<Self> {
+    pub fn from_meshes(family: &[Vec<[f64; 3]>], max_modes: usize) -> Result<Self> {
         let Some(first) = family.first().filter(|_| family.len() > 1) else {
             return Err(Error::input("principal modes need at least two meshes"));
         };
@@ -64,7 +64,7 @@ impl Modes {
             return Err(Error::undetermined("the meshes of the family are all the same: there are no modes"));
         }
         order.retain(|&k| deviation(k) > ROUNDING * largest);
-        order.truncate(most.min(count - 1));
+        order.truncate(max_modes.min(count - 1));
         let modes = (order.iter())
             .map(|&k| {
                 // The member of unit product, then as long as one standard deviation.
@@ -167,7 +167,7 @@ mod tests {
                 ball.iter().map(|p| [a * p[0], b * p[1], p[2]]).collect()
             })
             .collect();
-        let modes = Modes::of(&family, 10).unwrap();
+        let modes = Modes::from_meshes(&family, 10).unwrap();
         assert_eq!(modes.parameters(), 2);
         let [first, second] = [0, 1].map(|k| modes.deviations()[k]);
         assert!(first > 2.0 * second);
@@ -184,8 +184,18 @@ mod tests {
                 assert!(distance(add(*mean, *by), *p) < 1e-9);
             }
         }
-        assert!(Modes::of(&family[..1], 3).is_err());
-        assert!(Modes::of(&[ball.clone(), ball.clone()], 3).unwrap_err().to_string().contains("the same"));
-        assert!(Modes::of(&[ball.clone(), vec![[0.0; 3]]], 3).unwrap_err().to_string().contains("mesh 1"));
+        assert!(Modes::from_meshes(&family[..1], 3).is_err());
+        assert!(
+            Modes::from_meshes(&[ball.clone(), ball.clone()], 3)
+                .unwrap_err()
+                .to_string()
+                .contains("the same")
+        );
+        assert!(
+            Modes::from_meshes(&[ball.clone(), vec![[0.0; 3]]], 3)
+                .unwrap_err()
+                .to_string()
+                .contains("mesh 1")
+        );
     }
 }

@@ -26,7 +26,7 @@ use rayon::prelude::*;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PartMotion {
     /// It stays where it is.
-    Held,
+    Fixed,
     /// By six parameters: a translation, then a rotation about its middle, in lengths at its radius.
     Free,
 }
@@ -194,7 +194,7 @@ impl<'a> RigidParts<'a> {
     /// Parameters by which parts that move follow what the other deformation does to them, as nearly as a
     /// rigid motion can (W. Kabsch 1976).
     #[must_use]
-    pub fn carried(&self, inner: &DVector<f64>) -> DVector<f64> {
+    pub fn rigid_start(&self, inner: &DVector<f64>) -> DVector<f64> {
         let by = displacements(&*self.inner, inner);
         let mut q = DVector::zeros(self.parameters());
         q.rows_mut(0, inner.len()).copy_from(inner);
@@ -337,7 +337,7 @@ mod tests {
         let ball = icosphere(1.0, 3);
         let controls = icosphere(1.2, 1).positions;
         let part = lower(&ball, -0.3);
-        for motion in [PartMotion::Free, PartMotion::Held] {
+        for motion in [PartMotion::Free, PartMotion::Fixed] {
             let inner = Box::new(Dirichlet::new(&controls, &ball.positions).unwrap());
             let parts = [RigidPart { vertices: part.clone(), motion }];
             let made = RigidParts::new(&ball, inner, &parts, 0.4).unwrap();
@@ -349,12 +349,12 @@ mod tests {
                     sub((bulge * (turn * Vector3::from(*p))).into(), *p)
                 }),
             );
-            let moved = made.positions(&made.carried(&q));
+            let moved = made.positions(&made.rigid_start(&q));
             for pair in part.windows(2) {
                 let [a, b] = [pair[0] as usize, pair[1] as usize];
                 let [before, after] = [&ball.positions, &moved].map(|p| distance(p[a], p[b]));
                 assert!((before - after).abs() < 1e-12);
-                if motion == PartMotion::Held {
+                if motion == PartMotion::Fixed {
                     assert_eq!(moved[a], ball.positions[a]);
                 }
             }
@@ -415,7 +415,7 @@ mod tests {
         let ball = icosphere(1.0, 1);
         let made = |lists: &[Vec<u32>], blend: f64| {
             let parts: Vec<RigidPart> = (lists.iter().cloned())
-                .map(|vertices| RigidPart { vertices, motion: PartMotion::Held })
+                .map(|vertices| RigidPart { vertices, motion: PartMotion::Fixed })
                 .collect();
             let inner = Box::new(VertexDisplacements::new(&ball.positions));
             RigidParts::new(&ball, inner, &parts, blend).err().unwrap().to_string()

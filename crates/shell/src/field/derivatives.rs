@@ -3,7 +3,7 @@
 //! Comes in: the shares of facets that [`Shell::distance`] left. Goes out: the Hessian, and what each vertex
 //! does to the distance or to the height over one facet.
 
-use super::{Metaball, Over, Share, Shell, ShellDistance, away};
+use super::{FacetShare, Metaball, Over, Shell, ShellDistance, away};
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use planish_mesh::NearFacet;
@@ -12,7 +12,7 @@ impl Shell<'_> {
     /// `∂²D/∂x²`, from what [`Self::distance`] left. The derivative of `∇D = Σ p_i (n_i − k (s_i − D) u_i)`,
     /// with `s_i` the heights and `u_i` the directions away from the skeletons; symmetric.
     #[must_use]
-    pub fn hessian(&self, at: [f64; 3], shares: &[Share], of: &ShellDistance) -> Matrix3<f64> {
+    pub fn hessian(&self, at: [f64; 3], shares: &[FacetShare], of: &ShellDistance) -> Matrix3<f64> {
         let k = self.options.sharpness;
         let facing = self.facets[of.facet as usize].normal.into();
         let gradient = Vector3::from(of.gradient);
@@ -57,7 +57,7 @@ impl Shell<'_> {
     pub fn by_vertices(
         &self,
         at: [f64; 3],
-        shares: &[Share],
+        shares: &[FacetShare],
         of: &ShellDistance,
         mut visit: impl FnMut(u32, [f64; 3]),
     ) {
@@ -99,7 +99,7 @@ impl Shell<'_> {
     }
 
     /// The height of a place over the plane of a facet that is near, and where its foot is in that plane.
-    pub(crate) fn over(&self, at: [f64; 3], one: &Share) -> Over {
+    pub(crate) fn over(&self, at: [f64; 3], one: &FacetShare) -> Over {
         let facet = &self.facets[one.near.facet as usize];
         let off = sub(at, one.near.point);
         let height = dot(facet.normal, off);
@@ -112,7 +112,7 @@ impl Shell<'_> {
     }
 
     /// How far within each side of a facet that is near the foot of a place is; negative beyond it.
-    pub(crate) fn within(&self, at: [f64; 3], one: &Share) -> [f64; 3] {
+    pub(crate) fn within(&self, at: [f64; 3], one: &FacetShare) -> [f64; 3] {
         let normal = self.facets[one.near.facet as usize].normal;
         let corners = self.mesh.corners(one.near.facet as usize);
         [0, 1, 2].map(|k| {
@@ -125,7 +125,7 @@ impl Shell<'_> {
     pub(crate) fn height_by_vertices(
         &self,
         at: [f64; 3],
-        one: &Share,
+        one: &FacetShare,
         share: f64,
         visit: &mut impl FnMut(u32, [f64; 3]),
     ) {

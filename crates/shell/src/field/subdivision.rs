@@ -12,7 +12,11 @@ use planish_mesh::TriangleMesh;
 /// What comes with it: for every new vertex the corners of the facet that it lies on, and their weights, by
 /// which it moves with the mesh.
 #[must_use]
-pub fn subdivided(mesh: &TriangleMesh, radius: f64, most: usize) -> (TriangleMesh, Vec<[(u32, f64); 3]>) {
+pub fn subdivide_for_spheres(
+    mesh: &TriangleMesh,
+    radius: f64,
+    most: usize,
+) -> (TriangleMesh, Vec<[(u32, f64); 3]>) {
     let mut positions = mesh.positions.clone();
     let mut origins: Vec<[(u32, f64); 3]> =
         (0..positions.len() as u32).map(|v| [(v, 1.0), (v, 0.0), (v, 0.0)]).collect();

@@ -189,7 +189,7 @@ fn what_is_left_out_is_less_than_stated() {
 #[test]
 fn subdivision_keeps_the_surface() {
     let mesh = rough_mesh();
-    let (fine, origins) = subdivided(&mesh, 0.05, 1_000_000);
+    let (fine, origins) = subdivide_for_spheres(&mesh, 0.05, 1_000_000);
     let area = |mesh: &TriangleMesh| {
         (0..mesh.triangles.len())
             .map(|t| {
@@ -208,7 +208,7 @@ fn subdivision_keeps_the_surface() {
         });
         assert!(distance(again, *position) < 1e-12);
     }
-    let (bounded, _) = subdivided(&mesh, 1e-4, 5000);
+    let (bounded, _) = subdivide_for_spheres(&mesh, 1e-4, 5000);
     assert!(bounded.triangles.len() <= 5000);
 }
 

@@ -57,7 +57,7 @@ impl Misfit {
     pub(super) const NONE: Self = Self { together: 1.0, shared: [0.0; 2] };
 
     /// Cost: `n log n`.
-    pub(super) fn of(residuals: &[Residual]) -> Self {
+    pub(super) fn from_residuals(residuals: &[Residual]) -> Self {
         if residuals.len() < LEAST {
             return Self::NONE;
         }
@@ -139,15 +139,15 @@ mod tests {
     /// A good mesh is not called a bad one, whatever the σ of its readings.
     #[test]
     fn noise_has_nothing_in_common() {
-        assert_eq!(Misfit::of(&residuals(4000, 0.0, 1.0)), Misfit::NONE);
-        assert_eq!(Misfit::of(&residuals(10, 5.0, 1.0)), Misfit::NONE);
+        assert_eq!(Misfit::from_residuals(&residuals(4000, 0.0, 1.0)), Misfit::NONE);
+        assert_eq!(Misfit::from_residuals(&residuals(10, 5.0, 1.0)), Misfit::NONE);
     }
 
     /// Shape that is left over is found through noise that is larger, with its size; longer waves make more
     /// readings say the same.
     #[test]
     fn waves_are_found_through_noise() {
-        let [short, long] = [0.25, 0.5].map(|length| Misfit::of(&residuals(6000, 1.0, length)));
+        let [short, long] = [0.25, 0.5].map(|length| Misfit::from_residuals(&residuals(6000, 1.0, length)));
         for found in [short, long] {
             let sigma = Misfit::sigma(&[found]);
             assert!((sigma - 1.0).abs() < 0.15, "{sigma}");
@@ -188,7 +188,7 @@ mod tests {
                     left: std::array::from_fn(|d| if taken_off { left[d][i] } else { draws[d][i] }),
                 })
                 .collect();
-            Misfit::of(&residuals)
+            Misfit::from_residuals(&residuals)
         };
         assert_eq!(found(0.0, true), Misfit::NONE);
         let [untold, sigma] = [false, true].map(|taken_off| Misfit::sigma(&[found(0.35, taken_off)]));

@@ -9,7 +9,7 @@ use super::misfit::{Misfit, Residual};
 use super::problem::State;
 use super::taken::{Signs, left_of_signs};
 use super::{ShellFit, SourceFit, undetermined};
-use crate::deformation::{Deformation, displaced};
+use crate::deformation::{Deformation, displaced_positions};
 use planish_estimate::vector3::{add, add_scaled, dot};
 use planish_estimate::{Result, Termination};
 use planish_mesh::TriangleMesh;
@@ -48,7 +48,7 @@ pub(super) fn finished(
     pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
     let data_information = known.without_poses(&state, &pass)?.information;
     let (information, _) = known.add(&state, weight, &pass);
-    let covariance = Factor::of(&information).ok_or_else(undetermined)?.inverse();
+    let covariance = Factor::new(&information).ok_or_else(undetermined)?.inverse();
     let mut pose_covariances = vec![None; state.cameras.len()];
     for (slot, (view, _)) in known.poses.iter().enumerate() {
         let at = parameters + 6 * slot;
@@ -58,7 +58,7 @@ pub(super) fn finished(
     let outlines = readings.views.iter().map(|view| view.outline.len()).sum();
     let of = |source: Source, count: usize| source_fit(equations, source, count, factors, known);
     Ok(ShellFit {
-        positions: displaced(&mesh.positions, deformation, &state.q),
+        positions: displaced_positions(&mesh.positions, deformation, &state.q),
         covariance: covariance.view((0, 0), (parameters, parameters)).into_owned(),
         points: of(Source::Point, readings.points.len()),
         outlines: of(Source::Outline, outlines),
@@ -67,7 +67,7 @@ pub(super) fn finished(
         cameras: state.cameras,
         pose_covariances,
         smoothness_weight: weight,
-        lack_of_fit: Misfit::sigma(&misfits),
+        unresolved_shape: Misfit::sigma(&misfits),
         data_information,
         termination: Termination::Limit,
         iterations: 0,
@@ -104,7 +104,7 @@ fn misfits(
                 left: *left,
             })
             .collect();
-        all[source.scale()] = Misfit::of(&residuals);
+        all[source.scale()] = Misfit::from_residuals(&residuals);
     }
     all
 }

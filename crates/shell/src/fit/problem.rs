@@ -17,8 +17,8 @@ use super::sheets::Sheets;
 use super::sight::{MadeOf, Sight, Touch};
 use super::tracks;
 use crate::camera::Camera;
-use crate::deformation::{Deformation, displaced};
-use crate::field::{Share, Shell, ShellOptions};
+use crate::deformation::{Deformation, displaced_positions};
+use crate::field::{FacetShare, Shell, ShellOptions};
 use nalgebra::DVector;
 use planish_estimate::vector3::scale;
 use planish_estimate::{Error, Loss, Result};
@@ -122,7 +122,7 @@ impl Problem<'_> {
     /// The mesh of the deformation, moved.
     fn moved(&self, q: &DVector<f64>) -> TriangleMesh {
         TriangleMesh {
-            positions: displaced(&self.mesh.positions, self.deformation, q),
+            positions: displaced_positions(&self.mesh.positions, self.deformation, q),
             triangles: self.mesh.triangles.clone(),
         }
     }
@@ -246,7 +246,7 @@ impl Problem<'_> {
         &self,
         i: u32,
         shell: &Shell<'_>,
-        shares: &[Share],
+        shares: &[FacetShare],
         weighing: Weighing<'_>,
         gathered: &mut Gathered,
         made: &mut Equations,
@@ -280,7 +280,7 @@ impl Problem<'_> {
         (a, b): (usize, usize),
         camera: &Camera,
         sight: &Sight<'_>,
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
         made: &mut Equations,
     ) {
         let before: usize = self.readings.views[..v].iter().map(|view| view.outline.len()).sum();
@@ -353,7 +353,7 @@ impl Problem<'_> {
         camera: &Camera,
         touch: &Touch,
         sight: &Sight<'_>,
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
         made: &mut Equations,
     ) {
         if camera.project(touch.at).is_none() {

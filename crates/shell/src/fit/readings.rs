@@ -76,7 +76,7 @@ pub struct ShellView {
 
 /// Where a feature is seen in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct FeatureObservation {
     /// Index of the view.
     pub view: u32,
     /// Where, pixel centres at integers.
@@ -89,7 +89,7 @@ pub struct Sighting {
 #[derive(Debug, Clone, PartialEq)]
 pub struct FeatureTrack {
     /// Where it is seen, at least twice.
-    pub sightings: Vec<Sighting>,
+    pub observations: Vec<FeatureObservation>,
     /// σ of its distance from the surface: what the deformation cannot follow.
     pub sigma_surface: f64,
 }
@@ -144,7 +144,7 @@ impl ShellReadings<'_> {
             }
         }
         for (i, track) in self.tracks.iter().enumerate() {
-            let bad = (track.sightings.iter()).find(|s| {
+            let bad = (track.observations.iter()).find(|s| {
                 s.view as usize >= self.views.len()
                     || !good(s.sigma_px)
                     || s.pixel.iter().any(|x| !x.is_finite())
@@ -155,10 +155,10 @@ impl ShellReadings<'_> {
                     self.views.len()
                 )));
             }
-            if track.sightings.len() < 2 || !good(track.sigma_surface) {
+            if track.observations.len() < 2 || !good(track.sigma_surface) {
                 return Err(Error::input(format!(
-                    "track {i} needs two sightings and a positive σ of the surface, found {} and {}",
-                    track.sightings.len(),
+                    "track {i} needs two observations and a positive σ of the surface, found {} and {}",
+                    track.observations.len(),
                     track.sigma_surface
                 )));
             }

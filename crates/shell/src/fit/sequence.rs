@@ -25,7 +25,8 @@
 //! [`super::fit_shell`] can follow.
 
 use super::{
-    ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_watched, undetermined,
+    ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_with_progress,
+    undetermined,
 };
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
@@ -121,7 +122,7 @@ impl<'a> ShellTracker<'a> {
     /// # Errors
     /// As [`super::fit_shell`]; the tracker is then as it was before.
     pub fn follow(&mut self, readings: &ShellReadings<'_>) -> Result<FrameFit> {
-        self.follow_watched(readings, &mut |_| Ok(()))
+        self.follow_with_progress(readings, &mut |_| Ok(()))
     }
 
     /// [`ShellTracker::follow`] that tells how far the frame is before each iteration, and ends with the
@@ -129,7 +130,7 @@ impl<'a> ShellTracker<'a> {
     ///
     /// # Errors
     /// As [`ShellTracker::follow`], and what `watch` says; the tracker is then as it was before.
-    pub fn follow_watched(
+    pub fn follow_with_progress(
         &mut self,
         readings: &ShellReadings<'_>,
         watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
@@ -137,7 +138,7 @@ impl<'a> ShellTracker<'a> {
         let parameters = self.deformation.parameters();
         let identity = DMatrix::<f64>::identity(parameters, parameters);
         let Some(last) = &self.state else {
-            let fit = fit_shell_watched(self.mesh, self.deformation, readings, &self.options, watch)?;
+            let fit = fit_shell_with_progress(self.mesh, self.deformation, readings, &self.options, watch)?;
             let shape = fit.smoothness_weight * &self.stiffness;
             // What the readings alone say: where they say nothing, anything within the mesh's size may be.
             let least = (0.5 * self.size).powi(-2);
@@ -168,8 +169,9 @@ impl<'a> ShellTracker<'a> {
         let options = ShellFitOptions { start: Some(last.found.clone()), ..self.options.clone() };
         // The second fit begins near its end, and takes no longer than the first.
         let mut half = |of: f64, at: ShellProgress| watch(ShellProgress { share: of + 0.5 * at.share, ..at });
-        let first =
-            fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.0, at))?;
+        let first = fit_shell_with_progress(self.mesh, self.deformation, readings, &options, &mut |at| {
+            half(0.0, at)
+        })?;
         // Where that fit ended, its readings pull as hard as smoothness does.
         let n = &first.data_information;
         let pull = first.smoothness_weight * (&self.stiffness * (&first.parameters - &last.found));
@@ -205,8 +207,9 @@ impl<'a> ShellTracker<'a> {
             softness: (finest, finest),
             ..self.options.clone()
         };
-        let fit =
-            fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.5, at))?;
+        let fit = fit_shell_with_progress(self.mesh, self.deformation, readings, &options, &mut |at| {
+            half(0.5, at)
+        })?;
         // Only what the readings say goes into the filter: smoothness of the shape counts once, in every
         // frame anew.
         let n = &fit.data_information;

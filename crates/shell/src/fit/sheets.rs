@@ -23,7 +23,7 @@
 //! changes as the mesh moves is left out, and so is, in the covariance, what is lost as nobody knows the
 //! sheet.
 
-use crate::field::{Share, Shell};
+use crate::field::{FacetShare, Shell};
 use planish_estimate::Loss;
 use planish_estimate::vector3::dot;
 use std::f64::consts::TAU;
@@ -105,7 +105,7 @@ impl Sheets {
         &mut self,
         shell: &Shell<'_>,
         at: [f64; 3],
-        shares: &[Share],
+        shares: &[FacetShare],
         sigma: f64,
         loss: &Loss,
     ) {
@@ -177,7 +177,7 @@ impl Sheets {
         g: usize,
         shell: &Shell<'_>,
         at: [f64; 3],
-        shares: &[Share],
+        shares: &[FacetShare],
         mut visit: impl FnMut(u32, [f64; 3]),
     ) {
         for (one, member) in shares.iter().zip(&self.members) {

@@ -15,7 +15,7 @@
 //!
 //! Not guaranteed: minima closer together than the width are one.
 
-use crate::field::{Share, Shell, ShellDistance};
+use crate::field::{FacetShare, Shell, ShellDistance};
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
 use planish_mesh::{BoundingBox, ClosestPoint, MeshSearch, RayHit};
 
@@ -124,7 +124,7 @@ impl<'a> Sight<'a> {
         &self,
         origin: [f64; 3],
         direction: [f64; 3],
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
     ) -> Option<Touch> {
         let ((from, to), signs) = self.within(origin, direction);
         let along = |t: f64| self.height(add_scaled(origin, t, direction), signs);
@@ -174,7 +174,7 @@ impl<'a> Sight<'a> {
         &self,
         origin: [f64; 3],
         direction: [f64; 3],
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
     ) -> Vec<Touch> {
         let (from, to) = self.span(origin, direction);
         let step = (to - from) / FINE_PIECES as f64;
@@ -198,7 +198,7 @@ impl<'a> Sight<'a> {
         direction: [f64; 3],
         (near, reach): (f64, f64),
         signs: bool,
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
     ) -> Option<Touch> {
         let mut look = |t: f64| {
             let at = add_scaled(origin, t, direction);

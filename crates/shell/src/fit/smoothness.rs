@@ -76,7 +76,7 @@ impl Smoothness {
         };
         let tries = if q.len() > MANY { TRIES_OF_MANY } else { TRIES };
         for _ in 0..tries {
-            let Some(factor) = Factor::of(&(information + self.weight * &self.stiffness)) else {
+            let Some(factor) = Factor::new(&(information + self.weight * &self.stiffness)) else {
                 return Err(undetermined());
             };
             let x = factor.solve(&target);

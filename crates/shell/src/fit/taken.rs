@@ -63,7 +63,7 @@ pub(super) fn left_of_signs(
         .collect();
     let mut sum = DMatrix::zeros(basis + rest, DRAWS);
     sums.iter().for_each(|some| sum += some);
-    let factor = Factor::of(information).ok_or_else(undetermined)?;
+    let factor = Factor::new(information).ok_or_else(undetermined)?;
     let mut moved = DMatrix::zeros(basis + rest, DRAWS);
     for draw in 0..DRAWS {
         let own = sum.view((0, draw), (basis, 1));

@@ -30,7 +30,7 @@ fn truth(points: usize, seed: u64) -> Truth {
     let mesh = icosphere(1.0, 4);
     let controls = automatic_controls(&mesh, 30).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
-    let stiffness = of_three_coordinates(&stiffness(&controls.points, &controls.triangles, &controls.edges));
+    let stiffness = stiffness_for_xyz(&stiffness(&controls.points, &controls.triangles, &controls.edges));
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
     // A displacement that changes slowly: an affine one, and a wave.
@@ -120,7 +120,7 @@ fn dense_noise_is_nothing_that_is_lacking() {
     let truth = truth(20_000, 5);
     let options = ShellFitOptions { stiffness: Some(truth.stiffness.clone()), ..ShellFitOptions::default() };
     let made = fit_points(&truth.mesh, &truth.deformation, &truth.readings, &options).unwrap();
-    assert!(made.lack_of_fit < 0.1 * SIGMA, "{} of {SIGMA}", made.lack_of_fit);
+    assert!(made.unresolved_shape < 0.1 * SIGMA, "{} of {SIGMA}", made.unresolved_shape);
 }
 
 /// Against a fit that knows which place each point is of, the shell's surface is at most a fifth farther from
@@ -188,7 +188,7 @@ fn a_lattice_is_fitted_by_the_same_code() {
     let controls = lattice.controls().unwrap();
     let pairs = crate::controls::nearest_pairs(controls, 6);
     let options = ShellFitOptions {
-        stiffness: Some(of_three_coordinates(&stiffness(controls, &[], &pairs))),
+        stiffness: Some(stiffness_for_xyz(&stiffness(controls, &[], &pairs))),
         ..ShellFitOptions::default()
     };
     let made = fit_points(&truth.mesh, &lattice, &truth.readings, &options).unwrap();

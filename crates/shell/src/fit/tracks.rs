@@ -13,7 +13,7 @@
 use super::equations::{ByVertex, Equations, Source};
 use super::readings::FeatureTrack;
 use crate::camera::Camera;
-use crate::field::{Share, Shell};
+use crate::field::{FacetShare, Shell};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Steps towards the place of a feature.
@@ -22,7 +22,7 @@ const STEPS: usize = 10;
 /// The point nearest to all lines of sight.
 fn triangulated(track: &FeatureTrack, cameras: &[Camera]) -> Option<Vector3<f64>> {
     let (mut n, mut b) = (Matrix3::zeros(), Vector3::zeros());
-    for seen in &track.sightings {
+    for seen in &track.observations {
         let camera = &cameras[seen.view as usize];
         let way = Vector3::from(camera.direction(seen.pixel));
         let across = Matrix3::identity() - way * way.transpose();
@@ -40,11 +40,11 @@ fn linearized(
     cameras: &[Camera],
     shell: &Shell<'_>,
     at: &Vector3<f64>,
-    shares: &mut Vec<Share>,
+    shares: &mut Vec<FacetShare>,
 ) -> Option<(DVector<f64>, DMatrix<f64>, crate::field::ShellDistance)> {
-    let rows = 2 * track.sightings.len() + 1;
+    let rows = 2 * track.observations.len() + 1;
     let (mut residual, mut by_place) = (DVector::zeros(rows), DMatrix::zeros(rows, 3));
-    for (k, seen) in track.sightings.iter().enumerate() {
+    for (k, seen) in track.observations.iter().enumerate() {
         let camera = &cameras[seen.view as usize];
         let (pixel, _) = camera.project((*at).into())?;
         let inside = camera.r * at + camera.t;
@@ -71,7 +71,7 @@ pub(super) fn add(
     index: u32,
     (cameras, slots): (&[Camera], &[Option<u32>]),
     shell: &Shell<'_>,
-    shares: &mut Vec<Share>,
+    shares: &mut Vec<FacetShare>,
     give: &Give<'_>,
     made: &mut Equations,
 ) -> Option<()> {
@@ -109,7 +109,7 @@ pub(super) fn add(
         let mut own: Vec<(u32, [f64; 3])> =
             (vertices.iter()).map(|(vertex, by)| (*vertex, by.map(|x| on_surface * x))).collect();
         let mut poses = Vec::new();
-        for (k, seen) in track.sightings.iter().enumerate() {
+        for (k, seen) in track.observations.iter().enumerate() {
             let Some(slot) = slots[seen.view as usize] else {
                 continue;
             };

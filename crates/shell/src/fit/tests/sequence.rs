@@ -32,7 +32,7 @@ fn a_moving_thing_is_followed() {
     let controls = automatic_controls(&mesh, CONTROLS).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
     let options = ShellFitOptions {
-        stiffness: Some(of_three_coordinates(&stiffness(
+        stiffness: Some(stiffness_for_xyz(&stiffness(
             &controls.points,
             &controls.triangles,
             &controls.edges,

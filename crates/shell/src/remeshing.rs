@@ -1,12 +1,12 @@
 //! A mesh made anew: it flows out where something is not covered yet, and is cut where nothing can be.
 //!
-//! Comes in: a closed mesh that may cross itself, the room that there is, and what the mesh covers. Goes out:
+//! Comes in: a closed mesh that may cross itself, the domain that there is, and what the mesh covers. Goes out:
 //! a closed manifold mesh of even facets.
 //!
 //! The new surface is the zero level of `max(−b, min(h, max(h − g, c)))`: with `h` the signed distance from
-//! the mesh, negative where it winds more than half about a place; `b` the depth within the room; `c` the
+//! the mesh, negative where it winds more than half about a place; `b` the depth within the domain; `c` the
 //! depth within what is covered; and `g` how far it may flow. What winds about nothing is left out, sheets
-//! that cross are joined, and what the room cuts through is torn, whatever the topology was.
+//! that cross are joined, and what the domain cuts through is torn, whatever the topology was.
 //!
 //! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
 
@@ -16,27 +16,27 @@ use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, WindingNumbers, isosur
 use rayon::prelude::*;
 
 /// A bound of space: what is without is no part of a thing.
-pub trait Bound: Sync {
+pub trait Region: Sync {
     /// How deep a place lies within, in the unit of the mesh; negative without.
     fn depth(&self, at: [f64; 3]) -> f64;
 
     /// Whether the depth may be zero within `reach` of a place; never no where it is.
-    fn may_end(&self, at: [f64; 3], reach: f64) -> bool;
+    fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool;
 }
 
 /// How a mesh is made anew.
 #[derive(Clone, Copy)]
-pub struct Renewal<'a> {
+pub struct RemeshOptions<'a> {
     /// What is without is no part of the thing.
-    pub room: &'a dyn Bound,
+    pub domain: &'a dyn Region,
     /// What the mesh covers, and how far it may flow out of that.
-    pub flow: Option<(&'a dyn Bound, f64)>,
+    pub flow: Option<(&'a dyn Region, f64)>,
     /// Side of a cell.
     pub cell: f64,
     /// Parts of less than this share of the largest one's volume are left out: crumbs of a cut.
-    pub least_part: f64,
+    pub min_part_volume_ratio: f64,
     /// How often it is smoothed.
-    pub smoothings: usize,
+    pub smoothing_passes: usize,
 }
 
 /// Steps of one smoothing, towards the mean of the neighbours and back: what is long is left where it is (G.
@@ -51,8 +51,8 @@ const BACK: f64 = -0.53;
 ///
 /// # Errors
 /// `Undetermined` for a mesh with open edges, or where nothing is left; as [`isosurface`].
-pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMesh> {
-    let Renewal { room, flow, cell, least_part, smoothings } = *renewal;
+pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<TriangleMesh> {
+    let RemeshOptions { domain, flow, cell, min_part_volume_ratio, smoothing_passes } = *options;
     let open = mesh.welded().check().boundary_edges;
     if open > 0 {
         return Err(Error::undetermined(format!(
@@ -70,12 +70,12 @@ pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMes
             Some((covered, farthest)) => height.min(covered.depth(at).max(height - farthest)),
             None => height,
         };
-        wanted.max(-room.depth(at))
+        wanted.max(-domain.depth(at))
     };
     let may_pass = |at: [f64; 3], reach: f64| {
-        let (height, ends) = (height(at), room.may_end(at, reach));
+        let (height, ends) = (height(at), domain.may_contain_boundary(at, reach));
         // All of the ball is without.
-        if !ends && room.depth(at) < 0.0 {
+        if !ends && domain.depth(at) < 0.0 {
             return false;
         }
         match flow {
@@ -84,7 +84,7 @@ pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMes
             None => false,
             Some((_, farthest)) if height - farthest > reach => false,
             Some((covered, farthest)) => {
-                ends || (height - farthest).abs() <= reach || covered.may_end(at, reach)
+                ends || (height - farthest).abs() <= reach || covered.may_contain_boundary(at, reach)
             }
         }
     };
@@ -92,14 +92,14 @@ pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMes
     let bounds = mesh.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
     let around = BoundingBox { min: bounds.min.map(|x| x - around), max: bounds.max.map(|x| x + around) };
     let made = isosurface(&around, cell, value, may_pass)?;
-    let mut kept = large_parts(&made, least_part);
+    let mut kept = large_parts(&made, min_part_volume_ratio);
     if kept.triangles.is_empty() {
         return Err(Error::undetermined(
-            "nothing of the mesh is within the room that there is: it lies elsewhere, or cells are larger than what is left of it",
+            "nothing of the mesh is within the domain that there is: it lies elsewhere, or cells are larger than what is left of it",
         ));
     }
     let neighbours = vertex_neighbours(&kept);
-    for _ in 0..smoothings {
+    for _ in 0..smoothing_passes {
         for share in [THERE, BACK] {
             kept.positions = towards_neighbours(&kept.positions, &neighbours, share);
         }
@@ -110,7 +110,7 @@ pub fn renewed(mesh: &TriangleMesh, renewal: &Renewal<'_>) -> Result<TriangleMes
 /// The mean of a value of vertices about each, by so many steps of every vertex to the mean of itself and its
 /// neighbours; of a closed and oriented mesh.
 #[must_use]
-pub fn local_means(mesh: &TriangleMesh, values: &[f64], steps: usize) -> Vec<f64> {
+pub fn smooth_vertex_values(mesh: &TriangleMesh, values: &[f64], steps: usize) -> Vec<f64> {
     let neighbours = vertex_neighbours(mesh);
     let mut means = values.to_vec();
     for _ in 0..steps {
