@@ -21,44 +21,45 @@ use planish_mesh::{BoundingBox, MeshCheck, TriangleMesh, WindingNumbers, isosurf
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Cells along the diagonal of the mesh's box where nothing is said.
-const USUAL_CELLS: f64 = 150.0;
-/// A step for slopes, as a share of a cell.
+/// Default number of cells along the diagonal of the mesh. More cells resolve more detail; time grows with
+/// their square.
+const DEFAULT_CELLS: f64 = 150.0;
+/// Step of the numerical gradient, as a share of a cell.
 const STEP: f64 = 1e-3;
-/// Facets whose middles are judged, at most.
-const MOST_JUDGED: usize = 20_000;
+/// Largest number of facets at whose centroids the deviation is evaluated.
+const MAX_DEVIATION_SAMPLES: usize = 20_000;
 
-/// Which surface of a shell.
+/// The surface of a shell to be meshed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum IsoLevel {
     /// `F = 0` of the paper's field, both sheets.
     Shell,
-    /// The outer sheet of `F = 0`, of closed meshes.
+    /// The outer sheet of `F = 0`, for closed meshes.
     Outer,
-    /// The smooth distance is so much, negative inside; of closed meshes.
+    /// Points at this smooth distance from the mesh, negative inside; for closed meshes.
     Offset(f64),
 }
 
-/// How a surface is meshed.
+/// Options of [`iso_surface`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IsoOptions {
     /// Which surface.
     pub level: IsoLevel,
-    /// Side of a cell, in the unit of the mesh; 1/150 of the diagonal of its box where none is given.
+    /// Side of a cell in the unit of the mesh (default: 1/150 of the diagonal of its bounding box).
     pub cell: Option<f64>,
 }
 
-/// A surface, and how true it is.
+/// A meshed surface and its deviation from the exact one.
 #[derive(Debug, Clone)]
 pub struct IsoSurface {
     /// The mesh, facing outwards.
     pub mesh: TriangleMesh,
-    /// What kind of mesh it is.
+    /// Topological check of the mesh.
     pub check: MeshCheck,
     /// The side of its cells.
     pub cell: f64,
-    /// Distance of the middles of facets (of 20 000 at most, evenly taken) from the exact surface, to first
-    /// order: root mean square. Vertices are on it to within a millionth of a cell.
+    /// Root mean square distance of facet centroids from the exact surface, to first order, over at most 20
+    /// 000 facets. Vertices lie on the surface to within a millionth of a cell.
     pub deviation_rms: f64,
     /// The largest of these distances.
     pub deviation_max: f64,
@@ -85,7 +86,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
         .mesh()
         .surface_bounds()
         .ok_or_else(|| Error::undetermined("a mesh without vertices has no surface"))?;
-    let cell = options.cell.unwrap_or(bounds.diagonal() / USUAL_CELLS);
+    let cell = options.cell.unwrap_or(bounds.diagonal() / DEFAULT_CELLS);
     if !(cell.is_finite() && cell > 0.0) {
         return Err(Error::input(format!("cells have a positive size, got {cell}")));
     }
@@ -136,7 +137,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             "the surface is nowhere: a shell needs a thickness above ln(T)/k, an inner offset less than half the thickness of the thing, and cells smaller than either",
         ));
     }
-    let every = mesh.triangles.len().div_ceil(MOST_JUDGED).max(1);
+    let every = mesh.triangles.len().div_ceil(MAX_DEVIATION_SAMPLES).max(1);
     let places: Vec<[f64; 3]> =
         (0..mesh.triangles.len()).step_by(every).map(|t| mesh.point_at(t, [1.0 / 3.0; 3])).collect();
     let deviations: Vec<f64> = (places.par_iter()).map(|at| deviation(*at, cell, &value)).collect();
