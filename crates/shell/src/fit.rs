@@ -96,7 +96,7 @@ pub struct ShellFitOptions {
     pub start_sigma: Option<f64>,
     /// Prior of the parameters.
     pub prior: Option<ParameterPrior>,
-    /// Facets that spherical shells are subdivide_for_spheres into, at most.
+    /// Maximum number of facets into which a mesh is subdivided for spherical metaballs.
     pub max_facets: usize,
 }
 

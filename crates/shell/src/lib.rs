@@ -22,10 +22,8 @@
 //! Fit a sphere of radius 1 to points on a sphere of radius 1.1:
 //! ```
 //! use planish_mesh::icosphere;
-//! use planish_shell::{
-//!     Dirichlet, PointReading, ShellFitOptions, automatic_controls, fit_points, stiffness,
-//! stiffness_for_xyz,
-//! };
+//! use planish_shell::{Dirichlet, PointReading, ShellFitOptions, automatic_controls, fit_points};
+//! use planish_shell::{stiffness, stiffness_for_xyz};
 //! let ball = icosphere(1.0, 2);
 //! let controls = automatic_controls(&ball, 20)?;
 //! let deformation = Dirichlet::new(&controls.points, &ball.positions)?;
