@@ -1,6 +1,7 @@
-//! A mesh made anew: it flows out where something is not covered yet, and is cut where nothing can be.
+//! Remeshes a closed mesh: grows it where the object is not covered yet, and cuts it where no object can be.
 //!
-//! Comes in: a closed mesh that may cross itself, the domain that there is, and what the mesh covers. Goes out:
+//! Comes in: a closed mesh that may cross itself, the domain that there is, and what the mesh covers. Goes
+//! out:
 //! a closed manifold mesh of even facets.
 //!
 //! The new surface is the zero level of `max(−b, min(h, max(h − g, c)))`: with `h` the signed distance from
@@ -15,42 +16,69 @@ use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, WindingNumbers, isosurface};
 use rayon::prelude::*;
 
-/// A bound of space: what is without is no part of a thing.
+/// A region of space with a signed depth.
 pub trait Region: Sync {
-    /// How deep a place lies within, in the unit of the mesh; negative without.
+    /// Depth of a point inside the region, in the unit of the mesh; negative outside.
     fn depth(&self, at: [f64; 3]) -> f64;
 
-    /// Whether the depth may be zero within `reach` of a place; never no where it is.
+    /// True if the depth may be zero within `reach` of a point. It may return true too often, but never false
+    /// wrongly.
     fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool;
 }
 
-/// How a mesh is made anew.
+/// Options of [`remesh`].
 #[derive(Clone, Copy)]
 pub struct RemeshOptions<'a> {
-    /// What is without is no part of the thing.
+    /// Region that contains the object.
     pub domain: &'a dyn Region,
-    /// What the mesh covers, and how far it may flow out of that.
+    /// Region that the mesh covers already, and the distance by which it may grow outside of that region.
     pub flow: Option<(&'a dyn Region, f64)>,
-    /// Side of a cell.
+    /// Side of a cell of the isosurface grid.
     pub cell: f64,
-    /// Parts of less than this share of the largest one's volume are left out: crumbs of a cut.
+    /// Minimum volume of a connected part, as a share of the largest one; smaller fragments of a cut are
+    /// dropped.
     pub min_part_volume_ratio: f64,
-    /// How often it is smoothed.
+    /// Number of smoothing passes.
     pub smoothing_passes: usize,
 }
 
-/// Steps of one smoothing, towards the mean of the neighbours and back: what is long is left where it is (G.
-/// Taubin, *A signal processing approach to fair surface design*, SIGGRAPH 1995).
-const THERE: f64 = 0.5;
-const BACK: f64 = -0.53;
+/// Factors of one smoothing pass: a step towards the mean of the neighbours, then one back. Long waves keep
+/// their size (G. Taubin, *A signal processing approach to fair surface design*, SIGGRAPH 1995; guarded by
+/// the test `smoothing_does_not_shrink`).
+const SHRINKING_STEP: f64 = 0.5;
+const INFLATING_STEP: f64 = -0.53;
 
-/// Makes a closed mesh anew.
+/// Remeshes a closed mesh, which may intersect itself, into a closed manifold mesh.
 ///
-/// Cost: as [`isosurface`], with a closest point and a winding number for each corner of a cell at the
-/// surface.
+/// Cost: as [`isosurface`], with a closest point and a winding number for each cell corner near the surface.
 ///
 /// # Errors
-/// `Undetermined` for a mesh with open edges, or where nothing is left; as [`isosurface`].
+/// `Undetermined` for a mesh with open edges, or if nothing is left; as [`isosurface`].
+///
+/// # Examples
+/// ```
+/// use planish_mesh::icosphere;
+/// use planish_shell::{Region, RemeshOptions, remesh};
+/// struct HalfSpace;
+/// impl Region for HalfSpace {
+///     fn depth(&self, at: [f64; 3]) -> f64 {
+///         0.5 - at[2]
+///     }
+///     fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool {
+///         self.depth(at).abs() <= reach
+///     }
+/// }
+/// let options = RemeshOptions {
+///     domain: &HalfSpace,
+///     flow: None,
+///     cell: 0.2,
+///     min_part_volume_ratio: 0.01,
+///     smoothing_passes: 0,
+/// };
+/// let cut = remesh(&icosphere(1.0, 3), &options)?;
+/// assert!(cut.check().watertight && cut.positions.iter().all(|p| p[2] < 0.51));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<TriangleMesh> {
     let RemeshOptions { domain, flow, cell, min_part_volume_ratio, smoothing_passes } = *options;
     let open = mesh.welded().check().boundary_edges;
@@ -74,7 +102,7 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
     };
     let may_pass = |at: [f64; 3], reach: f64| {
         let (height, ends) = (height(at), domain.may_contain_boundary(at, reach));
-        // All of the ball is without.
+        // The ball is completely outside of the domain.
         if !ends && domain.depth(at) < 0.0 {
             return false;
         }
@@ -100,15 +128,24 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
     }
     let neighbours = vertex_neighbours(&kept);
     for _ in 0..smoothing_passes {
-        for share in [THERE, BACK] {
+        for share in [SHRINKING_STEP, INFLATING_STEP] {
             kept.positions = towards_neighbours(&kept.positions, &neighbours, share);
         }
     }
     Ok(kept)
 }
 
-/// The mean of a value of vertices about each, by so many steps of every vertex to the mean of itself and its
-/// neighbours; of a closed and oriented mesh.
+/// Smooths values at the vertices of a closed, oriented mesh: in each step a vertex takes the mean of itself
+/// and its neighbours.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::icosphere;
+/// use planish_shell::smooth_vertex_values;
+/// let ball = icosphere(1.0, 1);
+/// let values = smooth_vertex_values(&ball, &vec![2.0; ball.positions.len()], 3);
+/// assert!(values.iter().all(|v| (v - 2.0).abs() < 1e-12));
+/// ```
 #[must_use]
 pub fn smooth_vertex_values(mesh: &TriangleMesh, values: &[f64], steps: usize) -> Vec<f64> {
     let neighbours = vertex_neighbours(mesh);
@@ -135,7 +172,7 @@ fn vertex_neighbours(mesh: &TriangleMesh) -> Vec<Vec<u32>> {
     found
 }
 
-/// Every vertex a share of the way towards the mean of its neighbours.
+/// Moves every vertex by a share of the way towards the mean of its neighbours.
 fn towards_neighbours(positions: &[[f64; 3]], neighbours: &[Vec<u32>], share: f64) -> Vec<[f64; 3]> {
     (positions.par_iter().zip(neighbours))
         .map(|(p, near)| {
@@ -145,8 +182,8 @@ fn towards_neighbours(positions: &[[f64; 3]], neighbours: &[Vec<u32>], share: f6
         .collect()
 }
 
-/// The parts of a closed mesh whose volume is at least a share of the largest one's, without vertices that
-/// nothing uses.
+/// The connected parts of a closed mesh whose volume is at least a share of the largest one's. Unused
+/// vertices are removed.
 fn large_parts(mesh: &TriangleMesh, least: f64) -> TriangleMesh {
     let of = mesh.parts();
     let count = of.iter().map(|part| *part as usize + 1).max().unwrap_or(0);
