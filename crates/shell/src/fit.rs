@@ -20,26 +20,26 @@
 //! Pixels inside and outside of masks contribute to the sum while they are violated, but not to the
 //! covariance: a satisfied inequality carries no information.
 //!
-//! For outlines, parts whose facets face inwards are turned first ([`outward`]).
+//! For outlines, parts whose facets face inwards are turned first ([`orientation`]).
 //!
 //! Not guaranteed: the global optimum. A mesh that starts more than a tenth of its size away may be attracted
 //! to the wrong side of a thin part.
 
-mod choice;
+mod correlation;
 mod dense;
 mod equations;
-mod known;
-mod misfit;
-mod outcome;
-mod outward;
+mod orientation;
+mod point_selection;
+mod priors;
 mod problem;
 mod readings;
+mod residual_leverage;
+mod result;
 mod sequence;
 mod sheets;
 mod sight;
 mod smoothness;
 mod solve;
-mod taken;
 mod tracks;
 
 pub use readings::{

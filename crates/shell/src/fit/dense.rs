@@ -1,8 +1,8 @@
 //! Cholesky factors of dense information matrices.
 //!
-//! Comes in: a symmetric matrix, of which the lower triangle is read. Goes out: its factor, solutions, its
-//! inverse. Blocks as large as the caches are factored at once: a thousand unknowns take 20 ms. Not
-//! guaranteed: a factor of a matrix that is not positive definite; there is none.
+//! In: a symmetric matrix, of which the lower triangle is read. Out: its factor, solutions, its inverse. The
+//! factorisation is blocked; a thousand unknowns take 20 ms. A matrix that is not positive definite has no
+//! factor.
 
 use faer::linalg::solvers::{DenseSolveCore, Llt, SolveCore};
 use faer::{Conj, MatMut, MatRef, Side};
@@ -15,7 +15,7 @@ pub(super) struct Factor {
 }
 
 impl Factor {
-    /// The factor of a matrix, `n³/3` multiplications; `None` where it is not positive definite.
+    /// The factor of a matrix, in `n³/3` multiplications; `None` if it is not positive definite.
     pub(super) fn new(matrix: &DMatrix<f64>) -> Option<Self> {
         let size = matrix.nrows();
         let view = MatRef::from_column_major_slice(matrix.as_slice(), size, size);

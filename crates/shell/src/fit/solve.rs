@@ -8,14 +8,14 @@
 //! ([`run_stage`]); repeat the last stage with more smoothness while the mesh folds ([`FoldControl`]); compute
 //! the covariance ([`finished`]).
 
-use super::choice::chosen_points;
 use super::dense::Factor;
 use super::equations::{Equations, SCALES, Source, cost, sum};
-use super::known::Known;
-use super::outcome::finished;
-use super::outward::outward;
+use super::orientation::outward;
+use super::point_selection::chosen_points;
+use super::priors::Priors;
 use super::problem::{Problem, State, Weighing};
 use super::readings::{PoseNoise, ShellReadings};
+use super::result::finished;
 use super::smoothness::Smoothness;
 use super::{ShellFit, ShellFitOptions, ShellProgress, undetermined};
 use crate::deformation::{Deformation, displaced_positions};
@@ -86,7 +86,7 @@ pub(super) fn solve(
     check_cameras(&mesh, readings)?;
     let (slots, poses) = uncertain_poses(readings);
     let mut search = Search::new(deformation.parameters(), poses, readings, options)?;
-    let unknowns = deformation.parameters() + 6 * search.known.poses.len();
+    let unknowns = deformation.parameters() + 6 * search.priors.poses.len();
     let setup = Setup::new(mesh, deformation, readings, options, slots, oriented, unknowns)?;
     for step in 0..options.steps - 1 {
         run_stage(&setup, &mut search, step, 1.0, watch)?;
@@ -103,8 +103,8 @@ pub(super) fn solve(
         Some((made, _)) => made,
         None => {
             let weight = folds.likelihood_weight.unwrap_or(weight);
-            let Search { known, state, factors, .. } = search;
-            finished(&setup.mesh, deformation, &known, state, &equations, &factors, weight)?
+            let Search { priors, state, factors, .. } = search;
+            finished(&setup.mesh, deformation, &priors, state, &equations, &factors, weight)?
         }
     };
     Ok(ShellFit { termination, iterations, ..made })
@@ -246,7 +246,7 @@ impl<'a> Setup<'a> {
 
 /// What changes from one iteration to the next, over all stages.
 struct Search<'a> {
-    known: Known<'a>,
+    priors: Priors<'a>,
     state: State,
     /// Factors of σ by kind of reading.
     factors: [f64; SCALES],
@@ -274,7 +274,7 @@ impl<'a> Search<'a> {
         let cameras = readings.views.iter().map(|view| view.camera).collect();
         Ok(Self {
             state: State { q: start.clone(), cameras },
-            known: Known { smooth, options, start, poses, readings },
+            priors: Priors { smooth, options, start, poses, readings },
             factors: [1.0; SCALES],
             redundancy_used: 0.0,
             iterations: 0,
@@ -284,7 +284,7 @@ impl<'a> Search<'a> {
 
     /// Estimates the factors of σ from the residuals, unless the stated σ hold.
     fn update_factors(&mut self, equations: &[Equations]) -> Result<()> {
-        if !self.known.options.believe_sigma {
+        if !self.priors.options.believe_sigma {
             // While the mesh is far away, residuals contain shape; σ falls to that of the noise as the mesh
             // approaches the readings.
             self.factors = scales(equations, self.redundancy_used, self.factors)?;
@@ -294,7 +294,7 @@ impl<'a> Search<'a> {
 
     /// Evaluates the equations again if one without derivatives has a weight by the current factors.
     fn complete_derivatives(&self, problem: &Problem<'_>, equations: &mut Vec<Equations>) -> Result<()> {
-        let loss = &self.known.options.loss;
+        let loss = &self.priors.options.loss;
         if Equations::lack_derivatives(equations, loss, &self.factors) {
             let weighing = problem.by_sheets.then_some(Weighing { loss, factors: self.factors });
             *equations = problem.equations(&self.state, weighing)?;
@@ -311,20 +311,20 @@ impl<'a> Search<'a> {
         first_stage: bool,
     ) -> Result<NormalEquations> {
         let options = setup.options;
-        let poses = self.known.poses.len();
+        let poses = self.priors.poses.len();
         let scale = (&self.factors, &[1.0; SCALES]);
         let pass = sum(equations, setup.deformation, poses, &options.loss, scale, true);
-        let alone = self.known.without_poses(&self.state, &pass)?;
-        let displacement = &self.state.q - &self.known.start;
-        let mut weight = self.known.smooth.weight(&alone.information, &alone.vector, &displacement)?;
+        let alone = self.priors.without_poses(&self.state, &pass)?;
+        let displacement = &self.state.q - &self.priors.start;
+        let mut weight = self.priors.smooth.weight(&alone.information, &alone.vector, &displacement)?;
         weight *= weight_factor;
         if first_stage && options.start_sigma.is_none() {
             // A distant mesh approaches almost rigidly at first: the facets that attract it are not yet the
             // ones that correspond to the readings.
             weight *= 1.0 + INITIAL_STIFFENING * STIFFENING_DECAY.powi(self.iterations as i32);
         }
-        let (information, vector) = self.known.add(&self.state, weight, &pass);
-        let cost = cost(equations, &options.loss, &self.factors) + self.known.cost(&self.state, weight);
+        let (information, vector) = self.priors.add(&self.state, weight, &pass);
+        let cost = cost(equations, &options.loss, &self.factors) + self.priors.cost(&self.state, weight);
         Ok(NormalEquations { information, vector, of_readings: pass.information, weight, cost })
     }
 
@@ -343,9 +343,9 @@ impl<'a> Search<'a> {
             let parameters = self.state.q.len();
             let change =
                 bounded_step(&system.information, damping.value, &system.vector, parameters, setup.max_move)?;
-            let next = self.known.moved(&self.state, &change);
+            let next = self.priors.moved(&self.state, &change);
             let tried = problem.equations(&next, Some(weighing))?;
-            let after = cost(&tried, loss, &self.factors) + self.known.cost(&next, system.weight);
+            let after = cost(&tried, loss, &self.factors) + self.priors.cost(&next, system.weight);
             // The tolerance admits a step whose cost differs by rounding only.
             if after <= system.cost * (1.0 + 1e-12) {
                 let length = (change.dot(&(&system.information * &change)) / change.len() as f64).sqrt();
@@ -475,8 +475,8 @@ impl FoldControl {
             return Ok(false);
         }
         if self.folded.is_none() {
-            let (known, state) = (&search.known, search.state.clone());
-            let made = finished(mesh, deformation, known, state, equations, &search.factors, weight)?;
+            let (priors, state) = (&search.priors, search.state.clone());
+            let made = finished(mesh, deformation, priors, state, equations, &search.factors, weight)?;
             if made.unresolved_shape > 0.0 {
                 self.likelihood_weight = Some(weight);
                 self.folded = Some((made, rms));
