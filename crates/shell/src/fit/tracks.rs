@@ -1,14 +1,14 @@
-//! Features tracked over views: a place on the surface, and a line of sight through it from every view.
+//! Equations of features tracked over views: a point on the surface, and a line of sight through it from
+//! every view.
 //!
-//! Comes in: pixels of one feature in several views. Goes out: equations between the poses of those views and
-//! the shell.
+//! In: pixels of one feature in several views. Out: equations between the poses of those views and the shell.
 //!
-//! The feature's place `X` is unknown and of no interest. Its pixels say `π_v(X) = x_v`, the shell says
-//! `D(X) = 0`: `2 n + 1` equations, three of which go to find `X`. What is left is got by multiplying all,
-//! divided by their σ, with the left null space of their derivatives by `X` (A. Björck, *Numerical methods
-//! for least squares problems*, 1996, on separable problems).
+//! The position `X` of the feature is a nuisance parameter. Its pixels give `π_v(X) = x_v` and the shell
+//! gives `D(X) = 0`: `2 n + 1` equations, three of which determine `X`. It is eliminated by multiplying the
+//! whitened equations with the left null space of their derivatives by `X` (A. Björck, *Numerical methods for
+//! least squares problems*, 1996, on separable problems).
 //!
-//! Not guaranteed: a place where lines of sight are all but parallel.
+//! Not guaranteed: there is no equation if the lines of sight are nearly parallel.
 
 use super::equations::{ByVertex, Equations, Source};
 use super::readings::FeatureTrack;
@@ -16,7 +16,7 @@ use crate::camera::Camera;
 use crate::field::{FacetShare, Shell};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// Steps towards the place of a feature.
+/// Maximum number of Gauss–Newton steps for the position of a feature.
 const STEPS: usize = 10;
 
 /// The point nearest to all lines of sight.
@@ -34,7 +34,7 @@ fn triangulated(track: &FeatureTrack, cameras: &[Camera]) -> Option<Vector3<f64>
     n.try_inverse().map(|inverse| inverse * b)
 }
 
-/// Residuals and derivatives by the place, over their σ; `None` behind a camera.
+/// Whitened residuals and derivatives by the position; `None` behind a camera.
 fn linearized(
     track: &FeatureTrack,
     cameras: &[Camera],
@@ -61,11 +61,11 @@ fn linearized(
     Some((residual, by_place, found))
 }
 
-/// What vertices of the deformed mesh one of the wrapped mesh is made of, with the derivatives by them.
+/// Converts a derivative by a vertex of the wrapped mesh to derivatives by vertices of the deformed mesh.
 type Give<'a> = dyn Fn(u32, [f64; 3], &mut Vec<ByVertex>) + 'a;
 
-/// Adds the equations of one track. `slots` says which cameras have a pose in the state, `give` what vertices
-/// of the wrapped mesh are of that which is deformed.
+/// Adds the equations of one track. `slots` gives the index of each camera's pose in the state; `give`
+/// converts derivatives to the deformed mesh.
 pub(super) fn add(
     track: &FeatureTrack,
     index: u32,
@@ -126,7 +126,7 @@ pub(super) fn add(
     Some(())
 }
 
-/// Orthonormal columns that are orthogonal to those of a tall matrix of full rank.
+/// Orthonormal columns orthogonal to those of a tall matrix of full rank.
 fn left_null_space(of: &DMatrix<f64>) -> DMatrix<f64> {
     let (rows, columns) = of.shape();
     let mut wide = DMatrix::zeros(rows, rows + columns);
