@@ -95,7 +95,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let threshold = least.max(options.least_share * strongest);
     let found = field.ridges(border, threshold);
     if found.is_empty() {
-        return Err(Error::undetermined("no edge stands out of the picture's noise"));
+        return Err(Error::undetermined("no edge exceeds the noise of the image"));
     }
     let mut spreads: Vec<f64> = found.iter().map(|edge| edge.spread).collect();
     spreads.sort_by(f64::total_cmp);
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn points_lie_on_the_edge_as_well_as_they_say() {
+    fn edge_points_agree_with_their_sigma() {
         let (mut squares, mut bias, mut count) = (0.0, 0.0, 0.0);
         for seed in 0..6 {
             for point in edge_points(&disc(25.0, 4.0, seed), &EdgeOptions::default()).expect("edges") {

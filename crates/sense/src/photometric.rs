@@ -438,7 +438,7 @@ fn check(
         (1..images.len()).find_map(|k| Some((images[..k].iter().position(|i| *i == images[k])?, k)));
     if let Some((first, second)) = repeated {
         return Err(Error::input(format!(
-            "images {} and {} are the same, pixel by pixel: under two lights no thing looks the same; needed a picture for each light",
+            "images {} and {} are the same, pixel by pixel: needed a different image for each light",
             first + 1,
             second + 1
         )));

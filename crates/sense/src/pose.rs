@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_twist_is_found_again_and_half_of_it_twice_is_the_whole() {
+    fn twists_round_trip_and_compose() {
         for (w, v) in [
             ([0.3, -0.8, 1.1], [4.0, 0.5, -2.0]),
             ([1e-6, 2e-6, 0.0], [1.0, -1.0, 3.0]),

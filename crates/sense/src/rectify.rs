@@ -123,7 +123,7 @@ impl Rectification {
         let axes = rig.cameras.map(|c| c.pinhole.r[2]);
         let ahead = add(axes[0], axes[1]);
         let across = unit(cross(ahead, x)).filter(|_| dot(axes[0], axes[1]) > 0.0);
-        let y = across.ok_or_else(|| Error::input("needed two cameras that look at the same thing, found axes more than 90° apart or along the line between them"))?;
+        let y = across.ok_or_else(|| Error::input("needed two cameras that view the same object, found axes more than 90° apart or along the baseline"))?;
         let rotation = [x, y, cross(x, y)];
         let focals = rig.cameras.map(|c| c.pinhole.k[0][0]);
         let focal = if focals[0] == focals[1] { focals[0] } else { 0.5 * (focals[0] + focals[1]) };

@@ -126,7 +126,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     Ok(Silhouette { border, sigma_px: options.sigma_px, inside, outside, mask, columns, rows })
 }
 
-/// Turns over connected parts of one colour that have fewer than `least` pixels.
+/// Inverts connected parts of one colour that have fewer than `least` pixels.
 pub(crate) fn fill(mask: &mut [bool], columns: usize, colour: bool, least: usize) {
     let mut seen = vec![false; mask.len()];
     let mut part = Vec::new();
@@ -229,7 +229,7 @@ fn thinned(places: Vec<[f64; 2]>, apart: f64) -> Vec<[f64; 2]> {
     all
 }
 
-/// Pixels on a grid over the thing and as much around it, on either side of the border.
+/// Pixels on a grid over the object and its surroundings, on either side of the border.
 #[allow(clippy::type_complexity, reason = "inside and outside")]
 fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
     let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thing_that_reaches_out_has_no_border_there_and_odd_masks_are_refused() {
+    fn borders_end_at_the_image_and_invalid_masks_are_rejected() {
         let found = silhouette(&disc([0.0, 50.0], 30.0), &SilhouetteOptions::default()).unwrap();
         assert!(found.border.iter().all(|p| p[0] >= FRAME && (p[0].hypot(p[1] - 50.0) - 30.0).abs() < 1.0));
         let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();

@@ -175,10 +175,10 @@ pub fn match_stereo(
     Ok(DisparityMap { columns, rows: left.rows, disparity, sigma, rejected })
 }
 
-/// Darker than this share of what is bright is no thing's texture.
+/// Brightness, as a share of the bright pixels, below which texture is not used.
 const DARK: f32 = 0.06;
-/// Beside the border a pixel has fewer possible matches than this. Among a few one is always the least, so
-/// only texture of half the usual contrast is believed there.
+/// Number of possible matches below which a pixel is close to the border. One of a few matches is always the
+/// best, so more texture is required there: half the usual contrast.
 const FEWEST_RIVALS: i64 = 32;
 
 /// How much values differ in the 5 × 5 pixels about one.
@@ -196,7 +196,7 @@ fn local_range(image: &Image, pixel: usize) -> f32 {
     most - least
 }
 
-/// The σ of a disparity, in pixels, from what its window says.
+/// The σ of a disparity in pixels, from the statistics of its window.
 ///
 /// `σ² = 0.11² + (2.5 σ_t)² + (1.2 h)² + (0.7 m)² + (0.5 r)²` with the σ_t of least squares, the share h of
 /// the window that lies on other surfaces, the distance m by which least squares moved the disparity, and the

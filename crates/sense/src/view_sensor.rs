@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn so_many_rays_meet_an_area_as_are_counted_there() {
+    fn ray_density_agrees_with_a_count() {
         let sensor = sensor();
         // A square of side 0.5 about (0.6, -0.4, 4), square to the axis.
         let (middle, half) = ([0.6, -0.4, 4.0], 0.25);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn invalid_input_is_named() {
         let with = |change: fn(&mut ViewSensor)| {
             let mut sensor = sensor();
             change(&mut sensor);

@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_projection_matrix_says_the_same_at_any_scale_and_in_a_mirror() {
+    fn projection_matrices_decompose_at_any_scale_and_mirrored() {
         let camera = camera();
         for factor in [1.0, 0.03, 50.0] {
             let p: [[f64; 4]; 3] = std::array::from_fn(|i| {
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_look_at_what_they_show_and_poses_add_up() {
+    fn projections_invert_and_pose_changes_round_trip() {
         let camera = camera();
         let at = [0.3, -0.4, 0.5];
         let (pixel, depth) = camera.project(at).unwrap();

@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_inside_is_refused() {
+    fn points_outside_of_the_box_are_rejected() {
         let mut made = Delaunay::new(&unit_box()).unwrap();
         for at in [[2.0, 0.0, 0.0], [f64::NAN, 0.0, 0.0], [0.0, 0.0, 7.0]] {
             assert!(made.insert(at).unwrap_err().to_string().contains("box"));

@@ -1,7 +1,7 @@
-//! The surface of a shell as a mesh.
+//! Meshes a surface of a shell.
 //!
-//! Comes in: a [`Shell`], which of its surfaces is wanted, and the size of cells. Goes out: a manifold mesh,
-//! and how far from the exact surface it is.
+//! In: a [`Shell`], the choice of the surface, and the cell size. Out: a manifold mesh, and its deviation
+//! from the exact surface.
 //!
 //! | surface | zero of |
 //! |---|---|
@@ -9,8 +9,7 @@
 //! | [`IsoLevel::Outer`] | the same field, with everything that is inside of a closed mesh inside: its outer sheet |
 //! | [`IsoLevel::Offset`] | the smooth distance minus an offset, with the sign of the winding number (G. Barill et al. 2018); an offset of 0 is the mesh itself, made manifold |
 //!
-//! Cells through which the surface cannot pass are known by the distance of the nearest facet, and are not
-//! evaluated.
+//! The distance of the nearest facet shows which cells cannot contain the surface; these are not evaluated.
 //!
 //! Not guaranteed: what is thinner than a cell; sharp edges, which are cut off by chords.
 
@@ -68,8 +67,8 @@ pub struct IsoSurface {
 /// Meshes a surface of a shell.
 ///
 /// # Errors
-/// `Input` for cells or an offset that make no sense; `Undetermined` where inside and outside are asked of a
-/// mesh that is open, or where nothing has so low a field; `Unsupported` for too many cells.
+/// `Input` for an invalid cell size or offset; `Undetermined` if the surface needs an inside and the mesh is
+/// open, or if the surface is empty; `Unsupported` for too many cells.
 ///
 /// # Examples
 /// ```
@@ -134,7 +133,8 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
     let mesh = isosurface(&bounds, cell, value, may_pass)?;
     if mesh.triangles.is_empty() {
         return Err(Error::undetermined(
-            "the surface is nowhere: a shell needs a thickness above ln(T)/k, an inner offset less than half the thickness of the thing, and cells smaller than either",
+            "the surface is empty: a shell needs a thickness above ln(T)/k, an inner offset below half the thickness \
+             of the object, and cells smaller than either",
         ));
     }
     let every = mesh.triangles.len().div_ceil(MAX_DEVIATION_SAMPLES).max(1);
@@ -230,7 +230,7 @@ mod tests {
         let thin = ShellOptions { threshold: 1e9, ..options };
         let thin = Shell::new(&sheet, &thin).unwrap();
         let nothing = iso_surface(&thin, &IsoOptions { level: IsoLevel::Shell, cell: Some(0.05) });
-        assert!(nothing.unwrap_err().to_string().contains("nowhere"));
+        assert!(nothing.unwrap_err().to_string().contains("empty"));
     }
 
     /// Facets that face anywhere, one inside of another, and crossing ones: winding numbers of the whole

@@ -411,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn odd_input_is_named() {
+    fn invalid_input_is_named() {
         let at = |result: Result<NaturalNeighbours>| result.unwrap_err().to_string();
         assert!(at(NaturalNeighbours::new(&[], &[])).contains("at least one"));
         assert!(at(NaturalNeighbours::new(&[[0.0; 3], [f64::NAN, 0.0, 0.0]], &[])).contains("point 1"));

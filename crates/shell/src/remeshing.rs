@@ -1,15 +1,14 @@
 //! Remeshes a closed mesh: grows it where the object is not covered yet, and cuts it where no object can be.
 //!
-//! Comes in: a closed mesh that may cross itself, the domain that there is, and what the mesh covers. Goes
-//! out:
-//! a closed manifold mesh of even facets.
+//! In: a closed mesh that may intersect itself, the domain, and the region that the mesh covers. Out: a
+//! closed manifold mesh of uniform facets.
 //!
-//! The new surface is the zero level of `max(−b, min(h, max(h − g, c)))`: with `h` the signed distance from
-//! the mesh, negative where it winds more than half about a place; `b` the depth within the domain; `c` the
-//! depth within what is covered; and `g` how far it may flow. What winds about nothing is left out, sheets
-//! that cross are joined, and what the domain cuts through is torn, whatever the topology was.
+//! The new surface is the zero level of `max(−b, min(h, max(h − g, c)))`. Here `h` is the signed distance
+//! from the mesh, negative where the winding number exceeds ½; `b` is the depth in the domain; `c` is the
+//! depth in the covered region; and `g` is the distance of growth. Parts of winding number zero are dropped,
+//! intersecting sheets are joined, and the domain may cut the mesh apart, so the topology may change.
 //!
-//! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
+//! Not guaranteed: parts thinner than a cell are lost, and sharp edges are cut by chords.
 
 use planish_estimate::vector3::{add_scaled, cross, dot, sub};
 use planish_estimate::{Error, Result};
@@ -84,7 +83,7 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
     let open = mesh.welded().check().boundary_edges;
     if open > 0 {
         return Err(Error::undetermined(format!(
-            "the mesh has {open} open edges, so that it has no inside: close it before it is made anew"
+            "the mesh has {open} open edges, so that it has no inside: close it before remeshing"
         )));
     }
     let (search, winding) = (MeshSearch::try_new(mesh)?, WindingNumbers::new(mesh));
@@ -123,7 +122,7 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
     let mut kept = large_parts(&made, min_part_volume_ratio);
     if kept.triangles.is_empty() {
         return Err(Error::undetermined(
-            "nothing of the mesh is within the domain that there is: it lies elsewhere, or cells are larger than what is left of it",
+            "nothing of the mesh is within the domain: it lies elsewhere, or the cells are larger than the part inside",
         ));
     }
     let neighbours = vertex_neighbours(&kept);

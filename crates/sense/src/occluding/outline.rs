@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn contours_are_closed_and_turned_where_that_is_plain() {
+    fn contours_are_closed_and_oriented() {
         let ring = |count: usize| Contour {
             places: (0..count)
                 .map(|k| 0.1 * k as f64)
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thing_that_reaches_out_of_the_picture_has_an_open_outline() {
+    fn outlines_are_open_at_the_end_of_the_image() {
         let inside = |k: usize| ((k % 120) as f64).hypot((k / 120) as f64 - 50.0) < 30.0;
         let values = (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect();
         let picture = Image::try_new(120, 100, values).unwrap();

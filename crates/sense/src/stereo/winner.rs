@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_minimum_between_whole_numbers_is_found_and_rivals_are_told() {
+    fn subpixel_minima_and_ambiguous_ones_are_found() {
         // A vee with its foot at 2.25.
         let sums = [325_u16, 225, 125, 175, 275, 375].map(|s| s + 100);
         let w = winner(&sums, 10);
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn regions_end_at_steps_and_at_what_is_not_known() {
+    fn regions_end_at_steps_and_unknown_pixels() {
         let nan = f32::NAN;
         let sizes = region_sizes(&[1.0, 1.5, 9.0, nan, 1.2, 9.5, 9.0, nan], 4, 1.0);
         assert_eq!(sizes, [3, 3, 3, 0, 3, 3, 3, 0]);

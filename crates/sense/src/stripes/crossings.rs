@@ -66,7 +66,7 @@ impl Crossings {
         let least = LEAST_REACH_SCALES * ridges.scale;
         let first = different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, least)), least);
         let spacing = usual_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
-        // The distance of neighbours says how far stripes may be followed.
+        // The median spacing limits the distance to which stripes are followed.
         let reach = (REACH * spacing).max(least);
         let found = different(first.iter().filter_map(|c| crossing_at(ridges, c.image, reach)), least);
         let no_crossing = spots.len() - found.len();

@@ -289,7 +289,8 @@ impl OrderedCrossing {
     }
 }
 
-/// How far each stripe of a crossing runs otherwise than the crossings before and after it on the stripe say.
+/// The deviation of each stripe's angle at a crossing from the chords to the adjacent crossings on the
+/// stripe.
 /// On a parabola the chord from the one before to the one after is as steep as the middle, and a chord as
 /// steep as the mean of both ends. x is the σ of an angle that noise does not make.
 fn off_chords(piece: &BTreeMap<[i32; 2], OrderedCrossing>, at: [i32; 2]) -> [Option<Residual>; 2] {

@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_both_see_lies_on_its_line() {
+    fn corresponding_pixels_satisfy_the_epipolar_constraint() {
         let k = [[900.0, 2.0, 310.0], [0.0, 910.0, 250.0], [0.0, 0.0, 1.0]];
         let camera =
             Pinhole { k, r: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]], t: [3.0, -4.0, 10.0] };

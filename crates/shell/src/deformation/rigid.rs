@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_make_no_sense_are_named() {
+    fn invalid_parts_are_named() {
         let ball = icosphere(1.0, 1);
         let made = |lists: &[Vec<u32>], blend: f64| {
             let parts: Vec<RigidPart> = (lists.iter().cloned())

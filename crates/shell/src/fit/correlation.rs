@@ -139,7 +139,7 @@ mod tests {
 
     /// A good mesh is not called a bad one, whatever the σ of its readings.
     #[test]
-    fn noise_has_nothing_in_common() {
+    fn noise_is_uncorrelated() {
         assert_eq!(
             ResidualCorrelation::from_residuals(&residuals(4000, 0.0, 1.0)),
             ResidualCorrelation::NONE
@@ -150,7 +150,7 @@ mod tests {
     /// Shape that is left over is found through noise that is larger, with its size; longer waves make more
     /// readings say the same.
     #[test]
-    fn waves_are_found_through_noise() {
+    fn unresolved_waves_are_found_in_noise() {
         let [short, long] =
             [0.25, 0.5].map(|length| ResidualCorrelation::from_residuals(&residuals(6000, 1.0, length)));
         for found in [short, long] {
@@ -169,7 +169,7 @@ mod tests {
     /// A wave that is small beside what a fit of many unknowns takes from noise is found with its size, as
     /// that is taken off; noise alone stays noise.
     #[test]
-    fn what_a_fit_takes_is_taken_off() {
+    fn the_fits_own_correlation_is_compensated() {
         let (count, waves) = (4000, 12);
         let mut random = ChaCha8Rng::seed_from_u64(9);
         let at: Vec<[f64; 3]> = (0..count).map(|_| [random.random(), random.random(), 0.0]).collect();

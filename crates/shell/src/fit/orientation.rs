@@ -91,7 +91,7 @@ mod tests {
     /// A ball with a window in it that looks inwards, a patch of it turned, and a closed ball beside it: all
     /// are turned, a ball within is left alone.
     #[test]
-    fn what_is_seen_from_behind_is_turned() {
+    fn inwards_facing_parts_are_flipped() {
         let mut right = icosphere(1.0, 3);
         let positions = right.positions.clone();
         right.triangles.retain(|t| t.iter().any(|v| positions[*v as usize][2] > -0.8));

@@ -291,7 +291,7 @@ mod tests {
     /// Two sheets that face the same way, one over the other, are two: a point between them is of either, not
     /// of their mean.
     #[test]
-    fn parallel_sheets_are_told_apart() {
+    fn parallel_sheets_are_separated() {
         let mut mesh = floor_with_a_fin();
         mesh.triangles.truncate(2);
         for k in 0..4 {

@@ -118,10 +118,10 @@ fn of_one_coordinate(stiffness: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 mod tests {
     use super::*;
 
-    /// Readings that agree with the start make smoothness as heavy as can be, and the start is then believed;
-    /// with σ of the start they do not.
+    /// Readings that agree with the start drive the weight to its maximum, so that the start seems certain; σ
+    /// of the start limits it.
     #[test]
-    fn a_start_made_of_the_readings_is_not_believed() {
+    fn start_sigma_limits_the_smoothness_weight() {
         let count = 10;
         let mut bending = DMatrix::zeros(count, count);
         for i in 1..count - 1 {

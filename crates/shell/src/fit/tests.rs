@@ -116,7 +116,7 @@ fn rms(values: &[f64]) -> f64 {
 /// Points closer together than their noise: of those at one height over the mesh the nearest are at the same
 /// height, and that is no shape that the controls lack.
 #[test]
-fn dense_noise_is_nothing_that_is_lacking() {
+fn dense_noise_is_not_unresolved_shape() {
     let truth = truth(20_000, 5);
     let options = ShellFitOptions { stiffness: Some(truth.stiffness.clone()), ..ShellFitOptions::default() };
     let made = fit_points(&truth.mesh, &truth.deformation, &truth.readings, &options).unwrap();
@@ -198,7 +198,7 @@ fn a_lattice_is_fitted_by_the_same_code() {
 }
 
 #[test]
-fn odd_input_is_named() {
+fn invalid_input_is_named() {
     let mesh = icosphere(1.0, 1);
     let deformation = Dirichlet::new(&mesh.positions[..4], &mesh.positions).unwrap();
     let good = PointReading { at: [1.0, 0.0, 0.0], covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0] };

@@ -41,7 +41,7 @@ fn crossing() -> TriangleMesh {
 /// A mesh that crosses itself comes out as the surface of what it encloses: one piece without crossings, on
 /// the outer spheres.
 #[test]
-fn what_crosses_becomes_one_surface() {
+fn self_intersections_become_one_surface() {
     let made = remesh(&crossing(), &options(&EVERYWHERE)).unwrap();
     let check = made.check();
     assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
@@ -55,7 +55,7 @@ fn what_crosses_becomes_one_surface() {
 
 /// What there is no domain for is cut away, and the mesh torn; crumbs are left out.
 #[test]
-fn what_has_no_room_is_cut() {
+fn parts_outside_of_the_domain_are_cut() {
     let without = |from, to| Slab { from, to, sign: -1.0 };
     let torn = remesh(&crossing(), &options(&without(0.5, 0.7))).unwrap();
     assert_eq!((torn.check().components, torn.check().watertight), (2, true));
@@ -73,7 +73,7 @@ fn what_has_no_room_is_cut() {
 
 /// It flows where nothing is covered yet, as far as it may, and stays where something is.
 #[test]
-fn it_flows_out_of_what_is_covered_only() {
+fn meshes_grow_only_outside_of_the_covered_region() {
     let covered = Slab { from: -100.0, to: 0.0, sign: 1.0 };
     let flow = RemeshOptions { flow: Some((&covered, 0.3)), ..options(&EVERYWHERE) };
     let made = remesh(&icosphere(1.0, 4), &flow).unwrap();
@@ -111,7 +111,7 @@ fn smoothing_does_not_shrink() {
 /// Means keep what is the same everywhere, and spread what is at one place without adding to it where all
 /// have as many neighbours.
 #[test]
-fn local_means_are_means() {
+fn smoothed_vertex_values_are_means() {
     let ball = icosphere(1.0, 3);
     let count = ball.positions.len();
     assert!((smooth_vertex_values(&ball, &vec![2.0; count], 10).iter()).all(|x| (x - 2.0).abs() < 1e-12));

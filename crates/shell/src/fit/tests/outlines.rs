@@ -125,7 +125,7 @@ fn poses_off(found: &[Camera], truth: &[Camera]) -> (f64, f64) {
 /// first two are known. Their σ is true.
 #[test]
 #[ignore = "takes longer than five seconds"]
-fn shaken_cameras_are_found_with_the_shape() {
+fn perturbed_camera_poses_are_estimated_with_the_shape() {
     let truth = truth(10, 2);
     let mut noise = normal_numbers(21);
     let cameras = around(8, 5.0);
@@ -380,7 +380,7 @@ fn bust() -> TriangleMesh {
 /// What reaches out of all pictures, is open there, and holds a loose sheet, comes to its outlines: nothing
 /// is read along the end of a picture, and which way a part is turned does not matter.
 #[test]
-fn outlines_of_what_reaches_out_of_the_pictures() {
+fn objects_beyond_the_images_are_fitted() {
     let mesh = bust();
     let controls = automatic_controls(&mesh, 30).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();

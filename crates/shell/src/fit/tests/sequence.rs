@@ -27,7 +27,7 @@ fn swaying(controls: &[[f64; 3]], time: f64) -> DVector<f64> {
 /// or better, and the parameters' errors are those that are stated.
 #[test]
 #[ignore = "takes longer than five seconds"]
-fn a_moving_thing_is_followed() {
+fn a_moving_object_is_tracked() {
     let mesh = icosphere(1.0, 3);
     let controls = automatic_controls(&mesh, CONTROLS).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
