@@ -11,9 +11,9 @@
 //! # A tour
 //!
 //! 1. [`automatic_controls`] places control points on a mesh; [`stiffness`] and [`stiffness_for_xyz`] give
-//! their smoothness energy.
+//!    their smoothness energy.
 //! 2. A [`Deformation`] maps the parameters to vertices: [`Dirichlet`], [`Lattice`], [`Modes`],
-//! [`VertexDisplacements`] or [`RigidParts`].
+//!    [`VertexDisplacements`] or [`RigidParts`].
 //! 3. [`fit_points`] or [`fit_shell`] estimates the parameters; [`ShellTracker`] does so frame by frame.
 //! 4. [`Shell`] evaluates the distance field by itself, and [`iso_surface`] meshes it.
 //!

@@ -110,7 +110,7 @@ impl ShellReadings<'_> {
         let outlines: usize = self.views.iter().map(|view| view.outline.len()).sum();
         if self.points.is_empty() && outlines == 0 && self.tracks.is_empty() {
             return Err(Error::undetermined(
-                "a shell fit needs points, outlines or tracks, and none were given",
+                "a shell fit needs readings: no points, no outlines and no tracks were given",
             ));
         }
         for (i, point) in self.points.iter().enumerate() {

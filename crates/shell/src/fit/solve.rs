@@ -159,6 +159,9 @@ fn uncertain_poses(readings: &ShellReadings<'_>) -> (Vec<Option<u32>>, Vec<(usiz
     (slots, poses)
 }
 
+/// A subdivided mesh, and for each of its vertices the vertices and weights on the original.
+type Subdivision = (TriangleMesh, Vec<[(u32, f64); 3]>);
+
 /// What stays the same in all stages of a fit.
 struct Setup<'a> {
     mesh: TriangleMesh,
@@ -219,12 +222,7 @@ impl<'a> Setup<'a> {
     }
 
     /// The equations of a stage. `fine` is the subdivided mesh of spherical metaballs.
-    fn problem<'b>(
-        &'b self,
-        step: usize,
-        softness: f64,
-        fine: Option<&'b (TriangleMesh, Vec<[(u32, f64); 3]>)>,
-    ) -> Problem<'b> {
+    fn problem<'b>(&'b self, step: usize, softness: f64, fine: Option<&'b Subdivision>) -> Problem<'b> {
         let coarse = !self.is_last(step);
         Problem {
             mesh: &self.mesh,
