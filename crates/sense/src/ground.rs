@@ -210,7 +210,8 @@ impl Frame {
         let [columns, rows] = [width, depth].map(|side| (side / cell).floor() + 1.0);
         if columns * rows > MOST_CELLS {
             return Err(Error::input(format!(
-                "ground: an extent of {width:.3e} × {depth:.3e} takes more than {MOST_CELLS:e} cells of {cell:.3e}: is the unit right?"
+                "ground: an extent of {width:.3e} × {depth:.3e} takes more than {MOST_CELLS:e} cells of \
+                {cell:.3e}: is the unit right?"
             )));
         }
         Ok(Self {

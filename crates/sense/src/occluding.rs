@@ -298,7 +298,8 @@ pub fn occluding_contours(
     if joined.points.is_empty() {
         let causes: Vec<String> = (left_out.iter()).map(|(cause, n)| format!("{n} {cause}")).collect();
         return Err(Error::undetermined(format!(
-            "no place of {} views' contours has a depth ({}): are the views in the order of the camera's motion, and does it move across the lines of sight?",
+            "no place of {} views' contours has a depth ({}): are the views in the order of the camera's \
+            motion, and does it move across the lines of sight?",
             views.len(),
             causes.join(", ")
         )));

@@ -145,7 +145,8 @@ pub fn photometric_normals(
     let found: Vec<_> = found.into_iter().map(Option::flatten).collect();
     if found.iter().all(Option::is_none) {
         return Err(Error::undetermined(
-            "no pixel has a normal: is the mask white where the object is, and are the lights in the order of the images?",
+            "no pixel has a normal: is the mask white where the object is, and are the lights in the \
+            order of the images?",
         ));
     }
     Ok(NormalMap {
@@ -445,7 +446,8 @@ fn check(
     }
     if lights.len() == 3 && options.sigma_brightness.is_none() {
         return Err(Error::undetermined(
-            "three lights leave no residual to tell the σ of brightness from: state sigma_brightness, or use more lights",
+            "three lights leave no residual to tell the σ of brightness from: state sigma_brightness, or \
+            use more lights",
         ));
     }
     let mut m = [0.0; 6];

@@ -123,7 +123,12 @@ impl Rectification {
         let axes = rig.cameras.map(|c| c.pinhole.r[2]);
         let ahead = add(axes[0], axes[1]);
         let across = unit(cross(ahead, x)).filter(|_| dot(axes[0], axes[1]) > 0.0);
-        let y = across.ok_or_else(|| Error::input("needed two cameras that view the same object, found axes more than 90° apart or along the baseline"))?;
+        let y = across.ok_or_else(|| {
+            Error::input(
+                "needed two cameras that view the same object, found \
+            axes more than 90° apart or along the baseline",
+            )
+        })?;
         let rotation = [x, y, cross(x, y)];
         let focals = rig.cameras.map(|c| c.pinhole.k[0][0]);
         let focal = if focals[0] == focals[1] { focals[0] } else { 0.5 * (focals[0] + focals[1]) };
@@ -259,7 +264,8 @@ fn refuse_epipole(
             let inside = |c: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&c);
             if inside(u, columns) && inside(v, rows) {
                 return Err(Error::input(format!(
-                    "the epipole lies inside the picture of the {which} camera, at ({u:.0}, {v:.0}): needed cameras beside each other, that do not look along the line between them"
+                    "the epipole lies inside the picture of the {which} camera, at ({u:.0}, {v:.0}): \
+                    needed cameras beside each other, that do not look along the line between them"
                 )));
             }
         }
@@ -282,14 +288,16 @@ fn outline(
             let pixel = [0, 1].map(|d| ends[d] * place[d] - 0.5);
             let direction = camera.direction(pixel).ok_or_else(|| {
                 Error::input(format!(
-                    "the distortion cannot be undone at the pixel ({:.0}, {:.0}): needed one that grows along every ray of the picture, found {:?}",
+                    "the distortion cannot be undone at the pixel ({:.0}, {:.0}): needed one that grows \
+                    along every ray of the picture, found {:?}",
                     pixel[0], pixel[1], camera.distortion
                 ))
             })?;
             let [x, y, z] = rotation.map(|row| dot(row, direction));
             if z <= 0.05 * norm(direction) {
                 return Err(Error::input(
-                    "needed cameras that look the same way: rectified, the border of a picture would lie at infinity",
+                    "needed cameras that look the same way: rectified, the border of a picture would lie \
+                    at infinity",
                 ));
             }
             for (d, c) in [focal * x / z, focal * y / z].into_iter().enumerate() {

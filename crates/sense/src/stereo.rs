@@ -270,7 +270,8 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
     }
     if left.values.len().saturating_mul(options.disparities) > MOST_CELLS {
         return Err(Error::unsupported(format!(
-            "{} × {} pixels with {} disparities take more than {} GB: look for fewer, or make the images smaller",
+            "{} × {} pixels with {} disparities take more than {} GB: look for fewer, or make the images \
+            smaller",
             left.columns,
             left.rows,
             options.disparities,

@@ -10,8 +10,8 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 
 /// Two rectified cameras: rows correspond, and `x_right = x_left − d`.
 ///
-/// The point of pixel (u, v) of the left image, centres at integers, with the disparity d is at `z = f B / (d
-/// + doffs)` and `p = z ((u − cx)/f, (v − cy)/f, 1)`: x right, y down, z forward, from the left camera's
+/// The point of pixel (u, v) of the left image, centres at integers, with the disparity d is at
+/// `z = f B / (d + doffs)` and `p = z ((u − cx)/f, (v − cy)/f, 1)`: x right, y down, z forward, from the left camera's
 /// centre.
 ///
 /// # Examples
@@ -121,7 +121,8 @@ impl StereoCamera {
         }
         if points.is_empty() {
             return Err(Error::undetermined(format!(
-                "no pixel of {} has a point in front of the cameras: are left and right exchanged, or the disparities out of the range that was looked for?",
+                "no pixel of {} has a point in front of the cameras: are left and right exchanged, or the \
+                disparities out of the range that was looked for?",
                 cells.len()
             )));
         }

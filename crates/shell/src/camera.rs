@@ -59,7 +59,8 @@ impl Camera {
         let triangle = k[(1, 0)] == 0.0 && k[(2, 0)] == 0.0 && k[(2, 1)] == 0.0 && k[(2, 2)] == 1.0;
         if !(finite && triangle && k[(0, 0)] > 0.0 && k[(1, 1)] > 0.0) {
             return Err(Error::input(format!(
-                "needed K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, found K = {}",
+                "needed K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, found K \
+                = {}",
                 rows(&k)
             )));
         }

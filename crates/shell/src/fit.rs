@@ -299,7 +299,8 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     let parameters = deformation.parameters();
     if parameters == 0 || parameters > MAX_PARAMETERS {
         return Err(Error::unsupported(format!(
-            "{parameters} parameters: needed between 1 and {MAX_PARAMETERS}, as a third as many control points"
+            "{parameters} parameters: needed between 1 and {MAX_PARAMETERS}, as a third as many control \
+            points"
         )));
     }
     let sizes = [
@@ -333,7 +334,8 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     let (first, finest) = options.softness;
     if !(first >= finest && finest > 0.0 && first.is_finite()) {
         return Err(Error::input(format!(
-            "the softness of a shell falls from one positive share of its size to another, got {first} and {finest}"
+            "the softness of a shell falls from one positive share of its size to another, got {first} \
+            and {finest}"
         )));
     }
     if options.steps == 0 || options.iterations == 0 {

@@ -3,11 +3,11 @@
 //! In: a [`Shell`], the choice of the surface, and the cell size. Out: a manifold mesh, and its deviation
 //! from the exact surface.
 //!
-//! | surface | zero of |
-//! |---|---|
-//! | [`IsoLevel::Shell`] | the paper's field: two sheets, one on either side of the mesh, which meet around its borders |
-//! | [`IsoLevel::Outer`] | the same field, with everything that is inside of a closed mesh inside: its outer sheet |
-//! | [`IsoLevel::Offset`] | the smooth distance minus an offset, with the sign of the winding number (G. Barill et al. 2018); an offset of 0 is the mesh itself, made manifold |
+//! - [`IsoLevel::Shell`]: the zero of the paper's field. It has two sheets, one on either side of the mesh,
+//!   which meet around its boundaries.
+//! - [`IsoLevel::Outer`]: the outer sheet of that field, for closed meshes.
+//! - [`IsoLevel::Offset`]: the smooth distance minus an offset, with the sign of the winding number (G. Barill
+//!   et al. 2018). An offset of 0 is the mesh itself, made manifold.
 //!
 //! The distance of the nearest facet shows which cells cannot contain the surface; these are not evaluated.
 //!
@@ -95,7 +95,8 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             let open = welded(shell.mesh()).check().boundary_edges;
             if open > 0 {
                 return Err(Error::undetermined(format!(
-                    "the mesh has {open} open edges, so that it has no inside: mesh both sheets of its shell, or close it"
+                    "the mesh has {open} open edges, so that it has no inside: mesh both sheets of its \
+                    shell, or close it"
                 )));
             }
             Some(WindingNumbers::new(shell.mesh()))

@@ -122,7 +122,8 @@ pub fn remesh(mesh: &TriangleMesh, options: &RemeshOptions<'_>) -> Result<Triang
     let mut kept = large_parts(&made, min_part_volume_ratio);
     if kept.triangles.is_empty() {
         return Err(Error::undetermined(
-            "nothing of the mesh is within the domain: it lies elsewhere, or the cells are larger than the part inside",
+            "nothing of the mesh is within the domain: it lies elsewhere, or the cells are larger than \
+            the part inside",
         ));
     }
     let neighbours = vertex_neighbours(&kept);

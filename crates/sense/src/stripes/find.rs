@@ -135,7 +135,8 @@ pub fn read_grid(
     let told: usize = indexed.iter().map(Vec::len).sum();
     if told == 0 {
         return Err(Error::undetermined(format!(
-            "{} places where stripes cross were found, but which stripes they are cannot be told: needed pieces of {LEAST_KNOTS} or more that agree with the calibration",
+            "{} places where stripes cross were found, but which stripes they are cannot be told: needed \
+            pieces of {LEAST_KNOTS} or more that agree with the calibration",
             crossings.found.len()
         )));
     }

@@ -54,7 +54,8 @@ impl Lattice {
         let count = points.iter().fold(1_usize, |product, n| product.saturating_mul(*n));
         if points.iter().any(|n| *n < fewest) || count > 100_000 {
             return Err(Error::input(format!(
-                "a lattice of {points:?} points: needed at least {fewest} along each axis, and at most 100000 in all"
+                "a lattice of {points:?} points: needed at least {fewest} along each axis, and at most \
+                100000 in all"
             )));
         }
         let bounds = BoundingBox::of(vertices)

@@ -119,7 +119,8 @@ impl<'a> ShellTracker<'a> {
             .filter(|k| k.shape() == (parameters, parameters) && options.prior.is_none())
             .ok_or_else(|| {
                 Error::input(format!(
-                    "following a shell needs a stiffness of its {parameters} parameters, and no prior of its own"
+                    "following a shell needs a stiffness of its {parameters} parameters, and no prior of \
+                    its own"
                 ))
             })?;
         let stiffness = k.clone();

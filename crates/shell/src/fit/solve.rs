@@ -1,11 +1,13 @@
 //! Levenberg–Marquardt iterations on the equations of a shell, from coarse fields to sharp ones, followed by
 //! the covariance.
 //!
-//! In: the mesh, its deformation, the readings, the options, and a callback for progress. Out: a [`ShellFit`].
+//! In: the mesh, its deformation, the readings, the options, and a callback for progress. Out: a
+//! [`ShellFit`].
 //! The unknowns are the parameters of the deformation, then six numbers for each uncertain camera pose.
 //!
 //! Stages: prepare the mesh and the cameras ([`Setup`]); for each sharpness iterate until converged
-//! ([`run_stage`]); repeat the last stage with more smoothness while the mesh folds ([`FoldControl`]); compute
+//! ([`run_stage`]); repeat the last stage with more smoothness while the mesh folds ([`FoldControl`]);
+//! compute
 //! the covariance ([`finished`]).
 
 use super::dense::Factor;
@@ -139,7 +141,8 @@ fn check_cameras(mesh: &TriangleMesh, readings: &ShellReadings<'_>) -> Result<()
     for (v, view) in readings.views.iter().enumerate() {
         if view.camera.project(middle).is_none() {
             return Err(Error::input(format!(
-                "view {v}: the mesh lies behind the camera: correct the pose or the sign of the projection matrix"
+                "view {v}: the mesh lies behind the camera: correct the pose or the sign of the \
+                projection matrix"
             )));
         }
     }
@@ -440,7 +443,8 @@ fn run_stage(
 struct FoldControl {
     /// Extra factor on the smoothness weight.
     factor: f64,
-    /// The smoothness weight by likelihood. The covariance uses this one: the extra factor adds no information.
+    /// The smoothness weight by likelihood. The covariance uses this one: the extra factor adds no
+    /// information.
     likelihood_weight: Option<f64>,
     /// The fit with folds and its normalised rms, returned if removing the folds costs too much.
     folded: Option<(ShellFit, f64)>,
@@ -538,7 +542,8 @@ fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[
     Ok(factors)
 }
 
-/// `tr(A⁻¹ N)`: the number of readings that the unknowns use up; zero if there are too many unknowns to count.
+/// `tr(A⁻¹ N)`: the number of readings that the unknowns use up; zero if there are too many unknowns to
+/// count.
 fn redundancy_used(wanted: &DMatrix<f64>, information: &DMatrix<f64>) -> f64 {
     if wanted.nrows() > MAX_REDUNDANCY_UNKNOWNS {
         return 0.0;

@@ -167,7 +167,8 @@ fn shells_come_as_near_as_true_correspondences() {
         }
         let share = f64::from(covered as u32) / f64::from(count as u32);
         println!(
-            "{metaball:?}: {:.5} from the truth, {:.5} with true correspondences along normals, {:.5} with those of all coordinates, {:.3} covered, {caught:?}",
+            "{metaball:?}: {:.5} from the truth, {:.5} with true correspondences along normals, {:.5} \
+            with those of all coordinates, {:.3} covered, {caught:?}",
             rms(&ours),
             rms(&theirs),
             rms(&of_all_three),

@@ -170,7 +170,8 @@ fn perturbed_camera_poses_are_estimated_with_the_shape() {
                 change.dot(&covariance.cholesky().unwrap().solve(&change)) / 6.0 / (cameras.len() - 2) as f64;
         }
         println!(
-            "{} tracks: poses {before:?} before, {after:?} after, χ² of each number {squares:.2}; surface {:.4}, covered {:.3}; {:?} after {}",
+            "{} tracks: poses {before:?} before, {after:?} after, χ² of each number {squares:.2}; surface \
+            {:.4}, covered {:.3}; {:?} after {}",
             tracks.len(),
             rms(&off),
             covered(&truth, &made, &off),
