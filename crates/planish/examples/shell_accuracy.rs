@@ -18,7 +18,7 @@ use planish_exchange::mesh::read_mesh;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, sample_points};
 use planish_shell::{
     Deformation, Dirichlet, Metaball, PointReading, ShellFitOptions, automatic_controls, displacements,
-    fit_points, of_three_coordinates, stiffness,
+    fit_points, stiffness, stiffness_for_xyz,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -161,7 +161,7 @@ fn one(
     let sigma = 0.002 * size;
     let controls = automatic_controls(mesh, controls)?;
     let deformation = Dirichlet::new(&controls.points, &mesh.positions)?;
-    let k = of_three_coordinates(&stiffness(&controls.points, &controls.triangles, &controls.edges));
+    let k = stiffness_for_xyz(&stiffness(&controls.points, &controls.triangles, &controls.edges));
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
     let affine: [f64; 9] = std::array::from_fn(|_| 0.04 * normal());

@@ -1,25 +1,33 @@
-//! A camera whose every pixel reads a depth.
+//! A camera that measures a depth at every pixel.
 
 use planish_estimate::vector3::upper_triangle;
 
-/// A pinhole camera that reads depth along its axis.
+/// A pinhole camera that measures depth along its axis.
 ///
-/// Pixel (u, v), centres at integers, with the reading d lies at `z = scale d` and
+/// The point of pixel (u, v), centres at integers, with the reading d is at `z = scale d` and
 /// `p = z ((u − cx)/fx, (v − cy)/fy, 1)`: x right, y down, z forward, from the camera's centre.
+///
+/// # Examples
+/// ```
+/// use planish_sense::DepthCamera;
+/// let camera = DepthCamera { focal: [500.0; 2], center: [320.0, 240.0], scale: 0.001, sigma: None };
+/// assert_eq!(camera.point(320.0, 240.0, 1500.0), Some([0.0, 0.0, 1.5]));
+/// assert_eq!(camera.point(320.0, 240.0, 0.0), None);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DepthCamera {
     /// Focal lengths `fx fy`, in pixels.
     pub focal: [f64; 2],
     /// The pixel `cx cy` on the axis.
     pub center: [f64; 2],
-    /// The length that a reading of 1 stands for.
+    /// Length of a reading of 1, in the model's unit.
     pub scale: f64,
-    /// `a` and `b` of σ_z = a + b z², in the model's unit and its inverse; none where not known.
+    /// `a` and `b` of σ_z = a + b z², in the model's unit and its inverse; `None` if unknown.
     pub sigma: Option<[f64; 2]>,
 }
 
 impl DepthCamera {
-    /// The point of a reading; `None` where there is none: 0, negative or not finite.
+    /// The point of a reading; `None` if the reading is 0, negative or not finite.
     #[inline]
     #[must_use]
     pub fn point(&self, u: f64, v: f64, reading: f64) -> Option<[f64; 3]> {
@@ -32,10 +40,10 @@ impl DepthCamera {
         [(u - self.center[0]) / self.focal[0], (v - self.center[1]) / self.focal[1], 1.0]
     }
 
-    /// The covariance `[xx, xy, xz, yy, yz, zz]` of the point of a pixel at depth z, where σ is known.
+    /// The covariance `[xx, xy, xz, yy, yz, zz]` of the point of a pixel at depth z, if σ is known.
     ///
-    /// An error of the depth moves the point along its ray: `(a + b z²)² d dᵀ` with the ray d. Across it, the
-    /// point may be anywhere on the pixel: a uniform distribution of variance `(z/f)²/12`.
+    /// An error of the depth moves the point along its ray d: `(a + b z²)² d dᵀ`. Across the ray the point is
+    /// uniformly distributed over the pixel, with variance `(z/f)²/12`.
     #[inline]
     #[must_use]
     pub fn covariance(&self, u: f64, v: f64, z: f64) -> Option<[f64; 6]> {

@@ -1,18 +1,19 @@
-//! Edges of a picture as points between pixels, with their σ.
+//! Edges of an image as subpixel points with their σ.
 //!
-//! Comes in: an [`Image`]. Goes out: [`EdgePoint`]s, thinned until their errors hardly depend on one another.
-//! Not guaranteed: edges nearer to each other than some three pixels; corners, whose blur would pull the
-//! points beside them inwards, are left out.
+//! In: an [`Image`]. Out: [`EdgePoint`]s, thinned until their errors are nearly independent.
+//!
+//! Not guaranteed: edges closer to each other than about three pixels. Points near corners are omitted,
+//! because blur moves them inwards.
 
 use crate::Image;
 use planish_estimate::{Error, Result};
 
-/// How edges are found.
+/// Options of [`edge_points`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EdgeOptions {
-    /// σ of the Gaussian by which the picture is smoothed, in pixels.
+    /// σ of the Gaussian by which the image is smoothed, in pixels.
     pub smoothing_px: f64,
-    /// Least gradient of an edge, as a share of the largest in the picture.
+    /// Minimum gradient of an edge, as a share of the largest in the image.
     pub least_share: f64,
 }
 
@@ -31,34 +32,44 @@ pub struct EdgePoint {
     pub sigma_px: f64,
 }
 
-/// A gradient is an edge where it exceeds so many σ of what the picture's noise makes of it.
+/// Minimum gradient of an edge, in σ of the gradient caused by noise. Lower values find fainter edges and
+/// more noise.
 const LEAST_SIGMAS: f64 = 6.0;
-/// σ that is left without noise, in pixels, measured on discs of radius 12 and 25: a pixel's square is no
-/// Gaussian.
+/// σ of an edge point without noise, in pixels, measured on discs of radius 12 and 25. It exists because a
+/// square pixel is not a Gaussian.
 const RASTER_PX: f64 = 0.02;
-/// Points nearer to each other than this, in σ of the smoothing, share much of their error.
+/// Minimum distance of points in σ of the smoothing; closer points have correlated errors.
 const APART: f64 = 3.0;
-/// Edges turn no sharper than by one over so many σ of the smoothing, or they are corners.
+/// Minimum radius of curvature of an edge in σ of the smoothing; sharper bends are corners.
 const LEAST_RADIUS: f64 = 6.0;
-/// Curvature is averaged over edges within this, in σ of the smoothing; so much beside a corner is left out
-/// too.
+/// Radius, in σ of the smoothing, over which curvature is averaged and within which a corner excludes points.
 const NEAR: f64 = 6.0;
 
-/// Points of the strongest edges.
+/// Finds points on the strongest edges of an image.
 ///
 /// A straight edge blurred by a Gaussian of variance `t²` has gradients `m exp(−d²/2t²)` across it, so that
 /// the logarithms of three neighbouring pixels, on the axis nearer to the gradient, lie on a parabola whose
-/// vertex is the edge. `t²` is the median of what the parabolas say. Blur moves an edge of curvature `κ` by
+/// vertex is the edge. `t²` is the median over the parabolas. Blur moves an edge of curvature `κ` by
 /// `½ κ t²` towards its centre: it is moved back. With noise of `σ_n` in pixels, a smoothing of `s` and a
 /// gradient of `m`, `σ = σ_n √(3/16π) t² / (s³ m)`, of zero crossings of the second derivative, and 0.02
 /// pixels that have other reasons. Noise is taken from the picture (Immerkær), and is at least that of whole
 /// grey levels.
 ///
-/// Cost: one pass of a separable filter, and some per edge pixel.
+/// Cost: one pass of a separable filter, and a local search per edge pixel.
 ///
 /// # Errors
-/// `Input` for a smoothing under half a pixel, or a picture smaller than the filter; `Undetermined` where
-/// nothing stands out of the noise.
+/// `Input` for a smoothing below half a pixel, or an image smaller than the filter; `Undetermined` if no
+/// gradient exceeds the noise.
+///
+/// # Examples
+/// ```
+/// use planish_sense::{EdgeOptions, Image, edge_points};
+/// // A vertical step edge between columns 19 and 20.
+/// let values = (0..1600).map(|k| if k % 40 < 20 { 10.0 } else { 200.0 }).collect();
+/// let points = edge_points(&Image::try_new(40, 40, values)?, &EdgeOptions::default())?;
+/// assert!(points.iter().all(|p| (p.position[0] - 19.5).abs() < 0.1));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
 /// Canny 1986, *A computational approach to edge detection*; Devernay 1995, *A non-maxima suppression method
@@ -76,7 +87,7 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
             image.columns, image.rows
         )));
     }
-    let field = Gradients::of(image, s);
+    let field = Gradients::new(image, s);
     let noise = noise_of(image).max(1.0 / 12f64.sqrt());
     // Variance of a Gaussian derivative of white noise in a plane: σ² / 8π s⁴.
     let least = LEAST_SIGMAS * noise / ((8.0 * std::f64::consts::PI).sqrt() * s * s);
@@ -84,13 +95,13 @@ pub fn edge_points(image: &Image, options: &EdgeOptions) -> Result<Vec<EdgePoint
     let threshold = least.max(options.least_share * strongest);
     let found = field.ridges(border, threshold);
     if found.is_empty() {
-        return Err(Error::undetermined("no edge stands out of the picture's noise"));
+        return Err(Error::undetermined("no edge exceeds the noise of the image"));
     }
     let mut spreads: Vec<f64> = found.iter().map(|edge| edge.spread).collect();
     spreads.sort_by(f64::total_cmp);
     let spread = spreads[spreads.len() / 2].max(s * s);
     let sigma_at_one = noise * (3.0 / (16.0 * std::f64::consts::PI)).sqrt() * spread / s.powi(3);
-    let grid = Buckets::of(&found, NEAR * s);
+    let grid = Buckets::new(&found, NEAR * s);
     let curvature: Vec<f64> = found
         .iter()
         .map(|edge| {
@@ -139,7 +150,7 @@ struct Gradients {
 
 impl Gradients {
     /// Derivatives of the picture smoothed by a Gaussian of σ `s`.
-    fn of(image: &Image, s: f64) -> Self {
+    fn new(image: &Image, s: f64) -> Self {
         let reach = (4.0 * s).ceil() as i64;
         let weight = |k: i64| (-0.5 * (k as f64 / s).powi(2)).exp();
         let sum: f64 = (-reach..=reach).map(weight).sum();
@@ -222,7 +233,7 @@ struct Buckets {
 }
 
 impl Buckets {
-    fn of(edges: &[Edge], cell: f64) -> Self {
+    fn new(edges: &[Edge], cell: f64) -> Self {
         let mut at = std::collections::BTreeMap::<_, Vec<usize>>::new();
         for (k, edge) in edges.iter().enumerate() {
             at.entry(edge.position.map(|c| (c / cell).floor() as i64)).or_default().push(k);
@@ -288,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn points_lie_on_the_edge_as_well_as_they_say() {
+    fn edge_points_agree_with_their_sigma() {
         let (mut squares, mut bias, mut count) = (0.0, 0.0, 0.0);
         for seed in 0..6 {
             for point in edge_points(&disc(25.0, 4.0, seed), &EdgeOptions::default()).expect("edges") {

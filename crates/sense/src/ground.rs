@@ -1,22 +1,21 @@
-//! Bare earth under what stands on it: points of airborne lidar told apart without classes.
+//! Classification of airborne lidar points into bare earth and objects.
 //!
-//! Comes in: points whose third coordinate is up, and how wide things are that stand on the ground. Goes out:
-//! for each point, whether it is ground, above it, or an error far below it.
+//! In: points whose third coordinate is up, and the width of the objects. Out: for each point, whether it is
+//! ground, above it, or an error far below it.
 //!
-//! The lowest point of every cell of a grid makes a raster, its holes filled by a membrane. The raster is
-//! opened (eroded, then dilated) by discs of growing radius `r`, each on what the one before left,
+//! The lowest points of grid cells form a raster whose holes are filled by a membrane. The raster is opened
+//! (eroded, then dilated) by discs of growing radius `r`, each applied to the result of the one before:
 //!
 //! `z_r = γ_r(z_{r−1})`,   object where `z_{r−1} − z_r > s r`,
 //!
-//! for a hill of slope `s` loses no more than that, and a roof loses its height. Without the objects the
-//! membrane is the ground `g`, and a point is ground where `|z − g| ≤ h + e |∇g|`. A membrane through lowest
-//! points lies low, so there is a second look: the means of the points found, smoothed over the cells next to
-//! each, are the ground, and every point is judged anew by four fifths of the measure, and twice that below
-//! it. Its time is linear in points and cells, and in the square of the widest disc in cells.
+//! because a hill of slope `s` loses at most that, and a roof loses its height. Without the objects the
+//! membrane is the ground `g`, and a point is ground if `|z − g| ≤ h + e |∇g|`. A membrane through lowest
+//! points is biased downwards, so there is a second pass. It takes the means of the ground points, smoothed
+//! over adjacent cells, as the ground, and classifies all points again with 4/5 of the tolerance above and
+//! twice that below. The time is linear in points and cells, and in the square of the widest disc in cells.
 //!
-//! Not guaranteed: the ground under things wider than the widest disc; small knolls and cliffs that are
-//! steeper than the slope and narrower than the disc, which look like things that stand there. What is left
-//! is for the statistics of the fit.
+//! Not guaranteed: the ground under objects wider than the widest disc. Knolls and cliffs steeper than the
+//! slope and narrower than the disc are taken for objects. The robust statistics of the fit handle the rest.
 //!
 //! # References
 //! - K. Zhang, S.-C. Chen, D. Whitman, M.-L. Shyu, J. Yan, C. Zhang, *A progressive morphological filter
@@ -29,36 +28,36 @@
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// What a point of airborne lidar lies on.
+/// Class of an airborne lidar point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ground {
     /// The bare earth.
     Bare,
-    /// Something that stands on it.
+    /// An object on the ground.
     Above,
-    /// Nothing: an error far below the ground.
+    /// An error far below the ground.
     Below,
 }
 
-/// How ground is told from what stands on it. Lengths are in the unit of the points.
+/// Options of [`classify_ground`]. Lengths are in the unit of the points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundOptions {
-    /// Width of the widest thing that stands on the ground.
+    /// Width of the widest object on the ground.
     pub widest: f64,
-    /// Side of a cell; enlarged where points are sparser.
+    /// Side of a cell; it is enlarged if the points are sparser.
     pub cell: f64,
-    /// Rise over run of the steepest ground that a thing may not be taken for.
+    /// Slope (rise over run) up to which ground is not taken for an object.
     pub slope: f64,
-    /// Farthest that a point of level ground lies from the membrane.
+    /// Tolerance of the height above the membrane on level ground.
     pub height: f64,
-    /// How much farther for each unit of slope of the membrane, which a cell hides.
+    /// Increase of the tolerance per unit of slope, for relief within a cell.
     pub height_per_slope: f64,
 }
 
 impl GroundOptions {
-    /// What suits landscapes and towns, for points in units of which a metre has so many: things up to 36 m
-    /// wide, cells of 1 m, a slope of 0.15, half a metre of height and 1.25 m more for a slope of one: the
-    /// values that Pingel, Clarke and McBride (2013) start from.
+    /// Defaults for landscapes and towns, given the number of units per metre: objects up to 36 m wide, cells
+    /// of 1 m, slope 0.15, tolerance 0.5 m and 1.25 m more for a slope of one. These are the starting values
+    /// of Pingel, Clarke and McBride (2013).
     #[must_use]
     pub fn for_unit(units_in_a_metre: f64) -> Self {
         Self {
@@ -71,15 +70,14 @@ impl GroundOptions {
     }
 }
 
-/// A raster takes no more cells than this.
+/// Maximum number of cells of a raster; limits the memory.
 const MOST_CELLS: f64 = 4e8;
-/// A cell is no smaller than this share of the spacing of points: of cells that small a third hold one or
-/// more.
+/// Minimum side of a cell as a share of the point spacing. At this size a third of the cells hold a point.
 const SPACINGS: f64 = 0.6;
-/// A cell this many times its side below all of its neighbours holds an error, not a pit.
+/// A cell deeper below all of its neighbours than this multiple of its side holds an error, not a pit.
 const DEEP: f32 = 5.0;
 
-/// Tells the bare earth from what stands on it.
+/// Separates the bare earth from objects on it.
 ///
 /// # Errors
 /// `Input` for options that are not positive, and for an extent of more than 4·10⁸ cells.
@@ -90,7 +88,8 @@ const DEEP: f32 = 5.0;
 /// // A meadow of 30 m with a hut on it.
 /// let points: Vec<[f64; 3]> = (0..900)
 ///     .map(|i| (f64::from(i % 30), f64::from(i / 30)))
-///     .map(|(x, y)| [x, y, if (10.0..16.0).contains(&x) && (10.0..16.0).contains(&y) { 3.0 } else { 0.05 * x }])
+///     .map(|(x, y)| [x, y, if (10.0..16.0).contains(&x) && (10.0..16.0).contains(&y) { 3.0 } else { 0.05 * x
+/// }])
 ///     .collect();
 /// let found = classify_ground(&points, &GroundOptions::for_unit(1.0))?;
 /// assert_eq!(found.iter().filter(|g| **g == Ground::Above).count(), 36);
@@ -211,7 +210,8 @@ impl Frame {
         let [columns, rows] = [width, depth].map(|side| (side / cell).floor() + 1.0);
         if columns * rows > MOST_CELLS {
             return Err(Error::input(format!(
-                "ground: an extent of {width:.3e} × {depth:.3e} takes more than {MOST_CELLS:e} cells of {cell:.3e}: is the unit right?"
+                "ground: an extent of {width:.3e} × {depth:.3e} takes more than {MOST_CELLS:e} cells of \
+                {cell:.3e}: is the unit right?"
             )));
         }
         Ok(Self {

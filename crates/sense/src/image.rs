@@ -1,8 +1,17 @@
-//! Brightness on a raster of pixels.
+//! Images of one channel, with interpolation.
 
 use planish_estimate::{Error, Result};
 
-/// A picture of one channel: what a camera saw, row by row from the top, with pixel centres at integers.
+/// An image of one channel, row by row from the top, with pixel centres at integers.
+///
+/// # Examples
+/// ```
+/// use planish_sense::Image;
+/// let image = Image::try_new(2, 2, vec![0.0, 1.0, 2.0, 3.0])?;
+/// assert_eq!(image.at(1, 0), 1.0);
+/// assert_eq!(image.between(0.5, 0.5), Some(1.5));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Image {
     /// Pixels in a row.
@@ -17,8 +26,8 @@ impl Image {
     /// An image of known size.
     ///
     /// # Errors
-    /// [`Input`](planish_estimate::ErrorKind::Input) where there are not as many values as pixels, or no
-    /// pixels at all.
+    /// [`Input`](planish_estimate::ErrorKind::Input) if the numbers of values and pixels differ, or there are
+    /// no pixels.
     pub fn try_new(columns: usize, rows: usize, values: Vec<f32>) -> Result<Self> {
         if values.is_empty() || columns.checked_mul(rows) != Some(values.len()) {
             return Err(Error::input(format!(
@@ -58,9 +67,9 @@ impl Image {
         Some((1.0 - t) * upper + t * lower)
     }
 
-    /// The brightness between pixels, by cubics along both axes (Keys 1981): exact at pixels, and noise and
-    /// texture keep more of their contrast than by straight lines. `None` outside the centres of the border,
-    /// and for pictures of one row or column.
+    /// The brightness between pixels, by bicubic interpolation (Keys 1981). It is exact at pixels and keeps
+    /// more contrast of texture and noise than bilinear interpolation. `None` outside the centres of the
+    /// border, and for images of one row or column.
     #[inline]
     #[must_use]
     pub fn smoothly_between(&self, u: f64, v: f64) -> Option<f32> {
@@ -77,7 +86,7 @@ impl Image {
     }
 }
 
-/// The value and slope of a row at a place between pixels (Keys 1981, a = −1/2); none outside it.
+/// The value and slope of a row at a position between pixels (Keys 1981, a = −1/2); `None` outside it.
 #[inline]
 pub(crate) fn cubic(row: &[f32], place: f32) -> Option<(f32, f32)> {
     if !(place >= 0.0 && place <= (row.len() - 1) as f32) {

@@ -1,5 +1,33 @@
-//! Sensors: what a scan is, how its errors are modelled, which readings are not to be trusted, and which are
-//! of the ground.
+//! Sensors: scans, error models of readings, checks of single readings, and methods that turn images into
+//! scans.
+//!
+//! - [`Scan`], [`Sensor`], [`Noise`], [`Pose`]: points, their instrument, its errors, and where it stood.
+//! - [`scan_geometry`]: normals, and marks for depth edges and grazing readings. [`classify_ground`]: bare
+//!   earth.
+//! - [`match_stereo`], [`StereoCamera`], [`Rectification`]: dense stereo.
+//! - [`photometric_normals`]: normals from images under several lights.
+//! - [`stripes`]: normals and curvatures from crossed stripes. [`occluding`]: points from occluding contours.
+//! - [`silhouette`], [`edge_points`]: borders and edges in images.
+//! - [`ViewSensor`]: the rays of a sensor, for planning views.
+//!
+//! # Examples
+//!
+//! The covariance of a range reading is larger along its ray:
+//! ```
+//! use planish_sense::{Noise, variance_along};
+//! let noise = Noise::Ray { sigma_along: 0.3, sigma_across: 0.1 };
+//! let covariance = noise.covariance(Some([0.0, 0.0, 1.0]));
+//! assert!((variance_along(&covariance, [0.0, 0.0, 1.0]) - 0.09).abs() < 1e-12);
+//! assert!((variance_along(&covariance, [1.0, 0.0, 0.0]) - 0.01).abs() < 1e-12);
+//! ```
+//!
+//! A pose carries points from the scanner's frame into the world:
+//! ```
+//! use planish_sense::Pose;
+//! let world_from_scanner = Pose::from_rotation_vector([0.0, 0.0, std::f64::consts::PI], [1.0, 0.0, 0.0]);
+//! let p = world_from_scanner.apply([1.0, 0.0, 0.0]);
+//! assert!(p.iter().all(|c| c.abs() < 1e-12));
+//! ```
 
 mod depth_camera;
 mod edges;

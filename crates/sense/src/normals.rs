@@ -1,10 +1,10 @@
-//! Surface normals of raw scans, and what the sampling grid says of each point.
+//! Surface normals of raw scans, and checks of single readings.
 //!
-//! Comes in: scans. Goes out: a unit normal for every point (zero where none can be had), oriented towards
-//! the sensor where its viewpoint is known and consistently over the cloud elsewhere; and marks for points at
-//! depth edges and grazing angles.
+//! In: scans. Out: a unit normal for every point (zero if undetermined), and marks for points at depth edges
+//! and grazing angles. Normals point towards the sensor if its viewpoint is known; otherwise they are
+//! consistent over the cloud.
 //!
-//! Not guaranteed: orientation across parts of a cloud that lie far apart when no viewpoint is known.
+//! Not guaranteed: without a viewpoint, distant parts of a cloud may be oriented differently.
 
 use crate::{Scan, Viewing};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use std::collections::BinaryHeap;
 use std::num::NonZero;
 
-/// What the scan itself says against a point.
+/// Reason to distrust a point, found in the scan itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Suspicion {
     /// Nothing.
@@ -30,10 +30,10 @@ pub enum Suspicion {
 /// Settings of the scan checks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScanChecks {
-    /// Angle between ray and normal, in degrees, from which a reading is grazing.
+    /// Minimum angle between ray and normal of a grazing reading, in degrees.
     pub grazing_deg: f64,
-    /// Angle between ray and a mesh edge's perpendicular, in degrees, beyond which the edge is a jump in
-    /// depth.
+    /// Angle between the ray and the perpendicular of a grid edge above which the edge is a jump in depth, in
+    /// degrees.
     pub jump_deg: f64,
     /// Neighbours for normals of unorganised clouds.
     pub neighbours: usize,
@@ -41,13 +41,13 @@ pub struct ScanChecks {
 
 impl Default for ScanChecks {
     fn default() -> Self {
-        // A surface at 80° rises 5.7 grid steps a step: beyond, two neighbours rarely lie on the same
-        // surface.
+        // At 80° the depth changes by 5.7 grid steps per step; beyond that, two neighbours are rarely on the
+        // same surface.
         Self { grazing_deg: 78.0, jump_deg: 83.0, neighbours: 12 }
     }
 }
 
-/// A reading with fewer neighbours in its grid is no judge of its own isolation.
+/// A reading with fewer grid neighbours is not tested for isolation.
 const LEAST_NEIGHBOURS: u32 = 4;
 
 /// Normals and suspicions of one scan, in its own frame.
@@ -55,13 +55,20 @@ const LEAST_NEIGHBOURS: u32 = 4;
 pub struct ScanGeometry {
     /// Unit normals, zero where unknown.
     pub normals: Vec<[f64; 3]>,
-    /// What speaks against each point.
+    /// The mark of each point.
     pub suspicion: Vec<Suspicion>,
-    /// Whether the normals point to the side the sensor was on.
+    /// True if the normals point towards the sensor.
     pub oriented: bool,
 }
 
-/// Unit direction of the ray that hit `p`, where the viewing is known.
+/// Unit direction of the ray that hit `p`; `None` if the viewing is unknown.
+///
+/// # Examples
+/// ```
+/// use planish_sense::{Viewing, ray_at};
+/// assert_eq!(ray_at(Viewing::Origin([0.0; 3]), [0.0, 0.0, 2.0]), Some([0.0, 0.0, 1.0]));
+/// assert_eq!(ray_at(Viewing::Unknown, [0.0; 3]), None);
+/// ```
 #[must_use]
 pub fn ray_at(viewing: Viewing, p: [f64; 3]) -> Option<[f64; 3]> {
     match viewing {
@@ -71,8 +78,7 @@ pub fn ray_at(viewing: Viewing, p: [f64; 3]) -> Option<[f64; 3]> {
     }
 }
 
-/// Normals and suspicions of a scan: from the file's normals, else from its grid, else from nearest
-/// neighbours.
+/// Normals and marks of a scan, from its own normals, else from its grid, else from nearest neighbours.
 ///
 /// # Errors
 /// `Undetermined` when an unorganised scan has fewer than three points.
@@ -199,28 +205,39 @@ fn grid_geometry(scan: &Scan, grid: &crate::RangeGrid, checks: &ScanChecks, geom
     }
 }
 
-/// What the nearest neighbours say of each point of a cloud.
+/// Normals and isolated points of a cloud, from nearest neighbours.
 #[derive(Debug, Clone, Default)]
 pub struct CloudGeometry {
-    /// Unit normals; the sign is arbitrary, zero where the neighbours tell none.
+    /// Unit normals with arbitrary sign; zero if the neighbours determine none.
     pub normals: Vec<[f64; 3]>,
-    /// Points far from all others that lie on no surface with them either: dust and gross errors.
+    /// For each point, true if it is far from all others and not on a surface with them (dust, gross errors).
     pub isolated: Vec<bool>,
 }
 
-/// A point this many times farther from its neighbours than is usual in the cloud is suspect.
+/// Minimum distance of a suspect point from its neighbours, as a multiple of the median over the cloud.
 const FAR_SPACINGS: f64 = 6.0;
-/// A suspect point stays if it and its neighbours are flat (least variance over their sum) and surround it
-/// (offset over their spread).
+/// A suspect point is kept if its neighbourhood is flat (smallest variance over their sum below `FLAT`) and
+/// its neighbours surround it (offset over their spread at most `SURROUNDED`). This keeps sparse regions of a
+/// surface.
 const FLAT: f64 = 0.02;
 const SURROUNDED: f64 = 1.0;
 
-/// Normals by the flattest direction of each point's `k` nearest neighbours, and which points are isolated.
+/// Estimates normals as the direction of least variance of each point's `k` nearest neighbours, and finds
+/// isolated points.
 ///
-/// Cost: one tree and one query a point, in parallel.
+/// Cost: one tree and one query per point, in parallel.
 ///
 /// # Errors
 /// `Undetermined` for fewer than three points.
+///
+/// # Examples
+/// ```
+/// use planish_sense::cloud_geometry;
+/// let points: Vec<[f64; 3]> = (0..100).map(|i| [f64::from(i % 10), f64::from(i / 10), 0.0]).collect();
+/// let found = cloud_geometry(&points, 8)?;
+/// assert!(found.normals.iter().all(|n| n[2].abs() > 0.999) && !found.isolated.contains(&true));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
 /// Hoppe et al., *Surface reconstruction from unorganized points*, 1992.
@@ -256,11 +273,10 @@ pub fn cloud_geometry(points: &[[f64; 3]], k: usize) -> Result<CloudGeometry> {
     })
 }
 
-/// The standard deviation of a cloud's points from the planes of their neighbours, the median over some of
-/// them.
+/// Median standard deviation of points from the planes of their neighbours, over a sample of the cloud.
 ///
-/// That is noise and the bend of the surface between neighbours: no less than the noise, unless neighbours
-/// err together. None for clouds too small to tell.
+/// It contains the noise and the curvature between neighbours. It is therefore an upper bound of the noise,
+/// unless the errors of neighbours are correlated. `None` for clouds that are too small.
 #[must_use]
 pub fn local_roughness(points: &[[f64; 3]], k: usize) -> Option<f64> {
     const ENOUGH: usize = 2000;
@@ -339,10 +355,10 @@ fn flattest_direction(points: &[[f64; 3]]) -> ([f64; 3], f64) {
     (unit(best).unwrap_or([0.0; 3]), least / trace)
 }
 
-/// Flips normals so that neighbours agree, starting from those already fixed, or from the point farthest from
-/// the middle (whose normal must point outwards).
+/// Flips normals so that neighbours agree. It starts from the fixed ones, or else from the point farthest
+/// from the centre, whose normal must point outwards.
 ///
-/// Greedy growth over the neighbour graph, most parallel pairs first.
+/// The method is greedy growth over the neighbour graph, most parallel pairs first.
 ///
 /// # Errors
 /// `Undetermined` for fewer than three points.

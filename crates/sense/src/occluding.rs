@@ -1,34 +1,31 @@
 //! Points of a surface from its occluding contours in views of known cameras.
 //!
-//! Comes in: [`ContourView`]s in the order in which a camera took them. Goes out: [`OccludingContours`]:
-//! places with covariance and normals, in strips that hang together, and what was left out for which reason.
+//! In: [`ContourView`]s in the order of the camera's motion. Out: [`OccludingContours`], which are points
+//! with covariances and normals in connected strips, and the number of rejected points by cause.
 //!
-//! | module | what |
+//! | module | content |
 //! |---|---|
-//! | outline | from masks to contours in order |
-//! | curve | place, tangent and σ along a contour |
+//! | outline | ordered contours of masks |
+//! | curve | position, tangent and σ along a contour |
 //! | circle | depth and radius from three lines of sight |
-//! | matching | which place of the next view is on the same epipolar curve |
-//! | joining | what contradicts itself between views, the circle's own error, strips |
-//! | organised | a mesh of each strip, its depths regularised |
-//! | hull | what every silhouette leaves of space, and which of its surface no contour saw |
+//! | matching | the point of an adjacent view on the same epipolar curve |
+//! | joining | consistency between views, the model error of the circle, strips |
+//! | organised | a mesh of each strip with regularised depths |
+//! | hull | the visual hull, and the part of its surface that no contour saw |
 //!
-//! A contour that a smooth surface draws is no curve on it that stands still: it glides over the surface as
-//! the camera moves. Its places in consecutive views are matched along epipolar planes; all three lines of
-//! sight of a place and its matches touch the surface's section, and the circle that they touch tells the
-//! depth (`circle`). The normal needs no depth: it stands on the line of sight and on the tangent of the
-//! contour.
+//! The occluding contour of a smooth surface slides over it as the camera moves. Its points in consecutive
+//! views are matched along epipolar planes. The lines of sight of a point and of its two matches touch the
+//! section of the surface, and the circle that touches all three gives the depth (`circle`). The normal needs
+//! no depth: it is perpendicular to the line of sight and to the tangent of the contour.
 //!
-//! Left out and counted are places at corners and where one part hides another (`corner`), views without a
-//! neighbour on either side (`end_of_sequence`), lines of sight along the motion (`along_baseline`), frontier
-//! points, where the epipolar plane touches the surface and every depth fits (`frontier`), places without a
-//! match that an opaque surface allows (`no_match`), those that lie outside of another view's silhouette
-//! (`outside_silhouette`), whose match comes back elsewhere (`not_mutual`), whose depth is hardly known
-//! (`uncertain`), and strips of a few places (`speck`).
+//! Rejected and counted are points at corners and T-junctions (`corner`), views without a neighbour on either
+//! side (`end_of_sequence`), lines of sight along the motion (`along_baseline`), frontier points, where the
+//! epipolar plane is tangent to the surface and every depth fits (`frontier`), points without an admissible
+//! match (`no_match`) or outside of another silhouette (`outside_silhouette`), inconsistent matches
+//! (`not_mutual`), uncertain depths (`uncertain`), and small strips (`speck`).
 //!
-//! Not guaranteed: what no contour saw. Where a surface is concave along every line of sight, no view has a
-//! contour, however many there are; see [`VisualHull::unseen_share`]. Edges come out as places of radius
-//! zero, whose normals turn freely.
+//! Not guaranteed: parts that are concave along every line of sight have no contour in any view; see
+//! [`VisualHull::unseen_share`]. Sharp edges give points of radius zero, whose normals are arbitrary.
 //!
 //! # References
 //! As in `circle`, and P. Giblin, R. Weiss, *Epipolar fields on surfaces*, ECCV 1994, for what degenerates at
@@ -58,42 +55,41 @@ use planish_mesh::TriangleMesh;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Two views are no neighbours where the camera's step is so many times its median step.
+/// A step of the camera longer than this multiple of the median step starts a new sequence.
 const LONG_STEP: f64 = 2.5;
-/// Places along a contour lie so far apart, in half widths of the window: by then the parabolas of neighbours
-/// share no more information than there is.
+/// Spacing of points along a contour, in half widths of the window. The windows of neighbours overlap by
+/// about half, so that all readings are used without counting them twice.
 const SPACING: f64 = 0.9;
 
-/// What one view saw.
+/// The contours of one view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContourView {
-    /// What messages call it.
+    /// Name in messages.
     pub name: String,
     /// Its camera.
     pub camera: Pinhole,
-    /// Where contours are measured.
+    /// Measured contours.
     pub contours: Vec<Contour>,
-    /// The whole outline, against which places of other views are checked; empty where it is not known.
+    /// The complete outline, by which points of other views are checked; empty if unknown.
     pub silhouette: Vec<Contour>,
-    /// σ of a place across its contour, in pixels.
+    /// σ of a point across its contour, in pixels.
     pub sigma_px: f64,
-    /// Places nearer than this along a contour err alike, in pixels; 0 where each errs for itself.
+    /// Distance along a contour below which errors are correlated, in pixels; 0 for independent errors.
     pub apart_px: f64,
 }
 
-/// How contours are read.
+/// Options of [`occluding_contours`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OccludingOptions {
-    /// Half the width of the window along a contour in which place and tangent are told, in pixels.
+    /// Half width of the window along a contour that gives position and tangent, in pixels.
     pub half_window_px: f64,
-    /// A tangent of a contour nearer than this to the epipolar line is taken for a frontier point, in
-    /// degrees.
+    /// Angle between contour and epipolar line below which a point is a frontier point, in degrees.
     pub frontier_deg: f64,
-    /// Lines of sight that turn by more than this from view to view tell nothing, in degrees.
+    /// Maximum angle between the lines of sight of matched points in adjacent views, in degrees.
     pub most_turn_deg: f64,
-    /// Depths with a larger σ, as a share of themselves, are left out.
+    /// Maximum σ of a depth, as a share of the depth.
     pub most_sigma_share: f64,
-    /// Strips of fewer places are left out.
+    /// Minimum number of points of a strip.
     pub least_places: usize,
 }
 
@@ -109,37 +105,37 @@ impl Default for OccludingOptions {
     }
 }
 
-/// A place of the surface.
+/// A point of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OccludingPoint {
-    /// The view whose line of sight it lies on.
+    /// Index of its view.
     pub view: usize,
-    /// Its contour in that view, and its number along it.
+    /// Index of its contour in that view.
     pub contour: usize,
-    /// As above.
+    /// Index of the point along the contour.
     pub place: usize,
     /// The pixel.
     pub pixel: [f64; 2],
-    /// Where it is, in the unit of the cameras.
+    /// Position, in the unit of the cameras.
     pub position: [f64; 3],
-    /// Covariance of the position, by the σ of the contours and what the circle leaves out.
+    /// Covariance of the position, from the σ of the contours and the model error of the circle.
     pub covariance: [[f64; 3]; 3],
     /// Unit normal, outwards.
     pub normal: [f64; 3],
-    /// σ of the normal about each of two axes across it, in degrees: the root of the mean of the variances of
-    /// the contour's tangent, and of where along the line of sight the surface is touched.
+    /// σ of the normal about each of two axes perpendicular to it, in degrees: the root mean square of the σ
+    /// of the contour's tangent and of the depth of contact.
     pub sigma_normal_deg: f64,
     /// σ of the depth.
     pub sigma_depth: f64,
-    /// The part of it that the circle leaves out.
+    /// The part of `sigma_depth` that comes from the model error of the circle.
     pub sigma_circle: f64,
-    /// Radius of the section along the line of sight and the normal, and its σ.
+    /// Radius of the section along the line of sight and the normal.
     pub radius: f64,
-    /// As above.
+    /// σ of the radius.
     pub sigma_radius: f64,
-    /// The strip that it is of, the largest first.
+    /// Index of its strip; the largest is 0.
     pub strip: usize,
-    /// How far the places of neighbouring views and of the same contour are.
+    /// Distance of the adjacent points in neighbouring views and on the same contour.
     pub reach: f64,
 }
 
@@ -153,33 +149,33 @@ impl OccludingPoint {
     }
 }
 
-/// What contours told.
+/// Points, meshes and statistics from occluding contours.
 #[derive(Debug, Clone, Default)]
 pub struct OccludingContours {
-    /// Places, strip after strip, in each by view and along its contours.
+    /// Points, ordered by strip, then by view, then along its contours.
     pub points: Vec<OccludingPoint>,
-    /// Their positions with depths regularised along contours and between views, for meshes.
+    /// Positions with depths regularised along contours and between views, for meshes.
     pub relaxed: Vec<[f64; 3]>,
     /// Triangles between the contours of consecutive views, facing outwards, over `points`.
     pub triangles: Vec<[u32; 3]>,
-    /// Places along contours that were asked.
+    /// Number of points along contours that were tested.
     pub asked: usize,
-    /// Those left out, by cause.
+    /// Number of rejected points by cause.
     pub left_out: BTreeMap<&'static str, usize>,
-    /// Places that have a match in a neighbouring view.
+    /// Number of points with a match in an adjacent view.
     pub matched: usize,
-    /// χ² of the contours' places about their parabolas over its degrees of freedom: 1 where σ in pixels is
-    /// true and places err independently.
+    /// χ² of the contour points about their local parabolas, divided by the degrees of freedom. It is 1 if σ
+    /// in pixels is correct and errors are independent.
     pub reduced_chi_square: f64,
-    /// Strips.
+    /// Number of strips.
     pub strips: usize,
-    /// Runs of views that follow one another.
+    /// Number of sequences of adjacent views.
     pub sequences: usize,
 }
 
 impl OccludingContours {
-    /// The mesh of one strip: contours of consecutive views joined by their matches, with regularised depths;
-    /// and σ along the normals of its vertices.
+    /// The mesh of one strip, and σ along the normals of its vertices. Contours of consecutive views are
+    /// joined by their matches; depths are regularised.
     ///
     /// # Errors
     /// `Undetermined` for a strip without triangles.
@@ -207,7 +203,7 @@ impl OccludingContours {
         Ok((TriangleMesh::try_new(positions, triangles)?, sigma))
     }
 
-    /// The places of one strip, or of all, as a scan.
+    /// The points of one strip, or of all, as a scan.
     #[must_use]
     pub fn scan(&self, strip: Option<usize>, name: &str) -> Scan {
         let chosen: Vec<&OccludingPoint> =
@@ -223,43 +219,41 @@ impl OccludingContours {
     }
 }
 
-/// Places along one contour of a view.
+/// Points along one contour of a view.
 struct Line<'a> {
     curve: Curve<'a>,
     step: f64,
     places: Vec<Option<Local>>,
 }
 
-/// A view made ready.
+/// A view with its contours sampled.
 struct Ready<'a> {
     eye: Eye,
     lines: Vec<Line<'a>>,
 }
 
-/// A place along a contour.
+/// A position along a contour.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Spot {
     line: usize,
     length: f64,
 }
 
-/// Finds places of a surface from its occluding contours.
+/// Computes points of a surface from its occluding contours.
 ///
-/// Views follow one another in the order given; where the camera jumps by more than 2.5 of its median steps a
-/// new sequence begins, and where its last view is as near to the first as others are to each other the
-/// sequence is a ring.
+/// Views are in the order of the motion. A step longer than 2.5 median steps starts a new sequence. A
+/// sequence is a ring if its last view is as close to the first as adjacent views are to each other.
 ///
-/// σ are of first order in the contours' σ, beside two terms that are stated with them: what the circle
-/// leaves out (see `circle`; the change of radius is taken from the radii of neighbouring views), along the
-/// line of sight; and along the normal what a depth that is off by `δ` makes of the place, `δ²/2R`. Errors of
-/// the cameras are not in them.
+/// σ is of first order in the σ of the contours, with two more terms. Along the line of sight it includes the
+/// model error of the circle (see `circle`), from the radii of adjacent views. Along the normal it includes
+/// the effect `δ²/2R` of an error `δ` of the depth. Errors of the cameras are not included.
 ///
-/// Cost: for each place along a contour a pass over the contours of two views, and over the silhouettes of
+/// Cost: for each point along a contour, one pass over the contours of two views and over the silhouettes of
 /// all.
 ///
 /// # Errors
-/// `Input` for fewer than three views, options that make no sense, and a camera without an inverse;
-/// `Undetermined` where no place is left, with what was left out; whatever `progress` returns.
+/// `Input` for fewer than three views, invalid options, and a singular camera matrix; `Undetermined` if no
+/// point is left, with the causes; the error of `progress`.
 pub fn occluding_contours(
     views: &[ContourView],
     options: &OccludingOptions,
@@ -304,7 +298,8 @@ pub fn occluding_contours(
     if joined.points.is_empty() {
         let causes: Vec<String> = (left_out.iter()).map(|(cause, n)| format!("{n} {cause}")).collect();
         return Err(Error::undetermined(format!(
-            "no place of {} views' contours has a depth ({}): are the views in the order of the camera's motion, and does it move across the lines of sight?",
+            "no place of {} views' contours has a depth ({}): are the views in the order of the camera's \
+            motion, and does it move across the lines of sight?",
             views.len(),
             causes.join(", ")
         )));

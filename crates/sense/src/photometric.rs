@@ -1,15 +1,17 @@
-//! Photometric stereo: images under known lights to normals that state their σ.
+//! Photometric stereo: normals with σ from images under known lights.
 //!
-//! Comes in: three images or more of one view, each under one far light of equal strength, and the directions
-//! towards the lights. Goes out: a [`NormalMap`]. Not guaranteed: anything where light comes back from other
-//! parts of the object, or where its gloss is broad; the response of the camera is taken for linear.
+//! In: at least three images of one view, each under one distant light of equal strength, and the directions
+//! towards the lights. Out: a [`NormalMap`].
+//!
+//! Not guaranteed: normals are biased by interreflections and broad gloss. The camera is assumed to respond
+//! linearly.
 //!
 //! A matte surface (Lambert) of albedo ρ and normal n under light l has the brightness
-//! `I = ρ (max(n·l, 0) + a)`, with a share a of light from everywhere that all pixels have in common. For
-//! each pixel `b = ρ n` is found by least squares with weights that leave shadows and highlights out:
-//! readings below a share of the pixel's brightest count nothing, and residuals r count `(1 + (r/cs)²)⁻²`
-//! (Geman and McClure 1987); in the end what lies within three scales counts 1 and all else 0. The light a is
-//! that with the least residuals over the image.
+//! `I = ρ (max(n·l, 0) + a)`, with an ambient share a common to all pixels. For each pixel `b = ρ n` is found
+//! by least squares with weights that reject shadows and highlights: readings below a share of the pixel's
+//! brightest have weight 0, and residuals r have the weight `(1 + (r/cs)²)⁻²` (Geman and McClure 1987). In
+//! the last round, residuals within three scales have weight 1 and all others 0. The ambient share a
+//! minimises the residuals over the image.
 //!
 //! `Cov(b) = s² (Σ w l lᵀ)⁻¹`, s² from the pixel's residuals and the image's. σ of the normal is that of one
 //! tangential component, the root mean square of both: `σ_n² = tr(P Cov(b) P) / (2 |b|²)`, `P = 1 − n nᵀ`.
@@ -26,32 +28,34 @@ use rayon::prelude::*;
 
 use crate::{Image, RangeGrid, Scan, Viewing};
 
-/// Scales of the residuals at which a reading counts a quarter.
+/// Residual, in scales, at which a reading has weight ¼. Smaller values reject highlights better and use
+/// fewer readings.
 const CUT: f64 = 2.5;
-/// Rounds of new weights; in the last one a reading counts wholly or not at all.
+/// Rounds of reweighting; the weights of the last one are 0 or 1.
 const ROUNDS: usize = 8;
-/// Scales of the residuals beyond which a reading does not count in the end.
+/// Gate of the last round, in scales of the residuals.
 const GATE: f64 = 3.0;
-/// A pixel's own residual variance is drawn to the image's with so many readings' weight.
+/// Weight, in readings, with which a pixel's residual variance is shrunk towards that of the image. A pixel
+/// alone has too few redundant readings.
 const SHRINKAGE: f64 = 8.0;
 /// Readings below this share of the pixel's brightest are in shadow.
 const SHADOW: f64 = 0.06;
-/// The share of light from everywhere is looked for up to here, in such steps.
-const MOST_AMBIENT: f64 = 0.3;
+/// Upper limit of the search for the ambient share, and its step.
+const MAX_AMBIENT: f64 = 0.3;
 const AMBIENT_STEP: f64 = 0.02;
-/// The ambient light is found from every so many pixels.
+/// The ambient share is estimated from every `PILOT`-th pixel, to save time.
 const PILOT: usize = 7;
 
-/// How normals are found.
+/// Options of [`photometric_normals`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhotometricOptions {
-    /// σ of a pixel's brightness; none where the residuals tell it, which takes four lights.
+    /// σ of a pixel's brightness (default: estimated from the residuals, which needs four lights).
     pub sigma_brightness: Option<f64>,
     /// σ of the lights' directions, in degrees.
     pub sigma_light_deg: f64,
-    /// Pixels whose brightest reading is below this share of the image's are not looked at.
+    /// Pixels whose brightest reading is below this share of the image's brightest are skipped.
     pub darkest: f64,
-    /// The share of light from everywhere; found where it is none and there are five lights.
+    /// Share of ambient light (default: estimated if there are five lights, otherwise 0).
     pub ambient: Option<f64>,
 }
 
@@ -69,26 +73,27 @@ pub struct NormalMap {
     /// Rows.
     pub rows: usize,
     /// The normal of each pixel towards the camera (x right, y down, z away from the camera, so z is
-    /// negative), row by row; none where it is not known.
+    /// negative), row by row; `None` if unknown.
     pub normals: Vec<Option<[f64; 3]>>,
     /// σ of each of its tangential components, in degrees; NaN where there is none.
     pub sigma_deg: Vec<f64>,
-    /// The share of light from everywhere.
+    /// Share of ambient light.
     pub ambient: f64,
     /// σ of the brightness.
     pub sigma_brightness: f64,
-    /// σ of the brightness as the residuals of the typical pixel say, whatever was stated; none where three
-    /// lights leave no residuals.
+    /// σ of the brightness estimated from the residuals of the typical pixel, even if one was stated; `None`
+    /// for three lights, which leave no residuals.
     pub sigma_of_residuals: Option<f64>,
     /// The brightest reading of all images.
     pub brightest: f64,
-    /// Pixels that were looked at but have no normal: too few lights reach them, or it would face away.
+    /// Pixels of the object without a normal: too few lights reach them, or the normal would face away.
     pub undetermined: usize,
 }
 
-/// Finds normals.
+/// Estimates normals by photometric stereo.
 ///
-/// `mask` is above its half where the object is; without one every pixel that is not dark counts.
+/// `mask` is above half of its maximum where the object is. Without a mask, every pixel that is not dark is
+/// used.
 ///
 /// # Errors
 /// `Input` for fewer than three images, images of different sizes, two that are the same, or a light too few;
@@ -140,7 +145,8 @@ pub fn photometric_normals(
     let found: Vec<_> = found.into_iter().map(Option::flatten).collect();
     if found.iter().all(Option::is_none) {
         return Err(Error::undetermined(
-            "no pixel has a normal: is the mask white where the object is, and are the lights in the order of the images?",
+            "no pixel has a normal: is the mask white where the object is, and are the lights in the \
+            order of the images?",
         ));
     }
     Ok(NormalMap {
@@ -260,7 +266,7 @@ fn typical(variances: Vec<f64>, lights: usize) -> f64 {
 
 /// The light from everywhere that leaves the least residuals.
 fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
-    let steps = (MOST_AMBIENT / AMBIENT_STEP).round() as usize;
+    let steps = (MAX_AMBIENT / AMBIENT_STEP).round() as usize;
     let cost: Vec<f64> = (0..=steps)
         .map(|k| {
             // The median over all readings, those left out too: what is left out must not flatter.
@@ -284,15 +290,15 @@ fn find_ambient(pixels: &[Vec<f64>], lights: &[[f64; 3]]) -> f64 {
     AMBIENT_STEP * (best as f64 + offset)
 }
 
-/// Directions towards the lights from pictures of a mirror ball: `l = 2 (n·v) n − v`, with n the ball's
-/// normal where the light is mirrored and v towards the camera.
+/// Directions towards the lights from images of a mirror ball: `l = 2 (n·v) n − v`, with the ball's normal n
+/// at the highlight and v towards the camera.
 ///
-/// The ball is the disc of the mask's area about its middle, seen in parallel; a highlight is the middle of
-/// what is nearly as bright as the brightest.
+/// The ball is the disc with the area and the centroid of the mask, in parallel projection. A highlight is
+/// the centroid of the pixels above 95 % of the maximum.
 ///
 /// # Errors
-/// `Input` for images of another size than the mask; `Undetermined` for an empty mask and a picture without a
-/// highlight on the ball.
+/// `Input` for images whose size differs from the mask; `Undetermined` for a mask below 100 pixels, and an
+/// image without a highlight on the ball.
 pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>> {
     let half = 0.5 * mask.values.iter().copied().fold(0.0_f32, f32::max);
     let inside: Vec<usize> = (0..mask.values.len()).filter(|k| mask.values[*k] > half).collect();
@@ -336,8 +342,8 @@ pub fn lights_from_ball(images: &[Image], mask: &Image) -> Result<Vec<[f64; 3]>>
     images.iter().enumerate().map(light).collect()
 }
 
-/// Normals from the colours of a picture: red, green and blue are x, y (up) and z (towards the camera) from
-/// −1 to 1.
+/// Normals from the colours of a normal map: red, green and blue are x, y (up) and z (towards the camera)
+/// from −1 to 1.
 ///
 /// # Errors
 /// `Input` for values that are not three for each pixel.
@@ -356,7 +362,7 @@ pub fn normals_from_colours(
     }
     let normal = |p: &[f32]| {
         let [x, y, z] = [p[0], p[1], p[2]].map(|c| 2.0 * f64::from(c / white) - 1.0);
-        // What was never drawn is black or of any length.
+        // Pixels outside of the object are black or have an arbitrary length.
         let length = norm([x, y, z]);
         unit([x, -y, -z]).filter(|n| n[2] < 0.0 && (0.8..1.2).contains(&length))
     };
@@ -375,11 +381,10 @@ pub fn normals_from_colours(
 }
 
 impl NormalMap {
-    /// The normals at their pixels: x right and y down in lengths of `pixel_size` from the first pixel, seen
-    /// in parallel along z.
+    /// The normals at their pixels as a scan, in parallel projection along z: x right and y down, in
+    /// multiples of `pixel_size` from the first pixel.
     ///
-    /// Depth is not measured. z is 0 with a σ as large as the image, so that the positions say where a normal
-    /// is and nothing of how deep.
+    /// Depth is not measured, so z is 0 with a σ as large as the image.
     ///
     /// # Errors
     /// `Undetermined` where there is no normal at all.
@@ -434,14 +439,15 @@ fn check(
         (1..images.len()).find_map(|k| Some((images[..k].iter().position(|i| *i == images[k])?, k)));
     if let Some((first, second)) = repeated {
         return Err(Error::input(format!(
-            "images {} and {} are the same, pixel by pixel: under two lights no thing looks the same; needed a picture for each light",
+            "images {} and {} are the same, pixel by pixel: needed a different image for each light",
             first + 1,
             second + 1
         )));
     }
     if lights.len() == 3 && options.sigma_brightness.is_none() {
         return Err(Error::undetermined(
-            "three lights leave no residual to tell the σ of brightness from: state sigma_brightness, or use more lights",
+            "three lights leave no residual to tell the σ of brightness from: state sigma_brightness, or \
+            use more lights",
         ));
     }
     let mut m = [0.0; 6];

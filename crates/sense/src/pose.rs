@@ -1,8 +1,17 @@
-//! Rigid motions that carry a scanner's frame into the world.
+//! Rigid motions from a scanner's frame to the world.
 
 use planish_estimate::vector3::{add_scaled, cross, norm};
 
 /// A rigid motion `p_world = R p_scanner + t`.
+///
+/// # Examples
+/// ```
+/// use planish_sense::Pose;
+/// let pose = Pose::from_rotation_vector([0.0, 0.0, std::f64::consts::FRAC_PI_2], [0.0, 0.0, 5.0]);
+/// let p = pose.apply([1.0, 0.0, 0.0]);
+/// assert!((p[1] - 1.0).abs() < 1e-12 && p[2] == 5.0);
+/// assert!(pose.inverse().apply(p).iter().zip([1.0, 0.0, 0.0]).all(|(a, b)| (a - b).abs() < 1e-12));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// Rotation matrix `R`, row by row: orthonormal, determinant +1.
@@ -18,14 +27,14 @@ impl Default for Pose {
 }
 
 impl Pose {
-    /// The motion that moves nothing.
+    /// The identity.
     #[must_use]
     pub fn identity() -> Self {
         Self { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] }
     }
 
-    /// The motion of a quaternion `(x, y, z, w)`, normalised here, and a translation; `None` for a quaternion
-    /// of length zero or not finite.
+    /// The motion of a quaternion `(x, y, z, w)`, which is normalised, and a translation; `None` for a
+    /// quaternion that is zero or not finite.
     #[must_use]
     pub fn from_quaternion_xyzw(quaternion: [f64; 4], translation: [f64; 3]) -> Option<Self> {
         let length = quaternion.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -41,12 +50,12 @@ impl Pose {
         Some(Self { rotation, translation })
     }
 
-    /// The motion that turns by `|ω|` radians about the axis `ω` through the origin, then moves:
-    /// `R = exp([ω]×)`.
+    /// A rotation by `|ω|` radians about the axis `ω` through the origin, `R = exp([ω]×)`, then a
+    /// translation.
     #[must_use]
     pub fn from_rotation_vector(omega: [f64; 3], translation: [f64; 3]) -> Self {
         let half = 0.5 * norm(omega);
-        // sin(x)/x, to the last digit where its series has one term more than it needs.
+        // sin(x)/x by its series where x is small: the next term, x⁴/120, is below rounding.
         let sinc = if half < 1e-4 { 1.0 - half * half / 6.0 } else { half.sin() / half };
         let [x, y, z] = omega.map(|c| 0.5 * sinc * c);
         Self::from_quaternion_xyzw([x, y, z, half.cos()], translation)
@@ -66,7 +75,7 @@ impl Pose {
     #[must_use]
     pub fn quaternion_xyzw(&self) -> [f64; 4] {
         let r = &self.rotation;
-        // The largest of the four squared components is taken first: the others divide by it without loss.
+        // Dividing by the largest component avoids cancellation in the others.
         let squares = [
             1.0 + r[0][0] - r[1][1] - r[2][2],
             1.0 - r[0][0] + r[1][1] - r[2][2],
@@ -84,21 +93,21 @@ impl Pose {
         if q[3] < 0.0 { q.map(|c| -c) } else { q }
     }
 
-    /// A direction carried along: `R d`.
+    /// Rotates a direction: `R d`.
     #[must_use]
     pub fn rotate(&self, d: [f64; 3]) -> [f64; 3] {
         let r = &self.rotation;
         [0, 1, 2].map(|i| r[i][0] * d[0] + r[i][1] * d[1] + r[i][2] * d[2])
     }
 
-    /// A point carried along: `R p + t`.
+    /// Moves a point: `R p + t`.
     #[must_use]
     pub fn apply(&self, p: [f64; 3]) -> [f64; 3] {
         let q = self.rotate(p);
         [q[0] + self.translation[0], q[1] + self.translation[1], q[2] + self.translation[2]]
     }
 
-    /// The motion that first does `inner`, then this one.
+    /// The composition that applies `inner` first, then this motion.
     #[must_use]
     pub fn after(&self, inner: &Self) -> Self {
         let columns = [0, 1, 2].map(|k| self.rotate(inner.rotation.map(|row| row[k])));
@@ -108,15 +117,15 @@ impl Pose {
         }
     }
 
-    /// The motion of a constant twist after unit time, `exp`: turning by the vector `rotation_rad` while the
-    /// origin's velocity, in the turning frame, is `translation`.
+    /// The exponential of a twist: the motion after unit time with the constant angular velocity
+    /// `rotation_rad` and the velocity `translation` of the origin in the rotating frame.
     ///
     /// # References
     /// Murray, Li & Sastry, *A mathematical introduction to robotic manipulation*, 1994, eq. 2.36.
     #[must_use]
     pub fn from_twist(rotation_rad: [f64; 3], translation: [f64; 3]) -> Self {
         let angle = norm(rotation_rad);
-        // (1 − cos θ)/θ² and (θ − sin θ)/θ³, by their series where θ² is lost beside one.
+        // (1 − cos θ)/θ² and (θ − sin θ)/θ³, by their series where small θ would cancel.
         let (first, second) = if angle < 1e-4 {
             (0.5, 1.0 / 6.0)
         } else {
@@ -129,8 +138,7 @@ impl Pose {
         Self::from_rotation_vector(rotation_rad, moved)
     }
 
-    /// The twist whose motion after unit time this is: the inverse of [`Pose::from_twist`], for turns by less
-    /// than half a circle.
+    /// The logarithm: the inverse of [`Pose::from_twist`], for rotations by less than π.
     #[must_use]
     pub fn twist(&self) -> ([f64; 3], [f64; 3]) {
         let turn = self.rotation_vector();
@@ -145,7 +153,7 @@ impl Pose {
         (turn, add_scaled(add_scaled(self.translation, -0.5, once), factor, twice))
     }
 
-    /// The motion that undoes this one.
+    /// The inverse motion.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let r = &self.rotation;
@@ -170,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_twist_is_found_again_and_half_of_it_twice_is_the_whole() {
+    fn twists_round_trip_and_compose() {
         for (w, v) in [
             ([0.3, -0.8, 1.1], [4.0, 0.5, -2.0]),
             ([1e-6, 2e-6, 0.0], [1.0, -1.0, 3.0]),

@@ -1,14 +1,13 @@
-//! Two calibrated cameras that stand anyhow: their pictures brought to rows that correspond.
+//! Rectification of the images of two calibrated cameras, so that their rows correspond.
 //!
-//! Comes in: two cameras with intrinsics, lens distortion and poses. Goes out: a [`Rectification`], which
-//! warps pictures so that they can be matched, and carries what is found back into the world's frame.
+//! In: two cameras with intrinsics, lens distortion and poses. Out: a [`Rectification`], which warps images
+//! for matching and transforms the resulting points into the world frame.
 //!
-//! Both pictures are turned about their own centres until their x axes lie along the line from centre to
-//! centre; the lenses' distortion is undone in the same step. The new axis is as near to the mean of the old
-//! ones as that allows. Pictures that are rectified already come out as they were.
+//! Both cameras are rotated about their centres until their x axes are parallel to the baseline; the lens
+//! distortion is removed in the same step. The new optical axis is as close to the mean of the old ones as
+//! that allows. Images that are already rectified remain unchanged.
 //!
-//! Not guaranteed: pictures of cameras that look along the line between them; they have an epipole inside and
-//! are refused.
+//! Not supported: cameras that look along the baseline. Their images contain an epipole and are rejected.
 //!
 //! # References
 //! - Fusiello, Trucco and Verri, *A compact algorithm for rectification of stereo pairs*, Machine Vision
@@ -22,16 +21,18 @@ use rayon::prelude::*;
 use crate::stripes::Pinhole;
 use crate::{DisparityMap, Image, Pose, Scan, StereoCamera, StereoPoints, Viewing};
 
-/// Steps of the fixed point that undoes a distortion, at most.
+/// Maximum number of fixed-point iterations that invert a distortion.
 const UNDISTORTIONS: usize = 50;
-/// Places on each side of a picture at which its outline is followed.
+/// Points on each side of an image at which its outline is sampled.
 const OUTLINE: usize = 33;
-/// A rectified picture has at most so many times the columns and rows of the first one.
+/// Maximum ratio of the columns and rows of a rectified image to those of the first image.
 const MOST_STRETCH: f64 = 3.0;
-/// A picture is left where it is stretched less than this over its whole width, in pixels.
+/// Positions closer than this to a pixel centre are snapped to it, so that rectified images are not
+/// resampled.
 const ROUNDING: f64 = 1e-6;
 
-/// A camera whose lens distorts: `x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2x²)`, likewise
+/// A camera with lens distortion (Brown's model): `x_d = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² +
+/// 2x²)`, likewise
 /// in y with `p1 (r² + 2y²) + 2 p2 x y`, at distance 1 along the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LensCamera {
@@ -52,7 +53,7 @@ impl LensCamera {
         ]
     }
 
-    /// The pixel of a direction of the world; none behind the camera.
+    /// The pixel of a direction in the world; `None` behind the camera.
     #[must_use]
     pub fn pixel(&self, direction: [f64; 3]) -> Option<[f64; 2]> {
         let [x, y, z] = self.pinhole.r.map(|row| dot(row, direction));
@@ -64,7 +65,8 @@ impl LensCamera {
         Some([dot(first, [x, y, 1.0]), dot(second, [x, y, 1.0])])
     }
 
-    /// The direction of the world that a pixel looks along; none where no direction is distorted to it.
+    /// The direction of a pixel's line of sight in the world; `None` if the distortion cannot be inverted
+    /// there.
     #[must_use]
     pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
         let [first, second, _] = self.pinhole.k;
@@ -87,15 +89,15 @@ impl LensCamera {
 pub struct StereoRig {
     /// The first camera, whose pixels get points, and the second.
     pub cameras: [LensCamera; 2],
-    /// σ of disparities that no matching knows of, in pixels.
+    /// σ of disparities that is not from matching, in pixels.
     pub sigma_disparity: f64,
 }
 
-/// How the pictures of a rig are brought to corresponding rows.
+/// The mapping from the images of a rig to rectified images.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rectification {
     rig: StereoRig,
-    /// Of the pictures as they were taken.
+    /// Columns and rows of the original images.
     sizes: [[usize; 2]; 2],
     /// The cameras after it, in the frame of the rectified pictures.
     camera: StereoCamera,
@@ -105,11 +107,11 @@ pub struct Rectification {
 }
 
 impl Rectification {
-    /// Of the pictures of a rig, of known columns and rows.
+    /// Rectifies a rig whose images have the given columns and rows.
     ///
     /// # Errors
-    /// `Input` for cameras at one place, cameras that look along the line between them or away from each
-    /// other, and distortions that cannot be undone.
+    /// `Input` for cameras at one position, cameras that look along the baseline or away from each other, and
+    /// distortions that cannot be inverted.
     pub fn new(rig: &StereoRig, sizes: [[usize; 2]; 2]) -> Result<Self> {
         let centres = rig.cameras.map(|c| c.pinhole.centre());
         let baseline = sub(centres[1], centres[0]);
@@ -121,7 +123,12 @@ impl Rectification {
         let axes = rig.cameras.map(|c| c.pinhole.r[2]);
         let ahead = add(axes[0], axes[1]);
         let across = unit(cross(ahead, x)).filter(|_| dot(axes[0], axes[1]) > 0.0);
-        let y = across.ok_or_else(|| Error::input("needed two cameras that look at the same thing, found axes more than 90° apart or along the line between them"))?;
+        let y = across.ok_or_else(|| {
+            Error::input(
+                "needed two cameras that view the same object, found \
+            axes more than 90° apart or along the baseline",
+            )
+        })?;
         let rotation = [x, y, cross(x, y)];
         let focals = rig.cameras.map(|c| c.pinhole.k[0][0]);
         let focal = if focals[0] == focals[1] { focals[0] } else { 0.5 * (focals[0] + focals[1]) };
@@ -160,14 +167,14 @@ impl Rectification {
         &self.camera
     }
 
-    /// Carries the rectified cameras' frame, that of the first one, into the world.
+    /// Pose of the rectified frame, that of the first camera, in the world.
     #[must_use]
     pub fn world_from_rectified(&self) -> &Pose {
         &self.world_from_rectified
     }
 
-    /// Where the first (0) or second (1) camera's picture shows what its rectified picture shows at a place;
-    /// none outside of it.
+    /// The position in the original image of the first (0) or second (1) camera of a position in its
+    /// rectified image; `None` outside.
     fn source(&self, which: usize, [u, v]: [f64; 2]) -> Option<[f64; 2]> {
         let doffs = if which == 0 { 0.0 } else { self.camera.doffs };
         let [cx, cy] = self.camera.center;
@@ -179,11 +186,11 @@ impl Rectification {
         (inside(snapped[0], columns) && inside(snapped[1], rows)).then_some(snapped)
     }
 
-    /// The rectified picture of the first (0) or second (1) camera, by cubics; black where the camera saw
-    /// nothing.
+    /// The rectified image of the first (0) or second (1) camera, by bicubic interpolation; black outside the
+    /// original.
     ///
     /// # Errors
-    /// `Input` for a picture of another size.
+    /// `Input` for an image of a different size.
     pub fn picture(&self, which: usize, taken: &Image) -> Result<Image> {
         if [taken.columns, taken.rows] != self.sizes[which] {
             let [columns, rows] = self.sizes[which];
@@ -203,7 +210,7 @@ impl Rectification {
         Image::try_new(columns, rows, values)
     }
 
-    /// Takes out the disparities of which one camera did not see either end, and says how many.
+    /// Removes disparities whose pixel in either image lies outside the original, and returns their number.
     #[must_use]
     pub fn without_outside(&self, map: &mut DisparityMap) -> usize {
         let mut outside = 0;
@@ -219,7 +226,7 @@ impl Rectification {
         outside
     }
 
-    /// The chosen points of a map of the rectified pictures, in the world's frame: `p = R p_r + c` and
+    /// The selected points of a map of the rectified images as a scan in the world frame: `p = R p_r + c` and
     /// `R C Rᵀ`.
     ///
     /// # Errors
@@ -257,7 +264,8 @@ fn refuse_epipole(
             let inside = |c: f64, n: usize| (-0.5..=n as f64 - 0.5).contains(&c);
             if inside(u, columns) && inside(v, rows) {
                 return Err(Error::input(format!(
-                    "the epipole lies inside the picture of the {which} camera, at ({u:.0}, {v:.0}): needed cameras beside each other, that do not look along the line between them"
+                    "the epipole lies inside the picture of the {which} camera, at ({u:.0}, {v:.0}): \
+                    needed cameras beside each other, that do not look along the line between them"
                 )));
             }
         }
@@ -280,14 +288,16 @@ fn outline(
             let pixel = [0, 1].map(|d| ends[d] * place[d] - 0.5);
             let direction = camera.direction(pixel).ok_or_else(|| {
                 Error::input(format!(
-                    "the distortion cannot be undone at the pixel ({:.0}, {:.0}): needed one that grows along every ray of the picture, found {:?}",
+                    "the distortion cannot be undone at the pixel ({:.0}, {:.0}): needed one that grows \
+                    along every ray of the picture, found {:?}",
                     pixel[0], pixel[1], camera.distortion
                 ))
             })?;
             let [x, y, z] = rotation.map(|row| dot(row, direction));
             if z <= 0.05 * norm(direction) {
                 return Err(Error::input(
-                    "needed cameras that look the same way: rectified, the border of a picture would lie at infinity",
+                    "needed cameras that look the same way: rectified, the border of a picture would lie \
+                    at infinity",
                 ));
             }
             for (d, c) in [focal * x / z, focal * y / z].into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! A scan: points of one sensor from one pose, with whatever it states about their errors.
+//! A scan: the points of one sensor from one pose, with their stated errors.
 
 use crate::Pose;
 
@@ -14,7 +14,7 @@ pub struct RangeGrid {
 }
 
 impl RangeGrid {
-    /// The mark of a cell without a point.
+    /// Index of a cell without a point.
     pub const EMPTY: u32 = u32::MAX;
 
     /// The point at a column and row.
@@ -28,7 +28,7 @@ impl RangeGrid {
 /// How the sensor looks at the object, in the scanner's own frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Viewing {
-    /// Not known: every side of a surface may have been seen.
+    /// Unknown: either side of a surface may have been seen.
     #[default]
     Unknown,
     /// Parallel rays that travel along this unit direction.
@@ -42,16 +42,29 @@ pub enum Viewing {
 pub struct PrincipalCurvatures {
     /// `κ1` and `κ2`, one over the model's unit.
     pub values: [f64; 2],
-    /// The direction of `κ1`; that of `κ2` stands on it and on the normal.
+    /// The direction of `κ1`; that of `κ2` is perpendicular to it and to the normal.
     pub direction: [f64; 3],
 }
 
 /// Points of one sensor from one pose, in the scanner's own frame.
 ///
-/// Every optional column, where present, has one entry for each point.
+/// Every optional column that is present has one entry for each point.
+///
+/// # Examples
+/// ```
+/// use planish_sense::{Scan, Viewing};
+/// let scan = Scan {
+///     name: "left".to_owned(),
+///     points: vec![[0.0, 0.0, 1.0], [0.1, 0.0, 1.0]],
+///     sigma: Some(vec![0.01, 0.02]),
+///     viewing: Viewing::Origin([0.0; 3]),
+///     ..Scan::default()
+/// };
+/// assert_eq!(scan.points.len(), 2);
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Scan {
-    /// What messages and reports call the scan: usually its file name.
+    /// Name in messages and reports, usually the file name.
     pub name: String,
     /// Positions, in the model's unit.
     pub points: Vec<[f64; 3]>,
@@ -67,24 +80,22 @@ pub struct Scan {
     pub curvatures: Option<Vec<PrincipalCurvatures>>,
     /// Standard deviation of each of them, one over the model's unit.
     pub sigma_curvature: Option<Vec<f64>>,
-    /// What each point lies on, by the classes of the ASPRS (2 is ground), where somebody has told them
-    /// apart.
+    /// ASPRS class of each point (2 is ground), if the points are classified.
     pub classes: Option<Vec<u8>>,
-    /// Parameters `(u, v)` of each point on the surface that it was taken of, in `[0, 1]`, where they are
-    /// known.
+    /// Parameters `(u, v)` of each point on the measured surface, in `[0, 1]`, if known.
     pub parameters: Option<Vec<[f64; 2]>>,
     /// Sampling grid of an organised scan.
     pub grid: Option<RangeGrid>,
-    /// How the sensor looks, in the scanner's frame.
+    /// Viewing geometry of the sensor, in the scanner's frame.
     pub viewing: Viewing,
-    /// Carries the scanner's frame into the world.
+    /// Pose of the scanner: maps its frame into the world.
     pub world_from_scanner: Pose,
-    /// When each point was taken, in seconds, where a file says so.
+    /// Time of each point in seconds, if the file states it.
     pub times_s: Option<Vec<f64>>,
-    /// Which of the scans of its file each point is of, where a file holds several.
+    /// Number of the scan of each point, if the file holds several scans.
     pub scan_numbers: Option<Vec<u32>>,
-    /// When it was taken, in seconds, where a job or the file says so.
+    /// Time of the scan in seconds, if the job or the file states it.
     pub time_s: Option<f64>,
-    /// How many records of the file were dropped because a coordinate was not finite.
+    /// Number of records that were dropped because a coordinate was not finite.
     pub dropped_not_finite: usize,
 }

@@ -1,8 +1,8 @@
-//! Sensor error models: what one reading's covariance is.
+//! Sensor error models: the covariance of one reading.
 
 use planish_estimate::vector3::dot;
 
-/// What sort of instrument took the readings.
+/// Kind of instrument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum SensorKind {
     /// Range along rays: scanners, depth cameras.
@@ -10,11 +10,11 @@ pub enum SensorKind {
     Range,
     /// A touch probe.
     Touch,
-    /// Positions by two cameras, each with its own covariance.
+    /// Positions from two cameras, each reading with its own covariance.
     Stereo,
-    /// Normals: photometric stereo, crossed stripes. Positions say where they were measured, and no more.
+    /// Normals: photometric stereo, crossed stripes. Positions only locate the normals.
     Normal,
-    /// Principal curvatures, and with them normals. Positions say where they were measured, and no more.
+    /// Principal curvatures with normals. Positions only locate them.
     Curvature,
 }
 
@@ -34,7 +34,7 @@ impl SensorKind {
     /// Every kind.
     pub const ALL: [Self; 5] = [Self::Range, Self::Touch, Self::Stereo, Self::Normal, Self::Curvature];
 
-    /// Whether the positions of its readings are measurements.
+    /// True if the positions of its readings are measurements.
     #[must_use]
     pub fn measures_positions(self) -> bool {
         !matches!(self, Self::Normal | Self::Curvature)
@@ -42,6 +42,14 @@ impl SensorKind {
 }
 
 /// Standard deviations of a position reading, in the model's unit.
+///
+/// # Examples
+/// ```
+/// use planish_sense::Noise;
+/// let noise = Noise::Isotropic { sigma: 0.2 };
+/// assert_eq!(noise.sigma(), 0.2);
+/// assert!((noise.covariance(None)[0] - 0.04).abs() < 1e-15);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Noise {
     /// The same in every direction.
@@ -59,8 +67,8 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// Covariance `[xx, xy, xz, yy, yz, zz]` of a reading taken along the unit `ray` (any direction where it
-    /// is unknown: the noise along the ray then counts in all directions).
+    /// Covariance `[xx, xy, xz, yy, yz, zz]` of a reading along the unit vector `ray`. If the ray is unknown,
+    /// the σ along the ray is used in all directions.
     #[must_use]
     pub fn covariance(&self, ray: Option<[f64; 3]>) -> [f64; 6] {
         let isotropic = |s: f64| [s * s, 0.0, 0.0, s * s, 0.0, s * s];
@@ -85,7 +93,7 @@ impl Noise {
         }
     }
 
-    /// One number for messages and reports: the standard deviation along the ray.
+    /// The standard deviation along the ray, as the one number for messages and reports.
     #[must_use]
     pub fn sigma(&self) -> f64 {
         match *self {
@@ -101,18 +109,24 @@ pub struct Sensor {
     pub name: String,
     /// What it is.
     pub kind: SensorKind,
-    /// Its stated noise; none where it is to be estimated.
+    /// Its stated noise; `None` if it is to be estimated.
     pub noise: Option<Noise>,
-    /// Standard deviation of its normals about each axis in the tangent plane, in degrees, where stated.
+    /// Standard deviation of its normals about each axis in the tangent plane, in degrees, if stated.
     pub sigma_normal_deg: Option<f64>,
-    /// Standard deviation of its principal curvatures, one over the model's unit, where stated.
+    /// Standard deviation of its principal curvatures, in one over the model's unit, if stated.
     pub sigma_curvature: Option<f64>,
-    /// Standard deviation of what it adds to all readings of one scan alike, along its rays where they are
-    /// known and along the surface's normal elsewhere; none where it adds nothing.
+    /// Standard deviation of the bias common to all readings of one scan; `None` for no bias. The bias acts
+    /// along the rays if they are known, otherwise along the surface normal.
     pub sigma_bias: Option<f64>,
 }
 
-/// `nᵀ R n` of a covariance `[xx, xy, xz, yy, yz, zz]`.
+/// The variance `nᵀ R n` along `n` of a covariance `[xx, xy, xz, yy, yz, zz]`.
+///
+/// # Examples
+/// ```
+/// use planish_sense::variance_along;
+/// assert_eq!(variance_along(&[4.0, 0.0, 0.0, 1.0, 0.0, 1.0], [1.0, 0.0, 0.0]), 4.0);
+/// ```
 #[inline]
 #[must_use]
 pub fn variance_along(r: &[f64; 6], n: [f64; 3]) -> f64 {

@@ -1,33 +1,32 @@
-//! Silhouettes: from a mask to places on its border, between pixels.
+//! Silhouettes: subpixel points on the border of a mask.
 //!
-//! Comes in: a mask, or a picture whose thing is brighter than all else. Goes out: places on the border with
-//! their σ, and pixels inside and outside of it.
+//! In: a mask, or an image whose object is brighter than the background. Out: points on the border with their
+//! σ, and pixels inside and outside.
 //!
-//! A mask is smoothed by a Gaussian; the border is where it passes one half, found between neighbouring
-//! pixels by a straight line. Specks and holes that are small beside the whole are taken for mistakes and
-//! filled.
+//! The mask is smoothed by a Gaussian. The border is its level ½, interpolated linearly between neighbouring
+//! pixels. Small specks and holes are treated as errors of the mask and filled.
 //!
-//! Not guaranteed: the border where the picture ends (a thing that reaches out of it has none there);
-//! corners, which smoothing rounds off by less than its width.
+//! Not guaranteed: an object that extends beyond the image has no border there. Smoothing rounds corners by
+//! less than its width.
 
 use crate::Image;
 use planish_estimate::{Error, Result};
 
-/// How a mask is read.
+/// Options of [`silhouette`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SilhouetteOptions {
-    /// What is brighter is the thing; halfway between the darkest and the brightest pixel where none is
-    /// given.
+    /// Brightness above which a pixel shows the object (default: halfway between the darkest and the
+    /// brightest pixel).
     pub threshold: Option<f64>,
     /// σ of the Gaussian by which the mask is smoothed, in pixels.
     pub smoothing_px: f64,
-    /// Places on the border are at least so far apart, in pixels.
+    /// Minimum distance of points on the border, in pixels. Closer points have correlated errors.
     pub apart_px: f64,
-    /// σ of a place across the border, in pixels: a pixel is on one side or the other.
+    /// σ of a point across the border, in pixels.
     pub sigma_px: f64,
-    /// Specks and holes of less than this share of the thing's pixels are filled.
+    /// Specks and holes smaller than this share of the object's pixels are filled.
     pub least_share: f64,
-    /// Pixels inside and outside that are given, about.
+    /// Approximate number of pixels returned inside, and outside.
     pub samples: usize,
 }
 
@@ -44,18 +43,18 @@ impl Default for SilhouetteOptions {
     }
 }
 
-/// A silhouette.
+/// The silhouette of an object in an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Silhouette {
-    /// Places on the border, pixel centres at integers.
+    /// Points on the border; pixel centres are at integers.
     pub border: Vec<[f64; 2]>,
     /// Their σ across the border, in pixels.
     pub sigma_px: f64,
-    /// Pixels of the thing, on a grid, two pixels and more from its border.
+    /// Pixels of the object, on a grid, at least two pixels from its border.
     pub inside: Vec<[f64; 2]>,
-    /// Pixels of anything else, likewise.
+    /// Pixels of the background, likewise.
     pub outside: Vec<[f64; 2]>,
-    /// Which pixels are the thing, row by row.
+    /// For each pixel, row by row, true if it shows the object.
     pub mask: Vec<bool>,
     /// Pixels in a row.
     pub columns: usize,
@@ -63,16 +62,27 @@ pub struct Silhouette {
     pub rows: usize,
 }
 
-/// Pixels inside and outside keep so far from the border: it is known to less.
+/// Minimum distance of the inside and outside pixels from the border, in pixels; larger than the error of the
+/// border.
 const CLEAR: usize = 2;
-/// Places so near to the end of the picture are none of the border.
+/// Points closer than this to the end of the image are not on the border of the object, in pixels.
 pub(crate) const FRAME: f64 = 2.0;
 
-/// Reads a mask.
+/// Extracts the silhouette of a mask.
 ///
 /// # Errors
-/// `Input` where options make no sense; `Undetermined` where all pixels are the same, or no border is within
-/// the picture.
+/// `Input` for invalid options; `Undetermined` if all pixels are on one side of the threshold, or no border
+/// is within the image.
+///
+/// # Examples
+/// ```
+/// use planish_sense::{Image, SilhouetteOptions, silhouette};
+/// let inside = |k: usize| (8..24).contains(&(k % 32)) && (8..24).contains(&(k / 32));
+/// let mask = Image::try_new(32, 32, (0..1024).map(|k| f32::from(u8::from(inside(k)))).collect())?;
+/// let found = silhouette(&mask, &SilhouetteOptions::default())?;
+/// assert!(!found.border.is_empty() && found.mask[16 * 32 + 16]);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhouette> {
     let positive = [
         ("smoothing", options.smoothing_px),
@@ -116,7 +126,7 @@ pub fn silhouette(picture: &Image, options: &SilhouetteOptions) -> Result<Silhou
     Ok(Silhouette { border, sigma_px: options.sigma_px, inside, outside, mask, columns, rows })
 }
 
-/// Turns over connected parts of one colour that have fewer than `least` pixels.
+/// Inverts connected parts of one colour that have fewer than `least` pixels.
 pub(crate) fn fill(mask: &mut [bool], columns: usize, colour: bool, least: usize) {
     let mut seen = vec![false; mask.len()];
     let mut part = Vec::new();
@@ -219,7 +229,7 @@ fn thinned(places: Vec<[f64; 2]>, apart: f64) -> Vec<[f64; 2]> {
     all
 }
 
-/// Pixels on a grid over the thing and as much around it, on either side of the border.
+/// Pixels on a grid over the object and its surroundings, on either side of the border.
 #[allow(clippy::type_complexity, reason = "inside and outside")]
 fn samples(mask: &[bool], columns: usize, rows: usize, count: usize) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
     let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
@@ -282,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thing_that_reaches_out_has_no_border_there_and_odd_masks_are_refused() {
+    fn borders_end_at_the_image_and_invalid_masks_are_rejected() {
         let found = silhouette(&disc([0.0, 50.0], 30.0), &SilhouetteOptions::default()).unwrap();
         assert!(found.border.iter().all(|p| p[0] >= FRAME && (p[0].hypot(p[1] - 50.0) - 30.0).abs() < 1.0));
         let flat = Image::try_new(10, 10, vec![3.0; 100]).unwrap();

@@ -1,17 +1,17 @@
-//! Dense stereo: two rectified images to disparities that state their σ.
+//! Dense stereo: disparities with σ from two rectified images.
 //!
-//! Comes in: two images whose rows correspond, and the range of disparities. Goes out: a [`DisparityMap`];
-//! [`StereoCamera`](crate::StereoCamera) makes points of it.
+//! In: two images whose rows correspond, and the range of disparities. Out: a [`DisparityMap`], which
+//! [`StereoCamera`](crate::StereoCamera) turns into points.
 //!
-//! | module | what |
+//! | module | content |
 //! |---|---|
-//! | cost | census and brightness: what a match costs |
+//! | cost | matching cost from census and brightness |
 //! | paths | costs summed along eight paths |
-//! | winner | the best disparity, its rivals, the check from the right image, speckles |
-//! | subpixel | least squares on brightness: fractions of a pixel and σ |
+//! | winner | best disparity, uniqueness, left-right check, speckles |
+//! | subpixel | least squares on brightness: subpixel disparity and σ |
 //!
-//! Not guaranteed: right disparities where both images repeat themselves or show nothing; their σ is large
-//! there, but need not be large enough.
+//! Not guaranteed: disparities in repetitive or untextured regions may be wrong. Their σ is large, but may be
+//! too small.
 //!
 //! # References
 //! Hirschmüller, *Stereo Processing by Semi-Global Matching and Mutual Information*, PAMI 2008.
@@ -29,31 +29,32 @@ use crate::Image;
 use cost::MatchingCost;
 use paths::Penalties;
 
-/// More pixels times disparities than this take more memory than most computers have (two bytes each).
+/// Maximum number of pixels times disparities, at two bytes each: a memory limit of 12 GB.
 const MOST_CELLS: usize = 6_000_000_000;
 
-/// Regions of disparities end where neighbours differ by more than this, in pixels.
+/// Largest difference between neighbours of one region of disparities, in pixels.
 const SPECKLE_STEP: f32 = 1.0;
 
-/// A window without texture says no more than the whole disparity does, in pixels.
+/// Largest σ of a disparity, in pixels. A window without texture adds nothing to the integer disparity.
 const LARGEST_SIGMA: f32 = 1.0;
 
-/// How stereo is matched.
+/// Options of [`match_stereo`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoOptions {
-    /// The least disparity that is looked for, in pixels.
+    /// Minimum disparity, in pixels.
     pub least_disparity: i32,
-    /// How many whole disparities are looked for, from the least one on.
+    /// Number of integer disparities to search, from the minimum on.
     pub disparities: usize,
-    /// P1: what a change of disparity by one from pixel to pixel costs; a bit of the census costs 2.
+    /// Penalty P1 of a change of disparity by one between pixels. For comparison, a bit of the census costs
+    /// 2.
     pub small_step: u16,
-    /// P2: what a larger change costs where brightness does not change.
+    /// Penalty P2 of a larger change where the brightness is constant.
     pub large_step: u16,
-    /// How much more than the best the next minimum must cost, in hundredths.
+    /// Margin by which the second minimum must exceed the best one, in percent.
     pub uniqueness: u32,
-    /// The disparity that is found from the right image may differ by so many pixels.
+    /// Maximum difference to the disparity found from the right image, in pixels.
     pub left_right: u32,
-    /// Regions of fewer pixels are speckle.
+    /// Minimum number of pixels of a region; smaller ones are rejected as speckle.
     pub speckle: u32,
 }
 
@@ -71,16 +72,16 @@ impl Default for StereoOptions {
     }
 }
 
-/// How many pixels have no disparity, and why: the first cause counts.
+/// Number of pixels without a disparity, by the first cause that applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StereoRejected {
     /// Another disparity is nearly as good, or there is no texture at all.
     pub ambiguous: usize,
-    /// The right image sees something else: mostly what only the left one sees.
+    /// The right image disagrees, mostly where only the left camera sees the surface.
     pub left_right: usize,
-    /// In a small region by itself.
+    /// The region is too small.
     pub speckle: usize,
-    /// At an end of the range: the true one may lie beyond.
+    /// At an end of the search range, so the true disparity may be outside.
     pub range: usize,
 }
 
@@ -91,22 +92,37 @@ pub struct DisparityMap {
     pub columns: usize,
     /// Rows.
     pub rows: usize,
-    /// Disparity of each pixel, row by row; NaN where none is believed.
+    /// Disparity of each pixel, row by row; NaN where it was rejected.
     pub disparity: Vec<f32>,
-    /// σ of each disparity, in pixels; NaN where there is none.
+    /// σ of each disparity, in pixels; NaN where it was rejected.
     pub sigma: Vec<f32>,
-    /// What has none.
+    /// Counts of rejected pixels.
     pub rejected: StereoRejected,
 }
 
-/// Matches two rectified images.
+/// Matches two rectified images by semi-global matching.
 ///
-/// Time and memory grow with pixels times disparities: two bytes each, and about 40 ns on one core. `watch`
-/// is told the share of the work that is done, between steps, and may stop it.
+/// Cost: two bytes and about 40 ns on one core per pixel and disparity. `watch` receives the completed share
+/// of the work between steps; an error that it returns stops the matching.
 ///
 /// # Errors
-/// `Input` for images of different sizes, smaller than a window, or options out of range; `Unsupported` where
-/// the sums would take more than 12 GB; what `watch` returns.
+/// `Input` for images of different sizes or smaller than a window, or options out of range; `Unsupported` if
+/// the sums would need more than 12 GB; the error of `watch`.
+///
+/// # Examples
+/// ```
+/// use planish_sense::{Image, StereoOptions, match_stereo};
+/// // A texture that is shifted by 3 pixels in the right image.
+/// let texture = |u: usize, v: usize| ((u * 7919 + v * 104_729) % 251) as f32;
+/// let image = |shift: usize| {
+///     Image::try_new(64, 48, (0..64 * 48).map(|k| texture(k % 64 + shift, k / 64)).collect())
+/// };
+/// let options = StereoOptions { disparities: 16, ..StereoOptions::default() };
+/// let map = match_stereo(&image(0)?, &image(3)?, &options, &mut |_| Ok(()))?;
+/// let d = map.disparity[24 * 64 + 40];
+/// assert!((d - 3.0).abs() < 0.2, "{d}");
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn match_stereo(
     left: &Image,
     right: &Image,
@@ -159,10 +175,10 @@ pub fn match_stereo(
     Ok(DisparityMap { columns, rows: left.rows, disparity, sigma, rejected })
 }
 
-/// Darker than this share of what is bright is no thing's texture.
+/// Brightness, as a share of the bright pixels, below which texture is not used.
 const DARK: f32 = 0.06;
-/// Beside the border a pixel has fewer possible matches than this. Among a few one is always the least, so
-/// only texture of half the usual contrast is believed there.
+/// Number of possible matches below which a pixel is close to the border. One of a few matches is always the
+/// best, so more texture is required there: half the usual contrast.
 const FEWEST_RIVALS: i64 = 32;
 
 /// How much values differ in the 5 × 5 pixels about one.
@@ -180,7 +196,7 @@ fn local_range(image: &Image, pixel: usize) -> f32 {
     most - least
 }
 
-/// The σ of a disparity, in pixels, from what its window says.
+/// The σ of a disparity in pixels, from the statistics of its window.
 ///
 /// `σ² = 0.11² + (2.5 σ_t)² + (1.2 h)² + (0.7 m)² + (0.5 r)²` with the σ_t of least squares, the share h of
 /// the window that lies on other surfaces, the distance m by which least squares moved the disparity, and the
@@ -254,7 +270,8 @@ fn check(left: &Image, right: &Image, options: &StereoOptions) -> Result<()> {
     }
     if left.values.len().saturating_mul(options.disparities) > MOST_CELLS {
         return Err(Error::unsupported(format!(
-            "{} × {} pixels with {} disparities take more than {} GB: look for fewer, or make the images smaller",
+            "{} × {} pixels with {} disparities take more than {} GB: look for fewer, or make the images \
+            smaller",
             left.columns,
             left.rows,
             options.disparities,

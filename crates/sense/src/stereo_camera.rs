@@ -1,40 +1,53 @@
-//! From disparities to points.
+//! Converts disparities to points with covariances.
 
 use planish_estimate::{Error, Result};
 
 use crate::depth_camera::ray_covariance;
 use crate::{DisparityMap, RangeGrid, Scan, Viewing};
 
-/// Variance of a place that may be anywhere on its pixel, in pixels squared.
+/// Variance of a position that is uniformly distributed over its pixel, in pixels squared.
 const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 
 /// Two rectified cameras: rows correspond, and `x_right = x_left − d`.
 ///
-/// Pixel (u, v) of the left image, centres at integers, with the disparity d lies at `z = f B / (d + doffs)`
-/// and `p = z ((u − cx)/f, (v − cy)/f, 1)`: x right, y down, z forward, from the left camera's centre.
+/// The point of pixel (u, v) of the left image, centres at integers, with the disparity d is at
+/// `z = f B / (d + doffs)` and `p = z ((u − cx)/f, (v − cy)/f, 1)`: x right, y down, z forward, from the left camera's
+/// centre.
+///
+/// # Examples
+/// ```
+/// use planish_sense::StereoCamera;
+/// let camera = StereoCamera {
+///     focal: 1000.0,
+///     center: [320.0, 240.0],
+///     baseline: 0.2,
+///     doffs: 0.0,
+///     sigma_disparity: 0.1,
+/// };
+/// assert_eq!(camera.point(320.0, 240.0, 100.0), Some([0.0, 0.0, 2.0]));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoCamera {
     /// Focal length `f` of both, in pixels.
     pub focal: f64,
     /// The pixel `cx cy` of the left image on its axis.
     pub center: [f64; 2],
-    /// Distance `B` of the cameras, in the model's unit.
+    /// Distance `B` between the cameras, in the model's unit.
     pub baseline: f64,
     /// `cx_right − cx_left`, in pixels.
     pub doffs: f64,
-    /// σ of disparities that no matching knows of, such as an error of the rectification, in pixels.
+    /// σ of disparities that is not from matching, such as an error of the rectification, in pixels.
     pub sigma_disparity: f64,
 }
 
-/// Which disparities become points.
+/// Selects the disparities that become points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoPoints {
-    /// Those of every so manieth column and row. Disparities of neighbours are found in windows of 9 × 9
-    /// pixels that overlap: their errors are alike, and so many readings as there are pixels say less than as
-    /// many independent ones.
+    /// Every `step`-th column and row is used. Matching windows are 9 × 9 pixels and overlap, so errors of
+    /// close pixels are correlated.
     pub step: usize,
-    /// Those with no larger σ, in pixels. Beside depth edges σ is large because errors are gross, and all of
-    /// one sign.
+    /// Maximum σ of a disparity, in pixels. At depth edges σ is large, and the errors are gross and of one
+    /// sign.
     pub max_sigma_px: f64,
 }
 
@@ -45,7 +58,7 @@ impl Default for StereoPoints {
 }
 
 impl StereoCamera {
-    /// The point of a disparity; `None` where it lies at infinity, beyond it, or is not finite.
+    /// The point of a disparity; `None` if it is not finite or not in front of the cameras.
     #[inline]
     #[must_use]
     pub fn point(&self, u: f64, v: f64, disparity: f64) -> Option<[f64; 3]> {
@@ -75,11 +88,11 @@ impl StereoCamera {
         Some(ray_covariance(self.ray(u, v), along, across))
     }
 
-    /// The chosen points of a map, with their covariances and the grid of the image, seen from the left
-    /// camera's centre.
+    /// The selected points of a map as a scan, with covariances and the grid of the image, viewed from the
+    /// left camera's centre.
     ///
     /// # Errors
-    /// `Undetermined` where no disparity gives a point; `Input` for a step of 0.
+    /// `Undetermined` if no disparity gives a point; `Input` for a step of 0.
     pub fn scan(&self, map: &DisparityMap, choice: &StereoPoints, name: &str) -> Result<Scan> {
         let step = choice.step;
         if step == 0 {
@@ -108,7 +121,8 @@ impl StereoCamera {
         }
         if points.is_empty() {
             return Err(Error::undetermined(format!(
-                "no pixel of {} has a point in front of the cameras: are left and right exchanged, or the disparities out of the range that was looked for?",
+                "no pixel of {} has a point in front of the cameras: are left and right exchanged, or the \
+                disparities out of the range that was looked for?",
                 cells.len()
             )));
         }

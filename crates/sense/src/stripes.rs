@@ -1,22 +1,22 @@
-//! Structured light by crossed stripes: places, orientations and curvatures where stripes cross.
+//! Structured light with crossed stripes: points, normals and curvatures where stripes cross.
 //!
-//! A picture of such stripes is read by [`read_grid`]: it finds the junctions, and which stripes cross there.
+//! [`read_grid`] reads an image of such stripes: it finds the junctions and identifies the stripes.
 //!
-//! Comes in: a camera, a projector, and junctions: where two stripes cross in the image, which way each runs
-//! there, and where in the projector's picture they cross. Goes out: for each junction its point and normal
+//! In: a camera, a projector, and junctions: where two stripes cross in the image, their directions there,
+//! and where they cross in the projector's image. Out: for each junction its point and normal
 //! ([`orientation`]), and with its neighbours its principal curvatures ([`curvature`]), all with covariance.
 //!
-//! A stripe lies in the plane through the projector's centre and its line there; it is seen in the plane
-//! through the camera's centre and its line in the image. Both planes hold its tangent,
-//! `t = N_projector × N_camera`, and two tangents hold the normal, `n = t₁ × t₂`. No search for depth is in
-//! it: orientation needs one image.
+//! A stripe lies in the plane through the projector's centre and its line in the projector's image, and in
+//! the plane through the camera's centre and its line in the camera's image. Its tangent is in both planes,
+//! `t = N_projector × N_camera`, and the normal is perpendicular to two tangents, `n = t₁ × t₂`. Orientation
+//! therefore needs one image and no search for depth.
 //!
-//! Across a junction, from neighbour to opposite neighbour, runs a curve on the surface. By Meusnier's
-//! theorem its curvature's share along n is that of the surface in its direction, here
-//! `κ(φ) = Δ₊·n/|Δ₊|² + Δ₋·n/|Δ₋|²` with the steps Δ to both; by Euler's theorem
-//! `κ(φ) = κ₁ cos²(φ−φ₁) + κ₂ sin²(φ−φ₁)`, which three directions determine.
+//! A curve on the surface passes from a neighbour through a junction to the opposite neighbour. By Meusnier's
+//! theorem the normal component of its curvature is the normal curvature in its direction,
+//! `κ(φ) = Δ₊·n/|Δ₊|² + Δ₋·n/|Δ₋|²` with the steps Δ to both. By Euler's theorem `κ(φ) = κ₁ cos²(φ−φ₁) + κ₂ sin²(φ−φ₁)`, which
+//! three directions determine.
 //!
-//! Not guaranteed: that curvature is that of a point: it is that of the scale of the stripes' distance.
+//! Not guaranteed: curvature is an average over the spacing of the stripes, not that of a point.
 //!
 //! # References
 //! - Shrikhande and Stockman, *Surface orientation from a projected grid*, PAMI 1989.
@@ -28,8 +28,19 @@ use planish_estimate::{Error, Result};
 
 use crate::variance_along;
 
-/// A pinhole camera, or a projector, which is one backwards: `x ~ K (R X + t)`; x right, y down, pixel
-/// centres at integers.
+/// A pinhole camera or projector: `x ~ K (R X + t)`; x right, y down, pixel centres at integers.
+///
+/// # Examples
+/// ```
+/// use planish_sense::stripes::Pinhole;
+/// let camera = Pinhole {
+///     k: [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]],
+///     r: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+///     t: [0.0, 0.0, 2.0],
+/// };
+/// assert_eq!(camera.project([0.0; 3]), Some([320.0, 240.0]));
+/// assert_eq!(camera.centre(), [0.0, 0.0, -2.0]);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pinhole {
     /// Intrinsics: focal lengths, skew and the pixel on the axis, row by row.
@@ -58,7 +69,7 @@ fn transposed(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|j| (0..3).map(|i| m[i][j] * v[i]).sum())
 }
 
-/// The inverse; none where there is none to speak of.
+/// The inverse; `None` for a (nearly) singular matrix.
 fn inverse(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
     let determinant = dot(m[0], columns[0]);
@@ -74,7 +85,7 @@ impl Pinhole {
         transposed(&self.r, self.t).map(|c| -c)
     }
 
-    /// The pixel of a world point; none behind the camera.
+    /// The pixel of a world point; `None` behind the camera.
     #[must_use]
     pub fn project(&self, point: [f64; 3]) -> Option<[f64; 2]> {
         let inside = times(&self.r, point);
@@ -82,7 +93,7 @@ impl Pinhole {
         (seen[2] > 0.0).then(|| [seen[0] / seen[2], seen[1] / seen[2]])
     }
 
-    /// The direction in the world that a pixel looks along, `Rᵀ K⁻¹ (x, y, 1)`; none where K has no inverse.
+    /// The direction of a pixel's line of sight in the world, `Rᵀ K⁻¹ (x, y, 1)`; `None` if K is singular.
     #[must_use]
     pub fn direction(&self, pixel: [f64; 2]) -> Option<[f64; 3]> {
         Some(transposed(&self.r, times(&inverse(&self.k)?, [pixel[0], pixel[1], 1.0])))
@@ -165,13 +176,13 @@ pub struct Orientation {
 
 /// The point and normal of a junction.
 ///
-/// `stripes` are the directions of the two sets in the projector's picture. The point is that with the least
-/// squares of distances to the planes of both stripes, in the projector and in the image, each by its own
-/// length; the covariance is carried over from both pictures by differences, `J Σ Jᵀ`.
+/// `stripes` are the directions of the two sets in the projector's image. The point minimises the sum of
+/// squared distances to two planes of the camera's ray and the planes of both stripes. The covariance is
+/// propagated from both images as `J Σ Jᵀ`, with `J` by central differences.
 ///
 /// # Errors
-/// `Undetermined` where stripes run along the line between camera and projector as both see it, where the two
-/// tangents are one, or the point lies behind the camera.
+/// `Undetermined` if a stripe is parallel to the baseline as both devices see it, the two tangents coincide,
+/// or the point is behind the camera.
 pub fn orientation(
     camera: &Pinhole,
     projector: &Pinhole,
@@ -236,7 +247,7 @@ fn point_and_normal(
     let lit = stripes.map(|d| projector.plane_of_line(junction.projector, d));
     let tangent = |k: usize| {
         let (a, b) = (unit(lit[k])?, unit(seen[k])?);
-        // Planes that are nearly one have no line in common.
+        // Nearly parallel planes do not determine their common line.
         Some(cross(a, b)).filter(|t| norm(*t) > 1e-6).and_then(unit)
     };
     let normal = unit(cross(tangent(0)?, tangent(1)?))?;
@@ -266,7 +277,7 @@ fn point_and_normal(
 
 /// Principal curvatures of the surface at a junction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Curvature {
+pub struct StripeCurvature {
     /// The larger one; positive where the surface bends towards its normal.
     pub k1: f64,
     /// The smaller one.
@@ -277,16 +288,16 @@ pub struct Curvature {
     pub sigma: f64,
 }
 
-/// The principal curvatures at a junction from pairs of opposite neighbours: along both stripes and along the
+/// The principal curvatures at a junction from pairs of opposite neighbours, along both stripes and along the
 /// diagonals.
 ///
-/// Each pair gives the normal curvature in its direction by Meusnier's theorem; least squares with their
-/// variances finds the second fundamental form, whose eigenvectors are Euler's. The pair's variance is that
-/// of its three points along n, and of the normal where the steps are not of one length.
+/// Each pair gives the normal curvature in its direction. Weighted least squares gives the second fundamental
+/// form, whose eigenvectors are the principal directions. The variance of a pair comes from its three points
+/// along n, and from the normal if the steps differ in length.
 ///
 /// # Errors
 /// `Undetermined` for fewer than three directions that differ.
-pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Curvature> {
+pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<StripeCurvature> {
     let n = middle.normal;
     let (e1, e2) = tangents(n);
     let (mut m, mut r) = ([[0.0; 3]; 3], [0.0; 3]);
@@ -326,7 +337,7 @@ pub fn curvature(middle: &Orientation, pairs: &[[Orientation; 2]]) -> Result<Cur
     let (mean, half) = (0.5 * (a + d), (0.25 * (a - d) * (a - d) + b * b).sqrt());
     let angle = 0.5 * (2.0 * b).atan2(a - d);
     let d1 = std::array::from_fn(|k| angle.cos() * e1[k] + angle.sin() * e2[k]);
-    Ok(Curvature {
+    Ok(StripeCurvature {
         k1: mean + half,
         k2: mean - half,
         d1,

@@ -1,16 +1,17 @@
-//! A sensor that reads ranges over a field of view: which rays it has, and what one reading's covariance is.
+//! A range sensor with a field of view: its rays, and the covariance of one reading.
 
 use planish_estimate::vector3::unit;
 use planish_estimate::{Error, Result};
 
-/// A sensor with a field of view, in the pinhole's frame: x right, y down, z forward.
+/// A range sensor with a field of view, in the pinhole frame: x right, y down, z forward.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ViewSensor {
-    /// Borders of its picture at distance 1 along the axis, as tangents: left and right, top and bottom.
+    /// Borders of its image at distance 1 along the axis (tangents of angles): left and right, top and
+    /// bottom.
     pub borders: [[f64; 2]; 2],
-    /// Rays along x and along y, evenly spaced over the picture.
+    /// Number of rays along x and along y, evenly spaced over the image.
     pub rays: [usize; 2],
-    /// The nearest and the farthest range, along the ray.
+    /// Minimum and maximum range, along the ray.
     pub range: [f64; 2],
     /// The largest angle between a ray and the surface's normal.
     pub max_incidence_rad: f64,
@@ -18,20 +19,27 @@ pub struct ViewSensor {
     pub sigma_along: f64,
     /// σ of each of the two coordinates across the ray.
     pub sigma_across: f64,
-    /// By how much σ along the ray grows with the square of the range, one over the unit.
+    /// Increase of σ along the ray with the square of the range, in one over the unit.
     pub sigma_per_range2: f64,
-    /// Whether σ along the ray grows as one over the cosine of incidence.
+    /// True if σ along the ray is divided by the cosine of incidence.
     pub over_cosine: bool,
 }
 
 impl ViewSensor {
-    /// Borders of a picture symmetric about the axis, from the whole angles of view.
+    /// Borders of an image symmetric about the axis, from the full angles of view.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_sense::ViewSensor;
+    /// let borders = ViewSensor::borders_of_angles([std::f64::consts::FRAC_PI_2; 2]);
+    /// assert!((borders[0][1] - 1.0).abs() < 1e-12);
+    /// ```
     #[must_use]
     pub fn borders_of_angles(angles_rad: [f64; 2]) -> [[f64; 2]; 2] {
         angles_rad.map(|angle| [-(0.5 * angle).tan(), (0.5 * angle).tan()])
     }
 
-    /// Says what is wrong with it, if anything is.
+    /// Checks that all values are in range.
     ///
     /// # Errors
     /// `Input` for numbers that are not finite or out of range, with their names.
@@ -62,7 +70,7 @@ impl ViewSensor {
         Err(Error::input(format!("needed {complaint}")))
     }
 
-    /// The same sensor where `factor` new units are one old one.
+    /// The same sensor in a unit of which `factor` make one old unit.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         Self {
@@ -74,14 +82,14 @@ impl ViewSensor {
         }
     }
 
-    /// The unit direction of a place of the picture, given as shares of its width and height.
+    /// The unit direction of an image position, given as shares of the width and height.
     #[must_use]
     pub fn direction(&self, share: [f64; 2]) -> [f64; 3] {
         let at = |k: usize| self.borders[k][0] + share[k] * (self.borders[k][1] - self.borders[k][0]);
         unit([at(0), at(1), 1.0]).unwrap_or([0.0, 0.0, 1.0])
     }
 
-    /// Whether a point of the sensor's frame lies in its field of view and range.
+    /// True if a point in the sensor's frame is within the field of view and the range.
     #[must_use]
     pub fn reaches(&self, [x, y, z]: [f64; 3]) -> bool {
         let range = (x * x + y * y + z * z).sqrt();
@@ -93,8 +101,8 @@ impl ViewSensor {
             && range <= self.range[1]
     }
 
-    /// How many rays meet a small area at a point of the sensor's frame: `n A cos θ / (d² cos³ φ)` with θ the
-    /// incidence, φ the angle to the axis and `n` the rays on a unit of area of the picture at distance 1.
+    /// Number of rays that hit a small area at a point in the sensor's frame: `n A cos θ / (d² cos³ φ)`, with
+    /// the incidence θ, the angle φ to the axis, and `n` rays per unit area of the image at distance 1.
     #[must_use]
     pub fn rays_on(&self, [x, y, z]: [f64; 3], area: f64, incidence_cosine: f64) -> f64 {
         let distance2 = x * x + y * y + z * z;
@@ -104,14 +112,14 @@ impl ViewSensor {
         density * area * incidence_cosine / (distance2 * off_axis.powi(3))
     }
 
-    /// Whether a surface seen under this cosine of incidence gives a reading.
+    /// True if a surface with this cosine of incidence gives a reading.
     #[must_use]
     pub fn accepts(&self, incidence_cosine: f64) -> bool {
         incidence_cosine >= self.max_incidence_rad.cos()
     }
 
-    /// The variance of a reading across the surface, `nᵀ R n = σ_along² cos² θ + σ_across² sin² θ` with
-    /// `σ_along = σ + k d²`, over `cos θ` where it grows so.
+    /// The variance of a reading along the surface normal, `nᵀ R n = σ_along² cos² θ + σ_across² sin² θ` with
+    /// `σ_along = σ + k d²`, divided by `cos θ` if `over_cosine` is set.
     #[must_use]
     pub fn variance_along_normal(&self, range: f64, incidence_cosine: f64) -> f64 {
         let square = incidence_cosine * incidence_cosine;
@@ -159,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn so_many_rays_meet_an_area_as_are_counted_there() {
+    fn ray_density_agrees_with_a_count() {
         let sensor = sensor();
         // A square of side 0.5 about (0.6, -0.4, 4), square to the axis.
         let (middle, half) = ([0.6, -0.4, 4.0], 0.25);
@@ -189,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn invalid_input_is_named() {
         let with = |change: fn(&mut ViewSensor)| {
             let mut sensor = sensor();
             change(&mut sensor);

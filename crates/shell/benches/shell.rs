@@ -113,7 +113,8 @@ fn main() {
         std::hint::black_box(Dirichlet::new(&controls, &vertices).unwrap());
     });
     println!(
-        "Sibson weights of {} vertices under {} controls: {:.3} s ({:.3} s by processor time); a whole Dirichlet deformation: {:.3} s ({:.3} s)",
+        "Sibson weights of {} vertices under {} controls: {:.3} s ({:.3} s by processor time); a whole \
+        Dirichlet deformation: {:.3} s ({:.3} s)",
         vertices.len(),
         controls.len(),
         of_weights[0],

@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh, icosphere, sample_points};
 use planish_shell::{
     Deformation, Dirichlet, Lattice, LatticeBasis, Modes, PointReading, ShellFitOptions, VertexDisplacements,
-    automatic_controls, fit_points, nearest_pairs, of_three_coordinates, stiffness,
+    automatic_controls, fit_points, nearest_pairs, stiffness, stiffness_for_xyz,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -88,7 +88,7 @@ fn main() {
         .collect();
     let search = MeshSearch::try_new(&truth).unwrap();
     let joined = |controls: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]| -> DMatrix<f64> {
-        of_three_coordinates(&stiffness(controls, triangles, edges))
+        stiffness_for_xyz(&stiffness(controls, triangles, edges))
     };
     let controls = automatic_controls(&ball, 60).unwrap();
     let by_controls = joined(&controls.points, &controls.triangles, &controls.edges);
@@ -103,7 +103,7 @@ fn main() {
             moved(&ball, how).positions
         })
         .collect();
-    let modes = Modes::of(&family, 12).unwrap();
+    let modes = Modes::from_meshes(&family, 12).unwrap();
     let mean = TriangleMesh { positions: modes.mean().to_vec(), triangles: ball.triangles.clone() };
     let by_modes = DMatrix::identity(modes.parameters(), modes.parameters());
     let dirichlet = Dirichlet::new(&controls.points, &ball.positions).unwrap();

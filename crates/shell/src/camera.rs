@@ -1,18 +1,29 @@
-//! Cameras that look at a shell: pinholes with a pose that may be uncertain.
+//! Pinhole cameras with poses that may be uncertain.
 //!
-//! Comes in: intrinsics and poses, or projection matrices. Goes out: pixels of places, lines of sight of
-//! pixels, and how both change with the pose.
+//! In: intrinsics and poses, or projection matrices. Out: pixels of points, lines of sight of pixels, and
+//! their derivatives by the pose.
 //!
 //! `X_camera = R X + t`, `x ~ K X_camera`; x right, y down, pixel centres at integers. A pose changes by
-//! `X_camera ← exp(ω) X_camera + τ`: a turn `ω` about the camera's centre, then a step `τ` of the world, both
-//! in the camera's frame.
+//! `X_camera ← exp(ω) X_camera + τ`: a rotation `ω` about the camera's centre, then a translation `τ` of the
+//! world, both in the camera's frame.
 //!
-//! Not guaranteed: lenses are taken for undistorted.
+//! Lens distortion is not modelled.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use planish_estimate::{Error, Result};
 
 /// A pinhole camera.
+///
+/// # Examples
+/// ```
+/// use planish_shell::Camera;
+/// let k = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]];
+/// let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+/// let camera = Camera::new(k, identity, [0.0, 0.0, 2.0])?;
+/// let (pixel, depth) = camera.project([0.1, 0.0, 0.0]).expect("in front of the camera");
+/// assert_eq!((pixel, depth), ([345.0, 240.0], 2.0));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     /// Intrinsics, upper triangular, the last entry one.
@@ -23,7 +34,7 @@ pub struct Camera {
     pub t: Vector3<f64>,
 }
 
-/// A matrix as a file has it, row by row.
+/// Formats a matrix row by row, as in a file.
 fn rows(matrix: &Matrix3<f64>) -> String {
     let row = |i: usize| format!("[{}, {}, {}]", matrix[(i, 0)], matrix[(i, 1)], matrix[(i, 2)]);
     format!("[{}, {}, {}]", row(0), row(1), row(2))
@@ -33,8 +44,8 @@ impl Camera {
     /// A camera from intrinsics, rotation and translation, row by row.
     ///
     /// # Errors
-    /// `Input` where something is not finite, `K` is no upper triangle with focal lengths above zero, or `R`
-    /// is no rotation to within 1e-3 (it is then made one exactly).
+    /// `Input` if a number is not finite, `K` is not upper triangular with positive focal lengths, or `R`
+    /// differs from a rotation by more than 1e-3. Smaller errors of `R` are removed.
     pub fn new(k: [[f64; 3]; 3], r: [[f64; 3]; 3], t: [f64; 3]) -> Result<Self> {
         let matrix = |m: [[f64; 3]; 3]| Matrix3::from_fn(|i, j| m[i][j]);
         let (k, r, t) = (matrix(k), matrix(r), Vector3::from(t));
@@ -48,7 +59,8 @@ impl Camera {
         let triangle = k[(1, 0)] == 0.0 && k[(2, 0)] == 0.0 && k[(2, 1)] == 0.0 && k[(2, 2)] == 1.0;
         if !(finite && triangle && k[(0, 0)] > 0.0 && k[(1, 1)] > 0.0) {
             return Err(Error::input(format!(
-                "needed K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, found K = {}",
+                "needed K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, found K \
+                = {}",
                 rows(&k)
             )));
         }
@@ -62,20 +74,20 @@ impl Camera {
         Ok(Self { k, r: *Rotation3::from_matrix_eps(&r, 1e-15, 100, Rotation3::identity()).matrix(), t })
     }
 
-    /// A camera from its projection matrix `P ∝ K [R t]`, row by row, signed so that the third coordinate of
-    /// what lies in front is positive (R. Hartley, A. Zisserman, *Multiple view geometry in computer vision*,
-    /// 2003, section 6.2.4). Where the left part has a negative determinant, pictures are mirrored, and the
-    /// first focal length is negative.
+    /// A camera from its projection matrix `P ∝ K [R t]`, row by row, signed so that points in front of the
+    /// camera have a positive third coordinate (R. Hartley, A. Zisserman, *Multiple view geometry in computer
+    /// vision*, 2003, section 6.2.4). If the left part has a negative determinant, the image is mirrored and
+    /// the first focal length is negative.
     ///
     /// # Errors
-    /// `Input` where something is not finite, or the left 3 × 3 part has no inverse.
+    /// `Input` if a number is not finite, or the left 3 × 3 part has no inverse.
     pub fn from_projection(p: [[f64; 4]; 3]) -> Result<Self> {
         let m = Matrix3::from_fn(|i, j| p[i][j]);
         let last = Vector3::from_fn(|i, _| p[i][3]);
         let determinant = m.determinant();
         let size = m.norm();
         if !(m.iter().chain(&last).all(|x| x.is_finite()) && determinant.abs() > 1e-12 * size.powi(3)) {
-            // Rows may be in very different units: what counts is the angle between them.
+            // Rows may have very different lengths, so the test is repeated on normalised rows.
             let rows: f64 = (0..3).map(|i| m.row(i).norm()).product();
             if determinant.is_nan()
                 || determinant.abs() <= 1e-12 * rows
@@ -98,20 +110,20 @@ impl Camera {
         k[(0, 2)] = first.dot(&r3);
         k[(0, 1)] = first.dot(&r2);
         let r1 = r2.cross(&r3);
-        // Negative for the picture of a mirror: of an x axis to the left, or of a y axis upwards.
+        // Negative for mirrored images, with x to the left or y upwards.
         k[(0, 0)] = first.dot(&r1);
         let r = Matrix3::from_rows(&[r1.transpose(), r2.transpose(), r3.transpose()]);
         let inverse = k.try_inverse().ok_or_else(|| Error::input("a projection matrix has no intrinsics"))?;
         Ok(Self { k: k / k[(2, 2)], r, t: inverse * last })
     }
 
-    /// Where the camera stands, `−Rᵀ t`.
+    /// The centre of the camera in the world, `−Rᵀ t`.
     #[must_use]
     pub fn center(&self) -> [f64; 3] {
         (-self.r.tr_mul(&self.t)).into()
     }
 
-    /// The pixel of a place and its depth; `None` at or behind the camera.
+    /// The pixel of a point and its depth; `None` at or behind the camera.
     #[must_use]
     pub fn project(&self, at: [f64; 3]) -> Option<([f64; 2], f64)> {
         let inside = self.r * Vector3::from(at) + self.t;
@@ -119,7 +131,7 @@ impl Camera {
         (inside.z > 0.0).then(|| ([seen.x / seen.z, seen.y / seen.z], inside.z))
     }
 
-    /// The unit direction in the world that a pixel looks along.
+    /// The unit direction of the line of sight of a pixel, in the world.
     #[must_use]
     pub fn direction(&self, pixel: [f64; 2]) -> [f64; 3] {
         self.r.tr_mul(&self.within(pixel)).normalize().into()
@@ -173,7 +185,7 @@ impl Camera {
         [turn.x, turn.y, turn.z, -g.x, -g.y, -g.z]
     }
 
-    /// The camera after a change of pose.
+    /// The camera after a change `[ω, τ]` of its pose (radians, then the unit of the mesh).
     #[must_use]
     pub fn moved(&self, by: [f64; 6]) -> Self {
         let turn = Rotation3::new(Vector3::new(by[0], by[1], by[2]));
@@ -186,7 +198,7 @@ impl Camera {
         }
     }
 
-    /// The change of pose that makes this camera of another.
+    /// The change `[ω, τ]` of pose that turns `other` into this camera.
     #[must_use]
     pub fn change_from(&self, other: &Self) -> [f64; 6] {
         let turn = Rotation3::from_matrix_unchecked(self.r * other.r.transpose());
@@ -207,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_projection_matrix_says_the_same_at_any_scale_and_in_a_mirror() {
+    fn projection_matrices_decompose_at_any_scale_and_mirrored() {
         let camera = camera();
         for factor in [1.0, 0.03, 50.0] {
             let p: [[f64; 4]; 3] = std::array::from_fn(|i| {
@@ -242,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_look_at_what_they_show_and_poses_add_up() {
+    fn projections_invert_and_pose_changes_round_trip() {
         let camera = camera();
         let at = [0.3, -0.4, 0.5];
         let (pixel, depth) = camera.project(at).unwrap();

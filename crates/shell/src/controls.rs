@@ -1,11 +1,9 @@
-//! Control points chosen on a mesh, the triangulation that joins them, and the energy of their displacements.
+//! Chooses control points on a mesh, triangulates them, and computes the energy of their displacements.
 //!
-//! Comes in: a mesh, and how many controls are wanted. Goes out: vertices, spread by distance along the edges
-//! of the mesh and denser where it bends; triangles where three of their regions meet; the stiffness `K` of C
-//! eq. 10.
+//! In: a mesh and the number of controls. Out: vertices spread by distance along the mesh edges, denser where
+//! the mesh bends; triangles where three of their regions meet; the stiffness `K` of C eq. 10.
 //!
-//! Not guaranteed: that the control triangulation is manifold or has no holes: neither need the mesh be, nor
-//! have none.
+//! Not guaranteed: the control triangulation may be non-manifold or have holes, as the mesh may.
 
 use nalgebra::DMatrix;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
@@ -14,39 +12,39 @@ use planish_mesh::{BoundingBox, Sets, TriangleMesh};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
-/// Edges count as so many times longer where the mesh turns by one radian along them.
+/// Relative increase of the length of an edge per radian by which the normals turn along it. Larger values
+/// place more controls where the mesh bends, at the expense of flat regions.
 const BENDING: f64 = 2.0;
-/// The finest cell in which loose parts are joined, as a share of the mesh's size.
+/// The finest cell of the grids by which disconnected parts are joined, as a share of the mesh's size.
 const FINEST_CELL: f64 = 1.0 / 2048.0;
-/// Distances that differ by no more than this share are alike: which vertex is chosen does not hang on
-/// rounding.
+/// Relative tolerance of equal distances, so that rounding does not decide which vertex is chosen.
 const ALIKE: f64 = 1e-9;
-/// A cotangent is no larger than this: triangles of controls may be thin.
-const MOST_COTANGENT: f64 = 10.0;
+/// Upper limit of a cotangent, so that thin triangles of controls do not dominate the stiffness.
+const MAX_COTANGENT: f64 = 10.0;
 
 /// Control points on a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Controls {
-    /// Vertices of the mesh that they stand on.
+    /// Vertices of the mesh that are controls.
     pub vertices: Vec<u32>,
-    /// Where they stand.
+    /// Their positions.
     pub points: Vec<[f64; 3]>,
-    /// Triangles of them.
+    /// Triangles of controls.
     pub triangles: Vec<[u32; 3]>,
-    /// Pairs whose regions touch, the edges of triangles among them; the lower index first.
+    /// Pairs of controls whose regions touch, including the edges of the triangles; the lower index first.
     pub edges: Vec<[u32; 2]>,
 }
 
-/// Distances along the edges of a mesh, by which regions grow.
+/// The edge graph of a mesh with lengths, along which regions grow.
 struct Roads {
     start: Vec<usize>,
     to: Vec<(u32, f64)>,
-    /// Pairs of vertices that join loose parts.
+    /// Pairs of vertices that join disconnected parts.
     bridges: Vec<[u32; 2]>,
 }
 
 impl Roads {
-    fn of(mesh: &TriangleMesh) -> Self {
+    fn new(mesh: &TriangleMesh) -> Self {
         let normals = mesh.vertex_normals();
         let mut pairs: BTreeSet<[u32; 2]> = BTreeSet::new();
         for t in &mesh.triangles {
@@ -57,7 +55,7 @@ impl Roads {
                 }
             }
         }
-        // Vertices at one place are joined: meshes from the web often have seams.
+        // Coincident vertices are joined, because meshes with texture seams duplicate vertices.
         let mut at: BTreeMap<[u64; 3], u32> = BTreeMap::new();
         let of_triangles: BTreeSet<u32> = mesh.triangles.iter().flatten().copied().collect();
         for v in of_triangles {
@@ -94,13 +92,13 @@ impl Roads {
         Self { start, to, bridges }
     }
 
-    /// Takes over what is nearer to a new source than to all before.
+    /// Assigns to a new source all vertices that are nearer to it than to the sources before (Dijkstra).
     fn grow(&self, source: u32, region: u32, far: &mut [f64], regions: &mut [u32]) {
         let mut heap = BinaryHeap::from([Reverse((0_u64, source))]);
         far[source as usize] = 0.0;
         regions[source as usize] = region;
         while let Some(Reverse((bits, here))) = heap.pop() {
-            // Positive numbers are in the order of their bits.
+            // The bits of positive numbers are in the order of the numbers, and integers have a total order.
             let reached = f64::from_bits(bits);
             if reached > far[here as usize] {
                 continue;
@@ -151,25 +149,35 @@ fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> 
     found
 }
 
-/// Chooses control points: each as far as can be from those before, along the mesh; loose parts count as
-/// joined where they come near each other.
+/// Chooses control points by farthest-point sampling along the mesh. Disconnected parts are joined where they
+/// are near each other.
 ///
 /// # Errors
-/// `Input` for no controls at all, or a mesh without triangles.
+/// `Input` for a count of zero, or a mesh without triangles.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::icosphere;
+/// use planish_shell::automatic_controls;
+/// let controls = automatic_controls(&icosphere(1.0, 3), 20)?;
+/// assert_eq!(controls.points.len(), 20);
+/// assert!(!controls.triangles.is_empty());
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn automatic_controls(mesh: &TriangleMesh, count: usize) -> Result<Controls> {
-    controls_from(mesh, count, 0)
+    automatic_controls_skipping(mesh, count, 0)
 }
 
-/// [`automatic_controls`] of which the first is a vertex that triangles have, the one after so many: other
-/// ones that are spread as well.
+/// [`automatic_controls`] with another first control: the used vertex with index `skipped`. It gives a
+/// different, equally spread set.
 ///
 /// # Errors
 /// As [`automatic_controls`].
-pub fn controls_from(mesh: &TriangleMesh, count: usize, skipped: usize) -> Result<Controls> {
+pub fn automatic_controls_skipping(mesh: &TriangleMesh, count: usize, skipped: usize) -> Result<Controls> {
     if count == 0 || mesh.triangles.is_empty() {
-        return Err(Error::input("controls need a mesh with faces, and at least one was to be asked for"));
+        return Err(Error::input("controls need a mesh with faces and a count of at least one"));
     }
-    let roads = Roads::of(mesh);
+    let roads = Roads::new(mesh);
     let mut used = vec![false; mesh.positions.len()];
     for &v in mesh.triangles.iter().flatten() {
         used[v as usize] = true;
@@ -219,9 +227,18 @@ pub fn controls_from(mesh: &TriangleMesh, count: usize, skipped: usize) -> Resul
     })
 }
 
-/// `K` of C eq. 10 for one coordinate of the displacements: `ΔᵀKΔ = ∫ |∇Δ|²` over linear elements on the
-/// triangles, whose entries are cotangents; edges without a triangle are springs of stiffness one. Positive
-/// semidefinite: cotangents of obtuse angles are taken as nothing, very large ones as ten.
+/// The stiffness `K` of C eq. 10 for one coordinate of the displacements: `ΔᵀKΔ = ∫ |∇Δ|²` over linear
+/// elements on the triangles.
+///
+/// Its entries are cotangents; edges without a triangle are springs of stiffness one. `K` is positive
+/// semidefinite because cotangents of obtuse angles are set to zero; large ones are limited to ten.
+///
+/// # Examples
+/// ```
+/// use planish_shell::stiffness;
+/// let k = stiffness(&[[0.0; 3], [1.0, 0.0, 0.0]], &[], &[[0, 1]]);
+/// assert_eq!((k[(0, 0)], k[(0, 1)]), (1.0, -1.0));
+/// ```
 #[must_use]
 pub fn stiffness(points: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]) -> DMatrix<f64> {
     let mut joined: BTreeMap<[u32; 2], f64> = BTreeMap::new();
@@ -231,7 +248,7 @@ pub fn stiffness(points: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]
             let [u, v] = [b, c].map(|to| sub(points[to as usize], points[a as usize]));
             let area = norm(cross(u, v));
             let cotangent = if area > 0.0 { dot(u, v) / area } else { 0.0 };
-            *joined.entry([b.min(c), b.max(c)]).or_insert(0.0) += 0.5 * cotangent.clamp(0.0, MOST_COTANGENT);
+            *joined.entry([b.min(c), b.max(c)]).or_insert(0.0) += 0.5 * cotangent.clamp(0.0, MAX_COTANGENT);
         }
     }
     for edge in edges {
@@ -248,8 +265,14 @@ pub fn stiffness(points: &[[f64; 3]], triangles: &[[u32; 3]], edges: &[[u32; 2]]
     made
 }
 
-/// Pairs of points for [`stiffness`] where there is no triangulation: each with the `count` that are nearest
-/// to it.
+/// Pairs of points for [`stiffness`] without a triangulation: each point with its `count` nearest ones.
+///
+/// # Examples
+/// ```
+/// use planish_shell::nearest_pairs;
+/// let points = [[0.0; 3], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0]];
+/// assert_eq!(nearest_pairs(&points, 1), [[0, 1], [1, 2]]);
+/// ```
 #[must_use]
 pub fn nearest_pairs(points: &[[f64; 3]], count: usize) -> Vec<[u32; 2]> {
     let mut pairs = BTreeSet::new();

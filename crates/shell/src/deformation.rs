@@ -1,13 +1,12 @@
-//! Deformations `V = V0 + W q`: how a few parameters move all vertices of a mesh, linearly.
+//! Linear deformations `V = V0 + W q`: a few parameters move all vertices of a mesh.
 //!
-//! Comes in: a mesh, and controls of one kind or another. Goes out: displacements of vertices, and rows
-//! `dᵀ ∂V_v/∂q` for whoever fits `q`.
+//! In: a mesh and its controls. Out: displacements of vertices, and the rows `dᵀ ∂V_v/∂q` for estimating `q`.
 //!
-//! A deformation works over a *basis* of its own, which may be larger than the parameters: what follows from
-//! all of them together (the affine part of Dirichlet deformations) would else make every row full. Equations
-//! are summed over the basis and reduced once: `q_basis = R q`, `N = Rᵀ N_basis R`.
+//! Rows refer to a *basis* that may be larger than the parameters. Otherwise the affine part of a Dirichlet
+//! deformation, which depends on all controls, would make every row dense. Equations are summed over the
+//! basis and reduced once: `q_basis = R q`, `N = Rᵀ N_basis R`.
 //!
-//! Not guaranteed: that a deformed mesh does not cross itself.
+//! Not guaranteed: a deformed mesh may intersect itself.
 
 mod dirichlet;
 mod lattice;
@@ -23,35 +22,44 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::vector3::add;
 use rayon::prelude::*;
 
-/// Vertices moved linearly by parameters.
+/// A linear map from parameters to the displacements of all vertices.
 pub trait Deformation: Sync {
-    /// How many parameters there are.
+    /// Number of parameters.
     fn parameters(&self) -> usize;
 
-    /// How many numbers rows are made of; the parameters, unless stated otherwise.
+    /// Length of the rows (default: the number of parameters).
     fn basis(&self) -> usize {
         self.parameters()
     }
 
-    /// How many vertices are moved.
+    /// Number of vertices.
     fn vertices(&self) -> usize;
 
-    /// Visits the entries of `dᵀ ∂V_v/∂q` over the basis that may not be zero; an index may come more than
-    /// once.
+    /// Visits the nonzero entries of `dᵀ ∂V_v/∂q` over the basis; an index may occur more than once.
     fn row(&self, vertex: u32, direction: [f64; 3], visit: &mut dyn FnMut(usize, f64));
 
-    /// `R`, from parameters to the basis; `None` where they are the same.
+    /// The matrix `R` from parameters to the basis; `None` if they are the same.
     fn reduction(&self) -> Option<&DMatrix<f64>> {
         None
     }
 
-    /// Where the parameters are control points, one after the other with x, y and z each: where those stand.
+    /// Rest positions of the control points, if the parameters are their displacements (x, y, z of each in
+    /// turn).
     fn controls(&self) -> Option<&[[f64; 3]]> {
         None
     }
 }
 
 /// Displacements of all vertices.
+///
+/// # Examples
+/// ```
+/// use nalgebra::DVector;
+/// use planish_shell::{VertexDisplacements, displacements};
+/// let deformation = VertexDisplacements::new(&[[0.0; 3], [1.0, 0.0, 0.0]]);
+/// let q = DVector::from_vec(vec![0.0, 0.0, 0.5, 0.0, 0.0, 0.0]);
+/// assert_eq!(displacements(&deformation, &q), [[0.0, 0.0, 0.5], [0.0; 3]]);
+/// ```
 #[must_use]
 pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f64; 3]> {
     let basis = in_basis(deformation, q);
@@ -67,9 +75,23 @@ pub fn displacements(deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f6
         .collect()
 }
 
-/// Where vertices that lay at some places come to lie.
+/// The rest positions plus their displacements.
+///
+/// # Examples
+/// ```
+/// use nalgebra::DVector;
+/// use planish_shell::{VertexDisplacements, displaced_positions};
+/// let rest = [[1.0, 2.0, 3.0]];
+/// let deformation = VertexDisplacements::new(&rest);
+/// let q = DVector::from_vec(vec![0.0, 0.0, 1.0]);
+/// assert_eq!(displaced_positions(&rest, &deformation, &q), [[1.0, 2.0, 4.0]]);
+/// ```
 #[must_use]
-pub fn displaced(positions: &[[f64; 3]], deformation: &dyn Deformation, q: &DVector<f64>) -> Vec<[f64; 3]> {
+pub fn displaced_positions(
+    positions: &[[f64; 3]],
+    deformation: &dyn Deformation,
+    q: &DVector<f64>,
+) -> Vec<[f64; 3]> {
     let by = displacements(deformation, q);
     positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect()
 }

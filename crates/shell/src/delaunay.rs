@@ -1,16 +1,17 @@
-//! Delaunay tetrahedra of points in space.
+//! Delaunay tetrahedralisation of points in space.
 //!
-//! Comes in: a box, and points strictly inside of it, one after the other. Goes out: tetrahedra whose
-//! circumspheres hold no other point; those whose circumsphere holds a place that is asked for.
+//! In: a box, and points strictly inside it, one at a time. Out: tetrahedra whose circumspheres contain no
+//! other point, and for a query point the tetrahedra whose circumspheres contain it.
 //!
-//! Incremental (A. Bowyer 1981; D. F. Watson 1981) on predicates that are exact (J. R. Shewchuk 1997). What
-//! is replaced are the tetrahedra whose circumsphere holds the new point *strictly* inside. If the plane of a
-//! face at the border of what is replaced held the new point, the point would be strictly inside the face's
-//! circumcircle, and so in the sphere on the other side as well, and the face would be no border. No
-//! tetrahedron is ever flat, therefore, on grids and among cospherical points neither, and nothing has to be
-//! perturbed. Points inside the box never ask for a hull.
+//! The method is incremental insertion (A. Bowyer 1981; D. F. Watson 1981) with exact predicates (J. R.
+//! Shewchuk 1997). It replaces the tetrahedra whose circumsphere contains the new point *strictly*. No
+//! tetrahedron is ever flat, also on grids and among cospherical points, so nothing is perturbed. The reason:
+//! if the new point were in the plane of a boundary face of the cavity, it would be strictly inside the
+//! circumcircle of the face. It would then be inside the sphere on the other side too, and the face would not
+//! be on the boundary. Points are inside the box, so no convex hull is needed.
 //!
-//! Not guaranteed: which of several triangulations comes out where five points lie on an empty sphere.
+//! Not guaranteed: if five points lie on an empty sphere, the choice among the valid triangulations is
+//! arbitrary.
 
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
@@ -51,20 +52,31 @@ pub(crate) struct Cavity {
     looked: Vec<(u32, bool)>,
 }
 
-/// Tetrahedra over points in a box. The first eight points are the corners of the box.
+/// A Delaunay tetrahedralisation of points in a box. The first eight points are the corners of the box.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::BoundingBox;
+/// use planish_shell::Delaunay;
+/// let mut delaunay = Delaunay::new(&BoundingBox { min: [0.0; 3], max: [1.0; 3] })?;
+/// assert_eq!(delaunay.tetrahedra().len(), 6);
+/// assert_eq!(delaunay.insert([0.4, 0.5, 0.6])?, 8);
+/// assert_eq!(delaunay.points().len(), 9);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Delaunay {
     points: Vec<[f64; 3]>,
     tetrahedra: Vec<Tetrahedron>,
-    /// Places in the list that hold no tetrahedron: a cavity may have held more than it holds now.
+    /// Unused entries of `tetrahedra`: a cavity may have had more tetrahedra than replaced them.
     free: Vec<u32>,
-    /// Where the last point went in: the next is looked for from there.
+    /// A tetrahedron of the last inserted point, from which the next search starts.
     last: u32,
     scratch: Cavity,
 }
 
 impl Delaunay {
-    /// The empty box.
+    /// The box alone, as six tetrahedra.
     ///
     /// # Errors
     /// `Input` for a box without volume or with corners that are not finite.
@@ -94,13 +106,13 @@ impl Delaunay {
         Ok(made)
     }
 
-    /// Points: the corners of the box first, then what was put in, in that order.
+    /// The corners of the box, then the inserted points in order.
     #[must_use]
     pub fn points(&self) -> &[[f64; 3]] {
         &self.points
     }
 
-    /// Corners of every tetrahedron, each positively oriented.
+    /// The corners of every tetrahedron, positively oriented.
     #[must_use]
     pub fn tetrahedra(&self) -> Vec<[u32; 4]> {
         self.living().map(|(_, t)| t.corners).collect()
@@ -118,13 +130,13 @@ impl Delaunay {
         self.tetrahedra[tetrahedron as usize].neighbours
     }
 
-    /// Whether a place is strictly inside the box.
+    /// True if a point is strictly inside the box.
     #[must_use]
     pub fn holds(&self, at: [f64; 3]) -> bool {
         (0..3).all(|k| self.points[0][k] < at[k] && at[k] < self.points[7][k])
     }
 
-    /// Puts a point in; its index. A point that is there already keeps its index.
+    /// Inserts a point and returns its index. A point that exists already keeps its index.
     ///
     /// # Errors
     /// `Input` for a point that is not strictly inside the box.
@@ -345,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_inside_is_refused() {
+    fn points_outside_of_the_box_are_rejected() {
         let mut made = Delaunay::new(&unit_box()).unwrap();
         for at in [[2.0, 0.0, 0.0], [f64::NAN, 0.0, 0.0], [0.0, 0.0, 7.0]] {
             assert!(made.insert(at).unwrap_err().to_string().contains("box"));

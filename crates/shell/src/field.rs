@@ -1,8 +1,7 @@
-//! The field of an implicit shell: metaballs on every facet of a mesh, and how far a place is from the mesh
-//! by it.
+//! The field of an implicit shell: metaballs on every facet of a mesh, and a smooth distance from the mesh.
 //!
-//! Comes in: any triangle mesh, open or closed, manifold or not. Goes out: at a place the paper's field, a
-//! distance, and its derivatives by the place and by the mesh's vertices.
+//! In: any triangle mesh, open or closed, manifold or not. Out: at a point the paper's field, a distance, and
+//! its derivatives by the point and by the vertices of the mesh.
 //!
 //! Facet `i` has a skeleton at distance `r_i(x)`: itself (triangular metaballs), or the centre of the
 //! smallest circle around it (spherical ones, [`crate::skeleton`]). C eq. 8:
@@ -10,28 +9,28 @@
 //! shell `F = 0` has two sheets, one on either side of the mesh, at `d0 − ln(T)/k` of a facet, and bulges by
 //! up to `ln(n)/k` where `n` metaballs overlap. In the mesh the sum is flat, just where fits need a slope.
 //!
-//! Fits want the mesh itself. [`Shell::distance`] is therefore the height over the facets, each weighed with
-//! what its metaball gives to the sum:
+//! Fits need the distance from the mesh itself. [`Shell::distance`] is therefore the mean height over the
+//! facets, weighted by their metaballs:
 //!
 //! `D(x) = Σ_i p_i n_i·(x − y_i)`, `p_i ∝ A_i exp(−k r_i)`,
 //!
-//! with `y_i` the nearest point of the skeleton and `A_i` the area that a sphere stands for (one for
-//! triangles). It has a sign, no thickness and no bulge: on a plane it is exact at any `k`, and elsewhere as
-//! `k` grows. Normals that point the other way than that of the nearest facet are turned, as meshes need not
+//! with `y_i` the nearest point of the skeleton and `A_i` the area of the facet of a sphere (one for
+//! triangles). It has a sign, no thickness and no bulge. On a plane it is exact at any `k`, and elsewhere it
+//! converges as `k` grows. Normals opposite to that of the nearest facet are flipped, because meshes need not
 //! be oriented.
 //!
-//! Terms less than `exp(−reach)` of the largest are left out: together less than `n · exp(−reach)` of the sum
-//! (A. Madan, D. Levin 2022). Exponents are taken from the largest, so that nothing under- or overflows
-//! anywhere.
+//! Terms below `exp(−reach)` of the largest are ignored; together they are less than `n · exp(−reach)` of the
+//! sum (A. Madan, D. Levin 2022). Exponents are relative to the largest, so that nothing underflows or
+//! overflows.
 //!
 //! Not guaranteed: derivatives where two facets of a thin part are equally near (the sign flips there), where
-//! one is cut off, or, of spherical metaballs, of facets with a right angle. Beyond the border of an open
-//! mesh `D` is the height over the border's planes.
+//! a facet is cut off, or, for spherical metaballs, at facets with a right angle. Outside the boundary of an
+//! open mesh `D` is the height over the planes of the boundary facets.
 
 mod derivatives;
 mod subdivision;
 
-pub use subdivision::subdivided;
+pub use subdivision::subdivide_for_spheres;
 
 use crate::skeleton::{Skeleton, skeleton};
 use nalgebra::Vector3;
@@ -40,37 +39,38 @@ use planish_estimate::{Error, Result};
 use planish_mesh::{FacetTree, NearFacet, TriangleMesh};
 use rayon::prelude::*;
 
-/// The share of the sum that is left out where nothing is said.
-const USUAL_ERROR: f64 = 1e-6;
-/// Normals with a cosine below this face the other way; sharper edges are rarer than facets that are turned.
-const TURNED: f64 = -0.5;
+/// Default share of the sum that may be ignored. Smaller shares visit more facets per point.
+const DEFAULT_TRUNCATION: f64 = 1e-6;
+/// Cosine to the nearest facet's normal below which a normal is flipped. An angle above 120° is more often an
+/// inconsistently oriented facet than a sharp edge.
+const FLIPPED_COSINE: f64 = -0.5;
 
-/// What a metaball is built around.
+/// The skeleton of a metaball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Metaball {
-    /// The middle of each facet: cheap and smooth, for small facets of about one size.
+    /// The centre of each facet: fast and smooth, for small facets of similar size.
     Spherical,
     /// The whole facet: for any mesh.
     Triangular,
 }
 
-/// How a mesh is wrapped.
+/// Options of a [`Shell`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShellOptions {
-    /// What a metaball is built around.
+    /// What the metaballs are built around.
     pub metaball: Metaball,
-    /// `k`, in one over the unit: how fast the field dies away.
+    /// Decay rate `k` of the field, in one over the unit.
     pub sharpness: f64,
-    /// `d0`: how thick triangular metaballs are.
+    /// Thickness `d0` of triangular metaballs.
     pub thickness: f64,
-    /// `T`: the field's value at the shell.
+    /// Value `T` of the field on the shell.
     pub threshold: f64,
-    /// Terms less than `exp(−reach)` of the largest are left out; where none is given, those that together
-    /// are less than a millionth.
+    /// Terms below `exp(−reach)` of the largest are ignored (default: such that all ignored terms are less
+    /// than a millionth of the sum).
     pub reach: Option<f64>,
-    /// Whether normals are taken as they are, so that the two walls of a thin part stay apart and `D` is
-    /// negative within: for meshes whose facets are all turned the same way. Elsewhere normals that point the
-    /// other way than that of the nearest facet are turned.
+    /// True for meshes with consistent orientation: normals are used as they are, the two walls of a thin
+    /// part stay apart, and `D` is negative inside. Otherwise normals opposite to that of the nearest facet
+    /// are flipped.
     pub oriented: bool,
 }
 
@@ -97,7 +97,7 @@ struct Facet {
 /// use planish_shell::{Metaball, Shell, ShellOptions};
 /// let ball = icosphere(10.0, 4);
 /// let shell = Shell::new(&ball, &ShellOptions::new(Metaball::Triangular, 20.0))?;
-/// let near = shell.distance([0.0, 0.0, 12.0], &mut Vec::new()).expect("a place that is finite");
+/// let near = shell.distance([0.0, 0.0, 12.0], &mut Vec::new()).expect("the point is finite");
 /// assert!((near.distance - 2.0).abs() < 0.1 && near.gradient[2] > 0.99);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
@@ -109,13 +109,13 @@ pub struct Shell<'a> {
     facets: Vec<Facet>,
     /// The skeletons of spherical metaballs; empty for triangular ones, whose skeletons are the facets.
     skeletons: Vec<Skeleton>,
-    /// How much farther than the nearest a facet is that still counts.
+    /// Maximum distance of a facet beyond that of the nearest one.
     slack: f64,
-    /// The same for the paper's field, whose spheres have radii of their own.
+    /// The same for the paper's field, whose spheres have individual radii.
     paper_slack: f64,
 }
 
-/// How far a place is from the mesh.
+/// The smooth distance of a point from the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShellDistance {
     /// The distance `D` by the field, in the unit of the mesh.
@@ -128,15 +128,15 @@ pub struct ShellDistance {
     pub nearest: f64,
 }
 
-/// A facet's part in a distance: what its derivatives are made of.
+/// The contribution of one facet to a distance, from which derivatives are computed.
 #[derive(Debug, Clone, Copy)]
-pub struct Share {
+pub struct FacetShare {
     near: NearFacet,
-    /// `p_i`, of all that are near.
+    /// The weight `p_i` among all facets near the point.
     share: f64,
 }
 
-/// What a distance and its gradient are made of, each weighed by shares `p_i`.
+/// Sums for a distance and its gradient, weighted by the shares `p_i`.
 #[derive(Default)]
 struct Sums {
     share: f64,
@@ -148,7 +148,7 @@ struct Sums {
 
 impl Sums {
     #[inline]
-    fn add(&mut self, at: [f64; 3], one: &Share, (height, normal): (f64, Vector3<f64>)) {
+    fn add(&mut self, at: [f64; 3], one: &FacetShare, (height, normal): (f64, Vector3<f64>)) {
         let p = one.share;
         let away = p * away(at, &one.near);
         self.share += p;
@@ -159,24 +159,24 @@ impl Sums {
     }
 }
 
-/// A place over the plane of a facet.
+/// The position of a point relative to the plane of a facet.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Over {
-    /// How high, along `normal`.
+    /// Height along `normal`.
     pub height: f64,
     pub normal: [f64; 3],
-    /// How far the foot is from the skeleton.
+    /// Distance of the foot point from the skeleton, in the plane.
     pub across: f64,
     /// The facet's area.
     pub area: f64,
 }
 
 impl<'a> Shell<'a> {
-    /// Wraps a mesh. Cost O(n log n); some milliseconds for 20 000 facets.
+    /// Wraps a mesh. Cost: O(n log n), a few milliseconds for 20 000 facets.
     ///
     /// # Errors
-    /// `Undetermined` for a mesh without triangles; `Input` for one that fails
-    /// [`TriangleMesh::sanity_check`], or options that make no sense.
+    /// `Undetermined` for a mesh without triangles; `Input` for a mesh that fails
+    /// [`TriangleMesh::sanity_check`], or invalid options.
     pub fn new(mesh: &'a TriangleMesh, options: &ShellOptions) -> Result<Self> {
         mesh.sanity_check()?;
         if mesh.triangles.is_empty() {
@@ -224,14 +224,14 @@ impl<'a> Shell<'a> {
             Some(skeleton) => [skeleton.center; 3],
         });
         let smallest = (facets.iter().map(|f| f.area).filter(|a| *a > 0.0)).fold(f64::INFINITY, f64::min);
-        // The nearest facet may be a small one.
+        // The weights of spheres are areas, and the nearest facet may be the smallest.
         let others = match options.metaball {
             Metaball::Triangular => count as f64,
             Metaball::Spherical => total / smallest,
         };
         let (least, most) = (skeletons.iter().map(|s| s.radius))
             .fold((f64::INFINITY, 0.0_f64), |(least, most), r| (least.min(r), most.max(r)));
-        let reach = |others: f64| options.reach.unwrap_or_else(|| (others / USUAL_ERROR).ln());
+        let reach = |others: f64| options.reach.unwrap_or_else(|| (others / DEFAULT_TRUNCATION).ln());
         Ok(Self {
             mesh,
             tree,
@@ -257,9 +257,9 @@ impl<'a> Shell<'a> {
         self.options.threshold - sum
     }
 
-    /// How far a place is from the shell by its field, `(ln T − ln Σ exp(−k (r − ρ)))/k`: negative inside,
-    /// zero where [`Self::field`] is, and no steeper than one. Exponents are taken from the largest: neither
-    /// end overflows.
+    /// The field as a distance, `(ln T − ln Σ exp(−k (r − ρ)))/k`: negative inside, zero where
+    /// [`Self::field`] is, with a slope of at most one. Exponents are relative to the largest, so it does not
+    /// overflow.
     #[must_use]
     pub fn level(&self, at: [f64; 3]) -> f64 {
         let k = self.options.sharpness;
@@ -278,8 +278,8 @@ impl<'a> Shell<'a> {
         (self.options.threshold.ln() - largest - sum.ln()) / k
     }
 
-    /// The smooth distance from the mesh without a sign: the mean distance of the skeletons, weighed as in
-    /// [`Self::distance`]. Between that of the nearest and `reach/k` more.
+    /// The smooth distance from the mesh without a sign: the mean distance of the skeletons, weighted as in
+    /// [`Self::distance`]. It exceeds the distance of the nearest by at most `reach/k`.
     #[must_use]
     pub fn unsigned_distance(&self, at: [f64; 3]) -> f64 {
         let k = self.options.sharpness;
@@ -305,8 +305,8 @@ impl<'a> Shell<'a> {
         nearest
     }
 
-    /// From where on a skeleton is too near, or too far, for the shell to pass: the sum is at least its
-    /// largest term and at most as many times as there are facets.
+    /// The minimum and maximum distance of the nearest skeleton on the shell. They follow because the sum is
+    /// at least its largest term, and at most the number of facets times that term.
     pub(crate) fn band(&self) -> [f64; 2] {
         let k = self.options.sharpness;
         let radii = || self.skeletons.iter().map(|s| s.radius);
@@ -324,7 +324,7 @@ impl<'a> Shell<'a> {
         self.skeletons.iter().map(|s| s.radius).fold(0.0, f64::max)
     }
 
-    /// The largest amount by which [`Self::unsigned_distance`] exceeds the nearest.
+    /// The maximum excess of [`Self::unsigned_distance`] over the distance of the nearest skeleton.
     pub(crate) fn slack(&self) -> f64 {
         self.slack
     }
@@ -335,9 +335,9 @@ impl<'a> Shell<'a> {
         self.mesh
     }
 
-    /// The distance of a place from the mesh by the field, and what it is made of, for [`Self::by_vertices`].
-    /// `None` where the place is not finite.
-    pub fn distance(&self, at: [f64; 3], shares: &mut Vec<Share>) -> Option<ShellDistance> {
+    /// The smooth signed distance of a point from the mesh; `None` if the point is not finite. It fills
+    /// `shares` with the contributions of facets for [`Self::by_vertices`].
+    pub fn distance(&self, at: [f64; 3], shares: &mut Vec<FacetShare>) -> Option<ShellDistance> {
         let k = self.options.sharpness;
         shares.clear();
         let mut nearest: Option<NearFacet> = None;
@@ -346,10 +346,10 @@ impl<'a> Shell<'a> {
             if nearest.as_ref().is_none_or(nearer) {
                 nearest = Some(*near);
             }
-            shares.push(Share { near: *near, share: 0.0 });
+            shares.push(FacetShare { near: *near, share: 0.0 });
         });
         let nearest = nearest?;
-        // Visited before the nearest was known.
+        // The tree may visit facets that are too far before it finds the nearest.
         shares.retain(|one| one.near.distance <= nearest.distance + self.slack);
         let facing = Vector3::from(self.facets[nearest.facet as usize].normal);
         let mut sums = Sums::default();
@@ -360,8 +360,8 @@ impl<'a> Shell<'a> {
         if sums.share > 0.0 {
             shares.iter_mut().for_each(|one| one.share /= sums.share);
         } else {
-            // Facets without area only: the nearest stands for them.
-            let alone = Share { near: nearest, share: 1.0 };
+            // All weights vanish if only degenerate facets are near: then the nearest one is used alone.
+            let alone = FacetShare { near: nearest, share: 1.0 };
             shares.clear();
             shares.push(alone);
             sums = Sums::default();
@@ -386,10 +386,11 @@ impl<'a> Shell<'a> {
         }
     }
 
-    /// How high a place is over a facet's plane, and the plane's normal, turned where it faces away.
+    /// Height of a point over a facet's plane, and the plane's normal, flipped if it faces away.
     fn height(&self, at: [f64; 3], near: &NearFacet, facing: Vector3<f64>) -> (f64, Vector3<f64>) {
         let normal = Vector3::from(self.facets[near.facet as usize].normal);
-        let turned = if !self.options.oriented && normal.dot(&facing) < TURNED { -normal } else { normal };
+        let turned =
+            if !self.options.oriented && normal.dot(&facing) < FLIPPED_COSINE { -normal } else { normal };
         (turned.dot(&Vector3::from(sub(at, near.point))), turned)
     }
 }

@@ -1,48 +1,50 @@
-//! A shell fitted to readings: control points moved until the mesh goes through noisy points and touches the
+//! Fits a shell to readings: moves control points until the mesh passes through noisy points and touches the
 //! lines of sight of outlines.
 //!
-//! Comes in: a mesh, a deformation, points with their covariance, views with outlines, features tracked over
-//! views. Goes out: the parameters, the poses of cameras, their covariance, how far the stated σ are to be
-//! believed, and which readings are gross errors.
+//! In: a mesh, a deformation, points with covariances, views with outlines, features tracked over views. Out:
+//! the parameters, the camera poses, their covariance, estimated factors on the stated σ, and the outliers
+//! among the readings.
 //!
-//! Every reading is an equation ([`problem`]), and nothing is searched for. The sum that is minimised is
+//! Every reading is an equation ([`problem`]); there is no search for correspondences. The fit minimises
 //!
 //! `Σ ρ(D_i/σ_i) + λ/2 · qᵀ K q`, and `½ δᵀ Σ⁻¹ δ` for every pose that is uncertain,
 //!
-//! with a redescending loss `ρ` (the paper's field saturates far away and so drops outliers by itself; a
-//! distance does not), and `λ` by marginal likelihood ([`smoothness`]). σ of points, of outlines and of
-//! tracks are each true up to a factor that the residuals say, corrected for the parameters. The sharpness
-//! `k` rises step by step: coarse fields see over gaps and thin parts, sharp ones are exact.
+//! with a redescending loss `ρ` (the paper's field saturates far away and so rejects outliers by itself; a
+//! distance does not) and `λ` by marginal likelihood ([`smoothness`]). The σ of points, outlines and tracks
+//! are each scaled by a factor estimated from the residuals, corrected for the degrees of freedom. The
+//! sharpness `k` increases in stages: coarse fields bridge gaps and thin parts, sharp ones are exact.
 //!
-//! In the last of them every sheet near a point has an equation of its own, weighed by the probability that
-//! the point is of it ([`sheets`]).
+//! In the last stage every sheet near a point has its own equation, weighted by the probability that the
+//! point belongs to it ([`sheets`]).
 //!
-//! Pixels inside and outside of masks count in the sum while they are wrong, and not in the covariance: an
-//! inequality that holds tells nothing.
+//! Pixels inside and outside of masks contribute to the sum while they are violated, but not to the
+//! covariance: a satisfied inequality carries no information.
 //!
-//! Not guaranteed: the global optimum; a mesh that starts more than a tenth of its size away may be drawn to
-//! the wrong side of a thin part. For outlines parts whose facets are turned inwards are turned outwards
-//! first ([`outward`]).
+//! For outlines, parts whose facets face inwards are turned first ([`orientation`]).
+//!
+//! Not guaranteed: the global optimum. A mesh that starts more than a tenth of its size away may be attracted
+//! to the wrong side of a thin part.
 
-mod choice;
+mod correlation;
 mod dense;
 mod equations;
-mod known;
-mod misfit;
-mod outcome;
-mod outward;
+mod orientation;
+mod point_selection;
+mod priors;
 mod problem;
 mod readings;
+mod residual_leverage;
+mod result;
 mod sequence;
 mod sheets;
 mod sight;
 mod smoothness;
 mod solve;
-mod taken;
 mod tracks;
 
 pub use readings::{
-    FeatureTrack, OutlineKind, OutlinePoint, PointReading, PoseNoise, ShellReadings, ShellView, Sighting,
+    FeatureObservation, FeatureTrack, OutlineKind, OutlinePoint, PointReading, PoseNoise, ShellReadings,
+    ShellView,
 };
 
 pub use sequence::{FrameFit, ShellTracker};
@@ -54,38 +56,48 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Loss, Result, Termination};
 use planish_mesh::TriangleMesh;
 
-/// Parameters at most: equations are dense.
-const MOST_PARAMETERS: usize = 6000;
+/// Largest number of parameters. The equations are dense, so memory grows with the square and time with the
+/// cube.
+const MAX_PARAMETERS: usize = 6000;
 
-/// How a shell is fitted.
+/// Options of a shell fit.
+///
+/// # Examples
+/// ```
+/// use planish_shell::{Metaball, ShellFitOptions};
+/// let options = ShellFitOptions { steps: 5, ..ShellFitOptions::default() };
+/// assert_eq!(options.metaball, Metaball::Triangular);
+/// assert!(!options.believe_sigma);
+/// ```
 #[derive(Debug, Clone)]
 pub struct ShellFitOptions {
-    /// What metaballs are built around.
+    /// What the metaballs are built around (default: whole facets).
     pub metaball: Metaball,
-    /// Thickness `1/k` of the field at first, as a share of the mesh's size, and at last.
+    /// Thickness `1/k` of the field in the first and in the last stage, as a share of the mesh's diagonal.
     pub softness: (f64, f64),
-    /// Steps of sharpness from the first to the last.
+    /// Number of stages, from the first softness to the last.
     pub steps: usize,
-    /// Iterations at each.
+    /// Maximum number of iterations in each stage.
     pub iterations: usize,
-    /// What residuals cost.
+    /// Loss of normalised residuals (default: Tukey).
     pub loss: Loss,
-    /// Whether σ of readings are what they are, or stated up to a common factor of each kind.
+    /// If true, the stated σ are used as they are; if false, a common factor is estimated for each kind of
+    /// reading.
     pub believe_sigma: bool,
-    /// `K`, of all parameters: what is smooth. Nothing is asked for where none is given.
+    /// Stiffness `K` of all parameters, the energy of rough displacements; `None` for no smoothness.
     pub stiffness: Option<DMatrix<f64>>,
-    /// Parameters where the fit starts, and from which on displacements are to be smooth; the prior's mean,
-    /// or none, where it is not given.
+    /// Initial parameters; smoothness applies to displacements from them. Default: the prior's mean, or zero.
     pub start: Option<DVector<f64>>,
-    /// σ by which every control may be off at the start, in the unit of the mesh, where the start is known to
-    /// be near: smoothness then weighs no more than displacements of that size allow, however well the start
-    /// fits, and no iteration is stiffer. For a start that was made of the readings themselves, whose
-    /// agreement with them is no proof of it.
+    /// σ of the initial position of each control, in the unit of the mesh, if the start is known to be near.
+    ///
+    /// It limits the smoothness weight to what displacements of this size allow, and the first stage has no
+    /// extra stiffness. Use it for a start computed from the readings themselves: its agreement with them is
+    /// no evidence that it is correct.
     pub start_sigma: Option<f64>,
-    /// What is known of the parameters before.
+    /// Prior of the parameters.
     pub prior: Option<ParameterPrior>,
-    /// Facets that spherical shells are subdivided into, at most.
-    pub most_facets: usize,
+    /// Maximum number of facets into which a mesh is subdivided for spherical metaballs.
+    pub max_facets: usize,
 }
 
 impl Default for ShellFitOptions {
@@ -101,29 +113,29 @@ impl Default for ShellFitOptions {
             start: None,
             start_sigma: None,
             prior: None,
-            most_facets: 200_000,
+            max_facets: 200_000,
         }
     }
 }
 
-/// A Gaussian belief of the parameters, before the readings.
+/// Gaussian prior of the parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterPrior {
-    /// The mean, where the fit starts.
+    /// The mean; also the start of the fit unless [`ShellFitOptions::start`] is given.
     pub mean: DVector<f64>,
     /// The inverse of the covariance.
     pub information: DMatrix<f64>,
 }
 
-/// What became of one kind of readings.
+/// Residuals of one kind of readings after the fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceFit {
-    /// By how much their σ are larger than stated.
+    /// Ratio of the estimated σ to the stated σ.
     pub sigma_factor: f64,
-    /// Root mean square of the residuals of those that are no gross errors: distances of points, pixels of
-    /// outlines, σ of tracks.
+    /// Root mean square of the residuals of the inliers: distances of points, pixels of outlines, multiples
+    /// of σ of tracks.
     pub rms: f64,
-    /// Which the loss ignores all but altogether, or that have no equation.
+    /// For each reading, true if its weight is (nearly) zero or it has no equation.
     pub outliers: Vec<bool>,
 }
 
@@ -132,34 +144,37 @@ pub struct SourceFit {
 pub struct ShellFit {
     /// The parameters.
     pub parameters: DVector<f64>,
-    /// Their covariance. Readings whose residuals hang together count as fewer ones.
+    /// Their covariance. Readings with correlated residuals count as fewer independent ones.
     pub covariance: DMatrix<f64>,
     /// Cameras of the views.
     pub cameras: Vec<Camera>,
-    /// Covariance of their poses, turn and step as in [`Camera::moved`]; `None` where a pose was known.
+    /// Covariance of each pose, rotation and translation as in [`Camera::moved`]; `None` if the pose was
+    /// known.
     pub pose_covariances: Vec<Option<DMatrix<f64>>>,
     /// Vertices of the deformed mesh.
     pub positions: Vec<[f64; 3]>,
-    /// `λ`.
+    /// Smoothness weight `λ`.
     pub smoothness_weight: f64,
-    /// σ of what the parameters cannot follow, along normals, by residuals of neighbours that are alike; zero
-    /// where they are noise. It is of the surface, not of the parameters: their covariance does not hold it.
-    pub lack_of_fit: f64,
+    /// σ along the normal of shape that the parameters cannot represent; zero if the residuals are noise.
+    ///
+    /// It is estimated from the correlation of neighbouring residuals. It belongs to the surface, so the
+    /// covariance of the parameters does not include it.
+    pub unresolved_shape: f64,
     /// Points.
     pub points: SourceFit,
-    /// Places on outlines, of one view after the other.
+    /// Outline points, one view after the other.
     pub outlines: SourceFit,
-    /// Tracks; an outlier is one without any sighting that counts.
+    /// Tracks; an outlier is one without any inlying equation.
     pub tracks: SourceFit,
-    /// The data's information about the parameters, without what was known before: poses are taken out.
+    /// Information of the readings about the parameters, without priors, marginalised over the poses.
     pub data_information: DMatrix<f64>,
-    /// How it ended.
+    /// Why the iterations ended.
     pub termination: Termination,
-    /// Iterations in all.
+    /// Total number of iterations.
     pub iterations: usize,
 }
 
-/// Fits a mesh to points.
+/// Fits a mesh to points. The crate's front page has an example.
 ///
 /// # Errors
 /// As [`fit_shell`].
@@ -176,40 +191,54 @@ pub fn fit_points(
 /// Fits a mesh, and the poses of cameras that are uncertain, to readings.
 ///
 /// # Errors
-/// `Input` for a mesh and a deformation of different sizes, readings that make no sense, a stiffness of
-/// another size than the parameters, or outlines of a mesh whose facets are turned both ways; `Undetermined`
-/// for no readings, or parameters on which neither readings nor smoothness say anything.
+/// `Input` for a mesh and a deformation of different sizes, invalid readings, a stiffness whose size differs
+/// from the number of parameters, or outlines with a mesh that is oriented inconsistently; `Undetermined` for
+/// no readings, or parameters that neither readings nor smoothness determine.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::icosphere;
+/// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell};
+/// let ball = icosphere(1.0, 2);
+/// let deformation = Dirichlet::new(&icosphere(1.2, 1).positions, &ball.positions)?;
+/// let points: Vec<PointReading> = (icosphere(1.1, 3).positions.into_iter())
+///     .map(|at| PointReading { at, covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4] })
+///     .collect();
+/// let readings = ShellReadings { points: &points, ..ShellReadings::default() };
+/// let fit = fit_shell(&ball, &deformation, &readings, &ShellFitOptions::default())?;
+/// assert_eq!(fit.positions.len(), ball.positions.len());
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn fit_shell(
     mesh: &TriangleMesh,
     deformation: &dyn Deformation,
     readings: &ShellReadings<'_>,
     options: &ShellFitOptions,
 ) -> Result<ShellFit> {
-    fit_shell_watched(mesh, deformation, readings, options, &mut |_| Ok(()))
+    fit_shell_with_progress(mesh, deformation, readings, options, &mut |_| Ok(()))
 }
 
-/// How far a fit has come.
+/// Progress of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShellProgress {
-    /// Of all steps of sharpness, in `[0, 1]`; a step may end before its last iteration.
+    /// Share of all stages, in `[0, 1]`; a stage may end before its last iteration.
     pub share: f64,
     /// Iterations done.
     pub iteration: usize,
-    /// Root mean square distance of the points from the shell, gross errors with them; none where there are
-    /// no points.
+    /// Root mean square distance of the points from the shell, outliers included; `None` without points.
     pub rms_points: Option<f64>,
 }
 
-/// [`fit_shell`] that tells how far it is before each iteration, and ends with the error that `watch` gives.
+/// [`fit_shell`] that calls `watch` before each iteration. An error returned by `watch` stops the fit.
 ///
 /// # Errors
-/// As [`fit_shell`], and what `watch` says.
+/// As [`fit_shell`], and the error of `watch`.
 ///
 /// # Examples
 /// ```
 /// use planish_estimate::{Error, ErrorKind};
 /// use planish_mesh::icosphere;
-/// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell_watched};
+/// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, fit_shell_with_progress};
 /// # fn main() -> planish_estimate::Result<()> {
 /// let ball = icosphere(1.0, 2);
 /// let controls: Vec<[f64; 3]> = icosphere(1.2, 1).positions;
@@ -218,16 +247,17 @@ pub struct ShellProgress {
 ///     .map(|at| PointReading { at, covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4] })
 ///     .collect();
 /// let readings = ShellReadings { points: &points, ..ShellReadings::default() };
-/// let mut told = 0;
-/// let stopped = fit_shell_watched(&ball, &deformation, &readings, &ShellFitOptions::default(), &mut |at| {
-///     told += 1;
+/// let mut calls = 0;
+/// let stopped = fit_shell_with_progress(&ball, &deformation, &readings, &ShellFitOptions::default(), &mut
+/// |at| {
+///     calls += 1;
 ///     if at.iteration < 2 { Ok(()) } else { Err(Error::interrupted()) }
 /// });
-/// assert_eq!((stopped.unwrap_err().kind(), told), (ErrorKind::Interrupted, 3));
+/// assert_eq!((stopped.unwrap_err().kind(), calls), (ErrorKind::Interrupted, 3));
 /// # Ok(())
 /// # }
 /// ```
-pub fn fit_shell_watched(
+pub fn fit_shell_with_progress(
     mesh: &TriangleMesh,
     deformation: &dyn Deformation,
     readings: &ShellReadings<'_>,
@@ -240,19 +270,19 @@ pub fn fit_shell_watched(
 }
 
 impl ShellFit {
-    /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d + m²)`, with `m` the σ of what parameters cannot
-    /// follow.
+    /// σ of a vertex along a direction: `√(dᵀ W_v Σ W_vᵀ d + m²)`, with `m` the σ of the unresolved shape.
     #[must_use]
     pub fn sigma_along(&self, deformation: &dyn Deformation, vertex: u32, direction: [f64; 3]) -> f64 {
         let row = parameter_row(deformation, vertex, direction);
         let by_parameters = row.dot(&(&self.covariance * &row)).max(0.0);
-        (by_parameters + self.lack_of_fit * self.lack_of_fit).sqrt()
+        (by_parameters + self.unresolved_shape * self.unresolved_shape).sqrt()
     }
 }
 
 fn undetermined() -> Error {
     Error::undetermined(
-        "neither the readings nor smoothness say where some controls are: give readings all over the thing, or fewer controls",
+        "neither the readings nor the smoothness determine some controls: add readings all over the object, or use \
+         fewer controls",
     )
 }
 
@@ -267,9 +297,10 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
         )));
     }
     let parameters = deformation.parameters();
-    if parameters == 0 || parameters > MOST_PARAMETERS {
+    if parameters == 0 || parameters > MAX_PARAMETERS {
         return Err(Error::unsupported(format!(
-            "{parameters} parameters: needed between 1 and {MOST_PARAMETERS}, as a third as many control points"
+            "{parameters} parameters: needed between 1 and {MAX_PARAMETERS}, as a third as many control \
+            points"
         )));
     }
     let sizes = [
@@ -303,7 +334,8 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     let (first, finest) = options.softness;
     if !(first >= finest && finest > 0.0 && first.is_finite()) {
         return Err(Error::input(format!(
-            "the softness of a shell falls from one positive share of its size to another, got {first} and {finest}"
+            "the softness of a shell falls from one positive share of its size to another, got {first} \
+            and {finest}"
         )));
     }
     if options.steps == 0 || options.iterations == 0 {
@@ -312,9 +344,17 @@ fn check(mesh: &TriangleMesh, deformation: &dyn Deformation, options: &ShellFitO
     Ok(())
 }
 
-/// The stiffness of one coordinate for all three of every control.
+/// The stiffness of all three coordinates of every control, from that of one coordinate: `K ⊗ I₃`.
+///
+/// # Examples
+/// ```
+/// use planish_shell::{stiffness, stiffness_for_xyz};
+/// let k = stiffness(&[[0.0; 3], [1.0, 0.0, 0.0]], &[], &[[0, 1]]);
+/// let all = stiffness_for_xyz(&k);
+/// assert_eq!((all.nrows(), all[(0, 3)]), (6, -1.0));
+/// ```
 #[must_use]
-pub fn of_three_coordinates(stiffness: &DMatrix<f64>) -> DMatrix<f64> {
+pub fn stiffness_for_xyz(stiffness: &DMatrix<f64>) -> DMatrix<f64> {
     stiffness.kronecker(&DMatrix::identity(3, 3))
 }
 

@@ -1,16 +1,15 @@
-//! The surface of a shell as a mesh.
+//! Meshes a surface of a shell.
 //!
-//! Comes in: a [`Shell`], which of its surfaces is wanted, and the size of cells. Goes out: a manifold mesh,
-//! and how far from the exact surface it is.
+//! In: a [`Shell`], the choice of the surface, and the cell size. Out: a manifold mesh, and its deviation
+//! from the exact surface.
 //!
-//! | surface | zero of |
-//! |---|---|
-//! | [`IsoLevel::Shell`] | the paper's field: two sheets, one on either side of the mesh, which meet around its borders |
-//! | [`IsoLevel::Outer`] | the same field, with everything that is inside of a closed mesh inside: its outer sheet |
-//! | [`IsoLevel::Offset`] | the smooth distance minus an offset, with the sign of the winding number (G. Barill et al. 2018); an offset of 0 is the mesh itself, made manifold |
+//! - [`IsoLevel::Shell`]: the zero of the paper's field. It has two sheets, one on either side of the mesh,
+//!   which meet around its boundaries.
+//! - [`IsoLevel::Outer`]: the outer sheet of that field, for closed meshes.
+//! - [`IsoLevel::Offset`]: the smooth distance minus an offset, with the sign of the winding number (G. Barill
+//!   et al. 2018). An offset of 0 is the mesh itself, made manifold.
 //!
-//! Cells through which the surface cannot pass are known by the distance of the nearest facet, and are not
-//! evaluated.
+//! The distance of the nearest facet shows which cells cannot contain the surface; these are not evaluated.
 //!
 //! Not guaranteed: what is thinner than a cell; sharp edges, which are cut off by chords.
 
@@ -21,44 +20,45 @@ use planish_mesh::{BoundingBox, MeshCheck, TriangleMesh, WindingNumbers, isosurf
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Cells along the diagonal of the mesh's box where nothing is said.
-const USUAL_CELLS: f64 = 150.0;
-/// A step for slopes, as a share of a cell.
+/// Default number of cells along the diagonal of the mesh. More cells resolve more detail; time grows with
+/// their square.
+const DEFAULT_CELLS: f64 = 150.0;
+/// Step of the numerical gradient, as a share of a cell.
 const STEP: f64 = 1e-3;
-/// Facets whose middles are judged, at most.
-const MOST_JUDGED: usize = 20_000;
+/// Largest number of facets at whose centroids the deviation is evaluated.
+const MAX_DEVIATION_SAMPLES: usize = 20_000;
 
-/// Which surface of a shell.
+/// The surface of a shell to be meshed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum IsoLevel {
     /// `F = 0` of the paper's field, both sheets.
     Shell,
-    /// The outer sheet of `F = 0`, of closed meshes.
+    /// The outer sheet of `F = 0`, for closed meshes.
     Outer,
-    /// The smooth distance is so much, negative inside; of closed meshes.
+    /// Points at this smooth distance from the mesh, negative inside; for closed meshes.
     Offset(f64),
 }
 
-/// How a surface is meshed.
+/// Options of [`iso_surface`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IsoOptions {
     /// Which surface.
     pub level: IsoLevel,
-    /// Side of a cell, in the unit of the mesh; 1/150 of the diagonal of its box where none is given.
+    /// Side of a cell in the unit of the mesh (default: 1/150 of the diagonal of its bounding box).
     pub cell: Option<f64>,
 }
 
-/// A surface, and how true it is.
+/// A meshed surface and its deviation from the exact one.
 #[derive(Debug, Clone)]
 pub struct IsoSurface {
     /// The mesh, facing outwards.
     pub mesh: TriangleMesh,
-    /// What kind of mesh it is.
+    /// Topological check of the mesh.
     pub check: MeshCheck,
     /// The side of its cells.
     pub cell: f64,
-    /// Distance of the middles of facets (of 20 000 at most, evenly taken) from the exact surface, to first
-    /// order: root mean square. Vertices are on it to within a millionth of a cell.
+    /// Root mean square distance of facet centroids from the exact surface, to first order, over at most 20
+    /// 000 facets. Vertices lie on the surface to within a millionth of a cell.
     pub deviation_rms: f64,
     /// The largest of these distances.
     pub deviation_max: f64,
@@ -67,8 +67,8 @@ pub struct IsoSurface {
 /// Meshes a surface of a shell.
 ///
 /// # Errors
-/// `Input` for cells or an offset that make no sense; `Undetermined` where inside and outside are asked of a
-/// mesh that is open, or where nothing has so low a field; `Unsupported` for too many cells.
+/// `Input` for an invalid cell size or offset; `Undetermined` if the surface needs an inside and the mesh is
+/// open, or if the surface is empty; `Unsupported` for too many cells.
 ///
 /// # Examples
 /// ```
@@ -85,7 +85,7 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
         .mesh()
         .surface_bounds()
         .ok_or_else(|| Error::undetermined("a mesh without vertices has no surface"))?;
-    let cell = options.cell.unwrap_or(bounds.diagonal() / USUAL_CELLS);
+    let cell = options.cell.unwrap_or(bounds.diagonal() / DEFAULT_CELLS);
     if !(cell.is_finite() && cell > 0.0) {
         return Err(Error::input(format!("cells have a positive size, got {cell}")));
     }
@@ -95,7 +95,8 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
             let open = welded(shell.mesh()).check().boundary_edges;
             if open > 0 {
                 return Err(Error::undetermined(format!(
-                    "the mesh has {open} open edges, so that it has no inside: mesh both sheets of its shell, or close it"
+                    "the mesh has {open} open edges, so that it has no inside: mesh both sheets of its \
+                    shell, or close it"
                 )));
             }
             Some(WindingNumbers::new(shell.mesh()))
@@ -133,10 +134,11 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
     let mesh = isosurface(&bounds, cell, value, may_pass)?;
     if mesh.triangles.is_empty() {
         return Err(Error::undetermined(
-            "the surface is nowhere: a shell needs a thickness above ln(T)/k, an inner offset less than half the thickness of the thing, and cells smaller than either",
+            "the surface is empty: a shell needs a thickness above ln(T)/k, an inner offset below half the thickness \
+             of the object, and cells smaller than either",
         ));
     }
-    let every = mesh.triangles.len().div_ceil(MOST_JUDGED).max(1);
+    let every = mesh.triangles.len().div_ceil(MAX_DEVIATION_SAMPLES).max(1);
     let places: Vec<[f64; 3]> =
         (0..mesh.triangles.len()).step_by(every).map(|t| mesh.point_at(t, [1.0 / 3.0; 3])).collect();
     let deviations: Vec<f64> = (places.par_iter()).map(|at| deviation(*at, cell, &value)).collect();
@@ -229,7 +231,7 @@ mod tests {
         let thin = ShellOptions { threshold: 1e9, ..options };
         let thin = Shell::new(&sheet, &thin).unwrap();
         let nothing = iso_surface(&thin, &IsoOptions { level: IsoLevel::Shell, cell: Some(0.05) });
-        assert!(nothing.unwrap_err().to_string().contains("nowhere"));
+        assert!(nothing.unwrap_err().to_string().contains("empty"));
     }
 
     /// Facets that face anywhere, one inside of another, and crossing ones: winding numbers of the whole

@@ -1,24 +1,21 @@
-//! Natural-neighbour coordinates in space (R. Sibson 1980): which points around a place influence it, and by
-//! how much.
+//! Natural-neighbour coordinates in space (R. Sibson 1980): weights of the points around a query point.
 //!
-//! Comes in: sites in a box. Goes out: for a place `x` weights `w_j ≥ 0` of its natural neighbours with
-//! `Σ w_j = 1` and `Σ w_j p_j = x`, and `w_j(p_j) = 1`.
+//! In: sites in a box. Out: for a point `x` weights `w_j ≥ 0` of its natural neighbours with `Σ w_j = 1` and
+//! `Σ w_j p_j = x`, and `w_j(p_j) = 1`.
 //!
-//! `w_j` is the share of the Voronoi cell that `x` would have which belonged to `p_j` before. The part `R_j`
-//! taken from `p_j` is a convex polytope; its faces lie on the bisectors of `p_j` with `x` and with other
-//! neighbours, and their corners are circumcentres of tetrahedra: of the old ones where those are in conflict
-//! with `x`, and of the new ones over the border of these. By the divergence theorem with `x` for origin,
+//! Inserting `x` gives it a Voronoi cell, and `w_j` is the share of that cell that belonged to `p_j` before.
+//! The part `R_j` taken from `p_j` is a convex polytope. Its faces lie on the bisectors of `p_j` with `x` and
+//! with other neighbours. Their corners are circumcentres of the old tetrahedra in conflict with `x`, and of
+//! the new ones over the boundary of these. By the divergence theorem with the origin at `x`,
 //!
 //! `6 |R_j| = Σ_k m_jk · S_jk`,
 //!
-//! with `m` the middle of the two points and `S = Σ p × q` twice the vector area of the face, a sum over its
-//! sides `pq`. A side belongs to the three faces dual to the edges of one triangle, so that a loop over
-//! triangles adds up everything without any polygon being put in order. All lengths in it are those of the
-//! new cell and no determinant of `x` with a face of an old tetrahedron occurs (as in D. F. Watson's formula,
-//! which is 0/0 where `x` is in the plane of one).
+//! with `m` the midpoint of the two points and `S = Σ p × q` twice the vector area of the face, a sum over
+//! its sides `pq`. A side belongs to the three faces dual to the edges of one triangle, so a loop over
+//! triangles computes all sums without ordering polygons. D. F. Watson's formula is not used: its
+//! determinants are 0/0 if `x` is in the plane of a face of an old tetrahedron.
 //!
-//! What rounding leaves is taken off by the smallest relative change of the weights that makes both sums
-//! exact.
+//! Rounding errors are removed by the smallest relative change of the weights that makes both sums exact.
 
 use crate::delaunay::{BorderFace, Cavity, Delaunay, FACES};
 use nalgebra::{Matrix4, Vector4};
@@ -27,18 +24,18 @@ use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 use rayon::prelude::*;
 
-/// The box about everything, as a multiple of its size.
+/// Size of the box relative to the points. A larger box extrapolates more smoothly and loses precision.
 const BOX: f64 = 2.0;
-/// A place nearer to a site than this share of the box is the site.
-const SAME: f64 = 1e-13;
-/// Sites nearer to each other than this share of the box are one.
+/// A point closer to a site than this share of the box coincides with it.
+const COINCIDENT: f64 = 1e-13;
+/// Sites closer to each other than this share of the box are merged.
 const MERGED: f64 = 1e-12;
-/// Corners of the box, which are sites as well.
+/// Number of corners of the box, which are sites too.
 pub(crate) const BOX_CORNERS: usize = 8;
-/// Places that one thread takes at a time: each goes on searching from where the last one was.
+/// Points per task: within a task each search starts where the last one ended.
 const PLACES_AT_ONCE: usize = 256;
 
-/// How much a site influences a place.
+/// The weight of a site at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weight {
     /// Index of the site: the eight corners of the box first, then the distinct points in the order given.
@@ -47,7 +44,7 @@ pub struct Weight {
     pub weight: f64,
 }
 
-/// Sites in a box, ready for places to be asked for.
+/// Sites in a box, for queries of natural-neighbour weights.
 ///
 /// # Examples
 /// ```
@@ -69,7 +66,7 @@ pub struct NaturalNeighbours {
     size: f64,
 }
 
-/// Room that one query leaves to the next.
+/// Buffers that are reused between queries.
 #[derive(Default)]
 struct Query {
     cavity: Cavity,
@@ -117,13 +114,13 @@ impl NaturalNeighbours {
         Ok(Self { delaunay, site_of, size })
     }
 
-    /// Where a site is.
+    /// The position of a site.
     #[must_use]
     pub fn site(&self, site: u32) -> [f64; 3] {
         self.delaunay.points()[site as usize]
     }
 
-    /// The site that each point became.
+    /// The site of each point.
     #[must_use]
     pub fn site_of(&self) -> &[u32] {
         &self.site_of
@@ -135,17 +132,17 @@ impl NaturalNeighbours {
         self.size
     }
 
-    /// The weights of a place.
+    /// The weights at a point.
     ///
     /// # Errors
-    /// `Input` for a place outside of the box.
+    /// `Input` for a point outside of the box.
     pub fn weights(&self, at: [f64; 3]) -> Result<Vec<Weight>> {
         let mut weights = Vec::new();
         self.weigh(at, &mut Query::default(), &mut weights)?;
         Ok(weights)
     }
 
-    /// The weights of many places, in parallel. Some 10 µs each.
+    /// The weights at many points, computed in parallel. Cost: about 10 µs each.
     ///
     /// # Errors
     /// As for [`Self::weights`].
@@ -178,7 +175,7 @@ impl NaturalNeighbours {
         let points = self.delaunay.points();
         let start = self.delaunay.locate(at, query.last);
         query.last = start;
-        let near = |site: &u32| distance(points[*site as usize], at) < SAME * self.size;
+        let near = |site: &u32| distance(points[*site as usize], at) < COINCIDENT * self.size;
         if let Some(site) = self.delaunay.corners(start).into_iter().find(near) {
             weights.push(Weight { site, weight: 1.0 });
             return Ok(());
@@ -414,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn odd_input_is_named() {
+    fn invalid_input_is_named() {
         let at = |result: Result<NaturalNeighbours>| result.unwrap_err().to_string();
         assert!(at(NaturalNeighbours::new(&[], &[])).contains("at least one"));
         assert!(at(NaturalNeighbours::new(&[[0.0; 3], [f64::NAN, 0.0, 0.0]], &[])).contains("point 1"));

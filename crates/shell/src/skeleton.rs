@@ -1,7 +1,7 @@
-//! The spheres of spherical metaballs: where the skeleton of a facet is, how large its sphere, and how both
-//! move with the corners.
+//! The spheres of spherical metaballs: centre and radius for each facet, and the derivative of the centre by
+//! the corners.
 //!
-//! Comes in: a facet. Goes out: the centre of the smallest circle around it, which is its circumcentre where
+//! In: a facet. Out: the centre of the smallest circle around it, which is its circumcentre where
 //! no angle is obtuse (C eq. 2) and the middle of its longest side elsewhere: the circumcentre of an obtuse
 //! facet lies outside of it, and that of a facet without area is nowhere. At a right angle both are the same
 //! point.

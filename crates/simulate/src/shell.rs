@@ -16,7 +16,7 @@ use planish_exchange::picture::write_grey_png;
 use planish_exchange::{Unit, make_folder, write_atomically};
 use planish_mesh::{BoundingBox, TriangleMesh, icosphere, sample_points};
 use planish_shell::covered_pixels;
-use planish_shell::{Camera, Dirichlet, controls_from, displaced};
+use planish_shell::{Camera, Dirichlet, automatic_controls_skipping, displaced_positions};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -100,13 +100,13 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     // Not those that a fit chooses: a real object does not bend by them.
     let skipped = random.random_range(1..rest.positions.len().max(2));
-    let controls = controls_from(&rest, options.controls, skipped)?.points;
+    let controls = automatic_controls_skipping(&rest, options.controls, skipped)?.points;
     let moved: Vec<[f64; 3]> =
         (controls.iter()).map(|_| normal(&mut random, options.deformation * size)).collect();
     let deformation = Dirichlet::new(&controls, &rest.positions)?;
     let q = DVector::from_iterator(3 * controls.len(), moved.iter().copied().flatten());
     let truth = TriangleMesh {
-        positions: displaced(&rest.positions, &deformation, &q),
+        positions: displaced_positions(&rest.positions, &deformation, &q),
         triangles: rest.triangles.clone(),
     };
     let bounds = BoundingBox::of(&truth.positions).unwrap_or(bounds);

@@ -29,7 +29,7 @@ use planish_mesh::TriangleMesh;
 pub use planish_shell::Metaball;
 use planish_shell::intersection_over_union;
 use planish_shell::{
-    Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_watched,
+    Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_with_progress,
 };
 use planish_surface::export::write_known_mesh;
 use planish_surface::model::SigmaSummary;
@@ -383,8 +383,8 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
             progress.check(stage, share(at.share))
         };
         let made = match &mut tracker {
-            Some(tracker) => tracker.follow_watched(&frame.readings(), &mut watch),
-            None => fit_shell_watched(&mesh, &*deformation, &frame.readings(), &options, &mut watch)
+            Some(tracker) => tracker.follow_with_progress(&frame.readings(), &mut watch),
+            None => fit_shell_with_progress(&mesh, &*deformation, &frame.readings(), &options, &mut watch)
                 .map(|fit| FrameFit { fit, predicted: None, acceleration: 0.0 }),
         };
         let FrameFit { fit: made, predicted, .. } = made.map_err(in_frame)?;
@@ -438,7 +438,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
         sigma: SigmaSummary::of(measured),
         smoothness_weight: made.smoothness_weight,
-        lack_of_fit: made.lack_of_fit,
+        lack_of_fit: made.unresolved_shape,
         iterations: made.iterations,
         flow,
         frames: of_frames,

@@ -188,7 +188,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
         progress.check("posing", 0.3)?;
         let (q, moved) = moves(&pose.moves, &controls, size)
             .map_err(|e| e.in_context(format!("{}: pose `{}`", job.poses.display(), pose.name)))?;
-        let points = deformation.positions(&deformation.carried(&q));
+        let points = deformation.positions(&deformation.rigid_start(&q));
         reports.push(PoseReport {
             name: pose.name.clone(),
             moved,
@@ -234,7 +234,7 @@ fn rigid_parts(
     for (part, held) in all {
         let vertices = part_vertices(file, &part).map_err(|e| e.in_context(job.mesh.display()))?;
         reports.push(RigidReport { part, vertices: vertices.len(), held });
-        parts.push(RigidPart { vertices, motion: if held { PartMotion::Held } else { PartMotion::Free } });
+        parts.push(RigidPart { vertices, motion: if held { PartMotion::Fixed } else { PartMotion::Free } });
     }
     Ok((parts, reports))
 }

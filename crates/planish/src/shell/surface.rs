@@ -13,7 +13,7 @@ use planish_exchange::Unit;
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, read_mesh, write_mesh};
 use planish_mesh::TriangleMesh;
 pub use planish_shell::{IsoLevel, Metaball};
-use planish_shell::{IsoOptions, Shell, ShellOptions, iso_surface, subdivided};
+use planish_shell::{IsoOptions, Shell, ShellOptions, iso_surface, subdivide_for_spheres};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -152,7 +152,7 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
     let wrapped = match job.metaball {
         Metaball::Triangular => mesh,
         Metaball::Spherical => {
-            let (fine, _) = subdivided(&mesh, SPHERES * softness, MOST_FACETS);
+            let (fine, _) = subdivide_for_spheres(&mesh, SPHERES * softness, MOST_FACETS);
             if fine.triangles.len() >= MOST_FACETS {
                 warnings.push(format!(
                     "{}: {} facets are not enough for spheres as small as the field is soft: the surface is \

@@ -100,7 +100,7 @@ fn points_deep_below_the_ground_are_errors() {
 }
 
 #[test]
-fn a_hall_wider_than_the_widest_thing_is_taken_for_ground_and_one_that_is_not_is_not() {
+fn objects_wider_than_the_option_are_taken_for_ground() {
     let hall = |x: f64, y: f64| (20.0..80.0).contains(&x) && (20.0..80.0).contains(&y);
     let (points, truth) =
         landscape(|x, y, _| if hall(x, y) { (9.0, Ground::Above) } else { (0.0, Ground::Bare) });
@@ -161,7 +161,7 @@ fn a_membrane_carries_a_plane_across_a_hole() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused() {
+fn invalid_input_is_rejected() {
     let points = [[0.0; 3], [1e7, 1e7, 0.0]];
     let good = GroundOptions::for_unit(1.0);
     for options in [

@@ -1,11 +1,11 @@
 //! Depth at an occluding contour, by the circle that three lines of sight touch.
 //!
-//! Comes in: a line of sight that touches a surface, the surface's normal there, and lines of sight of two
-//! other views that lie with it in their epipolar planes and touch the same surface. Goes out: depth and
-//! radius.
+//! In: a line of sight that touches a surface, the surface's normal there, and lines of sight of two other
+//! views in the epipolar planes that touch the same surface. Out: depth and radius.
 //!
-//! The line of sight `C + λ v` touches the surface at `P`. A plane that holds it cuts the surface in a curve
-//! that it touches, whose radius is `R cos φ` where `R` is the radius of the section along the normal and `φ`
+//! The line of sight `C + λ v` touches the surface at `P`. A plane that contains it cuts the surface in a
+//! curve that it touches, whose radius is `R cos φ` where `R` is the radius of the section along the normal
+//! and `φ`
 //! the angle between that plane and the normal (Meusnier). Another view's line, `C' + μ w` in the same plane,
 //! touches that curve too; for a circle of that radius,
 //!
@@ -14,8 +14,8 @@
 //! with `m` and `m'` the normals of both lines in the plane, outwards. That is linear in `λ` and `R`, so that
 //! two other views determine both, whether or not all three cameras are in line.
 //!
-//! What the circle leaves out is how its radius changes as the curve turns, `R' = dR/dα`: with the other
-//! lines turned by `α` and `β` to either side, the depth is off by `R' α β / 6` (Taylor's series of the
+//! The model error of the circle comes from the change of radius along the curve, `R' = dR/dα`. With the
+//! other lines turned by `α` and `β` to either side, the depth is off by `R' α β / 6` (Taylor's series of the
 //! support function `p = R α²/2 + R' α³/6`), along the line of sight.
 //!
 //! # References
@@ -28,7 +28,7 @@ use crate::stripes::Pinhole;
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
 use planish_estimate::{Error, Result};
 
-/// A pinhole with what is asked of it often.
+/// A pinhole camera with precomputed centre and directions.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Eye {
     pub camera: Pinhole,
@@ -84,11 +84,11 @@ impl Sight {
         Some(Self { centre: eye.centre, way, normal: scale(side.signum(), normal) })
     }
 
-    /// The normal of the plane of this line and another camera; none where the line runs along the baseline.
+    /// The normal of the plane of this line and another camera; `None` if the line is along the baseline.
     pub fn epipolar_plane(&self, other: [f64; 3]) -> Option<[f64; 3]> {
         let baseline = unit(sub(other, self.centre))?;
         let normal = cross(self.way, baseline);
-        // Within a tenth of a degree of the baseline the plane is anybody's guess.
+        // Within a tenth of a degree of the baseline the plane is not determined.
         (norm(normal) > 2e-3).then(|| unit(normal)).flatten()
     }
 

@@ -1,22 +1,23 @@
-//! A contour as a smooth curve: place, tangent and curvature anywhere along it, with their σ.
+//! A contour as a smooth curve: position, tangent and curvature anywhere along it, with σ.
 //!
-//! Comes in: a [`Contour`] whose places err independently, or alike over some distance. Goes out: parabolas
-//! fitted to what lies within a window.
+//! In: a [`Contour`] whose errors are independent, or correlated over some distance. Out: parabolas fitted to
+//! the points in a window.
 //!
-//! Not guaranteed: what is smaller than the window; places whose window holds a corner are marked.
+//! Not guaranteed: detail smaller than the window is lost. Positions whose window contains a corner are
+//! marked.
 
 use super::outline::Contour;
 
-/// A window needs so many places.
-const LEAST_PLACES: usize = 5;
-/// The window reaches at least this share of its half width to either side.
+/// Minimum number of points in a window.
+const MIN_PLACES: usize = 5;
+/// Minimum extent of a window on either side, as a share of its half width.
 const LEAST_SIDE: f64 = 0.6;
-/// A curve that turns by more than this, in radians, over half of the window is a corner.
+/// Turn over half of the window above which a position is a corner, in radians.
 const CORNER_TURN: f64 = 0.7;
-/// So large a reduced χ² is a corner, or the place where one part hides another.
+/// Reduced χ² above which a position is a corner or a T-junction, where one part hides another.
 const CORNER_CHI2: f64 = 6.0;
 
-/// A parabola at a place of a contour.
+/// A parabola at a position of a contour.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Local {
     /// The pixel.
@@ -27,15 +28,15 @@ pub(super) struct Local {
     pub sigma_across: f64,
     /// σ of the direction of the tangent, in radians.
     pub sigma_turn: f64,
-    /// χ² of what is left, and its degrees of freedom.
+    /// χ² of the residuals, and its degrees of freedom.
     pub chi2: f64,
     pub freedom: f64,
-    /// Whether there is a corner here.
+    /// True at a corner.
     pub corner: bool,
 }
 
 impl Local {
-    /// Away from the thing.
+    /// The unit direction away from the object.
     pub fn outward(&self) -> [f64; 2] {
         [self.along[1], -self.along[0]]
     }
@@ -44,20 +45,20 @@ impl Local {
 /// A contour with the lengths along it.
 pub(super) struct Curve<'a> {
     contour: &'a Contour,
-    /// Length up to each place.
+    /// Arc length at each point.
     lengths: Vec<f64>,
-    /// Length of all of it.
+    /// Total length.
     pub total: f64,
-    /// Half the width of the window, in pixels.
+    /// Half width of the window, in pixels.
     half: f64,
-    /// σ of a place.
+    /// σ of a point.
     sigma: f64,
-    /// Places within this length err alike.
+    /// Length within which errors are correlated.
     apart: f64,
 }
 
 impl<'a> Curve<'a> {
-    /// None for a contour that is no longer than its window.
+    /// A curve with arc lengths; `None` for a contour shorter than two windows.
     pub fn new(contour: &'a Contour, half: f64, sigma: f64, apart: f64) -> Option<Self> {
         let mut lengths = Vec::with_capacity(contour.places.len());
         let mut total = 0.0;
@@ -87,7 +88,7 @@ impl<'a> Curve<'a> {
         self.contour.closed
     }
 
-    /// A length along the contour, brought into its range.
+    /// An arc length, wrapped into the range of a closed contour.
     pub fn wrapped(&self, s: f64) -> f64 {
         match self.contour.closed {
             true => s.rem_euclid(self.total),
@@ -95,7 +96,7 @@ impl<'a> Curve<'a> {
         }
     }
 
-    /// How far two lengths lie apart along the contour.
+    /// Distance of two arc lengths along the contour.
     pub fn between(&self, a: f64, b: f64) -> f64 {
         let d = (a - b).abs();
         match self.contour.closed {
@@ -104,7 +105,7 @@ impl<'a> Curve<'a> {
         }
     }
 
-    /// The parabola at a length; none where the contour has too few places around it.
+    /// The parabola at an arc length; `None` if there are too few points around it.
     pub fn at(&self, s: f64) -> Option<Local> {
         let s = self.wrapped(s);
         let count = self.contour.places.len();
@@ -127,7 +128,7 @@ impl<'a> Curve<'a> {
                 k += way;
             }
         }
-        if near.len() < LEAST_PLACES {
+        if near.len() < MIN_PLACES {
             return None;
         }
         near.sort_by(|a, b| a.0.total_cmp(&b.0));

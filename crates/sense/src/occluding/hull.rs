@@ -1,12 +1,12 @@
-//! The visual hull: what every silhouette leaves of space.
+//! The visual hull: the region inside all silhouettes.
 //!
-//! Comes in: views with closed silhouettes. Goes out: how deep a place is in it, its surface as a mesh, and
-//! which share of that no contour touches.
+//! In: views with closed silhouettes. Out: the depth of a point in the hull, its surface as a mesh, and the
+//! share of the surface that no contour touches.
 //!
-//! No contour tells of what lies within the hull: a hollow that no line of sight passes without touching the
-//! thing elsewhere is filled in it (A. Laurentini, *The visual hull concept for silhouette-based image
-//! understanding*, PAMI 1994). The surface of the hull that no place of a contour is near to is therefore
-//! unseen: where views are too few, or where the thing is hollow.
+//! Contours carry no information about the inside of the hull. The hull fills a hollow if every line of sight
+//! through it meets the object elsewhere (A. Laurentini, *The visual hull concept for silhouette-based image
+//! understanding*, PAMI 1994). Parts of its surface without a contour point nearby are therefore unobserved:
+//! there are too few views, or the object is hollow.
 //!
 //! Not guaranteed: parts thinner than a cell.
 
@@ -19,20 +19,20 @@ use planish_mesh::{BoundingBox, TriangleMesh, isosurface};
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
 
-/// So many places of contours are asked whether they are near.
+/// Number of nearest contour points that are tested for each facet.
 const NEAREST: usize = 16;
-/// Distances in pixels are held up to this far from a border.
+/// Upper limit of stored distances from a border, in pixels.
 const FAR_PX: f64 = 1e4;
 
-/// How deep places are within all silhouettes: the bound of the thing, without its surface.
+/// Depth of points inside all silhouettes, without a mesh of the hull.
 pub struct SilhouetteBound {
     views: Vec<Distances>,
 }
 
-/// The hull of silhouettes.
+/// The visual hull with its surface mesh.
 pub struct VisualHull {
     bound: SilhouetteBound,
-    /// Its surface, outwards.
+    /// Its surface, facing outwards.
     pub mesh: TriangleMesh,
     /// Side of its cells.
     pub cell: f64,
@@ -48,14 +48,14 @@ struct Distances {
 }
 
 impl SilhouetteBound {
-    /// Of all views whose silhouettes are closed.
+    /// Uses all views whose silhouettes are closed.
     ///
     /// # Errors
-    /// `Undetermined` where they are fewer than two.
+    /// `Undetermined` if there are fewer than two.
     pub fn new(views: &[ContourView]) -> Result<Self> {
         let views: Vec<Distances> = (views.par_iter())
             .filter(|view| !view.silhouette.is_empty() && view.silhouette.iter().all(|c| c.closed))
-            .map(Distances::of)
+            .map(Distances::new)
             .collect();
         if views.len() < 2 {
             return Err(Error::undetermined(format!(
@@ -66,15 +66,15 @@ impl SilhouetteBound {
         Ok(Self { views })
     }
 
-    /// The least signed distance from a border over all views, in the unit of space at the place's distance:
-    /// positive within all silhouettes.
+    /// The minimum signed distance from a border over all views, converted to the unit of space at the
+    /// point's distance; positive inside all silhouettes.
     #[must_use]
     pub fn depth(&self, at: [f64; 3]) -> f64 {
         (self.views.iter().map(|view| view.at(at))).fold(f64::INFINITY, f64::min)
     }
 
-    /// The depth that a place would have if the view that says least were not there: how far one view alone
-    /// holds the bound back.
+    /// The depth of a point without the view of minimum depth. The difference to [`Self::depth`] shows how
+    /// much one view alone carves away.
     #[must_use]
     pub fn depth_without_one(&self, at: [f64; 3]) -> f64 {
         let depths = self.views.iter().map(|view| view.at(at));
@@ -84,10 +84,11 @@ impl SilhouetteBound {
         second
     }
 
-    /// Whether the depth may be zero within `reach` of a place; never no where it is.
+    /// True if the depth may be zero within `reach` of a point. It may return true too often, but never false
+    /// wrongly.
     #[must_use]
-    pub fn may_end(&self, at: [f64; 3], reach: f64) -> bool {
-        // Distances in pixels change by no more than the perspective of the ball makes of them.
+    pub fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool {
+        // Signed distances are 1-Lipschitz in the image, so the projection of the ball bounds their change.
         let mut on_border = false;
         for view in &self.views {
             let far = distance(view.camera.centre(), at);
@@ -106,30 +107,36 @@ impl SilhouetteBound {
 }
 
 impl VisualHull {
-    /// Of all views whose silhouettes are closed, in a box, with so many cells along its longest side.
+    /// Meshes the hull in a box with `cells` cells along its longest side, from all views whose silhouettes
+    /// are closed.
     ///
     /// # Errors
-    /// `Undetermined` where fewer than two views have closed silhouettes, or nothing of the box is within
-    /// all; as [`isosurface`].
+    /// `Undetermined` if fewer than two views have closed silhouettes, or no part of the box is inside all of
+    /// them; as [`isosurface`].
     pub fn new(views: &[ContourView], bounds: &BoundingBox, cells: usize) -> Result<Self> {
         let bound = SilhouetteBound::new(views)?;
         let longest = (0..3).map(|k| bounds.max[k] - bounds.min[k]).fold(0.0, f64::max);
         let cell = longest / cells.max(1) as f64;
-        let mesh = isosurface(bounds, cell, |at| -bound.depth(at), |at, reach| bound.may_end(at, reach))?;
+        let mesh = isosurface(
+            bounds,
+            cell,
+            |at| -bound.depth(at),
+            |at, reach| bound.may_contain_boundary(at, reach),
+        )?;
         if mesh.triangles.is_empty() {
             return Err(Error::undetermined("nothing lies within all silhouettes"));
         }
         Ok(Self { bound, mesh, cell })
     }
 
-    /// Whether a place is within all silhouettes.
+    /// True if a point is inside all silhouettes.
     #[must_use]
     pub fn holds(&self, at: [f64; 3]) -> bool {
         self.bound.depth(at) > 0.0
     }
 
-    /// The share of the hull's surface that no contour's place is near to: nearer than that one is to its
-    /// neighbours, or than two cells.
+    /// The share of the hull's area without a contour point nearby. Nearby means within that point's distance
+    /// to its neighbours, or within two cells.
     #[must_use]
     pub fn unseen_share(&self, points: &[OccludingPoint]) -> f64 {
         let places: Vec<[f64; 3]> = points.iter().map(|p| p.position).collect();
@@ -158,7 +165,7 @@ impl VisualHull {
 }
 
 impl Distances {
-    fn of(view: &ContourView) -> Self {
+    fn new(view: &ContourView) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for p in view.silhouette.iter().flat_map(|c| &c.places) {
             for k in 0..2 {

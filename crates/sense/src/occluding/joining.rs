@@ -1,11 +1,10 @@
-//! From places to strips: what contradicts itself between views goes, the circle's own error comes in, and
-//! what hangs together is one strip.
+//! Joins points to strips: rejects inconsistent matches, adds the model error of the circle, and finds
+//! connected components.
 //!
-//! Comes in: places with their matches. Goes out: points, strip after strip.
+//! In: points with their matches. Out: points ordered by strip.
 //!
-//! A match must come back: it has a depth itself, and its own match in the first view lies beside the place.
-//! That is how a contour which parts in two, or which another part takes over, is never joined to the wrong
-//! one.
+//! A match must be mutual: it has a depth itself, and its own match in the first view is next to the point. A
+//! contour that splits, or that another part occludes, is therefore not joined to the wrong one.
 
 use super::circle::add_along;
 use super::matching::Found;
@@ -13,13 +12,13 @@ use super::organised::{Following, relaxed, triangles};
 use super::{OccludingOptions, OccludingPoint, Ready, Spot};
 use planish_estimate::vector3::distance;
 
-/// A match comes back to within so many steps along the contour.
+/// Maximum distance of a mutual match along the contour, in steps.
 const BACK: f64 = 2.5;
-/// Neighbours along a contour lie no farther apart than so many times the step between them, beside their σ.
+/// Maximum distance of neighbours along a contour, as a multiple of the step, in addition to their σ.
 const JUMP: f64 = 4.0;
-/// Neighbours to either side whose changes of radius are averaged.
+/// Number of neighbours on either side whose changes of radius are averaged.
 const AVERAGED: usize = 3;
-/// A normal is known to no less than this, in degrees.
+/// Upper limit of σ of a normal, in degrees: about that of a uniformly random direction.
 const MOST_NORMAL_DEG: f64 = 60.0;
 
 type Places = Vec<Vec<Vec<Result<Found, &'static str>>>>;

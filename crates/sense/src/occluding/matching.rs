@@ -1,29 +1,30 @@
-//! Which places of the neighbouring views lie on the same epipolar curve.
+//! Matches points of adjacent views on the same epipolar curve.
 //!
-//! Comes in: a place of a contour, and the contours of two other views. Goes out: the pair of places by which
-//! an opaque surface is touched and that asks for the smallest radius, or why there is none.
+//! In: a point of a contour, and the contours of two other views. Out: the admissible pair of points with the
+//! smallest radius, or the reason why there is none.
 //!
-//! An epipolar line passes the contours of another view at several places. Of them only those stay whose
-//! surface faces the same way, which turn little, and which with the other view's make a circle on the inner
-//! side of the line of sight: along a line of sight that a contour is seen by, an opaque surface is convex
-//! (J. Koenderink, *What does the occluding contour tell us about solid shape?*, 1984).
+//! An epipolar line crosses the contours of another view several times. Candidates must face the same way,
+//! turn little, and form with the other view a circle on the inner side of the line of sight. The last
+//! condition holds because an opaque surface is convex along a line of sight at its contour (J. Koenderink,
+//! *What does the occluding contour tell us about solid shape?*, 1984).
 //!
-//! Not guaranteed: that two silhouettes which move alike are told apart; what contradicts itself later is
-//! taken out in `joining`.
+//! Not guaranteed: two silhouettes with similar motion may be confused; `joining` rejects inconsistent
+//! matches later.
 
 use super::circle::{Placed, Sight, meet, placed};
 use super::curve::Local;
 use super::{Contour, ContourView, OccludingOptions, Ready, Spot};
 use planish_estimate::vector3::{add_scaled, dot};
 
-/// So many σ are no contradiction.
+/// Tolerance of consistency tests, in σ.
 const SIGMAS: f64 = 3.0;
-/// A radius larger than this share of the depth is none of a thing that is seen whole.
-const MOST_RADIUS: f64 = 1.0;
-/// A place may be so many pixels outside of another silhouette beside its σ: masks are whole pixels.
+/// Maximum radius as a share of the depth: the object must fit into the view.
+const MAX_RADIUS: f64 = 1.0;
+/// Tolerance of a point outside of another silhouette, in pixels, in addition to its σ; masks consist of
+/// whole pixels.
 const OUTSIDE_PX: f64 = 1.5;
 
-/// A place with a depth.
+/// A point with a depth.
 pub(super) struct Found {
     pub placed: Placed,
     pub sight: Sight,
@@ -32,13 +33,13 @@ pub(super) struct Found {
     pub spots: [Spot; 2],
 }
 
-/// A place of another view on the epipolar line.
+/// A point of another view on the epipolar line.
 struct Candidate {
     spot: Spot,
     local: Local,
 }
 
-/// The places of a view on the epipolar plane of a line of sight; an error where that plane touches the
+/// The points of a view on the epipolar plane of a line of sight; an error if that plane is tangent to the
 /// surface.
 fn candidates(
     sight: &Sight,
@@ -122,7 +123,7 @@ pub(super) fn matched(
             let sigma = placed.radius.sqrt();
             let allowed = solved.depth > 0.0
                 && solved.radius > -SIGMAS * sigma
-                && solved.radius - SIGMAS * sigma < MOST_RADIUS * solved.depth;
+                && solved.radius - SIGMAS * sigma < MAX_RADIUS * solved.depth;
             if !allowed {
                 continue;
             }

@@ -1,33 +1,34 @@
 //! A mesh of each strip: contours of consecutive views, joined by their matches.
 //!
-//! Comes in: points with the ones that follow them along their contour and in the next view. Goes out:
-//! triangles over the points, and positions in which depths are regularised.
+//! In: points with their successors along the contour and in the next view. Out: triangles over the points,
+//! and positions with regularised depths.
 //!
-//! Along its line of sight a place is known far worse than across it, and moving it there keeps it on the
-//! surface to first order. So depths are relaxed: each is the mean, by information, of what the circle says
-//! and of the middle between its two neighbours, in the views before and after and along the contour. How far
-//! a place may lie from that middle is taken from the strip itself, as the median over its places, less what
-//! σ makes of it (the spline of C. Zhao and R. Mohr, *Relative 3D regularized B-spline surface reconstruction
+//! A point is known far worse along its line of sight than across it, and moving it there keeps it on the
+//! surface to first order. So depths are relaxed: each is the information-weighted mean of the depth by the
+//! circle and of the midpoints of its neighbours, in the adjacent views and along the contour. The variance
+//! of a point about these midpoints is estimated from the strip, as the median over its points less the
+//! contribution of σ (the spline of C. Zhao and R. Mohr, *Relative 3D regularized B-spline surface
+//! reconstruction
 //! through image sequences*, ECCV 1994, serves the same end). Covariances stay those of the measurements.
 //!
-//! Not guaranteed: triangles where the surface is an edge, which fold over or are of no size: they are left
-//! out.
+//! Not guaranteed: triangles at sharp edges fold or degenerate, and are omitted.
 
 use super::OccludingPoint;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, unit};
 
 /// Rounds of relaxation.
 const ROUNDS: usize = 12;
-/// The middle of two neighbours counts no more than as if it were known to this share of their distance.
+/// Minimum σ of the midpoint of two neighbours, as a share of their distance. It limits the smoothing of
+/// smooth strips.
 const LEAST_SHARE: f64 = 0.03;
-/// A place that a match skips is walked over, up to so many.
+/// Maximum number of points that a match may skip.
 const MOST_STEPS: usize = 8;
-/// Cosine between a triangle and its corners' normals, at least.
+/// Minimum cosine between the normal of a triangle and the normals of its corners.
 const LEAST_COSINE: f64 = 0.3;
-/// A normal distribution's median square over its variance.
+/// Median square of a normal distribution divided by its variance.
 const MEDIAN_SQUARE: f64 = 0.4549;
 
-/// What follows each point.
+/// The successors of each point.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Following {
     /// Along its contour.
@@ -36,7 +37,7 @@ pub(super) struct Following {
     pub across: Vec<Option<usize>>,
 }
 
-/// What comes before each point.
+/// The predecessors of each point.
 fn reversed(next: &[Option<usize>]) -> Vec<Option<usize>> {
     let mut before = vec![None; next.len()];
     for (k, to) in next.iter().enumerate() {

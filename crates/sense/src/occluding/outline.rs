@@ -1,10 +1,9 @@
-//! Outlines: from a mask to its borders in order, between pixels.
+//! Outlines: ordered subpixel borders of a mask.
 //!
-//! Comes in: a mask, or a picture whose thing is brighter than all else. Goes out: [`Contour`]s with the
-//! thing to the right of the way.
+//! In: a mask, or an image whose object is brighter than the background. Out: [`Contour`]s with the object on
+//! their right.
 //!
-//! Not guaranteed: the border where the picture ends, where contours are open; corners, which smoothing
-//! rounds off.
+//! Not guaranteed: contours are open where the object extends beyond the image. Smoothing rounds corners.
 
 use super::matching::inside;
 use crate::silhouette::{FRAME, fill, smoothed};
@@ -12,21 +11,21 @@ use crate::{Image, SilhouetteOptions};
 use planish_estimate::{Error, Result};
 use std::collections::BTreeMap;
 
-/// Which side of a contour the thing is on is looked at so many pixels beside it.
+/// Distance from a contour at which the side of the object is tested, in pixels.
 const SIDE_PX: f64 = 3.0;
 
-/// Places along a contour of a picture, in order.
+/// Ordered points along a contour in an image.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Contour {
-    /// Pixels, centres at integers. The thing lies to the right of the way, as one sees the picture: outwards
-    /// is `(dy, −dx)`.
+    /// Image positions; pixel centres are at integers. The object is on the right as seen in the image; the
+    /// outward direction is `(dy, −dx)`.
     pub places: Vec<[f64; 2]>,
-    /// Whether the first follows the last.
+    /// True if the first point follows the last.
     pub closed: bool,
 }
 
 impl Contour {
-    /// Takes the contour for closed where its ends lie no farther apart than three of its steps.
+    /// Marks the contour as closed if the distance of its ends is at most three of its steps.
     pub fn close(&mut self) {
         let apart = |p: [f64; 2], q: [f64; 2]| (p[0] - q[0]).hypot(p[1] - q[1]);
         if let ([first, .., last], true) = (&self.places[..], self.places.len() > 8) {
@@ -36,8 +35,8 @@ impl Contour {
         }
     }
 
-    /// Turns the way round where the thing, which lies within closed `outlines`, is on the left; as it was
-    /// where they do not tell.
+    /// Reverses the contour if the object, which is inside the closed `outlines`, is on the left. It stays
+    /// unchanged if they do not determine the side.
     pub fn face(&mut self, outlines: &[Contour]) {
         let outlines: Vec<Contour> = outlines.iter().filter(|o| o.closed).cloned().collect();
         let sides: i64 = (self.places.windows(2))
@@ -55,18 +54,28 @@ impl Contour {
     }
 }
 
-/// The borders of a mask, in order.
+/// Extracts the ordered borders of a mask.
 ///
-/// A mask of grey levels, where no threshold is given, is taken for the share of each pixel that the thing
-/// covers, which places its border to some hundredths of a pixel. Values are smoothed by a Gaussian of
-/// `smoothing_px`; the border is where they pass one half, by marching squares with straight lines between
-/// pixels. Smoothing draws a border of radius `r` inwards by about `smoothing_px² / 2r`.
+/// Without a threshold, grey levels are the share of each pixel that the object covers, which locates the
+/// border to a few hundredths of a pixel. Values are smoothed by a Gaussian of `smoothing_px`. The border is
+/// their level ½, by marching squares with linear interpolation. Smoothing moves a border of radius `r`
+/// inwards by about `smoothing_px² / 2r`.
 ///
-/// Cost: one pass over the picture.
+/// Cost: one pass over the image.
 ///
 /// # Errors
-/// `Input` for a smoothing that is not positive; `Undetermined` where all pixels are the same, or no border
-/// is within the picture.
+/// `Input` for a smoothing that is not positive; `Undetermined` if all pixels are equal, or no border is
+/// within the image.
+///
+/// # Examples
+/// ```
+/// use planish_sense::{Image, SilhouetteOptions, occluding::outlines};
+/// let inside = |k: usize| (8..24).contains(&(k % 32)) && (8..24).contains(&(k / 32));
+/// let mask = Image::try_new(32, 32, (0..1024).map(|k| f32::from(u8::from(inside(k)))).collect())?;
+/// let found = outlines(&mask, &SilhouetteOptions::default())?;
+/// assert!(found.len() == 1 && found[0].closed);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn outlines(picture: &Image, options: &SilhouetteOptions) -> Result<Vec<Contour>> {
     if !(options.smoothing_px.is_finite() && options.smoothing_px > 0.0) {
         return Err(Error::input(format!(
@@ -204,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn contours_are_closed_and_turned_where_that_is_plain() {
+    fn contours_are_closed_and_oriented() {
         let ring = |count: usize| Contour {
             places: (0..count)
                 .map(|k| 0.1 * k as f64)
@@ -226,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thing_that_reaches_out_of_the_picture_has_an_open_outline() {
+    fn outlines_are_open_at_the_end_of_the_image() {
         let inside = |k: usize| ((k % 120) as f64).hypot((k / 120) as f64 - 50.0) < 30.0;
         let values = (0..12_000).map(|k| if inside(k) { 255.0 } else { 0.0 }).collect();
         let picture = Image::try_new(120, 100, values).unwrap();

@@ -161,7 +161,7 @@ fn a_ball_without_noise_is_found_to_its_window() {
 /// Errors over their stated σ: of the depth, of the place along the normal, of the normal, and the contours'
 /// own χ².
 #[test]
-fn sigma_of_noisy_contours_tells_the_truth() {
+fn sigma_of_noisy_contours_is_consistent() {
     let cameras = arc(21, 5.0, 1.5);
     let found = run(&seen(&cameras, &EGG, 0.15)).unwrap();
     assert!(found.points.len() > 800, "{:?}", found.left_out);
@@ -187,7 +187,7 @@ fn sigma_of_noisy_contours_tells_the_truth() {
 /// Views 20° apart: the egg's radius changes from one to the next. What the circle leaves out is most of the
 /// error, and is stated.
 #[test]
-fn what_the_circle_leaves_out_is_stated() {
+fn the_model_error_of_the_circle_is_in_sigma() {
     let cameras = arc(7, 20.0, 1.0);
     let found = run(&seen(&cameras, &EGG, 0.02)).unwrap();
     assert!(found.points.len() > 150, "{:?}", found.left_out);
@@ -203,7 +203,7 @@ fn what_the_circle_leaves_out_is_stated() {
 
 /// A camera that flies along a line which touches the ball: that line of sight tells nothing, and says so.
 #[test]
-fn a_line_of_sight_along_the_motion_is_left_out() {
+fn lines_of_sight_along_the_baseline_are_rejected() {
     let cameras: Vec<Pinhole> =
         (0..9).map(|k| camera([-8.0 + 0.4 * f64::from(k), 1.0, 0.0], [0.0; 3])).collect();
     let views = seen(&cameras, &BALL, 0.1);
@@ -226,7 +226,7 @@ fn a_line_of_sight_along_the_motion_is_left_out() {
 /// Two balls, one of which passes before the other: their common outline falls apart and comes together
 /// again. Every place that is given is of one of them.
 #[test]
-fn outlines_that_part_are_not_joined_wrongly() {
+fn splitting_outlines_are_not_joined_wrongly() {
     let balls = [
         Ellipsoid { middle: [1.2, 0.3, 0.0], axes: [0.8; 3] },
         Ellipsoid { middle: [-1.2, -0.3, 0.1], axes: [0.9; 3] },
@@ -281,7 +281,7 @@ fn outlines_that_part_are_not_joined_wrongly() {
 
 /// A ball's hull by a ring of views is the ball; seen from half around only, a share of it was no contour's.
 #[test]
-fn the_hull_says_what_no_contour_saw() {
+fn the_hull_reports_the_unobserved_share() {
     let around: Vec<Pinhole> = (0..24)
         .map(|k| {
             let a = std::f64::consts::TAU * f64::from(k) / 24.0;
@@ -348,7 +348,7 @@ fn strips_become_meshes_with_regularised_depths() {
 }
 
 #[test]
-fn mistakes_are_named() {
+fn invalid_input_is_named() {
     let views = seen(&arc(3, 5.0, 1.0), &BALL, 0.1);
     assert!(run(&views[..2]).unwrap_err().to_string().contains("three views"));
     let mut odd = views.clone();

@@ -45,7 +45,7 @@ fn ball(lights: &[[f64; 3]], sigma: f64, ambient: f64, gloss: f64, seed: u64) ->
 }
 
 #[test]
-fn pictures_that_contradict_their_lights_are_told() {
+fn images_inconsistent_with_their_lights_are_detected() {
     let directions = lights(6);
     let mut pictures = ball(&directions, 1.0, 0.0, 0.0, 3);
     let found = |pictures: &[Image]| {
@@ -105,7 +105,7 @@ fn the_stated_sigma_is_that_of_the_errors() {
 }
 
 #[test]
-fn highlights_are_left_out() {
+fn highlights_are_rejected() {
     let lights = lights(12);
     let images = ball(&lights, 1.0, 0.0, 180.0, 1);
     let map = photometric_normals(&images, &lights, None, &PhotometricOptions::default()).unwrap();
@@ -128,7 +128,7 @@ fn highlights_are_left_out() {
 }
 
 #[test]
-fn light_from_everywhere_is_found() {
+fn ambient_light_is_estimated() {
     let lights = lights(8);
     let map =
         photometric_normals(&ball(&lights, 1.0, 0.12, 0.0, 3), &lights, None, &PhotometricOptions::default())
@@ -168,7 +168,7 @@ fn colours_are_normals() {
 }
 
 #[test]
-fn what_does_not_determine_a_normal_is_refused() {
+fn undetermined_normals_are_rejected() {
     let three = lights(3);
     let images = ball(&three, 1.0, 0.0, 0.0, 1);
     let said = |images: &[Image], lights: &[[f64; 3]]| {

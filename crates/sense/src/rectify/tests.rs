@@ -50,7 +50,7 @@ fn a_point_lies_in_the_same_row_of_both_pictures_and_its_disparity_gives_it_back
 }
 
 #[test]
-fn a_lens_undone_is_as_it_was() {
+fn distortion_and_its_inverse_cancel() {
     for lens in converging().cameras {
         for pixel in [[0.0, 0.0], [159.0, 119.0], [40.0, 100.0]] {
             let again = lens.pixel(lens.direction(pixel).unwrap()).unwrap();
@@ -60,7 +60,7 @@ fn a_lens_undone_is_as_it_was() {
 }
 
 #[test]
-fn pictures_that_are_rectified_already_come_out_as_they_were() {
+fn rectified_images_stay_unchanged() {
     let mut rig = StereoRig {
         cameras: [camera([0.0; 3], [0.0; 3], [0.0; 5]), camera([0.5, 0.0, 0.0], [0.0; 3], [0.0; 5])],
         sigma_disparity: 0.0,

@@ -1,12 +1,12 @@
-//! What it costs to match a pixel of the left image with one of the right.
+//! The cost of matching a pixel of the left image with one of the right.
 //!
-//! Comes in: two rectified images. Goes out, row by row: for every pixel and disparity a cost from 0 to
-//! [`WORST`]. Not guaranteed: anything beyond the right image's border, where the cost is [`WORST`].
+//! In: two rectified images. Out, row by row: for every pixel and disparity a cost from 0 to [`WORST`]. The
+//! cost is [`WORST`] outside of the right image.
 //!
-//! The cost is the Hamming distance of two census transforms (Zabih and Woodfill 1994), which no change of
-//! exposure alters, and a share of the difference of brightness that no sampling explains (Birchfield and
-//! Tomasi 1998), after each image is scaled by its own contrast. Census alone errs at thin things, whose
-//! windows hold mostly background.
+//! The cost is the Hamming distance of two census transforms (Zabih and Woodfill 1994), which are invariant
+//! to exposure, plus a share of the sampling-insensitive difference of brightness (Birchfield and Tomasi
+//! 1998), after each image is scaled by its contrast. Census alone fails at thin objects, whose windows
+//! contain mostly background.
 
 use rayon::prelude::*;
 
@@ -15,13 +15,14 @@ use crate::Image;
 /// The worst cost of one pixel.
 pub(super) const WORST: u8 = 127;
 
-/// Half the window of the census, columns and rows: 9 × 7 less the middle is 62 bits.
+/// Half size of the census window, columns and rows: 9 × 7 without the centre gives 62 bits, which fit a
+/// `u64`.
 const CENSUS: [usize; 2] = [4, 3];
 
-/// What a bit of the census that differs costs.
+/// Cost of a census bit that differs.
 const CENSUS_BIT: i16 = 2;
 
-/// Brightness may differ by so many hundredths of the contrast before it costs no more.
+/// Limit of the difference of brightness, in hundredths of the contrast, so that occlusions do not dominate.
 const MOST_DIFFERENCE: i16 = 40;
 
 /// Hundredths of the contrast: twice the deviation of the brightness is 100.

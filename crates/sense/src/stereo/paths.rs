@@ -1,14 +1,15 @@
-//! Costs summed along eight paths: the semi-global part.
+//! Sums costs along eight paths (semi-global matching).
 //!
-//! Comes in: the costs of every pixel and disparity, row by row. Goes out: their sum over eight directions r,
+//! In: the costs of every pixel and disparity, row by row. Out: their sum over eight directions r,
 //! `S(p, d) = Σ_r L_r(p, d)`,
 //! `L_r(p, d) = C(p, d) + min(L_r(p−r, d), L_r(p−r, d±1) + P1, min_k L_r(p−r, k) + P2) − min_k L_r(p−r, k)`.
-//! P2 falls where brightness jumps, because depth jumps there rather than elsewhere:
-//! `P2 / (1 + |ΔI| / contrast)`, never below P1. Not guaranteed: a minimum over the whole image; each path is
-//! minimised alone.
+//! P2 decreases where the brightness jumps, because depth jumps are more likely there: `P2 / (1 + |ΔI| /
+//! contrast)`, at least P1.
 //!
-//! Sums are of whole numbers: the same bytes in any order and at any number of threads. Two bytes a pixel and
-//! disparity.
+//! Sums are integers, so the result does not depend on the order or the number of threads. Memory: two bytes
+//! per pixel and disparity.
+//!
+//! Not guaranteed: a global minimum over the image, because each path is minimised alone.
 //!
 //! # References
 //! Hirschmüller, *Stereo Processing by Semi-Global Matching and Mutual Information*, PAMI 2008, eq. 13.
@@ -20,7 +21,7 @@ use rayon::prelude::*;
 use super::cost::MatchingCost;
 use crate::Image;
 
-/// A cost that no path takes, far enough from the type's end that a penalty can be added.
+/// An infinite cost, small enough that adding a penalty does not overflow.
 const NEVER: u16 = 1 << 14;
 
 /// Columns that one task of a row takes.

@@ -1,13 +1,14 @@
-//! Disparities between whole pixels and their σ, by least squares on brightness.
+//! Subpixel disparities and their σ, by least squares on brightness.
 //!
-//! Comes in: both images and a first disparity for every pixel that is believed. Goes out: a [`Refined`] for
-//! each of them. Not guaranteed: anything across depth edges, where the window holds two surfaces; what lies
-//! on another is left out by its disparity and brightness.
+//! In: both images and an initial disparity for every accepted pixel. Out: a [`Refined`] for each of them.
+//!
+//! Not guaranteed: at depth edges the window contains two surfaces. Pixels of the other one are excluded by
+//! their disparity and brightness, but not always.
 //!
 //! In a window about the pixel p the surface is a plane, `d(q) = d + s·(q − p)`, whose slopes s are fitted to
 //! the first disparities. Then `Σ_q w_q (I_L(q) − I_R(x_q − d(q)) − b)²` is minimised over d and the offset b
-//! by Gauss–Newton. The right image is interpolated by cubics, which do not draw disparities to whole numbers
-//! as lines do. The variance is that of least squares with weights that are no inverse variances,
+//! by Gauss–Newton. The right image is interpolated by cubics; linear interpolation biases disparities
+//! towards integers. The variance is that of least squares with weights that are no inverse variances,
 //! `σ² = s² Σ w² (g − ḡ)² / (Σ w (g − ḡ)²)²`, g the gradient of the right image, s² the variance of the
 //! residuals: steep texture makes it small, noise large.
 //!
@@ -25,17 +26,17 @@ use crate::image::cubic;
 
 /// Half the window, in pixels.
 const HALF: usize = 4;
-/// A neighbour is of the same surface if its disparity is as near to the pixel's.
+/// Maximum difference of disparity between pixels of one surface, in pixels.
 const SAME_SURFACE: f32 = 1.5;
-/// Steps of Gauss–Newton at most; fewer where one is shorter than [`AT_REST`].
+/// Maximum number of Gauss–Newton steps.
 const STEPS: usize = 4;
-/// A step of so many pixels is the last.
-const AT_REST: f32 = 0.02;
-/// The noise is measured at every so many columns and rows.
+/// Length of a step below which the iteration has converged, in pixels.
+const CONVERGED: f32 = 0.02;
+/// The noise is estimated at every `PILOT`-th column and row, to save time.
 const PILOT: usize = 5;
-/// Least squares may move a disparity by so many pixels.
-const MOST_MOVE: f32 = 1.0;
-/// Residual variance of a small window is drawn to that of the image with so many pixels' weight.
+/// Maximum change of a disparity by least squares, in pixels.
+const MAX_MOVE: f32 = 1.0;
+/// Weight, in pixels, with which the residual variance of a window is shrunk towards that of the image.
 const SHRINKAGE: f32 = 5.0;
 
 /// A disparity between whole pixels.
@@ -124,7 +125,7 @@ impl Window {
                 }
             }
         }
-        // A few pixels in a line say nothing of a slope: a weak pull to level.
+        // Few or collinear pixels do not determine the slopes; a weak prior pulls them to zero.
         m[3] += 4.0;
         m[5] += 4.0;
         let [level, along, across] = solve(m, r);
@@ -159,20 +160,20 @@ impl Window {
             variance = residual;
             sigma = (shrunk * spread).sqrt() / information;
             disparity += step.clamp(-0.5, 0.5);
-            if step.abs() < AT_REST || (disparity - start).abs() > MOST_MOVE {
+            if step.abs() < CONVERGED || (disparity - start).abs() > MAX_MOVE {
                 break;
             }
         }
         let moved = disparity - start;
-        if moved.abs() > MOST_MOVE {
+        if moved.abs() > MAX_MOVE {
             disparity = start;
-            sigma = MOST_MOVE;
+            sigma = MAX_MOVE;
         }
         let refined = Refined {
             disparity,
             sigma,
             rough: self.rough,
-            moved: moved.clamp(-MOST_MOVE, MOST_MOVE),
+            moved: moved.clamp(-MAX_MOVE, MAX_MOVE),
             support: self.members.len() as f32 / (2.0 * HALF as f32 + 1.0).powi(2),
         };
         Some((refined, variance))

@@ -155,14 +155,14 @@ fn negative_disparities_are_found_with_the_images_exchanged() {
 }
 
 #[test]
-fn images_without_texture_give_nothing_to_believe() {
+fn images_without_texture_have_no_disparities() {
     let grey = Image::try_new(64, 32, vec![100.0; 64 * 32]).unwrap();
     let map = matched(&grey, &grey);
     assert!(map.disparity.iter().all(|d| d.is_nan()), "{:?}", map.rejected);
 }
 
 #[test]
-fn sizes_and_options_that_cannot_be_are_refused() {
+fn invalid_sizes_and_options_are_rejected() {
     let image = |columns, rows| Image::try_new(columns, rows, vec![0.0; columns * rows]).unwrap();
     let refused = |left: &Image, right: &Image, options: &StereoOptions| {
         match_stereo(left, right, options, &mut |_| Ok(())).unwrap_err().to_string()
@@ -182,7 +182,7 @@ fn sizes_and_options_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn matching_stops_when_it_is_told_to() {
+fn matching_stops_on_the_callbacks_error() {
     let (left, right, _) = scene(1, 1.0);
     let stopped = match_stereo(&left, &right, &OPTIONS, &mut |_| Err(Error::interrupted()));
     assert_eq!(stopped.unwrap_err().kind(), planish_estimate::ErrorKind::Interrupted);

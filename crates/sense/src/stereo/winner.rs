@@ -1,23 +1,22 @@
-//! The disparity that the sums of costs prefer, and whether to believe it.
+//! Selects the disparity of minimum cost, and the tests that accept or reject it.
 //!
-//! Comes in: sums for each pixel and disparity. Goes out: for each pixel its best disparity between whole
-//! numbers; then what tells which pixels are believed: a clear minimum, the same match from the right image,
-//! no speckle. Not guaranteed: that a repeated pattern is found out; its second minimum may be as good and as
-//! consistent.
+//! In: sums for each pixel and disparity. Out: for each pixel its best disparity with subpixel interpolation,
+//! and three tests: a unique minimum, the same match from the right image, no speckle.
 //!
-//! The right image's disparities are read off the same sums, along their diagonals (Hirschmüller 2008,
-//! section 2.3).
+//! Disparities of the right image come from the diagonals of the same sums (Hirschmüller 2008, section 2.3).
+//!
+//! Not guaranteed: repetitive patterns may pass all tests.
 
 use rayon::prelude::*;
 
-/// What a pixel's sums say.
+/// The best disparity of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Winner {
-    /// The index of the least sum.
+    /// The index of the minimum sum.
     pub(super) best: u16,
-    /// Whether no other disparity but its neighbours comes near.
+    /// True if no disparity other than its neighbours has a similar sum.
     pub(super) clear: bool,
-    /// Whether it is the first or the last that could be looked at: what lies beyond may match better.
+    /// True at either end of the search range: disparities outside may match better.
     pub(super) at_end: bool,
     /// The minimum between whole numbers, as an index.
     pub(super) between: f32,
@@ -137,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_minimum_between_whole_numbers_is_found_and_rivals_are_told() {
+    fn subpixel_minima_and_ambiguous_ones_are_found() {
         // A vee with its foot at 2.25.
         let sums = [325_u16, 225, 125, 175, 275, 375].map(|s| s + 100);
         let w = winner(&sums, 10);
@@ -174,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn regions_end_at_steps_and_at_what_is_not_known() {
+    fn regions_end_at_steps_and_unknown_pixels() {
         let nan = f32::NAN;
         let sizes = region_sizes(&[1.0, 1.5, 9.0, nan, 1.2, 9.5, 9.0, nan], 4, 1.0);
         assert_eq!(sizes, [3, 3, 3, 0, 3, 3, 3, 0]);

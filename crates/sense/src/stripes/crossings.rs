@@ -1,34 +1,33 @@
-//! Where two stripes cross in a picture, which way each of them runs there, and how well that is known.
+//! Crossings of two stripes in an image, with their directions and covariance.
 //!
-//! Comes in: a picture and its [`Ridges`]. Goes out: [`Crossing`]s.
+//! In: an image and its [`Ridges`]. Out: [`Crossing`]s.
 //!
-//! A crossing is first a place where the straight lines through many places nearby meet. Near it, where two
-//! stripes are one, no line is to be believed; so each stripe is a parabola `v = a + b t + c t²` through its
-//! places farther off, on both sides, and the crossing is where the parabolas meet. Without the term of
-//! second order bent stripes would be put beside their crossing; with it they cost half as much again of σ.
-//! Neighbouring places err together, and the covariance of a, b and c says so: `(XᵀX)⁻¹ Xᵀ C X (XᵀX)⁻¹`.
+//! A first estimate is a point where the tangents of many ridge points nearby meet. Close to it the two
+//! stripes merge and ridge points are biased. So each stripe is a parabola `v = a + b t + c t²` through
+//! points farther away, on both sides, and the crossing is the intersection of the parabolas. Without the
+//! second-order term, curved stripes would shift the crossing; with it σ is 50 % larger. Errors of
+//! neighbouring points are correlated, so the covariance of a, b and c is `(XᵀX)⁻¹ Xᵀ C X (XᵀX)⁻¹`.
 //!
-//! Not guaranteed: that what crosses is a stripe of the pattern; indexing tells.
+//! Not guaranteed: the crossing lines may not be stripes of the pattern; indexing decides.
 
 use super::ridges::{Ridge, Ridges, smoothed};
 use crate::Image;
 
-/// Places so far apart, in scales, say together where their lines cross; a crossing has so many votes at
-/// least.
+/// Maximum distance of two ridge points that vote for a crossing, in scales, and the minimum number of votes.
 const VOTING_SCALES: f64 = 8.0;
 const LEAST_VOTES: f32 = 24.0;
-/// So near the other stripe, in scales, a stripe is not looked at.
+/// Distance to the other stripe below which points are excluded, in scales: there the stripes merge.
 const BLURRED: f64 = 2.6;
-/// How far a stripe is followed from its crossing, as a share of the distance of neighbouring crossings.
+/// Distance to which a stripe is followed from its crossing, as a share of the spacing of crossings.
 const REACH: f64 = 0.48;
 const LEAST_REACH_SCALES: f64 = 6.0;
-/// Places on either side of a crossing that a stripe needs.
+/// Minimum number of points of a stripe on either side of a crossing.
 const LEAST_PLACES: usize = 3;
-/// How far, in pixels, a place may lie off the straight line through its crossing, and its line turn from the
-/// stripe's, before the parabola is known.
+/// Gate of points before the parabola is known: distance from the straight line in pixels, and cosine to its
+/// direction.
 const OFF_LINE: f64 = 2.5;
 const TURNED_COS: f64 = 0.85;
-/// Directions of two stripes differ by so much at least (the sine).
+/// Minimum sine of the angle between two stripes.
 const LEAST_CROSSING: f64 = 0.25;
 
 /// Two stripes that cross.
@@ -62,12 +61,12 @@ pub(super) struct Crossings {
 
 impl Crossings {
     /// Finds them.
-    pub fn of(image: &Image, ridges: &Ridges) -> Self {
+    pub fn new(image: &Image, ridges: &Ridges) -> Self {
         let spots = meeting_places(image, ridges);
         let least = LEAST_REACH_SCALES * ridges.scale;
         let first = different(spots.iter().filter_map(|spot| crossing_at(ridges, *spot, least)), least);
         let spacing = usual_distance(&first.iter().map(|c| c.image).collect::<Vec<_>>());
-        // The distance of neighbours says how far stripes may be followed.
+        // The median spacing limits the distance to which stripes are followed.
         let reach = (REACH * spacing).max(least);
         let found = different(first.iter().filter_map(|c| crossing_at(ridges, c.image, reach)), least);
         let no_crossing = spots.len() - found.len();

@@ -1,20 +1,19 @@
-//! From a picture of crossed stripes to points with normals and curvatures.
+//! Reads an image of crossed stripes: points with normals and curvatures.
 //!
-//! Comes in: a picture and what is known of camera, projector and pattern. Goes out: [`GridReadings`].
+//! In: an image and the calibration of camera, projector and pattern. Out: [`GridReadings`].
 //!
 //! | step | module |
 //! |---|---|
-//! | places on bright lines | ridges |
+//! | points on bright lines | ridges |
 //! | crossings, angles and their covariance | crossings |
 //! | neighbours along stripes | network |
-//! | which stripes they are | indexing |
+//! | identification of the stripes | indexing |
 //! | points, normals, curvatures | the module above |
 //!
-//! σ follows from the brightness of the picture: how noisy it is and how sharply each stripe stands out. What
-//! crossings keep as distance to their epipolar lines, which nothing was fitted to, says by how much that is
-//! too small or too large: texture of the object moves stripes too. The covariances of all crossings are
-//! multiplied by that one factor. Angles err by more than noise where shading and texture bend a stripe;
-//! chords between the crossings before and after tell by how much, as one σ that is added for all.
+//! σ follows from the noise of the image and the contrast of each stripe. Texture of the object also moves
+//! stripes, so σ is calibrated by the distances of crossings from their epipolar lines, which no unknown was
+//! fitted to: one factor scales the covariances of all crossings. Shading and texture also bend stripes. The
+//! chords between adjacent crossings show by how much, and one σ is added to all angles.
 
 use std::collections::BTreeMap;
 
@@ -26,15 +25,15 @@ use super::indexing::{EpipolarLines, Indexed, LEAST_KNOTS, index};
 use super::network::pieces;
 use super::pattern::StripePattern;
 use super::ridges::{Ridges, sigma_of_brightness};
-use super::{Curvature, Junction, JunctionCovariance, Orientation, Pinhole, curvature, orientation};
+use super::{Junction, JunctionCovariance, Orientation, Pinhole, StripeCurvature, curvature, orientation};
 use crate::{Image, PrincipalCurvatures, Scan, Viewing};
 
-/// Crossings farther than so many σ off their epipolar lines are left out.
+/// Crossings farther than this from their epipolar lines are rejected, in σ.
 const GATE: f64 = 4.0;
-/// So many crossings judge the σ of all.
-const ENOUGH_TO_JUDGE: usize = 30;
-/// Squares of residuals over σ count up to this; so much is their mean then, of a normal distribution.
-const MOST_SQUARE: f64 = 9.0;
+/// Minimum number of crossings from which the factor on σ is estimated.
+const MIN_CALIBRATION_CROSSINGS: usize = 30;
+/// Limit of squared normalised residuals, and their mean under this limit for a normal distribution.
+const MAX_SQUARE: f64 = 9.0;
 const MEAN_SQUARE: f64 = 0.9875;
 
 /// A camera and a projector of crossed stripes.
@@ -44,17 +43,17 @@ pub struct GridCamera {
     pub camera: Pinhole,
     /// The projector.
     pub projector: Pinhole,
-    /// What it throws.
+    /// The projected pattern.
     pub pattern: StripePattern,
-    /// σ of each coordinate of a place in either picture that finding does not see, such as of the
+    /// σ of each image coordinate, in either image, that is not from the detection, such as of the
     /// calibration, in pixels.
     pub sigma_px: f64,
 }
 
-/// How stripes are looked for.
+/// Options of [`read_grid`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridOptions {
-    /// Scale that the picture is smoothed with, in pixels: about half the width of a stripe.
+    /// Smoothing scale in pixels: about half the width of a stripe.
     pub scale_px: f64,
 }
 
@@ -64,16 +63,16 @@ impl Default for GridOptions {
     }
 }
 
-/// What became of the bright spots of a picture.
+/// Number of rejected bright spots by cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct GridRejected {
     /// No two stripes cross there.
     pub no_crossing: usize,
-    /// They belong to no piece of the net, or to one that is too small or not sure of its stripes.
+    /// They belong to no piece of the net, or to one that is too small or whose stripes are ambiguous.
     pub no_index: usize,
-    /// They lie off their epipolar lines, or their stripes run otherwise than those before and after say.
+    /// They are off their epipolar lines, or their stripes do not continue those of adjacent crossings.
     pub off_line: usize,
-    /// They determine no orientation.
+    /// They do not determine an orientation.
     pub undetermined: usize,
 }
 
@@ -82,40 +81,39 @@ pub struct GridRejected {
 pub struct GridReading {
     /// Its pixel.
     pub image: [f64; 2],
-    /// Its stripes of both sets.
+    /// Indices of its stripes in both sets.
     pub stripes: [i32; 2],
-    /// Point and normal, in the world of the calibration.
+    /// Point and normal, in the world frame of the calibration.
     pub orientation: Orientation,
-    /// Curvature, where enough neighbours are there.
-    pub curvature: Option<Curvature>,
+    /// Curvature, if there are enough neighbours.
+    pub curvature: Option<StripeCurvature>,
 }
 
-/// What a picture of crossed stripes says of a surface.
+/// Readings of a surface from an image of crossed stripes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridReadings {
     /// Crossings, in the order of the pieces and their stripes.
     pub readings: Vec<GridReading>,
-    /// σ of the crossings' places: the root of the mean variance of a coordinate, in pixels.
+    /// σ of each crossing: the root of the mean variance of its coordinates, in pixels.
     pub sigma_px: Vec<f64>,
-    /// By how much σ is larger than the noise of the picture alone makes it; none where too few crossings
-    /// judge it.
+    /// Estimated factor on the σ that follows from the image noise; `None` if there are too few crossings.
     pub enlarged: Option<f64>,
-    /// What was left out.
+    /// Counts of rejected spots.
     pub rejected: GridRejected,
     /// The camera's centre.
     pub viewpoint: [f64; 3],
 }
 
-/// Finds stripes in a picture and what they say of the surface.
+/// Finds the stripes in an image and computes points, normals and curvatures at their crossings.
 ///
-/// `plain` is the same view without stripes: brightness is divided by its, so that the object's texture moves
-/// no stripe.
+/// `plain` is the same view without stripes. The image is divided by it, so that texture does not shift
+/// stripes.
 ///
-/// Cost: some 0.7 s for a picture of 960 × 720.
+/// Cost: about 0.7 s for an image of 960 × 720 pixels.
 ///
 /// # Errors
-/// `Input` for a pattern, a scale or a σ that make no sense, and a plain picture of another size;
-/// `Undetermined` where no crossing can be told.
+/// `Input` for an invalid pattern, scale or σ, and a plain image of a different size; `Undetermined` if no
+/// crossing is identified.
 pub fn read_grid(
     image: &Image,
     plain: Option<&Image>,
@@ -129,15 +127,16 @@ pub fn read_grid(
     let image = divided.as_ref().unwrap_or(image);
     let lines = EpipolarLines::new(&grid.camera, &grid.projector)
         .ok_or_else(|| Error::input("needed matrices K that have an inverse"))?;
-    let ridges = Ridges::of(image, options.scale_px);
-    let crossings = Crossings::of(image, &ridges);
+    let ridges = Ridges::new(image, options.scale_px);
+    let crossings = Crossings::new(image, &ridges);
     let net = pieces(&crossings, &ridges);
     let indexed: Vec<Vec<Indexed>> =
         (net.iter()).filter_map(|piece| index(piece, &crossings.found, &lines, &grid.pattern)).collect();
     let told: usize = indexed.iter().map(Vec::len).sum();
     if told == 0 {
         return Err(Error::undetermined(format!(
-            "{} places where stripes cross were found, but which stripes they are cannot be told: needed pieces of {LEAST_KNOTS} or more that agree with the calibration",
+            "{} places where stripes cross were found, but which stripes they are cannot be told: needed \
+            pieces of {LEAST_KNOTS} or more that agree with the calibration",
             crossings.found.len()
         )));
     }
@@ -158,13 +157,14 @@ pub fn read_grid(
         viewpoint: grid.camera.centre(),
     };
     let near = |k: &&Indexed| off_line(k).normalised(unit) <= GATE * GATE;
-    let told_pieces: Vec<BTreeMap<[i32; 2], Told>> = (indexed.iter())
+    let told_pieces: Vec<BTreeMap<[i32; 2], OrderedCrossing>> = (indexed.iter())
         .map(|piece| {
-            let of = |k: &Indexed| (k.stripes, Told::of(&crossings.found[k.crossing], k.first, unit));
+            let of =
+                |k: &Indexed| (k.stripes, OrderedCrossing::new(&crossings.found[k.crossing], k.first, unit));
             piece.iter().filter(near).map(of).collect()
         })
         .collect();
-    let both_sides = |piece: &BTreeMap<[i32; 2], Told>| -> Vec<Residual> {
+    let both_sides = |piece: &BTreeMap<[i32; 2], OrderedCrossing>| -> Vec<Residual> {
         let all = piece.keys().flat_map(|at| off_chords(piece, *at));
         all.flatten().filter(|r| r.scaled == 1.0).collect()
     };
@@ -173,7 +173,7 @@ pub fn read_grid(
         let straight = |at: &[i32; 2]| {
             off_chords(piece, *at).iter().flatten().all(|r| r.normalised(sigma_angle) <= GATE * GATE)
         };
-        let kept: BTreeMap<[i32; 2], &Told> =
+        let kept: BTreeMap<[i32; 2], &OrderedCrossing> =
             piece.iter().filter(|(at, _)| straight(at)).map(|(at, t)| (*at, t)).collect();
         rejected.undetermined += made.add_piece(&kept, sigma_angle, grid);
     }
@@ -249,11 +249,11 @@ impl Residual {
 
 /// The x with which the residuals are as large as they should be, from about zero; none of too few.
 fn judged(residuals: &[Residual]) -> Option<f64> {
-    if residuals.len() < ENOUGH_TO_JUDGE {
+    if residuals.len() < MIN_CALIBRATION_CROSSINGS {
         return None;
     }
     let mean = |x: f64| {
-        residuals.iter().map(|r| r.normalised(x).min(MOST_SQUARE)).sum::<f64>() / residuals.len() as f64
+        residuals.iter().map(|r| r.normalised(x).min(MAX_SQUARE)).sum::<f64>() / residuals.len() as f64
     };
     // The mean falls as x grows: halved in logarithms.
     let strength = residuals.iter().map(|r| r.scaled).sum::<f64>() / residuals.len() as f64;
@@ -266,15 +266,15 @@ fn judged(residuals: &[Residual]) -> Option<f64> {
 }
 
 /// A crossing with its stripes in order.
-struct Told {
+struct OrderedCrossing {
     image: [f64; 2],
     angles_rad: [f64; 2],
     /// Of x, y and both angles, by the noise of the picture.
     covariance: [[f64; 4]; 4],
 }
 
-impl Told {
-    fn of(crossing: &Crossing, first: usize, unit: f64) -> Self {
+impl OrderedCrossing {
+    fn new(crossing: &Crossing, first: usize, unit: f64) -> Self {
         let order = [first, 1 - first];
         let entry = [0, 1, 2 + order[0], 2 + order[1]];
         Self {
@@ -290,15 +290,16 @@ impl Told {
     }
 }
 
-/// How far each stripe of a crossing runs otherwise than the crossings before and after it on the stripe say.
+/// The deviation of each stripe's angle at a crossing from the chords to the adjacent crossings on the
+/// stripe.
 /// On a parabola the chord from the one before to the one after is as steep as the middle, and a chord as
 /// steep as the mean of both ends. x is the σ of an angle that noise does not make.
-fn off_chords(piece: &BTreeMap<[i32; 2], Told>, at: [i32; 2]) -> [Option<Residual>; 2] {
+fn off_chords(piece: &BTreeMap<[i32; 2], OrderedCrossing>, at: [i32; 2]) -> [Option<Residual>; 2] {
     let own = &piece[&at];
     [0, 1].map(|set| {
         // Along a stripe of one set those of the other are counted.
         let beside = |by: i32| piece.get(&if set == 0 { [at[0], at[1] + by] } else { [at[0] + by, at[1]] });
-        let chord = |a: &Told, b: &Told| {
+        let chord = |a: &OrderedCrossing, b: &OrderedCrossing| {
             let d = [b.image[0] - a.image[0], b.image[1] - a.image[1]];
             (d[1].atan2(d[0]), (a.place() + b.place()) / (d[0] * d[0] + d[1] * d[1]))
         };
@@ -329,7 +330,12 @@ fn half_turn(angle: f64) -> f64 {
 
 impl GridReadings {
     /// Adds a piece of the net; returns how many of its crossings determine nothing.
-    fn add_piece(&mut self, piece: &BTreeMap<[i32; 2], &Told>, sigma_angle: f64, grid: &GridCamera) -> usize {
+    fn add_piece(
+        &mut self,
+        piece: &BTreeMap<[i32; 2], &OrderedCrossing>,
+        sigma_angle: f64,
+        grid: &GridCamera,
+    ) -> usize {
         let mut found: BTreeMap<[i32; 2], (Orientation, [f64; 2], f64)> = BTreeMap::new();
         for (stripes, told) in piece {
             let junction = Junction {

@@ -1,12 +1,12 @@
-//! Which stripes of the projector cross where: epipolar consistency.
+//! Identifies the projector stripes of crossings by epipolar consistency.
 //!
-//! Comes in: pieces of the net, camera, projector and pattern. Goes out: for every crossing its two stripes.
+//! In: pieces of the net, camera, projector and pattern. Out: the two stripes of every crossing.
 //!
-//! What the projector throws through a pixel of its picture is seen on a line of the camera's. A piece of the
-//! net knows all of its stripes but for one shift by whole stripes and a quarter turn; each such guess puts
-//! all of its crossings on lines, and only the true one puts them *near* their lines. The more crossings a
-//! piece has the surer it is; where two guesses are as good as each other, as stripes along the line between
-//! camera and projector make them, the piece is left out.
+//! A pixel of the projector appears on its epipolar line in the camera's image. The stripes of a piece are
+//! known up to a shift by whole stripes and a quarter turn. Each such hypothesis assigns lines to all
+//! crossings, and only the correct one has all crossings near their lines. More crossings make the choice
+//! more certain. A piece with two equally good hypotheses is rejected, as happens for stripes along the
+//! baseline.
 //!
 //! # References
 //! - Hartley and Zisserman, *Multiple View Geometry*, 2004, section 9.1, for epipolar lines.
@@ -18,15 +18,16 @@ use super::network::Knot;
 use super::pattern::StripePattern;
 use super::{Pinhole, inverse, times, transposed};
 
-/// Farther than so many pixels off its line a crossing is as wrong as any.
+/// Limit of the distance of a crossing from its line, in pixels, so that outliers do not dominate the mean
+/// square.
 const FAR_OFF_PX: f64 = 2.0;
-/// A guess is believed with a mean square of at most so many pixels², and if every other one's is so many
-/// times as large.
+/// Maximum mean square of an accepted hypothesis, in pixels², and the minimum ratio of that of every other
+/// one to it.
 const GOOD_PX2: f64 = 0.5;
 const SURE: f64 = 4.0;
-/// A mean square below this tells guesses apart no better, in pixels².
+/// Floor of a mean square in that ratio, in pixels²: the accuracy of the calibration.
 const FINEST_PX2: f64 = 0.01;
-/// Pieces of fewer crossings are left out.
+/// Minimum number of crossings of a piece.
 pub(super) const LEAST_KNOTS: usize = 6;
 
 /// Two views of one scene: lines of one for pixels of the other.
@@ -139,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_both_see_lies_on_its_line() {
+    fn corresponding_pixels_satisfy_the_epipolar_constraint() {
         let k = [[900.0, 2.0, 310.0], [0.0, 910.0, 250.0], [0.0, 0.0, 1.0]];
         let camera =
             Pinhole { k, r: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]], t: [3.0, -4.0, 10.0] };

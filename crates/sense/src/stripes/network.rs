@@ -1,28 +1,27 @@
-//! Which crossings are neighbours along which stripe.
+//! Finds the neighbours of crossings along stripes.
 //!
-//! Comes in: [`Crossings`] and the [`Ridges`] between them. Goes out: pieces of the net, whose crossings have
-//! whole coordinates.
+//! In: [`Crossings`] and the [`Ridges`] between them. Out: pieces of the net, whose crossings have integer
+//! coordinates.
 //!
-//! From each crossing both stripes are followed both ways, place by place, to the next crossing. What is
-//! believed goes there and back, and is a side of a mesh that closes: from one crossing two ways round lead
-//! to the same fourth. A stripe that jumps from one surface to another behind it closes none.
+//! Both stripes of each crossing are followed in both directions to the next crossing. A link is accepted if
+//! it is mutual and is a side of a closed mesh: two ways around lead to the same fourth crossing. A stripe
+//! that jumps to a surface behind closes no mesh.
 //!
-//! Not guaranteed: which stripe of the pattern it is; pieces know themselves up to a shift and a quarter
-//! turn.
+//! Not guaranteed: the stripe indices of a piece are known only up to a shift and a quarter turn.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use super::crossings::{Crossing, Crossings, apart};
 use super::ridges::Ridges;
 
-/// Stripes are followed no farther than so many usual distances.
+/// Maximum distance to which a stripe is followed, as a multiple of the median spacing of crossings.
 const FARTHEST: f64 = 3.5;
-/// So near, as a share of the usual distance and in pixels, a crossing is reached.
+/// Distance at which a crossing is reached, as a share of the median spacing, and in pixels.
 const ARRIVED: f64 = 0.2;
 const ARRIVED_PX: f64 = 2.5;
-/// Steps, in scales, over which a stripe may be missing: it is not looked at near crossings.
+/// Maximum gap in a stripe, in scales; ridge points are missing near crossings.
 const GAP_SCALES: f64 = 4.5;
-/// Cosine between one step and the next, and between the last and the stripe of the crossing that is reached.
+/// Minimum cosine between successive steps, and between the last step and the stripe of the reached crossing.
 const STEADY: f64 = 0.8;
 
 /// A crossing of a piece.

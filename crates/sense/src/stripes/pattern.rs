@@ -1,11 +1,25 @@
-//! The picture that the projector throws: two sets of parallel stripes.
+//! The projected pattern: two sets of parallel stripes.
 
 use planish_estimate::{Error, Result};
 
-/// Two sets of parallel, evenly spaced stripes in the projector's picture.
+/// Two sets of parallel, evenly spaced stripes in the projector's image.
 ///
-/// Stripe k of a set with the direction φ is the line of places p with
-/// `(p − origin) · (−sin φ, cos φ) = k · spacing`: stripes 0 of both sets cross at the origin.
+/// Stripe k of a set with the direction φ is the line of points p with `(p − origin) · (−sin φ, cos φ) = k ·
+/// spacing`. Stripes 0 of both sets cross at the origin.
+///
+/// # Examples
+/// ```
+/// use planish_sense::stripes::StripePattern;
+/// let pattern = StripePattern {
+///     directions_rad: [0.0, std::f64::consts::FRAC_PI_2],
+///     spacing: 10.0,
+///     origin: [100.0, 100.0],
+///     range: [[-5, 5], [-5, 5]],
+/// };
+/// let [x, y] = pattern.crossing([2.0, 0.0]);
+/// assert!((x - 100.0).abs() < 1e-9 && (y - 120.0).abs() < 1e-9);
+/// assert!(pattern.holds([2, 0]) && !pattern.holds([6, 0]));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StripePattern {
     /// Angles of both sets, from x (right) to y (down), in radians.
@@ -19,11 +33,11 @@ pub struct StripePattern {
 }
 
 impl StripePattern {
-    /// Refuses what is no pattern of crossing stripes.
+    /// Checks that the pattern has two sets of crossing stripes.
     ///
     /// # Errors
-    /// `Input` for sets that run the same way to within 10°, a spacing that is not above 0, or ranges without
-    /// two stripes.
+    /// `Input` for directions that differ by less than 10°, a spacing that is not positive, or a range with
+    /// fewer than two stripes.
     pub fn sanity_check(&self) -> Result<()> {
         let [a, b] = self.directions_rad;
         let crossing = (b - a).sin().abs().asin().to_degrees();
@@ -52,14 +66,14 @@ impl StripePattern {
         self.directions_rad.map(|a| [a.cos(), a.sin()])
     }
 
-    /// Where a place lies among the stripes of both sets: whole numbers on them.
+    /// Fractional stripe indices of a point in both sets; they are integers on the stripes.
     #[must_use]
     pub fn indices(&self, place: [f64; 2]) -> [f64; 2] {
         let d = [place[0] - self.origin[0], place[1] - self.origin[1]];
         self.directions().map(|[x, y]| (x * d[1] - y * d[0]) / self.spacing)
     }
 
-    /// Where two stripes, one of each set, cross.
+    /// The point where two stripes, one of each set, cross.
     #[must_use]
     pub fn crossing(&self, of: [f64; 2]) -> [f64; 2] {
         let [[ax, ay], [bx, by]] = self.directions();
@@ -71,7 +85,7 @@ impl StripePattern {
         [self.origin[0] + x, self.origin[1] + y]
     }
 
-    /// Whether both stripes are part of the pattern.
+    /// True if both stripes are part of the pattern.
     #[must_use]
     pub fn holds(&self, of: [i32; 2]) -> bool {
         of.iter().zip(&self.range).all(|(k, [first, last])| k >= first && k <= last)

@@ -1,7 +1,7 @@
-//! Bright lines of a picture, to a fraction of a pixel.
+//! Bright lines of an image with subpixel accuracy.
 //!
-//! Comes in: a picture and the scale `s` that it is smoothed with. Goes out: for every pixel on a bright line
-//! its nearest place on the line, the line's direction and its strength.
+//! In: an image and the smoothing scale `s`. Out: for every pixel on a bright line its nearest point on the
+//! line, the line's direction and its strength.
 //!
 //! Across a line, along the eigenvector n of the Hessian with the eigenvalue λ of greatest size, the smoothed
 //! brightness is `I + g·n t + λ t²/2`: its top lies at `t = −g·n/λ`. White noise of σ in the picture moves
@@ -14,12 +14,12 @@ use rayon::prelude::*;
 
 use crate::Image;
 
-/// Lines weaker than this share of the strong ones are texture or noise.
+/// Minimum strength of a line as a share of the typical strong line; weaker lines are texture or noise.
 const LEAST_STRENGTH: f64 = 0.15;
-/// Kernels are cut off at so many scales, where they have fallen to 3·10⁻⁴.
+/// Radius of kernels in scales, where a Gaussian has decayed to 3·10⁻⁴.
 const KERNEL_SCALES: f64 = 4.0;
 
-/// A place on a line.
+/// A point on a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ridge {
     /// Where it is, in pixels.
@@ -30,7 +30,7 @@ pub(super) struct Ridge {
     pub strength: f64,
 }
 
-/// The lines of a picture.
+/// The bright lines of an image.
 pub(super) struct Ridges {
     columns: usize,
     rows: usize,
@@ -51,7 +51,7 @@ pub(super) struct Derivatives {
 
 impl Derivatives {
     /// Those at a scale, by separable kernels; the border is carried on outwards.
-    pub fn of(image: &Image, scale: f64) -> Self {
+    pub fn new(image: &Image, scale: f64) -> Self {
         let kernels = [0, 1, 2].map(|order| kernel(scale, order));
         let rows = [0, 1, 2].map(|order| along_rows(image, &kernels[order]));
         let down = |of: &Vec<f32>, order: usize| along_columns(of, image.columns, &kernels[order]);
@@ -86,14 +86,14 @@ fn kernel(scale: f64, order: usize) -> Vec<f32> {
         let t = i as f64;
         let factor = match order {
             0 => 1.0,
-            // A correlation runs the other way round than a convolution.
+            // The sign differs from that of a convolution, because the kernel is used for correlation.
             1 => t / (scale * scale),
             _ => (t * t / (scale * scale) - 1.0) / (scale * scale),
         };
         factor * gauss(t)
     };
     let mut values: Vec<f64> = (-reach..=reach).map(of).collect();
-    // What sampling and cutting off leave of the moments: a constant picture has no second derivative.
+    // Sampling and truncation change the moments; the second derivative of a constant must be zero.
     let sum: f64 = values.iter().sum();
     match order {
         0 => values.iter_mut().for_each(|v| *v /= sum),
@@ -149,8 +149,8 @@ pub(super) fn typical(strengths: impl Iterator<Item = f64>) -> f64 {
 
 impl Ridges {
     /// The bright lines of a picture.
-    pub fn of(image: &Image, scale: f64) -> Self {
-        let bent = Derivatives::of(image, scale);
+    pub fn new(image: &Image, scale: f64) -> Self {
+        let bent = Derivatives::new(image, scale);
         let (columns, rows) = (image.columns, image.rows);
         let mut at: Vec<Option<Ridge>> = (0..columns * rows)
             .into_par_iter()
@@ -159,7 +159,7 @@ impl Ridges {
                 let ([bend, _], across) = bent.bend(k);
                 let pixel = [(k % columns) as f64, (k / columns) as f64];
                 let at = |off: f64| [0, 1].map(|c| pixel[c] + off * across[c]);
-                // A second step, from where the first has led: the top is no parabola.
+                // The profile is not a parabola, so a second Newton step starts from the first one.
                 let step = |off: f64| {
                     let [u, v] = at(off);
                     let [x, y] = [0, 1].map(|c| bent.slopes[c].between(u, v).map_or(f64::NAN, f64::from));
@@ -167,8 +167,7 @@ impl Ridges {
                 };
                 let first = step(0.0);
                 let off = first + step(first);
-                // A little over half a pixel, so that no line falls between two. Far from a top no step leads
-                // there.
+                // Slightly more than half a pixel, so that no line is lost between two pixels.
                 let inside = across.iter().all(|c| (c * off).abs() <= 0.6);
                 let here = bend < 0.0 && inside && first.abs() <= 1.0 && (off - first).abs() <= 0.2;
                 here.then(|| Ridge { place: at(off), direction: [-across[1], across[0]], strength: -bend })
@@ -262,7 +261,7 @@ mod tests {
     #[test]
     fn places_on_a_line_are_found_to_a_fraction_of_a_pixel() {
         for angle in [0.0, 0.3, 0.8, 1.4, 2.2] {
-            let ridges = Ridges::of(&line(angle, 0.0, 0), 1.5);
+            let ridges = Ridges::new(&line(angle, 0.0, 0), 1.5);
             let found: Vec<&Ridge> = ridges.near([20.0, 20.0], 10.0).collect();
             assert!(found.len() >= 20, "{}", found.len());
             for r in found {
@@ -278,7 +277,7 @@ mod tests {
         let (angle, sigma) = (0.0, 3.0);
         let (mut squares, mut stated, mut products, mut n) = (0.0, 0.0, 0.0, 0.0);
         for seed in 0..400 {
-            let ridges = Ridges::of(&line(angle, sigma, seed), 1.5);
+            let ridges = Ridges::new(&line(angle, sigma, seed), 1.5);
             let at = |x: f64| ridges.near([x, 20.0], 1.0).find(|r| (r.place[0] - x).abs() < 0.3).copied();
             if let (Some(a), Some(b)) = (at(15.0), at(17.0)) {
                 squares += off(&a, angle).powi(2);

@@ -185,7 +185,7 @@ fn the_curvatures_sigma_is_that_of_many_draws() {
 }
 
 #[test]
-fn what_determines_nothing_is_refused() {
+fn degenerate_junctions_are_rejected() {
     let j = junction([320.0, 240.0]).unwrap();
     let one = Junction { angles_rad: [j.angles_rad[0]; 2], ..j };
     let same = orientation(&camera(), &projector(), [STRIPES[0]; 2], &one, &SIGMA.covariance());

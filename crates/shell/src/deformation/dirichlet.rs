@@ -1,15 +1,15 @@
 //! Dirichlet free-form deformation (L. Moccozet, N. Magnenat-Thalmann 1997; C eq. 1): vertices follow the
 //! control points that are their natural neighbours.
 //!
-//! Comes in: vertices, and control points anywhere: few, on a grid, in a plane, several at one place. Goes
-//! out: `V_v = V0_v + Σ_j w_vj ΔP_j` with Sibson's coordinates, exact at controls.
+//! In: vertices and control points, the latter in any arrangement (few, on a grid, coplanar, coincident).
+//! Out: `V_v = V0_v + Σ_j w_vj ΔP_j` with Sibson's coordinates, exact at controls.
 //!
-//! Beyond the controls the corners of a box are natural neighbours as well. They move by the affine motion
-//! that fits the displacements of the controls best: a corner that stood still would break rigid motions.
-//! Where all controls lie in a plane, on a line or at a point, displacements do not change away from it.
+//! Outside the controls the corners of a bounding box are natural neighbours too. They move by the affine
+//! motion that best fits the displacements of the controls; fixed corners would break rigid motions. If all
+//! controls lie in a plane, on a line or at a point, displacements are constant away from it.
 //!
-//! Not guaranteed: that a vertex off the plane of coplanar controls turns with them: no linear map of
-//! displacements could do that.
+//! Not guaranteed: a vertex off the plane of coplanar controls does not rotate with them; no linear map of
+//! their displacements can do that.
 
 use super::Deformation;
 use crate::natural_neighbour::{BOX_CORNERS, NaturalNeighbours};
@@ -17,12 +17,13 @@ use nalgebra::DMatrix;
 use planish_estimate::vector3::{add, norm, scale, sub};
 use planish_estimate::{Error, Result};
 
-/// Directions in which controls spread less than this share of the greatest spread are none.
+/// Controls are degenerate in directions where their spread is below this share of the largest. The threshold
+/// is above rounding only.
 const FLAT: f64 = 1e-9;
-/// `1, x, y, z`.
+/// Number of affine functions: `1, x, y, z`.
 const AFFINE: usize = 4;
 
-/// Vertices under control points.
+/// Vertices that follow control points by natural-neighbour coordinates.
 ///
 /// # Examples
 /// ```
@@ -31,7 +32,7 @@ const AFFINE: usize = 4;
 /// let controls = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0], [2.0, 2.0, 2.0]];
 /// let vertices = [[0.5, 0.5, 0.5], [2.0, 0.0, 0.0], [9.0, 9.0, 9.0]];
 /// let made = Dirichlet::new(&controls, &vertices)?;
-/// // All controls to the right: so do all vertices, within the controls and beyond.
+/// // A translation of all controls translates all vertices, inside and outside of the controls.
 /// let q = DVector::from_fn(made.parameters(), |k, _| if k % 3 == 0 { 1.0 } else { 0.0 });
 /// for moved in displacements(&made, &q) {
 ///     assert!((moved[0] - 1.0).abs() < 1e-12 && moved[1].abs() < 1e-12);
@@ -48,7 +49,7 @@ pub struct Dirichlet {
 }
 
 impl Dirichlet {
-    /// Weights of `vertices` under `controls`. Some 10 µs a vertex.
+    /// Computes the weights of `vertices` with respect to `controls`. Cost: about 10 µs per vertex.
     ///
     /// # Errors
     /// `Input` for controls or vertices that are not finite, or no controls.

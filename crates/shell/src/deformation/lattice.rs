@@ -1,40 +1,51 @@
-//! Free-form deformation by a lattice of control points (T. Sederberg, S. Parry 1986): a box of polynomial or
-//! spline space.
+//! Free-form deformation by a lattice of control points (T. Sederberg, S. Parry 1986) with polynomials or
+//! splines.
 //!
-//! Comes in: vertices, and how many control points a lattice about them has along each axis. Goes out:
-//! `V = V0 + Σ B_i(u) B_j(v) B_k(w) ΔP_ijk`.
+//! In: vertices and the number of control points along each axis. Out: `V = V0 + Σ B_i(u) B_j(v) B_k(w)
+//! ΔP_ijk`.
 //!
-//! Not guaranteed: anything for vertices outside of the box; there are none, as it is made around them.
+//! The box of the lattice encloses the vertices, so none lies outside.
 
 use super::Deformation;
 use planish_estimate::{Error, Result};
 use planish_mesh::BoundingBox;
 
-/// The functions of a lattice.
+/// Basis functions of a lattice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LatticeBasis {
-    /// Bernstein polynomials, of a degree one below the number of points: every point moves everything.
+    /// Bernstein polynomials of a degree one below the number of points. Every point moves all vertices.
     Bernstein,
-    /// Uniform cubic B-splines: a point moves what is within two steps of it. At least four points along each
-    /// axis.
+    /// Uniform cubic B-splines. A point moves the vertices within two lattice steps. Needs four points along
+    /// each axis.
     CubicBSpline,
 }
 
-/// Vertices in a lattice.
+/// Vertices that follow a lattice of control points.
+///
+/// # Examples
+/// ```
+/// use nalgebra::DVector;
+/// use planish_shell::{Deformation, Lattice, LatticeBasis, displacements};
+/// let vertices = [[0.0; 3], [1.0, 2.0, 3.0]];
+/// let lattice = Lattice::new(&vertices, [2, 2, 2], LatticeBasis::Bernstein)?;
+/// let q = DVector::from_element(lattice.parameters(), 0.5);
+/// assert!(displacements(&lattice, &q).iter().flatten().all(|d| (d - 0.5).abs() < 1e-12));
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Lattice {
     points: [usize; 3],
     controls: Vec<[f64; 3]>,
-    /// For each vertex and axis the first function that is not zero there, and the values from it on.
+    /// For each vertex and axis the first function that is nonzero there, and the values from it on.
     values: Vec<[(u32, Vec<f64>); 3]>,
 }
 
 impl Lattice {
-    /// A lattice around vertices.
+    /// A lattice with `points` along each axis, around the bounding box of the vertices.
     ///
     /// # Errors
-    /// `Input` for fewer than two points along an axis (four for splines), more than a hundred thousand in
-    /// all, or vertices that are not finite or none.
+    /// `Input` for fewer than two points along an axis (four for splines), more than 100 000 in total, no
+    /// vertices, or vertices that are not finite.
     pub fn new(vertices: &[[f64; 3]], points: [usize; 3], basis: LatticeBasis) -> Result<Self> {
         let fewest = match basis {
             LatticeBasis::Bernstein => 2,
@@ -43,7 +54,8 @@ impl Lattice {
         let count = points.iter().fold(1_usize, |product, n| product.saturating_mul(*n));
         if points.iter().any(|n| *n < fewest) || count > 100_000 {
             return Err(Error::input(format!(
-                "a lattice of {points:?} points: needed at least {fewest} along each axis, and at most 100000 in all"
+                "a lattice of {points:?} points: needed at least {fewest} along each axis, and at most \
+                100000 in all"
             )));
         }
         let bounds = BoundingBox::of(vertices)
@@ -51,16 +63,16 @@ impl Lattice {
                 b.min.iter().chain(&b.max).all(|x| x.is_finite())
                     && vertices.iter().flatten().all(|x| x.is_finite())
             })
-            .ok_or_else(|| Error::input("a lattice needs finite vertices to stand around"))?;
+            .ok_or_else(|| Error::input("a lattice needs vertices with finite coordinates"))?;
         let size = bounds.diagonal();
-        // A flat thing has a lattice as well.
+        // The box of a flat object gets a small thickness, so that coordinates stay finite.
         let least = if size > 0.0 { 1e-3 * size } else { 1.0 };
         let extent: [f64; 3] = std::array::from_fn(|k| (bounds.max[k] - bounds.min[k]).max(least));
         let middle = bounds.center();
         let low: [f64; 3] = std::array::from_fn(|k| middle[k] - 0.5 * extent[k]);
         let place = |axis: usize, index: usize| {
-            // Where a control stands such that an affine motion of the controls is one of everything:
-            // Greville's abscissae.
+            // Greville abscissae: with these, an affine motion of the controls moves all vertices by the same
+            // one.
             let along = match basis {
                 LatticeBasis::Bernstein => index as f64 / (points[axis] - 1) as f64,
                 LatticeBasis::CubicBSpline => (index as f64 - 1.0) / (points[axis] - 3) as f64,

@@ -1,21 +1,31 @@
-//! Deformations by principal modes of a family of meshes, and by every vertex on its own.
+//! Deformations by the principal modes of a family of meshes, and by independent vertices.
 //!
-//! Comes in: meshes of one connectivity, or nothing. Goes out: `V = V0 + Σ_m q_m M_m`, where a mode is as
-//! large as the family's standard deviation along it, so that `q` of a member of the family is a few ones (V.
-//! Blanz, T. Vetter 1999).
+//! In: meshes of one connectivity. Out: `V = V0 + Σ_m q_m M_m`, where each mode is scaled to the family's
+//! standard deviation along it, so that `q` is of order one for members of the family (V. Blanz, T. Vetter
+//! 1999).
 //!
-//! Not guaranteed: that members of the family are brought into one pose; rotations between them are not
-//! linear and make many modes.
+//! Not guaranteed: the meshes are not aligned. Rotations between them are not linear and need many modes.
 
 use super::Deformation;
 use nalgebra::DMatrix;
 use planish_estimate::vector3::{add, scale, sub};
 use planish_estimate::{Error, Result};
 
-/// Modes with less than this share of the first one's standard deviation are rounding.
+/// Modes below this share of the largest standard deviation are rounding errors. The eigenvalues are squares,
+/// so their rounding of 1e-16 becomes 1e-8.
 const ROUNDING: f64 = 1e-7;
 
-/// Principal modes.
+/// Principal modes of a family of meshes.
+///
+/// # Examples
+/// ```
+/// use planish_shell::{Deformation, Modes};
+/// let family: Vec<Vec<[f64; 3]>> = [-1.0, 0.0, 1.0].iter().map(|z| vec![[0.0, 0.0, *z]; 4]).collect();
+/// let modes = Modes::from_meshes(&family, 5)?;
+/// assert_eq!(modes.parameters(), 1);
+/// assert_eq!(modes.mean()[0], [0.0; 3]);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Modes {
     mean: Vec<[f64; 3]>,
@@ -25,12 +35,13 @@ pub struct Modes {
 }
 
 impl Modes {
-    /// The largest modes of a family, at most `most`. Positions are those of one vertex in every member.
+    /// Computes the largest modes of a family, at most `max_modes`. Entry `v` of every member is the same
+    /// vertex.
     ///
     /// # Errors
-    /// `Input` for fewer than two members, or members of different numbers of vertices; `Undetermined` where
-    /// all are the same.
-    pub fn of(family: &[Vec<[f64; 3]>], most: usize) -> Result<Self> {
+    /// `Input` for fewer than two members, or members with different numbers of vertices; `Undetermined` if
+    /// all are equal.
+    pub fn from_meshes(family: &[Vec<[f64; 3]>], max_modes: usize) -> Result<Self> {
         let Some(first) = family.first().filter(|_| family.len() > 1) else {
             return Err(Error::input("principal modes need at least two meshes"));
         };
@@ -50,7 +61,8 @@ impl Modes {
         let off: Vec<Vec<[f64; 3]>> = (family.iter())
             .map(|member| member.iter().zip(&mean).map(|(p, m)| sub(*p, *m)).collect())
             .collect();
-        // Few meshes of many vertices: the small matrix of their products has the same eigenvalues.
+        // There are few meshes with many vertices: the small Gram matrix has the same nonzero eigenvalues as
+        // the large covariance.
         let products = DMatrix::from_fn(count, count, |i, j| {
             let pairs = off[i].iter().zip(&off[j]);
             pairs.map(|(a, b)| (0..3).map(|k| a[k] * b[k]).sum::<f64>()).sum::<f64>() / (count - 1) as f64
@@ -64,10 +76,10 @@ impl Modes {
             return Err(Error::undetermined("the meshes of the family are all the same: there are no modes"));
         }
         order.retain(|&k| deviation(k) > ROUNDING * largest);
-        order.truncate(most.min(count - 1));
+        order.truncate(max_modes.min(count - 1));
         let modes = (order.iter())
             .map(|&k| {
-                // The member of unit product, then as long as one standard deviation.
+                // Scales the mode to one standard deviation of the family.
                 let factor = 1.0 / ((count - 1) as f64).sqrt();
                 (0..first.len())
                     .map(|v| {
@@ -81,7 +93,7 @@ impl Modes {
         Ok(Self { mean, modes, deviations: order.iter().map(|&k| deviation(k)).collect() })
     }
 
-    /// The family's mean, which is to be `V0`.
+    /// The mean of the family, to be used as `V0`.
     #[must_use]
     pub fn mean(&self) -> &[[f64; 3]] {
         &self.mean
@@ -112,14 +124,14 @@ impl Deformation for Modes {
     }
 }
 
-/// Every vertex on its own.
+/// Every vertex moves independently: three parameters each.
 #[derive(Debug, Clone)]
 pub struct VertexDisplacements {
     vertices: Vec<[f64; 3]>,
 }
 
 impl VertexDisplacements {
-    /// Three parameters for each of these vertices.
+    /// A deformation of these vertices.
     #[must_use]
     pub fn new(vertices: &[[f64; 3]]) -> Self {
         Self { vertices: vertices.to_vec() }
@@ -167,7 +179,7 @@ mod tests {
                 ball.iter().map(|p| [a * p[0], b * p[1], p[2]]).collect()
             })
             .collect();
-        let modes = Modes::of(&family, 10).unwrap();
+        let modes = Modes::from_meshes(&family, 10).unwrap();
         assert_eq!(modes.parameters(), 2);
         let [first, second] = [0, 1].map(|k| modes.deviations()[k]);
         assert!(first > 2.0 * second);
@@ -184,8 +196,18 @@ mod tests {
                 assert!(distance(add(*mean, *by), *p) < 1e-9);
             }
         }
-        assert!(Modes::of(&family[..1], 3).is_err());
-        assert!(Modes::of(&[ball.clone(), ball.clone()], 3).unwrap_err().to_string().contains("the same"));
-        assert!(Modes::of(&[ball.clone(), vec![[0.0; 3]]], 3).unwrap_err().to_string().contains("mesh 1"));
+        assert!(Modes::from_meshes(&family[..1], 3).is_err());
+        assert!(
+            Modes::from_meshes(&[ball.clone(), ball.clone()], 3)
+                .unwrap_err()
+                .to_string()
+                .contains("the same")
+        );
+        assert!(
+            Modes::from_meshes(&[ball.clone(), vec![[0.0; 3]]], 3)
+                .unwrap_err()
+                .to_string()
+                .contains("mesh 1")
+        );
     }
 }

@@ -1,19 +1,19 @@
 //! Parts of a mesh that stay rigid while the rest deforms.
 //!
-//! Comes in: a deformation, and parts: lists of vertices that are held or move rigidly. Goes out: a
-//! deformation whose parameters are those of the first, then six for each part that moves.
+//! In: a deformation and parts, which are lists of vertices that stay fixed or move rigidly. Out: a
+//! deformation whose parameters are those of the given one, then six for each moving part.
 //!
-//! A part's weight `w_p` is 1 on it and falls to 0 within a distance, as `1 − (6s⁵ − 15s⁴ + 10s³)`: with both
-//! derivatives 0 at either end, so that seams show no crease. Where several parts are near, each counts as
-//! far as the others do not: `u_p = w_p Π_{q≠p} (1 − w_q)`. Then
+//! The weight `w_p` of a part is 1 on it and falls to 0 within the blend distance as `1 − (6s⁵ − 15s⁴ +
+//! 10s³)`. Both its derivatives vanish at either end, so seams have no crease. Weights of several parts are
+//! combined as `u_p = w_p Π_{q≠p} (1 − w_q)`. Then
 //!
 //! `V = V0 + (1 − Σ u_p) W q + Σ u_p (t_p + ω_p × (V0 − c_p))`.
 //!
-//! Fits are linear: `ω × r` stands for a rotation, and is off by `|ω|² r/2`. [`RigidParts::positions`] takes
-//! the rotation by `|ω|` itself.
+//! Fits are linear: `ω × r` approximates a rotation with an error of `|ω|² r/2`. [`RigidParts::positions`]
+//! applies the exact rotation.
 //!
-//! Not guaranteed: that what is near in space but far along the mesh (a hand on a hip) is blended with the
-//! part that it belongs to.
+//! Not guaranteed: distances are measured in space, so a vertex that is near a part but far along the mesh (a
+//! hand on a hip) is blended with that part.
 
 use super::{Deformation, displacements};
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
@@ -26,8 +26,9 @@ use rayon::prelude::*;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PartMotion {
     /// It stays where it is.
-    Held,
-    /// By six parameters: a translation, then a rotation about its middle, in lengths at its radius.
+    Fixed,
+    /// It has six parameters: a translation, then a rotation vector about its centre times its radius
+    /// (lengths).
     Free,
 }
 
@@ -40,13 +41,13 @@ pub struct RigidPart {
     pub motion: PartMotion,
 }
 
-/// A part, ready to be moved.
+/// A part with its centre and the index of its parameters.
 #[derive(Debug, Clone)]
 struct Part {
     center: [f64; 3],
-    /// Its largest distance from the middle.
+    /// Largest distance of its vertices from the centre.
     radius: f64,
-    /// The first of its six numbers, counted from the end of those of the other deformation.
+    /// Index of the first of its six parameters, counted after those of the inner deformation.
     first: Option<usize>,
     vertices: Vec<u32>,
 }
@@ -63,7 +64,7 @@ struct Part {
 /// let part = RigidPart { vertices: vec![0, 1, 11, 12], motion: PartMotion::Free };
 /// let made = RigidParts::new(&sheet, inner, &[part], 3.0)?;
 /// let mut q = DVector::zeros(made.parameters());
-/// q[66 + 2] = 1.0; // the part goes up along z
+/// q[66 + 2] = 1.0; // the part moves along z
 /// let moved = displacements(&made, &q);
 /// assert!(moved[1][2] == 1.0 && moved[3][2] > 0.0 && moved[3][2] < 1.0 && moved[10][2] == 0.0);
 /// # Ok::<(), planish_estimate::Error>(())
@@ -72,22 +73,22 @@ pub struct RigidParts<'a> {
     inner: Box<dyn Deformation + 'a>,
     rest: Vec<[f64; 3]>,
     parts: Vec<Part>,
-    /// For each vertex what of it follows the other deformation, and the parts that it follows.
+    /// For each vertex its weight of the inner deformation, and the parts that it follows with their weights.
     own: Vec<f64>,
     following: Vec<Vec<(u32, f64)>>,
     reduction: Option<DMatrix<f64>>,
     free: usize,
 }
 
-/// Numbers of a moving part.
+/// Parameters of a moving part.
 const NUMBERS: usize = 6;
 
 impl<'a> RigidParts<'a> {
     /// Makes parts of `mesh` rigid, blended over the distance `blend`.
     ///
     /// # Errors
-    /// `Input` for a part without vertices, vertices that are not there, a vertex of two parts, a blend that
-    /// is no length, or a deformation of another number of vertices.
+    /// `Input` for a part without vertices, a vertex that does not exist or is in two parts, a negative blend
+    /// distance, or a deformation with a different number of vertices.
     pub fn new(
         mesh: &TriangleMesh,
         inner: Box<dyn Deformation + 'a>,
@@ -183,7 +184,8 @@ impl<'a> RigidParts<'a> {
         })
     }
 
-    /// The stiffness of all parameters, from that of the other deformation's: rigid motions cost nothing.
+    /// The stiffness of all parameters, from that of the inner deformation. Rigid motions of parts cost
+    /// nothing.
     #[must_use]
     pub fn stiffness(&self, inner: &DMatrix<f64>) -> DMatrix<f64> {
         let mut whole = DMatrix::zeros(inner.nrows() + self.free, inner.ncols() + self.free);
@@ -191,10 +193,10 @@ impl<'a> RigidParts<'a> {
         whole
     }
 
-    /// Parameters by which parts that move follow what the other deformation does to them, as nearly as a
-    /// rigid motion can (W. Kabsch 1976).
+    /// Parameters of all parts such that each moves by the rigid motion nearest to what the inner deformation
+    /// with parameters `inner` does to it (W. Kabsch 1976).
     #[must_use]
-    pub fn carried(&self, inner: &DVector<f64>) -> DVector<f64> {
+    pub fn rigid_start(&self, inner: &DVector<f64>) -> DVector<f64> {
         let by = displacements(&*self.inner, inner);
         let mut q = DVector::zeros(self.parameters());
         q.rows_mut(0, inner.len()).copy_from(inner);
@@ -220,7 +222,7 @@ impl<'a> RigidParts<'a> {
         q
     }
 
-    /// Where vertices are, with rotations of parts as they are.
+    /// Positions of the vertices, with exact rotations of the parts.
     #[must_use]
     pub fn positions(&self, q: &DVector<f64>) -> Vec<[f64; 3]> {
         let count = self.inner.parameters();
@@ -283,7 +285,7 @@ impl Deformation for RigidParts<'_> {
     }
 }
 
-/// From 1 at 0 to 0 at 1, with two derivatives that are zero there.
+/// Falls from 1 at 0 to 0 at 1, with two vanishing derivatives at either end.
 fn falling(s: f64) -> f64 {
     if s.is_nan() || s >= 1.0 {
         return 0.0;
@@ -292,7 +294,7 @@ fn falling(s: f64) -> f64 {
     1.0 - s * s * s * (10.0 + s * (6.0 * s - 15.0))
 }
 
-/// How far vertices are from a part: from its faces, or from its vertices where it has none.
+/// Distances of all vertices from a part: from its faces, or from its vertices if it has no faces.
 fn distances(mesh: &TriangleMesh, part_of: &[Option<usize>], index: usize, blend: f64) -> Result<Vec<f64>> {
     let is_in = |v: &u32| part_of[*v as usize] == Some(index);
     let mut triangles: Vec<[u32; 3]> =
@@ -337,7 +339,7 @@ mod tests {
         let ball = icosphere(1.0, 3);
         let controls = icosphere(1.2, 1).positions;
         let part = lower(&ball, -0.3);
-        for motion in [PartMotion::Free, PartMotion::Held] {
+        for motion in [PartMotion::Free, PartMotion::Fixed] {
             let inner = Box::new(Dirichlet::new(&controls, &ball.positions).unwrap());
             let parts = [RigidPart { vertices: part.clone(), motion }];
             let made = RigidParts::new(&ball, inner, &parts, 0.4).unwrap();
@@ -349,12 +351,12 @@ mod tests {
                     sub((bulge * (turn * Vector3::from(*p))).into(), *p)
                 }),
             );
-            let moved = made.positions(&made.carried(&q));
+            let moved = made.positions(&made.rigid_start(&q));
             for pair in part.windows(2) {
                 let [a, b] = [pair[0] as usize, pair[1] as usize];
                 let [before, after] = [&ball.positions, &moved].map(|p| distance(p[a], p[b]));
                 assert!((before - after).abs() < 1e-12);
-                if motion == PartMotion::Held {
+                if motion == PartMotion::Fixed {
                     assert_eq!(moved[a], ball.positions[a]);
                 }
             }
@@ -411,11 +413,11 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_make_no_sense_are_named() {
+    fn invalid_parts_are_named() {
         let ball = icosphere(1.0, 1);
         let made = |lists: &[Vec<u32>], blend: f64| {
             let parts: Vec<RigidPart> = (lists.iter().cloned())
-                .map(|vertices| RigidPart { vertices, motion: PartMotion::Held })
+                .map(|vertices| RigidPart { vertices, motion: PartMotion::Fixed })
                 .collect();
             let inner = Box::new(VertexDisplacements::new(&ball.positions));
             RigidParts::new(&ball, inner, &parts, blend).err().unwrap().to_string()

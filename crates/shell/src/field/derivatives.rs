@@ -1,18 +1,19 @@
-//! Derivatives of the smooth distance: the second by the place, and the first by the vertices of the mesh.
+//! Derivatives of the smooth distance: the second by the point, and the first by the vertices of the mesh.
 //!
-//! Comes in: the shares of facets that [`Shell::distance`] left. Goes out: the Hessian, and what each vertex
-//! does to the distance or to the height over one facet.
+//! In: the shares of facets from [`Shell::distance`]. Out: the Hessian, and the derivatives of the distance,
+//! or of the height over one facet, by each vertex.
 
-use super::{Metaball, Over, Share, Shell, ShellDistance, away};
+use super::{FacetShare, Metaball, Over, Shell, ShellDistance, away};
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use planish_mesh::NearFacet;
 
 impl Shell<'_> {
-    /// `∂²D/∂x²`, from what [`Self::distance`] left. The derivative of `∇D = Σ p_i (n_i − k (s_i − D) u_i)`,
+    /// The Hessian `∂²D/∂x²`, from the shares and the result of [`Self::distance`]. It is the derivative of
+    /// `∇D = Σ p_i (n_i − k (s_i − D) u_i)`,
     /// with `s_i` the heights and `u_i` the directions away from the skeletons; symmetric.
     #[must_use]
-    pub fn hessian(&self, at: [f64; 3], shares: &[Share], of: &ShellDistance) -> Matrix3<f64> {
+    pub fn hessian(&self, at: [f64; 3], shares: &[FacetShare], of: &ShellDistance) -> Matrix3<f64> {
         let k = self.options.sharpness;
         let facing = self.facets[of.facet as usize].normal.into();
         let gradient = Vector3::from(of.gradient);
@@ -57,7 +58,7 @@ impl Shell<'_> {
     pub fn by_vertices(
         &self,
         at: [f64; 3],
-        shares: &[Share],
+        shares: &[FacetShare],
         of: &ShellDistance,
         mut visit: impl FnMut(u32, [f64; 3]),
     ) {
@@ -72,8 +73,8 @@ impl Shell<'_> {
             let above = height - of.distance;
             let (own, twice) = (Vector3::from(facet.normal), 2.0 * facet.area);
             let off = Vector3::from(sub(at, one.near.point));
-            // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|. A facet without area has nothing to
-            // turn.
+            // n = m / |m|: dn = (I − n nᵀ) dm / |m|; d ln A = n·dm / |m|. A facet without area has no normal
+            // to rotate.
             let by_m = if twice > 0.0 {
                 let growing = match self.options.metaball {
                     Metaball::Spherical => above,
@@ -88,8 +89,8 @@ impl Shell<'_> {
                 // m changes by dV × (the side opposite, turned back).
                 let side = Vector3::from(sub(corners[(corner + 2) % 3], corners[(corner + 1) % 3]));
                 let by_corner = match self.skeletons.get(one.near.facet as usize) {
-                    // Which point of the facet is nearest changes as well, but within its plane, and by a
-                    // step at a right angle to the way.
+                    // The nearest point of the facet moves too, but in its plane and perpendicular to the
+                    // direction, so it contributes nothing.
                     None => one.near.barycentric[corner] * by_skeleton,
                     Some(skeleton) => skeleton.by_corner[corner].tr_mul(&by_skeleton),
                 };
@@ -98,8 +99,8 @@ impl Shell<'_> {
         }
     }
 
-    /// The height of a place over the plane of a facet that is near, and where its foot is in that plane.
-    pub(crate) fn over(&self, at: [f64; 3], one: &Share) -> Over {
+    /// The height of a point over the plane of a facet, and the distance of its foot point from the facet.
+    pub(crate) fn over(&self, at: [f64; 3], one: &FacetShare) -> Over {
         let facet = &self.facets[one.near.facet as usize];
         let off = sub(at, one.near.point);
         let height = dot(facet.normal, off);
@@ -111,8 +112,8 @@ impl Shell<'_> {
         }
     }
 
-    /// How far within each side of a facet that is near the foot of a place is; negative beyond it.
-    pub(crate) fn within(&self, at: [f64; 3], one: &Share) -> [f64; 3] {
+    /// The signed distances of the foot point of a point from the sides of a facet; positive inside.
+    pub(crate) fn within(&self, at: [f64; 3], one: &FacetShare) -> [f64; 3] {
         let normal = self.facets[one.near.facet as usize].normal;
         let corners = self.mesh.corners(one.near.facet as usize);
         [0, 1, 2].map(|k| {
@@ -125,7 +126,7 @@ impl Shell<'_> {
     pub(crate) fn height_by_vertices(
         &self,
         at: [f64; 3],
-        one: &Share,
+        one: &FacetShare,
         share: f64,
         visit: &mut impl FnMut(u32, [f64; 3]),
     ) {

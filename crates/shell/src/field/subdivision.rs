@@ -1,7 +1,7 @@
-//! Meshes cut into small facets, for spherical metaballs.
+//! Subdivides meshes into small facets, for spherical metaballs.
 //!
-//! Comes in: a mesh. Goes out: facets with vertices of their own, and by which vertices of the mesh these
-//! move.
+//! In: a mesh. Out: facets with separate vertices, and the vertices of the mesh with which each of them
+//! moves.
 
 use planish_estimate::vector3::distance;
 use planish_mesh::TriangleMesh;
@@ -9,10 +9,23 @@ use planish_mesh::TriangleMesh;
 /// Subdivides a mesh until no circle about a facet is larger than `radius`, halving longest sides all over;
 /// stops before there are more than `most` facets.
 ///
-/// What comes with it: for every new vertex the corners of the facet that it lies on, and their weights, by
-/// which it moves with the mesh.
+/// The second result has, for every new vertex, the corners of the facet that it lies on, and their weights.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::icosphere;
+/// use planish_shell::subdivide_for_spheres;
+/// let ball = icosphere(1.0, 1);
+/// let (fine, origins) = subdivide_for_spheres(&ball, 0.1, 10_000);
+/// assert!(fine.triangles.len() > ball.triangles.len());
+/// assert_eq!(origins.len(), fine.positions.len());
+/// ```
 #[must_use]
-pub fn subdivided(mesh: &TriangleMesh, radius: f64, most: usize) -> (TriangleMesh, Vec<[(u32, f64); 3]>) {
+pub fn subdivide_for_spheres(
+    mesh: &TriangleMesh,
+    radius: f64,
+    most: usize,
+) -> (TriangleMesh, Vec<[(u32, f64); 3]>) {
     let mut positions = mesh.positions.clone();
     let mut origins: Vec<[(u32, f64); 3]> =
         (0..positions.len() as u32).map(|v| [(v, 1.0), (v, 0.0), (v, 0.0)]).collect();
@@ -37,7 +50,7 @@ pub fn subdivided(mesh: &TriangleMesh, radius: f64, most: usize) -> (TriangleMes
             triangles.push(*t);
             continue;
         }
-        // A triangle of n × n pieces with vertices of its own: shells do not ask that neighbours share any.
+        // The n × n pieces of a triangle have separate vertices; shells need no shared ones.
         let first = positions.len() as u32;
         let row_start = |row: usize| (row * (n + 1) - row * row.saturating_sub(1) / 2) as u32;
         for row in 0..=n {

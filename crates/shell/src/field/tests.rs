@@ -167,7 +167,7 @@ fn sharp_shells_are_as_far_as_the_mesh() {
 
 /// What is left out is less than what may be: against the sum over everything.
 #[test]
-fn what_is_left_out_is_less_than_stated() {
+fn truncation_error_is_below_its_bound() {
     let mesh = rough_mesh();
     for metaball in [Metaball::Triangular, Metaball::Spherical] {
         let shell_of = |reach: f64| {
@@ -189,7 +189,7 @@ fn what_is_left_out_is_less_than_stated() {
 #[test]
 fn subdivision_keeps_the_surface() {
     let mesh = rough_mesh();
-    let (fine, origins) = subdivided(&mesh, 0.05, 1_000_000);
+    let (fine, origins) = subdivide_for_spheres(&mesh, 0.05, 1_000_000);
     let area = |mesh: &TriangleMesh| {
         (0..mesh.triangles.len())
             .map(|t| {
@@ -208,12 +208,12 @@ fn subdivision_keeps_the_surface() {
         });
         assert!(distance(again, *position) < 1e-12);
     }
-    let (bounded, _) = subdivided(&mesh, 1e-4, 5000);
+    let (bounded, _) = subdivide_for_spheres(&mesh, 1e-4, 5000);
     assert!(bounded.triangles.len() <= 5000);
 }
 
 #[test]
-fn odd_meshes_and_options_are_refused() {
+fn invalid_meshes_and_options_are_rejected() {
     let mesh = icosphere(1.0, 1);
     let refused =
         |mesh: &TriangleMesh, options: ShellOptions| Shell::new(mesh, &options).unwrap_err().to_string();

@@ -1,8 +1,8 @@
 //! Cholesky factors of dense information matrices.
 //!
-//! Comes in: a symmetric matrix, of which the lower triangle is read. Goes out: its factor, solutions, its
-//! inverse. Blocks as large as the caches are factored at once: a thousand unknowns take 20 ms. Not
-//! guaranteed: a factor of a matrix that is not positive definite; there is none.
+//! In: a symmetric matrix, of which the lower triangle is read. Out: its factor, solutions, its inverse. The
+//! factorisation is blocked; a thousand unknowns take 20 ms. A matrix that is not positive definite has no
+//! factor.
 
 use faer::linalg::solvers::{DenseSolveCore, Llt, SolveCore};
 use faer::{Conj, MatMut, MatRef, Side};
@@ -15,8 +15,8 @@ pub(super) struct Factor {
 }
 
 impl Factor {
-    /// The factor of a matrix, `n³/3` multiplications; `None` where it is not positive definite.
-    pub(super) fn of(matrix: &DMatrix<f64>) -> Option<Self> {
+    /// The factor of a matrix, in `n³/3` multiplications; `None` if it is not positive definite.
+    pub(super) fn new(matrix: &DMatrix<f64>) -> Option<Self> {
         let size = matrix.nrows();
         let view = MatRef::from_column_major_slice(matrix.as_slice(), size, size);
         let lower = Llt::new(view, Side::Lower).ok()?;
@@ -52,7 +52,7 @@ mod tests {
         for size in [1, 7, 150] {
             let root = DMatrix::from_fn(size, size, |i, j| ((i * 7 + j * 13) % 11) as f64 - 5.0);
             let matrix = &root * root.transpose() + DMatrix::identity(size, size);
-            let factor = Factor::of(&matrix).unwrap();
+            let factor = Factor::new(&matrix).unwrap();
             let right = DVector::from_fn(size, |i, _| (i as f64).sin());
             assert!((&matrix * factor.solve(&right) - &right).amax() < 1e-8);
             let identity = DMatrix::<f64>::identity(size, size);
@@ -63,8 +63,8 @@ mod tests {
     /// What readings leave open has no factor: its covariance would be without bounds.
     #[test]
     fn matrices_that_are_not_positive_definite_have_no_factor() {
-        assert!(Factor::of(&DMatrix::zeros(3, 3)).is_none());
-        assert!(Factor::of(&DMatrix::from_diagonal(&DVector::from_vec(vec![1.0, -1.0]))).is_none());
-        assert!(Factor::of(&DMatrix::from_element(2, 2, f64::NAN)).is_none());
+        assert!(Factor::new(&DMatrix::zeros(3, 3)).is_none());
+        assert!(Factor::new(&DMatrix::from_diagonal(&DVector::from_vec(vec![1.0, -1.0]))).is_none());
+        assert!(Factor::new(&DMatrix::from_element(2, 2, f64::NAN)).is_none());
     }
 }

@@ -1,38 +1,38 @@
 //! Equations `D = 0` of readings, and their sum.
 //!
-//! Comes in: for each reading its distance, σ and derivatives by vertices of the mesh and by poses of
-//! cameras. Goes out: information and vector over the parameters.
+//! In: for each reading its distance, σ and derivatives by the vertices of the mesh and the poses of cameras.
+//! Out: information and vector over the parameters.
 //!
-//! Equations are kept by vertices until they are summed, so that what was looked up for a step that is taken
-//! need not be looked up again.
+//! Derivatives are stored by vertex until they are summed. An accepted step therefore reuses the evaluation
+//! that tested it.
 
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::Loss;
 use rayon::prelude::*;
 
-/// A vertex, and the derivative by where it is.
+/// A vertex, and the derivative by its position.
 pub(super) type ByVertex = (u32, [f64; 3]);
-/// A pose in the state, and the derivative by its six numbers.
+/// An index of a pose in the state, and the derivative by its six parameters.
 pub(super) type ByPose = (u32, [f64; 6]);
 
-/// Numbers that the partial sums of one pass hold together, at most.
+/// Maximum total size of the partial sums of one pass, in numbers: a memory limit of about 320 MB.
 const SUMS: usize = 40_000_000;
 
-/// Where an equation comes from.
+/// The kind of reading of an equation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Source {
     /// A point in space.
     Point,
-    /// A point of an outline, or of a contour that is given.
+    /// A point of an outline or of a contour.
     Outline,
-    /// A line of sight on the wrong side of an outline: it counts while it is wrong.
+    /// A line of sight on the wrong side of an outline; an equation only while it is violated.
     Region,
     /// A feature seen in several views.
     Track,
 }
 
-/// Sources that have a scale of their own; regions have that of outlines.
+/// Number of kinds with their own factor of σ; regions share that of outlines.
 pub(super) const SCALES: usize = 3;
 
 impl Source {
@@ -44,7 +44,8 @@ impl Source {
         }
     }
 
-    /// Regions are never ignored: a part that reaches far over a mask is no gross error of the mask.
+    /// The loss of this kind. Regions use one that never rejects, because a part far outside of a mask is no
+    /// outlier of the mask.
     pub(super) fn loss(self, usual: &Loss) -> Loss {
         match self {
             Self::Region => Loss::huber(),
@@ -57,18 +58,18 @@ impl Source {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Equation {
     pub source: Source,
-    /// Which reading of its source.
+    /// Index of the reading within its kind.
     pub reading: u32,
-    /// What is to be zero.
+    /// The residual.
     pub distance: f64,
     /// Its σ as stated.
     pub sigma: f64,
-    /// The probability that it is the right one of its reading's, and what is added to its cost for that.
+    /// The probability that it is the correct equation of its reading, and the cost added for that.
     pub chance: (f64, f64),
     /// Ends of its entries by vertices and by poses.
     vertices_end: u32,
     poses_end: u32,
-    /// Whether derivatives were left out, as it weighs nothing.
+    /// True if derivatives were omitted because the weight is zero.
     lacks_derivatives: bool,
 }
 
@@ -77,7 +78,7 @@ impl Equation {
         self.distance / self.sigma
     }
 
-    /// Whether it is the one of its reading's that is most likely right.
+    /// True if it is more likely than all other equations of its reading together.
     pub(super) fn is_likely(&self) -> bool {
         self.chance.0 > 0.5
     }
@@ -101,7 +102,7 @@ impl Equations {
         vertices: &mut Vec<(u32, [f64; 3])>,
         poses: &[(u32, [f64; 6])],
     ) {
-        // Stable: sums are made in one order.
+        // The sort is stable, so that sums have a fixed order.
         vertices.sort_by_key(|(vertex, _)| *vertex);
         let start = self.by_vertices.len();
         for (vertex, by) in vertices.drain(..) {
@@ -125,14 +126,14 @@ impl Equations {
         });
     }
 
-    /// The last equation is the right one of its reading's with a probability only.
+    /// Sets the probability that the last equation is the correct one of its reading.
     pub(super) fn last_is_right_by(&mut self, probability: f64, surprise: f64) {
         if let Some(last) = self.list.last_mut() {
             last.chance = (probability, surprise);
         }
     }
 
-    /// Adds an equation that weighs nothing.
+    /// Adds an equation of zero weight, without derivatives.
     pub(super) fn push_without_derivatives(&mut self, source: Source, reading: u32, residual: (f64, f64)) {
         self.push(source, reading, residual, &mut Vec::new(), &[]);
         if let Some(last) = self.list.last_mut() {
@@ -140,7 +141,7 @@ impl Equations {
         }
     }
 
-    /// Whether an equation without derivatives now has a weight.
+    /// True if an equation without derivatives has a positive weight by these factors.
     pub(super) fn lack_derivatives(all: &[Self], loss: &Loss, factors: &[f64; SCALES]) -> bool {
         (all.iter().flat_map(|some| &some.list)).any(|e| {
             let factor = factors[e.source.scale()];
@@ -160,14 +161,14 @@ impl Equations {
     }
 }
 
-/// The sum of equations: `N` and `−Jᵀ W D`, and what they cost.
+/// The sum of equations: the information `N` and the vector `−Jᵀ W D`.
 #[derive(Debug, Clone)]
 pub(super) struct Pass {
     pub information: DMatrix<f64>,
     pub vector: DVector<f64>,
 }
 
-/// What all equations cost.
+/// The total cost of all equations.
 pub(super) fn cost(all: &[Equations], loss: &Loss, factors: &[f64; SCALES]) -> f64 {
     (all.iter().flat_map(|some| &some.list))
         .map(|e| {
@@ -177,8 +178,9 @@ pub(super) fn cost(all: &[Equations], loss: &Loss, factors: &[f64; SCALES]) -> f
         .sum()
 }
 
-/// Sums equations over the parameters and six numbers for every pose. Regions count only with `with_regions`,
-/// and so many readings of each kind as `together` says weigh as one.
+/// Sums equations over the parameters and six numbers for every pose. Regions are included only with
+/// `with_regions`. `together` is, for each kind, the number of correlated readings that have the weight of
+/// one.
 pub(super) fn sum(
     all: &[Equations],
     deformation: &dyn Deformation,
@@ -189,7 +191,7 @@ pub(super) fn sum(
 ) -> Pass {
     let basis = deformation.basis();
     let size = basis + 6 * poses;
-    // Pieces that do not depend on the threads.
+    // Groups do not depend on the number of threads, so that sums have a fixed order.
     let groups = (SUMS / (size * size).max(1)).clamp(2, 32);
     let per_group = all.len().div_ceil(groups).max(1);
     let sums: Vec<Pass> = (all.par_chunks(per_group))
@@ -258,7 +260,7 @@ pub(super) fn visit_row(
     }
 }
 
-/// From the basis of the rows to the parameters; poses stay.
+/// Transforms a sum from the basis of the rows to the parameters; poses are unchanged.
 fn reduced(pass: Pass, deformation: &dyn Deformation, poses: usize) -> Pass {
     let Some(r) = deformation.reduction() else {
         return pass;

@@ -1,14 +1,14 @@
-//! All readings as equations at one sharpness of the shell.
+//! The equations of all readings at one sharpness of the shell.
 //!
-//! Comes in: parameters and poses. Goes out: the deformed mesh, and an equation for every reading.
+//! In: parameters and poses. Out: the deformed mesh, and an equation for every reading.
 //!
-//! - A point: `D(x_i) = 0`, with variance `nᵀ Σ_i n` along the gradient (C eq. 9); in the last field one
-//!   such equation for each sheet near it ([`super::sheets`]).
-//! - A place on an outline: `min_t D(o + t d) = 0`. At the minimum `D` does not change with `t`, so the
-//!   derivative of the minimum by anything else is that of `D` at the place where it is taken (the envelope
-//!   theorem). σ in pixels becomes one of distance by `|∂D/∂(x, y)|`, how `D` changes as the pixel shifts.
-//! - A pixel inside of a mask must hit: the same minimum counts while its sign is wrong. One outside must
-//!   not: what is hit belongs at the border that is nearest in the picture.
+//! - A point: `D(x_i) = 0`, with variance `nᵀ Σ_i n` along the gradient (C eq. 9); in the last stage one such
+//!   equation for each sheet near it ([`super::sheets`]).
+//! - An outline point: `min_t D(o + t d) = 0`. At the minimum `∂D/∂t = 0`, so other derivatives of the
+//!   minimum are those of `D` at its position (the envelope theorem). σ in pixels is converted to a distance
+//!   by `|∂D/∂(x, y)|`.
+//! - A pixel inside a mask must hit: the same minimum is an equation while its sign is wrong. A pixel outside
+//!   must not hit: the surface that it hits is moved to the nearest border in the image.
 //! - A track: [`super::tracks`].
 
 use super::equations::{ByVertex, Equations, SCALES, Source};
@@ -17,24 +17,25 @@ use super::sheets::Sheets;
 use super::sight::{MadeOf, Sight, Touch};
 use super::tracks;
 use crate::camera::Camera;
-use crate::deformation::{Deformation, displaced};
-use crate::field::{Share, Shell, ShellOptions};
+use crate::deformation::{Deformation, displaced_positions};
+use crate::field::{FacetShare, Shell, ShellOptions};
 use nalgebra::DVector;
 use planish_estimate::vector3::scale;
 use planish_estimate::{Error, Loss, Result};
 use planish_mesh::{MeshSearch, TriangleMesh};
 use rayon::prelude::*;
 
-/// Points and lines of sight that one piece of work holds: fixed, so that nothing depends on the threads.
+/// Points and lines of sight per task: fixed, so that sums do not depend on the number of threads.
 const POINTS: usize = 256;
 const LINES: usize = 48;
-/// Where the shell is all but parallel to the image, a pixel still stands for this share of its width there.
-const LEAST_SLOPE: f64 = 0.3;
-/// A point is left without derivatives if it would weigh nothing were its σ as many times larger: factors of
-/// σ change from step to step.
-const SURELY: f64 = 2.0;
+/// Minimum of `|∂D/∂(x, y)|` as a share of the width of a pixel. Where the shell is nearly parallel to the
+/// image the derivative vanishes, and without a floor the weight would be infinite.
+const MIN_PIXEL_SLOPE: f64 = 0.3;
+/// Derivatives of a reading are omitted if its weight is zero even with σ larger by this factor. The margin
+/// covers changes of the factors of σ between iterations.
+const OMISSION_MARGIN: f64 = 2.0;
 
-/// What is estimated.
+/// The estimated quantities.
 #[derive(Debug, Clone)]
 pub(super) struct State {
     pub q: DVector<f64>,
@@ -44,21 +45,21 @@ pub(super) struct State {
 /// The problem at one sharpness.
 pub(super) struct Problem<'a> {
     pub mesh: &'a TriangleMesh,
-    /// For vertices of a subdivided mesh where they lie on that of the deformation.
+    /// For each vertex of the subdivided mesh, its vertices and weights on the deformed mesh.
     pub origins: Option<&'a [[(u32, f64); 3]]>,
     pub triangles: &'a [[u32; 3]],
     pub deformation: &'a dyn Deformation,
     pub readings: &'a ShellReadings<'a>,
     pub shell: ShellOptions,
-    /// Which views have a pose in the state, and where.
+    /// For each view the index of its pose in the state, if the pose is uncertain.
     pub slots: &'a [Option<u32>],
-    /// The points that are looked at, one after the other.
+    /// The points that are used, in this order.
     pub chosen: &'a [u32],
-    /// Whether each sheet that is near a point has an equation of its own.
+    /// True if each sheet near a point has its own equation.
     pub by_sheets: bool,
 }
 
-/// What readings are weighed by: those that weigh nothing need no derivatives.
+/// Loss and factors of σ, by which readings of zero weight are found: these need no derivatives.
 #[derive(Clone, Copy)]
 pub(super) struct Weighing<'a> {
     pub loss: &'a Loss,
@@ -67,15 +68,15 @@ pub(super) struct Weighing<'a> {
 
 impl Weighing<'_> {
     fn leaves_out(&self, source: Source, normalized: f64) -> bool {
-        let factor = SURELY * self.factors[source.scale()];
+        let factor = OMISSION_MARGIN * self.factors[source.scale()];
         source.loss(self.loss).weight(normalized / factor) <= 0.0
     }
 }
 
-/// Derivatives of one equation by vertices, added up as they come.
+/// Accumulates the derivatives of one equation by vertices.
 #[derive(Default)]
 struct Gathered {
-    /// One more than the place of each vertex in the list; zero where it is not there.
+    /// One more than the index of each vertex in `list`; zero if it is not in it.
     places: Vec<u32>,
     list: Vec<ByVertex>,
     sheets: Sheets,
@@ -95,7 +96,7 @@ impl Gathered {
         sum.iter_mut().zip(by).for_each(|(sum, by)| *sum += by);
     }
 
-    /// The sums; what is kept of them is forgotten.
+    /// Returns the sums and resets the index.
     fn take(&mut self) -> &mut Vec<ByVertex> {
         for (vertex, _) in &self.list {
             self.places[*vertex as usize] = 0;
@@ -104,7 +105,7 @@ impl Gathered {
     }
 }
 
-/// A piece of work.
+/// A task: a range of readings of one kind.
 #[derive(Clone, Copy)]
 enum Work {
     Points(usize, usize),
@@ -122,13 +123,13 @@ impl Problem<'_> {
     /// The mesh of the deformation, moved.
     fn moved(&self, q: &DVector<f64>) -> TriangleMesh {
         TriangleMesh {
-            positions: displaced(&self.mesh.positions, self.deformation, q),
+            positions: displaced_positions(&self.mesh.positions, self.deformation, q),
             triangles: self.mesh.triangles.clone(),
         }
     }
 
-    /// The equations of all readings that are looked at. With a `weighing`, points that weigh nothing by far
-    /// come without derivatives ([`Equations::lack_derivatives`]).
+    /// The equations of all selected readings. With a `weighing`, points of zero weight have no derivatives
+    /// ([`Equations::lack_derivatives`]).
     pub(super) fn equations(&self, state: &State, weighing: Option<Weighing<'_>>) -> Result<Vec<Equations>> {
         let own = self.moved(&state.q);
         let subdivided = self.origins.map(|origins| TriangleMesh {
@@ -201,7 +202,8 @@ impl Problem<'_> {
                     |vertex: u32, by: [f64; 3], to: &mut Vec<(u32, [f64; 3])>| self.give(vertex, by, to);
                 for (i, track) in self.readings.tracks.iter().enumerate().take(b).skip(a) {
                     let cameras = (&state.cameras[..], self.slots);
-                    // Behind a camera, or from one direction only: it says nothing now.
+                    // A track behind a camera, or seen from one direction only, has no equation at this
+                    // state.
                     let _ = tracks::add(track, i as u32, cameras, shell, &mut shares, &give, &mut made);
                 }
             }
@@ -240,13 +242,13 @@ impl Problem<'_> {
         made
     }
 
-    /// The equations of a point, one of each sheet that it may be of; none where no facet near by has an
+    /// Adds the equations of a point, one for each likely sheet. Returns false if no facet nearby has an
     /// area.
     fn point_by_sheets(
         &self,
         i: u32,
         shell: &Shell<'_>,
-        shares: &[Share],
+        shares: &[FacetShare],
         weighing: Weighing<'_>,
         gathered: &mut Gathered,
         made: &mut Equations,
@@ -280,7 +282,7 @@ impl Problem<'_> {
         (a, b): (usize, usize),
         camera: &Camera,
         sight: &Sight<'_>,
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
         made: &mut Equations,
     ) {
         let before: usize = self.readings.views[..v].iter().map(|view| view.outline.len()).sum();
@@ -288,7 +290,7 @@ impl Problem<'_> {
             let (origin, direction) = (camera.center(), camera.direction(place.pixel));
             let found = match place.kind {
                 OutlineKind::Border => sight.least(origin, direction, shares),
-                // Of several minima that one which explains the place best.
+                // A contour may have several minima; the one with the smallest residual is taken.
                 OutlineKind::Contour => (sight.minima(origin, direction, shares).into_iter())
                     .min_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs())),
             };
@@ -299,12 +301,12 @@ impl Problem<'_> {
         }
     }
 
-    /// Of a pixel outside of a mask whose line of sight hits: what it hits first and last belongs where the
-    /// border is nearest in the picture.
+    /// Adds equations for a pixel outside of a mask whose line of sight hits the mesh: the first and the last
+    /// hit are moved to the nearest border in the image.
     ///
-    /// The equation is `uᵀ(π(x) − b) = 0`, with `u` from the border's place `b` to the pixel, and `x` moving
-    /// with the facet. How deep the line runs within would not do: of a thin part that faces the camera that
-    /// is half its thickness, and says nothing of the way to its rim.
+    /// The equation is `uᵀ(π(x) − b) = 0`, with `u` from the border point `b` to the pixel, and `x` moving
+    /// with its facet. The depth of the line inside the mesh is not used instead: for a thin part that faces
+    /// the camera it is half the thickness, whatever the distance to the rim.
     fn reaching_over(
         &self,
         v: usize,
@@ -342,7 +344,7 @@ impl Problem<'_> {
         }
     }
 
-    /// The equation of one line of sight.
+    /// Adds the equation of one line of sight.
     #[allow(clippy::too_many_arguments, reason = "one call site of each kind of line")]
     fn line(
         &self,
@@ -353,11 +355,11 @@ impl Problem<'_> {
         camera: &Camera,
         touch: &Touch,
         sight: &Sight<'_>,
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
         made: &mut Equations,
     ) {
         if camera.project(touch.at).is_none() {
-            // The mesh has moved behind the camera: nothing is seen of it there.
+            // This part of the mesh has moved behind the camera and is not visible.
             return;
         }
         let mut vertices = Vec::new();
@@ -372,7 +374,7 @@ impl Problem<'_> {
             }
             MadeOf::Shell(sides) => {
                 for (at, found, share) in sides.iter().filter(|(_, _, share)| *share > 0.0) {
-                    // Shares are those of the last look, which need not have been this one.
+                    // `shares` belongs to the last evaluated point, which may be another one.
                     if sight.shell.distance(*at, shares).is_some() {
                         (sight.shell).by_vertices(*at, shares, found, |v, by| {
                             self.give(v, scale(*share, by), &mut vertices);
@@ -383,12 +385,12 @@ impl Problem<'_> {
         }
         let [x, y] = camera.by_pixel(touch.at, touch.gradient);
         let whole = camera.by_pixel_at_most(touch.at);
-        let sigma = sigma_px * x.hypot(y).max(LEAST_SLOPE * whole);
+        let sigma = sigma_px * x.hypot(y).max(MIN_PIXEL_SLOPE * whole);
         let by_pose = self.slots[view].map(|slot| (slot, camera.by_pose(touch.at, touch.gradient)));
         made.push(source, reading, (touch.distance, sigma), &mut vertices, by_pose.as_slice());
     }
 
-    /// What a vertex of the wrapped mesh is of that of the deformation.
+    /// Converts a derivative by a vertex of the wrapped mesh to derivatives by vertices of the deformed mesh.
     fn give(&self, vertex: u32, by: [f64; 3], to: &mut Vec<ByVertex>) {
         self.each_own(vertex, by, |vertex, by| to.push((vertex, by)));
     }

@@ -1,12 +1,12 @@
-//! What a shell is fitted to: points, outlines in views, and features tracked over views.
+//! The readings that a shell is fitted to: points, outlines in views, and features tracked over views.
 
 use crate::camera::Camera;
 use planish_estimate::{Error, Result};
 
-/// A point with its noise.
+/// A measured point with its covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointReading {
-    /// Where.
+    /// Position, in the unit of the mesh.
     pub at: [f64; 3],
     /// Its covariance `[xx, xy, xz, yy, yz, zz]`.
     pub covariance: [f64; 6],
@@ -19,7 +19,7 @@ impl PointReading {
         let [x, y, z] = along;
         let variance = xx * x * x + yy * y * y + zz * z * z + 2.0 * (xy * x * y + xz * x * z + yz * y * z);
         let length = (x * x + y * y + z * z).sqrt();
-        // A covariance may be flat, and know a place better than any distance needs.
+        // A covariance may be singular; the floor keeps the weight of the equation finite.
         let least = 1e-12 * (xx + yy + zz);
         if length > 1e-6 {
             variance.max(least * length * length).sqrt() / length
@@ -29,57 +29,57 @@ impl PointReading {
     }
 }
 
-/// What the line of sight of a pixel does.
+/// How the line of sight of an outline pixel meets the object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OutlineKind {
-    /// It touches the thing and hits nothing: a place on the border of a mask.
+    /// It touches the object and hits nothing: a point on the border of a mask.
     Border,
-    /// It touches the thing somewhere, and may hit other parts before or behind: a place on a contour inside
-    /// of the mask.
+    /// It touches the object and may hit other parts in front or behind: a point on a contour inside the
+    /// mask.
     Contour,
 }
 
-/// A place on an outline.
+/// A point on an outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutlinePoint {
-    /// Where, pixel centres at integers.
+    /// Image position in pixels; pixel centres are at integers.
     pub pixel: [f64; 2],
     /// σ across the outline, in pixels.
     pub sigma_px: f64,
-    /// Which kind of outline.
+    /// The kind of outline.
     pub kind: OutlineKind,
 }
 
-/// How well a pose is known before: independent errors of its turn and of its place.
+/// Prior σ of a camera pose, with independent errors of rotation and position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseNoise {
-    /// σ of the turn about each axis, in radians.
+    /// σ of the rotation about each axis, in radians.
     pub sigma_rotation: f64,
-    /// σ of the place along each axis, in the unit of the mesh.
+    /// σ of the position along each axis, in the unit of the mesh.
     pub sigma_translation: f64,
 }
 
-/// A view: a camera, and what it sees of the thing.
+/// A camera and what its image shows of the object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShellView {
     /// The camera.
     pub camera: Camera,
-    /// How uncertain its pose is; `None` where it is known.
+    /// σ of its pose; `None` if the pose is known exactly.
     pub pose: Option<PoseNoise>,
-    /// Places on outlines.
+    /// Points on outlines.
     pub outline: Vec<OutlinePoint>,
-    /// Pixels that show the thing.
+    /// Pixels that show the object.
     pub inside: Vec<[f64; 2]>,
     /// Pixels that do not.
     pub outside: Vec<[f64; 2]>,
 }
 
-/// Where a feature is seen in one view.
+/// Position of a feature in the image of one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct FeatureObservation {
     /// Index of the view.
     pub view: u32,
-    /// Where, pixel centres at integers.
+    /// Image position in pixels; pixel centres are at integers.
     pub pixel: [f64; 2],
     /// σ along x and along y, in pixels.
     pub sigma_px: f64,
@@ -88,13 +88,13 @@ pub struct Sighting {
 /// A feature of the surface, seen in several views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FeatureTrack {
-    /// Where it is seen, at least twice.
-    pub sightings: Vec<Sighting>,
-    /// σ of its distance from the surface: what the deformation cannot follow.
+    /// Its observations, at least two.
+    pub observations: Vec<FeatureObservation>,
+    /// σ of its distance from the surface: shape that the deformation cannot represent.
     pub sigma_surface: f64,
 }
 
-/// All that a shell is fitted to.
+/// All readings of a fit.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ShellReadings<'a> {
     /// Points in space.
@@ -110,7 +110,7 @@ impl ShellReadings<'_> {
         let outlines: usize = self.views.iter().map(|view| view.outline.len()).sum();
         if self.points.is_empty() && outlines == 0 && self.tracks.is_empty() {
             return Err(Error::undetermined(
-                "a shell cannot be fitted to nothing: no points, no outlines and no tracks were given",
+                "a shell fit needs readings: no points, no outlines and no tracks were given",
             ));
         }
         for (i, point) in self.points.iter().enumerate() {
@@ -144,7 +144,7 @@ impl ShellReadings<'_> {
             }
         }
         for (i, track) in self.tracks.iter().enumerate() {
-            let bad = (track.sightings.iter()).find(|s| {
+            let bad = (track.observations.iter()).find(|s| {
                 s.view as usize >= self.views.len()
                     || !good(s.sigma_px)
                     || s.pixel.iter().any(|x| !x.is_finite())
@@ -155,10 +155,10 @@ impl ShellReadings<'_> {
                     self.views.len()
                 )));
             }
-            if track.sightings.len() < 2 || !good(track.sigma_surface) {
+            if track.observations.len() < 2 || !good(track.sigma_surface) {
                 return Err(Error::input(format!(
                     "track {i} needs two sightings and a positive σ of the surface, found {} and {}",
-                    track.sightings.len(),
+                    track.observations.len(),
                     track.sigma_surface
                 )));
             }

@@ -1,17 +1,17 @@
-//! A shell that is followed frame after frame: a Kalman filter of its parameters and their velocities.
+//! Tracks a shell over frames: a Kalman filter of its parameters and their velocities.
 //!
-//! Comes in: the readings of each frame. Goes out: its parameters with their covariance, by all frames up to
-//! it.
+//! In: the readings of each frame. Out: the parameters of the frame and their covariance, given all frames up
+//! to it.
 //!
-//! Parameters `q` go on as they went: `q' = q + v + a/2`, `v' = v + a`, with accelerations `a ~ N(0, c M)`
-//! that are smooth over the controls: `M ∝ (K + ε I)⁻¹`. The first frame is fitted alone, and of the velocity
-//! after it nothing is known but that it is smooth.
+//! The motion model is `q' = q + v + a/2`, `v' = v + a`, with accelerations `a ~ N(0, c M)` that are smooth
+//! over the controls: `M ∝ (K + ε I)⁻¹`. The first frame is fitted alone; the velocity after it has only the
+//! smooth prior.
 //!
-//! What the readings say goes through the filter; that shapes are smooth, `λ K` with the first frame's `λ`,
-//! is said of every frame once and goes no further. Every frame is first fitted from where the last one was
-//! found. What the readings alone say there, information `N` and vector `η`, says how strong accelerations
-//! are: `c` makes the readings of all frames so far most likely, older ones less. With `m` and `Λ(c)` of what
-//! was known before the frame,
+//! The filter carries the information of the readings. The smoothness of shapes, `λ K` with the `λ` of the
+//! first frame, is applied once in each frame and is not carried on. Each frame is first fitted from the
+//! estimate of the last one. The information `N` and the vector `η` of its readings determine the strength of
+//! accelerations: `c` maximises the likelihood of all frames so far, with older frames discounted. With the
+//! prior mean `m` and information `Λ(c)` of the frame,
 //!
 //! `ln L(c) = ηᵀm − ½ mᵀN m + ½ rᵀ (Λ + N)⁻¹ r + ½ ln |Λ| − ½ ln |Λ + N|`, `r = η − N m`.
 //!
@@ -21,40 +21,62 @@
 //! Source: Y. Bar-Shalom, X. Li, T. Kirubarajan, *Estimation with applications to tracking and navigation*,
 //! 2001, sections 6.2 and 11.2.
 //!
-//! Not guaranteed: that a thing is found again which moved farther between two frames than
-//! [`super::fit_shell`] can follow.
+//! Not guaranteed: an object that moves farther between two frames than [`super::fit_shell`] can follow is
+//! lost.
 
 use super::{
-    ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_watched, undetermined,
+    ParameterPrior, ShellFit, ShellFitOptions, ShellProgress, ShellReadings, fit_shell_with_progress,
+    undetermined,
 };
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
 
-/// `ε` as a share of the mean of `K`'s diagonal: how much less a motion of everything costs than one of a
-/// control alone.
-const WHOLE: f64 = 0.02;
-/// Steps of `c` for a factor of ten.
+/// `ε` as a share of the mean diagonal of `K`: the cost of moving all controls together, relative to moving
+/// one alone.
+const COMMON_MOTION_COST: f64 = 0.02;
+/// Candidates of `c` per factor of ten.
 const PER_DECADE: i32 = 3;
-/// What the evidence of a frame still counts in the next.
+/// Factor on the log-likelihood of past frames. Smaller values follow a change of motion sooner; larger ones
+/// give a steadier `c`.
 const MEMORY: f64 = 0.8;
-/// Decades of `c` that are looked at, around what the data know.
+/// Range of the candidates of `c` in decades, around the value at which motion and readings have equal
+/// variance.
 const DECADES: (i32, i32) = (-3, 6);
 
-/// A frame, fitted.
+/// The fit of one frame.
 #[derive(Debug, Clone)]
 pub struct FrameFit {
-    /// The fit by all frames up to this one: its parameters, covariance and positions are those of the
-    /// filter.
+    /// The filtered estimate, given all frames up to this one.
     pub fit: ShellFit,
-    /// What was predicted for it by those before; `None` for the first.
+    /// Parameters predicted from the frames before; `None` for the first frame.
     pub predicted: Option<DVector<f64>>,
-    /// The variance of accelerations, `c`; of velocities in the second frame.
+    /// Variance `c` of accelerations; in the second frame, of velocities.
     pub acceleration: f64,
 }
 
-/// Follows a shell.
+/// Tracks a shell over frames.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::icosphere;
+/// use planish_shell::{Dirichlet, PointReading, ShellFitOptions, ShellReadings, ShellTracker};
+/// use planish_shell::{automatic_controls, stiffness, stiffness_for_xyz};
+/// let ball = icosphere(1.0, 2);
+/// let controls = automatic_controls(&ball, 12)?;
+/// let deformation = Dirichlet::new(&controls.points, &ball.positions)?;
+/// let k = stiffness_for_xyz(&stiffness(&controls.points, &controls.triangles, &controls.edges));
+/// let options = ShellFitOptions { stiffness: Some(k), ..ShellFitOptions::default() };
+/// let mut tracker = ShellTracker::new(&ball, &deformation, options)?;
+/// let points: Vec<PointReading> = (icosphere(1.05, 3).positions.into_iter())
+///     .map(|at| PointReading { at, covariance: [1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4] })
+///     .collect();
+/// let readings = ShellReadings { points: &points, ..ShellReadings::default() };
+/// assert!(tracker.follow(&readings)?.predicted.is_none());
+/// assert!(tracker.follow(&readings)?.predicted.is_some());
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub struct ShellTracker<'a> {
     mesh: &'a TriangleMesh,
     deformation: &'a dyn Deformation,
@@ -83,10 +105,10 @@ struct Motion {
 }
 
 impl<'a> ShellTracker<'a> {
-    /// A tracker without a frame. The options' stiffness says what motions are smooth.
+    /// A tracker before its first frame. The stiffness in the options defines smooth motions.
     ///
     /// # Errors
-    /// `Input` where options have no stiffness, one of another size than the parameters, or a prior.
+    /// `Input` if the options have no stiffness, a stiffness of the wrong size, or a prior.
     pub fn new(
         mesh: &'a TriangleMesh,
         deformation: &'a dyn Deformation,
@@ -97,11 +119,12 @@ impl<'a> ShellTracker<'a> {
             .filter(|k| k.shape() == (parameters, parameters) && options.prior.is_none())
             .ok_or_else(|| {
                 Error::input(format!(
-                    "following a shell needs a stiffness of its {parameters} parameters, and no prior of its own"
+                    "following a shell needs a stiffness of its {parameters} parameters, and no prior of \
+                    its own"
                 ))
             })?;
         let stiffness = k.clone();
-        let share = WHOLE * k.trace() / parameters as f64;
+        let share = COMMON_MOTION_COST * k.trace() / parameters as f64;
         let stiff = k + DMatrix::identity(parameters, parameters) * share.max(f64::MIN_POSITIVE);
         let mut smooth = stiff.cholesky().ok_or_else(undetermined)?.inverse();
         smooth *= parameters as f64 / smooth.trace();
@@ -116,20 +139,20 @@ impl<'a> ShellTracker<'a> {
         })
     }
 
-    /// The next frame.
+    /// Fits the next frame.
     ///
     /// # Errors
-    /// As [`super::fit_shell`]; the tracker is then as it was before.
+    /// As [`super::fit_shell`]; an error leaves the tracker unchanged.
     pub fn follow(&mut self, readings: &ShellReadings<'_>) -> Result<FrameFit> {
-        self.follow_watched(readings, &mut |_| Ok(()))
+        self.follow_with_progress(readings, &mut |_| Ok(()))
     }
 
-    /// [`ShellTracker::follow`] that tells how far the frame is before each iteration, and ends with the
-    /// error that `watch` gives.
+    /// [`ShellTracker::follow`] that calls `watch` before each iteration. An error returned by `watch` stops
+    /// the fit.
     ///
     /// # Errors
-    /// As [`ShellTracker::follow`], and what `watch` says; the tracker is then as it was before.
-    pub fn follow_watched(
+    /// As [`ShellTracker::follow`], and the error of `watch`; an error leaves the tracker unchanged.
+    pub fn follow_with_progress(
         &mut self,
         readings: &ShellReadings<'_>,
         watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
@@ -137,9 +160,10 @@ impl<'a> ShellTracker<'a> {
         let parameters = self.deformation.parameters();
         let identity = DMatrix::<f64>::identity(parameters, parameters);
         let Some(last) = &self.state else {
-            let fit = fit_shell_watched(self.mesh, self.deformation, readings, &self.options, watch)?;
+            let fit = fit_shell_with_progress(self.mesh, self.deformation, readings, &self.options, watch)?;
             let shape = fit.smoothness_weight * &self.stiffness;
-            // What the readings alone say: where they say nothing, anything within the mesh's size may be.
+            // The information of the readings alone may be singular; a prior of half the mesh's size makes it
+            // regular.
             let least = (0.5 * self.size).powi(-2);
             let n = &fit.data_information;
             let covariance = (n + least * &identity).cholesky().ok_or_else(undetermined)?.inverse();
@@ -163,14 +187,17 @@ impl<'a> ShellTracker<'a> {
         });
         let mean = &step * &last.mean;
         let mut joint = &step * &last.covariance * step.transpose();
-        // A velocity of which nothing is known moves parameters by all of itself, a change of it by half.
+        // Noise enters as an unknown velocity (coefficient 1) in the second frame, as an acceleration (½)
+        // later.
         let of = if last.moves { [[0.25, 0.5], [0.5, 1.0]] } else { [[1.0, 1.0], [1.0, 1.0]] };
         let options = ShellFitOptions { start: Some(last.found.clone()), ..self.options.clone() };
-        // The second fit begins near its end, and takes no longer than the first.
+        // Progress counts both fits of the frame as equally long.
         let mut half = |of: f64, at: ShellProgress| watch(ShellProgress { share: of + 0.5 * at.share, ..at });
-        let first =
-            fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.0, at))?;
-        // Where that fit ended, its readings pull as hard as smoothness does.
+        let first = fit_shell_with_progress(self.mesh, self.deformation, readings, &options, &mut |at| {
+            half(0.0, at)
+        })?;
+        // At the minimum, the gradients of the readings and of the smoothness cancel: that gives the vector
+        // η.
         let n = &first.data_information;
         let pull = first.smoothness_weight * (&self.stiffness * (&first.parameters - &last.found));
         let vector = n * &first.parameters + pull;
@@ -178,7 +205,7 @@ impl<'a> ShellTracker<'a> {
         let base = joint.view((0, 0), (parameters, parameters)).into_owned();
         let mut evidence = last.evidence.clone();
         if evidence.steps.is_empty() {
-            // Where the motion is about as large as what the readings leave open.
+            // The centre of the range: motion as large as the uncertainty of the readings.
             let unit = parameters as f64 / (n * &self.smooth).trace().max(f64::MIN_POSITIVE);
             evidence.steps = (DECADES.0 * PER_DECADE..=DECADES.1 * PER_DECADE)
                 .map(|k| (unit * 10_f64.powf(f64::from(k) / f64::from(PER_DECADE)), 0.0))
@@ -205,10 +232,11 @@ impl<'a> ShellTracker<'a> {
             softness: (finest, finest),
             ..self.options.clone()
         };
-        let fit =
-            fit_shell_watched(self.mesh, self.deformation, readings, &options, &mut |at| half(0.5, at))?;
-        // Only what the readings say goes into the filter: smoothness of the shape counts once, in every
-        // frame anew.
+        let fit = fit_shell_with_progress(self.mesh, self.deformation, readings, &options, &mut |at| {
+            half(0.5, at)
+        })?;
+        // Only the information of the readings enters the filter. Smoothness would otherwise be counted again
+        // in every frame.
         let n = &fit.data_information;
         let innovation =
             n * (&fit.parameters - &own_mean) + &prior.information * (&fit.parameters - &prior.mean);
@@ -229,7 +257,7 @@ impl<'a> ShellTracker<'a> {
     }
 }
 
-/// A prediction by the readings before, and a shape that is smooth.
+/// The prediction combined with the smoothness prior of the shape.
 fn with_shape(
     covariance: &DMatrix<f64>,
     mean: &DVector<f64>,
@@ -241,7 +269,7 @@ fn with_shape(
     Some(ParameterPrior { mean, information })
 }
 
-/// How likely each `c` is by all frames so far, older ones less.
+/// Log-likelihood of each candidate `c` over all frames so far, older ones discounted.
 #[derive(Clone, Default)]
 struct Evidence {
     /// `c` and its log-likelihood.
@@ -249,8 +277,8 @@ struct Evidence {
 }
 
 impl Evidence {
-    /// Adds a frame: covariance and growth of its prediction, the mean of that and the smoothness of shapes,
-    /// and what the readings say.
+    /// Adds a frame: covariance of its prediction and its growth with `c`, predicted mean and smoothness of
+    /// shapes, and information and vector of the readings.
     fn add(
         &mut self,
         (base, growing): (&DMatrix<f64>, &DMatrix<f64>),
@@ -265,7 +293,7 @@ impl Evidence {
                 let after = (&prior.information + n).cholesky()?;
                 let r = vector - n * &prior.mean;
                 let half_determinant = |l: &DMatrix<f64>| l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
-                // The readings' own part, ηᵀq − ½ qᵀNq at the prior's mean, changes with that.
+                // ηᵀq − ½ qᵀNq at the prior's mean: it varies with c because the mean does.
                 let own = vector.dot(&prior.mean) - 0.5 * prior.mean.dot(&(n * &prior.mean));
                 Some(
                     own + 0.5 * r.dot(&after.solve(&r)) + half_determinant(before.l_dirty())

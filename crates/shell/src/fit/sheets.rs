@@ -1,53 +1,52 @@
-//! Which sheet of a mesh a point is of, where several are near.
+//! Assigns a point to the sheets of a mesh near it, with probabilities.
 //!
-//! Comes in: a point, and the facets that are near it. Goes out: sheets, facets that face the same way at one
-//! height; for each the height of the point over it, and with what probability the point was measured there.
+//! In: a point, and the facets near it. Out: sheets, which are groups of facets with similar normals and
+//! heights; for each the height of the point over it, and the probability that the point was measured on it.
 //!
-//! Where sheets meet or cross, or lie on one another, the mean of their heights is no distance from any of
-//! them, and the nearest of them is too often the wrong one. A point that was measured with noise of σ
-//! somewhere on the mesh has the density
+//! Where sheets meet, cross or overlap, the mean of their heights is not a distance from any of them, and the
+//! nearest sheet is too often the wrong one. A point measured with noise of σ somewhere on the mesh has the
+//! density
 //!
 //! `Σ_g m_g exp(−ρ(h_g/σ))`,
 //!
-//! with `h_g` its height over sheet `g` and `m_g` how much of the sheet lies beside its foot: of a Gaussian
-//! of σ in the plane, the part that is on the sheet. Its logarithm has the derivative
-//! `Σ_g p_g ρ'(h_g/σ) ∂h_g/σ`, with `p_g` the share of sheet `g` in the sum: every sheet has an equation of
-//! its own, weighed by the probability that it is the right one (A. Dempster, N. Laird, D. Rubin, *Maximum
-//! likelihood from incomplete data via the EM algorithm*, 1977). With a Gaussian density these derivatives
-//! are zero in the mean on the true surface; that of a redescending loss has longer tails, which leaves a
-//! part of the bias that the nearest sheet has, with the other sign, but finds parts that start far away.
-//! Which way normals point is not asked for: a sheet that is turned over has the same equation with both
-//! signs changed.
+//! with `h_g` its height over sheet `g`. The mass `m_g` is the part of a Gaussian of σ in the plane, centred
+//! at the foot point, that is on the sheet. The logarithm has the derivative `Σ_g p_g ρ'(h_g/σ) ∂h_g/σ`, with
+//! `p_g` the share of sheet `g` in the sum. So every sheet has its own equation, weighted by the probability
+//! that it is the correct one (A. Dempster, N. Laird, D. Rubin, *Maximum likelihood from incomplete data via
+//! the EM algorithm*, 1977).
 //!
-//! Not guaranteed: `m` is that of the half planes within the facet's sides, or of a small piece; that it
-//! changes as the mesh moves is left out, and so is, in the covariance, what is lost as nobody knows the
-//! sheet.
+//! With a Gaussian density the mean of these derivatives is zero on the true surface. A redescending loss has
+//! longer tails. It leaves a part of the bias of the nearest sheet, with the opposite sign, but finds parts
+//! that start far away. The orientation of normals does not matter: a flipped sheet has the same equation
+//! with both signs changed.
+//!
+//! Not guaranteed: `m` is approximated by half planes at the facet's sides, or by a small piece. Its change
+//! with the mesh is neglected, and so is the information lost by not knowing the sheet.
 
-use crate::field::{Share, Shell};
+use crate::field::{FacetShare, Shell};
 use planish_estimate::Loss;
 use planish_estimate::vector3::dot;
 use std::f64::consts::TAU;
 
-/// Facets with a cosine above this face the same way.
-const ALIKE: f64 = 0.9;
-/// Facets that face the same way are of one sheet if a point's heights over them differ by less than so many
-/// σ.
-const NEAR: f64 = 1.0;
-/// A sheet less probable than this has no equation.
-const LEAST: f64 = 0.01;
-/// So many σ aside of a point a facet has no mass: one in 10⁷ of what it would have beneath.
+/// Minimum cosine between the normals of facets of one sheet.
+const SAME_DIRECTION: f64 = 0.9;
+/// Maximum difference between the heights over facets of one sheet, in σ.
+const SAME_HEIGHT: f64 = 1.0;
+/// Minimum probability of a sheet with an equation. Less probable ones would cost time and change nothing.
+const MIN_PROBABILITY: f64 = 0.01;
+/// In-plane distance in σ beyond which a facet has no mass: 10⁻⁷ of the mass at the foot point.
 const ASIDE: f64 = 5.7;
 
-/// A facet that is near, as one of a sheet.
+/// A facet near the point, as a member of a sheet.
 #[derive(Debug, Clone, Copy)]
 struct Member {
     normal: [f64; 3],
     height: f64,
-    /// `m`: how much of the facet lies beside the foot.
+    /// Mass `m` of the facet around the foot point.
     mass: f64,
     /// `m` times the density of its height.
     weight: f64,
-    /// Its part of the sheet's height.
+    /// Its share of the sheet's height.
     part: f64,
     sheet: usize,
 }
@@ -59,7 +58,7 @@ pub(super) struct Sheet {
     pub height: f64,
     /// The normal of its nearest facet.
     pub normal: [f64; 3],
-    /// The probability that the point is of it.
+    /// The probability that the point was measured on it.
     pub probability: f64,
     /// `ln(p/m)`, with masses `m` that sum to one over the sheets.
     pub surprise: f64,
@@ -68,7 +67,7 @@ pub(super) struct Sheet {
     first: f64,
 }
 
-/// Sheets near one point after the other.
+/// The sheets near a point; the buffers are reused for the next point.
 #[derive(Debug, Default)]
 pub(super) struct Sheets {
     members: Vec<Member>,
@@ -76,9 +75,9 @@ pub(super) struct Sheets {
     pub list: Vec<Sheet>,
 }
 
-/// `Φ(t)`, to 0.01.
+/// The normal distribution function `Φ(t)`, with an error below 0.01.
 fn up_to(t: f64) -> f64 {
-    // Most sides are far away.
+    // A shortcut, because most sides are far away.
     if t > ASIDE {
         return 1.0;
     }
@@ -86,8 +85,8 @@ fn up_to(t: f64) -> f64 {
     if t < 0.0 { beyond } else { 1.0 - beyond }
 }
 
-/// How much of a facet lies beside the foot: a small piece is as much as the Gaussian has there, a large one
-/// ends at its sides.
+/// Mass of a facet around the foot point. A small facet has the density times its area; a large one is
+/// bounded by its sides. The smaller value holds.
 fn mass(across: f64, area: f64, sigma: f64, within: impl FnOnce() -> [f64; 3]) -> f64 {
     let in_plane = across / sigma;
     if in_plane > ASIDE {
@@ -99,13 +98,13 @@ fn mass(across: f64, area: f64, sigma: f64, within: impl FnOnce() -> [f64; 3]) -
 }
 
 impl Sheets {
-    /// Finds the sheets among the facets of `shares`; `sigma` is the mean of the point's over all directions.
-    /// None are found where no facet has an area.
+    /// Finds the sheets among the facets of `shares`. `sigma` is the root mean square σ of the point over all
+    /// directions. No sheet is found if no facet has an area.
     pub(super) fn find(
         &mut self,
         shell: &Shell<'_>,
         at: [f64; 3],
-        shares: &[Share],
+        shares: &[FacetShare],
         sigma: f64,
         loss: &Loss,
     ) {
@@ -114,7 +113,6 @@ impl Sheets {
         self.list.clear();
         for one in shares {
             let over = shell.over(at, one);
-            // A small piece is as much as the Gaussian has there; a large one ends at its sides.
             let mass = mass(over.across, over.area, sigma, || shell.within(at, one));
             if mass > 0.0 {
                 self.order.push(self.members.len());
@@ -133,7 +131,8 @@ impl Sheets {
         for &i in order.iter() {
             let own = members[i];
             let found = (self.list.iter()).position(|sheet| {
-                dot(sheet.normal, own.normal) > ALIKE && (sheet.first - own.height).abs() < NEAR * sigma
+                dot(sheet.normal, own.normal) > SAME_DIRECTION
+                    && (sheet.first - own.height).abs() < SAME_HEIGHT * sigma
             });
             let g = found.unwrap_or(self.list.len());
             if found.is_none() {
@@ -153,7 +152,7 @@ impl Sheets {
         self.weigh(sigma, loss);
     }
 
-    /// Probabilities of the sheets that were found.
+    /// Computes the probabilities of the sheets.
     fn weigh(&mut self, sigma: f64, loss: &Loss) {
         let cost = |sheet: &Sheet| loss.rho(sheet.height / sigma);
         let least = self.list.iter().map(cost).fold(f64::INFINITY, f64::min);
@@ -166,9 +165,9 @@ impl Sheets {
         }
     }
 
-    /// Sheets that count, with their numbers.
+    /// The sheets with an equation, with their indices.
     pub(super) fn likely(&self) -> impl Iterator<Item = (usize, &Sheet)> {
-        (self.list.iter().enumerate()).filter(|(_, sheet)| sheet.probability >= LEAST)
+        (self.list.iter().enumerate()).filter(|(_, sheet)| sheet.probability >= MIN_PROBABILITY)
     }
 
     /// `∂h_g/∂V_j` for every vertex that the height over sheet `g` depends on.
@@ -177,7 +176,7 @@ impl Sheets {
         g: usize,
         shell: &Shell<'_>,
         at: [f64; 3],
-        shares: &[Share],
+        shares: &[FacetShare],
         mut visit: impl FnMut(u32, [f64; 3]),
     ) {
         for (one, member) in shares.iter().zip(&self.members) {
@@ -292,7 +291,7 @@ mod tests {
     /// Two sheets that face the same way, one over the other, are two: a point between them is of either, not
     /// of their mean.
     #[test]
-    fn parallel_sheets_are_told_apart() {
+    fn parallel_sheets_are_separated() {
         let mut mesh = floor_with_a_fin();
         mesh.triangles.truncate(2);
         for k in 0..4 {

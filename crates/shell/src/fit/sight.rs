@@ -1,43 +1,41 @@
-//! Where a line of sight comes nearest to a shell: the minima of `D(o + t d)` over `t`.
+//! The nearest points of a line of sight to a shell: the minima of `D(o + t d)` over `t`.
 //!
-//! Comes in: a line, the shell, and the same mesh prepared for closest points. Goes out: places, with `D` and
-//! `∇D` there.
+//! In: a line, the shell, and a search structure of the same mesh. Out: points with `D` and `∇D`.
 //!
-//! On a shell whose normals point outwards `D` is negative within. The minimum over the whole line is then
-//! positive where it misses, its depth below the surface where it hits, and zero where it touches: an
-//! outline. It is looked for between the first hit and the last, or all along a line that hits nothing, by
-//! the distance from the mesh, which changes by no more than `t` does, so intervals that cannot hold the
-//! minimum are left out, and none is missed that is longer than the stated width. The minimum of `D` is then
-//! found from the sign of its slope.
+//! If normals point outwards, `D` is negative inside. The minimum over the line is positive if the line
+//! misses, negative if it hits, and zero if it touches, which is the outline. The search covers the line from
+//! the first hit to the last, or the whole line without hits. It uses the distance from the mesh, which is
+//! 1-Lipschitz in `t`: intervals that cannot contain the minimum are skipped by branch and bound. The minimum
+//! of `D` itself is then found from the sign of its slope.
 //!
-//! A line that touches one part and hits another behind it has several minima; [`Sight::minima`] gives them
-//! all, and the data say which one is meant.
+//! A line that touches one part and hits another behind it has several minima. [`Sight::minima`] returns all
+//! of them, and the residuals select one.
 //!
-//! Not guaranteed: minima closer together than the width are one.
+//! Not guaranteed: minima closer together than the stated width are merged.
 
-use crate::field::{Share, Shell, ShellDistance};
+use crate::field::{FacetShare, Shell, ShellDistance};
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, sub};
 use planish_mesh::{BoundingBox, ClosestPoint, MeshSearch, RayHit};
 
-/// Intervals that a line is cut into at first.
+/// Initial intervals of a line.
 const PIECES: usize = 8;
-/// Intervals for all minima of a line.
+/// Intervals in which all minima of a line are searched.
 const FINE_PIECES: usize = 64;
-/// Minima closer together than the mesh's size over this are not told apart.
+/// Resolution of minima: the mesh's size divided by this. Finer resolution needs more distance queries.
 const NARROW: f64 = 150.0;
-/// Looks at the mesh on one line, at most.
-const MOST_LOOKS: usize = 120;
-/// A slope of `D` along the line that counts as none: what `D` lacks of its minimum is half its square over
-/// the curvature.
+/// Maximum number of distance queries on one line.
+const MAX_QUERIES: usize = 120;
+/// Slope of `D` along the line below which a point is a minimum. The error of the minimum is half the square
+/// of the slope divided by the curvature.
 const SLOPE: f64 = 1e-3;
-/// Doublings of an interval that does not hold the minimum.
+/// Maximum number of doublings of an interval that does not bracket the minimum.
 const WIDER: u32 = 5;
-/// The share of the golden section.
+/// The golden ratio's inverse.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
-/// Steps towards a minimum, at most.
-const MOST_STEPS: usize = 24;
+/// Maximum number of steps towards a minimum.
+const MAX_STEPS: usize = 24;
 
-/// A place where a line of sight is nearest to the shell.
+/// A point where a line of sight is nearest to the shell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Touch {
     pub at: [f64; 3],
@@ -48,24 +46,24 @@ pub(super) struct Touch {
     pub made_of: MadeOf,
 }
 
-/// What the distance is made of.
+/// The source of a distance, from which its derivatives are computed.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum MadeOf {
-    /// Of the shell's shares at the place, or on either side of it where the slope of `D` jumps: place,
-    /// distance and share of each.
+    /// The shell at the point, or on either side of it if the slope of `D` jumps: position, distance and
+    /// share of each.
     Shell([([f64; 3], ShellDistance, f64); 2]),
-    /// Of one foot point on the mesh: beyond borders and at sharp edges, where heights over planes are no
-    /// distance.
+    /// One foot point on the mesh: beyond boundaries and at sharp edges, where heights over planes are not
+    /// distances.
     Foot(ClosestPoint),
 }
 
-/// A shell as lines of sight meet it.
+/// A shell, prepared for queries by lines of sight.
 pub(super) struct Sight<'a> {
     pub shell: &'a Shell<'a>,
     pub search: &'a MeshSearch,
     center: [f64; 3],
     radius: f64,
-    /// Intervals are not cut below this.
+    /// Minimum length of an interval.
     width: f64,
     softness: f64,
 }
@@ -88,7 +86,7 @@ impl<'a> Sight<'a> {
         }
     }
 
-    /// The part of a line that may be near, after its origin.
+    /// The range of `t ≥ 0` in which a line may be near the mesh.
     fn span(&self, origin: [f64; 3], direction: [f64; 3]) -> (f64, f64) {
         let middle = dot(sub(self.center, origin), direction);
         let away = norm(sub(add_scaled(origin, middle, direction), self.center));
@@ -100,16 +98,15 @@ impl<'a> Sight<'a> {
         (self.search.closest(at)).map_or(f64::INFINITY, |foot| height_of(&foot, signs))
     }
 
-    /// The hit that is farthest from the origin.
+    /// The hit farthest from the origin.
     pub(super) fn last_hit(&self, origin: [f64; 3], direction: [f64; 3]) -> Option<RayHit> {
         let beyond = norm(sub(self.center, origin)) + 2.0 * self.radius;
         let back = (self.search).first_hit(add_scaled(origin, beyond, direction), scale(-1.0, direction))?;
         Some(RayHit { distance: beyond - back.distance, ..back })
     }
 
-    /// The part of a line that holds its minimum, and whether it runs within the thing there. A line that
-    /// hits nothing is nowhere within: signs count only between the first hit and the last, as an open mesh
-    /// has no inside far away.
+    /// The range of a line that contains its minimum, and whether distances have a sign there. Signs are used
+    /// only between the first hit and the last, because an open mesh has no inside far away.
     fn within(&self, origin: [f64; 3], direction: [f64; 3]) -> ((f64, f64), bool) {
         let Some(first) = self.search.first_hit(origin, direction) else {
             return (self.span(origin, direction), false);
@@ -119,16 +116,16 @@ impl<'a> Sight<'a> {
         ((from, last.max(first.distance) + self.width), true)
     }
 
-    /// The least `D` on a line; `None` where nothing is finite.
+    /// The minimum of `D` on a line; `None` if no value is finite.
     pub(super) fn least(
         &self,
         origin: [f64; 3],
         direction: [f64; 3],
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
     ) -> Option<Touch> {
         let ((from, to), signs) = self.within(origin, direction);
         let along = |t: f64| self.height(add_scaled(origin, t, direction), signs);
-        // Interval, its ends' distances, and what is the least that it can hold.
+        // Lower bound over an interval from the values at its ends, as the distance is 1-Lipschitz.
         let bound = |a: f64, b: f64, at_a: f64, at_b: f64| 0.5 * (at_a + at_b - (b - a));
         let mut open: Vec<[f64; 5]> = Vec::with_capacity(32);
         let mut best = (f64::INFINITY, from);
@@ -145,7 +142,7 @@ impl<'a> Sight<'a> {
             last = (t, here);
         }
         let mut looks = PIECES + 1;
-        while looks < MOST_LOOKS {
+        while looks < MAX_QUERIES {
             let Some(next) = (0..open.len()).min_by(|&i, &j| open[i][0].total_cmp(&open[j][0])) else {
                 break;
             };
@@ -174,7 +171,7 @@ impl<'a> Sight<'a> {
         &self,
         origin: [f64; 3],
         direction: [f64; 3],
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
     ) -> Vec<Touch> {
         let (from, to) = self.span(origin, direction);
         let step = (to - from) / FINE_PIECES as f64;
@@ -191,14 +188,14 @@ impl<'a> Sight<'a> {
             .collect()
     }
 
-    /// The minimum of `D` within `reach` of a place on a line.
+    /// The minimum of `D` within `reach` of a position on a line.
     fn refined(
         &self,
         origin: [f64; 3],
         direction: [f64; 3],
         (near, reach): (f64, f64),
         signs: bool,
-        shares: &mut Vec<Share>,
+        shares: &mut Vec<FacetShare>,
     ) -> Option<Touch> {
         let mut look = |t: f64| {
             let at = add_scaled(origin, t, direction);
@@ -207,7 +204,8 @@ impl<'a> Sight<'a> {
         };
         let (mut low, mut high) = (look((near - reach).max(0.0))?, look(near + reach)?);
         let mut best = look(near)?;
-        // A soft shell need not be nearest where the mesh is: downhill, in steps that grow.
+        // The minimum of a soft shell may differ from that of the mesh, so the bracket moves downhill in
+        // growing steps.
         for double in 0..WIDER {
             let step = reach * f64::from(1_u32 << double);
             if low.1 >= 0.0 && low.0 > 0.0 && low.2.distance <= best.2.distance {
@@ -222,8 +220,9 @@ impl<'a> Sight<'a> {
         }
         let bracketed = low.1 < 0.0 && high.1 > 0.0;
         if bracketed {
-            // The slope's sign changes between low and high: the secant, and halves where the slope jumps.
-            for step in 0..MOST_STEPS {
+            // The slope changes its sign in the bracket: secant steps, alternating with bisection in case the
+            // slope jumps.
+            for step in 0..MAX_STEPS {
                 if best.1 < 0.0 {
                     low = best
                 } else {
@@ -248,8 +247,8 @@ impl<'a> Sight<'a> {
                 }
             }
         }
-        // Where the slope jumps through zero, the minimum moves with the kink: its derivative is that mean of
-        // both sides which has no slope along the line.
+        // If the slope jumps through zero, the minimum moves with the kink. Its derivative is the mean of
+        // both sides whose slope along the line is zero.
         let share = if bracketed && best.1.abs() >= SLOPE && high.0 - low.0 < 0.01 * self.softness {
             high.1 / (high.1 - low.1)
         } else {
@@ -260,7 +259,8 @@ impl<'a> Sight<'a> {
         let found = best.2;
         let foot = self.search.closest(at)?;
         let sharp = height_of(&foot, signs);
-        // Far from an open mesh heights over planes fall without end: they may have led away from the thing.
+        // Far from an open mesh, heights over planes decrease without bound and may lead away from the
+        // object.
         let nearest = self.height(add_scaled(origin, near, direction), signs);
         let odd = (found.distance - sharp).abs() > 2.0 * self.softness + 0.5 * sharp.abs()
             || sharp > nearest + 2.0 * self.softness;
@@ -279,7 +279,7 @@ impl<'a> Sight<'a> {
         })
     }
 
-    /// The minimum of the mesh's signed distance within `reach` of a place on a line, by the golden section.
+    /// The minimum of the mesh's signed distance within `reach` of a position on a line, by golden section.
     fn sharp_minimum(
         &self,
         origin: [f64; 3],
@@ -325,7 +325,8 @@ impl<'a> Sight<'a> {
     }
 }
 
-/// The distance from the mesh, with its sign where signs count: beyond a border a mesh has no sides.
+/// The distance from the mesh, signed if `signs` is set and the foot point is not on a boundary, where a mesh
+/// has no sides.
 fn height_of(foot: &ClosestPoint, signs: bool) -> f64 {
     if signs && !foot.on_boundary { foot.signed_distance } else { foot.distance }
 }

@@ -1,6 +1,6 @@
 //! The prior of smooth displacements, and its weight by marginal likelihood.
 //!
-//! Comes in: a stiffness `K`, and the information of the data about the parameters. Goes out: `λ` of
+//! In: a stiffness `K`, and the information of the data about the parameters. Out: `λ` of
 //! `λ/2 · (q − m)ᵀ K (q − m)`. Source: S. Wood, M. Fasiolo, *A generalized Fellner-Schall method for
 //! smoothing parameter optimization*, 2017.
 
@@ -9,25 +9,25 @@ use super::undetermined;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Dispersion, Error, Result, SmoothnessEvaluation, SmoothnessModel};
 
-/// Updates of the weight in one iteration of the fit.
-const TRIES: usize = 20;
-/// Of more unknowns than this an update costs as much as an iteration: there are fewer, and the weight comes
-/// to rest as the fit does.
+/// Maximum number of updates of the weight in one iteration of the fit.
+const MAX_UPDATES: usize = 20;
+/// Above this number of unknowns an update costs as much as an iteration. Then only a few updates are made,
+/// and the weight converges together with the fit.
 const MANY: usize = 1000;
-const TRIES_OF_MANY: usize = 3;
+const MAX_UPDATES_OF_MANY: usize = 3;
 
 /// The prior and its weight.
 pub(super) struct Smoothness {
     pub stiffness: DMatrix<f64>,
     rank: usize,
     weight: f64,
-    /// The weight at most.
-    most: f64,
+    /// Upper limit of the weight.
+    max_weight: f64,
 }
 
 impl Smoothness {
-    /// A prior whose weight is at most that of displacements of `start_sigma`, all independent: those have a
-    /// roughness of `σ² tr K`, and the prior expects `rank(K)/λ`.
+    /// A prior whose weight is limited to that of independent displacements of `start_sigma`. Their expected
+    /// roughness is `σ² tr K`, and that of the prior is `rank(K)/λ`.
     pub(super) fn new(stiffness: DMatrix<f64>, start_sigma: Option<f64>) -> Result<Self> {
         let (own, times) = match of_one_coordinate(&stiffness) {
             Some(own) => (own, 3),
@@ -39,17 +39,17 @@ impl Smoothness {
             return Err(Error::input("the stiffness of controls is not positive semidefinite"));
         }
         let rank = times * eigen.iter().filter(|e| **e > 1e-10 * largest).count();
-        let most =
+        let max_weight =
             start_sigma.map_or(f64::INFINITY, |sigma| rank as f64 / (sigma * sigma * stiffness.trace()));
-        Ok(Self { rank, stiffness, weight: 0.0, most })
+        Ok(Self { rank, stiffness, weight: 0.0, max_weight })
     }
 
     pub(super) fn roughness(&self, q: &DVector<f64>) -> f64 {
         q.dot(&(&self.stiffness * q))
     }
 
-    /// The weight that makes the data most likely, linearised at `q`: they say `N x = N q + b` of the whole
-    /// displacement `x`.
+    /// The weight of maximum marginal likelihood, linearised at `q`: the data require `N x = N q + b` of the
+    /// total displacement `x`.
     pub(super) fn weight(
         &mut self,
         information: &DMatrix<f64>,
@@ -64,7 +64,7 @@ impl Smoothness {
             return Err(undetermined());
         }
         if self.weight == 0.0 {
-            self.weight = (0.01 * natural).min(self.most);
+            self.weight = (0.01 * natural).min(self.max_weight);
         }
         let target = information * q + vector;
         let model = SmoothnessModel {
@@ -74,13 +74,13 @@ impl Smoothness {
             log_pseudo_determinant: 0.0,
             dispersion: Dispersion::Known(1.0),
         };
-        let tries = if q.len() > MANY { TRIES_OF_MANY } else { TRIES };
-        for _ in 0..tries {
-            let Some(factor) = Factor::of(&(information + self.weight * &self.stiffness)) else {
+        let updates = if q.len() > MANY { MAX_UPDATES_OF_MANY } else { MAX_UPDATES };
+        for _ in 0..updates {
+            let Some(factor) = Factor::new(&(information + self.weight * &self.stiffness)) else {
                 return Err(undetermined());
             };
             let x = factor.solve(&target);
-            // Determinants only shift the likelihood: the update needs none.
+            // The update does not use the determinants, so they are not computed.
             let evaluation = SmoothnessEvaluation {
                 residual: 0.0,
                 roughness: self.roughness(&x),
@@ -89,7 +89,7 @@ impl Smoothness {
             };
             let next = (model.fellner_schall_update(self.weight, &evaluation)?)
                 .clamp(1e-8 * natural, 1e8 * natural)
-                .min(self.most);
+                .min(self.max_weight);
             let change = (next / self.weight).ln().abs();
             self.weight = next;
             if change < 0.02 {
@@ -100,7 +100,8 @@ impl Smoothness {
     }
 }
 
-/// `K₁` of `K = K₁ ⊗ I₃`, where it is one: its eigenvalues are those of `K`, three times each.
+/// The factor `K₁` if `K = K₁ ⊗ I₃`. `K` then has the eigenvalues of `K₁`, three times each, which are 27
+/// times cheaper to compute.
 fn of_one_coordinate(stiffness: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let size = stiffness.nrows();
     if !size.is_multiple_of(3) {
@@ -117,10 +118,10 @@ fn of_one_coordinate(stiffness: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 mod tests {
     use super::*;
 
-    /// Readings that agree with the start make smoothness as heavy as can be, and the start is then believed;
-    /// with σ of the start they do not.
+    /// Readings that agree with the start drive the weight to its maximum, so that the start seems certain; σ
+    /// of the start limits it.
     #[test]
-    fn a_start_made_of_the_readings_is_not_believed() {
+    fn start_sigma_limits_the_smoothness_weight() {
         let count = 10;
         let mut bending = DMatrix::zeros(count, count);
         for i in 1..count - 1 {

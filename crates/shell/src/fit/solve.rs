@@ -1,71 +1,80 @@
-//! Levenberg and Marquardt's steps on the equations of a shell, from coarse fields to sharp ones; then the
-//! covariance.
+//! Levenberg–Marquardt iterations on the equations of a shell, from coarse fields to sharp ones, followed by
+//! the covariance.
 //!
-//! Comes in: what is to be fitted, and who is told of every iteration. Goes out: a [`ShellFit`]. Unknowns are
-//! the parameters, then six numbers for every pose that is uncertain.
+//! In: the mesh, its deformation, the readings, the options, and a callback for progress. Out: a
+//! [`ShellFit`].
+//! The unknowns are the parameters of the deformation, then six numbers for each uncertain camera pose.
+//!
+//! Stages: prepare the mesh and the cameras ([`Setup`]); for each sharpness iterate until converged
+//! ([`run_stage`]); repeat the last stage with more smoothness while the mesh folds ([`FoldControl`]);
+//! compute
+//! the covariance ([`finished`]).
 
-use super::choice::chosen_points;
 use super::dense::Factor;
 use super::equations::{Equations, SCALES, Source, cost, sum};
-use super::known::Known;
-use super::outcome::finished;
-use super::outward::outward;
+use super::orientation::outward;
+use super::point_selection::chosen_points;
+use super::priors::Priors;
 use super::problem::{Problem, State, Weighing};
-use super::readings::ShellReadings;
+use super::readings::{PoseNoise, ShellReadings};
+use super::result::finished;
 use super::smoothness::Smoothness;
 use super::{ShellFit, ShellFitOptions, ShellProgress, undetermined};
-use crate::deformation::{Deformation, displaced};
-use crate::field::{Metaball, ShellOptions, subdivided};
+use crate::deformation::{Deformation, displaced_positions};
+use crate::field::{Metaball, ShellOptions, subdivide_for_spheres};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result, Termination, gated_scale};
 use planish_mesh::TriangleMesh;
 
-/// Metaballs that give less than `exp(−9)` of the largest are left out: on a surface all of them together
-/// give 0.1 %.
+/// Reach of the last field: metaballs below `exp(−9)` of the largest are ignored.
+///
+/// A larger reach visits more facets per point. On a surface all ignored terms together are 0.1 % of the sum.
 const REACH: f64 = 9.0;
-/// Gate of the scale of residuals, in standard deviations.
-const GATE: f64 = 3.0;
-/// Damping is raised so often before an iteration is given up.
-const TRIES: usize = 8;
-/// Where a fit folds its mesh, smoothness weighs so many times more, again and again, up to this.
-const HEAVIER: f64 = 4.0;
-const HEAVIEST: f64 = 256.0;
-/// A fit without folds may have residuals so many times larger.
-const WORSE: f64 = 1.1;
-/// How much stiffer a mesh is in the first iteration, and how much of that is left after each.
-const STIFFER: f64 = 100.0;
-const STIFF_LASTS: f64 = 0.75;
-/// No control moves farther at once than this share of the mesh's size: equations are linear only near by.
-const LONGEST: f64 = 0.03;
-/// Residuals that a scale needs.
-const LEAST_READINGS: usize = 8;
-/// Of more unknowns no redundancy is counted: it costs as much as the fit.
-const MOST_COUNTED: usize = 3000;
-/// Points for each unknown, and in all, that a coarse field is fitted to at least: it only finds where the
-/// sharp one starts.
-const COARSE_POINTS: (usize, usize) = (12, 5000);
-/// [`REACH`] of coarse fields. With more of a thin part's far side in the sum, and with fewer points, parts
-/// that start far away are lost more often.
+/// [`REACH`] of coarse fields.
+///
+/// A smaller value is faster. A larger one includes more of the far side of a thin part in the sum, and loses
+/// parts that start far away more often; so do fewer points.
 const COARSE_REACH: f64 = 4.0;
-/// A step of so many σ, in the mean over the unknowns, is none.
-const SETTLED: f64 = 0.1;
-/// The same in a coarse field, which only finds where the next one starts.
-const NEAR: f64 = 0.25;
-/// One facet in so many may be turned the wrong way where outlines are fitted.
-const TURNED: usize = 50;
+/// Gate for the scale of the residuals, in standard deviations. Lower values reject more outliers and use
+/// fewer readings.
+const SCALE_GATE: f64 = 3.0;
+/// Attempts with increasing damping before an iteration gives up.
+const MAX_DAMPING_TRIES: usize = 8;
+/// Factor on the smoothness weight each time the fitted mesh folds. Larger factors need fewer repetitions and
+/// overshoot more.
+const FOLD_WEIGHT_STEP: f64 = 4.0;
+/// Largest product of [`FOLD_WEIGHT_STEP`]: bounds the repetitions at four.
+const MAX_FOLD_WEIGHT: f64 = 256.0;
+/// Largest ratio of the residuals of a fit without folds to those of the fit with folds. Above it, the folds
+/// are taken to follow the data.
+const MAX_UNFOLDED_RMS_RATIO: f64 = 1.1;
+/// Extra smoothness of the first stage, as a multiple of the weight, before the first iteration.
+///
+/// Large values keep a distant mesh in shape until the equations refer to the right part of it, and cost
+/// iterations.
+const INITIAL_STIFFENING: f64 = 100.0;
+/// Share of [`INITIAL_STIFFENING`] that each iteration leaves.
+const STIFFENING_DECAY: f64 = 0.75;
+/// Largest move of a control in one step, as a share of the mesh size. The equations are linear only near the
+/// current mesh.
+const MAX_MOVE: f64 = 0.03;
+/// Least number of residuals from which a scale is estimated.
+const MIN_SCALE_RESIDUALS: usize = 8;
+/// Largest number of unknowns for which the redundancy is computed. It needs an inverse, which for more
+/// unknowns costs as much as the fit.
+const MAX_REDUNDANCY_UNKNOWNS: usize = 3000;
+/// Least number of points that a coarse field is fitted to: per unknown, and in total.
+///
+/// A coarse field only provides the start of the next one, so a subset is enough.
+const COARSE_POINTS: (usize, usize) = (12, 5000);
+/// Mean step per unknown, in σ, below which the last stage has converged.
+const CONVERGED_STEP: f64 = 0.1;
+/// The same for a coarse stage, which only provides the start of the next one.
+const COARSE_CONVERGED_STEP: f64 = 0.25;
+/// One edge in this many may join two inconsistently oriented facets when outlines are fitted.
+const MISORIENTED_EDGES: usize = 50;
 
-/// Whether the facets of a mesh are turned the same way; an error where outlines need that and they are not.
-fn is_oriented(mesh: &TriangleMesh, needed: bool) -> Result<bool> {
-    let check = mesh.welded().check();
-    if needed && check.misoriented_edges * TURNED > check.edges {
-        return Err(Error::input(format!(
-            "outlines need a mesh whose facets are all turned outwards, and at {} of its {} edges two facets are turned against each other: make normals consistent first",
-            check.misoriented_edges, check.edges
-        )));
-    }
-    Ok(check.misoriented_edges == 0 && (needed || check.watertight))
-}
-
+/// Fits the mesh; the arguments have passed their checks, so there is at least one stage and one iteration.
 pub(super) fn solve(
     mesh: &TriangleMesh,
     deformation: &dyn Deformation,
@@ -73,25 +82,75 @@ pub(super) fn solve(
     options: &ShellFitOptions,
     watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
 ) -> Result<ShellFit> {
-    let parameters = deformation.parameters();
-    let once = TriangleMesh { positions: mesh.positions.clone(), triangles: mesh.triangles_once() };
-    let mesh = &once;
-    let size = mesh.surface_bounds().map_or(0.0, |b| b.diagonal());
     let with_outlines = readings.views.iter().any(|view| !view.outline.is_empty());
-    let turned = match with_outlines {
-        true => Some(TriangleMesh { positions: mesh.positions.clone(), triangles: outward(mesh)? }),
-        false => None,
+    let mesh = prepared_mesh(mesh, with_outlines)?;
+    let oriented = is_oriented(&mesh, with_outlines)?;
+    check_cameras(&mesh, readings)?;
+    let (slots, poses) = uncertain_poses(readings);
+    let mut search = Search::new(deformation.parameters(), poses, readings, options)?;
+    let unknowns = deformation.parameters() + 6 * search.priors.poses.len();
+    let setup = Setup::new(mesh, deformation, readings, options, slots, oriented, unknowns)?;
+    for step in 0..options.steps - 1 {
+        run_stage(&setup, &mut search, step, 1.0, watch)?;
+    }
+    let mut folds = FoldControl { factor: 1.0, likelihood_weight: None, folded: None };
+    let (equations, weight) = loop {
+        let (equations, weight) = run_stage(&setup, &mut search, options.steps - 1, folds.factor, watch)?;
+        if !folds.needs_more_smoothness(&setup, &search, &equations, weight)? {
+            break (equations, weight);
+        }
     };
-    let mesh = turned.as_ref().unwrap_or(mesh);
-    let oriented = is_oriented(mesh, with_outlines)?;
+    let (termination, iterations) = (search.termination, search.iterations);
+    let made = match folds.folded {
+        Some((made, _)) => made,
+        None => {
+            let weight = folds.likelihood_weight.unwrap_or(weight);
+            let Search { priors, state, factors, .. } = search;
+            finished(&setup.mesh, deformation, &priors, state, &equations, &factors, weight)?
+        }
+    };
+    Ok(ShellFit { termination, iterations, ..made })
+}
+
+/// The mesh with each triangle once; with outlines, turned so that front sides are outer sides.
+fn prepared_mesh(mesh: &TriangleMesh, with_outlines: bool) -> Result<TriangleMesh> {
+    let once = TriangleMesh { positions: mesh.positions.clone(), triangles: mesh.triangles_once() };
+    if !with_outlines {
+        return Ok(once);
+    }
+    let triangles = outward(&once)?;
+    Ok(TriangleMesh { positions: once.positions, triangles })
+}
+
+/// True if the facets of a mesh are oriented consistently; an error if outlines `need` that and they are not.
+fn is_oriented(mesh: &TriangleMesh, needed: bool) -> Result<bool> {
+    let check = mesh.welded().check();
+    if needed && check.misoriented_edges * MISORIENTED_EDGES > check.edges {
+        return Err(Error::input(format!(
+            "outlines need a mesh whose facets all face outwards, but at {} of its {} edges the two facets are \
+             oriented inconsistently: make the normals consistent first",
+            check.misoriented_edges, check.edges
+        )));
+    }
+    Ok(check.misoriented_edges == 0 && (needed || check.watertight))
+}
+
+/// Checks that the centre of the mesh is in front of every camera.
+fn check_cameras(mesh: &TriangleMesh, readings: &ShellReadings<'_>) -> Result<()> {
     let middle = mesh.surface_bounds().map_or([0.0; 3], |b| b.center());
     for (v, view) in readings.views.iter().enumerate() {
         if view.camera.project(middle).is_none() {
             return Err(Error::input(format!(
-                "view {v}: the mesh lies behind the camera: its pose, or the sign of its projection matrix, is another"
+                "view {v}: the mesh lies behind the camera: correct the pose or the sign of the \
+                projection matrix"
             )));
         }
     }
+    Ok(())
+}
+
+/// For each view its index among the uncertain poses, and for each uncertain pose its view and noise.
+fn uncertain_poses(readings: &ShellReadings<'_>) -> (Vec<Option<u32>>, Vec<(usize, PoseNoise)>) {
     let mut slots = vec![None; readings.views.len()];
     let mut poses = Vec::new();
     for (v, view) in readings.views.iter().enumerate() {
@@ -100,177 +159,339 @@ pub(super) fn solve(
             poses.push((v, noise));
         }
     }
-    let stiffness = (options.stiffness.clone()).unwrap_or_else(|| DMatrix::zeros(parameters, parameters));
-    let start = match (&options.start, &options.prior) {
-        (Some(start), _) => start.clone(),
-        (None, Some(prior)) => prior.mean.clone(),
-        (None, None) => DVector::zeros(parameters),
-    };
-    let mut known =
-        Known { smooth: Smoothness::new(stiffness, options.start_sigma)?, options, start, poses, readings };
-    let mut state =
-        State { q: known.start.clone(), cameras: readings.views.iter().map(|view| view.camera).collect() };
-    let mut factors = [1.0; SCALES];
-    let mut used = 0.0;
-    let mut iterations = 0;
-    let mut termination = Termination::Limit;
-    let mut last: Option<(Vec<Equations>, f64)> = None;
-    // Parameters that are no displacements have other units.
-    let longest = deformation.controls().map(|_| LONGEST * size);
-    let (first, finest) = options.softness;
-    let bounds = mesh.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
-    let enough = (COARSE_POINTS.0 * (parameters + 6 * known.poses.len())).max(COARSE_POINTS.1);
-    let few = chosen_points(readings.points, enough, &bounds);
-    let all = chosen_points(readings.points, usize::MAX, &bounds);
-    // Where the controls lack something, folds make up for it: smoothness counts for more until none is left,
-    // if that costs little. What the data show to the last σ may fold, and what outlines alone draw has more
-    // faults than folds.
-    let mut heavier = 1.0;
-    // The weight by likelihood: σ is by this one, as to be held is not to be known.
-    let mut likely = None;
-    let mut folded: Option<(ShellFit, f64)> = None;
-    let mut step = 0;
-    while step < options.steps {
-        let coarse = step + 1 < options.steps;
-        let share = if options.steps > 1 { step as f64 / (options.steps - 1) as f64 } else { 1.0 };
-        let softness = size * first * (finest / first).powf(share);
-        let fine = match options.metaball {
-            Metaball::Triangular => None,
-            Metaball::Spherical => Some(subdivided(mesh, 1.5 * softness, options.most_facets)),
-        };
-        let problem = Problem {
-            mesh,
-            origins: fine.as_ref().map(|(_, origins)| &origins[..]),
-            triangles: fine.as_ref().map_or(&mesh.triangles, |(fine, _)| &fine.triangles),
-            deformation,
-            readings,
-            shell: ShellOptions {
-                reach: Some(if coarse { COARSE_REACH } else { REACH }),
-                oriented,
-                ..ShellOptions::new(options.metaball, 1.0 / softness)
-            },
-            slots: &slots,
-            chosen: if coarse { &few } else { &all },
-            by_sheets: !coarse,
-        };
-        let mut damping = 1e-3;
-        termination = Termination::Limit;
-        let first = Weighing { loss: &options.loss, factors };
-        // Derivatives that were left out are asked for again, by the factors that now hold.
-        let again = |factors| {
-            let loss = &options.loss;
-            problem.by_sheets.then_some(Weighing { loss, factors })
-        };
-        let mut equations = problem.equations(&state, (step > 0 || problem.by_sheets).then_some(first))?;
-        let mut weight = 0.0;
-        let mut length_before = f64::INFINITY;
-        for k in 0..options.iterations {
-            watch(ShellProgress {
-                share: (step as f64 + k as f64 / options.iterations as f64) / options.steps as f64,
-                iteration: iterations,
-                rms_points: rms_of_points(&equations),
-            })?;
-            iterations += 1;
-            if !options.believe_sigma {
-                // While the mesh is far away, residuals are shape; σ falls to that of the noise as it comes
-                // near.
-                factors = scales(&equations, used, factors)?;
-            }
-            if Equations::lack_derivatives(&equations, &options.loss, &factors) {
-                equations = problem.equations(&state, again(factors))?;
-            }
-            let weighing = Weighing { loss: &options.loss, factors };
-            let pass = sum(
-                &equations,
-                deformation,
-                known.poses.len(),
-                &options.loss,
-                (&factors, &[1.0; SCALES]),
-                true,
-            );
-            let alone = known.without_poses(&state, &pass)?;
-            weight = (known.smooth).weight(&alone.information, &alone.vector, &(&state.q - &known.start))?;
-            weight *= heavier;
-            if step == 0 && options.start_sigma.is_none() {
-                // From far away a mesh comes stiff first: what pulls at it is not yet where it belongs.
-                weight *= 1.0 + STIFFER * STIFF_LASTS.powi(iterations as i32);
-            }
-            let (wanted, slope) = known.add(&state, weight, &pass);
-            let before = cost(&equations, &options.loss, &factors) + known.cost(&state, weight);
-            let mut accepted = None;
-            let mut shorter = false;
-            for _ in 0..TRIES {
-                let change = bounded_step(&wanted, damping, &slope, parameters, longest)?;
-                let next = known.moved(&state, &change);
-                let tried = problem.equations(&next, Some(weighing))?;
-                let after = cost(&tried, &options.loss, &factors) + known.cost(&next, weight);
-                if after <= before * (1.0 + 1e-12) {
-                    let length = (change.dot(&(&wanted * &change)) / change.len() as f64).sqrt();
-                    shorter = is_settled(length, length_before, coarse) || before - after < 1e-6 * before;
-                    length_before = length;
-                    accepted = Some((next, tried));
-                    damping = (damping * 0.1).max(1e-9);
-                    break;
-                }
-                damping = (damping * 10.0).max(1e-6);
-            }
-            used = redundancy_used(&wanted, &pass.information);
-            let Some((next, tried)) = accepted else {
-                termination = Termination::ReachedTolerance;
-                break;
-            };
-            state = next;
-            equations = tried;
-            if shorter {
-                termination = Termination::Converged;
-                break;
-            }
-        }
-        if step + 1 == options.steps && !options.believe_sigma {
-            factors = scales(&equations, used, factors)?;
-            if Equations::lack_derivatives(&equations, &options.loss, &factors) {
-                equations = problem.equations(&state, again(factors))?;
-            }
-        }
-        let may_be_heavier = weight > 0.0 && options.prior.is_none() && heavier < HEAVIEST;
-        if step + 1 == options.steps && may_be_heavier && !readings.points.is_empty() {
-            let folds = mesh.distortion(&displaced(&mesh.positions, deformation, &state.q)).folds > 0;
-            let rms = rms_normalized(&equations);
-            let good = folded.as_ref().is_none_or(|before| rms < WORSE * before.1);
-            if folds && good {
-                if folded.is_none() {
-                    let made =
-                        finished(mesh, deformation, &known, state.clone(), &equations, &factors, weight)?;
-                    if made.lack_of_fit > 0.0 {
-                        likely = Some(weight);
-                        folded = Some((made, rms));
-                    }
-                }
-                if folded.is_some() {
-                    heavier *= HEAVIER;
-                    continue;
-                }
-            } else if good {
-                folded = None;
-            }
-        }
-        last = Some((equations, weight));
-        step += 1;
-    }
-    if let Some((made, _)) = folded {
-        return Ok(ShellFit { termination, iterations, ..made });
-    }
-    let (equations, weight) =
-        last.ok_or_else(|| Error::input("a fit needs at least one step of sharpness"))?;
-    let weight = likely.unwrap_or(weight);
-    finished(mesh, deformation, &known, state, &equations, &factors, weight).map(|made| ShellFit {
-        termination,
-        iterations,
-        ..made
-    })
+    (slots, poses)
 }
 
-/// Root mean square of residuals over what was stated, of readings that may be of the mesh.
+/// A subdivided mesh, and for each of its vertices the vertices and weights on the original.
+type Subdivision = (TriangleMesh, Vec<[(u32, f64); 3]>);
+
+/// What stays the same in all stages of a fit.
+struct Setup<'a> {
+    mesh: TriangleMesh,
+    deformation: &'a dyn Deformation,
+    readings: &'a ShellReadings<'a>,
+    options: &'a ShellFitOptions,
+    /// For each view the index of its pose in the state, if the pose is uncertain.
+    slots: Vec<Option<u32>>,
+    /// Whether the facets are oriented consistently.
+    oriented: bool,
+    /// Diagonal of the mesh.
+    size: f64,
+    /// Largest change of a parameter in one step; `None` if parameters are not displacements.
+    max_move: Option<f64>,
+    /// The points of the coarse stages, and of the last one.
+    coarse_points: Vec<u32>,
+    all_points: Vec<u32>,
+}
+
+impl<'a> Setup<'a> {
+    fn new(
+        mesh: TriangleMesh,
+        deformation: &'a dyn Deformation,
+        readings: &'a ShellReadings<'a>,
+        options: &'a ShellFitOptions,
+        slots: Vec<Option<u32>>,
+        oriented: bool,
+        unknowns: usize,
+    ) -> Result<Self> {
+        let bounds = mesh.surface_bounds().ok_or_else(|| Error::input("a mesh without vertices"))?;
+        let size = bounds.diagonal();
+        let enough = (COARSE_POINTS.0 * unknowns).max(COARSE_POINTS.1);
+        Ok(Self {
+            deformation,
+            readings,
+            options,
+            slots,
+            oriented,
+            size,
+            // Parameters that are no displacements have other units.
+            max_move: deformation.controls().map(|_| MAX_MOVE * size),
+            coarse_points: chosen_points(readings.points, enough, &bounds),
+            all_points: chosen_points(readings.points, usize::MAX, &bounds),
+            mesh,
+        })
+    }
+
+    fn is_last(&self, step: usize) -> bool {
+        step + 1 == self.options.steps
+    }
+
+    /// Thickness `1/k` of the field in a stage: a geometric sequence from the first softness to the last.
+    fn softness(&self, step: usize) -> f64 {
+        let (first, finest) = self.options.softness;
+        let steps = self.options.steps;
+        let share = if steps > 1 { step as f64 / (steps - 1) as f64 } else { 1.0 };
+        self.size * first * (finest / first).powf(share)
+    }
+
+    /// The equations of a stage. `fine` is the subdivided mesh of spherical metaballs.
+    fn problem<'b>(&'b self, step: usize, softness: f64, fine: Option<&'b Subdivision>) -> Problem<'b> {
+        let coarse = !self.is_last(step);
+        Problem {
+            mesh: &self.mesh,
+            origins: fine.map(|(_, origins)| &origins[..]),
+            triangles: fine.map_or(&self.mesh.triangles, |(fine, _)| &fine.triangles),
+            deformation: self.deformation,
+            readings: self.readings,
+            shell: ShellOptions {
+                reach: Some(if coarse { COARSE_REACH } else { REACH }),
+                oriented: self.oriented,
+                ..ShellOptions::new(self.options.metaball, 1.0 / softness)
+            },
+            slots: &self.slots,
+            chosen: if coarse { &self.coarse_points } else { &self.all_points },
+            by_sheets: !coarse,
+        }
+    }
+}
+
+/// What changes from one iteration to the next, over all stages.
+struct Search<'a> {
+    priors: Priors<'a>,
+    state: State,
+    /// Factors of σ by kind of reading.
+    factors: [f64; SCALES],
+    /// Number of readings that the unknowns use up.
+    redundancy_used: f64,
+    /// Iterations of all stages.
+    iterations: usize,
+    termination: Termination,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        parameters: usize,
+        poses: Vec<(usize, PoseNoise)>,
+        readings: &'a ShellReadings<'a>,
+        options: &'a ShellFitOptions,
+    ) -> Result<Self> {
+        let stiffness = (options.stiffness.clone()).unwrap_or_else(|| DMatrix::zeros(parameters, parameters));
+        let start = match (&options.start, &options.prior) {
+            (Some(start), _) => start.clone(),
+            (None, Some(prior)) => prior.mean.clone(),
+            (None, None) => DVector::zeros(parameters),
+        };
+        let smooth = Smoothness::new(stiffness, options.start_sigma)?;
+        let cameras = readings.views.iter().map(|view| view.camera).collect();
+        Ok(Self {
+            state: State { q: start.clone(), cameras },
+            priors: Priors { smooth, options, start, poses, readings },
+            factors: [1.0; SCALES],
+            redundancy_used: 0.0,
+            iterations: 0,
+            termination: Termination::Limit,
+        })
+    }
+
+    /// Estimates the factors of σ from the residuals, unless the stated σ hold.
+    fn update_factors(&mut self, equations: &[Equations]) -> Result<()> {
+        if !self.priors.options.believe_sigma {
+            // While the mesh is far away, residuals contain shape; σ falls to that of the noise as the mesh
+            // approaches the readings.
+            self.factors = scales(equations, self.redundancy_used, self.factors)?;
+        }
+        Ok(())
+    }
+
+    /// Evaluates the equations again if one without derivatives has a weight by the current factors.
+    fn complete_derivatives(&self, problem: &Problem<'_>, equations: &mut Vec<Equations>) -> Result<()> {
+        let loss = &self.priors.options.loss;
+        if Equations::lack_derivatives(equations, loss, &self.factors) {
+            let weighing = problem.by_sheets.then_some(Weighing { loss, factors: self.factors });
+            *equations = problem.equations(&self.state, weighing)?;
+        }
+        Ok(())
+    }
+
+    /// Sums the equations, the smoothness and the priors at the current state.
+    fn normal_equations(
+        &mut self,
+        setup: &Setup<'_>,
+        equations: &[Equations],
+        weight_factor: f64,
+        first_stage: bool,
+    ) -> Result<NormalEquations> {
+        let options = setup.options;
+        let poses = self.priors.poses.len();
+        let scale = (&self.factors, &[1.0; SCALES]);
+        let pass = sum(equations, setup.deformation, poses, &options.loss, scale, true);
+        let alone = self.priors.without_poses(&self.state, &pass)?;
+        let displacement = &self.state.q - &self.priors.start;
+        let mut weight = self.priors.smooth.weight(&alone.information, &alone.vector, &displacement)?;
+        weight *= weight_factor;
+        if first_stage && options.start_sigma.is_none() {
+            // A distant mesh approaches almost rigidly at first: the facets that attract it are not yet the
+            // ones that correspond to the readings.
+            weight *= 1.0 + INITIAL_STIFFENING * STIFFENING_DECAY.powi(self.iterations as i32);
+        }
+        let (information, vector) = self.priors.add(&self.state, weight, &pass);
+        let cost = cost(equations, &options.loss, &self.factors) + self.priors.cost(&self.state, weight);
+        Ok(NormalEquations { information, vector, of_readings: pass.information, weight, cost })
+    }
+
+    /// Moves the state by the first step that does not raise the cost, with damping increased until one is
+    /// found. Returns its equations and whether the stage has converged; `None` if no step helps.
+    fn take_step(
+        &mut self,
+        setup: &Setup<'_>,
+        problem: &Problem<'_>,
+        system: &NormalEquations,
+        damping: &mut Damping,
+    ) -> Result<Option<(Vec<Equations>, bool)>> {
+        let loss = &setup.options.loss;
+        let weighing = Weighing { loss, factors: self.factors };
+        for _ in 0..MAX_DAMPING_TRIES {
+            let parameters = self.state.q.len();
+            let change =
+                bounded_step(&system.information, damping.value, &system.vector, parameters, setup.max_move)?;
+            let next = self.priors.moved(&self.state, &change);
+            let tried = problem.equations(&next, Some(weighing))?;
+            let after = cost(&tried, loss, &self.factors) + self.priors.cost(&next, system.weight);
+            // The tolerance admits a step whose cost differs by rounding only.
+            if after <= system.cost * (1.0 + 1e-12) {
+                let length = (change.dot(&(&system.information * &change)) / change.len() as f64).sqrt();
+                let converged = is_converged(length, damping.last_length, !problem.by_sheets)
+                    || system.cost - after < 1e-6 * system.cost;
+                damping.last_length = length;
+                damping.value = (damping.value * 0.1).max(1e-9);
+                self.state = next;
+                return Ok(Some((tried, converged)));
+            }
+            damping.value = (damping.value * 10.0).max(1e-6);
+        }
+        Ok(None)
+    }
+}
+
+/// The linearised problem of one iteration.
+struct NormalEquations {
+    /// Information with smoothness and priors.
+    information: DMatrix<f64>,
+    vector: DVector<f64>,
+    /// Information of the readings alone.
+    of_readings: DMatrix<f64>,
+    /// Smoothness weight `λ`.
+    weight: f64,
+    /// Total cost at the current state.
+    cost: f64,
+}
+
+/// Damping of the next step, and the length of the last one in σ.
+struct Damping {
+    value: f64,
+    last_length: f64,
+}
+
+/// Iterates at one sharpness. Returns the equations at the end and the smoothness weight.
+fn run_stage(
+    setup: &Setup<'_>,
+    search: &mut Search<'_>,
+    step: usize,
+    weight_factor: f64,
+    watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
+) -> Result<(Vec<Equations>, f64)> {
+    let options = setup.options;
+    let softness = setup.softness(step);
+    let fine = match options.metaball {
+        Metaball::Triangular => None,
+        Metaball::Spherical => Some(subdivide_for_spheres(&setup.mesh, 1.5 * softness, options.max_facets)),
+    };
+    let problem = setup.problem(step, softness, fine.as_ref());
+    search.termination = Termination::Limit;
+    // In the first stage σ has not been estimated yet, so that no reading may be ignored by it.
+    let weighing = Weighing { loss: &options.loss, factors: search.factors };
+    let weighing = (step > 0 || problem.by_sheets).then_some(weighing);
+    let mut equations = problem.equations(&search.state, weighing)?;
+    let mut damping = Damping { value: 1e-3, last_length: f64::INFINITY };
+    let mut weight = 0.0;
+    for k in 0..options.iterations {
+        watch(ShellProgress {
+            share: (step as f64 + k as f64 / options.iterations as f64) / options.steps as f64,
+            iteration: search.iterations,
+            rms_points: rms_of_points(&equations),
+        })?;
+        search.iterations += 1;
+        search.update_factors(&equations)?;
+        search.complete_derivatives(&problem, &mut equations)?;
+        let system = search.normal_equations(setup, &equations, weight_factor, step == 0)?;
+        weight = system.weight;
+        let taken = search.take_step(setup, &problem, &system, &mut damping)?;
+        search.redundancy_used = redundancy_used(&system.information, &system.of_readings);
+        let Some((next, converged)) = taken else {
+            search.termination = Termination::ReachedTolerance;
+            break;
+        };
+        equations = next;
+        if converged {
+            search.termination = Termination::Converged;
+            break;
+        }
+    }
+    // The covariance needs the factors and the derivatives at the final state.
+    if setup.is_last(step) && !options.believe_sigma {
+        search.update_factors(&equations)?;
+        search.complete_derivatives(&problem, &mut equations)?;
+    }
+    Ok((equations, weight))
+}
+
+/// Raises the smoothness of the last stage until the mesh does not fold.
+///
+/// Where the controls cannot follow the shape, folds make up for it; more smoothness removes them if that
+/// costs little. Folds that the residuals require are kept. Fits to outlines alone are left as they are,
+/// because folds are not their main fault.
+struct FoldControl {
+    /// Extra factor on the smoothness weight.
+    factor: f64,
+    /// The smoothness weight by likelihood. The covariance uses this one: the extra factor adds no
+    /// information.
+    likelihood_weight: Option<f64>,
+    /// The fit with folds and its normalised rms, returned if removing the folds costs too much.
+    folded: Option<(ShellFit, f64)>,
+}
+
+impl FoldControl {
+    /// Whether the stage must be repeated with the raised factor.
+    fn needs_more_smoothness(
+        &mut self,
+        setup: &Setup<'_>,
+        search: &Search<'_>,
+        equations: &[Equations],
+        weight: f64,
+    ) -> Result<bool> {
+        let may_raise = weight > 0.0 && setup.options.prior.is_none() && self.factor < MAX_FOLD_WEIGHT;
+        if !may_raise || setup.readings.points.is_empty() {
+            return Ok(false);
+        }
+        let (mesh, deformation) = (&setup.mesh, setup.deformation);
+        let moved = displaced_positions(&mesh.positions, deformation, &search.state.q);
+        let folds = mesh.distortion(&moved).folds > 0;
+        let rms = rms_normalized(equations);
+        let fits_as_well =
+            self.folded.as_ref().is_none_or(|(_, before)| rms < MAX_UNFOLDED_RMS_RATIO * before);
+        if !fits_as_well {
+            return Ok(false);
+        }
+        if !folds {
+            self.folded = None;
+            return Ok(false);
+        }
+        if self.folded.is_none() {
+            let (priors, state) = (&search.priors, search.state.clone());
+            let made = finished(mesh, deformation, priors, state, equations, &search.factors, weight)?;
+            if made.unresolved_shape > 0.0 {
+                self.likelihood_weight = Some(weight);
+                self.folded = Some((made, rms));
+            }
+        }
+        if self.folded.is_some() {
+            self.factor *= FOLD_WEIGHT_STEP;
+        }
+        Ok(self.folded.is_some())
+    }
+}
+
+/// Root mean square of residuals divided by their stated σ, over the likely equations of readings.
 fn rms_normalized(equations: &[Equations]) -> f64 {
     let of_readings = (equations.iter().flat_map(|some| &some.list))
         .filter(|e| e.source != Source::Region && e.is_likely());
@@ -288,15 +509,16 @@ fn rms_of_points(equations: &[Equations]) -> Option<f64> {
     (count > 0).then(|| (squares / count as f64).sqrt())
 }
 
-/// Whether a step of so many σ after another is as good as the last: it is short, or those that follow are,
-/// if each shrinks as this one did.
-fn is_settled(length: f64, before: f64, coarse: bool) -> bool {
-    let limit = if coarse { NEAR } else { SETTLED };
+/// True if a step of `length` (in σ) after one of `before` ends a stage: it is short, or all further ones add
+/// up to little if each shrinks by the same ratio.
+fn is_converged(length: f64, before: f64, coarse: bool) -> bool {
+    let limit = if coarse { COARSE_CONVERGED_STEP } else { CONVERGED_STEP };
     let ratio = length / before;
     length < limit || (ratio < 1.0 && before.is_finite() && length * ratio / (1.0 - ratio) < 0.5 * limit)
 }
 
-/// Factors of σ by the residuals of each kind; `used` is how many readings the unknowns take up.
+/// Factors of σ estimated from the residuals of each kind; `used` is the number of readings that the unknowns
+/// use up. A kind with few residuals keeps its factor.
 fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[f64; SCALES]> {
     let mut of_scale: [Vec<f64>; SCALES] = Default::default();
     for equation in equations.iter().flat_map(|some| &some.list) {
@@ -305,13 +527,13 @@ fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[
         }
     }
     let count = of_scale.iter().map(Vec::len).sum::<usize>() as f64;
-    // Of fewer readings than unknowns nothing is left to tell σ by: at most half of the variance is taken for
-    // redundancy that is missing.
+    // With few redundant readings the correction grows without bound, so it is limited to half of the
+    // variance.
     let redundancy = (1.0 - used / count.max(1.0)).max(0.5);
     let mut factors = before;
     for (factor, residuals) in factors.iter_mut().zip(of_scale) {
-        if residuals.len() >= LEAST_READINGS {
-            let sigma = gated_scale(&residuals, GATE)?.sigma / redundancy.sqrt();
+        if residuals.len() >= MIN_SCALE_RESIDUALS {
+            let sigma = gated_scale(&residuals, SCALE_GATE)?.sigma / redundancy.sqrt();
             if sigma > 0.0 {
                 *factor = sigma;
             }
@@ -320,15 +542,16 @@ fn scales(equations: &[Equations], used: f64, before: [f64; SCALES]) -> Result<[
     Ok(factors)
 }
 
-/// `tr(A⁻¹ N)`: how many readings the unknowns take up.
+/// `tr(A⁻¹ N)`: the number of readings that the unknowns use up; zero if there are too many unknowns to
+/// count.
 fn redundancy_used(wanted: &DMatrix<f64>, information: &DMatrix<f64>) -> f64 {
-    if wanted.nrows() > MOST_COUNTED {
+    if wanted.nrows() > MAX_REDUNDANCY_UNKNOWNS {
         return 0.0;
     }
-    Factor::of(wanted).map_or(0.0, |factor| factor.inverse().dot(information))
+    Factor::new(wanted).map_or(0.0, |factor| factor.inverse().dot(information))
 }
 
-/// A step that is shortened where a parameter would move farther than stated.
+/// A damped step, shortened as a whole so that no parameter moves farther than `longest`.
 fn bounded_step(
     equations: &DMatrix<f64>,
     damping: f64,
@@ -341,7 +564,7 @@ fn bounded_step(
     Ok(change * share)
 }
 
-/// `(N + μ diag N) x = b`.
+/// Solves `(N + μ diag N) x = b`.
 fn damped_step(equations: &DMatrix<f64>, damping: f64, right: &DVector<f64>) -> Result<DVector<f64>> {
     let mut damped = equations.clone();
     let mean = equations.trace() / equations.nrows() as f64;
@@ -349,5 +572,5 @@ fn damped_step(equations: &DMatrix<f64>, damping: f64, right: &DVector<f64>) -> 
         let own = damped[(k, k)];
         damped[(k, k)] += damping * own.max(1e-12 * mean);
     }
-    Ok(Factor::of(&damped).ok_or_else(undetermined)?.solve(right))
+    Ok(Factor::new(&damped).ok_or_else(undetermined)?.solve(right))
 }

@@ -30,7 +30,7 @@ fn truth(points: usize, seed: u64) -> Truth {
     let mesh = icosphere(1.0, 4);
     let controls = automatic_controls(&mesh, 30).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
-    let stiffness = of_three_coordinates(&stiffness(&controls.points, &controls.triangles, &controls.edges));
+    let stiffness = stiffness_for_xyz(&stiffness(&controls.points, &controls.triangles, &controls.edges));
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
     // A displacement that changes slowly: an affine one, and a wave.
@@ -116,11 +116,11 @@ fn rms(values: &[f64]) -> f64 {
 /// Points closer together than their noise: of those at one height over the mesh the nearest are at the same
 /// height, and that is no shape that the controls lack.
 #[test]
-fn dense_noise_is_nothing_that_is_lacking() {
+fn dense_noise_is_not_unresolved_shape() {
     let truth = truth(20_000, 5);
     let options = ShellFitOptions { stiffness: Some(truth.stiffness.clone()), ..ShellFitOptions::default() };
     let made = fit_points(&truth.mesh, &truth.deformation, &truth.readings, &options).unwrap();
-    assert!(made.lack_of_fit < 0.1 * SIGMA, "{} of {SIGMA}", made.lack_of_fit);
+    assert!(made.unresolved_shape < 0.1 * SIGMA, "{} of {SIGMA}", made.unresolved_shape);
 }
 
 /// Against a fit that knows which place each point is of, the shell's surface is at most a fifth farther from
@@ -167,7 +167,8 @@ fn shells_come_as_near_as_true_correspondences() {
         }
         let share = f64::from(covered as u32) / f64::from(count as u32);
         println!(
-            "{metaball:?}: {:.5} from the truth, {:.5} with true correspondences along normals, {:.5} with those of all coordinates, {:.3} covered, {caught:?}",
+            "{metaball:?}: {:.5} from the truth, {:.5} with true correspondences along normals, {:.5} \
+            with those of all coordinates, {:.3} covered, {caught:?}",
             rms(&ours),
             rms(&theirs),
             rms(&of_all_three),
@@ -188,7 +189,7 @@ fn a_lattice_is_fitted_by_the_same_code() {
     let controls = lattice.controls().unwrap();
     let pairs = crate::controls::nearest_pairs(controls, 6);
     let options = ShellFitOptions {
-        stiffness: Some(of_three_coordinates(&stiffness(controls, &[], &pairs))),
+        stiffness: Some(stiffness_for_xyz(&stiffness(controls, &[], &pairs))),
         ..ShellFitOptions::default()
     };
     let made = fit_points(&truth.mesh, &lattice, &truth.readings, &options).unwrap();
@@ -198,7 +199,7 @@ fn a_lattice_is_fitted_by_the_same_code() {
 }
 
 #[test]
-fn odd_input_is_named() {
+fn invalid_input_is_named() {
     let mesh = icosphere(1.0, 1);
     let deformation = Dirichlet::new(&mesh.positions[..4], &mesh.positions).unwrap();
     let good = PointReading { at: [1.0, 0.0, 0.0], covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0] };

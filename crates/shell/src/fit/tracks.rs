@@ -1,28 +1,28 @@
-//! Features tracked over views: a place on the surface, and a line of sight through it from every view.
+//! Equations of features tracked over views: a point on the surface, and a line of sight through it from
+//! every view.
 //!
-//! Comes in: pixels of one feature in several views. Goes out: equations between the poses of those views and
-//! the shell.
+//! In: pixels of one feature in several views. Out: equations between the poses of those views and the shell.
 //!
-//! The feature's place `X` is unknown and of no interest. Its pixels say `π_v(X) = x_v`, the shell says
-//! `D(X) = 0`: `2 n + 1` equations, three of which go to find `X`. What is left is got by multiplying all,
-//! divided by their σ, with the left null space of their derivatives by `X` (A. Björck, *Numerical methods
-//! for least squares problems*, 1996, on separable problems).
+//! The position `X` of the feature is a nuisance parameter. Its pixels give `π_v(X) = x_v` and the shell
+//! gives `D(X) = 0`: `2 n + 1` equations, three of which determine `X`. It is eliminated by multiplying the
+//! whitened equations with the left null space of their derivatives by `X` (A. Björck, *Numerical methods for
+//! least squares problems*, 1996, on separable problems).
 //!
-//! Not guaranteed: a place where lines of sight are all but parallel.
+//! Not guaranteed: there is no equation if the lines of sight are nearly parallel.
 
 use super::equations::{ByVertex, Equations, Source};
 use super::readings::FeatureTrack;
 use crate::camera::Camera;
-use crate::field::{Share, Shell};
+use crate::field::{FacetShare, Shell};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-/// Steps towards the place of a feature.
+/// Maximum number of Gauss–Newton steps for the position of a feature.
 const STEPS: usize = 10;
 
 /// The point nearest to all lines of sight.
 fn triangulated(track: &FeatureTrack, cameras: &[Camera]) -> Option<Vector3<f64>> {
     let (mut n, mut b) = (Matrix3::zeros(), Vector3::zeros());
-    for seen in &track.sightings {
+    for seen in &track.observations {
         let camera = &cameras[seen.view as usize];
         let way = Vector3::from(camera.direction(seen.pixel));
         let across = Matrix3::identity() - way * way.transpose();
@@ -34,17 +34,17 @@ fn triangulated(track: &FeatureTrack, cameras: &[Camera]) -> Option<Vector3<f64>
     n.try_inverse().map(|inverse| inverse * b)
 }
 
-/// Residuals and derivatives by the place, over their σ; `None` behind a camera.
+/// Whitened residuals and derivatives by the position; `None` behind a camera.
 fn linearized(
     track: &FeatureTrack,
     cameras: &[Camera],
     shell: &Shell<'_>,
     at: &Vector3<f64>,
-    shares: &mut Vec<Share>,
+    shares: &mut Vec<FacetShare>,
 ) -> Option<(DVector<f64>, DMatrix<f64>, crate::field::ShellDistance)> {
-    let rows = 2 * track.sightings.len() + 1;
+    let rows = 2 * track.observations.len() + 1;
     let (mut residual, mut by_place) = (DVector::zeros(rows), DMatrix::zeros(rows, 3));
-    for (k, seen) in track.sightings.iter().enumerate() {
+    for (k, seen) in track.observations.iter().enumerate() {
         let camera = &cameras[seen.view as usize];
         let (pixel, _) = camera.project((*at).into())?;
         let inside = camera.r * at + camera.t;
@@ -61,17 +61,17 @@ fn linearized(
     Some((residual, by_place, found))
 }
 
-/// What vertices of the deformed mesh one of the wrapped mesh is made of, with the derivatives by them.
+/// Converts a derivative by a vertex of the wrapped mesh to derivatives by vertices of the deformed mesh.
 type Give<'a> = dyn Fn(u32, [f64; 3], &mut Vec<ByVertex>) + 'a;
 
-/// Adds the equations of one track. `slots` says which cameras have a pose in the state, `give` what vertices
-/// of the wrapped mesh are of that which is deformed.
+/// Adds the equations of one track. `slots` gives the index of each camera's pose in the state; `give`
+/// converts derivatives to the deformed mesh.
 pub(super) fn add(
     track: &FeatureTrack,
     index: u32,
     (cameras, slots): (&[Camera], &[Option<u32>]),
     shell: &Shell<'_>,
-    shares: &mut Vec<Share>,
+    shares: &mut Vec<FacetShare>,
     give: &Give<'_>,
     made: &mut Equations,
 ) -> Option<()> {
@@ -109,7 +109,7 @@ pub(super) fn add(
         let mut own: Vec<(u32, [f64; 3])> =
             (vertices.iter()).map(|(vertex, by)| (*vertex, by.map(|x| on_surface * x))).collect();
         let mut poses = Vec::new();
-        for (k, seen) in track.sightings.iter().enumerate() {
+        for (k, seen) in track.observations.iter().enumerate() {
             let Some(slot) = slots[seen.view as usize] else {
                 continue;
             };
@@ -126,7 +126,7 @@ pub(super) fn add(
     Some(())
 }
 
-/// Orthonormal columns that are orthogonal to those of a tall matrix of full rank.
+/// Orthonormal columns orthogonal to those of a tall matrix of full rank.
 fn left_null_space(of: &DMatrix<f64>) -> DMatrix<f64> {
     let (rows, columns) = of.shape();
     let mut wide = DMatrix::zeros(rows, rows + columns);

@@ -13,9 +13,9 @@ use planish_mesh::TriangleMesh;
 use planish_report::numbers::counted;
 use planish_sense::{Silhouette, SilhouetteOptions, silhouette};
 use planish_shell::{
-    Deformation, Dirichlet, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind, OutlinePoint,
-    ParameterPrior, PartMotion, PointReading, RigidPart, RigidParts, ShellReadings, ShellView, Sighting,
-    VertexDisplacements, automatic_controls, nearest_pairs, of_three_coordinates, stiffness,
+    Deformation, Dirichlet, FeatureObservation, FeatureTrack, Lattice, LatticeBasis, Modes, OutlineKind,
+    OutlinePoint, ParameterPrior, PartMotion, PointReading, RigidPart, RigidParts, ShellReadings, ShellView,
+    VertexDisplacements, automatic_controls, nearest_pairs, stiffness, stiffness_for_xyz,
 };
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -91,9 +91,9 @@ impl Frame {
                 .collect(),
             tracks: (views.tracks.iter())
                 .map(|track| FeatureTrack {
-                    sightings: (track.iter())
+                    observations: (track.iter())
                         .filter(|(view, _, _)| !views.views[*view as usize].held_out)
-                        .map(|(view, pixel, sigma_px)| Sighting {
+                        .map(|(view, pixel, sigma_px)| FeatureObservation {
                             view: *view,
                             pixel: *pixel,
                             sigma_px: *sigma_px,
@@ -101,7 +101,7 @@ impl Frame {
                         .collect(),
                     sigma_surface: SURFACE_SIGMA * size,
                 })
-                .filter(|track| track.sightings.len() > 1)
+                .filter(|track| track.observations.len() > 1)
                 .collect(),
             views: views.views,
             masks,
@@ -236,7 +236,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
     }
     let free = |deformation: Box<dyn Deformation>, k: DMatrix<f64>, controls: usize| Moved {
         deformation,
-        stiffness: Some(of_three_coordinates(&k)),
+        stiffness: Some(stiffness_for_xyz(&k)),
         prior: None,
         controls,
     };
@@ -276,7 +276,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
             for path in &job.family {
                 family.push(read_mesh(path)?.points);
             }
-            let modes = Modes::of(&family, job.controls)?;
+            let modes = Modes::from_meshes(&family, job.controls)?;
             if modes.mean().len() != mesh.positions.len() {
                 return Err(Error::input(format!(
                     "{} has {} vertices, and the family {}: needed the same vertices in all",

@@ -23,7 +23,7 @@ pub(super) fn known(
             let variance = row.dot(&(&made.covariance * &row)).max(0.0);
             let share = row.dot(&(&by_data * &row)) / variance;
             let start = start_sigma.get(v).copied().unwrap_or(0.0);
-            let lacking = made.lack_of_fit * made.lack_of_fit + start * start;
+            let lacking = made.unresolved_shape * made.unresolved_shape + start * start;
             ((variance + lacking).sqrt(), u8::from(share > MEASURED))
         })
         .unzip();

@@ -6,8 +6,8 @@
 //!
 //! A deformation keeps what hangs together: a ball that is to become a body with a tail beside it is left
 //! with a web between them, which outlines pull to both sides. So topology is not kept here: round after
-//! round the mesh is made anew ([`renewed`]), within all silhouettes, and as far out as some mask shows more
-//! than it covers; at last it fills the room that silhouettes leave about it. Only then it is fitted.
+//! round the mesh is made anew ([`remesh`]), within all silhouettes, and as far out as some mask shows more
+//! than it covers; at last it fills the domain that silhouettes leave about it. Only then it is fitted.
 //!
 //! What no line of sight touches stays where silhouettes end. Without the view that holds it back a vertex
 //! would be farther out by some `δ`; of views at even angles what they leave grows with the square of the
@@ -27,7 +27,7 @@ use planish_mesh::TriangleMesh;
 use planish_sense::occluding::{ContourView, SilhouetteBound, outlines};
 use planish_sense::{Image, SilhouetteOptions};
 use planish_shell::covered_pixels;
-use planish_shell::{Bound, Renewal, ShellFitOptions, local_means, renewed};
+use planish_shell::{Region, RemeshOptions, ShellFitOptions, remesh, smooth_vertex_values};
 use rayon::prelude::*;
 
 /// Cells along the mesh's diagonal.
@@ -42,7 +42,7 @@ const LEAST_PART: f64 = 0.002;
 const MOST_ROUNDS: usize = 30;
 /// The flow ends where a round adds less than this to the mean agreement with the masks.
 const LEAST_GAIN: f64 = 1e-3;
-/// How far it fills the room in the end, in cells.
+/// How far it fills the domain in the end, in cells.
 const FILLED: f64 = 8.0;
 /// Smoothings after each round: they take away the steps that rounds leave.
 const SMOOTHINGS: usize = 20;
@@ -60,25 +60,25 @@ struct Wider {
     by: f64,
 }
 
-impl Bound for Wider {
+impl Region for Wider {
     fn depth(&self, at: [f64; 3]) -> f64 {
         self.silhouettes.depth(at) + self.by
     }
 
-    fn may_end(&self, at: [f64; 3], reach: f64) -> bool {
-        self.silhouettes.may_end(at, reach + self.by)
+    fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool {
+        self.silhouettes.may_contain_boundary(at, reach + self.by)
     }
 }
 
 /// Nothing is covered anywhere.
 struct Nothing;
 
-impl Bound for Nothing {
+impl Region for Nothing {
     fn depth(&self, _at: [f64; 3]) -> f64 {
         f64::NEG_INFINITY
     }
 
-    fn may_end(&self, _at: [f64; 3], _reach: f64) -> bool {
+    fn may_contain_boundary(&self, _at: [f64; 3], _reach: f64) -> bool {
         false
     }
 }
@@ -117,22 +117,22 @@ pub(super) fn flown(
     let files = FrameFiles { silhouettes: job.silhouettes.clone(), ..FrameFiles::default() };
     let frame = Frame::read(job, &files, size(&mesh), units, &mut Vec::new())?;
     let (views, files) = views_of(&frame)?;
-    let room = Wider { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
+    let domain = Wider { silhouettes: SilhouetteBound::new(&views)?, by: 0.0 };
     let cameras: Vec<_> = frame.views.iter().map(|view| view.camera).collect();
     let agreement = |mesh: &TriangleMesh| {
         let iou = overlap(&frame, mesh, &cameras);
         let fitted = files.iter().filter_map(|view| iou.get(&view.name)).sum::<f64>();
         (fitted / files.len().max(1) as f64, iou)
     };
-    let anew = |mesh: &TriangleMesh, flow: Option<(&dyn Bound, f64)>, cell: f64| {
-        let renewal = Renewal {
-            room: &room,
+    let anew = |mesh: &TriangleMesh, flow: Option<(&dyn Region, f64)>, cell: f64| {
+        let options = RemeshOptions {
+            domain: &domain,
             flow: flow.map(|(covered, cells)| (covered, cells * cell)),
             cell,
-            least_part: LEAST_PART,
-            smoothings: SMOOTHINGS,
+            min_part_volume_ratio: LEAST_PART,
+            smoothing_passes: SMOOTHINGS,
         };
-        renewed(mesh, &renewal).map_err(|e| e.in_context(job.mesh.display()))
+        remesh(mesh, &options).map_err(|e| e.in_context(job.mesh.display()))
     };
     let mut cell = size(&mesh) / CELLS;
     mesh = anew(&mesh, None, cell)?;
@@ -158,7 +158,7 @@ pub(super) fn flown(
     }
     mesh = anew(&mesh, Some((&Nothing, FILLED)), cell)?;
     let left: Vec<f64> = (mesh.positions.par_iter())
-        .map(|at| room.silhouettes.depth_without_one(*at).max(0.0) / LEFT_WITHOUT_ONE)
+        .map(|at| domain.silhouettes.depth_without_one(*at).max(0.0) / LEFT_WITHOUT_ONE)
         .collect();
     Ok(Flown {
         report: FlowReport {
@@ -167,7 +167,7 @@ pub(super) fn flown(
             parts: mesh.check().components,
             iou: agreement(&mesh).1,
         },
-        sigma: local_means(&mesh, &left, MEAN_STEPS),
+        sigma: smooth_vertex_values(&mesh, &left, MEAN_STEPS),
         mesh,
     })
 }

@@ -24,7 +24,7 @@ fn picture(angles: [f64; 2], bend: f64, sigma: f64, seed: u64) -> Image {
 }
 
 fn middle_of(image: &Image) -> Option<Crossing> {
-    let crossings = Crossings::of(image, &Ridges::of(image, 1.5));
+    let crossings = Crossings::new(image, &Ridges::new(image, 1.5));
     (crossings.found.into_iter()).find(|c| apart(c.image, MIDDLE) < 2.0)
 }
 
@@ -69,7 +69,7 @@ fn the_covariance_is_that_of_many_pictures() {
             .filter_map(|seed| {
                 let image = picture(angles, bend, sigma, seed);
                 let found = middle_of(&image)?;
-                let unit = Ridges::of(&image, 1.5).unit_sigma(sigma);
+                let unit = Ridges::new(&image, 1.5).unit_sigma(sigma);
                 Some((errors(&found, angles), [0, 1, 2, 3].map(|k| unit * found.covariance[k][k].sqrt())))
             })
             .collect();

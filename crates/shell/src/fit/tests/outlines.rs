@@ -4,7 +4,7 @@ use super::super::equations::{Equations, Source};
 use super::super::problem::{Problem, State};
 use super::*;
 use crate::camera::Camera;
-use crate::deformation::displaced;
+use crate::deformation::displaced_positions;
 use crate::field::ShellOptions;
 use nalgebra::Vector3;
 
@@ -125,7 +125,7 @@ fn poses_off(found: &[Camera], truth: &[Camera]) -> (f64, f64) {
 /// first two are known. Their σ is true.
 #[test]
 #[ignore = "takes longer than five seconds"]
-fn shaken_cameras_are_found_with_the_shape() {
+fn perturbed_camera_poses_are_estimated_with_the_shape() {
     let truth = truth(10, 2);
     let mut noise = normal_numbers(21);
     let cameras = around(8, 5.0);
@@ -143,15 +143,15 @@ fn shaken_cameras_are_found_with_the_shape() {
     let tracks: Vec<FeatureTrack> =
         (sample_points(&truth.deformed, 80, || random.random_range(0.0..1.0)).unwrap().iter())
             .filter_map(|place| {
-                let sightings: Vec<Sighting> = (cameras.iter().enumerate())
+                let observations: Vec<FeatureObservation> = (cameras.iter().enumerate())
                     .filter(|(_, camera)| search.sees(camera.center(), place.position, 1e-3))
-                    .map(|(v, camera)| Sighting {
+                    .map(|(v, camera)| FeatureObservation {
                         view: v as u32,
                         pixel: camera.project(place.position).unwrap().0.map(|x| x + 0.5 * noise()),
                         sigma_px: 0.5,
                     })
                     .collect();
-                (sightings.len() >= 2).then_some(FeatureTrack { sightings, sigma_surface: 0.001 })
+                (observations.len() >= 2).then_some(FeatureTrack { observations, sigma_surface: 0.001 })
             })
             .collect();
     let options = ShellFitOptions { stiffness: Some(truth.stiffness.clone()), ..ShellFitOptions::default() };
@@ -170,7 +170,8 @@ fn shaken_cameras_are_found_with_the_shape() {
                 change.dot(&covariance.cholesky().unwrap().solve(&change)) / 6.0 / (cameras.len() - 2) as f64;
         }
         println!(
-            "{} tracks: poses {before:?} before, {after:?} after, χ² of each number {squares:.2}; surface {:.4}, covered {:.3}; {:?} after {}",
+            "{} tracks: poses {before:?} before, {after:?} after, χ² of each number {squares:.2}; surface \
+            {:.4}, covered {:.3}; {:?} after {}",
             tracks.len(),
             rms(&off),
             covered(&truth, &made, &off),
@@ -200,7 +201,7 @@ fn too_large_and_too_small_meshes_are_pulled_and_pushed() {
         };
         let controls = automatic_controls(&start, 30).unwrap();
         let deformation = Dirichlet::new(&controls.points, &start.positions).unwrap();
-        let k = of_three_coordinates(&stiffness(&controls.points, &controls.triangles, &controls.edges));
+        let k = stiffness_for_xyz(&stiffness(&controls.points, &controls.triangles, &controls.edges));
         let options = ShellFitOptions { stiffness: Some(k), ..ShellFitOptions::default() };
         let readings = ShellReadings { views: &views, ..ShellReadings::default() };
         let made = fit_shell(&start, &deformation, &readings, &options).unwrap();
@@ -250,7 +251,11 @@ fn derivatives_are_those_of_differences() {
                 kind: if v == 0 { OutlineKind::Contour } else { OutlineKind::Border },
             });
             let (pixel, _) = state.cameras[v].project(at).unwrap();
-            tracked.push(Sighting { view: v as u32, pixel: pixel.map(|x| x + normal()), sigma_px: 1.0 });
+            tracked.push(FeatureObservation {
+                view: v as u32,
+                pixel: pixel.map(|x| x + normal()),
+                sigma_px: 1.0,
+            });
         }
         let points: Vec<PointReading> = (0..3)
             .map(|_| PointReading {
@@ -258,7 +263,7 @@ fn derivatives_are_those_of_differences() {
                 covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
             })
             .collect();
-        let tracks = [FeatureTrack { sightings: tracked, sigma_surface: 0.01 }];
+        let tracks = [FeatureTrack { observations: tracked, sigma_surface: 0.01 }];
         let readings = ShellReadings { points: &points, views: &own, tracks: &tracks };
         let problem = Problem {
             mesh: &mesh,
@@ -376,7 +381,7 @@ fn bust() -> TriangleMesh {
 /// What reaches out of all pictures, is open there, and holds a loose sheet, comes to its outlines: nothing
 /// is read along the end of a picture, and which way a part is turned does not matter.
 #[test]
-fn outlines_of_what_reaches_out_of_the_pictures() {
+fn objects_beyond_the_images_are_fitted() {
     let mesh = bust();
     let controls = automatic_controls(&mesh, 30).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
@@ -386,7 +391,7 @@ fn outlines_of_what_reaches_out_of_the_pictures() {
             .flat_map(|p| [0.1 * p[0] + 0.06 * p[2], 0.05 * (2.0 * p[0]).sin() - 0.04, 0.08 * p[1]]),
     );
     let deformed = TriangleMesh {
-        positions: displaced(&mesh.positions, &deformation, &q),
+        positions: displaced_positions(&mesh.positions, &deformation, &q),
         triangles: mesh.triangles.clone(),
     };
     let mut noise = normal_numbers(5);
@@ -409,7 +414,7 @@ fn outlines_of_what_reaches_out_of_the_pictures() {
         })
         .collect();
     let options = ShellFitOptions {
-        stiffness: Some(of_three_coordinates(&stiffness(
+        stiffness: Some(stiffness_for_xyz(&stiffness(
             &controls.points,
             &controls.triangles,
             &controls.edges,

@@ -10,7 +10,7 @@ use crate::field::ShellOptions;
 /// too: half its thickness, which is as deep as a line of sight runs in it, says nothing of the way to its
 /// rim.
 #[test]
-fn a_plate_that_reaches_over_its_outline_is_told_how_far() {
+fn a_plate_larger_than_its_outline_is_reduced() {
     let mut mesh = icosphere(1.0, 3);
     mesh.positions.iter_mut().for_each(|p| p[2] *= 0.02);
     let controls = automatic_controls(&mesh, 12).unwrap();

@@ -27,12 +27,12 @@ fn swaying(controls: &[[f64; 3]], time: f64) -> DVector<f64> {
 /// or better, and the parameters' errors are those that are stated.
 #[test]
 #[ignore = "takes longer than five seconds"]
-fn a_moving_thing_is_followed() {
+fn a_moving_object_is_tracked() {
     let mesh = icosphere(1.0, 3);
     let controls = automatic_controls(&mesh, CONTROLS).unwrap();
     let deformation = Dirichlet::new(&controls.points, &mesh.positions).unwrap();
     let options = ShellFitOptions {
-        stiffness: Some(of_three_coordinates(&stiffness(
+        stiffness: Some(stiffness_for_xyz(&stiffness(
             &controls.points,
             &controls.triangles,
             &controls.edges,
@@ -83,7 +83,8 @@ fn a_moving_thing_is_followed() {
                 .count() as f64
                 / normals.len() as f64;
             println!(
-                "frame {frame}: controls {:.4} off, σ {:.4}; surface {:.4}, alone {:.4}, covered {within:.3}; predicted {:.4}; c {:.2e}",
+                "frame {frame}: controls {:.4} off, σ {:.4}; surface {:.4}, alone {:.4}, covered \
+                {within:.3}; predicted {:.4}; c {:.2e}",
                 size(&error),
                 size(&stated),
                 off(&made.fit.positions),
@@ -98,7 +99,8 @@ fn a_moving_thing_is_followed() {
         }
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         println!(
-            "points {with_points}: surface {:.4} followed, {:.4} alone; errors over σ of controls {ratios:.2?}",
+            "points {with_points}: surface {:.4} followed, {:.4} alone; errors over σ of controls \
+            {ratios:.2?}",
             mean(&followed[3..]),
             mean(&alone[3..])
         );

@@ -1,64 +1,65 @@
-//! What controls cannot follow: residuals that hang together.
+//! Correlation of residuals: unresolved shape that the controls cannot represent.
 //!
-//! Comes in: residuals of readings and where these are. Goes out: how many readings say no more than one, and
-//! the σ of what the mesh lacks.
+//! In: residuals of readings and their positions. Out: the number of correlated readings that are worth one,
+//! and the σ of the unresolved shape.
 //!
-//! Noise of one reading tells nothing of its neighbour's. Where the residuals `r_i = n_i + m(x_i)` of
-//! neighbours are alike, the rest `m` is shape that the controls do not make. In batches of `c` neighbours
-//! ([`NestedBatches`]) whose residuals are alike by `ρ`, a mean varies `1 + (c − 1) ρ` times as much as that
-//! of independent ones, and the mean of `r_i r_j` over pairs of small batches is the variance of `m`.
+//! The noise of neighbouring readings is independent. If their residuals `r_i = n_i + m(x_i)` are correlated,
+//! the common part `m` is shape that the controls cannot represent. In batches of `c` neighbours
+//! ([`NestedBatches`]) with correlation `ρ`, the variance of a mean is `1 + (c − 1) ρ` times that of
+//! independent residuals. The mean of `r_i r_j` over pairs in small batches is the variance of `m`.
 //!
-//! A fit takes from residuals what its unknowns follow: of noise they are alike by `−h_ij`, with
-//! `H = A N⁻¹ Aᵀ` of the whitened equations `A`. That is what `m` has to be seen through where it is small,
-//! so it is taken off: `tr(B H)` over the pairs of a level by random signs (M. Hutchinson, 1990).
+//! The fit itself correlates the residuals of noise by `−h_ij`, with `H = A N⁻¹ Aᵀ` of the whitened equations
+//! `A`. This would hide a small `m`, so it is compensated: `tr(B H)` over the pairs of a level is estimated
+//! by random signs (M. Hutchinson, 1990).
 //!
-//! Not guaranteed: shape finer than the distances between readings, which looks like noise; what is lacking
-//! where nothing is read.
+//! Not guaranteed: shape finer than the spacing of readings looks like noise, and unresolved shape without
+//! readings is not detected.
 
 use planish_estimate::NestedBatches;
 
-/// A mean product below so many of its own σ is none.
+/// Significance, in σ, from which a mean product counts as correlation. Lower values call noise unresolved
+/// shape.
 const SIGNIFICANT: f64 = 3.0;
-/// Batches of a level that tells anything.
-const LEAST_BATCHES: usize = 16;
-/// Readings that are told anything by.
-const LEAST: usize = 30;
+/// Minimum number of batches of a level that is used.
+const MIN_BATCHES: usize = 16;
+/// Minimum number of readings from which a correlation is estimated.
+const MIN_RESIDUALS: usize = 30;
 
-/// A residual and where it is.
+/// A residual with its position.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Residual {
-    /// A place: neighbours by it are neighbours on the thing.
+    /// Position; neighbours by it are neighbours on the object.
     pub at: [f64; 3],
-    /// Measured less predicted, as a distance.
+    /// Residual as a distance.
     pub distance: f64,
     /// The σ of its noise.
     pub sigma: f64,
     /// Random signs `s`.
     pub signs: [f64; DRAWS],
-    /// What the fit leaves of them, `s − H s`.
+    /// Their residuals after the fit, `s − H s`.
     pub left: [f64; DRAWS],
 }
 
-/// Random signs of each reading; more of them do not matter beside the noise of the products themselves.
+/// Random signs per reading. More would not help, because the noise of the products dominates.
 pub(super) const DRAWS: usize = 4;
 
-/// What residuals have in common.
+/// The correlation of residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Misfit {
-    /// So many readings know as much as one alone; one, where residuals are noise.
+pub(super) struct ResidualCorrelation {
+    /// Number of readings that carry the information of one; 1 if residuals are noise.
     pub together: f64,
-    /// The sums whose ratio is the variance of what the mesh lacks: over pairs of neighbours, of the products
-    /// of residuals and of one, each over both σ.
+    /// Sums whose ratio is the variance of the unresolved shape: over pairs of neighbours, of the products of
+    /// residuals and of one, each divided by both σ.
     pub shared: [f64; 2],
 }
 
-impl Misfit {
-    /// Residuals that are noise, or too few to tell.
+impl ResidualCorrelation {
+    /// No significant correlation, or too few residuals.
     pub(super) const NONE: Self = Self { together: 1.0, shared: [0.0; 2] };
 
-    /// Cost: `n log n`.
-    pub(super) fn of(residuals: &[Residual]) -> Self {
-        if residuals.len() < LEAST {
+    /// Estimates the correlation. Cost: `n log n`.
+    pub(super) fn from_residuals(residuals: &[Residual]) -> Self {
+        if residuals.len() < MIN_RESIDUALS {
             return Self::NONE;
         }
         let normalized: Vec<f64> = residuals.iter().map(|r| r.distance / r.sigma).collect();
@@ -70,9 +71,9 @@ impl Misfit {
         let batches = NestedBatches::of(&places);
         let products = |of: &dyn Fn(&Residual) -> f64| {
             let values: Vec<f64> = residuals.iter().map(of).collect();
-            batches.products(&values, LEAST_BATCHES)
+            batches.products(&values, MIN_BATCHES)
         };
-        let levels = batches.products(&normalized, LEAST_BATCHES);
+        let levels = batches.products(&normalized, MIN_BATCHES);
         let mut taken = vec![0.0; levels.len()];
         for draw in 0..DRAWS {
             let [signs, left] = [products(&|r| r.signs[draw]), products(&|r| r.left[draw])];
@@ -99,7 +100,7 @@ impl Misfit {
         found
     }
 
-    /// σ of what the mesh lacks, by several kinds of readings.
+    /// σ of the unresolved shape, from several kinds of readings.
     pub(super) fn sigma(all: &[Self]) -> f64 {
         let [products, weights] =
             (all.iter()).fold([0.0; 2], |sum, one| [sum[0] + one.shared[0], sum[1] + one.shared[1]]);
@@ -138,30 +139,37 @@ mod tests {
 
     /// A good mesh is not called a bad one, whatever the σ of its readings.
     #[test]
-    fn noise_has_nothing_in_common() {
-        assert_eq!(Misfit::of(&residuals(4000, 0.0, 1.0)), Misfit::NONE);
-        assert_eq!(Misfit::of(&residuals(10, 5.0, 1.0)), Misfit::NONE);
+    fn noise_is_uncorrelated() {
+        assert_eq!(
+            ResidualCorrelation::from_residuals(&residuals(4000, 0.0, 1.0)),
+            ResidualCorrelation::NONE
+        );
+        assert_eq!(ResidualCorrelation::from_residuals(&residuals(10, 5.0, 1.0)), ResidualCorrelation::NONE);
     }
 
     /// Shape that is left over is found through noise that is larger, with its size; longer waves make more
     /// readings say the same.
     #[test]
-    fn waves_are_found_through_noise() {
-        let [short, long] = [0.25, 0.5].map(|length| Misfit::of(&residuals(6000, 1.0, length)));
+    fn unresolved_waves_are_found_in_noise() {
+        let [short, long] =
+            [0.25, 0.5].map(|length| ResidualCorrelation::from_residuals(&residuals(6000, 1.0, length)));
         for found in [short, long] {
-            let sigma = Misfit::sigma(&[found]);
+            let sigma = ResidualCorrelation::sigma(&[found]);
             assert!((sigma - 1.0).abs() < 0.15, "{sigma}");
         }
         assert!(short.together > 5.0 && long.together > 1.5 * short.together, "{short:?} {long:?}");
         // Kinds without any leave it as it is.
-        assert_eq!(Misfit::sigma(&[short, Misfit::NONE]), Misfit::sigma(&[short]));
-        assert_eq!(Misfit::sigma(&[]), 0.0);
+        assert_eq!(
+            ResidualCorrelation::sigma(&[short, ResidualCorrelation::NONE]),
+            ResidualCorrelation::sigma(&[short])
+        );
+        assert_eq!(ResidualCorrelation::sigma(&[]), 0.0);
     }
 
     /// A wave that is small beside what a fit of many unknowns takes from noise is found with its size, as
     /// that is taken off; noise alone stays noise.
     #[test]
-    fn what_a_fit_takes_is_taken_off() {
+    fn the_fits_own_correlation_is_compensated() {
         let (count, waves) = (4000, 12);
         let mut random = ChaCha8Rng::seed_from_u64(9);
         let at: Vec<[f64; 3]> = (0..count).map(|_| [random.random(), random.random(), 0.0]).collect();
@@ -188,10 +196,11 @@ mod tests {
                     left: std::array::from_fn(|d| if taken_off { left[d][i] } else { draws[d][i] }),
                 })
                 .collect();
-            Misfit::of(&residuals)
+            ResidualCorrelation::from_residuals(&residuals)
         };
-        assert_eq!(found(0.0, true), Misfit::NONE);
-        let [untold, sigma] = [false, true].map(|taken_off| Misfit::sigma(&[found(0.35, taken_off)]));
+        assert_eq!(found(0.0, true), ResidualCorrelation::NONE);
+        let [untold, sigma] =
+            [false, true].map(|taken_off| ResidualCorrelation::sigma(&[found(0.35, taken_off)]));
 
         let taken = (waves * waves) as f64 / count as f64;
         assert!(sigma > 0.25 && sigma < 0.38, "{sigma}");

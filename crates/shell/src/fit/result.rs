@@ -1,64 +1,64 @@
-//! What came of a fit: the covariance, and what became of the readings.
+//! The result of a fit: the covariance, and the residuals and outliers of each kind of readings.
 //!
-//! Comes in: the equations at the end of the last iteration. Goes out: a [`ShellFit`].
+//! In: the equations after the last iteration. Out: a [`ShellFit`].
 
+use super::correlation::{Residual, ResidualCorrelation};
 use super::dense::Factor;
 use super::equations::{ByVertex, Equation, Equations, SCALES, Source, sum};
-use super::known::Known;
-use super::misfit::{Misfit, Residual};
+use super::priors::Priors;
 use super::problem::State;
-use super::taken::{Signs, left_of_signs};
+use super::residual_leverage::{Signs, leverage_of_signs};
 use super::{ShellFit, SourceFit, undetermined};
-use crate::deformation::{Deformation, displaced};
+use crate::deformation::{Deformation, displaced_positions};
 use planish_estimate::vector3::{add, add_scaled, dot};
 use planish_estimate::{Result, Termination};
 use planish_mesh::TriangleMesh;
 
-/// A weight below which a reading is a gross error.
-const NOTHING: f64 = 0.05;
+/// Weight of the loss below which a reading is reported as an outlier.
+const OUTLIER_WEIGHT: f64 = 0.05;
 
-/// The covariance, and what became of the readings.
+/// Computes the covariance and the statistics of the readings.
 pub(super) fn finished(
     mesh: &TriangleMesh,
     deformation: &dyn Deformation,
-    known: &Known<'_>,
+    priors: &Priors<'_>,
     state: State,
     equations: &[Equations],
     factors: &[f64; SCALES],
     weight: f64,
 ) -> Result<ShellFit> {
-    let loss = &known.options.loss;
-    let poses = known.poses.len();
+    let loss = &priors.options.loss;
+    let poses = priors.poses.len();
     let parameters = state.q.len();
     let moments = loss.moments(1)?;
     let mut alone = sum(equations, deformation, poses, loss, (factors, &[1.0; SCALES]), false);
     alone.information *= moments.slope / moments.weight;
-    let (heard, _) = known.add(&state, weight, &alone);
+    let (with_priors, _) = priors.add(&state, weight, &alone);
     let counts = |e: &Equation| {
         e.source != Source::Region
             && e.is_likely()
-            && e.source.loss(loss).weight(e.normalized() / factors[e.source.scale()]) >= NOTHING
+            && e.source.loss(loss).weight(e.normalized() / factors[e.source.scale()]) >= OUTLIER_WEIGHT
     };
-    let left = left_of_signs(equations, deformation, (&heard, moments.slope), factors, counts)?;
-    let misfits = misfits(equations, &left, known, counts);
+    let left = leverage_of_signs(equations, deformation, (&with_priors, moments.slope), factors, counts)?;
+    let misfits = misfits(equations, &left, priors, counts);
     let together = misfits.map(|misfit| misfit.together);
     let mut pass = sum(equations, deformation, poses, loss, (factors, &together), false);
-    // Reweighted equations are mean-weight times those of the data; an M-estimate's covariance is ψ²/ψ'² of
-    // these.
+    // The information of an M-estimate is E[ψ']²/E[ψ²] times that of unweighted equations; the weights have
+    // already multiplied it by their mean.
     pass.information *= moments.slope * moments.slope / (moments.influence_squared * moments.weight);
-    let data_information = known.without_poses(&state, &pass)?.information;
-    let (information, _) = known.add(&state, weight, &pass);
-    let covariance = Factor::of(&information).ok_or_else(undetermined)?.inverse();
+    let data_information = priors.without_poses(&state, &pass)?.information;
+    let (information, _) = priors.add(&state, weight, &pass);
+    let covariance = Factor::new(&information).ok_or_else(undetermined)?.inverse();
     let mut pose_covariances = vec![None; state.cameras.len()];
-    for (slot, (view, _)) in known.poses.iter().enumerate() {
+    for (slot, (view, _)) in priors.poses.iter().enumerate() {
         let at = parameters + 6 * slot;
         pose_covariances[*view] = Some(covariance.view((at, at), (6, 6)).into_owned());
     }
-    let readings = known.readings;
+    let readings = priors.readings;
     let outlines = readings.views.iter().map(|view| view.outline.len()).sum();
-    let of = |source: Source, count: usize| source_fit(equations, source, count, factors, known);
+    let of = |source: Source, count: usize| source_fit(equations, source, count, factors, priors);
     Ok(ShellFit {
-        positions: displaced(&mesh.positions, deformation, &state.q),
+        positions: displaced_positions(&mesh.positions, deformation, &state.q),
         covariance: covariance.view((0, 0), (parameters, parameters)).into_owned(),
         points: of(Source::Point, readings.points.len()),
         outlines: of(Source::Outline, outlines),
@@ -67,28 +67,28 @@ pub(super) fn finished(
         cameras: state.cameras,
         pose_covariances,
         smoothness_weight: weight,
-        lack_of_fit: Misfit::sigma(&misfits),
+        unresolved_shape: ResidualCorrelation::sigma(&misfits),
         data_information,
         termination: Termination::Limit,
         iterations: 0,
     })
 }
 
-/// What residuals of points and of outlines have in common.
+/// The correlation of the residuals of points and of outlines.
 fn misfits(
     equations: &[Equations],
     left: &[Signs],
-    known: &Known<'_>,
+    priors: &Priors<'_>,
     counts: impl Fn(&Equation) -> bool,
-) -> [Misfit; SCALES] {
-    let readings = known.readings;
-    // Pixels of one view lie in a plane, and views far from one another.
+) -> [ResidualCorrelation; SCALES] {
+    let readings = priors.readings;
+    // The third coordinate keeps views apart, so that only pixels of one view are neighbours.
     let pixels: Vec<[f64; 3]> = (readings.views.iter().enumerate())
         .flat_map(|(v, view)| {
             (view.outline.iter()).map(move |place| [place.pixel[0], place.pixel[1], 1e6 * v as f64])
         })
         .collect();
-    let mut all = [Misfit::NONE; SCALES];
+    let mut all = [ResidualCorrelation::NONE; SCALES];
     for source in [Source::Point, Source::Outline] {
         let residuals: Vec<Residual> = (equations.iter().flat_map(Equations::iter))
             .zip(left)
@@ -104,16 +104,16 @@ fn misfits(
                 left: *left,
             })
             .collect();
-        all[source.scale()] = Misfit::of(&residuals);
+        all[source.scale()] = ResidualCorrelation::from_residuals(&residuals);
     }
     all
 }
 
-/// The place on the mesh beneath a point. A height moves with the point as it moves against all vertices:
-/// `∇h = −Σ ∂h/∂V_j`, and the foot is `x − h ∇h/|∇h|²`.
+/// The foot point of a point on the mesh. A height is invariant under a common translation, so `∇h = −Σ
+/// ∂h/∂V_j`, and the foot is `x − h ∇h/|∇h|²`.
 ///
-/// Neighbours by the points themselves are alike in their noise: of points at one height over the mesh the
-/// nearest are at the same height.
+/// Neighbours are found by foot points, not by the points themselves. Nearest points in space tend to have
+/// the same height over the mesh, which correlates their noise.
 fn foot(at: [f64; 3], height: f64, by_vertices: &[ByVertex]) -> [f64; 3] {
     let against = (by_vertices.iter()).fold([0.0; 3], |sum, (_, by)| add(sum, *by));
     let square = dot(against, against);
@@ -125,10 +125,10 @@ fn source_fit(
     source: Source,
     count: usize,
     factors: &[f64; SCALES],
-    known: &Known<'_>,
+    priors: &Priors<'_>,
 ) -> SourceFit {
     let sigmas_px: Vec<f64> = match source {
-        Source::Outline => (known.readings.views.iter())
+        Source::Outline => (priors.readings.views.iter())
             .flat_map(|view| view.outline.iter().map(|place| place.sigma_px))
             .collect(),
         _ => Vec::new(),
@@ -138,7 +138,7 @@ fn source_fit(
     let (mut squares, mut kept) = (0.0, 0_usize);
     for equation in equations.iter().flat_map(|some| &some.list).filter(|e| e.source == source) {
         let reading = equation.reading as usize;
-        if known.options.loss.weight(equation.normalized() / factor) < NOTHING {
+        if priors.options.loss.weight(equation.normalized() / factor) < OUTLIER_WEIGHT {
             continue;
         }
         outliers[reading] = false;

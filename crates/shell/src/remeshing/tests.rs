@@ -9,12 +9,12 @@ struct Slab {
     sign: f64,
 }
 
-impl Bound for Slab {
+impl Region for Slab {
     fn depth(&self, at: [f64; 3]) -> f64 {
         self.sign * (at[0] - self.from).min(self.to - at[0])
     }
 
-    fn may_end(&self, at: [f64; 3], reach: f64) -> bool {
+    fn may_contain_boundary(&self, at: [f64; 3], reach: f64) -> bool {
         self.depth(at).abs() <= reach
     }
 }
@@ -22,8 +22,8 @@ impl Bound for Slab {
 /// All of space.
 const EVERYWHERE: Slab = Slab { from: -100.0, to: 100.0, sign: 1.0 };
 
-fn renewal(room: &dyn Bound) -> Renewal<'_> {
-    Renewal { room, flow: None, cell: 0.06, least_part: 0.01, smoothings: 0 }
+fn options(domain: &dyn Region) -> RemeshOptions<'_> {
+    RemeshOptions { domain, flow: None, cell: 0.06, min_part_volume_ratio: 0.01, smoothing_passes: 0 }
 }
 
 /// Two balls that cross, the second one given inside of the first as well.
@@ -41,8 +41,8 @@ fn crossing() -> TriangleMesh {
 /// A mesh that crosses itself comes out as the surface of what it encloses: one piece without crossings, on
 /// the outer spheres.
 #[test]
-fn what_crosses_becomes_one_surface() {
-    let made = renewed(&crossing(), &renewal(&EVERYWHERE)).unwrap();
+fn self_intersections_become_one_surface() {
+    let made = remesh(&crossing(), &options(&EVERYWHERE)).unwrap();
     let check = made.check();
     assert!(check.watertight && check.manifold && check.oriented, "{check:?}");
     assert_eq!((check.components, check.euler_characteristic), (1, 2));
@@ -53,30 +53,30 @@ fn what_crosses_becomes_one_surface() {
     assert!(made.signed_volume().unwrap() > 0.0);
 }
 
-/// What there is no room for is cut away, and the mesh torn; crumbs are left out.
+/// What there is no domain for is cut away, and the mesh torn; crumbs are left out.
 #[test]
-fn what_has_no_room_is_cut() {
+fn parts_outside_of_the_domain_are_cut() {
     let without = |from, to| Slab { from, to, sign: -1.0 };
-    let torn = renewed(&crossing(), &renewal(&without(0.5, 0.7))).unwrap();
+    let torn = remesh(&crossing(), &options(&without(0.5, 0.7))).unwrap();
     assert_eq!((torn.check().components, torn.check().watertight), (2, true));
     assert!(torn.positions.iter().all(|p| !(0.52..0.68).contains(&p[0])));
     // A cap a fortieth as wide as the rest.
-    let crumb = renewed(&icosphere(1.0, 4), &renewal(&without(0.6, 0.9))).unwrap();
+    let crumb = remesh(&icosphere(1.0, 4), &options(&without(0.6, 0.9))).unwrap();
     assert_eq!(crumb.check().components, 1);
-    let nothing = renewed(&icosphere(1.0, 3), &renewal(&without(-2.0, 2.0))).unwrap_err();
+    let nothing = remesh(&icosphere(1.0, 3), &options(&without(-2.0, 2.0))).unwrap_err();
     assert!(nothing.to_string().contains("nothing of the mesh"), "{nothing}");
     let mut open = icosphere(1.0, 3);
     open.triangles.pop();
-    let refused = renewed(&open, &renewal(&EVERYWHERE)).unwrap_err().to_string();
+    let refused = remesh(&open, &options(&EVERYWHERE)).unwrap_err().to_string();
     assert!(refused.contains("3 open edges"), "{refused}");
 }
 
 /// It flows where nothing is covered yet, as far as it may, and stays where something is.
 #[test]
-fn it_flows_out_of_what_is_covered_only() {
+fn meshes_grow_only_outside_of_the_covered_region() {
     let covered = Slab { from: -100.0, to: 0.0, sign: 1.0 };
-    let flow = Renewal { flow: Some((&covered, 0.3)), ..renewal(&EVERYWHERE) };
-    let made = renewed(&icosphere(1.0, 4), &flow).unwrap();
+    let flow = RemeshOptions { flow: Some((&covered, 0.3)), ..options(&EVERYWHERE) };
+    let made = remesh(&icosphere(1.0, 4), &flow).unwrap();
     assert!(made.check().watertight);
     for p in &made.positions {
         let radius = norm(*p);
@@ -96,8 +96,8 @@ fn smoothing_does_not_shrink() {
         let share = 1.0 + 0.02 * (k as f64 * 2.4).sin();
         *p = p.map(|x| share * x);
     }
-    let spread = |smoothings| {
-        let made = renewed(&rough, &Renewal { smoothings, ..renewal(&EVERYWHERE) }).unwrap();
+    let spread = |smoothing_passes| {
+        let made = remesh(&rough, &RemeshOptions { smoothing_passes, ..options(&EVERYWHERE) }).unwrap();
         let radii: Vec<f64> = made.positions.iter().map(|p| norm(*p)).collect();
         let mean = radii.iter().sum::<f64>() / radii.len() as f64;
         let variance = radii.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / radii.len() as f64;
@@ -111,13 +111,13 @@ fn smoothing_does_not_shrink() {
 /// Means keep what is the same everywhere, and spread what is at one place without adding to it where all
 /// have as many neighbours.
 #[test]
-fn local_means_are_means() {
+fn smoothed_vertex_values_are_means() {
     let ball = icosphere(1.0, 3);
     let count = ball.positions.len();
-    assert!((local_means(&ball, &vec![2.0; count], 10).iter()).all(|x| (x - 2.0).abs() < 1e-12));
+    assert!((smooth_vertex_values(&ball, &vec![2.0; count], 10).iter()).all(|x| (x - 2.0).abs() < 1e-12));
     let mut one = vec![0.0; count];
     one[100] = 1.0;
-    let spread = local_means(&ball, &one, 10);
+    let spread = smooth_vertex_values(&ball, &one, 10);
     assert!(spread.iter().all(|x| (0.0..0.2).contains(x)) && spread[100] > 0.0);
     assert!((spread.iter().sum::<f64>() - 1.0).abs() < 0.1);
 }

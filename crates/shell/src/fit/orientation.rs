@@ -1,12 +1,11 @@
-//! Parts of a mesh turned so that their outer sides are their front sides, as lines of sight need it.
+//! Orients the parts of a mesh so that their front sides are outside, as lines of sight need it.
 //!
-//! Comes in: a mesh of any kind. Goes out: the same triangles, some of them turned over. A part is what hangs
-//! together over edges whose two facets agree. Parallel rays from all around say which side of a part is seen
-//! from outside, by majority of first hits. After K. Takayama, A. Jacobson, L. Kavan, O. Sorkine-Hornung, *A
+//! In: any mesh. Out: the same triangles, some of them flipped. A part is connected over edges with two
+//! consistently oriented facets. Parallel rays from many directions vote on the outer side of a part by their
+//! first hits. After K. Takayama, A. Jacobson, L. Kavan, O. Sorkine-Hornung, *A
 //! simple method for correcting facet orientations in polygon meshes based on ray casting*, 2014.
 //!
-//! Not guaranteed: parts that no ray meets, and sheets that are seen from both sides alike; they stay as they
-//! are.
+//! Not guaranteed: parts that no ray hits, and sheets that are hit equally from both sides, stay unchanged.
 
 use planish_estimate::Result;
 use planish_estimate::vector3::{add_scaled, dot, tangents};
@@ -14,11 +13,12 @@ use planish_mesh::{MeshSearch, Sets, TriangleMesh};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Directions that rays come from, and rays along either side of their grid.
+/// Number of directions of rays, and rays along each side of a grid. More rays hit smaller parts; time is
+/// proportional.
 const DIRECTIONS: usize = 32;
 const RAYS: usize = 48;
 
-/// Which part each triangle belongs to.
+/// The index of the part of each triangle.
 fn parts(mesh: &TriangleMesh) -> Vec<u32> {
     let welded = mesh.welded();
     let mut at_edge: HashMap<[u32; 2], Vec<(u32, bool)>> = HashMap::new();
@@ -39,7 +39,7 @@ fn parts(mesh: &TriangleMesh) -> Vec<u32> {
     (0..mesh.triangles.len() as u32).map(|i| part.root(i)).collect()
 }
 
-/// The triangles of a mesh, those of parts that are seen from behind turned over.
+/// The triangles of a mesh, with those of inwards facing parts flipped.
 ///
 /// # Errors
 /// As [`MeshSearch::try_new`].
@@ -53,7 +53,7 @@ pub(super) fn outward(mesh: &TriangleMesh) -> Result<Vec<[u32; 3]>> {
     let seen: Vec<Vec<(u32, bool)>> = (0..DIRECTIONS)
         .into_par_iter()
         .map(|k| {
-            // A spiral over the ball: directions all around, and as many from above as from below.
+            // A spiral over the sphere distributes directions evenly and symmetrically.
             let z = 1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64;
             let (sin, cos) = (2.4 * k as f64).sin_cos();
             let r = (1.0 - z * z).sqrt();
@@ -91,7 +91,7 @@ mod tests {
     /// A ball with a window in it that looks inwards, a patch of it turned, and a closed ball beside it: all
     /// are turned, a ball within is left alone.
     #[test]
-    fn what_is_seen_from_behind_is_turned() {
+    fn inwards_facing_parts_are_flipped() {
         let mut right = icosphere(1.0, 3);
         let positions = right.positions.clone();
         right.triangles.retain(|t| t.iter().any(|v| positions[*v as usize][2] > -0.8));

@@ -1,6 +1,6 @@
-//! What a fit knows beside its readings: smoothness, a prior, and how far poses of cameras may be off.
+//! The priors of a fit: smoothness, a Gaussian prior, and the uncertainty of camera poses.
 //!
-//! Comes in: the sum of the readings' equations. Goes out: the same with what is known, and what that costs.
+//! In: the sum of the readings' equations. Out: the same with the priors added, and the cost of the priors.
 
 use super::equations::Pass;
 use super::problem::State;
@@ -10,18 +10,18 @@ use super::{ShellFitOptions, undetermined};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::Result;
 
-/// What is known beside the readings, and of what.
-pub(super) struct Known<'a> {
+/// The priors and the readings that they complement.
+pub(super) struct Priors<'a> {
     pub smooth: Smoothness,
     pub options: &'a ShellFitOptions,
-    /// Parameters from which what is smooth is counted.
+    /// Parameters from which smooth displacements are counted.
     pub start: DVector<f64>,
-    /// Of every pose in the state: its view, its noise, and the camera as it was given.
+    /// The view and the noise of every pose in the state.
     pub poses: Vec<(usize, PoseNoise)>,
     pub readings: &'a ShellReadings<'a>,
 }
 
-impl Known<'_> {
+impl Priors<'_> {
     /// Adds priors to information and vector.
     pub(super) fn add(&self, state: &State, weight: f64, pass: &Pass) -> (DMatrix<f64>, DVector<f64>) {
         let (mut information, mut vector) = (pass.information.clone(), pass.vector.clone());
@@ -46,7 +46,7 @@ impl Known<'_> {
         (information, vector)
     }
 
-    /// What the priors cost.
+    /// The cost of the priors.
     pub(super) fn cost(&self, state: &State, weight: f64) -> f64 {
         let mut sum = 0.5 * weight * self.smooth.roughness(&(&state.q - &self.start));
         if let Some(prior) = &self.options.prior {
@@ -71,7 +71,7 @@ impl Known<'_> {
         next
     }
 
-    /// Information and vector of the parameters, poses being whatever they are.
+    /// Information and vector of the parameters, marginalised over the poses (Schur complement).
     pub(super) fn without_poses(&self, state: &State, pass: &Pass) -> Result<Pass> {
         let (parameters, rest) = (state.q.len(), 6 * self.poses.len());
         let own = pass.information.view((0, 0), (parameters, parameters)).into_owned();

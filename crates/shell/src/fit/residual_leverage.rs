@@ -1,28 +1,27 @@
-//! What a fit takes from its residuals: `s − H s` of random signs `s`, with `H = A N⁻¹ Aᵀ` of the whitened
+//! The effect of a fit on its residuals: `s − H s` of random signs `s`, with `H = A N⁻¹ Aᵀ` of the whitened
 //! equations `A`.
 //!
-//! Comes in: the equations at the end, and their information with what is known beside them. Goes out: signs,
-//! and what the fit leaves of them. Two passes over the rows; no covariance of residuals is ever made.
+//! In: the final equations, and their information with priors. Out: the signs and their residuals after the
+//! fit. It takes two passes over the rows and never forms the covariance of residuals.
 
+use super::correlation::DRAWS;
 use super::dense::Factor;
 use super::equations::{Equation, Equations, SCALES, visit_row};
-use super::misfit::DRAWS;
 use super::undetermined;
 use crate::deformation::Deformation;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::Result;
 use rayon::prelude::*;
 
-/// Partial sums, whatever the threads.
+/// Number of partial sums; fixed, so that the result does not depend on the number of threads.
 const GROUPS: usize = 16;
 
-/// Signs of an equation, and what is left of them.
+/// Signs of an equation, and their residuals after the fit.
 pub(super) type Signs = [[f64; DRAWS]; 2];
 
-/// The signs of equation `i`, and of the `i`-th equation what the fit leaves of them. `slope` is `E[ψ']` of
-/// the loss, `information` that of all equations by it with the priors, `counts` tells which equations the
-/// fit hears.
-pub(super) fn left_of_signs(
+/// Computes the signs of every equation and their residuals after the fit. `slope` is `E[ψ']` of the loss,
+/// `information` is that of all equations with the priors, and `counts` selects the equations with a weight.
+pub(super) fn leverage_of_signs(
     equations: &[Equations],
     deformation: &dyn Deformation,
     (information, slope): (&DMatrix<f64>, f64),
@@ -63,7 +62,7 @@ pub(super) fn left_of_signs(
         .collect();
     let mut sum = DMatrix::zeros(basis + rest, DRAWS);
     sums.iter().for_each(|some| sum += some);
-    let factor = Factor::of(information).ok_or_else(undetermined)?;
+    let factor = Factor::new(information).ok_or_else(undetermined)?;
     let mut moved = DMatrix::zeros(basis + rest, DRAWS);
     for draw in 0..DRAWS {
         let own = sum.view((0, draw), (basis, 1));
@@ -102,7 +101,7 @@ pub(super) fn left_of_signs(
     Ok(left.into_iter().flatten().collect())
 }
 
-/// Signs by a hash.
+/// Random signs of equation `i`, by a hash: independent of order and threads.
 fn signs_of(i: usize) -> [f64; DRAWS] {
     let mut x = (i as u64).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

@@ -1,16 +1,16 @@
-//! Which points a step of sharpness looks at, and in which order.
+//! Selects and orders the points of a stage.
 //!
-//! Comes in: points, and the mesh's bounds. Goes out: indices of points. Neighbours in space follow one
-//! another, so that facets, vertices and weights that one point needs are still in the cache for the next.
+//! In: points, and the mesh's bounds. Out: indices of points. Neighbours in space follow one another, so that
+//! facets, vertices and weights of one point are still in the cache for the next.
 
 use super::readings::PointReading;
 use planish_mesh::BoundingBox;
 
-/// Cells along each axis, as a power of two.
+/// Bits of the cell number along each axis; three times ten fit a `u32`.
 const BITS: u32 = 10;
 
-/// About `wanted` of `points`, spread evenly whatever their order; all, where there are no more. Along
-/// Morton's curve through the bounds.
+/// About `wanted` of the points, spread evenly whatever their order, or all if there are fewer. They are
+/// ordered along a Morton curve through the bounds.
 pub(super) fn chosen_points(points: &[PointReading], wanted: usize, bounds: &BoundingBox) -> Vec<u32> {
     let share = wanted as f64 / points.len().max(1) as f64;
     let mut keyed: Vec<(u32, u32)> = (0..points.len() as u32)
@@ -21,8 +21,7 @@ pub(super) fn chosen_points(points: &[PointReading], wanted: usize, bounds: &Bou
     keyed.into_iter().map(|(_, i)| i).collect()
 }
 
-/// A number in `[0, 1)`. Multiples of the golden ratio's fraction would follow the rows of a grid: a hash
-/// does not.
+/// A hash of the index in `[0, 1)`. Multiples of the golden ratio would correlate with the rows of a grid.
 fn hashed(i: u32) -> f64 {
     let mut x = u64::from(i).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -30,7 +29,8 @@ fn hashed(i: u32) -> f64 {
     (x >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Bits of the three cell numbers, in turn; places outside of the bounds are of the cells at their sides.
+/// The interleaved bits of the three cell numbers; points outside of the bounds belong to the outermost
+/// cells.
 fn morton(at: [f64; 3], bounds: &BoundingBox) -> u32 {
     let cells = f64::from(1_u32 << BITS);
     let mut key = 0;
