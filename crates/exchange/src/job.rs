@@ -343,20 +343,10 @@ fn parse(source: &str, folder: &Path) -> Result<Job> {
         return Err(Error::input("needed at least one [[scan]], found none"));
     }
     if sensors.is_empty() {
-        sensors.push(unnamed_sensor());
+        sensors.push(crate::scan_set::unnamed_sensor());
     }
     let scans = table.scan.iter().map(|entry| text.scan(entry, &sensors, folder));
     Ok(Job { unit, scans: scans.collect::<Result<_>>()?, sensors })
-}
-
-/// The sensor of scans for which none is named: a range sensor whose σ is to be estimated.
-pub(crate) fn unnamed_sensor() -> Sensor {
-    Sensor {
-        name: "scanner".to_owned(),
-        kind: SensorKind::Range,
-        noise: None,
-        ..planish_sense::Sensor::default()
-    }
 }
 
 #[cfg(test)]

@@ -67,6 +67,7 @@ mod georeference;
 mod mesh_data;
 mod numbers;
 mod points;
+mod scan_set;
 mod scans;
 mod several;
 mod source;

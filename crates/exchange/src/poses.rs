@@ -50,7 +50,7 @@ pub struct RigidEntry {
 
 /// Which controls are moved.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Target {
+pub enum PoseTarget {
     /// The control of this index.
     Control(usize),
     /// The one nearest to a place.
@@ -63,7 +63,7 @@ pub enum Target {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MoveEntry {
     /// Which.
-    pub target: Target,
+    pub target: PoseTarget,
     /// By how much.
     pub by: [f64; 3],
 }
@@ -244,10 +244,10 @@ fn parse(text: &str) -> Result<PoseFile> {
 fn one_move(entry: &MoveTable) -> Result<MoveEntry> {
     let finite = |p: [f64; 3]| p.iter().all(|x| x.is_finite());
     let target = match (entry.control, entry.near, entry.within) {
-        (Some(index), None, None) => Target::Control(index),
-        (None, Some(at), None) if finite(at) => Target::Nearest(at),
+        (Some(index), None, None) => PoseTarget::Control(index),
+        (None, Some(at), None) if finite(at) => PoseTarget::Nearest(at),
         (None, Some(at), Some(reach)) if finite(at) && reach.is_finite() && reach > 0.0 => {
-            Target::Within(at, reach)
+            PoseTarget::Within(at, reach)
         }
         _ => {
             return Err(Error::input(
@@ -291,7 +291,7 @@ weights = { down = 0.5 }
         let found = parse(GOOD).unwrap();
         assert_eq!(found.controls, ControlsEntry::Count(12));
         assert!(found.rigid[0].held);
-        assert_eq!(found.poses[0].moves[2].target, Target::Within([0.0; 3], 6.0));
+        assert_eq!(found.poses[0].moves[2].target, PoseTarget::Within([0.0; 3], 6.0));
         assert_eq!(found.keyframes[1].weights, [0.0, 0.5]);
         let points = parse(&GOOD.replace("controls = 12", "controls = [[0, 0, 0], [1, 2, 3]]")).unwrap();
         assert_eq!(points.controls, ControlsEntry::Points(vec![[0.0; 3], [1.0, 2.0, 3.0]]));

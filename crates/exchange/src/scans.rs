@@ -15,55 +15,18 @@ use rayon::prelude::*;
 
 use crate::depth::{calibration_of, is_depth_image, read_depth};
 use crate::e57::read_e57;
-use crate::job::{read_job, unnamed_sensor};
+use crate::job::read_job;
 use crate::las::read_las_and_map;
 use crate::npy::{read_npy, read_npz};
 use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
+use crate::scan_set::unnamed_sensor;
+pub use crate::scan_set::{InputFile, PosedScan, ScanSet};
 use crate::several::several;
 use crate::source::{extension, found_extension, open};
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
 use crate::{GeoReference, Unit, glb, obj, off, stl};
-
-/// Everything that was read for one fit.
-#[derive(Debug, Clone, Default)]
-pub struct ScanSet {
-    /// The unit of every length, where the caller or a file names it.
-    pub unit: Option<Unit>,
-    /// The sensors that the scans refer to.
-    pub sensors: Vec<Sensor>,
-    /// The scans, in the order in which they were named.
-    pub scans: Vec<PosedScan>,
-    /// The map that the coordinates belong to, where every scan names the same.
-    pub georeference: Option<GeoReference>,
-    /// Every file that was read, lists before what they list.
-    pub inputs: Vec<InputFile>,
-}
-
-/// A scan with what its list says about it.
-#[derive(Debug, Clone)]
-pub struct PosedScan {
-    /// The points; `scan.world_from_scanner` holds the pose.
-    pub scan: Scan,
-    /// Which of the set's sensors took it.
-    pub sensor: usize,
-    /// Standard deviation of each coordinate of the pose's translation; exact where not stated.
-    pub sigma_translation: Option<f64>,
-    /// Standard deviation of the pose's rotation about each axis, in degrees; exact where not stated.
-    pub sigma_rotation_deg: Option<f64>,
-}
-
-/// A file that was read.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct InputFile {
-    /// Its path, as it was opened.
-    pub path: PathBuf,
-    /// How many points it gave; 0 for a list.
-    pub points: usize,
-    /// How many records were dropped because a coordinate was not finite.
-    pub dropped_not_finite: usize,
-}
 
 /// A scan still to be read.
 struct Wanted {
@@ -78,6 +41,74 @@ struct Wanted {
     calibration: Option<PathBuf>,
     /// What the list and its line are called in messages.
     listed: Option<String>,
+}
+
+impl Wanted {
+    /// A scan about which no list states anything.
+    fn new(path: PathBuf, sensor: usize) -> Self {
+        Self {
+            path,
+            sensor,
+            pose: None,
+            sigma_translation: None,
+            sigma_rotation_deg: None,
+            viewing: None,
+            time_s: None,
+            calibration: None,
+            listed: None,
+        }
+    }
+}
+
+/// The scans to read, and the lists that name some of them.
+#[derive(Default)]
+struct Requests {
+    scans: Vec<Wanted>,
+    /// Each list with the index of the first scan that it names.
+    lists: Vec<(usize, PathBuf)>,
+}
+
+impl Requests {
+    /// Adds a scan, or all scans that a list names.
+    fn add(&mut self, path: &Path, gathered: &mut Gathered) -> Result<()> {
+        let at = |line| Some(format!("{} (line {line})", path.display()));
+        match extension(path).as_str() {
+            "conf" => {
+                self.lists.push((self.scans.len(), path.to_path_buf()));
+                let listed = read_conf(path)?;
+                let sensor = gathered.sensor(unnamed_sensor(), path)?;
+                self.scans.extend(listed.into_iter().map(|scan| Wanted {
+                    pose: Some(scan.world_from_scanner),
+                    listed: at(scan.line),
+                    ..Wanted::new(scan.path, sensor)
+                }));
+            }
+            "toml" => {
+                self.lists.push((self.scans.len(), path.to_path_buf()));
+                let job = read_job(path)?;
+                if let Some(unit) = job.unit {
+                    gathered.unit(unit, path.display().to_string())?;
+                }
+                let sensors = job.sensors.into_iter().map(|sensor| gathered.sensor(sensor, path));
+                let sensors = sensors.collect::<Result<Vec<_>>>()?;
+                self.scans.extend(job.scans.into_iter().map(|scan| Wanted {
+                    pose: Some(scan.world_from_scanner),
+                    sigma_translation: scan.sigma_translation,
+                    sigma_rotation_deg: scan.sigma_rotation_deg,
+                    viewing: scan.viewing,
+                    time_s: scan.time_s,
+                    calibration: scan.calibration,
+                    listed: at(scan.line),
+                    ..Wanted::new(scan.path, sensors[scan.sensor])
+                }));
+            }
+            _ => {
+                let sensor = gathered.sensor(unnamed_sensor(), path)?;
+                self.scans.push(Wanted::new(path.to_path_buf(), sensor));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The sensors and the unit of the files named so far.
@@ -244,58 +275,12 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
     if let Some(unit) = unit {
         gathered.unit(unit, "the option".to_owned())?;
     }
-    // Lists first: they name the scans.
-    let mut wanted = Vec::new();
-    let mut lists = Vec::new();
+    // Lists are read first, because they name the scans.
+    let mut requests = Requests::default();
     for path in paths.iter().map(AsRef::as_ref) {
-        let plain = |path: PathBuf, sensor| Wanted {
-            path,
-            sensor,
-            pose: None,
-            sigma_translation: None,
-            sigma_rotation_deg: None,
-            viewing: None,
-            time_s: None,
-            calibration: None,
-            listed: None,
-        };
-        let at = |line| Some(format!("{} (line {line})", path.display()));
-        match extension(path).as_str() {
-            "conf" => {
-                lists.push((wanted.len(), path.to_path_buf()));
-                let listed = read_conf(path)?;
-                let sensor = gathered.sensor(unnamed_sensor(), path)?;
-                wanted.extend(listed.into_iter().map(|scan| Wanted {
-                    pose: Some(scan.world_from_scanner),
-                    listed: at(scan.line),
-                    ..plain(scan.path, sensor)
-                }));
-            }
-            "toml" => {
-                lists.push((wanted.len(), path.to_path_buf()));
-                let job = read_job(path)?;
-                if let Some(unit) = job.unit {
-                    gathered.unit(unit, path.display().to_string())?;
-                }
-                let sensors = job.sensors.into_iter().map(|sensor| gathered.sensor(sensor, path));
-                let sensors = sensors.collect::<Result<Vec<_>>>()?;
-                wanted.extend(job.scans.into_iter().map(|scan| Wanted {
-                    pose: Some(scan.world_from_scanner),
-                    sigma_translation: scan.sigma_translation,
-                    sigma_rotation_deg: scan.sigma_rotation_deg,
-                    viewing: scan.viewing,
-                    time_s: scan.time_s,
-                    calibration: scan.calibration,
-                    listed: at(scan.line),
-                    ..plain(scan.path, sensors[scan.sensor])
-                }));
-            }
-            _ => {
-                let sensor = gathered.sensor(unnamed_sensor(), path)?;
-                wanted.push(plain(path.to_path_buf(), sensor));
-            }
-        }
+        requests.add(path, &mut gathered)?;
     }
+    let Requests { scans: wanted, lists } = requests;
     if wanted.is_empty() {
         return Err(Error::input("needed at least one scan, found none"));
     }
@@ -309,58 +294,68 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
         while let Some((_, path)) = lists.next_if(|(first, _)| *first == index) {
             set.inputs.push(InputFile { path, points: 0, dropped_not_finite: 0 });
         }
-        let Read { scans, unit, calibration, georeference } = read.map_err(|e| match &wanted.listed {
-            Some(list) => e.in_context(list),
-            None => e,
-        })?;
-        if let Some(unit) = unit {
-            gathered.unit(unit, wanted.path.display().to_string())?;
-        }
-        let points = scans.iter().map(|scan| scan.points.len()).sum();
-        let dropped_not_finite = scans.iter().map(|scan| scan.dropped_not_finite).sum();
-        if points == 0 {
-            return Err(Error::input(format!(
-                "{}: needed points, found none ({dropped_not_finite} records without finite coordinates \
-                 were dropped)",
-                wanted.path.display(),
-            )));
-        }
-        // What a list moves is on its map no longer.
-        let georeference = georeference.filter(|_| wanted.pose.is_none());
-        if index == 0 {
-            set.georeference = georeference;
-        } else if set.georeference != georeference {
-            set.georeference = None;
-        }
-        // Several images may share a camera.
-        if let Some(path) = calibration
-            && !set.inputs.iter().any(|input| input.path == path)
-        {
-            set.inputs.push(InputFile { path, points: 0, dropped_not_finite: 0 });
-        }
-        set.inputs.push(InputFile { path: wanted.path, points, dropped_not_finite });
-        let scans = scans.into_iter().map(several).collect::<Result<Vec<_>>>();
-        let scans = scans.map_err(|e| match &wanted.listed {
-            Some(list) => e.in_context(list),
-            None => e,
-        })?;
-        for mut scan in scans.into_iter().flatten() {
-            if let Some(world_from_file) = &wanted.pose {
-                scan.world_from_scanner = world_from_file.after(&scan.world_from_scanner);
-            }
-            scan.viewing = wanted.viewing.unwrap_or(scan.viewing);
-            scan.time_s = wanted.time_s.or(scan.time_s);
-            set.scans.push(PosedScan {
-                scan,
-                sensor: wanted.sensor,
-                sigma_translation: wanted.sigma_translation,
-                sigma_rotation_deg: wanted.sigma_rotation_deg,
-            });
-        }
+        add_file(&mut set, &mut gathered, wanted, read)?;
     }
     set.unit = gathered.unit.map(|(unit, _)| unit);
     set.sensors = gathered.sensors;
     Ok(set)
+}
+
+/// Adds the scans of one file, the file itself and its calibration to the set.
+fn add_file(set: &mut ScanSet, gathered: &mut Gathered, wanted: Wanted, read: Result<Read>) -> Result<()> {
+    let Read { scans, unit, calibration, georeference } = read.map_err(|e| match &wanted.listed {
+        Some(list) => e.in_context(list),
+        None => e,
+    })?;
+    if let Some(unit) = unit {
+        gathered.unit(unit, wanted.path.display().to_string())?;
+    }
+    let points = scans.iter().map(|scan| scan.points.len()).sum();
+    let dropped_not_finite = scans.iter().map(|scan| scan.dropped_not_finite).sum();
+    if points == 0 {
+        return Err(Error::input(format!(
+            "{}: needed points, found none ({dropped_not_finite} records without finite coordinates were dropped)",
+            wanted.path.display(),
+        )));
+    }
+    // What a list moves is on its map no longer.
+    let georeference = georeference.filter(|_| wanted.pose.is_none());
+    if set.scans.is_empty() {
+        set.georeference = georeference;
+    } else if set.georeference != georeference {
+        set.georeference = None;
+    }
+    // Several images may share a camera.
+    if let Some(path) = calibration
+        && !set.inputs.iter().any(|input| input.path == path)
+    {
+        set.inputs.push(InputFile { path, points: 0, dropped_not_finite: 0 });
+    }
+    set.inputs.push(InputFile { path: wanted.path.clone(), points, dropped_not_finite });
+    add_scans(set, &wanted, scans)
+}
+
+/// Adds scans of one file with the pose, viewing, time and sensor that its list specifies.
+fn add_scans(set: &mut ScanSet, wanted: &Wanted, scans: Vec<Scan>) -> Result<()> {
+    let scans = scans.into_iter().map(several).collect::<Result<Vec<_>>>();
+    let scans = scans.map_err(|e| match &wanted.listed {
+        Some(list) => e.in_context(list),
+        None => e,
+    })?;
+    for mut scan in scans.into_iter().flatten() {
+        if let Some(world_from_file) = &wanted.pose {
+            scan.world_from_scanner = world_from_file.after(&scan.world_from_scanner);
+        }
+        scan.viewing = wanted.viewing.unwrap_or(scan.viewing);
+        scan.time_s = wanted.time_s.or(scan.time_s);
+        set.scans.push(PosedScan {
+            scan,
+            sensor: wanted.sensor,
+            sigma_translation: wanted.sigma_translation,
+            sigma_rotation_deg: wanted.sigma_rotation_deg,
+        });
+    }
+    Ok(())
 }
 
 /// The same file twice would count its measurements twice.

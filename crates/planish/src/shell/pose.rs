@@ -42,7 +42,7 @@ use planish_exchange::Unit;
 use planish_exchange::extension;
 use planish_exchange::glb::Keyframe;
 use planish_exchange::mesh::{MeshColumns, is_mesh_file, write_mesh};
-use planish_exchange::poses::{ControlsEntry, MoveEntry, PoseFile, Target, read_poses};
+use planish_exchange::poses::{ControlsEntry, MoveEntry, PoseFile, PoseTarget, read_poses};
 use planish_exchange::textured::{TexturedMesh, read_textured, read_vertex_list};
 use planish_mesh::TriangleMesh;
 use planish_report::numbers::significant;
@@ -252,22 +252,22 @@ fn moves(entries: &[MoveEntry], controls: &[[f64; 3]], size: f64) -> Result<(DVe
                 .min_by(|a, b| distance(controls[*a], at).total_cmp(&distance(controls[*b], at)))
         };
         let chosen: Vec<usize> = match entry.target {
-            Target::Control(index) if index < controls.len() => vec![index],
-            Target::Control(index) => {
+            PoseTarget::Control(index) if index < controls.len() => vec![index],
+            PoseTarget::Control(index) => {
                 return Err(Error::input(format!(
                     "needed a control from 0 to {}, found {index}",
                     controls.len().saturating_sub(1)
                 )));
             }
-            Target::Nearest(at) => near(at).into_iter().collect(),
-            Target::Within(at, reach) => {
+            PoseTarget::Nearest(at) => near(at).into_iter().collect(),
+            PoseTarget::Within(at, reach) => {
                 (0..controls.len()).filter(|k| distance(controls[*k], at) <= reach).collect()
             }
         };
         let (at, reach, within) = match entry.target {
-            Target::Within(at, reach) => (at, reach, true),
-            Target::Nearest(at) => (at, size, false),
-            Target::Control(_) => ([0.0; 3], f64::INFINITY, false),
+            PoseTarget::Within(at, reach) => (at, reach, true),
+            PoseTarget::Nearest(at) => (at, size, false),
+            PoseTarget::Control(_) => ([0.0; 3], f64::INFINITY, false),
         };
         let away = near(at).map_or(f64::INFINITY, |k| distance(controls[k], at));
         if chosen.is_empty() || away > reach {
