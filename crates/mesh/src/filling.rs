@@ -93,13 +93,13 @@ pub fn fill_holes(
             loops.push(border);
         }
     }
-    let mut beside = Beside::of(mesh, &loops);
+    let mut neighbourhood = HoleNeighbourhood::new(mesh, &loops);
     let total: usize = loops.iter().map(Vec::len).sum();
     let mut done = 0;
     for hole in &loops {
         watch(done as f64 / total as f64)?;
         done += hole.len();
-        if fill(&mut filled, hole, &normals, &mut beside)? {
+        if fill(&mut filled, hole, &normals, &mut neighbourhood)? {
             filled.holes += 1;
         } else {
             filled.uncovered += 1;
@@ -109,24 +109,24 @@ pub fn fill_holes(
 }
 
 /// What of a mesh meets its holes.
-struct Beside {
+struct HoleNeighbourhood {
     /// Edges between vertices of loops.
     edges: HashSet<[u32; 2]>,
     /// Triangles at each vertex of a loop.
     triangles: HashMap<u32, Vec<[u32; 3]>>,
 }
 
-impl Beside {
-    fn of(mesh: &TriangleMesh, loops: &[Vec<u32>]) -> Self {
+impl HoleNeighbourhood {
+    fn new(mesh: &TriangleMesh, loops: &[Vec<u32>]) -> Self {
         let mut on_loop = vec![false; mesh.positions.len()];
         for v in loops.iter().flatten() {
             on_loop[*v as usize] = true;
         }
-        let mut beside = Self { edges: HashSet::new(), triangles: HashMap::new() };
+        let mut neighbourhood = Self { edges: HashSet::new(), triangles: HashMap::new() };
         for t in mesh.triangles.iter().filter(|t| t.iter().any(|v| on_loop[*v as usize])) {
-            beside.add(*t, &on_loop);
+            neighbourhood.add(*t, &on_loop);
         }
-        beside
+        neighbourhood
     }
 
     fn add(&mut self, t: [u32; 3], on_loop: &[bool]) {
@@ -156,31 +156,37 @@ impl Beside {
 }
 
 /// Fills one hole; whether it could be covered.
-fn fill(filled: &mut Filled, hole: &[u32], normals: &[[f64; 3]], beside: &mut Beside) -> Result<bool> {
+fn fill(
+    filled: &mut Filled,
+    hole: &[u32],
+    normals: &[[f64; 3]],
+    neighbourhood: &mut HoleNeighbourhood,
+) -> Result<bool> {
     let positions = &filled.mesh.positions;
-    let lone = beside
+    let lone = neighbourhood
         .triangles
         .get(&hole[0])
         .is_some_and(|all| hole.len() == 3 && all.len() == 1 && all[0].iter().all(|v| hole.contains(v)));
-    let surroundings = Surroundings { positions, normals, edges: &beside.edges };
+    let surroundings = Surroundings { positions, normals, edges: &neighbourhood.edges };
     let Some(cover) = least_cover(&surroundings, hole).filter(|_| !lone) else {
         return Ok(false);
     };
     // Of the loop first, then what meets it, so that lids are small problems of their own.
     let mut number: HashMap<u32, u32> = (0..).zip(hole).map(|(k, v)| (*v, k)).collect();
     let local = |t: &[u32; 3]| t.map(|v| number[&v]);
-    let taken =
-        (beside.edges.iter()).filter_map(|[a, b]| Some(edge(*number.get(a)?, *number.get(b)?))).collect();
+    let taken = (neighbourhood.edges.iter())
+        .filter_map(|[a, b]| Some(edge(*number.get(a)?, *number.get(b)?)))
+        .collect();
     let mut lid = Lid::new(
         cover.iter().map(local).collect(),
         hole.iter().map(|v| positions[*v as usize]).collect(),
         taken,
     );
-    let lengths: Vec<f64> = hole.iter().map(|v| beside.length_at(*v, positions)).collect();
+    let lengths: Vec<f64> = hole.iter().map(|v| neighbourhood.length_at(*v, positions)).collect();
     lid.refine(&lengths);
     let mut others: Vec<u32> = hole.to_vec();
     let mut ring: HashSet<[u32; 3]> = HashSet::new();
-    for t in hole.iter().filter_map(|v| beside.triangles.get(v)).flatten() {
+    for t in hole.iter().filter_map(|v| neighbourhood.triangles.get(v)).flatten() {
         if ring.insert(*t) {
             for v in t {
                 number.entry(*v).or_insert_with(|| {
@@ -202,11 +208,11 @@ fn fill(filled: &mut Filled, hole: &[u32], normals: &[[f64; 3]], beside: &mut Be
     let global = |v: u32| hole.get(v as usize).copied().unwrap_or_else(|| start + v - hole.len() as u32);
     let made: Vec<[u32; 3]> = lid.triangles.iter().map(|t| t.map(global)).collect();
     let mut on_loop = vec![false; normals.len()];
-    for v in beside.triangles.keys() {
+    for v in neighbourhood.triangles.keys() {
         on_loop[*v as usize] = true;
     }
     for t in &made {
-        beside.add(*t, &on_loop);
+        neighbourhood.add(*t, &on_loop);
     }
     filled.mesh.triangles.extend(made);
     Ok(true)

@@ -62,7 +62,7 @@ pub use primitives::{cylinder, grid_sheet, icosphere, parallelepiped};
 pub use ray::RayHit;
 pub use sampling::{SurfacePoint, SurfaceSampler, sample_points};
 pub use search::{ClosestPoint, MeshSearch};
-pub use sets::Sets;
+pub use sets::DisjointSets;
 pub use triangle::{Feature, triangle_shape};
 pub use visibility::{DepthBuffer, Projected, Seen};
 pub use winding::WindingNumbers;

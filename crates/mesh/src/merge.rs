@@ -24,8 +24,8 @@ pub use shared_noise::{NoiseLikeness, noise_likeness};
 
 use crate::filling::close_loops;
 use crate::mesh::TriangleMesh;
-use crate::sets::Sets;
-use front::{Cloth, sew};
+use crate::sets::DisjointSets;
+use front::{SeamInput, sew};
 use manifold::{manifold, one_fan_each};
 use planish_estimate::vector3::{add_scaled, distance};
 use planish_estimate::{Error, Result};
@@ -241,7 +241,7 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
             || source[b].0 != source[c].0
     };
     sew(
-        &Cloth { positions: &positions, normals: &normals, reach: &reach, may_join: &may_join },
+        &SeamInput { positions: &positions, normals: &normals, reach: &reach, may_join: &may_join },
         &mut triangles,
     );
     let of_seam = |hole: &[u32]| {
@@ -317,7 +317,7 @@ fn drop_fragments(
     vertices: usize,
     smallest: usize,
 ) -> (usize, usize) {
-    let mut parts = Sets::new(vertices);
+    let mut parts = DisjointSets::new(vertices);
     for t in triangles.iter() {
         parts.join(t[0], t[1]);
         parts.join(t[0], t[2]);

@@ -9,16 +9,16 @@
 ///
 /// # Examples
 /// ```
-/// let mut sets = planish_mesh::Sets::new(4);
+/// let mut sets = planish_mesh::DisjointSets::new(4);
 /// assert!(sets.join(3, 1) && sets.join(1, 2) && !sets.join(2, 3));
 /// assert_eq!([0, 1, 2, 3].map(|k| sets.root(k)), [0, 1, 1, 1]);
 /// ```
 #[derive(Debug, Clone)]
-pub struct Sets {
+pub struct DisjointSets {
     parent: Vec<u32>,
 }
 
-impl Sets {
+impl DisjointSets {
     /// Each number alone.
     #[must_use]
     pub fn new(count: usize) -> Self {

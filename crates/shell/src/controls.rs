@@ -8,7 +8,7 @@
 use nalgebra::DMatrix;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
-use planish_mesh::{BoundingBox, Sets, TriangleMesh};
+use planish_mesh::{BoundingBox, DisjointSets, TriangleMesh};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
@@ -120,7 +120,7 @@ impl Roads {
 ///
 /// Cost: some thirty passes over the vertices, and none where there is one part.
 fn bridges(positions: &[[f64; 3]], pairs: &BTreeSet<[u32; 2]>) -> Vec<[u32; 2]> {
-    let mut parts = Sets::new(positions.len());
+    let mut parts = DisjointSets::new(positions.len());
     let mut used: Vec<u32> = pairs.iter().flatten().copied().collect();
     used.sort_unstable();
     used.dedup();

@@ -21,7 +21,7 @@ use std::collections::{BinaryHeap, HashMap, HashSet};
 const SAME_SIDE: f64 = 0.35;
 
 /// What is known of the vertices that are sewn.
-pub(super) struct Cloth<'a> {
+pub(super) struct SeamInput<'a> {
     pub positions: &'a [[f64; 3]],
     /// Unit normals.
     pub normals: &'a [[f64; 3]],
@@ -52,12 +52,12 @@ struct Candidate {
 }
 
 /// Closes gaps; the new triangles are added at the end.
-pub(super) fn sew(cloth: &Cloth<'_>, triangles: &mut Vec<[u32; 3]>) {
+pub(super) fn sew(seam: &SeamInput<'_>, triangles: &mut Vec<[u32; 3]>) {
     let mut border = Border::of(triangles);
-    let grid = Grid::of(cloth, border.from.iter().copied());
+    let grid = Grid::of(seam, border.from.iter().copied());
     let mut queue = BinaryHeap::new();
     for edge in 0..border.from.len() as u32 {
-        if let Some(best) = candidate(cloth, &border, &grid, edge) {
+        if let Some(best) = candidate(seam, &border, &grid, edge) {
             queue.push(Reverse((best.radius.to_bits(), edge)));
         }
     }
@@ -65,7 +65,7 @@ pub(super) fn sew(cloth: &Cloth<'_>, triangles: &mut Vec<[u32; 3]>) {
         if !border.open[edge as usize] {
             continue;
         }
-        let Some(best) = candidate(cloth, &border, &grid, edge) else {
+        let Some(best) = candidate(seam, &border, &grid, edge) else {
             continue;
         };
         if best.radius.to_bits() > bits {
@@ -77,7 +77,7 @@ pub(super) fn sew(cloth: &Cloth<'_>, triangles: &mut Vec<[u32; 3]>) {
         triangles.push([b, a, c]);
         for changed in border.glue(edge, best.leaving).into_iter().flatten() {
             for around in [border.previous[changed as usize], changed, border.next[changed as usize]] {
-                if let Some(best) = candidate(cloth, &border, &grid, around) {
+                if let Some(best) = candidate(seam, &border, &grid, around) {
                     queue.push(Reverse((best.radius.to_bits(), around)));
                 }
             }
@@ -201,11 +201,11 @@ impl Border {
 }
 
 /// The best triangle over an open edge.
-fn candidate(cloth: &Cloth<'_>, border: &Border, grid: &Grid, edge: u32) -> Option<Candidate> {
+fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> Option<Candidate> {
     let e = edge as usize;
     let (a, b) = (border.from[e], border.to[e]);
-    let at = |v: u32| cloth.positions[v as usize];
-    let normal_at = |v: u32| cloth.normals[v as usize];
+    let at = |v: u32| seam.positions[v as usize];
+    let normal_at = |v: u32| seam.normals[v as usize];
     let up = unit(add(normal_at(a), normal_at(b)))?;
     let along = unit(sub(at(b), at(a)))?;
     let outwards = unit(cross(along, up))?;
@@ -232,7 +232,7 @@ fn candidate(cloth: &Cloth<'_>, border: &Border, grid: &Grid, edge: u32) -> Opti
             continue;
         }
         let (to_a, to_b) = (distance(at(a), at(c)), distance(at(b), at(c)));
-        let reach = cloth.reach[c as usize].max(cloth.reach[a as usize]).max(cloth.reach[b as usize]);
+        let reach = seam.reach[c as usize].max(seam.reach[a as usize]).max(seam.reach[b as usize]);
         if to_a > reach || to_b > reach {
             continue;
         }
@@ -242,7 +242,7 @@ fn candidate(cloth: &Cloth<'_>, border: &Border, grid: &Grid, edge: u32) -> Opti
         if [a, b, c].iter().any(|v| dot(normal_at(*v), normal) < SAME_SIDE) {
             continue;
         }
-        if !(cloth.may_join)([a, b, c]) {
+        if !(seam.may_join)([a, b, c]) {
             continue;
         }
         let cosine = dot(sub(at(a), at(c)), sub(at(b), at(c))) / (to_a * to_b);
@@ -259,9 +259,9 @@ fn candidate(cloth: &Cloth<'_>, border: &Border, grid: &Grid, edge: u32) -> Opti
             }
             // Within the open sector of all three corners.
             let (p, n) = (border.from[arriving as usize], border.to[leaving as usize]);
-            let sectors = within(cloth, c, [p, b, a, n])
-                && within(cloth, a, [before, c, b, b])
-                && within(cloth, b, [a, a, c, after]);
+            let sectors = within(seam, c, [p, b, a, n])
+                && within(seam, a, [before, c, b, b])
+                && within(seam, b, [a, a, c, after]);
             if !sectors {
                 continue;
             }
@@ -289,9 +289,9 @@ fn candidate(cloth: &Cloth<'_>, border: &Border, grid: &Grid, edge: u32) -> Opti
 
 /// Whether the directions from a vertex to four others come in this order, counter-clockwise about its
 /// normal; the first two and the last two may be one.
-fn within(cloth: &Cloth<'_>, vertex: u32, order: [u32; 4]) -> bool {
-    let (at, normal) = (cloth.positions[vertex as usize], cloth.normals[vertex as usize]);
-    let direction = |v: u32| sub(cloth.positions[v as usize], at);
+fn within(seam: &SeamInput<'_>, vertex: u32, order: [u32; 4]) -> bool {
+    let (at, normal) = (seam.positions[vertex as usize], seam.normals[vertex as usize]);
+    let direction = |v: u32| sub(seam.positions[v as usize], at);
     let first = direction(order[0]);
     let x = sub(first, scale(dot(first, normal), normal));
     let Some(x) = unit(x) else { return false };
@@ -324,14 +324,14 @@ struct Grid {
 }
 
 impl Grid {
-    fn of(cloth: &Cloth<'_>, vertices: impl Iterator<Item = u32>) -> Self {
+    fn of(seam: &SeamInput<'_>, vertices: impl Iterator<Item = u32>) -> Self {
         let mut all: Vec<u32> = vertices.collect();
         all.sort_unstable();
         all.dedup();
-        let reach = all.iter().map(|v| cloth.reach[*v as usize]).fold(0.0, f64::max);
+        let reach = all.iter().map(|v| seam.reach[*v as usize]).fold(0.0, f64::max);
         let mut grid = Self { cubes: HashMap::new(), size: reach.max(f64::MIN_POSITIVE), reach };
         for v in all {
-            let place = cloth.positions[v as usize];
+            let place = seam.positions[v as usize];
             let cube = grid.cube(place);
             grid.cubes.entry(cube).or_default().push((v, place));
         }

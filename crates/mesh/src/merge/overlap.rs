@@ -12,7 +12,7 @@ use super::Patch;
 use super::border::distance_to_border;
 use crate::mesh::BoundingBox;
 use crate::search::MeshSearch;
-use crate::sets::Sets;
+use crate::sets::DisjointSets;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
@@ -376,7 +376,7 @@ fn common_regions(patches: &[Patch], known: &[PatchOverlap]) -> Vec<CommonRegion
                     shared[c as usize] = true;
                 }
             }
-            let mut label = Sets::new(shared.len());
+            let mut label = DisjointSets::new(shared.len());
             for t in &mesh.triangles {
                 for k in 0..3 {
                     let (a, b) = (t[k], t[(k + 1) % 3]);

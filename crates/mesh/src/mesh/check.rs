@@ -7,7 +7,7 @@
 
 use super::TriangleMesh;
 use crate::edges::{EdgeTable, is_collapsed};
-use crate::sets::Sets;
+use crate::sets::DisjointSets;
 use crate::triangle::area_vector;
 
 /// Counts that describe a mesh; see [`TriangleMesh::check`].
@@ -50,9 +50,9 @@ impl MeshCheck {
         let table = EdgeTable::of(&mesh.triangles);
         let (mut edges, mut boundary_edges, mut nonmanifold_edges, mut misoriented_edges) = (0, 0, 0, 0);
         let vertex = |half: u32| mesh.triangles[half as usize / 3][half as usize % 3];
-        let mut parts = Sets::new(mesh.positions.len());
-        let mut fans = Sets::new(3 * mesh.triangles.len());
-        let mut boundary = Sets::new(mesh.positions.len());
+        let mut parts = DisjointSets::new(mesh.positions.len());
+        let mut fans = DisjointSets::new(3 * mesh.triangles.len());
+        let mut boundary = DisjointSets::new(mesh.positions.len());
         let mut on_boundary = vec![false; mesh.positions.len()];
         let mut around: Vec<u32> = Vec::new();
         for edge in 0..table.len() {
@@ -133,7 +133,7 @@ impl TriangleMesh {
     /// share no vertices.
     #[must_use]
     pub fn parts(&self) -> Vec<u32> {
-        let mut sets = Sets::new(self.positions.len());
+        let mut sets = DisjointSets::new(self.positions.len());
         for [a, b, c] in &self.triangles {
             sets.join(*a, *b);
             sets.join(*a, *c);

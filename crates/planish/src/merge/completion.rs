@@ -8,7 +8,7 @@
 use planish_estimate::vector3::{distance, dot};
 use planish_estimate::{Error, Result};
 use planish_mesh::{
-    Fused, MeshSearch, Overlap, OverlapOptions, Patch, Sets, TriangleMesh, ZipOptions, Zipped, zipped,
+    DisjointSets, Fused, MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, Zipped, zipped,
 };
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -180,7 +180,7 @@ fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
 
 /// For each vertex, the least vertex that it hangs together with.
 fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
-    let mut of = Sets::new(mesh.positions.len());
+    let mut of = DisjointSets::new(mesh.positions.len());
     for [a, b, c] in &mesh.triangles {
         of.join(*a, *b);
         of.join(*a, *c);

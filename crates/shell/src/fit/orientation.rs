@@ -9,7 +9,7 @@
 
 use planish_estimate::Result;
 use planish_estimate::vector3::{add_scaled, dot, tangents};
-use planish_mesh::{MeshSearch, Sets, TriangleMesh};
+use planish_mesh::{DisjointSets, MeshSearch, TriangleMesh};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -28,7 +28,7 @@ fn parts(mesh: &TriangleMesh) -> Vec<u32> {
             (at_edge.entry([a.min(b), a.max(b)]).or_default()).push((i as u32, a < b));
         }
     }
-    let mut part = Sets::new(mesh.triangles.len());
+    let mut part = DisjointSets::new(mesh.triangles.len());
     for facets in at_edge.values() {
         if let [(a, along), (b, other)] = facets[..]
             && along != other
