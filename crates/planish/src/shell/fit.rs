@@ -19,6 +19,7 @@ use super::surface::mesh_outputs;
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use input::{Frame, FrameFiles, Moved, Units};
+use nalgebra::DVector;
 use page::{ShownShell, shell_page};
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, ErrorKind, Result, Termination};
@@ -29,7 +30,8 @@ use planish_mesh::TriangleMesh;
 pub use planish_shell::Metaball;
 use planish_shell::intersection_over_union;
 use planish_shell::{
-    Camera, FrameFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit, fit_shell_with_progress,
+    Camera, FrameFit, ShellFit, ShellFitOptions, ShellProgress, ShellTracker, SourceFit,
+    fit_shell_with_progress,
 };
 use planish_surface::export::write_known_mesh;
 use planish_surface::model::SigmaSummary;
@@ -303,35 +305,23 @@ fn frames_of(job: &ShellFitJob) -> Result<Vec<FrameFiles>> {
     }
 }
 
-/// Fits, and writes what was asked for. If a sequence is interrupted, the frames before are written.
+/// Fits, and writes the outputs. If a sequence is interrupted, the frames before are written.
 fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport> {
     let frames = frames_of(job)?;
-    let mut inputs = job.inputs()?;
-    let outputs = outputs_of_frames(job, &frames);
+    let mut run = Run {
+        job,
+        progress,
+        outputs: outputs_of_frames(job, &frames),
+        inputs: job.inputs()?,
+        units: Units::of(job.unit),
+        warnings: Vec::new(),
+        written: Vec::new(),
+    };
     progress.check("reading", 0.0)?;
-    let mut units = Units::of(job.unit);
-    let (mut mesh, mut looks) = read_template(job, &mut units)?;
-    inputs.extend(looks.files.iter().cloned());
-    let mut warnings = looks.warnings.clone();
-    let given_mesh = mesh.clone();
-    let (mut flow, mut start_sigma) = (None, Vec::new());
-    if job.rough_start {
-        progress.check("flowing", 0.0)?;
-        let made = rough_start::flown(job, mesh, &mut units, &mut |rounds| {
-            progress.items(rounds, "rounds");
-            progress.check("flowing", FITTING.0 * rounds as f64 / (rounds + 3) as f64)
-        })?;
-        looks = rough_start::without_looks(looks, &made.mesh, &mut warnings);
-        (mesh, start_sigma, flow) = (made.mesh, made.sigma, Some(made.report));
-    }
-    let Moved { deformation, stiffness, prior, controls } = input::moved(job, &mut mesh, &looks)?;
-    let size = mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal());
-    if size <= 0.0 {
-        return Err(Error::undetermined(format!(
-            "{}: all vertices of faces are at one place: a mesh needs a size",
-            job.mesh.display()
-        )));
-    }
+    let mut start = run.start()?;
+    let Moved { deformation, stiffness, prior, controls } =
+        input::moved(job, &mut start.mesh, &start.appearance)?;
+    let size = start.size(job)?;
     let options = ShellFitOptions {
         metaball: job.metaball,
         believe_sigma: job.believe_sigma,
@@ -344,133 +334,280 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         }
     };
     let mut tracker = match &job.sequence {
-        Some(_) => Some(ShellTracker::new(&mesh, &*deformation, options.clone())?),
+        Some(_) => Some(ShellTracker::new(&start.mesh, &*deformation, options.clone())?),
         None => None,
     };
+    let picture = picture_of(&start.appearance, &mut run.warnings);
     let (mut of_frames, mut last) = (Vec::new(), None);
-    let picture = picture_of(&looks, &mut warnings);
-    let mut written = Vec::new();
     for (k, files) in frames.iter().enumerate() {
-        let tracked = tracker.is_some();
-        let stage = if tracked { "following" } else { "fitting" };
-        let share =
-            |of_frame: f64| FITTING.0 + (FITTING.1 - FITTING.0) * (k as f64 + of_frame) / frames.len() as f64;
-        progress.check(stage, share(0.0))?;
-        let in_frame = |e: Error| {
-            if files.name.is_empty() {
-                e
-            } else if e.kind() == ErrorKind::Interrupted {
-                Error::new(e.kind(), format!("interrupted in frame {}: {k} frames are done", files.name))
-            } else {
-                e.in_context(format!("frame {}", files.name))
-            }
-        };
-        let frame = Frame::read(job, files, size, &mut units, &mut warnings)?;
-        inputs.extend(frame.files.iter().cloned());
-        if k == 0 {
-            inspection::points_and_mesh(&frame, &mesh, units.unit()).map_err(in_frame)?;
-            warnings.extend(inspection::masks(&frame, &mesh, !job.rough_start));
-        }
-        let mut watch = |at: ShellProgress| {
-            if let Some(rms) = at.rms_points {
-                progress.rms(rms);
-            }
-            if tracked {
-                progress.items(k, "frames");
-            } else {
-                progress.items(at.iteration, "iterations");
-            }
-            progress.check(stage, share(at.share))
-        };
-        let made = match &mut tracker {
+        let stage =
+            FrameStage { number: k, count: frames.len(), tracked: tracker.is_some(), name: &files.name };
+        let frame = run.read_frame(&stage, files, size, &start)?;
+        let mut watch = |at: ShellProgress| stage.report(progress, &at);
+        let fitted = match &mut tracker {
             Some(tracker) => tracker.follow_with_progress(&frame.readings(), &mut watch),
-            None => fit_shell_with_progress(&mesh, &*deformation, &frame.readings(), &options, &mut watch)
-                .map(|fit| FrameFit { fit, predicted: None, acceleration: 0.0 }),
+            None => {
+                fit_shell_with_progress(&start.mesh, &*deformation, &frame.readings(), &options, &mut watch)
+                    .map(|fit| FrameFit { fit, predicted: None, acceleration: 0.0 })
+            }
         };
-        let FrameFit { fit: made, predicted, .. } = made.map_err(in_frame)?;
-        let found = TriangleMesh { positions: made.positions.clone(), triangles: mesh.triangles.clone() };
-        let (normals, sigma, observed) = report::known(&found, &made, &*deformation, &start_sigma);
-        for output in &outputs[k] {
-            let textured = TexturedMesh { unit: Some(units.unit()), ..looks.clone() };
-            let stated = Known { sigma: &sigma, observed: &observed };
-            match write_moved(output, &textured, &found.positions, stated, picture.as_deref())? {
-                Some(files) => written.extend(files),
+        let FrameFit { fit, predicted, .. } = fitted.map_err(|e| stage.in_frame(e))?;
+        let found =
+            TriangleMesh { positions: fit.positions.clone(), triangles: start.mesh.triangles.clone() };
+        let (normals, sigma, observed) = report::known(&found, &fit, &*deformation, &start.sigma);
+        run.write(
+            k,
+            &start,
+            &found,
+            &normals,
+            Known { sigma: &sigma, observed: &observed },
+            picture.as_deref(),
+        )?;
+        let iou = overlap(&frame, &found, &fit.cameras);
+        if stage.tracked {
+            of_frames.push(frame_report(&files.name, &fit, predicted, &iou, &sigma));
+        }
+        last = Some(FittedFrame { frame, fit, iou, sigma, observed });
+    }
+    progress.check(WRITING_STAGE, 0.98)?;
+    let last = last.ok_or_else(|| Error::input("a sequence without frames"))?;
+    run.finish(start, last, controls, of_frames)
+}
+
+/// What a run collects on its way.
+struct Run<'a> {
+    job: &'a ShellFitJob,
+    progress: &'a dyn Progress,
+    /// Files of the meshes, frame by frame.
+    outputs: Vec<Vec<PathBuf>>,
+    inputs: Vec<PathBuf>,
+    units: Units,
+    warnings: Vec<String>,
+    written: Vec<PathBuf>,
+}
+
+/// The mesh that a fit starts with.
+struct Start {
+    /// As the file holds it.
+    given: TriangleMesh,
+    /// As the fit takes it: remeshed after a rough start.
+    mesh: TriangleMesh,
+    /// Texture, parts and file data of the mesh.
+    appearance: TexturedMesh,
+    /// σ of the vertices of a rough start; empty for others.
+    sigma: Vec<f64>,
+    flow: Option<FlowReport>,
+}
+
+impl Start {
+    /// The diagonal of the mesh's bounding box.
+    fn size(&self, job: &ShellFitJob) -> Result<f64> {
+        match self.mesh.surface_bounds().map_or(0.0, |bounds| bounds.diagonal()) {
+            size if size > 0.0 => Ok(size),
+            _ => Err(Error::undetermined(format!(
+                "{}: all vertices of faces are at one place: a mesh needs a size",
+                job.mesh.display()
+            ))),
+        }
+    }
+}
+
+/// A frame with its fit.
+struct FittedFrame {
+    frame: Frame,
+    fit: ShellFit,
+    /// Overlap of silhouettes and masks, by view.
+    iou: BTreeMap<String, f64>,
+    sigma: Vec<f64>,
+    observed: Vec<u8>,
+}
+
+/// The place of a frame in the whole job.
+struct FrameStage<'a> {
+    number: usize,
+    count: usize,
+    /// Whether frames of a sequence follow one another.
+    tracked: bool,
+    name: &'a str,
+}
+
+impl FrameStage<'_> {
+    fn title(&self) -> &'static str {
+        if self.tracked { "following" } else { "fitting" }
+    }
+
+    /// The share of the job that is done after a share of this frame.
+    fn share(&self, of_frame: f64) -> f64 {
+        FITTING.0 + (FITTING.1 - FITTING.0) * (self.number as f64 + of_frame) / self.count as f64
+    }
+
+    fn report(&self, progress: &dyn Progress, at: &ShellProgress) -> Result<()> {
+        if let Some(rms) = at.rms_points {
+            progress.rms(rms);
+        }
+        match self.tracked {
+            true => progress.items(self.number, "frames"),
+            false => progress.items(at.iteration, "iterations"),
+        }
+        progress.check(self.title(), self.share(at.share))
+    }
+
+    fn in_frame(&self, e: Error) -> Error {
+        if self.name.is_empty() {
+            e
+        } else if e.kind() == ErrorKind::Interrupted {
+            let (name, done) = (self.name, self.number);
+            Error::new(e.kind(), format!("interrupted in frame {name}: {done} frames are done"))
+        } else {
+            e.in_context(format!("frame {}", self.name))
+        }
+    }
+}
+
+impl Run<'_> {
+    /// Reads the mesh; a rough start flows to the masks first.
+    fn start(&mut self) -> Result<Start> {
+        let (mesh, appearance) = read_template(self.job, &mut self.units)?;
+        self.inputs.extend(appearance.files.iter().cloned());
+        self.warnings.extend(appearance.warnings.iter().cloned());
+        let given = mesh.clone();
+        if !self.job.rough_start {
+            return Ok(Start { given, mesh, appearance, sigma: Vec::new(), flow: None });
+        }
+        let progress = self.progress;
+        progress.check("flowing", 0.0)?;
+        let made = rough_start::flown(self.job, mesh, &mut self.units, &mut |rounds| {
+            progress.items(rounds, "rounds");
+            progress.check("flowing", FITTING.0 * rounds as f64 / (rounds + 3) as f64)
+        })?;
+        let appearance = rough_start::without_looks(appearance, &made.mesh, &mut self.warnings);
+        Ok(Start { given, mesh: made.mesh, appearance, sigma: made.sigma, flow: Some(made.report) })
+    }
+
+    /// Reads the points and views of a frame; those of the first are compared with the mesh.
+    fn read_frame(
+        &mut self,
+        stage: &FrameStage<'_>,
+        files: &FrameFiles,
+        size: f64,
+        start: &Start,
+    ) -> Result<Frame> {
+        self.progress.check(stage.title(), stage.share(0.0))?;
+        let frame = Frame::read(self.job, files, size, &mut self.units, &mut self.warnings)?;
+        self.inputs.extend(frame.files.iter().cloned());
+        if stage.number == 0 {
+            inspection::points_and_mesh(&frame, &start.mesh, self.units.unit())
+                .map_err(|e| stage.in_frame(e))?;
+            self.warnings.extend(inspection::masks(&frame, &start.mesh, !self.job.rough_start));
+        }
+        Ok(frame)
+    }
+
+    /// Writes the fitted mesh of a frame.
+    fn write(
+        &mut self,
+        number: usize,
+        start: &Start,
+        found: &TriangleMesh,
+        normals: &[[f64; 3]],
+        known: Known<'_>,
+        picture: Option<&[u8]>,
+    ) -> Result<()> {
+        let unit = self.units.unit();
+        for output in &self.outputs[number] {
+            let textured = TexturedMesh { unit: Some(unit), ..start.appearance.clone() };
+            let (sigma, observed) = (known.sigma, known.observed);
+            match write_moved(output, &textured, &found.positions, Known { sigma, observed }, picture)? {
+                Some(files) => self.written.extend(files),
                 None => {
-                    write_known_mesh(output, &found, &normals, &sigma, &observed, None, units.unit())?;
-                    written.push(output.clone());
+                    write_known_mesh(output, found, normals, sigma, observed, None, unit)?;
+                    self.written.push(output.clone());
                 }
             }
         }
-        let iou = overlap(&frame, &found, &made.cameras);
-        if tracker.is_some() {
-            of_frames.push(FrameReport {
-                frame: files.name.clone(),
-                rms_points: ReadingsReport::of(&made.points).map(|r| r.rms),
-                rms_silhouettes_px: ReadingsReport::of(&made.outlines).map(|r| r.rms),
-                iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
-                surprise: predicted.map(|q| (&made.parameters - q).norm() / made.covariance.trace().sqrt()),
-                sigma: SigmaSummary::of(sigma.clone()).median,
-            });
-        }
-        last = Some((frame, made, iou, sigma, observed));
+        Ok(())
     }
-    progress.check(WRITING_STAGE, 0.98)?;
-    let (frame, made, iou, sigma, observed) =
-        last.ok_or_else(|| Error::input("a sequence without frames"))?;
-    let given: Vec<Camera> = frame.fitted.iter().map(|view| view.camera).collect();
-    let iou_before = overlap(&frame, &given_mesh, &given);
-    let measured: Vec<f64> =
-        (sigma.iter().zip(&observed)).filter(|(_, o)| **o == 1).map(|(s, _)| *s).collect();
-    let of = [&made.points, &made.outlines, &made.tracks].map(ReadingsReport::of);
-    let [points, outlines, tracks] = of;
-    let mut done = ShellFitReport {
-        rms_points: points.map(|r| r.rms),
-        rms_silhouettes_px: outlines.map(|r| r.rms),
-        iou,
-        iou_before,
-        held_out: (frame.views.iter()).filter(|view| view.held_out).map(|view| view.name.clone()).collect(),
-        controls,
-        outliers: of.iter().flatten().map(|r| r.outliers).sum(),
-        points,
-        outlines,
-        tracks,
-        poses: report::poses(&frame, &made),
-        observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
-        sigma: SigmaSummary::of(measured),
-        smoothness_weight: made.smoothness_weight,
-        lack_of_fit: made.unresolved_shape,
-        iterations: made.iterations,
-        flow,
-        frames: of_frames,
-        termination: match made.termination {
-            Termination::Converged => "converged",
-            Termination::ReachedTolerance => "reached_tolerance",
-            _ => "limit",
-        },
-        unit: units.unit(),
-        inputs,
-        written,
-        warnings,
-    };
-    done.warnings.extend(inspection::outcome(
-        &done,
-        &mesh,
-        &made.positions,
-        frame.states_sigma,
-        job.believe_sigma,
-    ));
-    if let Some(page) = &job.report {
-        let shown = ShownShell {
-            found: &TriangleMesh { positions: made.positions, triangles: mesh.triangles.clone() },
-            given: &mesh,
-            sigma: &sigma,
-            observed: &observed,
-            points: frame.points.iter().map(|reading| reading.at).collect(),
+
+    /// The figures of the last frame, and the page.
+    fn finish(
+        self,
+        start: Start,
+        last: FittedFrame,
+        controls: usize,
+        frames: Vec<FrameReport>,
+    ) -> Result<ShellFitReport> {
+        let FittedFrame { frame, fit, iou, sigma, observed } = last;
+        let given: Vec<Camera> = frame.fitted.iter().map(|view| view.camera).collect();
+        let measured: Vec<f64> =
+            (sigma.iter().zip(&observed)).filter(|(_, o)| **o == 1).map(|(s, _)| *s).collect();
+        let of = [&fit.points, &fit.outlines, &fit.tracks].map(ReadingsReport::of);
+        let [points, outlines, tracks] = of;
+        let mut done = ShellFitReport {
+            rms_points: points.map(|r| r.rms),
+            rms_silhouettes_px: outlines.map(|r| r.rms),
+            iou,
+            iou_before: overlap(&frame, &start.given, &given),
+            held_out: (frame.views.iter())
+                .filter(|view| view.held_out)
+                .map(|view| view.name.clone())
+                .collect(),
+            controls,
+            outliers: of.iter().flatten().map(|r| r.outliers).sum(),
+            points,
+            outlines,
+            tracks,
+            poses: report::poses(&frame, &fit),
+            observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
+            sigma: SigmaSummary::of(measured),
+            smoothness_weight: fit.smoothness_weight,
+            lack_of_fit: fit.unresolved_shape,
+            iterations: fit.iterations,
+            flow: start.flow,
+            frames,
+            termination: match fit.termination {
+                Termination::Converged => "converged",
+                Termination::ReachedTolerance => "reached_tolerance",
+                _ => "limit",
+            },
+            unit: self.units.unit(),
+            inputs: self.inputs,
+            written: self.written,
+            warnings: self.warnings,
         };
-        let files: Vec<_> = done.inputs.iter().map(|path| (path.clone(), String::new())).collect();
-        page.write(shell_page(&done, &shown, std::slice::from_ref(&job.mesh)), &files)?;
+        let believed = self.job.believe_sigma;
+        let outcome = inspection::outcome(&done, &start.mesh, &fit.positions, frame.states_sigma, believed);
+        done.warnings.extend(outcome);
+        if let Some(page) = &self.job.report {
+            let shown = ShownShell {
+                found: &TriangleMesh { positions: fit.positions, triangles: start.mesh.triangles.clone() },
+                given: &start.mesh,
+                sigma: &sigma,
+                observed: &observed,
+                points: frame.points.iter().map(|reading| reading.at).collect(),
+            };
+            let files: Vec<_> = done.inputs.iter().map(|path| (path.clone(), String::new())).collect();
+            page.write(shell_page(&done, &shown, std::slice::from_ref(&self.job.mesh)), &files)?;
+        }
+        Ok(done)
     }
-    Ok(done)
+}
+
+/// The figures of one frame of a sequence.
+fn frame_report(
+    name: &str,
+    fit: &ShellFit,
+    predicted: Option<DVector<f64>>,
+    iou: &BTreeMap<String, f64>,
+    sigma: &[f64],
+) -> FrameReport {
+    FrameReport {
+        frame: name.to_owned(),
+        rms_points: ReadingsReport::of(&fit.points).map(|r| r.rms),
+        rms_silhouettes_px: ReadingsReport::of(&fit.outlines).map(|r| r.rms),
+        iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
+        surprise: predicted.map(|q| (&fit.parameters - q).norm() / fit.covariance.trace().sqrt()),
+        sigma: SigmaSummary::of(sigma.to_vec()).median,
+    }
 }
 
 /// Files of the meshes of each frame.
