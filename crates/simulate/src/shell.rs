@@ -142,26 +142,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
             ..MeshColumns::default()
         },
     )?;
-    let mut views = format!("unit = \"{}\"\nmask_threshold = 127\n", unit.name());
-    for view in 0..options.views {
-        let camera = camera(view, options.views, &bounds)?;
-        let name = format!("mask{:02}.png", view + 1);
-        let path = folder.join(&name);
-        write_grey_png(&path, SIZE[0], SIZE[1], &mask(&truth, &camera))?;
-        files.push(path);
-        let rows = |m: &Matrix3<f64>| {
-            let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
-            format!("[{}, {}, {}]", row(0), row(1), row(2))
-        };
-        views += &format!(
-            "\n[[view]]\nmask = \"{name}\"\nK = {}\nR = {}\nt = [{:?}, {:?}, {:?}]\n",
-            rows(&camera.k),
-            rows(&camera.r),
-            camera.t[0],
-            camera.t[1],
-            camera.t[2]
-        );
-    }
+    let views = write_masks(&truth, &bounds, options.views, unit, folder, &mut files)?;
     let path = folder.join("views.toml");
     write_atomically(&path, |out| out.write_all(views.as_bytes()))?;
     files.push(path);
@@ -176,6 +157,38 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
     write_atomically(&path, |out| writeln!(out, "{truth:#}"))?;
     files.push(path);
     Ok(ShellSceneSummary { points: points.len(), controls: controls.len(), unit, files })
+}
+
+/// Writes the masks of all views; returns the text of `views.toml`.
+fn write_masks(
+    truth: &TriangleMesh,
+    bounds: &BoundingBox,
+    count: usize,
+    unit: Unit,
+    folder: &Path,
+    files: &mut Vec<PathBuf>,
+) -> Result<String> {
+    let mut views = format!("unit = \"{}\"\nmask_threshold = 127\n", unit.name());
+    for view in 0..count {
+        let camera = camera(view, count, bounds)?;
+        let name = format!("mask{:02}.png", view + 1);
+        let path = folder.join(&name);
+        write_grey_png(&path, SIZE[0], SIZE[1], &mask(truth, &camera))?;
+        files.push(path);
+        let rows = |m: &Matrix3<f64>| {
+            let row = |i: usize| format!("[{:?}, {:?}, {:?}]", m[(i, 0)], m[(i, 1)], m[(i, 2)]);
+            format!("[{}, {}, {}]", row(0), row(1), row(2))
+        };
+        views += &format!(
+            "\n[[view]]\nmask = \"{name}\"\nK = {}\nR = {}\nt = [{:?}, {:?}, {:?}]\n",
+            rows(&camera.k),
+            rows(&camera.r),
+            camera.t[0],
+            camera.t[1],
+            camera.t[2]
+        );
+    }
+    Ok(views)
 }
 
 fn normal(random: &mut ChaCha8Rng, sigma: f64) -> [f64; 3] {

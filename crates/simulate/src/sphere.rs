@@ -32,7 +32,10 @@
 //! Wang, Wang, *On 3D model construction by fusing heterogeneous sensor data*, CVGIP: Image Understanding
 //! 1994, section 4.1.
 
-use super::figure::{Curve, Panel, draw};
+mod tables;
+
+pub use tables::{sphere_csv, sphere_figure};
+
 use planish_core::Progress;
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::vector3::{cross, dot, norm, tangents, unit};
@@ -51,7 +54,6 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::f64::consts::{FRAC_2_PI, PI, TAU};
-use std::fmt::Write as _;
 use std::sync::Arc;
 
 /// Half the opening of the chart.
@@ -605,115 +607,6 @@ fn tangent_weights(at: &Surface, leaf: usize, [s, t]: [f64; 2], jet: &Jet) -> [(
         });
         (weights, [0, 1, 2].map(|d| a * jet.du[d] + b * jet.dv[d]))
     })
-}
-
-/// The curves of the figures as SVG.
-#[must_use]
-pub fn sphere_figure(options: &SphereOptions, rows: &[SphereRow]) -> String {
-    draw(
-        "Mean error of a sphere, in % of its radius: solid the patch filter, dashed the global filter, \
-         dotted the posterior bound",
-        &panels(options, rows),
-    )
-}
-
-/// The rows as CSV, with a header.
-#[must_use]
-pub fn sphere_csv(rows: &[SphereRow]) -> String {
-    let mut text = SPHERE_COLUMNS.join(",") + "\n";
-    for row in rows {
-        let tilt = row.orientation_deg.map_or_else(String::new, |x| x.to_string());
-        // Writing to a string does not fail.
-        let _ = writeln!(
-            text,
-            "{},{},{tilt},{},{},{},{},{}",
-            row.readings,
-            row.noise_percent,
-            row.depth,
-            row.leaf_patches,
-            row.patch_percent,
-            row.global_percent,
-            row.bound_percent
-        );
-    }
-    text
-}
-
-/// What a row of panels shows: which rows of the table, over which of their numbers.
-struct Sort<'a> {
-    title: String,
-    axis: &'static str,
-    wanted: &'a dyn Fn(&SphereRow) -> bool,
-    x: &'a dyn Fn(&SphereRow) -> f64,
-}
-
-/// One panel for each number of readings and each sort of experiment.
-fn panels(options: &SphereOptions, rows: &[SphereRow]) -> Vec<Vec<Panel>> {
-    let tilt = options.orientation_deg;
-    let compared = &options.compared_orientations_deg;
-    let sorts = [
-        Sort {
-            title: "positions alone".to_owned(),
-            axis: "maximum position noise / % of the radius",
-            wanted: &|r| r.orientation_deg.is_none(),
-            x: &|r| r.noise_percent,
-        },
-        Sort {
-            title: format!("and orientations to {tilt}°"),
-            axis: "maximum position noise / % of the radius",
-            wanted: &|r| r.orientation_deg == Some(tilt),
-            x: &|r| r.noise_percent,
-        },
-        Sort {
-            title: format!("position noise {COMPARED_NOISE} %"),
-            axis: "maximum orientation error / °",
-            wanted: &|r| {
-                r.noise_percent == COMPARED_NOISE && r.orientation_deg.is_some_and(|t| compared.contains(&t))
-            },
-            x: &|r| r.orientation_deg.unwrap_or(0.0),
-        },
-    ];
-    sorts
-        .iter()
-        .map(|Sort { title, axis, wanted, x }| {
-            options
-                .readings
-                .iter()
-                .map(|&readings| {
-                    let mut curves = Vec::new();
-                    for depth in 0..=options.depth {
-                        let points: Vec<&SphereRow> = rows
-                            .iter()
-                            .filter(|r| r.readings == readings && r.depth == depth && wanted(r))
-                            .collect();
-                        let leaves =
-                            points.iter().map(|r| r.leaf_patches).sum::<f64>() / points.len().max(1) as f64;
-                        let of =
-                            |y: &dyn Fn(&SphereRow) -> f64| points.iter().map(|r| [x(r), y(r)]).collect();
-                        curves.push(Curve::patch(
-                            usize::from(depth),
-                            usize::from(options.depth - depth),
-                            format!("depth {depth}: {leaves:.1} patches"),
-                            of(&|r| r.patch_percent),
-                        ));
-                        if depth == options.depth {
-                            curves.push(Curve::global(
-                                format!("global, depth {depth}"),
-                                of(&|r| r.global_percent),
-                            ));
-                            curves.push(Curve::bound("posterior bound".to_owned(), of(&|r| r.bound_percent)));
-                        }
-                    }
-                    Panel {
-                        title: format!("{readings} readings, {title}"),
-                        x_label: (*axis).to_owned(),
-                        y_label: "mean error / % of the radius".to_owned(),
-                        curves,
-                    }
-                })
-                .collect()
-        })
-        .collect()
 }
 
 #[cfg(test)]

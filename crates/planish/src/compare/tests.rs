@@ -1,3 +1,4 @@
+use super::inputs::isotropic;
 use super::*;
 use planish_core::Silent;
 use planish_estimate::ErrorKind;

@@ -27,12 +27,46 @@ fn short(name: &str) -> String {
 fn merge_page(merged: &Merged) -> Page {
     let report = &merged.report;
     let unit = SmallUnit::of(report.unit.name(), report.sigma.median);
-    let rms = unit.head("rms");
-    let mut regions = Table::new(["patches", "points", &rms]);
-    for region in &report.regions {
-        let [a, b] = region.patches.map(|k| short(&report.patches[k].name));
-        regions.row([format!("{a} – {b}"), count(region.points), unit.number(region.rms, 3)], false);
+    let regular = report.valence.get(6).copied().unwrap_or(0) as f64
+        / report.valence.iter().sum::<usize>().max(1) as f64;
+    Page {
+        job: "merge".to_owned(),
+        title: title_of(&report.inputs),
+        headline: format!(
+            "{} made one surface of {}.",
+            counted(report.patches.len(), "patch"),
+            counted(report.triangles, "triangle")
+        ),
+        findings: findings(report),
+        figures: vec![
+            Figure::new(
+                "σ, median",
+                unit.text(report.sigma.median),
+                format!("95 % below {}", unit.text(report.sigma.p95)),
+            ),
+            Figure::new(
+                "open edges",
+                count(report.boundary_edges),
+                if report.watertight { "watertight" } else { "" },
+            ),
+            Figure::new("vertices", count(report.vertices), format!("{} regular", percent(regular))),
+        ],
+        scene: Some(scene(merged)),
+        drawings: Vec::new(),
+        sections: [
+            Some(Section::new("What went in", vec![Block::Table(patches(report, unit))])),
+            (!report.poses.is_empty()).then(|| Section::new("How patches were moved", alignment(report))),
+            Some(Section::new("Where patches overlap", vec![Block::Table(regions(report, unit))])),
+            Some(Section::new("The mesh", vec![Block::Text(mesh_text(report, regular))])),
+        ]
+        .into_iter()
+        .flatten()
+        .collect(),
     }
+}
+
+/// Size and σ of each patch.
+fn patches(report: &MergeReport, unit: SmallUnit<'_>) -> Table {
     let sigma = unit.head("σ");
     let mut patches = Table::new(["patch", "triangles", "vertices kept", &sigma, "turned over"]);
     for patch in &report.patches {
@@ -47,8 +81,22 @@ fn merge_page(merged: &Merged) -> Page {
             patch.turned_over,
         );
     }
-    let regular = report.valence.get(6).copied().unwrap_or(0) as f64
-        / report.valence.iter().sum::<usize>().max(1) as f64;
+    patches
+}
+
+/// Points and differences of each overlap.
+fn regions(report: &MergeReport, unit: SmallUnit<'_>) -> Table {
+    let rms = unit.head("rms");
+    let mut regions = Table::new(["patches", "points", &rms]);
+    for region in &report.regions {
+        let [a, b] = region.patches.map(|k| short(&report.patches[k].name));
+        regions.row([format!("{a} – {b}"), count(region.points), unit.number(region.rms, 3)], false);
+    }
+    regions
+}
+
+/// The merged mesh in words; `regular` is the share of its vertices with six neighbours.
+fn mesh_text(report: &MergeReport, regular: f64) -> String {
     let mut mesh_text = format!(
         "{}, {}; {} of the vertices have six neighbours. {} were made to sew the patches together, {} \
          closed.",
@@ -81,58 +129,31 @@ fn merge_page(merged: &Merged) -> Page {
             significant(quality.smallest_angle_p1_deg, 3)
         );
     }
-    Page {
-        job: "merge".to_owned(),
-        title: title_of(&report.inputs),
-        headline: format!(
-            "{} made one surface of {}.",
-            counted(report.patches.len(), "patch"),
-            counted(report.triangles, "triangle")
-        ),
-        findings: findings(report),
-        figures: vec![
-            Figure::new(
-                "σ, median",
-                unit.text(report.sigma.median),
-                format!("95 % below {}", unit.text(report.sigma.p95)),
-            ),
-            Figure::new(
-                "open edges",
-                count(report.boundary_edges),
-                if report.watertight { "watertight" } else { "" },
-            ),
-            Figure::new("vertices", count(report.vertices), format!("{} regular", percent(regular))),
-        ],
-        scene: Some(Scene {
-            unit: report.unit.name().to_owned(),
-            surfaces: vec![SurfaceShown {
-                name: "merged surface".to_owned(),
-                positions: merged.mesh.positions.clone(),
-                triangles: merged.mesh.triangles.clone(),
-                fields: vec![
-                    numbers(
-                        "sigma",
-                        "σ along the normal",
-                        report.unit.name(),
-                        FieldKind::Sequential,
-                        merged.sigma.clone(),
-                    ),
-                    observed_field(&merged.observed),
-                ],
-                ..SurfaceShown::default()
-            }],
-            ..Scene::default()
-        }),
-        drawings: Vec::new(),
-        sections: [
-            Some(Section::new("What went in", vec![Block::Table(patches)])),
-            (!report.poses.is_empty()).then(|| Section::new("How patches were moved", alignment(report))),
-            Some(Section::new("Where patches overlap", vec![Block::Table(regions)])),
-            Some(Section::new("The mesh", vec![Block::Text(mesh_text)])),
-        ]
-        .into_iter()
-        .flatten()
-        .collect(),
+    mesh_text
+}
+
+/// The merged surface with its σ.
+fn scene(merged: &Merged) -> Scene {
+    let report = &merged.report;
+    Scene {
+        unit: report.unit.name().to_owned(),
+        surfaces: vec![SurfaceShown {
+            name: "merged surface".to_owned(),
+            positions: merged.mesh.positions.clone(),
+            triangles: merged.mesh.triangles.clone(),
+            fields: vec![
+                numbers(
+                    "sigma",
+                    "σ along the normal",
+                    report.unit.name(),
+                    FieldKind::Sequential,
+                    merged.sigma.clone(),
+                ),
+                observed_field(&merged.observed),
+            ],
+            ..SurfaceShown::default()
+        }],
+        ..Scene::default()
     }
 }
 

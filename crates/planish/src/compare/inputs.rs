@@ -1,0 +1,227 @@
+//! The two sides of a comparison, read from files.
+
+use super::*;
+
+/// A model to be compared.
+#[derive(Debug, Clone)]
+pub enum Compared {
+    /// A spline with its covariance.
+    Surface(Box<SurfaceModel>),
+    /// A mesh with what its vertices say.
+    Mesh(ComparedMesh),
+}
+
+/// A mesh whose vertices may carry σ and `observed`.
+#[derive(Debug, Clone)]
+pub struct ComparedMesh {
+    /// Positions and triangles.
+    pub mesh: TriangleMesh,
+    /// σ along the normal.
+    pub sigma: Option<Vec<f64>>,
+    /// Whether each vertex was measured.
+    pub observed: Option<Vec<Observed>>,
+    /// Unit of every length, where the file names it.
+    pub unit: Option<Unit>,
+}
+
+/// What a model is compared with.
+#[derive(Debug, Clone, Default)]
+pub struct Reference {
+    /// Its points: the vertices of a mesh, or a cloud.
+    pub points: Vec<[f64; 3]>,
+    /// Unit normals, zero where not known; none where no point has one.
+    pub normals: Option<Vec<[f64; 3]>>,
+    /// Triangles between the points; none for a cloud.
+    pub triangles: Vec<[u32; 3]>,
+    /// Covariances `[xx, xy, xz, yy, yz, zz]` of the points, zero where not stated; none where the reference
+    /// counts as exact.
+    pub covariance: Option<Vec<[f64; 6]>>,
+    /// Unit of every length, where a file names it.
+    pub unit: Option<Unit>,
+}
+
+impl ComparedMesh {
+    /// A mesh as it was read from a file, with its columns `sigma` and `observed`.
+    ///
+    /// # Errors
+    /// `Input` for a σ that is negative or not finite, and for triangles that make no mesh.
+    pub(crate) fn of_file(file: PolygonMesh, path: &Path) -> Result<Self> {
+        let sigma = file.column("sigma").map(<[f64]>::to_vec);
+        if let Some(at) = sigma.iter().flatten().position(|s| !(s.is_finite() && *s >= 0.0)) {
+            return Err(Error::input(format!(
+                "{}: vertex {at}: needed sigma ≥ 0, found {}",
+                path.display(),
+                sigma.unwrap_or_default()[at]
+            )));
+        }
+        Ok(Self {
+            sigma,
+            observed: file
+                .column("observed")
+                .map(|column| column.iter().map(|&mark| observed_of(mark)).collect()),
+            unit: file.unit,
+            mesh: TriangleMesh::try_new(file.points, file.triangles)
+                .map_err(|e| e.in_context(path.display()))?,
+        })
+    }
+}
+
+impl Compared {
+    /// Reads a `.planish` model, a mesh (PLY, OBJ, STL, OFF or GLB) or the faces of a STEP file.
+    ///
+    /// # Errors
+    /// As the readers; `Unsupported` for other extensions; `Input` for a mesh without triangles or with a σ
+    /// that is negative or not finite.
+    pub fn read(path: &Path) -> Result<Self> {
+        match planish_exchange::extension(path).as_str() {
+            "planish" => Ok(Self::Surface(Box::new(saved::load(path)?))),
+            _ if has_faces(path) => {
+                let file = read_mesh(path)?;
+                if file.triangles.is_empty() {
+                    return Err(Error::input(format!(
+                        "{}: needed a model with a surface, found points only: give them as the reference",
+                        path.display()
+                    )));
+                }
+                ComparedMesh::of_file(file, path).map(Self::Mesh)
+            }
+            _ => Err(Error::unsupported(format!(
+                "{}: needed a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), \
+                 found {}",
+                path.display(),
+                planish_exchange::found_extension(path)
+            ))),
+        }
+    }
+
+    pub(crate) fn unit(&self) -> Option<Unit> {
+        match self {
+            Self::Surface(model) => Some(model.unit),
+            Self::Mesh(mesh) => mesh.unit,
+        }
+    }
+}
+
+impl Reference {
+    /// Reads a mesh or a cloud: any file that a fit reads.
+    ///
+    /// A mesh file's own `sigma` or `cxx cxy cxz cyy cyz czz` count, and so does what a job states of its
+    /// sensors.
+    ///
+    /// # Errors
+    /// As the readers; `Input` for a σ that is not positive.
+    pub fn read(path: &Path) -> Result<Self> {
+        if !has_faces(path) {
+            return Ok(Self::from_scans(&read_inputs(&[path], None)?));
+        }
+        let file = read_mesh(path)?;
+        if file.points.is_empty() {
+            return Err(Error::input(format!("{}: needed points, found none", path.display())));
+        }
+        let made = Self {
+            covariance: covariances(&file).map_err(|e| e.in_context(path.display()))?,
+            normals: normals(&file),
+            unit: file.unit,
+            points: file.points,
+            triangles: file.triangles,
+        };
+        let Self { points, triangles, .. } = &made;
+        if triangles.is_empty() {
+            return Ok(made);
+        }
+        let mesh = TriangleMesh::try_new(points.clone(), triangles.clone())
+            .map_err(|e| e.in_context(path.display()))?;
+        Ok(Self { normals: Some(mesh.vertex_normals()), ..made })
+    }
+
+    /// The points of scans, in world coordinates.
+    #[must_use]
+    pub fn from_scans(set: &ScanSet) -> Self {
+        let mut made = Self { unit: set.unit, ..Self::default() };
+        let (mut normals, mut covariance) = (Vec::new(), Vec::new());
+        for posed in &set.scans {
+            let scan = &posed.scan;
+            let pose = &scan.world_from_scanner;
+            for k in 0..scan.points.len() {
+                made.points.push(pose.apply(scan.points[k]));
+                let normal = scan.normals.as_ref().and_then(|n| unit(n[k])).unwrap_or([0.0; 3]);
+                normals.push(pose.rotate(normal));
+                let stated = match (&scan.covariance, &scan.sigma, set.sensors[posed.sensor].noise) {
+                    (Some(all), _, _) => rotated(pose, &all[k]),
+                    (None, Some(sigmas), _) => isotropic(sigmas[k]),
+                    (None, None, Some(noise)) => noise.covariance(None),
+                    (None, None, None) => [0.0; 6],
+                };
+                covariance.push(stated);
+            }
+        }
+        let known = |n: &[f64; 3]| *n != [0.0; 3];
+        made.normals = normals.iter().any(known).then_some(normals);
+        made.covariance = covariance.iter().any(|c| *c != [0.0; 6]).then_some(covariance);
+        made
+    }
+
+    /// The same in lengths `factor` times as many of another unit.
+    pub(super) fn scaled(mut self, factor: f64) -> Self {
+        if factor != 1.0 {
+            self.points.iter_mut().for_each(|p| *p = scale(factor, *p));
+            self.covariance.iter_mut().flatten().for_each(|c| *c = c.map(|v| v * factor * factor));
+        }
+        self
+    }
+
+    pub(super) fn normal(&self, k: usize) -> [f64; 3] {
+        self.normals.as_ref().map_or([0.0; 3], |n| n[k])
+    }
+
+    pub(super) fn variance(&self, k: usize, direction: [f64; 3]) -> f64 {
+        self.covariance.as_ref().map_or(0.0, |c| variance_along(&c[k], direction))
+    }
+}
+
+pub(super) fn isotropic(sigma: f64) -> [f64; 6] {
+    let v = sigma * sigma;
+    [v, 0.0, 0.0, v, 0.0, v]
+}
+
+/// `R C Rᵀ` of a covariance `[xx, xy, xz, yy, yz, zz]`.
+fn rotated(pose: &Pose, c: &[f64; 6]) -> [f64; 6] {
+    // Rows of C, each carried to the world: C Rᵀ, then its columns.
+    let rows = [[c[0], c[1], c[2]], [c[1], c[3], c[4]], [c[2], c[4], c[5]]].map(|row| pose.rotate(row));
+    let columns = [0, 1, 2].map(|d| pose.rotate([rows[0][d], rows[1][d], rows[2][d]]));
+    [columns[0][0], columns[0][1], columns[0][2], columns[1][1], columns[1][2], columns[2][2]]
+}
+
+fn covariances(file: &PolygonMesh) -> Result<Option<Vec<[f64; 6]>>> {
+    if let Some(sigma) = file.column("sigma") {
+        if let Some(at) = sigma.iter().position(|s| !(s.is_finite() && *s >= 0.0)) {
+            return Err(Error::input(format!("vertex {at}: needed sigma ≥ 0, found {}", sigma[at])));
+        }
+        return Ok(Some(sigma.iter().map(|&s| isotropic(s)).collect()));
+    }
+    let columns = ["cxx", "cxy", "cxz", "cyy", "cyz", "czz"].map(|name| file.column(name));
+    let [Some(a), Some(b), Some(c), Some(d), Some(e), Some(f)] = columns else {
+        return Ok(None);
+    };
+    let all: Vec<[f64; 6]> = (0..a.len()).map(|k| [a[k], b[k], c[k], d[k], e[k], f[k]]).collect();
+    let possible =
+        |c: &[f64; 6]| c.iter().all(|v| v.is_finite()) && c[0] >= 0.0 && c[3] >= 0.0 && c[5] >= 0.0;
+    if let Some(at) = all.iter().position(|c| !possible(c)) {
+        return Err(Error::input(format!(
+            "vertex {at}: needed a covariance cxx cxy cxz cyy cyz czz, found {}",
+            all[at].map(|v| v.to_string()).join(" ")
+        )));
+    }
+    Ok(Some(all))
+}
+
+fn normals(file: &PolygonMesh) -> Option<Vec<[f64; 3]>> {
+    let [Some(x), Some(y), Some(z)] = ["nx", "ny", "nz"].map(|name| file.column(name)) else {
+        return None;
+    };
+    Some(
+        (0..x.len())
+            .map(|k| unit([x[k], y[k], z[k]]).filter(|n| norm(*n).is_finite()).unwrap_or([0.0; 3]))
+            .collect(),
+    )
+}

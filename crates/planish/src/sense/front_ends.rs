@@ -1,0 +1,257 @@
+//! The sensors: raw data and calibration to points, normals and images of numbers.
+
+use super::*;
+
+/// A direction with a larger σ, in degrees, is not known.
+const MOST_SIGMA_DEG: f64 = 90.0;
+/// Residuals of brightness that are so many times the stated σ are told.
+const MOST_BRIGHTNESS_MISFIT: f64 = 3.0;
+/// And those that are so large a share of the brightest: matte objects under far lights stay below a few per
+/// cent.
+const MOST_BRIGHTNESS_SHARE: f64 = 0.1;
+/// So small a share of pixels with a match is told: of true pairs a third to nine tenths have one, of
+/// exchanged ones some per cent.
+const LEAST_MATCHED: f64 = 0.1;
+
+pub(super) fn stereo(
+    [left, right]: [&Path; 2],
+    calibration: Option<&Path>,
+    options: &StereoOptions,
+    points: &StereoPoints,
+    progress: &dyn Progress,
+) -> Result<Sensed> {
+    let known = calibration.map(read_stereo_calibration).transpose()?;
+    let mut images = [read_brightness(left)?, read_brightness(right)?];
+    let blame = || format!("{}, {}", left.display(), right.display());
+    let rectification = match &known {
+        Some(StereoCalibration { cameras: StereoCameras::Views(rig), .. }) => {
+            progress.check("rectifying", 0.0)?;
+            let made = Rectification::new(rig, [0, 1].map(|k| [images[k].columns, images[k].rows]));
+            let made = made.map_err(|e| e.in_context(calibration.unwrap_or(left).display()))?;
+            images = [made.picture(0, &images[0])?, made.picture(1, &images[1])?];
+            Some(made)
+        }
+        _ => None,
+    };
+    let mut map =
+        match_stereo(&images[0], &images[1], options, &mut |share| progress.check("matching", share))
+            .map_err(|e| in_context(e, blame()))?;
+    let outside = rectification.as_ref().map_or(0, |r| r.without_outside(&mut map));
+    let scan = match (&rectification, &known) {
+        (Some(rectification), _) => Some(rectification.scan(&map, points, "stereo")),
+        (None, Some(StereoCalibration { cameras: StereoCameras::Rectified(camera), .. })) => {
+            Some(camera.scan(&map, points, "stereo"))
+        }
+        _ => None,
+    };
+    let scan = scan.transpose().map_err(|e| e.in_context(blame()))?;
+    let known_unit = known.and_then(|c| c.unit);
+    let known: Vec<f64> = map.sigma.iter().filter(|s| s.is_finite()).map(|s| f64::from(*s)).collect();
+    if known.is_empty() {
+        return Err(Error::undetermined(format!(
+            "{}: no disparity is to be believed: are the pictures rectified (or does the calibration say \
+             how both cameras stand), left before right, and the range of disparities wide enough, also \
+             below 0?",
+            blame()
+        )));
+    }
+    let StereoRejected { ambiguous, left_right, speckle, range } = map.rejected;
+    let causes = [
+        ("ambiguous", ambiguous),
+        ("left_right", left_right),
+        ("speckle", speckle),
+        ("range", range),
+        ("outside", outside),
+    ];
+    let mut warnings = Vec::new();
+    if (known.len() as f64) < LEAST_MATCHED * map.disparity.len() as f64 {
+        warnings.push(format!(
+            "only {:.1} % of the pixels have a match, and many of those may be chance: is the left picture \
+             the first, are the pictures rectified, and is --disparities wide enough?",
+            100.0 * known.len() as f64 / map.disparity.len() as f64
+        ));
+    }
+    Ok(Sensed {
+        warnings,
+        pixels: map.disparity.len(),
+        observations: known.len(),
+        rejected: causes.into_iter().filter(|(_, n)| *n > 0).collect(),
+        sigma_px: summary(known),
+        raster: Some((map.columns, map.rows, vec![("disparity", map.disparity), ("sigma", map.sigma)])),
+        unit: known_unit,
+        scan,
+        ..Sensed::default()
+    })
+}
+
+/// An interruption is nobody's file.
+fn in_context(e: Error, context: String) -> Error {
+    match e.kind() {
+        planish_estimate::ErrorKind::Interrupted => e,
+        _ => e.in_context(context),
+    }
+}
+
+pub(super) fn grid(
+    image: &Path,
+    plain: Option<&Path>,
+    calibration: &Path,
+    options: &GridOptions,
+) -> Result<Sensed> {
+    let known = read_grid_calibration(calibration)?;
+    let picture = read_brightness(image)?;
+    let without = plain.map(read_brightness).transpose()?;
+    let found = read_grid(&picture, without.as_ref(), &known.grid, options)
+        .map_err(|e| e.in_context(image.display()))?;
+    let GridRejected { no_crossing, no_index, off_line, undetermined } = found.rejected;
+    let bent: Vec<f64> = (found.readings.iter()).filter_map(|r| r.curvature).map(|c| c.sigma).collect();
+    let causes = [
+        ("no_crossing", no_crossing),
+        ("no_index", no_index),
+        ("off_line", off_line),
+        ("undetermined", undetermined),
+        ("no_curvature", found.readings.len() - bent.len()),
+    ];
+    Ok(Sensed {
+        pixels: picture.values.len(),
+        observations: found.readings.len(),
+        rejected: causes.into_iter().filter(|(_, n)| *n > 0).collect(),
+        sigma_n_deg: summary(found.readings.iter().map(|r| r.orientation.sigma_normal_deg).collect()),
+        sigma_k: summary(bent),
+        sigma_px: summary(found.sigma_px.clone()),
+        enlarged: found.enlarged,
+        unit: known.unit,
+        scan: Some(found.scan("grid")),
+        ..Sensed::default()
+    })
+}
+
+pub(super) fn photometric(
+    images: &[PathBuf],
+    mask: Option<&Path>,
+    calibration: &Path,
+    progress: &dyn Progress,
+) -> Result<Sensed> {
+    let known = read_lights(calibration)?;
+    let read = |paths: &[PathBuf]| paths.iter().map(|p| read_brightness(p)).collect::<Result<Vec<Image>>>();
+    let pictures = read(images)?;
+    let mask_file = mask;
+    let mask = mask.map(read_brightness).transpose()?;
+    let first = (pictures.first()).map_or((0, 0), |p| (p.columns, p.rows));
+    for (file, picture) in
+        images.iter().map(PathBuf::as_path).chain(mask_file).zip(pictures.iter().chain(&mask))
+    {
+        if (picture.columns, picture.rows) != first {
+            return Err(Error::input(format!(
+                "{}: needed {} × {} pixels like {}, found {} × {}",
+                file.display(),
+                first.0,
+                first.1,
+                images[0].display(),
+                picture.columns,
+                picture.rows
+            )));
+        }
+    }
+    progress.check("lights", 0.1)?;
+    let blame = |e: Error| e.in_context(calibration.display());
+    let mut more_inputs = Vec::new();
+    let lights = match &known.source {
+        LightSource::Directions(lights) => lights.clone(),
+        LightSource::Ball { images, mask } => {
+            more_inputs.extend(images.iter().chain([mask]).cloned());
+            lights_from_ball(&read(images)?, &read_brightness(mask)?).map_err(blame)?
+        }
+    };
+    let options = PhotometricOptions {
+        sigma_brightness: known.sigma_brightness,
+        sigma_light_deg: known.sigma_light_deg,
+        ..PhotometricOptions::default()
+    };
+    progress.check("normals", 0.2)?;
+    let map = photometric_normals(&pictures, &lights, mask.as_ref(), &options).map_err(blame)?;
+    let mut sensed = of_normals(&map, known.pixel_size)?;
+    sensed.ambient = Some(map.ambient);
+    sensed.sigma_brightness = Some(map.sigma_brightness);
+    sensed.unit = known.unit;
+    sensed.more_inputs = more_inputs;
+    sensed.warnings = unlike_brightness(&map, known.sigma_brightness);
+    Ok(sensed)
+}
+
+/// Residuals that the stated σ of brightness, or any matte surface, does not explain.
+fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec<String> {
+    let Some(found) = map.sigma_of_residuals else {
+        return Vec::new();
+    };
+    let mut warnings = Vec::new();
+    if let Some(stated) = stated.filter(|stated| found > MOST_BRIGHTNESS_MISFIT * stated) {
+        warnings.push(format!(
+            "the brightness of the typical pixel departs from that of a matte surface by {found:.3}, {:.0} \
+             times the stated sigma_brightness: σ of the normals is too \
+             small by as much; leave sigma_brightness out, or are the pictures in the order of the lights?",
+            found / stated
+        ));
+    }
+    if found > MOST_BRIGHTNESS_SHARE * map.brightest {
+        warnings.push(format!(
+            "the brightness of the typical pixel departs from that of a matte surface by {:.0} % of the \
+             brightest: are the pictures in the order of the lights, and of one view?",
+            100.0 * found / map.brightest
+        ));
+    }
+    warnings
+}
+
+pub(super) fn normal_map(image: &Path, sigma_deg: f64) -> Result<Sensed> {
+    if !(sigma_deg > 0.0 && sigma_deg < MOST_SIGMA_DEG) {
+        return Err(Error::input(format!(
+            "needed a σ of the normals above 0 and below {MOST_SIGMA_DEG} degrees, found {sigma_deg}"
+        )));
+    }
+    let picture = read_picture(image)?;
+    let map = normals_from_colours(picture.columns, picture.rows, &picture.values, picture.white, sigma_deg);
+    map.and_then(|map| of_normals(&map, 1.0)).map_err(|e| e.in_context(image.display()))
+}
+
+fn of_normals(map: &planish_sense::NormalMap, pixel_size: f64) -> Result<Sensed> {
+    let scan = map.scan(pixel_size, "normals")?;
+    let band =
+        |k: usize| map.normals.iter().map(|n| n.map_or(f32::NAN, |n| n[k] as f32)).collect::<Vec<f32>>();
+    let sigma = map.sigma_deg.iter().map(|s| *s as f32).collect();
+    let bands = vec![("nx", band(0)), ("ny", band(1)), ("nz", band(2)), ("sigma_n_deg", sigma)];
+    Ok(Sensed {
+        pixels: map.normals.len(),
+        observations: scan.points.len(),
+        rejected: [("undetermined", map.undetermined)].into_iter().filter(|(_, n)| *n > 0).collect(),
+        sigma_n_deg: summary(map.sigma_deg.iter().copied().filter(|s| s.is_finite()).collect()),
+        raster: Some((map.columns, map.rows, bands)),
+        scan: Some(scan),
+        ..Sensed::default()
+    })
+}
+
+pub(super) fn depth(image: &Path, calibration: Option<&Path>) -> Result<Sensed> {
+    let calibration = calibration_of(image, calibration)?;
+    let (scan, unit) = read_depth(image, &calibration)?;
+    if scan.points.is_empty() {
+        return Err(Error::undetermined(format!("{}: no pixel has a depth", image.display())));
+    }
+    let mut warnings = Vec::new();
+    if extension(image) == "png" && read_picture(image)?.white <= 255.0 {
+        warnings.push(format!(
+            "{}: has 8 bits, 256 depths at most: is it a depth image, or a picture of one for people?",
+            image.display()
+        ));
+    }
+    Ok(Sensed {
+        warnings,
+        pixels: scan.points.len() + scan.dropped_not_finite,
+        observations: scan.points.len(),
+        rejected: [("no_reading", scan.dropped_not_finite)].into_iter().filter(|(_, n)| *n > 0).collect(),
+        unit,
+        more_inputs: vec![calibration],
+        scan: Some(scan),
+        ..Sensed::default()
+    })
+}

@@ -1,0 +1,142 @@
+//! The figures of a shell fit.
+
+use planish_exchange::Unit;
+use planish_shell::SourceFit;
+use planish_surface::model::SigmaSummary;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// What became of readings of one kind.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ReadingsReport {
+    /// How many there were.
+    pub count: usize,
+    /// How many of them are gross errors.
+    pub outliers: usize,
+    /// Root mean square of the residuals of all others: distances of points, pixels of outlines, σ of tracks.
+    pub rms: f64,
+    /// By how much their σ are larger than stated.
+    pub sigma_factor: f64,
+}
+
+impl ReadingsReport {
+    pub(super) fn of(source: &SourceFit) -> Option<Self> {
+        (!source.outliers.is_empty()).then(|| Self {
+            count: source.outliers.len(),
+            outliers: source.outliers.iter().filter(|outlier| **outlier).count(),
+            rms: source.rms,
+            sigma_factor: source.sigma_factor,
+        })
+    }
+}
+
+/// A pose that was uncertain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PoseReport {
+    /// Its view.
+    pub view: String,
+    /// How far it was turned, in degrees.
+    pub turned_deg: f64,
+    /// How far it was moved.
+    pub moved: f64,
+    /// `R`, row by row.
+    pub r: [[f64; 3]; 3],
+    /// `t`.
+    pub t: [f64; 3],
+    /// σ about each axis of the camera, in degrees.
+    pub sigma_rotation_deg: [f64; 3],
+    /// σ along each axis of the camera.
+    pub sigma_translation: [f64; 3],
+}
+
+/// A frame of a sequence.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FrameReport {
+    /// Its folder's name.
+    pub frame: String,
+    /// Root mean square of the distances of points that are no gross errors.
+    pub rms_points: Option<f64>,
+    /// The same of places on outlines, in pixels.
+    pub rms_silhouettes_px: Option<f64>,
+    /// The mean over its views of how far what they show agrees with their masks.
+    pub iou: Option<f64>,
+    /// Root mean square of what parameters differ from what was predicted, over that of their σ; none of the
+    /// first.
+    pub surprise: Option<f64>,
+    /// The median σ of vertices along normals.
+    pub sigma: f64,
+}
+
+/// What became of a rough start before the fit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FlowReport {
+    /// How often the mesh was made anew.
+    pub rounds: usize,
+    /// Facets of the mesh that was fitted.
+    pub facets: usize,
+    /// Its parts.
+    pub parts: usize,
+    /// How far it agreed with each mask.
+    pub iou: BTreeMap<String, f64>,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ShellFitReport {
+    /// Root mean square of the distances of points that are no gross errors.
+    pub rms_points: Option<f64>,
+    /// The same of places on outlines, in pixels.
+    pub rms_silhouettes_px: Option<f64>,
+    /// How far what each view shows agrees with its mask.
+    pub iou: BTreeMap<String, f64>,
+    /// The same before the fit.
+    pub iou_before: BTreeMap<String, f64>,
+    /// Views that was held out.
+    pub held_out: Vec<String>,
+    /// How many controls there are; parameters, of modes.
+    pub controls: usize,
+    /// Gross errors of all kinds.
+    pub outliers: usize,
+    /// Points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub points: Option<ReadingsReport>,
+    /// Places on outlines.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outlines: Option<ReadingsReport>,
+    /// Tracked features.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracks: Option<ReadingsReport>,
+    /// Poses that were uncertain.
+    pub poses: Vec<PoseReport>,
+    /// σ of the vertices that were measured, along normals.
+    pub sigma: SigmaSummary,
+    /// The share of vertices of which more than half of what is known comes from the readings.
+    pub observed_fraction: f64,
+    /// The weight of smoothness, by marginal likelihood.
+    pub smoothness_weight: f64,
+    /// σ of what the controls cannot follow, along normals; σ of the vertices holds it.
+    pub lack_of_fit: f64,
+    /// Iterations.
+    pub iterations: usize,
+    /// What became of a rough start before the fit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flow: Option<FlowReport>,
+    /// Frames of a sequence; all above is of the last.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub frames: Vec<FrameReport>,
+    /// How it ended.
+    pub termination: &'static str,
+    /// The unit of lengths.
+    #[serde(skip)]
+    pub unit: Unit,
+    /// Every file that was read.
+    #[serde(skip)]
+    pub inputs: Vec<PathBuf>,
+    /// Every file that was written.
+    #[serde(skip)]
+    pub written: Vec<PathBuf>,
+    /// Warnings for the user.
+    #[serde(skip)]
+    pub warnings: Vec<String>,
+}
