@@ -16,7 +16,7 @@ use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_in
 use planish_mesh::BoundingBox;
 use planish_sense::SensorKind;
 use planish_spline::Shape;
-use planish_surface::fit::{Fit, FitOptions, FitReport, GroundWidth, ThingMotion, fit, update};
+use planish_surface::fit::{Fit, FitOptions, FitReport, GroundWidth, ObjectMotion, fit, update};
 use planish_surface::model::{Posterior, SurfaceModel};
 use planish_surface::observe::check_domain;
 use planish_surface::saved::{SavedModel, Session, SessionInput, load_with_provenance};
@@ -105,7 +105,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     let named: Vec<PathBuf> = job.inputs.iter().chain(&job.update).cloned().collect();
     let outputs = plan_outputs(&job.outputs, &named)?;
     if let Some(folder) = &job.states {
-        if job.options.motion != Some(ThingMotion::Bend) {
+        if job.options.motion != Some(ObjectMotion::Bend) {
             return Err(Error::input(format!(
                 "{}: states are those of a sheet that bends: needed --motion bend",
                 folder.display()
@@ -185,7 +185,7 @@ pub fn fit_files(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> 
     }
     // Drawing can be interrupted, writing cannot.
     let animation = (animation.iter())
-        .zip(&fitted.forming)
+        .zip(&fitted.formation)
         .map(|(output, forming)| {
             write_forming(forming, fitted.model.unit, output, &ProgressPart::new(progress, 0.9, 0.95))
         })

@@ -13,9 +13,9 @@
 //! The paper on Kalman spline fusion, section 3.3.
 
 mod gap;
-mod seen;
+mod measured_region;
 mod symmetry;
 
 pub use gap::GapReport;
-pub(crate) use seen::Seen;
+pub(crate) use measured_region::MeasuredRegion;
 pub use symmetry::{SymmetryChoice, SymmetryCompletion, SymmetryReport, complete_by_symmetry};

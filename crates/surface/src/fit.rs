@@ -2,40 +2,40 @@
 
 mod bending;
 mod bending_report;
-mod bent;
+mod refine_by_curvature;
 mod finish;
-mod forming;
+mod formation;
 mod gaps;
 mod growth;
 mod indicator;
-mod invented;
-mod known;
-mod large;
+mod inferred;
+mod known_parameters;
+mod batches;
 mod motion;
 mod noise;
 mod patch;
 mod propagation;
-mod rough;
-mod shape_left;
-mod shown;
+mod refine_by_roughness;
+mod unresolved_shape;
+mod residual_sample;
 mod smoothing;
 mod stages;
 
 pub use crate::model::SigmaSummary;
-pub use forming::{Forming, Snapshot};
+pub use formation::{Formation, Snapshot};
 pub(crate) use patch::{FirstFit, first_fit_of};
 pub use propagation::PropagationReport;
-pub use shape_left::ShapeLeft;
-pub use shown::{ScanFigures, ShownReadings};
+pub use unresolved_shape::UnresolvedShape;
+pub use residual_sample::{ScanSummary, ResidualSample};
 pub(crate) use stages::with_neighbours;
 
 use crate::complete::{self, SymmetryChoice};
 use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
-use crate::observe::SharedErrors;
-pub use crate::observe::{ObservationOptions, Observations, Quantity, Rejection};
+use crate::observe::ScanErrors;
+pub use crate::observe::{ObservationOptions, Observations, Quantity, RejectionCause};
 pub use crate::subdivision::{LevelRefinement, RefineBy};
 pub use bending_report::{BendingReport, BendingState};
-use large::Parts;
+use batches::Batches;
 pub use motion::{MotionPose, MotionReport};
 use motion::{RigidTracker, scans_in_time};
 use planish_core::{Progress, ProgressPart};
@@ -45,7 +45,7 @@ use planish_exchange::{ScanSet, Unit};
 use planish_sense::{GroundOptions, ScanChecks};
 use planish_spline::{FootPointSearch, Shape};
 use serde::Serialize;
-use stages::Settled;
+use stages::ConvergedFit;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -63,7 +63,7 @@ pub struct FitOptions {
     pub tolerance: Option<f64>,
     /// Whether only the bare earth is wanted of scans from above; then the shape is a sheet.
     pub ground: Option<GroundWidth>,
-    /// How readings are fused: globally where none is given, and into a saved model as it was made.
+    /// How readings are filtered: globally where none is given, and into a saved model as it was made.
     pub filter: Option<Filter>,
     /// No more levels of subdivision beyond the base grid than this; where none is given as many as the
     /// readings fill, of the patch filter three.
@@ -79,11 +79,11 @@ pub struct FitOptions {
     pub symmetry: Option<SymmetryChoice>,
     /// How the thing moved while its scans were taken, at the times that they state; where none is given it
     /// stood still.
-    pub motion: Option<ThingMotion>,
+    pub motion: Option<ObjectMotion>,
     /// Whether gaps are completed by the simple shape of what surrounds them.
     pub complete_smooth: bool,
     /// How many snapshots are kept of the way from few readings to all of them, where any are wanted: see
-    /// [`Fit::forming`].
+    /// [`Fit::formation`].
     pub snapshots: Option<usize>,
     /// Readings farther from the surface than this many σ are outliers.
     pub gate: f64,
@@ -98,14 +98,14 @@ pub struct FitOptions {
 /// How a thing moves from scan to scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum ThingMotion {
+pub enum ObjectMotion {
     /// As a rigid body with a velocity of its own.
     Rigid,
     /// A sheet bends without stretch: lengths along it stay.
     Bend,
 }
 
-/// How readings are fused.
+/// How readings are filtered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Filter {
@@ -186,7 +186,7 @@ pub struct FitReport {
     pub levels: usize,
     /// Leaf cells.
     pub cells: usize,
-    /// How readings were fused.
+    /// How readings were filtered.
     pub filter: Filter,
     /// What was divided, level by level, and why.
     pub refined: Vec<LevelRefinement>,
@@ -199,12 +199,12 @@ pub struct FitReport {
     /// Sensor by sensor.
     pub sensors: Vec<crate::model::SensorReport>,
     /// Scan by scan.
-    pub poses: Vec<crate::model::PoseReport>,
+    pub poses: Vec<crate::model::ScanPoseReport>,
     /// σ along the normal.
     pub sigma: SigmaSummary,
     /// Shape that cells are too large to follow, as the readings show; it is in σ. None where they show none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub shape_left: Option<ShapeLeft>,
+    #[serde(rename = "shape_left", skip_serializing_if = "Option::is_none")]
+    pub unresolved_shape: Option<UnresolvedShape>,
     /// Share of the surface's area that was measured.
     pub observed_area_fraction: f64,
     /// Weight of the thin-plate energy, by marginal likelihood.
@@ -224,13 +224,13 @@ impl FitReport {
     /// Readings that were set aside although they might have been of the surface: all but those of classes
     /// that are not wanted, and those above the ground where the ground is.
     #[must_use]
-    pub fn set_aside(&self) -> usize {
-        set_aside(&self.rejected)
+    pub fn rejected_readings(&self) -> usize {
+        rejected_readings(&self.rejected)
     }
 }
 
-fn set_aside(rejected: &BTreeMap<String, usize>) -> usize {
-    let unwanted = [Rejection::Class, Rejection::AboveGround]
+fn rejected_readings(rejected: &BTreeMap<String, usize>) -> usize {
+    let unwanted = [RejectionCause::Class, RejectionCause::AboveGround]
         .map(|cause| rejected.get(cause.name()).copied().unwrap_or(0));
     rejected.values().sum::<usize>() - unwanted.iter().sum::<usize>()
 }
@@ -243,10 +243,10 @@ pub struct Fit {
     pub report: FitReport,
     /// Of a sheet that bends, the states before the last, in the order of time; empty of everything else.
     pub earlier_states: Vec<Fit>,
-    /// How the model formed, reading by reading, where that was asked for.
-    pub forming: Option<Forming>,
+    /// How the model formation_of_global_fit, reading by reading, where that was asked for.
+    pub formation: Option<Formation>,
     /// Some of the readings with their residuals; none where parameters were known or a sheet bends.
-    pub readings: Option<ShownReadings>,
+    pub readings: Option<ResidualSample>,
     covariance: Arc<NodeCovariance>,
 }
 
@@ -255,7 +255,7 @@ impl Fit {
     fn translated(mut self, by: [f64; 3]) -> Result<Self> {
         if by != [0.0; 3] {
             self.model = self.model.translated(by)?;
-            self.forming = self.forming.map(|forming| forming.translated(by)).transpose()?;
+            self.formation = self.formation.map(|formation| formation.translated(by)).transpose()?;
             self.readings = self.readings.map(|readings| readings.translated(by));
         }
         Ok(self)
@@ -265,7 +265,7 @@ impl Fit {
     #[must_use]
     pub fn posterior(&self) -> Posterior<'_> {
         Posterior::new(&self.model.surface, Arc::clone(&self.covariance))
-            .with_shape_left(&self.model.shape_left)
+            .with_unresolved_shape(&self.model.unresolved_shape)
     }
 }
 
@@ -276,7 +276,7 @@ impl Fit {
 /// `Interrupted` on request.
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     if options.snapshots.is_some()
-        && (options.known_parameters.is_some() || options.motion == Some(ThingMotion::Bend))
+        && (options.known_parameters.is_some() || options.motion == Some(ObjectMotion::Bend))
     {
         return Err(Error::unsupported(
             "--animate shows readings that come one after the other: needed a fit without --known-uv and --motion bend, which take all of a time at once",
@@ -285,14 +285,14 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     if options.filter == Some(Filter::Patch) {
         patch::refuse_concluded(options)?;
     }
-    if options.motion == Some(ThingMotion::Rigid) && options.filter == Some(Filter::Patch) {
+    if options.motion == Some(ObjectMotion::Rigid) && options.filter == Some(Filter::Patch) {
         return Err(Error::unsupported(
             "--motion rigid lays scans on the surface of the first, and needs the covariance of the whole of it: needed --filter global",
         ));
     }
     match options.motion {
-        Some(ThingMotion::Rigid) => return fit_moving(set, options, progress),
-        Some(ThingMotion::Bend) => return bending::fit_bending(set, options, progress),
+        Some(ObjectMotion::Rigid) => return fit_moving(set, options, progress),
+        Some(ObjectMotion::Bend) => return bending::fit_bending(set, options, progress),
         None => {}
     }
     if let Some(cells) = options.known_parameters {
@@ -301,7 +301,7 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
                 "readings with known parameters are fused by the global filter, in one step: needed no other filter",
             ));
         }
-        return known::fit_known(set, cells, options, progress);
+        return known_parameters::fit_known_parameters(set, cells, options, progress);
     }
     if options.filter == Some(Filter::Patch) {
         return patch::fit_patches(set, options, progress);
@@ -314,30 +314,30 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     let dealt = if completes || options.snapshots.is_some() {
         None
     } else {
-        Parts::deal(set, options, ground.as_ref())?
+        Batches::deal(set, options, ground.as_ref())?
     };
     let Some(parts) = dealt else {
         let mut observations = observe(set, &observation_options(set, options))?;
         let origin = observations.recentre();
-        observations.shared = SharedErrors::new(set, &observations, origin, options.align, None);
+        observations.scan_errors = ScanErrors::new(set, &observations, origin, options.align, None);
         progress.check("normals", 0.01)?;
-        let (settled, propagation) = propagated(&mut observations, origin, &sheet, progress)?;
-        let forming = (options.snapshots)
+        let (converged, propagation) = propagated(&mut observations, origin, &sheet, progress)?;
+        let formation = (options.snapshots)
             .map(|frames| {
-                forming::formed(
+                formation::formation_of_global_fit(
                     &observations,
-                    &settled,
+                    &converged,
                     options,
                     frames,
                     &ProgressPart::new(progress, 0.88, 0.9),
                 )
             })
             .transpose()?;
-        let mut fitted = finish::finish(set, &observations, settled, options, None, None, origin, progress)?;
-        fitted.forming = forming;
-        let invented_area_fraction = fitted.model.area_fraction(Observed::Invented);
+        let mut fitted = finish::finish(set, &observations, converged, options, None, None, origin, progress)?;
+        fitted.formation = formation;
+        let inferred_area_fraction = fitted.model.area_fraction(Observed::Inferred);
         fitted.report.propagation =
-            propagation.map(|found| PropagationReport { invented_area_fraction, ..found });
+            propagation.map(|found| PropagationReport { inferred_area_fraction, ..found });
         return fitted.translated(origin);
     };
     progress.check("dealing out", 0.01)?;
@@ -348,11 +348,11 @@ pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Resu
     };
     observations.ground = options.ground.is_some();
     let origin = observations.recentre();
-    observations.shared = SharedErrors::new(set, &observations, origin, options.align, None);
+    observations.scan_errors = ScanErrors::new(set, &observations, origin, options.align, None);
     progress.check("normals", 0.02)?;
-    let mut settled = stages::settle(&mut observations, &sheet, &ProgressPart::new(progress, 0.02, 0.6))?;
-    let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
-    finish::finish(set, &observations, settled, options, None, Some(absorbed), origin, progress)?
+    let mut converged = stages::converge(&mut observations, &sheet, &ProgressPart::new(progress, 0.02, 0.6))?;
+    let added = batches::add_batches(&parts, &observations, origin, &mut converged, options, progress)?;
+    finish::finish(set, &observations, converged, options, None, Some(added), origin, progress)?
         .translated(origin)
 }
 
@@ -402,7 +402,7 @@ fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> R
         }
     }
     let mut fitted = fit(&moved, &still, &ProgressPart::new(progress, 0.5, 1.0))?;
-    tracker.settle(set, &fitted.report.poses)?;
+    tracker.converge(set, &fitted.report.poses)?;
     fitted.report.propagation.get_or_insert_default().motion = Some(tracker.report(set)?);
     Ok(fitted)
 }
@@ -435,7 +435,7 @@ fn propagated(
     origin: [f64; 3],
     options: &FitOptions,
     progress: &dyn Progress,
-) -> Result<(Settled, Option<PropagationReport>)> {
+) -> Result<(ConvergedFit, Option<PropagationReport>)> {
     let mut report = None;
     if let Some(choice) = options.symmetry {
         progress.check("symmetry", 0.015)?;
@@ -448,22 +448,22 @@ fn propagated(
         report = Some(found.translated(origin));
     }
     if !options.complete_smooth {
-        return Ok((stages::settle(observations, options, progress)?, report));
+        return Ok((stages::converge(observations, options, progress)?, report));
     }
-    let settled = stages::settle(observations, options, &ProgressPart::new(progress, 0.0, 0.6))?;
-    let (readings, gaps) = gaps::completed(observations, &settled, options.gate);
+    let converged = stages::converge(observations, options, &ProgressPart::new(progress, 0.0, 0.6))?;
+    let (readings, gaps) = gaps::completed(observations, &converged, options.gate);
     let mut report = report.unwrap_or_default();
     report.gaps = gaps;
     report.pseudo_readings += readings.len();
     if readings.is_empty() {
-        return Ok((settled, Some(report)));
+        return Ok((converged, Some(report)));
     }
-    observations.add_invented(&readings);
+    observations.add_inferred(&readings);
     let subset = (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]);
     let subset = subset.collect();
     let rest = ProgressPart::new(progress, 0.6, 0.9);
-    let settled = stages::refine_to_noise(observations, settled.surface, subset, options, &rest)?;
-    Ok((settled, Some(report)))
+    let converged = stages::refine_to_noise(observations, converged.surface, subset, options, &rest)?;
+    Ok((converged, Some(report)))
 }
 
 /// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.
@@ -490,7 +490,7 @@ fn observation_options(set: &ScanSet, options: &FitOptions) -> ObservationOption
         checks: options.checks,
         // A sheet over lidar is a map of the ground; other shapes are things that stand on it.
         sheet: options.shape == Some(Shape::Sheet) || options.ground.is_some(),
-        as_they_are: false,
+        unprocessed: false,
         ground: options.ground.map(|width| ground_options(set.unit, width)),
     }
 }
@@ -547,15 +547,15 @@ pub fn update(
         let [u, v] = search.nearest(p, [0.0; 3]);
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
-    observations.shared = SharedErrors::new(set, &observations, origin, options.align, Some(model));
-    let settled = match &model.patches {
+    observations.scan_errors = ScanErrors::new(set, &observations, origin, options.align, Some(model));
+    let converged = match &model.patches {
         None => finish::place(model, &mut observations, options, progress)?,
         Some(filter) => {
             patch::refuse_align(options)?;
-            observations.shared = SharedErrors::default();
+            observations.scan_errors = ScanErrors::default();
             patch::update_patches(model, filter, &observations, options, progress)?
         }
     };
-    finish::finish(set, &observations, settled, options, Some(model), None, origin, progress)?
+    finish::finish(set, &observations, converged, options, Some(model), None, origin, progress)?
         .translated(origin)
 }

@@ -58,7 +58,7 @@ pub struct SigmaSummary {
 impl SigmaSummary {
     /// Quantiles over values, all alike; zero of none.
     #[must_use]
-    pub fn of(mut sigmas: Vec<f64>) -> Self {
+    pub fn from_values(mut sigmas: Vec<f64>) -> Self {
         sigmas.sort_by(f64::total_cmp);
         let at = |share: f64| match sigmas.is_empty() {
             true => 0.0,
@@ -70,7 +70,7 @@ impl SigmaSummary {
 
 /// The pose of a scan.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct PoseReport {
+pub struct ScanPoseReport {
     /// The scan's name.
     pub scan: String,
     /// Translation, world from scanner.
@@ -104,7 +104,7 @@ pub struct PoseReport {
     pub sigma_bias: Option<f64>,
 }
 
-impl PoseReport {
+impl ScanPoseReport {
     /// Sets the covariance of translation and rotation vector, and σ of both: the root mean square over the
     /// three axes.
     pub fn set_covariance(&mut self, covariance: [[f64; 6]; 6]) {
@@ -120,10 +120,10 @@ impl PoseReport {
 
 /// What readings say of unknowns that whole scans share, poses and biases, beside the vertices.
 ///
-/// Vertices move along the surface's normals at their nodes; the unknowns are those of [`PoseReport`]s, scan
+/// Vertices move along the surface's normals at their nodes; the unknowns are those of [`ScanPoseReport`]s, scan
 /// after scan. See [`planish_estimate::sparse::Bordered`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct SharedInformation {
+pub struct ScanErrorInformation {
     /// The coupling of vertices and unknowns, nodes × unknowns, row by row.
     pub coupling: Vec<f64>,
     /// The information about the unknowns, with what was stated of them.
@@ -139,8 +139,8 @@ pub enum Observed {
     /// Measurements: an ungated foot point within one knot span.
     Measured,
     /// What was concluded from measurements elsewhere: a symmetry, a simple shape, an earlier state.
-    /// Invented, however likely.
-    Invented,
+    /// Inferred, however likely.
+    Inferred,
 }
 
 impl Observed {
@@ -156,19 +156,19 @@ impl Observed {
         match self {
             Self::PriorOnly => 0,
             Self::Measured => 1,
-            Self::Invented => 2,
+            Self::Inferred => 2,
         }
     }
 
     /// What a number in a file stands for.
     #[must_use]
     pub fn from_mark(mark: u8) -> Option<Self> {
-        [Self::PriorOnly, Self::Measured, Self::Invented].into_iter().find(|o| o.mark() == mark)
+        [Self::PriorOnly, Self::Measured, Self::Inferred].into_iter().find(|o| o.mark() == mark)
     }
 
     /// Of marks of measured parts.
     #[must_use]
-    pub fn of_measured(measured: bool) -> Self {
+    pub fn from_measured(measured: bool) -> Self {
         if measured { Self::Measured } else { Self::PriorOnly }
     }
 }
@@ -190,11 +190,11 @@ pub struct SurfaceModel {
     pub observed: Vec<Observed>,
     /// For each leaf, the mean square of the shape along its normal that it leaves out, as its readings show;
     /// it is a part of σ. Empty where nothing was looked at.
-    pub shape_left: Vec<f64>,
+    pub unresolved_shape: Vec<f64>,
     /// Sensors that went in.
     pub sensors: Vec<SensorReport>,
     /// Poses that went in.
-    pub poses: Vec<PoseReport>,
+    pub poses: Vec<ScanPoseReport>,
     /// Weight of the thin-plate energy.
     pub smoothness_weight: f64,
     /// How many readings the data information holds.
@@ -203,11 +203,11 @@ pub struct SurfaceModel {
     /// exact functions of the parameters. All coordinates of a vertex have the same information then, and are
     /// independent. None where readings were projected.
     pub measured_coordinates: Option<[bool; 3]>,
-    /// Where a patch filter fused the readings: what it knows. `prior` and `data` are empty then, because
+    /// Where a patch filter filtered the readings: what it knows. `prior` and `data` are empty then, because
     /// beliefs of single patches are no information of the whole; σ and later readings are the filter's.
     pub patches: Option<Arc<PatchFilter>>,
     /// What the readings of whole scans err in together; none where every pose was exact.
-    pub shared: Option<SharedInformation>,
+    pub scan_errors: Option<ScanErrorInformation>,
     /// Whether vertices move in every direction, because more than readings of position holds them: of a
     /// sheet that bends without stretch, `prior` knows the lengths.
     pub moves_freely: bool,
@@ -216,7 +216,7 @@ pub struct SurfaceModel {
 /// The posterior covariance of a model's shape, ready for questions.
 ///
 /// Every vertex moves along the surface's normal at its node: the one coordinate that measurements of
-/// position determine. Motion along the surface only renames its points, so it is held; see `DESIGN.md`.
+/// position determine. VertexMotion along the surface only renames its points, so it is held; see `DESIGN.md`.
 /// Where parameters were known every coordinate moves.
 pub struct Posterior<'a> {
     surface: &'a Surface,
@@ -224,7 +224,7 @@ pub struct Posterior<'a> {
     /// Whether what scans share counts as known.
     given_shared: bool,
     /// For each leaf what it leaves out of the shape; nothing where it is empty.
-    shape_left: &'a [f64],
+    unresolved_shape: &'a [f64],
 }
 
 /// The covariance of a surface's vertices where they share a leaf.
@@ -238,7 +238,7 @@ pub enum NodeCovariance {
 /// The covariance of nodes that share a leaf.
 pub struct WholeCovariance {
     inverse: SelectedInverse,
-    motion: Motion,
+    motion: VertexMotion,
     /// What shared unknowns add: `G Gᵀ`, node by node a row of `G`.
     shared: Option<SharedRows>,
 }
@@ -250,7 +250,7 @@ struct SharedRows {
 }
 
 /// How vertices may move.
-pub enum Motion {
+pub enum VertexMotion {
     /// One unknown a node, along these directions.
     Along(Vec<[f64; 3]>),
     /// The coordinates independently of each other, each with so many times the covariance.
@@ -262,14 +262,14 @@ pub enum Motion {
 /// The covariance of one leaf's nodes: for the many points of one leaf.
 pub struct LeafCovariance<'a> {
     weights: &'a [[f64; 16]],
-    motion: Motion,
+    motion: VertexMotion,
     covariance: Vec<f64>,
     /// The mean square of what the leaf leaves out of the shape.
-    shape_left: f64,
+    unresolved_shape: f64,
 }
 
 /// The sixteen coefficients of a leaf as functions of themselves.
-const EACH_ITSELF: [[f64; 16]; 16] = {
+const IDENTITY_WEIGHTS: [[f64; 16]; 16] = {
     let mut weights = [[0.0; 16]; 16];
     let mut k = 0;
     while k < 16 {
@@ -315,7 +315,7 @@ impl SurfaceModel {
     /// `Undetermined` when prior and data leave a vertex open.
     pub fn posterior(&self) -> Result<Posterior<'_>> {
         let covariance = self.covariance(&SurfaceSystem::new(self.surface.space())?)?;
-        Ok(Posterior::new(&self.surface, Arc::new(covariance)).with_shape_left(&self.shape_left))
+        Ok(Posterior::new(&self.surface, Arc::new(covariance)).with_unresolved_shape(&self.unresolved_shape))
     }
 
     /// What [`SurfaceModel::posterior`] is made of, by the equations of the surface's own hierarchy.
@@ -335,7 +335,7 @@ impl SurfaceModel {
             let mut total = self.data.on_pattern(system.pattern())?;
             total.add_scaled(&self.prior.on_pattern(system.pattern())?, 1.0)?;
             let factor = system.factorize(&total)?;
-            return Ok(NodeCovariance::of_motion(SelectedInverse::new(&factor), Motion::Freely));
+            return Ok(NodeCovariance::of_motion(SelectedInverse::new(&factor), VertexMotion::Freely));
         }
         let directions = system.node_normals(&self.surface);
         let factor = system.factorize_scalar(&self.information_along(system, &directions)?)?;
@@ -360,13 +360,13 @@ impl SurfaceModel {
         factor: &CholeskyFactor,
         directions: Vec<[f64; 3]>,
     ) -> Result<NodeCovariance> {
-        let shared = match &self.shared {
+        let shared = match &self.scan_errors {
             None => None,
-            Some(SharedInformation { coupling, corner }) => Some(Bordered::new(factor, coupling, corner)?),
+            Some(ScanErrorInformation { coupling, corner }) => Some(Bordered::new(factor, coupling, corner)?),
         };
         Ok(NodeCovariance::Nodes(WholeCovariance {
             inverse: SelectedInverse::new(factor),
-            motion: Motion::Along(directions),
+            motion: VertexMotion::Along(directions),
             shared: shared.map(|bordered| SharedRows { rows: bordered.shared_rows(), bordered }),
         }))
     }
@@ -389,12 +389,12 @@ impl NodeCovariance {
     /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate,
     /// nothing for the others.
     pub(crate) fn of_coordinates(inverse: SelectedInverse, measured: [bool; 3], scale: f64) -> Self {
-        let motion = Motion::Coordinates(measured.map(|m| if m { scale } else { 0.0 }));
+        let motion = VertexMotion::Coordinates(measured.map(|m| if m { scale } else { 0.0 }));
         Self::of_motion(inverse, motion)
     }
 
     /// From the inverse of the information of vertices that move so.
-    pub(crate) fn of_motion(inverse: SelectedInverse, motion: Motion) -> Self {
+    pub(crate) fn of_motion(inverse: SelectedInverse, motion: VertexMotion) -> Self {
         Self::Nodes(WholeCovariance { inverse, motion, shared: None })
     }
 
@@ -428,9 +428,9 @@ impl NodeCovariance {
             return Err(Error::unsupported("patches know nothing of vertices far from each other"));
         };
         match motion {
-            Motion::Along(directions) => inverse.trace_with(&system.contract(information, directions)?),
-            Motion::Freely => inverse.trace_with(information),
-            Motion::Coordinates(scales) => (0..3)
+            VertexMotion::Along(directions) => inverse.trace_with(&system.contract(information, directions)?),
+            VertexMotion::Freely => inverse.trace_with(information),
+            VertexMotion::Coordinates(scales) => (0..3)
                 .filter(|&d| scales[d] > 0.0)
                 .map(|d| {
                     let mut axis = [0.0; 3];
@@ -446,12 +446,12 @@ impl<'a> Posterior<'a> {
     /// A surface with the covariance of its control vertices.
     #[must_use]
     pub fn new(surface: &'a Surface, covariance: Arc<NodeCovariance>) -> Self {
-        Self { surface, covariance, given_shared: false, shape_left: &[] }
+        Self { surface, covariance, given_shared: false, unresolved_shape: &[] }
     }
 
     /// The same with what each leaf leaves out of the shape.
-    pub(crate) fn with_shape_left(self, shape_left: &'a [f64]) -> Self {
-        Self { shape_left, ..self }
+    pub(crate) fn with_unresolved_shape(self, unresolved_shape: &'a [f64]) -> Self {
+        Self { unresolved_shape, ..self }
     }
 
     /// The same as if poses and biases of all scans were known: what readings of these scans see.
@@ -460,7 +460,7 @@ impl<'a> Posterior<'a> {
             surface: self.surface,
             covariance: Arc::clone(&self.covariance),
             given_shared: true,
-            shape_left: self.shape_left,
+            unresolved_shape: self.unresolved_shape,
         }
     }
 
@@ -469,19 +469,19 @@ impl<'a> Posterior<'a> {
     /// # Errors
     /// `Undetermined` when the leaf's nodes are not coupled, which a model made here never shows.
     pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
-        let shape_left = self.shape_left.get(leaf).copied().unwrap_or(0.0);
+        let unresolved_shape = self.unresolved_shape.get(leaf).copied().unwrap_or(0.0);
         let unknown = || Error::undetermined(format!("leaf {leaf} has no covariance"));
         let WholeCovariance { inverse, motion, shared } = match &*self.covariance {
             NodeCovariance::Nodes(whole) => whole,
             NodeCovariance::Patches(filter) => {
                 return Ok(LeafCovariance {
-                    weights: &EACH_ITSELF,
-                    motion: Motion::Coordinates(match filter.options().layout {
+                    weights: &IDENTITY_WEIGHTS,
+                    motion: VertexMotion::Coordinates(match filter.options().layout {
                         StateLayout::Height => [0.0, 0.0, 1.0],
                         _ => [1.0; 3],
                     }),
                     covariance: filter.leaf_covariance(leaf).ok_or_else(unknown)?,
-                    shape_left,
+                    unresolved_shape,
                 });
             }
         };
@@ -493,14 +493,14 @@ impl<'a> Posterior<'a> {
         Ok(LeafCovariance {
             weights,
             motion: match motion {
-                Motion::Along(directions) => {
-                    Motion::Along(nodes.iter().map(|&n| directions[n as usize]).collect())
+                VertexMotion::Along(directions) => {
+                    VertexMotion::Along(nodes.iter().map(|&n| directions[n as usize]).collect())
                 }
-                Motion::Coordinates(scales) => Motion::Coordinates(*scales),
-                Motion::Freely => Motion::Freely,
+                VertexMotion::Coordinates(scales) => VertexMotion::Coordinates(*scales),
+                VertexMotion::Freely => VertexMotion::Freely,
             },
             covariance,
-            shape_left,
+            unresolved_shape,
         })
     }
 
@@ -579,13 +579,13 @@ impl LeafCovariance<'_> {
             (sums[0] + sums[1]) + (sums[2] + sums[3])
         };
         let (row, scale): (Vec<f64>, f64) = match &self.motion {
-            Motion::Along(directions) => {
+            VertexMotion::Along(directions) => {
                 ((self.weights.iter().zip(directions)).map(|(w, d)| dot(a, *d) * at_point(w)).collect(), 1.0)
             }
-            Motion::Coordinates(scales) => {
+            VertexMotion::Coordinates(scales) => {
                 (self.weights.iter().map(at_point).collect(), (0..3).map(|d| scales[d] * a[d] * a[d]).sum())
             }
-            Motion::Freely => {
+            VertexMotion::Freely => {
                 ((self.weights.iter().map(at_point)).flat_map(|w| a.map(|c| w * c)).collect(), 1.0)
             }
         };
@@ -597,6 +597,6 @@ impl LeafCovariance<'_> {
         }
         let placed: f64 = c.iter().sum();
         scale * along.iter().zip(&row).map(|(y, r)| y * r).sum::<f64>()
-            + self.shape_left * placed * placed * dot(a, a)
+            + self.unresolved_shape * placed * placed * dot(a, a)
     }
 }

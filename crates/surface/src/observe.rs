@@ -16,10 +16,10 @@ mod observations;
 mod scan_errors;
 
 pub use domain::check_domain;
-pub use feet::extent_of;
+pub use feet::surface_extent;
 pub(crate) use feet::*;
 pub(crate) use observations::{BitsHasher, Measured, has_ground, hash01, moved_viewing};
 pub use observations::{
-    InventedReading, InventedVariance, ObservationOptions, Observations, Quantity, Rejection,
+    InferredReading, InferredVariance, ObservationOptions, Observations, Quantity, RejectionCause,
 };
-pub(crate) use scan_errors::{Linearized, SharedErrors};
+pub(crate) use scan_errors::{Linearized, ScanErrors};

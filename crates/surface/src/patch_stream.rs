@@ -7,7 +7,7 @@
 //! Not guaranteed: that a reading is searched for anew after the surface has moved under it; a stream sees
 //! every reading once.
 
-use crate::observe::{LEAST_COSINE, Rejection, expected_lift, extent_of};
+use crate::observe::{MIN_COSINE, RejectionCause, expected_lift, surface_extent};
 use crate::subdivision::{RefineBy, RefinementLog};
 use planish_estimate::Result;
 use planish_estimate::vector3::dot;
@@ -26,18 +26,18 @@ pub(crate) const VERTICES_PER_PATCH: usize = 16;
 
 /// A reading in the world frame.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Incoming {
+pub(crate) struct IncomingReading {
     /// Where it was taken.
     pub at: [f64; 3],
     /// A unit vector towards the side that was seen; zero where that is not known.
     pub facing: [f64; 3],
     /// What was read.
-    pub what: What,
+    pub what: ReadingValue,
 }
 
 /// What a reading says.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum What {
+pub(crate) enum ReadingValue {
     /// Its place, with this covariance `[xx, xy, xz, yy, yz, zz]`.
     Position([f64; 6]),
     /// A unit normal, and the variance of its tilt along either tangent.
@@ -48,13 +48,13 @@ pub(crate) enum What {
 
 /// When patches are divided and readings left out.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Rules {
+pub(crate) struct PatchRules {
     pub gate: f64,
     pub refine_by: RefineBy,
     pub max_coefficients: usize,
 }
 
-impl Rules {
+impl PatchRules {
     fn criteria(self) -> SubdivisionCriteria {
         let usual = SubdivisionCriteria::default();
         SubdivisionCriteria {
@@ -67,10 +67,10 @@ impl Rules {
 }
 
 /// A filter that finds the parameters of its readings.
-pub(crate) struct Core {
+pub(crate) struct StreamingFilter {
     pub filter: PatchFilter,
     search: FootPointSearch,
-    rules: Rules,
+    rules: PatchRules,
     /// How many readings the filter has when it is time to look for what to divide.
     next_look: u64,
     /// Where something was measured, over the base grid.
@@ -80,9 +80,9 @@ pub(crate) struct Core {
     pub log: RefinementLog,
 }
 
-impl Core {
+impl StreamingFilter {
     /// A filter over its own surface; `base_level` is the level of its base grid.
-    pub(crate) fn new(filter: PatchFilter, base_level: usize, rules: Rules) -> Result<Self> {
+    pub(crate) fn new(filter: PatchFilter, base_level: usize, rules: PatchRules) -> Result<Self> {
         let search = search_of(&filter.surface()?)?;
         let cells: usize = filter.space().base().iter().product();
         let mut made = Self {
@@ -145,18 +145,18 @@ impl Core {
     ///
     /// # Errors
     /// `Input` for numbers that are none; what dividing reports.
-    pub(crate) fn take(&mut self, reading: &Incoming) -> Result<Option<Rejection>> {
+    pub(crate) fn filter_reading(&mut self, reading: &IncomingReading) -> Result<Option<RejectionCause>> {
         let foot = self.foot_point(reading.at, reading.facing);
         let known = dot(reading.facing, reading.facing) > 0.5;
-        if dot(foot.normal, foot.normal) < 0.5 || (known && dot(reading.facing, foot.normal) < LEAST_COSINE) {
-            return Ok(Some(Rejection::NormalMismatch));
+        if dot(foot.normal, foot.normal) < 0.5 || (known && dot(reading.facing, foot.normal) < MIN_COSINE) {
+            return Ok(Some(RejectionCause::NormalMismatch));
         }
         if foot.at_border {
-            return Ok(Some(Rejection::BeyondBorder));
+            return Ok(Some(RejectionCause::BeyondBorder));
         }
         let parameters = self.filter.space().parameters(foot.leaf as usize, foot.local);
         let equation = match reading.what {
-            What::Position(covariance) => {
+            ReadingValue::Position(covariance) => {
                 let height = foot.height - expected_lift(&foot.jet, &covariance, 1.0);
                 SurfaceReading::Along {
                     parameters,
@@ -165,10 +165,10 @@ impl Core {
                     variance: variance_along(&covariance, foot.normal),
                 }
             }
-            What::Normal(normal, variance) => {
+            ReadingValue::Normal(normal, variance) => {
                 SurfaceReading::Normal { parameters, normal, sigma_rad: variance.sqrt() }
             }
-            What::Curvature(tensor, variance) => {
+            ReadingValue::Curvature(tensor, variance) => {
                 let (mut directions, mut principal) = symmetric_eigen(tensor);
                 // The third direction is the normal, along which a curvature tensor is nothing.
                 let least = (0..3).min_by(|&a, &b| principal[a].abs().total_cmp(&principal[b].abs()));
@@ -187,7 +187,7 @@ impl Core {
         let update = self.filter.observe_within(&equation, self.rules.gate)?;
         // What is beyond the gate, but taken in as shape that is missing, is no outlier.
         if !update.within_gate && update.normalized_squared == 0.0 {
-            return Ok(Some(Rejection::Outlier));
+            return Ok(Some(RejectionCause::Outlier));
         }
         self.mark(parameters);
         if self.filter.readings() >= self.next_look {
@@ -212,5 +212,5 @@ impl Core {
 }
 
 fn search_of(surface: &Surface) -> Result<FootPointSearch> {
-    FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))
+    FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))
 }

@@ -8,8 +8,8 @@
 //! |---|---|---|
 //! | `knots_u`, `knots_v` | f64 | knots of the base grid, each once: 0, 1, … |
 //! | `cells` | L × 3, u32 | the leaves: level, column, row |
-//! | `shape_left` | L | mean square of the shape along the normal that the leaf leaves out, where any does; a part of σ² |
-//! | `observed` | L, u8 | 1 where the leaf was measured, 2 where it was invented by symmetry or smoothness, else 0 |
+//! | `unresolved_shape` | L | mean square of the shape along the normal that the leaf leaves out, where any does; a part of σ² |
+//! | `observed` | L, u8 | 1 where the leaf was measured, 2 where it was inferred by symmetry or smoothness, else 0 |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
 //! | `information_data_indices` | E, u32 | row of each entry; the diagonal comes first |
@@ -18,7 +18,7 @@
 //! | `information_prior_…` | as above | the prior's |
 //! | `poses` | P × 7, f64 | world from scanner: translation, quaternion x y z w |
 //!
-//! Where a patch filter fused the readings, its state stands in the place of both informations (P patches
+//! Where a patch filter filtered the readings, its state stands in the place of both informations (P patches
 //! with 7 × 7 vertices each):
 //!
 //! | tensor | shape, type | what |
@@ -32,14 +32,14 @@
 //!
 //! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`,
 //! `poses` (names and σ) and `provenance`: one entry for each session that went in; where parameters were
-//! known also `measured_coordinates`, of a sheet that bends `moves_freely`, where patches fused them
+//! known also `measured_coordinates`, of a sheet that bends `moves_freely`, where patches filtered them
 //! `patch_filter`.
 //!
 //! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] finds out.
 
 mod patches;
 
-use crate::model::{Observed, PoseReport, SensorReport, SharedInformation, SurfaceModel};
+use crate::model::{Observed, ScanPoseReport, SensorReport, ScanErrorInformation, SurfaceModel};
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -51,7 +51,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// Most cells of the finest grid that a hierarchy keeps a mark for: more would take gigabytes.
-const MOST_CELLS_OF_A_LEVEL: u64 = 1 << 27;
+const MAX_CELLS_OF_A_LEVEL: u64 = 1 << 27;
 
 /// A file whose points went into a model.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -204,7 +204,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         provenance: provenance.to_vec(),
         measured_coordinates: model.measured_coordinates,
         moves_freely: model.moves_freely,
-        patch_filter: model.patches.as_deref().map(patches::Notes::of),
+        patch_filter: model.patches.as_deref().map(patches::Notes::from_filter),
     };
     let metadata =
         serde_json::to_value(metadata).map_err(|e| Error::input("the metadata is no JSON").with_source(e))?;
@@ -231,7 +231,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     ]
     .map(|(name, tensor)| (name.to_owned(), tensor))
     .into();
-    if let Some(shared) = &model.shared {
+    if let Some(shared) = &model.scan_errors {
         let width = shared.corner.len().isqrt();
         tensors.insert(
             SHARED_COUPLING.to_owned(),
@@ -242,8 +242,8 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             tensor(&[width, width], TensorData::F64(shared.corner.clone())),
         );
     }
-    if !model.shape_left.is_empty() {
-        tensors.insert(SHAPE_LEFT.to_owned(), Tensor::f64_list(model.shape_left.clone()));
+    if !model.unresolved_shape.is_empty() {
+        tensors.insert(SHAPE_LEFT.to_owned(), Tensor::f64_list(model.unresolved_shape.clone()));
     }
     if let Some(filter) = &model.patches {
         patches::add(&mut tensors, filter)?;
@@ -318,7 +318,7 @@ impl Tensors {
 
     /// What each leaf leaves out of the shape, by the leaves of the cells of the file; nothing where the file
     /// says nothing.
-    fn shape_left(&mut self, order: &[usize]) -> Result<Vec<f64>> {
+    fn unresolved_shape(&mut self, order: &[usize]) -> Result<Vec<f64>> {
         if !self.0.contains_key(SHAPE_LEFT) {
             return Ok(Vec::new());
         }
@@ -363,7 +363,7 @@ impl Tensors {
     }
 
     /// What scans share, where any do.
-    fn shared(&mut self, nodes: usize) -> Result<Option<SharedInformation>> {
+    fn shared(&mut self, nodes: usize) -> Result<Option<ScanErrorInformation>> {
         if !self.0.contains_key(SHARED_CORNER) && !self.0.contains_key(SHARED_COUPLING) {
             return Ok(None);
         }
@@ -376,7 +376,7 @@ impl Tensors {
                 coupling.len() / width.max(1)
             )));
         }
-        Ok(Some(SharedInformation { coupling, corner }))
+        Ok(Some(ScanErrorInformation { coupling, corner }))
     }
 
     fn information(&mut self, name: &str, pattern: &Arc<BlockPattern>) -> Result<BlockInformation> {
@@ -440,7 +440,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     for (&leaf, &mark) in order.iter().zip(&marks) {
         observed[leaf] = Observed::from_mark(mark).unwrap_or_default();
     }
-    let shape_left = tensors.shape_left(&order)?;
+    let unresolved_shape = tensors.unresolved_shape(&order)?;
     let vertices = tensors.f64("vertices", &[3])?;
     let surface = Surface::new(Arc::clone(&space), vertices.as_chunks::<3>().0.to_vec())?;
     let elements = (0..space.leaves().len()).map(|leaf| space.extraction(leaf).0);
@@ -455,7 +455,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     }
     let poses =
         metadata.poses.into_iter().zip(numbers.as_chunks::<7>().0).map(|(notes, &[x, y, z, a, b, c, w])| {
-            PoseReport {
+            ScanPoseReport {
                 scan: notes.scan,
                 translation: [x, y, z],
                 quaternion_xyzw: [a, b, c, w],
@@ -493,10 +493,10 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         observed,
         sensors: metadata.sensors,
         poses: poses.collect(),
-        shared: tensors.shared(space.node_count())?,
+        scan_errors: tensors.shared(space.node_count())?,
         measured_coordinates: metadata.measured_coordinates,
         moves_freely: metadata.moves_freely,
-        shape_left,
+        unresolved_shape,
         smoothness_weight: metadata.smoothness_weight,
         observations: metadata.observations,
     };
@@ -516,7 +516,7 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
     // cost memory.
     let base_cells = (base[0] as u64).saturating_mul(base[1] as u64);
     let finest = cells.iter().map(|c| c.level).max().unwrap_or(0);
-    if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MOST_CELLS_OF_A_LEVEL {
+    if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MAX_CELLS_OF_A_LEVEL {
         return Err(Error::input(format!(
             "a base grid of {} × {} cells does not fit {} leaves down to level {finest}",
             base[0],

@@ -14,8 +14,8 @@
 
 use crate::fit::{FirstFit, FitOptions, first_fit_of, with_neighbours};
 use crate::model::{Observed, SensorReport, SurfaceModel};
-use crate::observe::{ObservationOptions, Observations, Rejection};
-use crate::patch_stream::{Core, Incoming, Rules, What};
+use crate::observe::{ObservationOptions, Observations, RejectionCause};
+use crate::patch_stream::{StreamingFilter, IncomingReading, PatchRules, ReadingValue};
 use crate::saved::{Session, load_with_provenance, save};
 use crate::subdivision::{LevelRefinement, RefineBy};
 use planish_core::Silent;
@@ -95,18 +95,18 @@ impl Reading {
         Self::Position { point, covariance: [v, 0.0, 0.0, v, 0.0, v], facing: None }
     }
 
-    fn incoming(&self) -> Result<Incoming> {
+    fn incoming(&self) -> Result<IncomingReading> {
         let made = match *self {
             Self::Position { point, covariance, facing } => {
-                Incoming { at: point, facing: facing.unwrap_or([0.0; 3]), what: What::Position(covariance) }
+                IncomingReading { at: point, facing: facing.unwrap_or([0.0; 3]), what: ReadingValue::Position(covariance) }
             }
             Self::Normal { at, normal, sigma_rad } => {
-                Incoming { at, facing: normal, what: What::Normal(normal, sigma_rad * sigma_rad) }
+                IncomingReading { at, facing: normal, what: ReadingValue::Normal(normal, sigma_rad * sigma_rad) }
             }
-            Self::Curvature { at, normal, direction, principal, sigma } => Incoming {
+            Self::Curvature { at, normal, direction, principal, sigma } => IncomingReading {
                 at,
                 facing: normal,
-                what: What::Curvature(
+                what: ReadingValue::Curvature(
                     curvature_tensor(principal, direction, normal)
                         .ok_or_else(|| Error::input("a curvature's direction is its normal, or none"))?,
                     sigma * sigma,
@@ -123,7 +123,7 @@ impl Reading {
 
 /// What is known of a place on the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SurfacePoint {
+pub struct NearestPoint {
     /// Its parameters, in units of the base grid.
     pub parameters: [f64; 2],
     /// Where it is.
@@ -164,7 +164,7 @@ pub struct SurfacePoint {
 /// # Ok::<(), planish::Error>(())
 /// ```
 pub struct SurfaceStream {
-    core: Core,
+    core: StreamingFilter,
     unit: Unit,
     /// Readings of sessions before, and of the first fit.
     earlier: usize,
@@ -173,12 +173,12 @@ pub struct SurfaceStream {
     sigma_factor: f64,
     smoothness_weight: f64,
     sensors: Vec<SensorReport>,
-    poses: Vec<crate::model::PoseReport>,
+    poses: Vec<crate::model::ScanPoseReport>,
     provenance: Vec<Session>,
 }
 
 impl SurfaceStream {
-    /// Finds the shape, its base and how smooth it is from first readings, which are fused all at once and
+    /// Finds the shape, its base and how smooth it is from first readings, which are filtered all at once and
     /// are not to be pushed again.
     ///
     /// Some hundred positions are enough; of more than some ten thousand the time is felt. Cost: that of a
@@ -216,7 +216,7 @@ impl SurfaceStream {
                 seed: 0,
                 checks: fit.checks,
                 sheet: false,
-                as_they_are: false,
+                unprocessed: false,
                 ground: None,
             },
         )?;
@@ -250,19 +250,19 @@ impl SurfaceStream {
     ///
     /// # Errors
     /// `Input` for numbers that are not finite or negative variances.
-    pub fn push(&mut self, reading: &Reading) -> Result<Option<Rejection>> {
-        self.core.take(&reading.incoming()?)
+    pub fn push(&mut self, reading: &Reading) -> Result<Option<RejectionCause>> {
+        self.core.filter_reading(&reading.incoming()?)
     }
 
     /// The place on the surface that is nearest to a point, as its patch knows it: at any time, at the cost
     /// of a search. Neighbouring patches may not have heard of each other's last readings yet;
     /// [`Self::surface`] makes them.
     #[must_use]
-    pub fn nearest(&self, point: [f64; 3]) -> SurfacePoint {
+    pub fn nearest(&self, point: [f64; 3]) -> NearestPoint {
         let foot = self.core.foot_point(point, [0.0; 3]);
         let parameters = self.core.filter.space().parameters(foot.leaf as usize, foot.local);
         let [u, v] = parameters;
-        SurfacePoint {
+        NearestPoint {
             parameters,
             position: foot.jet.point,
             normal: foot.normal,
@@ -297,9 +297,9 @@ impl SurfaceStream {
             smoothness_weight: self.smoothness_weight,
             observations: self.readings(),
             measured_coordinates: None,
-            shape_left: Vec::new(),
+            unresolved_shape: Vec::new(),
             moves_freely: false,
-            shared: None,
+            scan_errors: None,
             patches: Some(Arc::new(self.core.filter.clone())),
             surface,
         })
@@ -331,13 +331,13 @@ impl SurfaceStream {
                 path.display()
             )));
         };
-        let rules = Rules {
+        let rules = PatchRules {
             gate: options.gate,
             refine_by: options.refine_by,
             max_coefficients: options.max_coefficients,
         };
         let counted = filter.readings();
-        let mut core = Core::new(filter.as_ref().clone(), 0, rules)?;
+        let mut core = StreamingFilter::new(filter.as_ref().clone(), 0, rules)?;
         let space = model.surface.space();
         // A model counts the neighbours of what was measured as observed; they are not to spread with every
         // snapshot.

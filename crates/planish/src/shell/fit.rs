@@ -364,7 +364,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
                 rms_silhouettes_px: ReadingsReport::of(&made.outlines).map(|r| r.rms),
                 iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
                 surprise: predicted.map(|q| (&made.parameters - q).norm() / made.covariance.trace().sqrt()),
-                sigma: SigmaSummary::of(sigma.clone()).median,
+                sigma: SigmaSummary::from_values(sigma.clone()).median,
             });
         }
         last = Some((frame, made, iou, sigma, observed));
@@ -391,7 +391,7 @@ pub fn shell_fit_files(job: &ShellFitJob, progress: &dyn Progress) -> Result<She
         tracks,
         poses: report::poses(&frame, &made),
         observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
-        sigma: SigmaSummary::of(measured),
+        sigma: SigmaSummary::from_values(measured),
         smoothness_weight: made.smoothness_weight,
         lack_of_fit: made.lack_of_fit,
         iterations: made.iterations,

@@ -30,7 +30,7 @@ pub struct GapReport {
 }
 
 impl GapReport {
-    pub(crate) fn of(
+    pub(crate) fn new(
         found: Option<&Classification>,
         area: f64,
         readings: usize,

@@ -4,8 +4,8 @@
 //! reading are one measurement; and with all others it shares the error of the axis or plane, and the doubt
 //! that the thing is as symmetric as the parts that were compared.
 
-use super::seen::Seen;
-use crate::observe::{InventedReading, InventedVariance, Observations, Quantity};
+use super::measured_region::MeasuredRegion;
+use crate::observe::{InferredReading, InferredVariance, Observations, Quantity};
 use planish_estimate::{Error, Result};
 use planish_spline::{Facets, FittedSymmetry, Symmetry, SymmetryKind, fit_symmetry, propose_symmetry};
 use serde::Serialize;
@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 /// Nothing is copied to where a reading lies nearer than this share of the side of a piece of the cloud.
 const SEEN: f64 = 0.5;
 /// Copies that are made, at most; of more readings only every so many-th is copied.
-const MOST_COPIES: usize = 60_000;
+const MAX_COPIES: usize = 60_000;
 /// Copies of one reading about an axis, at least and at most.
 const FEWEST: usize = 2;
 const MOST: usize = 24;
@@ -57,7 +57,7 @@ pub struct SymmetryReport {
 }
 
 impl SymmetryReport {
-    fn of(found: &FittedSymmetry, proposed: bool, copies: usize) -> Self {
+    fn from_fitted(found: &FittedSymmetry, proposed: bool, copies: usize) -> Self {
         let (kind, order) = match found.symmetry {
             Symmetry::Rotation { order, .. } => ("rotation", order),
             Symmetry::Mirror { .. } => ("mirror", None),
@@ -119,7 +119,7 @@ pub fn complete_by_symmetry(
     observations: &mut Observations,
     choice: SymmetryChoice,
 ) -> Result<SymmetryCompletion> {
-    let cloud = Cloud::of(observations)?;
+    let cloud = Cloud::new(observations)?;
     let found = match choice {
         SymmetryChoice::Of(kind) => Some(borne_out(fit_symmetry(&cloud.facets, kind), kind, &cloud.facets)?),
         SymmetryChoice::Auto => propose_symmetry(&cloud.facets),
@@ -128,9 +128,9 @@ pub fn complete_by_symmetry(
         return Ok(SymmetryCompletion { symmetry: SymmetryReport::none(), pseudo_readings: 0 });
     };
     let copies = cloud.copies(observations, &found);
-    observations.add_invented(&copies);
+    observations.add_inferred(&copies);
     Ok(SymmetryCompletion {
-        symmetry: SymmetryReport::of(&found, choice == SymmetryChoice::Auto, copies.len()),
+        symmetry: SymmetryReport::from_fitted(&found, choice == SymmetryChoice::Auto, copies.len()),
         pseudo_readings: copies.len(),
     })
 }
@@ -173,12 +173,12 @@ pub(crate) struct Cloud {
 
 impl Cloud {
     /// The positions among observations.
-    pub(crate) fn of(observations: &Observations) -> Result<Self> {
+    pub(crate) fn new(observations: &Observations) -> Result<Self> {
         let readings: Vec<u32> = (0..observations.len() as u32)
             .filter(|&i| {
                 let i = i as usize;
                 let channel = observations.channels[observations.channel(i)];
-                channel.quantity == Quantity::Position && !channel.invented && !observations.held_out[i]
+                channel.quantity == Quantity::Position && !channel.inferred && !observations.held_out[i]
             })
             .collect();
         let points: Vec<[f64; 3]> = readings.iter().map(|&i| observations.points[i as usize]).collect();
@@ -195,13 +195,13 @@ impl Cloud {
     }
 
     /// The images of readings that obey the symmetry, where nothing was seen.
-    fn copies(&self, observations: &Observations, found: &FittedSymmetry) -> Vec<InventedReading> {
-        let seen = Seen::new(observations, SEEN * self.facets.side);
+    fn copies(&self, observations: &Observations, found: &FittedSymmetry) -> Vec<InferredReading> {
+        let seen = MeasuredRegion::new(observations, SEEN * self.facets.side);
         let sources: Vec<usize> = (0..self.readings.len())
             .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.obeys[f as usize]))
             .collect();
         let turns = self.turns(found);
-        let stride = (sources.len() * turns).div_ceil(MOST_COPIES).max(1);
+        let stride = (sources.len() * turns).div_ceil(MAX_COPIES).max(1);
         let doubt = found.departure * found.departure;
         let mut copies = Vec::new();
         for &k in sources.iter().step_by(stride) {
@@ -212,11 +212,11 @@ impl Cloud {
                 if seen.near(point, normal) {
                     continue;
                 }
-                let variance = InventedVariance {
+                let variance = InferredVariance {
                     own: turns as f64 * self.variance[k],
                     shared: found.image_variance(angle, p, normal) + doubt,
                 };
-                copies.push(InventedReading { point, normal, variance });
+                copies.push(InferredReading { point, normal, variance });
             }
         }
         copies

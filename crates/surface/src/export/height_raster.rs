@@ -2,7 +2,7 @@
 //!
 //! Comes in: a model whose sheet has one height over every place, its posterior, and a cell size. Goes out: a
 //! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on a leaf that was not
-//! measured hold nothing, nor do those whose σ is more than [`MOST_MEDIANS`] times the median: a large leaf
+//! measured hold nothing, nor do those whose σ is more than [`MAX_MEDIANS`] times the median: a large leaf
 //! with readings at one end is the prior's guess at the other.
 //!
 //! At each place `(x, y)` Newton's method solves `S_x(u, v) = x, S_y(u, v) = y`. The surface moves along its
@@ -20,13 +20,13 @@ use planish_spline::{Shape, Surface};
 use rayon::prelude::*;
 
 /// A raster takes no more cells than this: three gigabytes before they are compressed.
-pub const MOST_CELLS: f64 = 4e8;
+pub const MAX_CELLS: f64 = 4e8;
 
 /// Heights whose σ is more than so many times the median of all are guesses, and left out.
-pub const MOST_MEDIANS: f64 = 30.0;
+pub const MAX_MEDIANS: f64 = 30.0;
 
 /// The share of places that may lie under an overhang; they are left out.
-const MOST_OVERHANGS: f64 = 0.01;
+const MAX_OVERHANGS: f64 = 0.01;
 
 /// A raster and what a user should know of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,7 +47,7 @@ pub struct Dem {
 ///
 /// # Errors
 /// `Input` for a shape that is no sheet, for a sheet that has more than one height over a place (steep parts
-/// that lean over), for a cell that is not positive or so small that there were more than [`MOST_CELLS`];
+/// that lean over), for a cell that is not positive or so small that there were more than [`MAX_CELLS`];
 /// `Undetermined` where nothing was measured.
 pub fn dem_from_model(
     model: &SurfaceModel,
@@ -66,13 +66,13 @@ pub fn dem_from_model(
     if let Some(cell) = cell.filter(|c| !(c.is_finite() && *c > 0.0)) {
         return Err(Error::input(format!("needed a cell size > 0, found {cell}")));
     }
-    let Extent { low, high, area, map } = Extent::of(surface, &model.observed)?;
+    let Extent { low, high, area, map } = Extent::of_measured_leaves(surface, &model.observed)?;
     let cell = cell.unwrap_or_else(|| round_down((area / model.observations.max(1) as f64).sqrt()));
     let first = low.map(|c| (c / cell).floor());
     let [columns, rows] = [0, 1].map(|d| ((high[d] / cell).ceil() - first[d]).max(1.0));
-    if columns * rows > MOST_CELLS {
+    if columns * rows > MAX_CELLS {
         return Err(Error::input(format!(
-            "a raster of heights: needed at most {MOST_CELLS:e} cells, found {columns} × {rows} of {cell}; say a larger --cell-size"
+            "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of {cell}; say a larger --cell-size"
         )));
     }
     let (columns, rows) = (columns as usize, rows as usize);
@@ -103,7 +103,7 @@ pub fn dem_from_model(
     let side = if 2 * up >= found { 1.0 } else { -1.0 };
     places.retain(|p| p.normal[2] * side > 0.0);
     let overhangs = found - places.len();
-    if overhangs as f64 > MOST_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
+    if overhangs as f64 > MAX_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
         return Err(Error::input(format!(
             "a raster of heights: needed a sheet with one height over every place, found one that stands upright or leans over in {overhangs} of \
              {found} cells; z must be up"
@@ -117,7 +117,7 @@ pub fn dem_from_model(
     let vertical: Vec<f64> = places.iter().zip(&sigmas).map(|(p, s)| s / p.normal[2].abs()).collect();
     let mut sorted = vertical.clone();
     sorted.sort_by(f64::total_cmp);
-    let most = sorted.get(sorted.len() / 2).map_or(0.0, |median| MOST_MEDIANS * median);
+    let most = sorted.get(sorted.len() / 2).map_or(0.0, |median| MAX_MEDIANS * median);
     let mut known = 0;
     for (place, sigma) in places.iter().zip(vertical).filter(|(_, sigma)| *sigma <= most) {
         values[place.cell] = [place.height as f32, sigma as f32];
@@ -235,7 +235,7 @@ impl AffineMap {
 }
 
 impl Extent {
-    fn of(surface: &Surface, observed: &[Observed]) -> Result<Self> {
+    fn of_measured_leaves(surface: &Surface, observed: &[Observed]) -> Result<Self> {
         let (mut low, mut high, mut area) = ([f64::MAX; 2], [f64::MIN; 2], 0.0);
         for leaf in (0..observed.len()).filter(|&leaf| observed[leaf].is_measured()) {
             for k in 0..9 {

@@ -20,9 +20,9 @@ use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
 use std::path::Path;
 
 /// Default meshes have about this many triangles at most: a file of some 40 MB.
-pub const MOST_DEFAULT_TRIANGLES: u64 = 1_000_000;
+pub const MAX_DEFAULT_TRIANGLES: u64 = 1_000_000;
 /// Meshes that were asked for by their tolerance have about this many at most: a gigabyte.
-pub const MOST_TRIANGLES: u64 = 20_000_000;
+pub const MAX_TRIANGLES: u64 = 20_000_000;
 
 /// A mesh of a model.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,7 +44,7 @@ pub struct ModelMesh {
 }
 
 /// A mesh within `tolerance` of the model's surface; half the median σ of the measured surface where none is
-/// given, or what [`MOST_DEFAULT_TRIANGLES`] allow. A given tolerance is enlarged to what [`MOST_TRIANGLES`]
+/// given, or what [`MAX_DEFAULT_TRIANGLES`] allow. A given tolerance is enlarged to what [`MAX_TRIANGLES`]
 /// allow. A leaf is cut into 64 × 64 at most. Where one of these limits holds, a warning says so.
 ///
 /// Cost: one covariance a leaf, one jet and about 300 multiply-adds a vertex.
@@ -65,7 +65,7 @@ pub fn mesh_from_model(
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
 ) -> Result<ModelMesh> {
-    mesh_of_size(model, posterior, tolerance, [MOST_DEFAULT_TRIANGLES, MOST_TRIANGLES])
+    mesh_of_size(model, posterior, tolerance, [MAX_DEFAULT_TRIANGLES, MAX_TRIANGLES])
 }
 
 /// A mesh, and where on the surface each of its vertices is.

@@ -20,7 +20,7 @@
 //!   nor lengths of a developable sheet: only its borders tell it.
 //!
 //! What no scan of a time saw is carried there by the lengths, from the times that did see it:
-//! [`Observed::Invented`].
+//! [`Observed::Inferred`].
 //!
 //! Not guaranteed: that a sheet is found which moved by more than it can be laid on from where it was (slopes
 //! change by less than about 60°); that points keep their places along the sheet where the first scan saw
@@ -51,13 +51,13 @@ use std::sync::Arc;
 /// at one to three per cent, steel yields at 0.2 %, and bending by hand strains them far less.
 const SIGMA_STRETCH: f64 = 1e-3;
 /// Cells are divided, so often at most, while residuals are larger than noise by this factor.
-const MOST_DIVISIONS: usize = 2;
+const MAX_DIVISIONS: usize = 2;
 const DIVIDED_ABOVE: f64 = 1.05;
 /// A sheet has stretched when E, F or G changes by more, residuals are larger than noise by more, or a larger
 /// share of readings lies beyond its border.
-const MOST_CHANGE: f64 = 0.01;
-const MOST_MISFIT: f64 = 1.2;
-const MOST_BEYOND: f64 = 0.005;
+const MAX_CHANGE: f64 = 0.01;
+const MAX_MISFIT: f64 = 1.2;
+const MAX_BEYOND: f64 = 0.005;
 
 /// Follows a sheet from state to state; the model is the last of them.
 ///
@@ -86,7 +86,7 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         let space = reference.space();
         let finer = space.refine(&(0..space.leaves().len()).collect::<Vec<_>>());
         if worst < DIVIDED_ABOVE
-            || divisions == MOST_DIVISIONS
+            || divisions == MAX_DIVISIONS
             || finer.node_count() > options.max_coefficients
         {
             return Ok(reported(set, &states[0], first, followed, divisions));
@@ -163,16 +163,16 @@ fn follow(
         let origin = observations.recentre();
         let previous = moved(&surface, origin.map(|c| -c))?;
         let sheet = Sheet { system: &system, lengths: &lengths, previous: &previous, options };
-        let laid = sheet.settle(&mut observations, &progress).map_err(|e| match e.kind() {
+        let laid = sheet.converge(&mut observations, &progress).map_err(|e| match e.kind() {
             ErrorKind::Undetermined => e.in_context(format!(
                 "{}: the sheet cannot be bent to all readings of its time; is the time right, and the shape one?",
                 state.name(set)
             )),
             _ => e.in_context(state.name(set)),
         })?;
-        let Laid { settled, beyond, held } = laid;
+        let Laid { converged, beyond, held } = laid;
         let quiet = planish_core::Silent;
-        let mut made = finish::finish(&scans, &observations, settled, options, None, None, origin, &quiet)?
+        let mut made = finish::finish(&scans, &observations, converged, options, None, None, origin, &quiet)?
             .translated(origin)?;
         surface = made.model.surface.clone();
         lengths.carry_into(&mut made, &held);
@@ -206,7 +206,7 @@ impl Lengths {
     fn carry_into(&self, state: &mut Fit, held: &[bool]) {
         for ((now, held), measured) in state.model.observed.iter_mut().zip(held).zip(&self.measured) {
             if !held && *measured {
-                *now = Observed::Invented;
+                *now = Observed::Inferred;
             }
         }
     }
@@ -255,8 +255,8 @@ impl Lengths {
         let sigma = noise_of(&made.report.sensors, first);
         let misfit = made.report.rms / sigma;
         let readings = made.report.observations;
-        let stretched = largest.iter().any(|c| *c > MOST_CHANGE);
-        let off = beyond_border as f64 > MOST_BEYOND * readings as f64;
+        let stretched = largest.iter().any(|c| *c > MAX_CHANGE);
+        let off = beyond_border as f64 > MAX_BEYOND * readings as f64;
         Ok(BendingState {
             scans: names(scans),
             time_s: state.time_s,
@@ -267,9 +267,9 @@ impl Lengths {
             mean_change: mean.map(|c| c / area.max(f64::MIN_POSITIVE)),
             largest_change: largest,
             beyond_border,
-            isometric: !(stretched || off || misfit > MOST_MISFIT),
+            isometric: !(stretched || off || misfit > MAX_MISFIT),
             measured_area_fraction: share_of(&measured_now),
-            carried_area_fraction: share_of(&|leaf| made.model.observed[leaf] == Observed::Invented),
+            carried_area_fraction: share_of(&|leaf| made.model.observed[leaf] == Observed::Inferred),
             sigma_surface: made.report.sigma.median,
         })
     }
@@ -343,7 +343,7 @@ fn reported(
     last.earlier_states = std::iter::once(first).chain(followed.into_iter().map(|(fit, _)| fit)).collect();
     let stretched: Vec<&BendingState> = states.iter().filter(|state| !state.isometric).collect();
     last.report.warnings.extend(stretched.iter().map(|state| warning(state)));
-    let invented_area_fraction = last.model.area_fraction(Observed::Invented);
+    let inferred_area_fraction = last.model.area_fraction(Observed::Inferred);
     last.report.propagation = Some(PropagationReport {
         bending: Some(BendingReport {
             sigma_stretch: SIGMA_STRETCH,
@@ -351,7 +351,7 @@ fn reported(
             divisions,
             states,
         }),
-        invented_area_fraction,
+        inferred_area_fraction,
         ..PropagationReport::default()
     });
     last

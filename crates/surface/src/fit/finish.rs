@@ -1,19 +1,19 @@
-//! From a settled surface to a model with its covariance and the report.
+//! From a converged surface to a model with its covariance and the report.
 //!
-//! Comes in: a [`Settled`] surface. Goes out: the model with its information, linearised at itself, and
+//! Comes in: a [`ConvergedFit`] surface. Goes out: the model with its information, linearised at itself, and
 //! the figures by which a user judges it.
 
-use super::large::Absorbed;
+use super::batches::AddedBatches;
 use super::noise::{ResidualSums, SensorNoise, kept_variance};
-use super::patch::{self, Fused};
-use super::shape_left::{ShapeLeft, shape_left};
-use super::stages::{Settled, leaf_areas, leaves_with_feet, weights, weights_beside, with_neighbours};
-use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, ShownReadings, set_aside};
-use crate::model::{Observed, PoseReport, Posterior, SensorReport, SurfaceModel};
+use super::patch::{self, PatchFilterOutcome};
+use super::unresolved_shape::{UnresolvedShape, unresolved_shape};
+use super::stages::{ConvergedFit, leaf_areas, leaves_with_feet, weights, weights_beside, with_neighbours};
+use super::{Filter, Fit, FitOptions, FitReport, FitTermination, HeldOut, ResidualSample, rejected_readings};
+use crate::model::{Observed, ScanPoseReport, Posterior, SensorReport, SurfaceModel};
 use crate::observe::Linearized;
-use crate::observe::extent_of;
+use crate::observe::surface_extent;
 use crate::observe::{Foot, FootChannels, FootState, accumulate, by_leaf, normal_step, project};
-use crate::observe::{Observations, Quantity, Rejection};
+use crate::observe::{Observations, Quantity, RejectionCause};
 use crate::subdivision::RefinementLog;
 use planish_core::Progress;
 use planish_estimate::sparse::CholeskyFactor;
@@ -27,23 +27,23 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// A limit of depth that leaves shape out on more than this share of the area is told.
-const MOST_LEFT: f64 = 0.1;
+const MAX_LEFT: f64 = 0.1;
 /// Draws of the surface's noise: each scan's share of them is summed over thousands of readings.
 const NOISE_DRAWS: u64 = 12;
 
 /// Makes the model and reports, in coordinates about `origin`, where the poses are those of the world;
-/// `earlier` is the model that the scans add to, `absorbed` what other readings have added.
+/// `earlier` is the model that the scans add to, `added` what other readings have added.
 pub(super) fn finish(
     set: &ScanSet,
     observations: &Observations,
-    settled: Settled,
+    converged: ConvergedFit,
     options: &FitOptions,
     earlier: Option<&SurfaceModel>,
-    absorbed: Option<Absorbed>,
+    added: Option<AddedBatches>,
     origin: [f64; 3],
     progress: &dyn Progress,
 ) -> Result<Fit> {
-    let Settled {
+    let ConvergedFit {
         surface,
         system,
         subset,
@@ -55,29 +55,29 @@ pub(super) fn finish(
         reached_limit,
         reached_tolerance,
         refined,
-        fused,
+        filtered,
         moves_freely,
-    } = settled;
+    } = converged;
     progress.check("information", 0.9)?;
-    let information = match &fused {
-        Some(fused) => fused.information(observations, &subset, &feet, &noise),
+    let information = match &filtered {
+        Some(filtered) => filtered.information(observations, &subset, &feet, &noise),
         None => weights(observations, &subset, &feet, &noise, options.gate, false),
     };
     if earlier.is_none() {
         refuse_a_surface_of_the_fewer(observations, &subset, &feet, &information)?;
     }
     // What patches know is no information of the whole.
-    let mut data = match &fused {
+    let mut data = match &filtered {
         Some(_) => system.nothing()?,
         None => accumulate(&system, &surface, &feet, &information)?,
     };
     // Degrees of freedom are shared out by what the readings at hand determine of the whole.
-    let own = absorbed.as_ref().map(|_| data.clone());
-    if let Some(model) = earlier.filter(|_| fused.is_none()) {
+    let own = added.as_ref().map(|_| data.clone());
+    if let Some(model) = earlier.filter(|_| filtered.is_none()) {
         data.add_scaled(&model.data, 1.0)?;
     }
-    if let Some(absorbed) = &absorbed {
-        data.add_scaled(&absorbed.data, 1.0)?;
+    if let Some(added) = &added {
+        data.add_scaled(&added.data, 1.0)?;
     }
     let mut model = SurfaceModel {
         unit: set.unit.or(earlier.map(|m| m.unit)).unwrap_or(Unit::Millimetre),
@@ -85,15 +85,15 @@ pub(super) fn finish(
         prior,
         data,
         observed: Vec::new(),
-        shape_left: Vec::new(),
+        unresolved_shape: Vec::new(),
         sensors: Vec::new(),
         poses: earlier.map_or_else(Vec::new, |m| m.poses.clone()),
         smoothness_weight: weight,
         observations: earlier.map_or(0, |m| m.observations),
         measured_coordinates: None,
         moves_freely,
-        patches: fused.as_ref().map(|fused| Arc::clone(&fused.filter)),
-        shared: None,
+        patches: filtered.as_ref().map(|filtered| Arc::clone(&filtered.filter)),
+        scan_errors: None,
     };
     let channels = FootChannels::new(observations, &subset);
     let mut stated = Vec::new();
@@ -105,72 +105,77 @@ pub(super) fn finish(
         information: &information,
         channels: &channels,
     };
-    // Parts are samples of the whole: the others say of their scans what these do.
+    // Batches are samples of the whole: the others say of their scans what these do.
     let parts = {
         let own = information.iter().filter(|&&w| w > 0.0).count().max(1) as f64;
-        let others: usize = absorbed.iter().flat_map(|a| &a.used).map(|o| o.count).sum();
+        let others: usize = added.iter().flat_map(|a| &a.used).map(|o| o.count).sum();
         1.0 + others as f64 / own
     };
-    if !observations.shared.is_empty() {
-        let equations = observations.shared.equations(&here);
+    if !observations.scan_errors.is_empty() {
+        let equations = observations.scan_errors.equations(&here);
         stated = equations.prior.clone();
-        model.shared = Some(equations.into_information(parts));
+        model.scan_errors = Some(equations.into_information(parts));
     }
     progress.check("covariance", 0.95)?;
     let mut covariance = Arc::new(model.covariance(&system)?);
-    if let Some(mut information_of_shared) = model.shared.take() {
+    if let Some(mut scan_error_information) = model.scan_errors.take() {
         let factor = system.factorize_scalar(&model.information_along(&system, &directions)?)?;
         let noise = noise_of_surface(&system, &here, &factor, parts)?;
-        let of_noise = observations.shared.noise_information(&here, &factor, &noise, parts)?;
+        let of_noise = observations.scan_errors.noise_information(&here, &factor, &noise, parts)?;
         if let Some(made) = Arc::into_inner(covariance) {
             let (made, change) = made.without_noise_of_shared(&of_noise, &stated)?;
-            for (corner, change) in information_of_shared.corner.iter_mut().zip(change) {
+            for (corner, change) in scan_error_information.corner.iter_mut().zip(change) {
                 *corner += change;
             }
             covariance = Arc::new(made);
         } else {
             unreachable!("nobody else holds the covariance")
         }
-        model.shared = Some(information_of_shared);
+        model.scan_errors = Some(scan_error_information);
     }
     let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
     // What readings see of the surface they see from where their scans stand.
     let seen = posterior.given_shared();
     let surface = &model.surface;
-    let degrees = if observations.stated.len() == 1 && earlier.is_none() && fused.is_none() {
+    let degrees = if observations.stated.len() == 1 && earlier.is_none() && filtered.is_none() {
         vec![covariance.trace_with(own.as_ref().unwrap_or(&model.data), &system)?]
     } else {
         degrees_of_channels(&seen, &channels, &feet, &information)?
     };
     let found = SensorNoise::estimate(observations, &subset, &feet, options.gate, &degrees, true)?;
-    let estimated = (noise.followed.iter().zip(&noise.estimated).zip(&found.estimated))
+    let estimated_factors = (noise.lacks_redundancy.iter().zip(&noise.estimated_factors).zip(&found.estimated_factors))
         .map(|((&followed, &before), &after)| if followed { before } else { after })
         .collect();
-    noise = SensorNoise { used: noise.used, followed: noise.followed, estimated, ..found };
-    let mut left = shape_left(&seen, &channels, &feet, &information, &noise)?;
-    // Other readings may have shown more.
+    noise = SensorNoise {
+        variance_factors: noise.variance_factors,
+        lacks_redundancy: noise.lacks_redundancy,
+        estimated_factors,
+        ..found
+    };
+    let mut left = unresolved_shape(&seen, &channels, &feet, &information, &noise)?;
+    // Other readings may have residual_sample more.
     if let Some(earlier) = earlier {
         for (leaf, left) in left.iter_mut().enumerate() {
             let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
             let before = earlier.surface.space().locate(u, v).0;
-            *left = left.max(earlier.shape_left.get(before).copied().unwrap_or(0.0));
+            *left = left.max(earlier.unresolved_shape.get(before).copied().unwrap_or(0.0));
         }
     }
     if left.iter().any(|left| *left > 0.0) {
-        model.shape_left = left;
+        model.unresolved_shape = left;
     }
     let surface = &model.surface;
-    let posterior = Posterior::new(surface, Arc::clone(&covariance)).with_shape_left(&model.shape_left);
-    let taken = |k: usize| observations.invented(subset[k] as usize).is_none();
+    let posterior = Posterior::new(surface, Arc::clone(&covariance)).with_unresolved_shape(&model.unresolved_shape);
+    let taken = |k: usize| observations.inferred(subset[k] as usize).is_none();
     let own = leaves_with_feet(surface, &feet, &information, taken);
     let mut measured = with_neighbours(surface.space(), &own);
-    if let Some(absorbed) = &absorbed {
-        for (now, other) in measured.iter_mut().zip(&absorbed.observed) {
+    if let Some(added) = &added {
+        for (now, other) in measured.iter_mut().zip(&added.observed) {
             *now |= other;
         }
     }
     let concluded = leaves_with_feet(surface, &feet, &information, |k| !taken(k));
-    let invented = with_neighbours(surface.space(), &concluded);
+    let inferred = with_neighbours(surface.space(), &concluded);
     // Patches may have been divided since.
     let before = |leaf: usize| {
         earlier.map_or(Observed::PriorOnly, |model| {
@@ -182,9 +187,9 @@ pub(super) fn finish(
         .map(|leaf| match before(leaf) {
             // Conclusions are drawn where no reading is near: a leaf that holds them alone was not measured,
             // even if its neighbour was.
-            before if concluded[leaf] && !own[leaf] && !before.is_measured() => Observed::Invented,
+            before if concluded[leaf] && !own[leaf] && !before.is_measured() => Observed::Inferred,
             _ if measured[leaf] => Observed::Measured,
-            Observed::PriorOnly if invented[leaf] => Observed::Invented,
+            Observed::PriorOnly if inferred[leaf] => Observed::Inferred,
             before => before,
         })
         .collect();
@@ -196,7 +201,7 @@ pub(super) fn finish(
     for cause in causes {
         *rejected.entry(cause.name().to_owned()).or_insert(0) += 1;
     }
-    for (cause, n) in absorbed.iter().flat_map(|absorbed| &absorbed.rejected) {
+    for (cause, n) in added.iter().flat_map(|added| &added.rejected) {
         *rejected.entry(cause.name().to_owned()).or_insert(0) += n;
     }
     // The σ of the readings was found from residuals that hold what is left out.
@@ -213,7 +218,7 @@ pub(super) fn finish(
         of_kind.map(|(a, _)| a).sum()
     };
     let observed_area = area_of(Observed::Measured);
-    let invented_fraction = area_of(Observed::Invented) / total_area;
+    let inferred_fraction = area_of(Observed::Inferred) / total_area;
 
     let used: Vec<(&Foot, f64)> = feet
         .iter()
@@ -222,7 +227,7 @@ pub(super) fn finish(
         .filter(|(k, (_, w))| *w > 0.0 && taken(*k))
         .map(|(_, used)| used)
         .collect();
-    let others = absorbed.as_ref().map_or(&[][..], |absorbed| &absorbed.used);
+    let others = added.as_ref().map_or(&[][..], |added| &added.used);
     let count = used.len() + others.iter().map(|o| o.count).sum::<usize>();
     let chi2: f64 = used.iter().map(|(foot, w)| w * foot.extremes().1).sum::<f64>()
         + others.iter().map(|o| o.weighted).sum::<f64>();
@@ -233,25 +238,25 @@ pub(super) fn finish(
     let rows = (own_rows + other_rows).max(1) as f64;
     let kept = kept_variance(options.gate)?;
     // All that the readings determine: the share of those at hand, and of the others in proportion.
-    let of_readings = (degrees.iter().zip(&observations.channels)).filter(|(_, channel)| !channel.invented);
+    let of_readings = (degrees.iter().zip(&observations.channels)).filter(|(_, channel)| !channel.inferred);
     let determined = of_readings.map(|(d, _)| d).sum::<f64>() * rows / own_rows.max(1) as f64;
     let sensors = sensor_reports(set, observations, &noise, &subset, &feet, &information, others);
     let positions = sensors.iter().filter(|sensor| sensor.quantity == Quantity::Position.name());
     let (square, placed) = positions.fold((0.0, 0), |(square, count), sensor| {
         (square + sensor.rms * sensor.rms * sensor.observations as f64, count + sensor.observations)
     });
-    let total = observations.total + absorbed.as_ref().map_or(0, |absorbed| absorbed.total);
-    let mut warnings = warnings(&sensors, observed_area / total_area, invented_fraction, &rejected, total);
+    let total = observations.total + added.as_ref().map_or(0, |added| added.total);
+    let mut warnings = warnings(&sensors, observed_area / total_area, inferred_fraction, &rejected, total);
     // Sensors of earlier sessions alone are not among these.
-    if absorbed.is_none() && sigma.median < IMPOSSIBLE * least_sigma(&sensors) {
+    if added.is_none() && sigma.median < IMPOSSIBLE * least_sigma(&sensors) {
         warnings.push(
             "σ of the surface is less than all readings together could make it: the surface is folded, and none of its figures holds; \
              give another --shape, or normals"
                 .to_owned(),
         );
     }
-    let left = ShapeLeft::of(&model.shape_left, &areas);
-    let too_shallow = options.max_depth.is_some() && left.is_some_and(|left| left.area_fraction > MOST_LEFT);
+    let left = UnresolvedShape::from_leaves(&model.unresolved_shape, &areas);
+    let too_shallow = options.max_depth.is_some() && left.is_some_and(|left| left.area_fraction > MAX_LEFT);
     if too_shallow {
         warnings.push(
             "the limit of depth was reached before the residuals were down to noise: σ takes in what is left out of the shape, but σ of sensors that are estimated \
@@ -265,7 +270,7 @@ pub(super) fn finish(
             options.max_coefficients
         ));
     }
-    for (channel, _) in (observations.channels.iter().zip(&noise.followed)).filter(|(_, followed)| **followed)
+    for (channel, _) in (observations.channels.iter().zip(&noise.lacks_redundancy)).filter(|(_, followed)| **followed)
     {
         warnings.push(format!(
             "the readings of sensor \"{}\" state no σ and are so few that the surface follows them wherever they go: they count with what they missed the \
@@ -273,17 +278,17 @@ pub(super) fn finish(
             set.sensors[channel.sensor].name
         ));
     }
-    warnings.extend(fused.as_ref().and_then(Fused::warning));
-    if fused.is_some() && has_uncertain_pose(set) {
+    warnings.extend(filtered.as_ref().and_then(PatchFilterOutcome::warning));
+    if filtered.is_some() && has_uncertain_pose(set) {
         warnings.push("the patch filter takes poses as exact: their σ was not used".to_owned());
     }
-    if fused.is_some() {
+    if filtered.is_some() {
         warnings.extend(patch::unused_biases(set));
     }
-    warnings.extend(observations.copies_told(set));
+    warnings.extend(observations.duplicate_scan_warnings(set));
     let mut poses = pose_reports(set);
     if let Some(bordered) = covariance.shared() {
-        for estimate in observations.shared.estimates(bordered, &stated)? {
+        for estimate in observations.scan_errors.estimates(bordered, &stated)? {
             let pose = &mut poses[estimate.scan];
             estimate.report(pose, origin, observations);
             if !pose.undetermined.is_empty() {
@@ -303,7 +308,7 @@ pub(super) fn finish(
         coefficients: surface.space().node_count(),
         levels: surface.space().levels(),
         cells: surface.space().leaves().len(),
-        filter: if fused.is_some() { Filter::Patch } else { Filter::Global },
+        filter: if filtered.is_some() { Filter::Patch } else { Filter::Global },
         refined: refined.levels(),
         rms: (square / placed.max(1) as f64).sqrt(),
         rms_normalised: (chi2 / rows).sqrt(),
@@ -311,7 +316,7 @@ pub(super) fn finish(
         sensors: sensors.clone(),
         poses: poses.clone(),
         sigma,
-        shape_left: left,
+        unresolved_shape: left,
         observed_area_fraction: observed_area / total_area,
         smoothness_weight: weight,
         propagation: None,
@@ -326,13 +331,13 @@ pub(super) fn finish(
         warnings,
     };
     let surface = &model.surface;
-    let readings = ShownReadings::new(set, observations, surface, &subset, &feet, &information, &noise);
+    let readings = ResidualSample::new(set, observations, surface, &subset, &feet, &information, &noise);
     model.observed = observed;
     model.sensors = sensors;
     model.poses.extend(poses);
     model.observations += count;
     progress.advance("done", 1.0);
-    Ok(Fit { model, report, earlier_states: Vec::new(), forming: None, readings: Some(readings), covariance })
+    Ok(Fit { model, report, earlier_states: Vec::new(), formation: None, readings: Some(readings), covariance })
 }
 
 /// Draws of what the noise of the readings makes of the surface, coefficient by coefficient of every leaf:
@@ -384,7 +389,7 @@ fn refuse_a_surface_of_the_fewer(
     let (mut near, mut far) = (0_usize, 0_usize);
     for ((&i, foot), &w) in subset.iter().zip(feet).zip(information) {
         let channel = &observations.channels[observations.channel(i as usize)];
-        if channel.quantity == Quantity::Position && !channel.invented && foot.state == FootState::Good {
+        if channel.quantity == Quantity::Position && !channel.inferred && foot.state == FootState::Good {
             *(if w > 0.0 { &mut near } else { &mut far }) += 1;
         }
     }
@@ -434,7 +439,7 @@ pub(super) fn place(
     observations: &mut Observations,
     options: &FitOptions,
     progress: &dyn Progress,
-) -> Result<Settled> {
+) -> Result<ConvergedFit> {
     let mut surface = model.surface.clone();
     let system = SurfaceSystem::new(surface.space())?;
     let subset: Vec<u32> =
@@ -452,11 +457,11 @@ pub(super) fn place(
         progress.check("adding", 0.2 + 0.15 * f64::from(iteration))?;
         progress.items(iteration as usize * subset.len(), "readings");
         let search = if iteration == 0 { Some(FootPointSearch::new(&surface, 2, 0.0)?) } else { None };
-        feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
+        feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.variance_factors);
         let predicted: Vec<Foot>;
         let judged = if iteration == 0 {
             let before = Posterior::new(&model.surface, Arc::new(model.covariance(&system)?));
-            known_before = variances_of_surface(&before.with_shape_left(&model.shape_left), &feet)?;
+            known_before = variances_of_surface(&before.with_unresolved_shape(&model.unresolved_shape), &feet)?;
             predicted = (feet.iter().zip(&known_before).zip(&subset))
                 .map(|((foot, of_surface), &i)| {
                     let stated = observations.stated[observations.channel(i as usize)];
@@ -471,7 +476,7 @@ pub(super) fn place(
         if iteration == 0 {
             foretold = Some(noise.clone());
         } else if let Some(foretold) = &foretold {
-            noise.keep_where_followed(observations, foretold, &degrees);
+            noise.keep_where_redundancy_lacks(observations, foretold, &degrees);
         }
         if iteration == 3 {
             break;
@@ -489,10 +494,10 @@ pub(super) fn place(
             Some(&model.data),
             &mut factor,
         )?;
-        observations.take_shared(&step.shared);
+        observations.apply_scan_error_step(&step.shared);
         (surface, degrees) = (step.surface, step.degrees);
     }
-    Ok(Settled {
+    Ok(ConvergedFit {
         surface,
         subset,
         feet,
@@ -503,7 +508,7 @@ pub(super) fn place(
         reached_limit: false,
         reached_tolerance: false,
         refined: RefinementLog::default(),
-        fused: None,
+        filtered: None,
         moves_freely: false,
         system,
     })
@@ -530,7 +535,7 @@ fn degrees_of_channels(
                 let cell = posterior.leaf(leaf)?;
                 for k in own.iter().map(|&k| k as usize).filter(|&k| information[k] > 0.0) {
                     feet[k].rows(posterior.surface(), |_, row| {
-                        part[channels.of(k)] += information[k] * cell.variance_along(row, feet[k].normal);
+                        part[channels.channel(k)] += information[k] * cell.variance_along(row, feet[k].normal);
                     });
                 }
             }
@@ -560,8 +565,8 @@ fn judge(
     if held.is_empty() {
         return Ok(HeldOut { n: 0, rms_normalised: f64::NAN });
     }
-    let search = FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))?;
-    let feet = project(surface, observations, &held, at, Some(&search), &noise.used);
+    let search = FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))?;
+    let feet = project(surface, observations, &held, at, Some(&search), &noise.variance_factors);
     let normalised: Vec<Option<f64>> = held
         .par_iter()
         .zip(&feet)
@@ -571,7 +576,7 @@ fn judge(
             if foot.state == FootState::Good
                 && let Ok(cell) = posterior.leaf(foot.leaf as usize)
             {
-                let of_reading = noise.used[observations.channel(i as usize)] * foot.variance;
+                let of_reading = noise.variance_factors[observations.channel(i as usize)] * foot.variance;
                 foot.rows(surface, |r, row| {
                     let of_surface = cell.variance_along(row, foot.normal);
                     let normalised = foot.residuals()[r] / (of_reading + of_surface).sqrt();
@@ -593,16 +598,16 @@ pub(super) fn has_uncertain_pose(set: &ScanSet) -> bool {
 }
 
 /// The poses of all scans.
-pub(super) fn pose_reports(set: &ScanSet) -> Vec<PoseReport> {
+pub(super) fn pose_reports(set: &ScanSet) -> Vec<ScanPoseReport> {
     set.scans
         .iter()
-        .map(|posed| PoseReport {
+        .map(|posed| ScanPoseReport {
             scan: posed.scan.name.clone(),
             translation: posed.scan.world_from_scanner.translation,
             quaternion_xyzw: posed.scan.world_from_scanner.quaternion_xyzw(),
             sigma_translation: posed.sigma_translation,
             sigma_rotation_deg: posed.sigma_rotation_deg,
-            ..PoseReport::default()
+            ..ScanPoseReport::default()
         })
         .collect()
 }
@@ -617,7 +622,7 @@ fn sensor_reports(
     others: &[ResidualSums],
 ) -> Vec<SensorReport> {
     (observations.channels.iter().enumerate())
-        .filter(|(c, channel)| !channel.invented && observations.channel_of_scan.contains(c))
+        .filter(|(c, channel)| !channel.inferred && observations.channel_of_scan.contains(c))
         .map(|(c, channel)| {
             let (mut count, mut square, mut stated) =
                 others.get(c).map_or((0, 0.0, 0.0), |o| (o.count, o.square, o.variance));
@@ -640,9 +645,9 @@ fn sensor_reports(
                 quantity: channel.quantity.name().to_owned(),
                 observations: count,
                 sigma_stated: observations.stated[c].then_some(in_unit * typical),
-                sigma_estimated: in_unit * noise.estimated[c].sqrt() * typical,
+                sigma_estimated: in_unit * noise.estimated_factors[c].sqrt() * typical,
                 rms: in_unit * (square / n).sqrt(),
-                sigma_used_is_estimated: !observations.stated[c] || noise.contradicted[c],
+                sigma_used_is_estimated: !observations.stated[c] || noise.is_contradicted[c],
             }
         })
         // The places of a sensor that measures none are no readings.
@@ -670,7 +675,7 @@ const IMPOSSIBLE: f64 = 0.3;
 pub(super) fn warnings(
     sensors: &[SensorReport],
     observed: f64,
-    invented: f64,
+    inferred: f64,
     rejected: &std::collections::BTreeMap<String, usize>,
     total: usize,
 ) -> Vec<String> {
@@ -684,8 +689,8 @@ pub(super) fn warnings(
         }
     }
     if observed < 0.5 {
-        let completed = if invented > 0.0 {
-            format!(", {:.0} % was completed by what was measured elsewhere", 100.0 * invented)
+        let completed = if inferred > 0.0 {
+            format!(", {:.0} % was completed by what was measured elsewhere", 100.0 * inferred)
         } else {
             String::new()
         };
@@ -694,20 +699,20 @@ pub(super) fn warnings(
             100.0 * observed
         ));
     }
-    let not_finite = rejected.get(Rejection::NotFinite.name()).copied().unwrap_or(0);
+    let not_finite = rejected.get(RejectionCause::NotFinite.name()).copied().unwrap_or(0);
     if not_finite > 0 {
         warnings.push(format!(
             "{not_finite} of {total} points have coordinates that are not finite numbers: they were left out"
         ));
     }
-    let turned = rejected.get(Rejection::NormalMismatch.name()).copied().unwrap_or(0);
+    let turned = rejected.get(RejectionCause::NormalMismatch.name()).copied().unwrap_or(0);
     if turned * 50 > total {
         warnings.push(format!(
             "{turned} of {total} readings face another way than the surface near them: it misses folds or thin parts there, or their \
              normals are wrong; σ says nothing of that"
         ));
     }
-    let gated = set_aside(rejected);
+    let gated = rejected_readings(rejected);
     let total = total - (rejected.values().sum::<usize>() - gated);
     if gated * 10 > total {
         warnings.push(format!("{gated} of {total} readings were set aside: see `rejected`"));

@@ -1,15 +1,15 @@
-//! Gaps in what was seen of a settled surface, and what surrounds each.
+//! Gaps in what was seen of a converged surface, and what surrounds each.
 //!
-//! Comes in: a settled surface with its feet. Goes out: for each gap readings that are concluded from the
+//! Comes in: a converged surface with its feet. Goes out: for each gap readings that are concluded from the
 //! simple shape around it, if there is one, and a report of what was found.
 //!
 //! A place of the surface is in a gap where no reading that faces its way lies within three times the spacing
 //! of the readings. Leaves with such places that touch make one gap. The readings around it, as far away as
 //! the gap is wide, or only half as far where those are of no simple shape, say what it is.
 
-use super::stages::{Settled, leaf_areas, neighbourhood, weights};
-use crate::complete::{GapReport, Seen};
-use crate::observe::{InventedReading, InventedVariance, Observations};
+use super::stages::{ConvergedFit, leaf_areas, neighbourhood, weights};
+use crate::complete::{GapReport, MeasuredRegion};
+use crate::observe::{InferredReading, InferredVariance, Observations};
 use planish_estimate::vector3::{distance, dot, sub};
 use planish_spline::{Classification, classify};
 use std::f64::consts::PI;
@@ -35,38 +35,38 @@ struct Place {
 /// Readings that complete the gaps, and what was found of each gap, the largest first.
 pub(super) fn completed(
     observations: &Observations,
-    settled: &Settled,
+    converged: &ConvergedFit,
     gate: f64,
-) -> (Vec<InventedReading>, Vec<GapReport>) {
-    let information = weights(observations, &settled.subset, &settled.feet, &settled.noise, gate, false);
-    let used: Vec<usize> = (0..settled.subset.len())
-        .filter(|&k| information[k] > 0.0 && observations.invented(settled.subset[k] as usize).is_none())
+) -> (Vec<InferredReading>, Vec<GapReport>) {
+    let information = weights(observations, &converged.subset, &converged.feet, &converged.noise, gate, false);
+    let used: Vec<usize> = (0..converged.subset.len())
+        .filter(|&k| information[k] > 0.0 && observations.inferred(converged.subset[k] as usize).is_none())
         .collect();
     let mut readings = Vec::new();
     let mut reports = Vec::new();
-    for gap in gaps(observations, settled, &used) {
-        let (found, around) = surroundings(observations, settled, &used, &information, &gap);
+    for gap in gaps(observations, converged, &used) {
+        let (found, around) = surroundings(observations, converged, &used, &information, &gap);
         let before = readings.len();
         if let Some(found) = &found {
             readings.extend(concluded(found, &gap, around.typical_variance));
         }
         let area = gap.iter().map(|p| p.area).sum();
-        reports.push(GapReport::of(found.as_ref(), area, around.readings, readings.len() - before));
+        reports.push(GapReport::new(found.as_ref(), area, around.readings, readings.len() - before));
     }
     (readings, reports)
 }
 
 /// The gaps, each as its places, the largest first.
-fn gaps(observations: &Observations, settled: &Settled, used: &[usize]) -> Vec<Vec<Place>> {
-    let (surface, space) = (&settled.surface, settled.surface.space());
+fn gaps(observations: &Observations, converged: &ConvergedFit, used: &[usize]) -> Vec<Vec<Place>> {
+    let (surface, space) = (&converged.surface, converged.surface.space());
     let areas = leaf_areas(surface);
     let mut own = vec![false; areas.len()];
     for &k in used {
-        own[settled.feet[k].leaf as usize] = true;
+        own[converged.feet[k].leaf as usize] = true;
     }
     let seen_area: f64 = areas.iter().zip(&own).filter(|(_, o)| **o).map(|(a, _)| a).sum();
     let spacing = (seen_area / used.len().max(1) as f64).sqrt();
-    let seen = Seen::new(observations, EMPTY * spacing);
+    let seen = MeasuredRegion::new(observations, EMPTY * spacing);
     let places: Vec<Vec<Place>> = (0..areas.len())
         .map(|leaf| {
             let grid = (0..PLACES * PLACES)
@@ -115,7 +115,7 @@ struct Around {
 /// What the readings around a gap are of.
 fn surroundings(
     observations: &Observations,
-    settled: &Settled,
+    converged: &ConvergedFit,
     used: &[usize],
     information: &[f64],
     gap: &[Place],
@@ -126,7 +126,7 @@ fn surroundings(
     let away: Vec<f64> = used
         .iter()
         .map(|&k| {
-            let z = observations.points[settled.subset[k] as usize];
+            let z = observations.points[converged.subset[k] as usize];
             some.iter().map(|p| distance(p.point, z)).fold(f64::INFINITY, f64::min)
         })
         .collect();
@@ -140,8 +140,8 @@ fn surroundings(
         let near: Vec<usize> =
             near.iter().copied().step_by(near.len().div_ceil(ENOUGH_READINGS).max(1)).collect();
         let points: Vec<[f64; 3]> =
-            near.iter().map(|&k| observations.points[settled.subset[k] as usize]).collect();
-        let normals: Vec<[f64; 3]> = near.iter().map(|&k| settled.feet[k].normal).collect();
+            near.iter().map(|&k| observations.points[converged.subset[k] as usize]).collect();
+        let normals: Vec<[f64; 3]> = near.iter().map(|&k| converged.feet[k].normal).collect();
         let variance: Vec<f64> = near.iter().map(|&k| 1.0 / information[k]).collect();
         around.readings = near.len();
         around.typical_variance = variance.iter().sum::<f64>() / near.len().max(1) as f64;
@@ -153,17 +153,17 @@ fn surroundings(
 }
 
 /// The points of the shape beside every place of a gap.
-fn concluded(found: &Classification, gap: &[Place], own: f64) -> Vec<InventedReading> {
+fn concluded(found: &Classification, gap: &[Place], own: f64) -> Vec<InferredReading> {
     let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
     gap.iter()
         .filter_map(|place| {
             let predicted = found.predict(place.point, place.normal);
             let off = sub(predicted.point, place.point);
             // What lies farther off than the gap is wide is another part of the shape.
-            (dot(off, off) < radius * radius).then_some(InventedReading {
+            (dot(off, off) < radius * radius).then_some(InferredReading {
                 point: predicted.point,
                 normal: predicted.normal,
-                variance: InventedVariance { own, shared: predicted.variance },
+                variance: InferredVariance { own, shared: predicted.variance },
             })
         })
         .collect()

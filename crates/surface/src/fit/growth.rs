@@ -16,7 +16,7 @@
 //!
 //! Not guaranteed: shapes with handles; a ball cannot follow them and leaves films across.
 
-use super::indicator::{BlurredIndicator, Indicator, LEAST_BLUR_CELLS};
+use super::indicator::{BlurredIndicator, Indicator, MIN_BLUR_CELLS};
 use planish_estimate::Result;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, unit};
 use planish_spline::{BaseShape, FieldPoints, Surface, SurfaceSystem};
@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 /// Most uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without
 /// folds, at 56 × 36 they do not.
-pub(super) const MOST_LEVELS: usize = 3;
+pub(super) const MAX_LEVELS: usize = 3;
 /// The strongest blur, as a share of the largest half extent, and the factor from one to the next.
 const FIRST_BLUR: f64 = 0.25;
 const BLUR_FACTOR: f64 = 0.8;
@@ -39,7 +39,7 @@ const DRIFT: f64 = 0.12;
 const DRAW: f64 = 4.0;
 /// Steps from which on a stage may end early, and at most.
 const FEW_STEPS: usize = 8;
-const MOST_STEPS: usize = 36;
+const MAX_STEPS: usize = 36;
 /// Stretch changes slowly: it is measured every so many steps.
 const STRETCH_EVERY: usize = 4;
 
@@ -58,7 +58,7 @@ pub(super) fn grow(
 ) -> Result<Surface> {
     let largest = base.size.iter().fold(0.0_f64, |a, &b| a.max(b));
     // At 1.2 cells thin ear tips would end 6 mm short, at 0.7 a film would stay between two ears.
-    let last = LEAST_BLUR_CELLS * indicator.cell();
+    let last = MIN_BLUR_CELLS * indicator.cell();
     let mut blurs = vec![FIRST_BLUR * largest];
     while blurs[blurs.len() - 1] * BLUR_FACTOR > 1.1 * last {
         blurs.push(blurs[blurs.len() - 1] * BLUR_FACTOR);
@@ -86,8 +86,8 @@ pub(super) fn grow(
             field,
         };
         let mut stretch = Vec::new();
-        for step in 0..MOST_STEPS {
-            check((stage as f64 + step as f64 / MOST_STEPS as f64) / blurs.len() as f64)?;
+        for step in 0..MAX_STEPS {
+            check((stage as f64 + step as f64 / MAX_STEPS as f64) / blurs.len() as f64)?;
             if step % STRETCH_EVERY == 0 {
                 stretch = stage_of_level.stretch(&surface)?;
             }
@@ -298,7 +298,7 @@ mod tests {
         let base =
             planish_spline::choose_base_shape(&points, &normals, Some(planish_spline::Shape::Ball)).unwrap();
         let indicator = Indicator::new(&points, &normals);
-        let surface = grow(&base, base.grid(128), MOST_LEVELS, &points, &indicator, &|_| Ok(())).unwrap();
+        let surface = grow(&base, base.grid(128), MAX_LEVELS, &points, &indicator, &|_| Ok(())).unwrap();
         let search = planish_spline::FootPointSearch::new(&surface, 2, 0.3).unwrap();
         let far = points
             .iter()

@@ -25,7 +25,7 @@ const CELLS: usize = 96;
 /// The box around the points is this much larger than they are, so that its periodic images do not meet.
 const PADDING: f64 = 1.6;
 /// The weakest blur that the full grid can show, in its cells.
-pub(super) const LEAST_BLUR_CELLS: f64 = 0.85;
+pub(super) const MIN_BLUR_CELLS: f64 = 0.85;
 /// A coarser grid is taken where it has so many cells a blur: at half as many a film stays between two ears.
 const AMPLE_BLUR_CELLS: f64 = 1.7;
 /// Blur of the density estimate, in grid cells.

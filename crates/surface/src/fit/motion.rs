@@ -18,7 +18,7 @@
 //!
 //! Then all scans are fitted together, with these poses as what was known of them before, four times weaker
 //! than found: the surface of all scans says more of each pose than that of the first.
-//! [`RigidTracker::settle`] takes them back, and the steady motion nearest to them.
+//! [`RigidTracker::converge`] takes them back, and the steady motion nearest to them.
 //!
 //! Not guaranteed: turns of more than about forty degrees from scan to scan are not found.
 //!
@@ -26,7 +26,7 @@
 //! Bell & Cathey, *The iterated Kalman filter update as a Gauss–Newton method*, IEEE TAC 38 (1993).
 
 use super::Fit;
-use crate::model::{Observed, PoseReport};
+use crate::model::{Observed, ScanPoseReport};
 use crate::observe::Observations;
 use nalgebra::{Matrix6, SMatrix, Vector6};
 use planish_estimate::sparse::CholeskyFactor;
@@ -40,7 +40,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 /// Readings of a scan that take part, at most, and in the search for a start.
-const MOST_READINGS: usize = 6000;
+const MAX_READINGS: usize = 6000;
 const START_READINGS: usize = 300;
 /// Steps of a start, and at the end.
 const START_STEPS: usize = 6;
@@ -52,9 +52,9 @@ const LAST_GATE: f64 = 4.0;
 /// Turns at the start in degrees, about each axis.
 const START_TURNS_DEG: [f64; 6] = [-32.0, -21.0, -10.0, 10.0, 21.0, 32.0];
 /// Cosine between a reading's normal and the surface's, at least.
-const LEAST_COSINE: f64 = 0.5;
+const MIN_COSINE: f64 = 0.5;
 /// Share of a scan's readings that meets the surface, at least.
-const LEAST_MET: f64 = 0.2;
+const MIN_MET: f64 = 0.2;
 /// How much weaker than found the poses go into the fit of all scans.
 const WEAKER: f64 = 4.0;
 /// Change of the velocity over the whole time, as a share of one radian (of the size) over it.
@@ -258,7 +258,7 @@ impl<'a> RigidTracker<'a> {
     pub(crate) fn follow(&mut self, scan: usize, observations: &Observations) -> Result<()> {
         let time = self.times[self.known.len()];
         let readings: Vec<Reading> = (0..observations.len())
-            .step_by(observations.len().div_ceil(MOST_READINGS).max(1))
+            .step_by(observations.len().div_ceil(MAX_READINGS).max(1))
             .map(|i| Reading {
                 point: sub(observations.points[i], self.middle),
                 normal: observations.normal(i),
@@ -294,7 +294,7 @@ impl<'a> RigidTracker<'a> {
             let gate = if step + 4 < STEPS { FIRST_GATE * self.size * (0.02_f64).powf(share) } else { 0.0 };
             let sums = self.step(&pose, &readings, gate, scale_of_variance);
             met = sums.met;
-            if (met as f64) < LEAST_MET * readings.len() as f64 {
+            if (met as f64) < MIN_MET * readings.len() as f64 {
                 return Err(Error::undetermined(format!(
                     "the scan at {time} s does not lie on the surface of the first: {met} of {} readings meet it; is the turn between them small \
                      enough, and is the thing the same?",
@@ -454,7 +454,7 @@ impl<'a> RigidTracker<'a> {
             let foot = self.surface.project(place, start, &ProjectionOptions::default());
             let n = foot.normal;
             let leaf = foot.leaf as usize;
-            if foot.at_border || !self.observed[leaf].is_measured() || dot(n, facing) < LEAST_COSINE {
+            if foot.at_border || !self.observed[leaf].is_measured() || dot(n, facing) < MIN_COSINE {
                 return None;
             }
             let of_reading = z.variance * scale_of_variance;
@@ -539,7 +539,7 @@ impl<'a> RigidTracker<'a> {
     ///
     /// # Errors
     /// `Undetermined` where a covariance has no inverse.
-    pub(crate) fn settle(&mut self, set: &ScanSet, poses: &[PoseReport]) -> Result<()> {
+    pub(crate) fn converge(&mut self, set: &ScanSet, poses: &[ScanPoseReport]) -> Result<()> {
         let start = self.times[0];
         let (mut information, mut pull) = (Matrix6::zeros(), Vector6::zeros());
         let (mut roots, mut found) = (Matrix6::zeros(), 0);

@@ -6,32 +6,32 @@ use crate::observe::{Observations, Quantity};
 use planish_estimate::{Result, TruncatedNormal, gated_scale};
 
 /// Stated σ are believed within this factor: real instruments are not specified more sharply.
-const BELIEVED: f64 = 1.1;
+const STATED_SIGMA_TOLERANCE: f64 = 1.1;
 
 /// So many readings to spare can contradict a stated σ: if the fit leaves more than this share of them free.
 const ENOUGH_TO_CONTRADICT: f64 = 20.0;
-const LEAST_REDUNDANCY: f64 = 0.2;
+const MIN_REDUNDANCY: f64 = 0.2;
 
 /// A variance over that stated that is rounding and no more.
-const LEAST_RELATIVE_VARIANCE: f64 = 1e-24;
+const MIN_RELATIVE_VARIANCE: f64 = 1e-24;
 
 /// The noise of every sensor as the fit knows it now.
 #[derive(Debug, Clone)]
 pub(super) struct SensorNoise {
     /// Variance as estimated over variance as stated (over one where none was stated).
-    pub estimated: Vec<f64>,
+    pub estimated_factors: Vec<f64>,
     /// Variance as used over variance as stated.
-    pub used: Vec<f64>,
+    pub variance_factors: Vec<f64>,
     /// Readings behind each estimate.
     pub count: Vec<usize>,
     /// Whether the estimate is used although σ was stated.
-    pub contradicted: Vec<bool>,
+    pub is_contradicted: Vec<bool>,
     /// What the variance over that stated cannot well exceed: one where σ was stated, less where neighbouring
     /// points agree better.
-    pub most: Vec<f64>,
+    pub factor_bounds: Vec<f64>,
     /// Whether the surface follows the sensor's readings wherever they go, so that what they leave says
     /// nothing of their error.
-    pub followed: Vec<bool>,
+    pub lacks_redundancy: Vec<bool>,
 }
 
 /// Variance of points about the planes of their neighbours, over that of their noise at most: neighbours may
@@ -42,7 +42,7 @@ impl SensorNoise {
     /// Nothing known yet: stated variances count as they are.
     pub(super) fn stated(observations: &Observations) -> Self {
         let channels = observations.stated.len();
-        let most: Vec<f64> = (0..channels)
+        let factor_bounds: Vec<f64> = (0..channels)
             .map(|channel| {
                 let bound = observations
                     .roughness
@@ -54,35 +54,35 @@ impl SensorNoise {
             })
             .collect();
         // An unstated σ is unknown: until it is estimated, nothing may be made of it (no lift is taken off).
-        let used = (0..channels)
-            .map(|channel| if observations.stated[channel] { most[channel] } else { 0.0 })
+        let variance_factors = (0..channels)
+            .map(|channel| if observations.stated[channel] { factor_bounds[channel] } else { 0.0 })
             .collect();
         Self {
-            estimated: vec![1.0; channels],
-            used,
+            estimated_factors: vec![1.0; channels],
+            variance_factors,
             count: vec![0; channels],
-            contradicted: vec![false; channels],
-            most,
-            followed: vec![false; channels],
+            is_contradicted: vec![false; channels],
+            factor_bounds,
+            lacks_redundancy: vec![false; channels],
         }
     }
 
     /// Goes back to what readings without a stated σ said before the surface heard of them, where it now
     /// follows them wherever they go: each round would weigh them more for the little that they leave,
     /// without end.
-    pub(super) fn keep_where_followed(
+    pub(super) fn keep_where_redundancy_lacks(
         &mut self,
         observations: &Observations,
         before: &Self,
         degrees: &[f64],
     ) {
-        for channel in 0..self.used.len() {
+        for channel in 0..self.variance_factors.len() {
             let spare = self.count[channel] as f64 - degrees[channel];
-            let is_followed = spare < LEAST_REDUNDANCY * self.count[channel] as f64;
-            if is_followed && !observations.stated[channel] && !observations.channels[channel].invented {
-                self.estimated[channel] = before.estimated[channel];
-                self.used[channel] = before.used[channel];
-                self.followed[channel] = true;
+            let lacks_redundancy = spare < MIN_REDUNDANCY * self.count[channel] as f64;
+            if lacks_redundancy && !observations.stated[channel] && !observations.channels[channel].inferred {
+                self.estimated_factors[channel] = before.estimated_factors[channel];
+                self.variance_factors[channel] = before.variance_factors[channel];
+                self.lacks_redundancy[channel] = true;
             }
         }
     }
@@ -90,7 +90,7 @@ impl SensorNoise {
     /// Estimates every sensor from residuals whose gate at `gate` σ is corrected for.
     ///
     /// `degrees` are the effective degrees of freedom that each sensor's readings determine: their χ² is
-    /// smaller than their number by that. While `settled` is false the surface still misses shape, and every
+    /// smaller than their number by that. While `converged` is false the surface still misses shape, and every
     /// sensor counts as its residuals say, if worse than stated.
     pub(super) fn estimate(
         observations: &Observations,
@@ -98,18 +98,18 @@ impl SensorNoise {
         feet: &[Foot],
         gate: f64,
         degrees: &[f64],
-        settled: bool,
+        converged: bool,
     ) -> Result<Self> {
         let mut noise = Self::stated(observations);
         for channel in 0..observations.stated.len() {
             // What was concluded from readings says nothing of the sensor that took them.
-            if observations.channels[channel].invented {
+            if observations.channels[channel].inferred {
                 continue;
             }
             let least = match observations.channels[channel].quantity {
-                Quantity::Position => observations.least_variance,
+                Quantity::Position => observations.min_variance,
                 // Of numbers that have no length, or one over it: what rounding leaves of any.
-                Quantity::Normal | Quantity::Curvature => LEAST_RELATIVE_VARIANCE,
+                Quantity::Normal | Quantity::Curvature => MIN_RELATIVE_VARIANCE,
             };
             let normalised: Vec<f64> = subset
                 .iter()
@@ -129,11 +129,11 @@ impl SensorNoise {
                         .filter(|f| f.state == FootState::Good && f.quantity == quantity)
                         .flat_map(|f| f.residuals().iter().copied())
                         .collect();
-                    noise.used[channel] = gated_scale(&all, gate)?.sigma.powi(2).max(least);
-                    noise.estimated[channel] = noise.used[channel];
+                    noise.variance_factors[channel] = gated_scale(&all, gate)?.sigma.powi(2).max(least);
+                    noise.estimated_factors[channel] = noise.variance_factors[channel];
                 }
                 if observations.stated[channel] {
-                    noise.used[channel] = 1.0;
+                    noise.variance_factors[channel] = 1.0;
                 }
                 continue;
             }
@@ -143,24 +143,24 @@ impl SensorNoise {
             let redundant = redundancy * scale.kept as f64;
             // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh
             // with.
-            noise.estimated[channel] =
-                (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(least);
-            let ratio = noise.estimated[channel].sqrt();
+            noise.estimated_factors[channel] =
+                (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(least);
+            let ratio = noise.estimated_factors[channel].sqrt();
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
             // A surface follows errors that neighbours share: small residuals are then no proof that errors
             // are small.
-            let may_be_smaller = !observations.err_together[observations.channels[channel].sensor];
-            let smaller = may_be_smaller && ratio < 1.0 / BELIEVED - 3.0 * standard_error;
-            let off = redundancy > LEAST_REDUNDANCY
+            let may_be_smaller = !observations.correlated_errors[observations.channels[channel].sensor];
+            let smaller = may_be_smaller && ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
+            let off = redundancy > MIN_REDUNDANCY
                 && redundant > ENOUGH_TO_CONTRADICT
-                && (ratio > BELIEVED + 3.0 * standard_error || smaller);
+                && (ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error || smaller);
             if !observations.stated[channel] {
-                noise.used[channel] = noise.estimated[channel];
-            } else if !settled {
-                noise.used[channel] = noise.estimated[channel].max(noise.most[channel]);
+                noise.variance_factors[channel] = noise.estimated_factors[channel];
+            } else if !converged {
+                noise.variance_factors[channel] = noise.estimated_factors[channel].max(noise.factor_bounds[channel]);
             } else {
-                noise.used[channel] = if off { noise.estimated[channel] } else { 1.0 };
-                noise.contradicted[channel] = off;
+                noise.variance_factors[channel] = if off { noise.estimated_factors[channel] } else { 1.0 };
+                noise.is_contradicted[channel] = off;
             }
         }
         Ok(noise)

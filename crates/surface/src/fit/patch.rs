@@ -9,15 +9,15 @@
 //! Not guaranteed: the last bit of accuracy where patches were divided late: what a coarse patch took in says
 //! nothing of finer detail.
 
-use super::forming::{Forming, Snapshot};
+use super::formation::{Formation, Snapshot};
 use super::noise::SensorNoise;
-use super::stages::{Settled, first_surface, grown, refine_to_noise, weights};
-use super::{Fit, FitOptions, finish, forming, observation_options, observe};
+use super::stages::{ConvergedFit, first_surface, grown, refine_to_noise, weights};
+use super::{Fit, FitOptions, finish, formation, observation_options, observe};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
-use crate::observe::extent_of;
+use crate::observe::surface_extent;
 use crate::observe::{Foot, FootState, by_leaf, project};
-use crate::observe::{Measured, Observations, Quantity, Rejection, hash01};
-use crate::patch_stream::{Core, Incoming, Rules, What};
+use crate::observe::{Measured, Observations, Quantity, RejectionCause, hash01};
+use crate::patch_stream::{StreamingFilter, IncomingReading, PatchRules, ReadingValue};
 use crate::subdivision::{Cause, RefinementLog};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
@@ -31,29 +31,29 @@ use std::sync::Arc;
 /// Readings of the first fit: a share of all, and bounds of their number.
 const FIRST_SHARE: usize = 4;
 const FEWEST_FIRST: usize = 500;
-const MOST_FIRST: usize = 20_000;
+const MAX_FIRST: usize = 20_000;
 /// A ball's base grid grows this often at most before its cells are those of patches.
-const MOST_GROWTH: u8 = 2;
+const MAX_GROWTH: u8 = 2;
 /// Levels of subdivision beyond the base grid where nobody says.
 const USUAL_DEPTH: u8 = 3;
 /// Features so many times longer than the surface are held back: what makes the prior proper.
 const HOLD_LENGTH: f64 = 2.0;
 /// Neighbours are not told what lowers a variance by less than this share.
-const LEAST_GAIN: f64 = 1e-2;
+const MIN_GAIN: f64 = 1e-2;
 /// Readings between two looks at whether the user still wants the answer.
 const READINGS_PER_CHECK: usize = 4096;
 
 /// What a patch filter made of the readings of a fit.
-pub(super) struct Fused {
+pub(super) struct PatchFilterOutcome {
     pub filter: Arc<PatchFilter>,
     /// For each reading of the subset, why it was left out.
-    refused: Vec<Option<Rejection>>,
+    refused: Vec<Option<RejectionCause>>,
     /// Patches of the deepest level that would have been divided further.
     held_back: usize,
     deepest: usize,
 }
 
-impl Fused {
+impl PatchFilterOutcome {
     /// Information of every foot: nothing of those that were left out.
     pub(super) fn information(
         &self,
@@ -64,7 +64,7 @@ impl Fused {
     ) -> Vec<f64> {
         (subset.iter().zip(feet).zip(&self.refused))
             .map(|((&i, foot), refused)| match refused {
-                None => 1.0 / (noise.used[observations.channel(i as usize)] * foot.variance),
+                None => 1.0 / (noise.variance_factors[observations.channel(i as usize)] * foot.variance),
                 Some(_) => 0.0,
             })
             .collect()
@@ -84,24 +84,24 @@ impl Fused {
 
 /// A surface found from the first readings, and a filter that goes on from there.
 pub(crate) struct FirstFit {
-    pub(super) settled: Settled,
-    pub core: Core,
+    pub(super) converged: ConvergedFit,
+    pub core: StreamingFilter,
 }
 
 impl FirstFit {
     /// By how much the σ of the first sensor's positions is larger than stated; 1 where they are believed.
     pub(crate) fn sigma_factor(&self) -> f64 {
-        self.settled.noise.used.first().map_or(1.0, |variance| variance.sqrt())
+        self.converged.noise.variance_factors.first().map_or(1.0, |variance| variance.sqrt())
     }
 
     /// How many readings it took in.
     pub(crate) fn readings(&self) -> usize {
-        self.settled.subset.len()
+        self.converged.subset.len()
     }
 
     /// Weight of the thin plate.
     pub(crate) fn smoothness_weight(&self) -> f64 {
-        self.settled.weight
+        self.converged.weight
     }
 }
 
@@ -115,7 +115,7 @@ pub(crate) fn first_fit_of(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<FirstFit> {
-    let growth = options.max_depth.map_or(MOST_GROWTH, |depth| depth.min(MOST_GROWTH));
+    let growth = options.max_depth.map_or(MAX_GROWTH, |depth| depth.min(MAX_GROWTH));
     let found = FitOptions { max_depth: Some(growth), ..options.clone() };
     let surface = first_surface(observations, &found, PATCH_CELLS, &ProgressPart::new(progress, 0.0, 0.3))?;
     let mut log = grown(surface.space(), PATCH_CELLS * PATCH_CELLS);
@@ -127,33 +127,33 @@ pub(crate) fn first_fit_of(
         max_coefficients: options.max_coefficients / 2,
         ..options.clone()
     };
-    let mut settled = refine_to_noise(
+    let mut converged = refine_to_noise(
         observations,
         metric.clone(),
         first,
         &of_depth(depth),
         &ProgressPart::new(progress, 0.3, 0.8),
     )?;
-    let reached_tolerance = settled.reached_tolerance;
-    let space = patch_hierarchy(settled.surface.space())?;
+    let reached_tolerance = converged.reached_tolerance;
+    let space = patch_hierarchy(converged.surface.space())?;
     if space.levels() > 1 {
-        log_cover(&mut log, base_level, settled.surface.space(), &space, options);
-        let surface = settled.surface.refined(space)?;
-        settled = refine_to_noise(
+        log_cover(&mut log, base_level, converged.surface.space(), &space, options);
+        let surface = converged.surface.refined(space)?;
+        converged = refine_to_noise(
             observations,
             surface,
-            settled.subset,
+            converged.subset,
             &of_depth(0),
             &ProgressPart::new(progress, 0.8, 1.0),
         )?;
         // Over cells that are fixed every tolerance is reached.
-        settled.reached_tolerance = reached_tolerance;
+        converged.reached_tolerance = reached_tolerance;
     }
-    let Settled { surface, system, feet, .. } = &settled;
-    let prior = SmoothnessPrior { weight: settled.weight, hold: (HOLD_LENGTH * extent_of(surface)).powi(-4) };
+    let ConvergedFit { surface, system, feet, .. } = &converged;
+    let prior = SmoothnessPrior { weight: converged.weight, hold: (HOLD_LENGTH * surface_extent(surface)).powi(-4) };
     // One coordinate stands for all: rows count as if every normal were the same.
     let up = vec![[0.0, 0.0, 1.0]; surface.space().node_count()];
-    let used = weights(observations, &settled.subset, feet, &settled.noise, options.gate, false);
+    let used = weights(observations, &converged.subset, feet, &converged.noise, options.gate, false);
     let (start, order) = crate::observe::by_leaf(feet, surface.space().leaves().len());
     let mut information = system.accumulate_along(&up, |leaf, add| {
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
@@ -173,16 +173,16 @@ pub(crate) fn first_fit_of(
         PatchFilterOptions {
             layout: StateLayout::Normal,
             maximum_depth: depth,
-            least_gain: LEAST_GAIN,
+            least_gain: MIN_GAIN,
             ..PatchFilterOptions::default()
         },
     )?;
-    let mut core = Core::new(filter, base_level, rules(options))?;
+    let mut core = StreamingFilter::new(filter, base_level, rules(options))?;
     core.log = log;
     for (foot, _) in feet.iter().zip(&used).filter(|(_, w)| **w > 0.0) {
         core.mark(surface.space().parameters(foot.leaf as usize, foot.local));
     }
-    Ok(FirstFit { settled, core })
+    Ok(FirstFit { converged, core })
 }
 
 /// What the first readings had divided, in patches.
@@ -217,8 +217,8 @@ fn log_cover(
     }
 }
 
-pub(super) fn rules(options: &FitOptions) -> Rules {
-    Rules { gate: options.gate, refine_by: options.refine_by, max_coefficients: options.max_coefficients }
+pub(super) fn rules(options: &FitOptions) -> PatchRules {
+    PatchRules { gate: options.gate, refine_by: options.refine_by, max_coefficients: options.max_coefficients }
 }
 
 /// The same surface over a base grid of the cells of its finest level, all of which are leaves; how many
@@ -296,26 +296,26 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     progress.check("normals", 0.02)?;
     let used: Vec<u32> =
         (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
-    let wanted = (used.len() / FIRST_SHARE).clamp(FEWEST_FIRST, MOST_FIRST);
+    let wanted = (used.len() / FIRST_SHARE).clamp(FEWEST_FIRST, MAX_FIRST);
     let order = shuffled(&used, options.seed);
     let (first, others) = order.split_at(wanted.min(order.len()));
-    let FirstFit { settled, core } =
+    let FirstFit { converged, core } =
         first_fit_of(&mut observations, first.to_vec(), &sheet, &ProgressPart::new(progress, 0.02, 0.4))?;
     // Half of the snapshots are of the readings that found the first surface.
-    let mut forming = (options.snapshots)
-        .map(|frames| forming::formed(&observations, &settled, options, frames.div_ceil(2), progress))
+    let mut formation = (options.snapshots)
+        .map(|frames| formation::formation_of_global_fit(&observations, &converged, options, frames.div_ceil(2), progress))
         .transpose()?;
-    let fused = stream(
+    let filtered = stream(
         &observations,
-        settled,
+        converged,
         core,
         others,
         options,
-        forming.as_mut(),
+        formation.as_mut(),
         &ProgressPart::new(progress, 0.4, 0.85),
     )?;
-    let mut fitted = finish::finish(set, &observations, fused, options, None, None, origin, progress)?;
-    fitted.forming = forming;
+    let mut fitted = finish::finish(set, &observations, filtered, options, None, None, origin, progress)?;
+    fitted.formation = formation;
     fitted.translated(origin)
 }
 
@@ -326,14 +326,14 @@ pub(super) fn update_patches(
     observations: &Observations,
     options: &FitOptions,
     progress: &dyn Progress,
-) -> Result<Settled> {
+) -> Result<ConvergedFit> {
     let used: Vec<u32> =
         (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
     let surface = &model.surface;
     let mut at = vec![[0.0; 2]; observations.len()];
-    let search = FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))?;
+    let search = FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))?;
     let stated = SensorNoise::stated(observations);
-    let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.used);
+    let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.variance_factors);
     let degrees = vec![0.0; observations.stated.len()];
     // Where the surface is known no better than a reading, residuals are shape that is not known, and no
     // noise.
@@ -361,7 +361,7 @@ pub(super) fn update_patches(
         SensorNoise::estimate(observations, &known, &known_feet, options.gate, &degrees, true)?
     };
     let system = SurfaceSystem::new(surface.space())?;
-    let nothing_yet = Settled {
+    let nothing_yet = ConvergedFit {
         surface: surface.clone(),
         prior: system.nothing()?,
         system,
@@ -373,10 +373,10 @@ pub(super) fn update_patches(
         reached_limit: false,
         reached_tolerance: false,
         refined: RefinementLog::default(),
-        fused: None,
+        filtered: None,
         moves_freely: false,
     };
-    let core = Core::new(PatchFilter::clone(filter), 0, rules(options))?;
+    let core = StreamingFilter::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
     stream(observations, nothing_yet, core, &order, options, None, &ProgressPart::new(progress, 0.2, 0.85))
 }
@@ -389,16 +389,16 @@ pub(super) fn shuffled(all: &[u32], seed: u64) -> Vec<u32> {
 }
 
 /// One reading as the filter takes it, its variance that which the sensor is found to have.
-pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -> Incoming {
+pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -> IncomingReading {
     let factor = factors[observations.channel(i)];
     let variance = || factor * observations.variance(i, [0.0; 3]);
-    Incoming {
+    IncomingReading {
         at: observations.points[i],
         facing: observations.normal(i),
         what: match observations.measured(i) {
-            Measured::Position => What::Position(observations.covariance(i).map(|c| factor * c)),
-            Measured::Normal(normal) => What::Normal(normal, variance()),
-            Measured::Curvature(tensor) => What::Curvature(tensor, variance()),
+            Measured::Position => ReadingValue::Position(observations.covariance(i).map(|c| factor * c)),
+            Measured::Normal(normal) => ReadingValue::Normal(normal, variance()),
+            Measured::Curvature(tensor) => ReadingValue::Curvature(tensor, variance()),
         },
     }
 }
@@ -406,32 +406,32 @@ pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -
 /// Filters the readings `others` in, one at a time, and lays all readings on the surface that comes of it.
 pub(super) fn stream(
     observations: &Observations,
-    first: Settled,
-    mut core: Core,
+    first: ConvergedFit,
+    mut core: StreamingFilter,
     others: &[u32],
     options: &FitOptions,
-    mut forming: Option<&mut Forming>,
+    mut formation: Option<&mut Formation>,
     progress: &dyn Progress,
-) -> Result<Settled> {
+) -> Result<ConvergedFit> {
     let known = weights(observations, &first.subset, &first.feet, &first.noise, options.gate, false);
-    let mut refused: Vec<Option<Rejection>> =
+    let mut refused: Vec<Option<RejectionCause>> =
         first.feet.iter().zip(&known).map(|(foot, &w)| foot.rejection(w)).collect();
     let all = first.subset.len() + others.len();
     let frames = options.snapshots.map_or(0, |frames| frames / 2 + 1);
-    let mut moments = forming::counts(first.subset.len(), all, frames).into_iter().skip(1).peekable();
+    let mut moments = formation::counts(first.subset.len(), all, frames).into_iter().skip(1).peekable();
     for (k, &i) in others.iter().enumerate() {
         if k % READINGS_PER_CHECK == 0 {
             progress.check("streaming", k as f64 / others.len() as f64)?;
             progress.items(k, "readings");
         }
-        let outcome = core.take(&incoming(observations, i as usize, &first.noise.used))?;
-        if let Some(forming) = forming.as_deref_mut() {
+        let outcome = core.filter_reading(&incoming(observations, i as usize, &first.noise.variance_factors))?;
+        if let Some(formation) = formation.as_deref_mut() {
             if outcome.is_none() {
-                forming.places.push(observations.points[i as usize]);
+                formation.places.push(observations.points[i as usize]);
             }
             if moments.next_if_eq(&(first.subset.len() + k + 1)).is_some() {
-                let snapshot = Snapshot::of_patches(forming.places.len(), core.filter.clone())?;
-                forming.snapshots.push(snapshot);
+                let snapshot = Snapshot::of_patches(formation.places.len(), core.filter.clone())?;
+                formation.snapshots.push(snapshot);
             }
         }
         refused.push(outcome);
@@ -439,13 +439,13 @@ pub(super) fn stream(
     let surface = core.reconcile()?;
     let subset: Vec<u32> = first.subset.iter().chain(others).copied().collect();
     let mut at = vec![[0.0; 2]; observations.len()];
-    let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
-    let mut feet = project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.used);
+    let search = FootPointSearch::new(&surface, 2, 0.1 * surface_extent(&surface))?;
+    let mut feet = project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.variance_factors);
     for (foot, refused) in feet.iter_mut().zip(&refused) {
-        // What became of a reading was settled when it came.
+        // What became of a reading was converged when it came.
         foot.state = match refused {
-            Some(Rejection::NormalMismatch) => FootState::NormalMismatch,
-            Some(Rejection::BeyondBorder) => FootState::BeyondBorder,
+            Some(RejectionCause::NormalMismatch) => FootState::NormalMismatch,
+            Some(RejectionCause::BeyondBorder) => FootState::BeyondBorder,
             _ => FootState::Good,
         };
     }
@@ -455,7 +455,7 @@ pub(super) fn stream(
     let mut refined = core.log;
     let most = options.max_coefficients;
     let full = core.filter.patches().len() + 3 > most / crate::patch_stream::VERTICES_PER_PATCH;
-    Ok(Settled {
+    Ok(ConvergedFit {
         prior: system.nothing()?,
         system,
         surface,
@@ -465,7 +465,7 @@ pub(super) fn stream(
         reached_limit: full && held_back > 0,
         reached_tolerance: first.reached_tolerance,
         refined: std::mem::take(&mut refined),
-        fused: Some(Fused { filter: Arc::new(core.filter), refused, held_back, deepest }),
+        filtered: Some(PatchFilterOutcome { filter: Arc::new(core.filter), refused, held_back, deepest }),
         noise: first.noise,
         weight: first.weight,
         moves_freely: false,

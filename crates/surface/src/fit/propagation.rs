@@ -23,7 +23,8 @@ pub struct PropagationReport {
     /// Readings that were concluded from others.
     pub pseudo_readings: usize,
     /// Share of the surface's area that is known through them alone.
-    pub invented_area_fraction: f64,
+    #[serde(rename = "invented_area_fraction")]
+    pub inferred_area_fraction: f64,
 }
 
 impl PropagationReport {

@@ -14,7 +14,7 @@ use planish_spline::{Cell, Hierarchy, PositionSums, Shape, Surface, SurfaceSyste
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// How well `log w` is settled: its standard error is rarely below a tenth.
+/// How well `log w` is converged: its standard error is rarely below a tenth.
 const TOLERANCE: f64 = 0.03;
 /// First steps of `log w`: from a weight that was found, from one of a coarser grid, and from a guess.
 const NEAR: f64 = 0.5;
@@ -44,10 +44,10 @@ impl Totals {
         for (sums, variance) in sums.iter().zip(variances) {
             total.merge(sums, 1.0 / variance)?;
         }
-        Self::of(total, system)
+        Self::from_sums(total, system)
     }
 
-    fn of(sums: PositionSums, system: &SurfaceSystem) -> Result<Self> {
+    fn from_sums(sums: PositionSums, system: &SurfaceSystem) -> Result<Self> {
         let (information, squares) = (sums.information(system)?, sums.squares());
         Ok(Self { sums, information, squares })
     }
@@ -107,9 +107,9 @@ impl Smoothing {
         let coarse = sums.coarsened()?.coarsened()?;
         let start = Self::first_weight(&coarse)?;
         let system = SurfaceSystem::new(coarse.space())?;
-        let total = Totals::of(coarse, &system)?;
+        let total = Totals::from_sums(coarse, &system)?;
         let found = Self::new(&system, &reference_surface(total.sums.space(), &total.sums)?, &total, start);
-        // What does not settle on large cells may on small ones.
+        // What does not converge on large cells may on small ones.
         Ok(found.ok().map(|smoothing| smoothing.found.weight))
     }
 

@@ -1,18 +1,18 @@
-//! From a cloud to a settled surface: first shape, then iterations and refinements until the noise is all
+//! From a cloud to a converged surface: first shape, then iterations and refinements until the noise is all
 //! that is left.
 //!
-//! Comes in: [`Observations`] and the options. Goes out: a [`Settled`] surface with feet, noise and
+//! Comes in: [`Observations`] and the options. Goes out: a [`ConvergedFit`] surface with feet, noise and
 //! smoothness weight; the information and its inverse are made from it once, by `finish`.
 
 use super::FitOptions;
-use super::bent::unevenly_bent;
-use super::growth::{MOST_LEVELS, grow};
+use super::refine_by_curvature::leaves_of_varying_curvature;
+use super::growth::{MAX_LEVELS, grow};
 use super::indicator::Indicator;
-use super::invented::share_errors;
+use super::inferred::share_errors;
 use super::noise::SensorNoise;
-use super::patch::Fused;
-use super::rough::too_coarse;
-use crate::observe::extent_of;
+use super::patch::PatchFilterOutcome;
+use super::refine_by_roughness::leaves_coarser_than_smoothing;
+use crate::observe::surface_extent;
 use crate::observe::{Foot, FootChannels, FootState, by_leaf, normal_step, project};
 use crate::observe::{Observations, Quantity};
 use crate::subdivision::{Cause, RefineBy, RefinementLog};
@@ -36,13 +36,13 @@ const ENOUGH_FOR_SHAPE: usize = 30_000;
 /// Iterations between two refinements, and when the mean square step, in variances of the surface, is small
 /// enough to go on.
 const FINDING_ITERATIONS: usize = 2;
-const MOST_FINDING_ITERATIONS: usize = 8;
+const MAX_FINDING_ITERATIONS: usize = 8;
 const FOUND: f64 = 30.0;
 /// Iterations at the end.
 const LAST_ITERATIONS: usize = 7;
 const LAST_ITERATIONS_WITH_POSES: usize = 14;
 /// The surface is at rest when the mean square step that readings see is this share of its variance, with
-/// what only the prior holds not more than so many times its variance off, and its weight has settled to
+/// what only the prior holds not more than so many times its variance off, and its weight has converged to
 /// within so much.
 const AT_REST: f64 = 0.1;
 const UNSEEN_AT_REST: f64 = 4.0;
@@ -53,7 +53,7 @@ const WEIGHT_AT_REST: f64 = 0.02;
 /// Bins along each side of a leaf in which residuals are averaged to see shape that the leaf cannot follow.
 pub(super) const BINS: usize = 4;
 /// A leaf is split only where its readings can pay for it.
-pub(super) const LEAST_READINGS: u32 = 8;
+pub(super) const MIN_READINGS: u32 = 8;
 /// Shape worth a split explains at least this share of the variance of a leaf's readings.
 const WORTHWHILE: f64 = 0.02;
 /// A ball grows to no finer leaves than its readings can fill with so many each.
@@ -66,9 +66,9 @@ const POOLED_SIGNIFICANT: f64 = 2.0;
 /// A leaf that is smaller than so many σ is not split: readings would find a foot nearby however the surface
 /// wrinkles, and σ would seem small. (A sphere of 40 000 readings with σ of 5 % of its radius seemed to have
 /// 3.6 %.)
-pub(super) const LEAST_LEAF_SIGMAS: f64 = 6.0;
+pub(super) const MIN_LEAF_SIGMAS: f64 = 6.0;
 /// Readings beyond the gate are no sign of shape where they are fewer than this share.
-pub(super) const MOST_GROSS: f64 = 0.25;
+pub(super) const MAX_GROSS: f64 = 0.25;
 /// Readings that an early round looks at, for each leaf.
 const SAMPLE_PER_LEAF: usize = 12;
 /// Lengths over which the prior smooths: at the start at least, in leaves; and at most, in square roots of
@@ -77,7 +77,7 @@ const SAMPLE_PER_LEAF: usize = 12;
 const FIRST_SMOOTHING: f64 = 0.15;
 const STIFFEST: f64 = 2.0;
 /// A leaf with more `∫ κ² dA` than a quarter turn has, (π/2)², is stiffened by this factor.
-const MOST_BEND_OF_A_LEAF: f64 = 2.5;
+const MAX_BEND_OF_A_LEAF: f64 = 2.5;
 const STIFFENING: f64 = 100.0;
 /// σ of tangential motion, as a share of a leaf's size.
 const TANGENTIAL_HOLD: f64 = 0.5;
@@ -85,7 +85,7 @@ const TANGENTIAL_HOLD: f64 = 0.5;
 const DEEPEST: u8 = 7;
 
 /// A surface that has come to rest on its observations.
-pub(super) struct Settled {
+pub(super) struct ConvergedFit {
     pub surface: Surface,
     pub system: SurfaceSystem,
     /// The readings that take part, and their feet.
@@ -102,20 +102,20 @@ pub(super) struct Settled {
     /// What was divided on the way.
     pub refined: RefinementLog,
     /// What a patch filter made of the readings; it then holds what is known.
-    pub fused: Option<Fused>,
+    pub filtered: Option<PatchFilterOutcome>,
     /// Whether vertices move in every direction: see [`crate::model::SurfaceModel::moves_freely`].
     pub moves_freely: bool,
 }
 
 /// Finds the first shape and settles it.
-pub(super) fn settle(
+pub(super) fn converge(
     observations: &mut Observations,
     options: &FitOptions,
     progress: &dyn Progress,
-) -> Result<Settled> {
+) -> Result<ConvergedFit> {
     let places = |i: usize| {
         let channel = &observations.channels[observations.channel(i)];
-        channel.quantity == Quantity::Position && !channel.invented
+        channel.quantity == Quantity::Position && !channel.inferred
     };
     if !(0..observations.len()).any(places) {
         return Err(Error::undetermined(
@@ -148,8 +148,8 @@ pub(super) fn first_surface(
         let indicator = Indicator::new(&points, &normals);
         let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);
         let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
-        let least_area = (LEAST_LEAF_SIGMAS * typical_sigma(observations, &some)).powi(2);
-        let deepest = options.max_depth.map_or(MOST_LEVELS, |depth| MOST_LEVELS.min(depth.into()));
+        let least_area = (MIN_LEAF_SIGMAS * typical_sigma(observations, &some)).powi(2);
+        let deepest = options.max_depth.map_or(MAX_LEVELS, |depth| MAX_LEVELS.min(depth.into()));
         let levels = (1..=deepest)
             .take_while(|&level| {
                 cells(level) * READINGS_PER_GROWN_LEAF <= size
@@ -277,7 +277,7 @@ pub(super) fn refine_to_noise(
     subset: Vec<u32>,
     options: &FitOptions,
     progress: &dyn Progress,
-) -> Result<Settled> {
+) -> Result<ConvergedFit> {
     let mut at = vec![[f64::NAN; 2]; observations.len()];
     let mut noise = SensorNoise::stated(observations);
     let (mut weight, mut area) = (None, None);
@@ -305,15 +305,15 @@ pub(super) fn refine_to_noise(
         let unseen = sample.iter().copied().filter(|&i| at[i as usize][0].is_nan());
         let lost: Vec<u32> = unseen.chain(again).collect();
         if !lost.is_empty() {
-            let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
-            project(&surface, observations, &lost, &mut at, Some(&search), &noise.used);
+            let search = FootPointSearch::new(&surface, 2, 0.1 * surface_extent(&surface))?;
+            project(&surface, observations, &lost, &mut at, Some(&search), &noise.variance_factors);
         }
-        let iterations = if final_round && !observations.shared.is_empty() {
+        let iterations = if final_round && !observations.scan_errors.is_empty() {
             LAST_ITERATIONS_WITH_POSES
         } else if final_round {
             LAST_ITERATIONS
         } else {
-            MOST_FINDING_ITERATIONS
+            MAX_FINDING_ITERATIONS
         };
         let mut feet;
         let mut factor = None;
@@ -324,7 +324,7 @@ pub(super) fn refine_to_noise(
             progress.check(if final_round { "settling" } else { "refining" }, share)?;
             progress.items(projected, "readings");
             projected += sample.len();
-            feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
+            feet = project(&surface, observations, &sample, &mut at, None, &noise.variance_factors);
             share_errors(observations, &sample, &mut feet, &surface, weight);
             let channels = FootChannels::new(observations, &sample);
             let known = degrees.get_or_insert_with(|| first_degrees(&surface, &channels));
@@ -349,7 +349,7 @@ pub(super) fn refine_to_noise(
                 None,
                 &mut factor,
             )?;
-            observations.take_shared(&step.shared);
+            observations.apply_scan_error_step(&step.shared);
             surface = step.surface;
             energy.measure(&surface);
             // Generalised Fellner–Schall: w ← (degrees that the data determine) / xᵀKx, a step at a time.
@@ -369,7 +369,7 @@ pub(super) fn refine_to_noise(
         }
         let weight_now = weight.unwrap_or(0.0);
         if final_round {
-            feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
+            feet = project(&surface, observations, &subset, &mut at, None, &noise.variance_factors);
             share_errors(observations, &subset, &mut feet, &surface, weight);
             noise = SensorNoise::estimate(
                 observations,
@@ -383,7 +383,7 @@ pub(super) fn refine_to_noise(
             let energy = BendingEnergy::new(&system, &surface)?;
             let mut prior = system.tangential_hold(&surface, TANGENTIAL_HOLD)?;
             prior.add_scaled(&energy.matrix.expanded(3)?, weight_now)?;
-            return Ok(Settled {
+            return Ok(ConvergedFit {
                 surface,
                 system,
                 subset,
@@ -395,12 +395,12 @@ pub(super) fn refine_to_noise(
                 reached_limit,
                 reached_tolerance,
                 refined,
-                fused: None,
+                filtered: None,
                 moves_freely: false,
             });
         }
         // What the leaves cannot follow.
-        feet = project(&surface, observations, &sample, &mut at, None, &noise.used);
+        feet = project(&surface, observations, &sample, &mut at, None, &noise.variance_factors);
         share_errors(observations, &sample, &mut feet, &surface, weight);
         let kept = weights(observations, &sample, &feet, &noise, options.gate, false);
         outside = sample.iter().zip(&kept).filter(|(_, w)| **w == 0.0).map(|(i, _)| *i).collect();
@@ -412,7 +412,7 @@ pub(super) fn refine_to_noise(
         if let (true, Some(factor)) = (options.refine_by.curvature(), &factor) {
             let known: HashSet<usize> = verdict.iter().map(|m| m.leaf).collect();
             let read = (&*observations, &sample[..], &feet[..]);
-            let bent = unevenly_bent(&surface, &system, factor, read, &noise, deepest(options))?;
+            let bent = leaves_of_varying_curvature(&surface, &system, factor, read, &noise, deepest(options))?;
             verdict.extend(bent.into_iter().filter(|m| !known.contains(&m.leaf)));
         }
         let space = surface.space();
@@ -421,7 +421,7 @@ pub(super) fn refine_to_noise(
         }
         // What the readings show comes first.
         if options.refine_by == RefineBy::Roughness && verdict.len() < few(space) {
-            verdict.extend(too_coarse(&surface, &feet, &kept, weight_now, deepest(options)));
+            verdict.extend(leaves_coarser_than_smoothing(&surface, &feet, &kept, weight_now, deepest(options)));
         }
         if verdict.len() < few(space) {
             final_round = true;
@@ -458,7 +458,7 @@ impl BendingEnergy {
     fn new(system: &SurfaceSystem, surface: &Surface) -> Result<Self> {
         let mut leaves = surface.thin_plate(system.space());
         for (leaf, energy) in leaves.iter_mut().enumerate() {
-            if energy.of(surface.leaf_coefficients(leaf)) > MOST_BEND_OF_A_LEAF {
+            if energy.of(surface.leaf_coefficients(leaf)) > MAX_BEND_OF_A_LEAF {
                 for entry in energy.thin_plate.iter_mut().flatten() {
                     *entry *= STIFFENING;
                 }
@@ -477,19 +477,19 @@ impl BendingEnergy {
             .with_min_len(256)
             .map(|leaf| self.leaves[leaf].of(surface.leaf_coefficients(leaf)))
             .collect();
-        self.total = bends.iter().filter(|&&b| b <= MOST_BEND_OF_A_LEAF).sum();
-        self.stiffened = bends.iter().filter(|&&b| b > MOST_BEND_OF_A_LEAF).count();
+        self.total = bends.iter().filter(|&&b| b <= MAX_BEND_OF_A_LEAF).sum();
+        self.stiffened = bends.iter().filter(|&&b| b > MAX_BEND_OF_A_LEAF).count();
     }
 }
 
 /// Degrees of freedom before any were found out: half the nodes, or a quarter of the readings.
 fn first_degrees(surface: &Surface, channels: &FootChannels<'_>) -> Vec<f64> {
-    let rows = |k: usize| channels.observations.channels[channels.of(k)].quantity.rows() as f64;
+    let rows = |k: usize| channels.observations.channels[channels.channel(k)].quantity.rows() as f64;
     let numbers: f64 = (0..channels.subset.len()).map(rows).sum();
     let share = 0.5 * (surface.space().node_count() as f64 / numbers).min(0.5);
     let mut degrees = vec![0.0; channels.count];
     for k in 0..channels.subset.len() {
-        degrees[channels.of(k)] += share * rows(k);
+        degrees[channels.channel(k)] += share * rows(k);
     }
     degrees
 }
@@ -564,7 +564,7 @@ pub(super) fn weights_beside(
             if foot.state != FootState::Good {
                 return 0.0;
             }
-            let variance = noise.used[observations.channel(i as usize)] * foot.variance;
+            let variance = noise.variance_factors[observations.channel(i as usize)] * foot.variance;
             let r = foot.extremes().0 / (variance + of_surface(k)).sqrt();
             if finding {
                 let above = observations.ground
@@ -798,8 +798,8 @@ fn misfit(
         // While shape is missing it inflates every estimate: a stated σ bounds it, and how well neighbouring
         // points agree. Neighbours of one scan may err together, though: without a stated σ their agreement
         // bounds only how small a leaf may be.
-        let most = noise.used[sensor].min(noise.most[sensor]);
-        let factor = if observations.stated[sensor] { most } else { noise.used[sensor] };
+        let most = noise.variance_factors[sensor].min(noise.factor_bounds[sensor]);
+        let factor = if observations.stated[sensor] { most } else { noise.variance_factors[sensor] };
         let variance = factor * foot.variance;
         (foot.extremes().0 / variance.sqrt(), variance, most * foot.variance)
     };
@@ -822,7 +822,7 @@ fn misfit(
         };
         // Few far readings are gross errors, many are shape.
         let far = good().filter(|(_, (r, ..))| *r > options.gate).count();
-        let gross = (far as f64) < MOST_GROSS * good().count() as f64;
+        let gross = (far as f64) < MAX_GROSS * good().count() as f64;
         made.bins = vec![Bin::default(); numbers * BINS * BINS];
         for (foot, (r, variance, least)) in good() {
             if gross && r > options.gate {
@@ -859,8 +859,8 @@ fn misfit(
     let deepest = deepest(options);
     let (mut strong, mut weak) = (Vec::new(), Vec::new());
     for (leaf, own) in residuals.iter().enumerate() {
-        let too_small = areas[leaf] < LEAST_LEAF_SIGMAS.powi(2) * own.variance;
-        if too_small || space.leaves()[leaf].level >= deepest || own.count < LEAST_READINGS {
+        let too_small = areas[leaf] < MIN_LEAF_SIGMAS.powi(2) * own.variance;
+        if too_small || space.leaves()[leaf].level >= deepest || own.count < MIN_READINGS {
             continue;
         }
         let (shape, pairs) = own.shared_shape(Some);

@@ -2,7 +2,7 @@
 
 use crate::model::order_by_leaf;
 use crate::observe::Linearized;
-use crate::observe::{Measured, Observations, Quantity, Rejection};
+use crate::observe::{Measured, Observations, Quantity, RejectionCause};
 use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
 use planish_estimate::vector3::{add_scaled, dot};
 use planish_estimate::{Error, ErrorKind, Result};
@@ -107,7 +107,7 @@ const CURVATURE_SCALE: [f64; 3] = [1.0, SQRT_2, 1.0];
 /// Feet that one task takes: fixed, so that threads change nothing.
 const CHUNK: usize = 4096;
 /// Points whose scan normal differs from the surface's by more than about 70° lie on another sheet.
-pub(crate) const LEAST_COSINE: f64 = 0.35;
+pub(crate) const MIN_COSINE: f64 = 0.35;
 
 /// Projects the points `subset` of the observations; `at` holds their parameters, before and after.
 ///
@@ -136,7 +136,7 @@ pub(crate) fn project(
             let start = search.map_or(before[i], |s| s.nearest(z, scan_normal));
             let foot = surface.project(z, start, &options);
             let known = dot(scan_normal, scan_normal) > 0.5;
-            let state = if known && dot(scan_normal, foot.normal) < LEAST_COSINE {
+            let state = if known && dot(scan_normal, foot.normal) < MIN_COSINE {
                 FootState::NormalMismatch
             } else if foot.at_border {
                 FootState::BeyondBorder
@@ -158,7 +158,7 @@ pub(crate) fn project(
                     let covariance = observations.covariance(i);
                     let factor = factors[observations.channel(i)];
                     made.residuals[0] =
-                        foot.height - observations.shared.bias_along(observations.scan[i], z, foot.normal);
+                        foot.height - observations.scan_errors.bias_along(observations.scan[i], z, foot.normal);
                     made.residuals[0] -= expected_lift(&foot.jet, &covariance, factor);
                 }
                 directional => match made.directional(surface, &directional) {
@@ -188,11 +188,11 @@ pub(crate) fn expected_lift(jet: &Jet, covariance: &[f64; 6], factor: f64) -> f6
 
 impl Foot {
     /// Why the reading takes no part, given its information; none where it does.
-    pub(crate) fn rejection(&self, information: f64) -> Option<Rejection> {
+    pub(crate) fn rejection(&self, information: f64) -> Option<RejectionCause> {
         match self.state {
-            FootState::NormalMismatch => Some(Rejection::NormalMismatch),
-            FootState::BeyondBorder => Some(Rejection::BeyondBorder),
-            FootState::Good if information == 0.0 => Some(Rejection::Outlier),
+            FootState::NormalMismatch => Some(RejectionCause::NormalMismatch),
+            FootState::BeyondBorder => Some(RejectionCause::BeyondBorder),
+            FootState::Good if information == 0.0 => Some(RejectionCause::Outlier),
             FootState::Good => None,
         }
     }
@@ -336,8 +336,8 @@ pub(crate) fn normal_step(
         *s += p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
     }
     let mut step = gradient.clone();
-    let (shared, shared_decrement) = if channels.with_shared && !channels.observations.shared.is_empty() {
-        let errors = &channels.observations.shared;
+    let (shared, shared_decrement) = if channels.with_scan_errors && !channels.observations.scan_errors.is_empty() {
+        let errors = &channels.observations.scan_errors;
         let equations =
             errors.equations(&Linearized { surface, directions: &directions, feet, information, channels });
         for (s, pull) in step.iter_mut().zip(&equations.pull) {
@@ -383,21 +383,21 @@ pub(crate) struct FootChannels<'a> {
     /// Number of channels.
     pub count: usize,
     /// Whether scans may move.
-    pub with_shared: bool,
+    pub with_scan_errors: bool,
 }
 
 impl<'a> FootChannels<'a> {
     pub(crate) fn new(observations: &'a Observations, subset: &'a [u32]) -> Self {
-        Self { observations, subset, count: observations.stated.len(), with_shared: true }
+        Self { observations, subset, count: observations.stated.len(), with_scan_errors: true }
     }
 
     /// The same for scans that stay where they are.
     pub(crate) fn in_place(self) -> Self {
-        Self { with_shared: false, ..self }
+        Self { with_scan_errors: false, ..self }
     }
 
     /// The channel of foot `k`.
-    pub(crate) fn of(&self, k: usize) -> usize {
+    pub(crate) fn channel(&self, k: usize) -> usize {
         self.observations.channel(self.subset[k] as usize)
     }
 }
@@ -434,7 +434,7 @@ fn degrees_by_channel(
                     if information[k] > 0.0 {
                         let foot = &feet[k];
                         foot.rows(surface, |_, row| {
-                            part[channels.of(k)] +=
+                            part[channels.channel(k)] +=
                                 information[k] * along_normal(&z, foot, row) * along_normal(&y, foot, row);
                         });
                     }
@@ -456,7 +456,7 @@ fn degrees_by_channel(
 
 /// A length of the order of the whole surface.
 #[must_use]
-pub fn extent_of(surface: &Surface) -> f64 {
+pub fn surface_extent(surface: &Surface) -> f64 {
     let (lo, hi) = surface.vertices().iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
         ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
     });

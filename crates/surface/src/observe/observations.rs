@@ -4,7 +4,7 @@
 //! What the scan itself speaks against (depth edges, grazing angles) is counted by cause and left out; a
 //! seeded share is held out of the fit to judge it.
 
-use crate::observe::SharedErrors;
+use crate::observe::ScanErrors;
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, unit, upper_triangle};
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
@@ -21,7 +21,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 
 /// Why a reading takes no part in the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Rejection {
+pub enum RejectionCause {
     /// A coordinate was not finite.
     NotFinite,
     /// The same coordinates as an earlier point of its sensor, to the last digit: one reading written twice.
@@ -36,7 +36,7 @@ pub enum Rejection {
     Isolated,
     /// Next to a jump in depth.
     DepthEdge,
-    /// Seen at a grazing angle.
+    /// MeasuredRegion at a grazing angle.
     Grazing,
     /// Its scan normal disagrees with the surface where it projects to.
     NormalMismatch,
@@ -50,7 +50,7 @@ pub enum Rejection {
     DirectionAlongNormal,
 }
 
-impl Rejection {
+impl RejectionCause {
     /// The key in reports.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -115,7 +115,7 @@ pub struct Channel {
     pub quantity: Quantity,
     /// Whether its readings were concluded from others: then it has no sensor, and none of its own errors can
     /// be told from theirs.
-    pub invented: bool,
+    pub inferred: bool,
 }
 
 /// What one reading says, in the world frame.
@@ -143,12 +143,12 @@ enum ScanNoise {
     /// Curvature tensors, each with the variance of its components.
     Curvatures(Vec<([f64; 6], f64)>),
     /// Readings that were concluded from others.
-    Invented(Vec<InventedVariance>),
+    Inferred(Vec<InferredVariance>),
 }
 
 /// The variance along its normal of a reading that was concluded from others.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct InventedVariance {
+pub struct InferredVariance {
     /// Of the error that is its own.
     pub own: f64,
     /// Of the error that it shares with those around it, because they were concluded in the same way.
@@ -157,13 +157,13 @@ pub struct InventedVariance {
 
 /// A reading that was concluded from others.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct InventedReading {
+pub struct InferredReading {
     /// Where the surface should be.
     pub point: [f64; 3],
     /// Its unit normal there.
     pub normal: [f64; 3],
     /// How uncertain that is.
-    pub variance: InventedVariance,
+    pub variance: InferredVariance,
 }
 
 impl Measured {
@@ -202,22 +202,22 @@ pub struct Observations {
     /// unless neighbours err together; none where there are too few points to tell.
     pub roughness: Vec<Option<f64>>,
     /// A variance that is rounding and no more.
-    pub least_variance: f64,
+    pub min_variance: f64,
     /// Whether the channel's σ was stated, by its sensor's model or by every point of its scans.
     pub stated: Vec<bool>,
     /// Whether the errors of a sensor's neighbouring readings are alike, by sensor: those of dense stereo
     /// are, as neighbours share most of what was matched.
-    pub err_together: Vec<bool>,
+    pub correlated_errors: Vec<bool>,
     /// Whether they are what is left of points on the ground and above it: more of the latter may be among
     /// them.
     pub ground: bool,
     /// What was left out already, by cause.
-    pub rejected: BTreeMap<Rejection, usize>,
+    pub rejected: BTreeMap<RejectionCause, usize>,
     noise: Vec<ScanNoise>,
     /// For what scans measure beside positions, after all others: the scan that it is of.
     base: Vec<u32>,
     /// What the readings of a scan err in together.
-    pub(crate) shared: SharedErrors,
+    pub(crate) scan_errors: ScanErrors,
     /// The point of its scan that each one is, until directions are added.
     source: Vec<u32>,
     /// Pairs of scans of which the second repeats readings of the first.
@@ -240,7 +240,7 @@ pub struct ObservationOptions {
     pub sheet: bool,
     /// Whether readings are taken as they are: without normals but those that a file states, and without the
     /// checks that neighbours make.
-    pub as_they_are: bool,
+    pub unprocessed: bool,
     /// How the ground is told from what stands on it, where only the ground is wanted and a scan has no
     /// classes that tell it.
     pub ground: Option<GroundOptions>,
@@ -253,20 +253,20 @@ const GROUND_CLASSES: [u8; 2] = [2, 8];
 
 /// Of a scan of fewer readings none is held out: four touches that anchor a surface judge nothing and are
 /// missed.
-const LEAST_JUDGED: usize = 30;
+const MIN_JUDGED: usize = 30;
 
 /// The least sine of the angle between a normal and the direction of a curvature: that lies in the tangent
 /// plane, at a right angle.
-const LEAST_ACROSS: f64 = 1e-6;
+const MIN_ACROSS: f64 = 1e-6;
 
 /// Pairs of scans with the same readings that are named one by one.
-const COPIES_TOLD: usize = 5;
+const MAX_LISTED_DUPLICATES: usize = 5;
 
 /// Points farther from the origin than so many times their size are moved there for the fit.
 const FAR_FROM_ORIGIN: f64 = 8.0;
 
 /// Fewer points say nothing of a curved surface and its noise: a plane alone takes three, a quadric nine.
-const LEAST_POINTS: usize = 10;
+const MIN_POINTS: usize = 10;
 
 impl Observations {
     /// Carries every scan into the world, makes normals, and leaves out what the scans themselves speak
@@ -284,28 +284,28 @@ impl Observations {
         let mut made = Self {
             channel_of_scan: sensor_of_scan.to_vec(),
             channels: (0..sensors.len())
-                .map(|sensor| Channel { sensor, quantity: Quantity::Position, invented: false })
+                .map(|sensor| Channel { sensor, quantity: Quantity::Position, inferred: false })
                 .collect(),
             total,
             stated: vec![true; sensors.len()],
-            err_together: sensors.iter().map(|s| s.kind == SensorKind::Stereo).collect(),
+            correlated_errors: sensors.iter().map(|s| s.kind == SensorKind::Stereo).collect(),
             ..Self::default()
         };
         let found: usize = scans.iter().map(|s| s.points.len()).sum();
-        if found < LEAST_POINTS {
+        if found < MIN_POINTS {
             return Err(Error::undetermined(format!(
-                "needed at least {LEAST_POINTS} points that are not on one line, found {found} in all"
+                "needed at least {MIN_POINTS} points that are not on one line, found {found} in all"
             )));
         }
         let not_finite: usize = scans.iter().map(|s| s.dropped_not_finite).sum();
         if not_finite > 0 {
-            made.rejected.insert(Rejection::NotFinite, not_finite);
+            made.rejected.insert(RejectionCause::NotFinite, not_finite);
         }
         // Small clouds without a viewpoint get their normals from the union: neighbours come from any scan.
         let geometries = scans
             .par_iter()
             .map(|scan| {
-                if options.as_they_are
+                if options.unprocessed
                     || scan.points.len() < 3
                     || (scan.grid.is_none() && scan.normals.is_none() && scan.viewing == Viewing::Unknown)
                 {
@@ -317,7 +317,7 @@ impl Observations {
             .collect::<Result<Vec<_>>>()?;
         // Which point of its scan each one is, where that is asked for later.
         let mut source: Vec<u32> = Vec::new();
-        let wanted = |s: usize| Directions::of(scans[s], &sensors[sensor_of_scan[s]]).any();
+        let wanted = |s: usize| Directions::requested(scans[s], &sensors[sensor_of_scan[s]]).any();
         let keep_source = (0..scans.len()).any(wanted);
         let mut seen: Vec<SeenPoints> = vec![SeenPoints::default(); sensors.len()];
         for (s, (scan, geometry)) in scans.iter().zip(&geometries).enumerate() {
@@ -331,7 +331,7 @@ impl Observations {
                 if let Some(class) = scan.classes.as_ref().map(|classes| classes[i])
                     && (NOISE_CLASSES.contains(&class) || ground && !GROUND_CLASSES.contains(&class))
                 {
-                    *made.rejected.entry(Rejection::Class).or_insert(0) += 1;
+                    *made.rejected.entry(RejectionCause::Class).or_insert(0) += 1;
                     continue;
                 }
                 let world = scan.world_from_scanner.apply(scan.points[i]);
@@ -343,21 +343,21 @@ impl Observations {
                     if earlier != s {
                         made.copies.insert((earlier as u32, s as u32));
                     }
-                    *made.rejected.entry(Rejection::Duplicate).or_insert(0) += 1;
+                    *made.rejected.entry(RejectionCause::Duplicate).or_insert(0) += 1;
                     continue;
                 }
                 let suspicion = geometry.as_ref().map_or(Suspicion::None, |g| g.suspicion[i]);
                 let cause = match suspicion {
                     Suspicion::None => None,
-                    Suspicion::Isolated => Some(Rejection::Isolated),
-                    Suspicion::DepthEdge => Some(Rejection::DepthEdge),
-                    Suspicion::Grazing => Some(Rejection::Grazing),
+                    Suspicion::Isolated => Some(RejectionCause::Isolated),
+                    Suspicion::DepthEdge => Some(RejectionCause::DepthEdge),
+                    Suspicion::Grazing => Some(RejectionCause::Grazing),
                 };
                 if let Some(cause) = cause {
                     *made.rejected.entry(cause).or_insert(0) += 1;
                     continue;
                 }
-                let stated = || scan.normals.as_ref().filter(|_| options.as_they_are).map(|all| all[i]);
+                let stated = || scan.normals.as_ref().filter(|_| options.unprocessed).map(|all| all[i]);
                 let normal = geometry.as_ref().map(|g| g.normals[i]).or_else(stated);
                 let normal = normal.unwrap_or([0.0; 3]);
                 made.points.push(world);
@@ -370,7 +370,7 @@ impl Observations {
                 // A normal of zero in a file means that it is not known.
                 let known = scan.grid.is_some() || dot(normal, normal) > 0.0;
                 made.oriented.push(known && geometry.as_ref().is_some_and(|g| g.oriented));
-                let spared = scan.points.len() >= LEAST_JUDGED;
+                let spared = scan.points.len() >= MIN_JUDGED;
                 made.held_out
                     .push(spared && hash01(options.seed, s as u64, i as u64) < options.held_out_share);
                 if let Some(all) = &scan.covariance {
@@ -396,16 +396,16 @@ impl Observations {
                 }
             });
         }
-        if made.points.len() < LEAST_POINTS {
+        if made.points.len() < MIN_POINTS {
             let left = made.points.len();
-            let repeated = made.rejected.get(&Rejection::Duplicate).copied().unwrap_or(0);
+            let repeated = made.rejected.get(&RejectionCause::Duplicate).copied().unwrap_or(0);
             return Err(Error::undetermined(if repeated > 0 {
                 format!(
-                    "of {total} readings {repeated} repeat the coordinates of another, which leaves {left}: at least {LEAST_POINTS} are needed"
+                    "of {total} readings {repeated} repeat the coordinates of another, which leaves {left}: at least {MIN_POINTS} are needed"
                 )
             } else {
                 format!(
-                    "of {total} readings the scans' own checks leave {left}: at least {LEAST_POINTS} are needed"
+                    "of {total} readings the scans' own checks leave {left}: at least {MIN_POINTS} are needed"
                 )
             }));
         }
@@ -413,7 +413,7 @@ impl Observations {
         if let Some(ground) = &options.ground {
             made.keep_ground(scans, ground)?;
         }
-        if !options.as_they_are {
+        if !options.unprocessed {
             let touched = |sensor: usize| sensors[sensor].kind == SensorKind::Touch;
             made.complete_normals(options.checks.neighbours, !options.sheet, touched)?;
             if options.sheet {
@@ -436,7 +436,7 @@ impl Observations {
         let placed = self.len();
         for (s, scan) in scans.iter().enumerate() {
             let sensor = &sensors[sensor_of_scan[s]];
-            let wanted = Directions::of(scan, sensor);
+            let wanted = Directions::requested(scan, sensor);
             wanted.check(scan, sensor)?;
             if !wanted.any() {
                 continue;
@@ -472,7 +472,7 @@ impl Observations {
                 let readings = known.iter().filter_map(|&(k, i, normal, side)| {
                     let direction = turn.rotate(curvatures[i].direction);
                     // One of zero says that nothing is known.
-                    if norm(cross(direction, normal)) <= LEAST_ACROSS * norm(direction) {
+                    if norm(cross(direction, normal)) <= MIN_ACROSS * norm(direction) {
                         along_normal += usize::from(norm(direction) > 0.0);
                         return None;
                     }
@@ -482,7 +482,7 @@ impl Observations {
                 });
                 let (at, readings): (Vec<usize>, Vec<_>) = readings.unzip();
                 if along_normal > 0 {
-                    *self.rejected.entry(Rejection::DirectionAlongNormal).or_insert(0) += along_normal;
+                    *self.rejected.entry(RejectionCause::DirectionAlongNormal).or_insert(0) += along_normal;
                     self.total += along_normal;
                 }
                 let stated = scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
@@ -491,7 +491,7 @@ impl Observations {
             }
             let silent = (0..placed).filter(|&k| self.scan[k] as usize == s).count() - known.len();
             if silent > 0 && !sensor.kind.measures_positions() {
-                *self.rejected.entry(Rejection::NoDirection).or_insert(0) += silent;
+                *self.rejected.entry(RejectionCause::NoDirection).or_insert(0) += silent;
             }
         }
         self.source = Vec::new();
@@ -505,7 +505,7 @@ impl Observations {
 
     /// A scan of another quantity at places of one that is there.
     fn add_scan(&mut self, sensor: usize, quantity: Quantity, stated: bool, at: &[usize], noise: ScanNoise) {
-        let channel = Channel { sensor, quantity, invented: false };
+        let channel = Channel { sensor, quantity, inferred: false };
         let number = self.channels.iter().position(|c| *c == channel).unwrap_or_else(|| {
             self.channels.push(channel);
             self.stated.push(true);
@@ -532,12 +532,12 @@ impl Observations {
 
     /// Adds readings that were concluded from others; what they were before does not count them among its
     /// own.
-    pub fn add_invented(&mut self, readings: &[InventedReading]) {
+    pub fn add_inferred(&mut self, readings: &[InferredReading]) {
         if readings.is_empty() {
             return;
         }
-        let channel = self.channels.iter().position(|c| c.invented).unwrap_or_else(|| {
-            self.channels.push(Channel { sensor: usize::MAX, quantity: Quantity::Position, invented: true });
+        let channel = self.channels.iter().position(|c| c.inferred).unwrap_or_else(|| {
+            self.channels.push(Channel { sensor: usize::MAX, quantity: Quantity::Position, inferred: true });
             self.stated.push(true);
             if !self.roughness.is_empty() {
                 self.roughness.push(None);
@@ -547,8 +547,8 @@ impl Observations {
         let scan = self.channel_of_scan.len() as u32;
         self.channel_of_scan.push(channel);
         self.base.push(scan);
-        self.shared.add_fixed_scan();
-        self.noise.push(ScanNoise::Invented(readings.iter().map(|r| r.variance).collect()));
+        self.scan_errors.add_fixed_scan();
+        self.noise.push(ScanNoise::Inferred(readings.iter().map(|r| r.variance).collect()));
         for (index, reading) in (0..).zip(readings) {
             self.points.push(reading.point);
             self.normals.push(reading.normal.map(|c| c as f32));
@@ -562,24 +562,24 @@ impl Observations {
     /// The variance of a reading that was concluded from others; none of one that was taken.
     #[inline]
     #[must_use]
-    pub fn invented(&self, i: usize) -> Option<InventedVariance> {
+    pub fn inferred(&self, i: usize) -> Option<InferredVariance> {
         match &self.noise[self.scan[i] as usize] {
-            ScanNoise::Invented(all) => Some(all[self.index[i] as usize]),
+            ScanNoise::Inferred(all) => Some(all[self.index[i] as usize]),
             _ => None,
         }
     }
 
     /// Which scans repeat each other, for people.
-    pub(crate) fn copies_told(&self, set: &ScanSet) -> Vec<String> {
+    pub(crate) fn duplicate_scan_warnings(&self, set: &ScanSet) -> Vec<String> {
         let name = |scan: u32| set.scans.get(scan as usize).map_or("", |posed| posed.scan.name.as_str());
-        let told = self.copies.iter().take(COPIES_TOLD).map(|&(first, second)| {
+        let told = self.copies.iter().take(MAX_LISTED_DUPLICATES).map(|&(first, second)| {
             format!(
                 "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among what was set aside",
                 name(second),
                 name(first)
             )
         });
-        let more = self.copies.len().saturating_sub(COPIES_TOLD);
+        let more = self.copies.len().saturating_sub(MAX_LISTED_DUPLICATES);
         told.chain((more > 0).then(|| format!("{more} more pairs of scans share readings to the last digit")))
             .collect()
     }
@@ -599,8 +599,8 @@ impl Observations {
     }
 
     /// Changes the shared unknowns by a step and moves the scans with them.
-    pub(crate) fn take_shared(&mut self, step: &[f64]) {
-        let motions = self.shared.take(step);
+    pub(crate) fn apply_scan_error_step(&mut self, step: &[f64]) {
+        let motions = self.scan_errors.take(step);
         self.move_scans(&motions);
     }
 
@@ -621,7 +621,7 @@ impl Observations {
             let Some(motion) = motion else { continue };
             match noise {
                 ScanNoise::Model { viewing, .. } => *viewing = moved_viewing(*viewing, motion),
-                ScanNoise::Sigma(_) | ScanNoise::Invented(_) => {}
+                ScanNoise::Sigma(_) | ScanNoise::Inferred(_) => {}
                 ScanNoise::Covariance(all) => {
                     all.iter_mut().for_each(|c| *c = rotate_covariance(&motion.rotation, c))
                 }
@@ -679,7 +679,7 @@ impl Observations {
         match &self.noise[self.scan[i] as usize] {
             ScanNoise::Normals(all) => all[index].1,
             ScanNoise::Curvatures(all) => all[index].1,
-            ScanNoise::Invented(all) => all[index].own + all[index].shared,
+            ScanNoise::Inferred(all) => all[index].own + all[index].shared,
             _ => variance_along(&self.covariance(i), normal),
         }
     }
@@ -700,7 +700,7 @@ impl Observations {
             ScanNoise::Model { noise, viewing } => noise.covariance(ray_at(*viewing, self.points[i])),
             ScanNoise::Sigma(all) => Noise::Isotropic { sigma: all[self.index[i] as usize] }.covariance(None),
             ScanNoise::Covariance(all) => all[self.index[i] as usize],
-            ScanNoise::Normals(_) | ScanNoise::Curvatures(_) | ScanNoise::Invented(_) => [0.0; 6],
+            ScanNoise::Normals(_) | ScanNoise::Curvatures(_) | ScanNoise::Inferred(_) => [0.0; 6],
         }
     }
 
@@ -726,7 +726,7 @@ impl Observations {
                 let touches: Vec<usize> = (0..self.len()).filter(|&i| touch(i)).collect();
                 let points: Vec<[f64; 3]> = touches.iter().map(|&i| self.points[i]).collect();
                 let among_touches = match points.len() {
-                    0..LEAST_POINTS => vec![false; points.len()],
+                    0..MIN_POINTS => vec![false; points.len()],
                     _ => cloud_geometry(&points, neighbours)?.isolated,
                 };
                 for (i, isolated) in touches.into_iter().zip(among_touches) {
@@ -738,7 +738,7 @@ impl Observations {
                     self.normals[i] = cloud.normals[i].map(|c| c as f32);
                 }
             }
-            self.leave_out(&gone, Rejection::Isolated);
+            self.leave_out(&gone, RejectionCause::Isolated);
         }
         if !orient {
             return Ok(());
@@ -761,17 +761,17 @@ impl Observations {
             }
         }
         let left = found.iter().filter(|&&what| what == Ground::Bare).count();
-        if left < LEAST_POINTS {
+        if left < MIN_POINTS {
             return Err(Error::undetermined(format!(
-                "of {} readings only {left} are on the ground: at least {LEAST_POINTS} are needed",
+                "of {} readings only {left} are on the ground: at least {MIN_POINTS} are needed",
                 found.len()
             )));
         }
         let below: Vec<bool> = found.iter().map(|&what| what == Ground::Below).collect();
-        self.leave_out(&below, Rejection::BelowGround);
+        self.leave_out(&below, RejectionCause::BelowGround);
         found.retain(|&what| what != Ground::Below);
         let above: Vec<bool> = found.iter().map(|&what| what == Ground::Above).collect();
-        self.leave_out(&above, Rejection::AboveGround);
+        self.leave_out(&above, RejectionCause::AboveGround);
         Ok(())
     }
 
@@ -796,7 +796,7 @@ impl Observations {
     }
 
     /// Leaves out the points that are marked.
-    fn leave_out(&mut self, gone: &[bool], cause: Rejection) {
+    fn leave_out(&mut self, gone: &[bool], cause: RejectionCause) {
         let count = gone.iter().filter(|&&g| g).count();
         if count == 0 {
             return;
@@ -856,10 +856,10 @@ impl Observations {
         }
     }
 
-    /// Finds [`Self::roughness`] and [`Self::least_variance`].
+    /// Finds [`Self::roughness`] and [`Self::min_variance`].
     fn measure_roughness(&mut self, scans: &[&Scan], sensors: usize, neighbours: usize) {
         let size = BoundingBox::of(&self.points).map_or(0.0, |b| b.diagonal());
-        self.least_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
+        self.min_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
         self.roughness = (0..sensors)
             .map(|sensor| {
                 let largest = (0..scans.len())
@@ -873,7 +873,7 @@ impl Observations {
                 let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
                 local_roughness(&points, neighbours)
                     .filter(|_| stated > 0.0)
-                    .map(|roughness| (roughness * roughness).max(self.least_variance) / stated)
+                    .map(|roughness| (roughness * roughness).max(self.min_variance) / stated)
             })
             .collect();
     }
@@ -903,7 +903,7 @@ struct Directions {
 }
 
 impl Directions {
-    fn of(scan: &Scan, sensor: &Sensor) -> Self {
+    fn requested(scan: &Scan, sensor: &Sensor) -> Self {
         let (normals, curvatures) = (scan.normals.is_some(), scan.curvatures.is_some());
         Self {
             normals: sensor.kind == SensorKind::Normal

@@ -16,7 +16,7 @@
 //! Not guaranteed: that scans which start far from where they belong find there. The motion is linearised at
 //! every iteration and follows the slope of the residuals.
 
-use crate::model::{PoseReport, SharedInformation, SurfaceModel};
+use crate::model::{ScanPoseReport, ScanErrorInformation, SurfaceModel};
 use crate::observe::{Foot, FootChannels};
 use crate::observe::{Measured, Observations, Quantity, moved_viewing};
 use planish_estimate::Result;
@@ -48,7 +48,7 @@ type Rows = [[f64; UNKNOWNS]; 3];
 
 /// The unknowns of one scan.
 #[derive(Debug, Clone)]
-pub(crate) struct SharedError {
+pub(crate) struct ScanError {
     /// The scan, among those of the set.
     pub scan: usize,
     /// Which of the seven unknowns it has.
@@ -67,33 +67,33 @@ pub(crate) struct SharedError {
 
 /// All of them.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct SharedErrors {
-    pub errors: Vec<SharedError>,
+pub(crate) struct ScanErrors {
+    pub errors: Vec<ScanError>,
     /// For each scan of the set its error.
     of_scan: Vec<Option<usize>>,
     /// The size of the cloud.
     size: f64,
     /// What the scans of earlier sessions share: the first of all unknowns.
-    earlier: Option<EarlierShared>,
+    earlier: Option<EarlierScanErrors>,
 }
 
 /// What the scans of earlier sessions share: about where their model was, and how far they have come from
 /// there.
 #[derive(Debug, Clone)]
-struct EarlierShared {
-    information: SharedInformation,
+struct EarlierScanErrors {
+    information: ScanErrorInformation,
     vertices: Vec<[f64; 3]>,
     moved: Vec<f64>,
 }
 
-impl EarlierShared {
+impl EarlierScanErrors {
     fn width(&self) -> usize {
         self.moved.len()
     }
 
     /// `Cᵀ s + P δ` of the vertices' way `s` along their normals, and `C δ`.
     fn products(&self, surface: &Surface, directions: &[[f64; 3]]) -> (Vec<f64>, Vec<f64>) {
-        let SharedInformation { coupling, corner } = &self.information;
+        let ScanErrorInformation { coupling, corner } = &self.information;
         let m = self.width();
         let mut of_shared: Vec<f64> = (corner.chunks_exact(m))
             .map(|row| row.iter().zip(&self.moved).map(|(p, d)| p * d).sum())
@@ -112,7 +112,7 @@ impl EarlierShared {
     }
 }
 
-impl SharedError {
+impl ScanError {
     fn width(&self) -> usize {
         self.unknowns.len()
     }
@@ -208,7 +208,7 @@ impl SharedError {
     }
 }
 
-impl SharedErrors {
+impl ScanErrors {
     /// The unknowns of scans with a stated σ of pose or bias; with `align` those of all others, too, but for
     /// the first of them where no earlier model is there to stand by.
     pub(crate) fn new(
@@ -223,8 +223,8 @@ impl SharedErrors {
             of_scan: vec![None; observations.channel_of_scan.len()],
             size,
             earlier: earlier.and_then(|model| {
-                let information = model.shared.clone()?;
-                Some(EarlierShared {
+                let information = model.scan_errors.clone()?;
+                Some(EarlierScanErrors {
                     moved: vec![0.0; information.corner.len().isqrt()],
                     vertices: model.surface.vertices().to_vec(),
                     information,
@@ -257,7 +257,7 @@ impl SharedErrors {
             let mut stated = posed.scan.world_from_scanner;
             stated.translation = sub(stated.translation, origin);
             made.of_scan[s] = Some(made.errors.len());
-            made.errors.push(SharedError {
+            made.errors.push(ScanError {
                 scan: s,
                 center: if sigmas[0] > 0.0 {
                     sum.map(|c| c / count as f64)
@@ -291,12 +291,12 @@ impl SharedErrors {
 
     /// How many unknowns are of earlier sessions.
     fn earlier_width(&self) -> usize {
-        self.earlier.as_ref().map_or(0, EarlierShared::width)
+        self.earlier.as_ref().map_or(0, EarlierScanErrors::width)
     }
 
     /// How many unknowns there are, those of earlier sessions first.
     fn width(&self) -> usize {
-        self.earlier_width() + self.errors.iter().map(SharedError::width).sum::<usize>()
+        self.earlier_width() + self.errors.iter().map(ScanError::width).sum::<usize>()
     }
 
     /// What is to be taken off the height of a position: the bias as far as it lies along the normal.
@@ -362,7 +362,7 @@ impl SharedErrors {
     }
 
     /// Information of the readings about the unknowns and their coupling with the vertices.
-    pub(crate) fn equations(&self, at: &Linearized<'_>) -> SharedEquations {
+    pub(crate) fn equations(&self, at: &Linearized<'_>) -> ScanErrorEquations {
         let mut made = self.of_readings(at, |error, foot, i| {
             let observations = at.channels.observations;
             error.rows(at.surface, foot, observations.points[i], &observations.measured(i))
@@ -402,15 +402,15 @@ impl SharedErrors {
     fn of_readings(
         &self,
         at: &Linearized<'_>,
-        rows: impl Fn(&SharedError, &Foot, usize) -> Rows + Sync,
-    ) -> SharedEquations {
+        rows: impl Fn(&ScanError, &Foot, usize) -> Rows + Sync,
+    ) -> ScanErrorEquations {
         let own = self.readings(at.information, at.channels);
         // Scan by scan: each has columns of its own.
         let parts: Vec<_> = (self.errors.par_iter().zip(&own))
             .map(|(error, own)| error.equations(at, own, |foot, i| rows(error, foot, i)))
             .collect();
         let (mut start, width) = (self.earlier_width(), self.width());
-        let mut made = SharedEquations::zeros(at.surface.space().node_count(), width);
+        let mut made = ScanErrorEquations::zeros(at.surface.space().node_count(), width);
         for (error, part) in self.errors.iter().zip(parts) {
             let m = error.width();
             for (row, part) in made.coupling.chunks_exact_mut(width).zip(part.coupling.chunks_exact(m)) {
@@ -443,7 +443,7 @@ impl SharedErrors {
             let equations = self.of_readings(at, |error, foot, i| {
                 error.noise_rows(at.surface, drawn, foot, at.channels.observations.points[i])
             });
-            let SharedInformation { coupling, corner } = equations.into_information(parts);
+            let ScanErrorInformation { coupling, corner } = equations.into_information(parts);
             for (mean, seen) in mean.iter_mut().zip(Bordered::complement_of(factor, &coupling, &corner)?) {
                 *mean += seen / noise.len() as f64;
             }
@@ -466,7 +466,7 @@ impl SharedErrors {
     }
 
     /// σ of every scan's pose and bias from the reduced equations.
-    pub(crate) fn estimates(&self, bordered: &Bordered, prior: &[f64]) -> Result<Vec<SharedEstimate>> {
+    pub(crate) fn estimates(&self, bordered: &Bordered, prior: &[f64]) -> Result<Vec<ScanErrorEstimate>> {
         let covariance = bordered.shared_covariance();
         let width = bordered.shared();
         let mut start = self.earlier_width();
@@ -493,7 +493,7 @@ impl SharedErrors {
                 let of_pose = |v: &Vec<f64>| -> [f64; 6] {
                     std::array::from_fn(|a| error.unknowns.iter().zip(v).map(|(&k, v)| j[a][k] * v).sum())
                 };
-                let made = SharedEstimate {
+                let made = ScanErrorEstimate {
                     scan: error.scan,
                     stated: error.stated,
                     pose: error.now,
@@ -511,7 +511,7 @@ impl SharedErrors {
 
 /// What a fit found of one scan.
 #[derive(Debug, Clone)]
-pub(crate) struct SharedEstimate {
+pub(crate) struct ScanErrorEstimate {
     pub scan: usize,
     /// As it was stated and as it is.
     stated: Pose,
@@ -524,9 +524,9 @@ pub(crate) struct SharedEstimate {
     pub bias: Option<(f64, f64)>,
 }
 
-impl SharedEstimate {
+impl ScanErrorEstimate {
     /// Fills in the report of the scan; `origin` is where that of the estimate lies in the world.
-    pub(crate) fn report(&self, report: &mut PoseReport, origin: [f64; 3], observations: &Observations) {
+    pub(crate) fn report(&self, report: &mut ScanPoseReport, origin: [f64; 3], observations: &Observations) {
         if let Some(covariance) = &self.covariance {
             let back = self.stated.after(&self.pose.inverse());
             let own = (observations.points.iter().zip(&observations.scan))
@@ -548,7 +548,7 @@ impl SharedEstimate {
 }
 
 /// `[… C; Cᵀ P] [x; p] = [… ; h]`: what readings say of the shared unknowns.
-pub(crate) struct SharedEquations {
+pub(crate) struct ScanErrorEquations {
     /// `C`, nodes × unknowns.
     pub coupling: Vec<f64>,
     /// `P` with what was stated.
@@ -580,7 +580,7 @@ fn put_block(matrix: &mut [f64], width: usize, start: usize, block: &[f64], m: u
     }
 }
 
-impl SharedEquations {
+impl ScanErrorEquations {
     /// Nothing said of so many unknowns.
     fn zeros(nodes: usize, width: usize) -> Self {
         Self {
@@ -593,16 +593,16 @@ impl SharedEquations {
     }
 
     /// As it goes into a model; readings like these were so many times as many.
-    pub(crate) fn into_information(mut self, factor: f64) -> SharedInformation {
+    pub(crate) fn into_information(mut self, factor: f64) -> ScanErrorInformation {
         self.coupling.iter_mut().for_each(|c| *c *= factor);
         for (p, prior) in self.corner.iter_mut().zip(&self.prior) {
             *p = factor * (*p - prior) + prior;
         }
-        SharedInformation { coupling: self.coupling, corner: self.corner }
+        ScanErrorInformation { coupling: self.coupling, corner: self.corner }
     }
 }
 
-impl SharedError {
+impl ScanError {
     /// What the surface's noise adds to the [`Self::rows`] of a position: how the normal there is turned by
     /// it, both tangents together.
     fn noise_rows(&self, surface: &Surface, drawn: &[[[f64; 3]; 16]], foot: &Foot, point: [f64; 3]) -> Rows {
@@ -620,16 +620,16 @@ impl SharedError {
         rows
     }
 
-    /// [`SharedErrors::equations`] of one scan, by its readings `own` with their `rows`.
+    /// [`ScanErrors::equations`] of one scan, by its readings `own` with their `rows`.
     fn equations(
         &self,
         at: &Linearized<'_>,
         own: &[u32],
         rows: impl Fn(&Foot, usize) -> Rows,
-    ) -> SharedEquations {
+    ) -> ScanErrorEquations {
         let Linearized { surface, directions, feet, information, channels } = *at;
         let (space, m) = (surface.space(), self.width());
-        let mut made = SharedEquations::zeros(space.node_count(), m);
+        let mut made = ScanErrorEquations::zeros(space.node_count(), m);
         for &k in own {
             let (foot, w) = (&feet[k as usize], information[k as usize]);
             let rows = rows(foot, channels.subset[k as usize] as usize);

@@ -82,7 +82,7 @@ pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) 
 }
 
 impl Notes {
-    pub(super) fn of(filter: &PatchFilter) -> Self {
+    pub(super) fn from_filter(filter: &PatchFilter) -> Self {
         let (options, prior) = (filter.options(), filter.prior());
         Self {
             layout: name(options.layout).to_owned(),

@@ -94,10 +94,10 @@ fn wild_readings_are_left_out_and_wrong_files_refused() {
     let mut stream = SurfaceStream::start(&all[..1000], &options()).unwrap();
     let before = stream.nearest([5.0, 4.0, 0.0]);
     let wild = Reading::position([5.0, 4.0, 2.0], SIGMA);
-    assert_eq!(stream.push(&wild).unwrap(), Some(Rejection::Outlier));
+    assert_eq!(stream.push(&wild).unwrap(), Some(RejectionCause::Outlier));
     assert_eq!(stream.nearest([5.0, 4.0, 0.0]), before);
     let beyond = Reading::position([30.0, 4.0, 0.0], SIGMA);
-    assert_eq!(stream.push(&beyond).unwrap(), Some(Rejection::BeyondBorder));
+    assert_eq!(stream.push(&beyond).unwrap(), Some(RejectionCause::BeyondBorder));
     assert!(stream.push(&Reading::position([f64::NAN, 4.0, 0.0], SIGMA)).is_err());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("global.planish");

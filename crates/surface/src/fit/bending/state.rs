@@ -1,13 +1,13 @@
 //! One state of a sheet that bends: laid on its readings from the state before.
 //!
-//! Comes in: the state before, the lengths of the sheet, observations. Goes out: a [`Settled`] surface whose
+//! Comes in: the state before, the lengths of the sheet, observations. Goes out: a [`ConvergedFit`] surface whose
 //! prior holds all that is known beside the heights of the readings. See [`super`].
 
 use super::{Lengths, SIGMA_STRETCH};
 use crate::fit::FitOptions;
 use crate::fit::noise::SensorNoise;
-use crate::fit::stages::{Settled, leaf_areas, leaves_with_feet, weight_of_length, weights};
-use crate::observe::extent_of;
+use crate::fit::stages::{ConvergedFit, leaf_areas, leaves_with_feet, weight_of_length, weights};
+use crate::observe::surface_extent;
 use crate::observe::{Foot, FootState, accumulate, by_leaf, project};
 use crate::observe::{Observations, Quantity};
 use crate::subdivision::RefinementLog;
@@ -22,7 +22,7 @@ use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights};
 const FIRST_STRETCH: f64 = 0.1;
 const ANNEALING: usize = 10;
 /// Iterations at most; at rest when the mean square step is so many variances of a vertex.
-const MOST_ITERATIONS: usize = 40;
+const MAX_ITERATIONS: usize = 40;
 const AT_REST: f64 = 1e-3;
 /// Length over which displacements are smooth at the start, and at most, in square roots of the sheet's area.
 const FIRST_SMOOTHING: f64 = 0.1;
@@ -45,7 +45,7 @@ pub(super) struct Sheet<'a> {
 
 /// A state that has come to rest.
 pub(super) struct Laid {
-    pub settled: Settled,
+    pub converged: ConvergedFit,
     /// Readings beyond the border.
     pub beyond: usize,
     /// Leaves that hold readings of this time.
@@ -62,9 +62,9 @@ struct Held {
 
 impl Sheet<'_> {
     /// Lays the sheet on readings; and how many of them lie beyond its border.
-    pub(super) fn settle(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<Laid> {
+    pub(super) fn converge(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<Laid> {
         let Self { system, previous, .. } = *self;
-        let search = FootPointSearch::new(previous, 2, 0.1 * extent_of(previous))?;
+        let search = FootPointSearch::new(previous, 2, 0.1 * surface_extent(previous))?;
         observations.orient_by(|p| {
             let [u, v] = search.nearest(p, [0.0; 3]);
             previous.normal(u, v).unwrap_or([0.0; 3])
@@ -81,16 +81,16 @@ impl Sheet<'_> {
         let mut weight = None;
         let mut resting = false;
         let gate = self.options.gate;
-        for iteration in 0..MOST_ITERATIONS {
-            progress.check("bending", iteration as f64 / MOST_ITERATIONS as f64)?;
+        for iteration in 0..MAX_ITERATIONS {
+            progress.check("bending", iteration as f64 / MAX_ITERATIONS as f64)?;
             progress.items(iteration * subset.len(), "readings");
             let annealed = iteration >= ANNEALING;
             let search = if annealed && iteration % 5 != 0 {
                 None
             } else {
-                Some(FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?)
+                Some(FootPointSearch::new(&surface, 2, 0.1 * surface_extent(&surface))?)
             };
-            let feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
+            let feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.variance_factors);
             noise = SensorNoise::estimate(observations, &subset, &feet, gate, &unknown, annealed)?;
             let information = weights(observations, &subset, &feet, &noise, gate, !annealed);
             if !information.iter().any(|&w| w > 0.0) {
@@ -127,17 +127,17 @@ impl Sheet<'_> {
                 break;
             }
         }
-        let feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
+        let feet = project(&surface, observations, &subset, &mut at, None, &noise.variance_factors);
         let noise = SensorNoise::estimate(observations, &subset, &feet, gate, &unknown, true)?;
         let border = self.border(&surface, observations, &subset, &feet, spacing)?;
         let weight = weight.unwrap_or(0.0);
-        let prior = self.prior(&held, &surface, border, weight, MOST_ITERATIONS)?;
+        let prior = self.prior(&held, &surface, border, weight, MAX_ITERATIONS)?;
         let beyond = (subset.iter().zip(&feet))
             .filter(|(i, foot)| beyond_by(&surface, observations, **i, foot).is_some_and(|d| d > spacing))
             .count();
         let information = weights(observations, &subset, &feet, &noise, gate, false);
         let held = leaves_with_feet(&surface, &feet, &information, |_| true);
-        let settled = Settled {
+        let converged = ConvergedFit {
             surface,
             system: system.clone(),
             subset,
@@ -149,10 +149,10 @@ impl Sheet<'_> {
             reached_limit: !resting,
             reached_tolerance: false,
             refined: RefinementLog::default(),
-            fused: None,
+            filtered: None,
             moves_freely: true,
         };
-        Ok(Laid { settled, beyond, held })
+        Ok(Laid { converged, beyond, held })
     }
 
     fn held(&self) -> Result<Held> {
@@ -194,7 +194,7 @@ impl Sheet<'_> {
         spacing: f64,
     ) -> Result<BlockInformation> {
         let (start, order) = by_leaf(feet, surface.space().leaves().len());
-        let reach = BORDER_REACH * extent_of(surface);
+        let reach = BORDER_REACH * surface_extent(surface);
         self.system.accumulate(|leaf, cell| {
             let mut any = false;
             for k in order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize) {

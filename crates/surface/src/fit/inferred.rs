@@ -25,13 +25,13 @@ pub(super) fn share_errors(
     surface: &Surface,
     weight: Option<f64>,
 ) {
-    if !observations.channels.iter().any(|channel| channel.invented) {
+    if !observations.channels.iter().any(|channel| channel.inferred) {
         return;
     }
-    let invented = |&i: &u32| observations.invented(i as usize);
+    let inferred = |&i: &u32| observations.inferred(i as usize);
     let mut count: BTreeMap<u32, f64> = BTreeMap::new();
     for (i, foot) in subset.iter().zip(&*feet) {
-        if foot.state == FootState::Good && invented(i).is_some() {
+        if foot.state == FootState::Good && inferred(i).is_some() {
             *count.entry(foot.leaf).or_default() += 1.0;
         }
     }
@@ -39,7 +39,7 @@ pub(super) fn share_errors(
         .map(|(leaf, n)| (leaf, n / surface.leaf_area(leaf as usize).max(f64::MIN_POSITIVE)))
         .collect();
     for (i, foot) in subset.iter().zip(feet) {
-        if let (Some(variance), Some(weight)) = (invented(i), weight) {
+        if let (Some(variance), Some(weight)) = (inferred(i), weight) {
             let around = density.get(&foot.leaf).copied().unwrap_or(0.0);
             let spread = 64.0 * around * weight * variance.shared.powi(2);
             foot.variance = variance.own + variance.shared.max(spread);

@@ -17,7 +17,7 @@
 //! cannot be told from shape, and count as such.
 
 use super::noise::SensorNoise;
-use super::stages::{BINS, MOST_GROSS, bin_of, neighbourhood};
+use super::stages::{BINS, MAX_GROSS, bin_of, neighbourhood};
 use crate::model::Posterior;
 use crate::observe::Quantity;
 use crate::observe::{Foot, FootChannels, FootState, by_leaf};
@@ -31,16 +31,16 @@ const SIGNIFICANT_TOGETHER: f64 = 3.0;
 
 /// Shape that cells are too large to follow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct ShapeLeft {
+pub struct UnresolvedShape {
     /// Its root mean square along the normal, where there is any.
     pub rms: f64,
     /// The share of the surface's area where there is.
     pub area_fraction: f64,
 }
 
-impl ShapeLeft {
+impl UnresolvedShape {
     /// By the mean squares and areas of leaves.
-    pub(super) fn of(squares: &[f64], areas: &[f64]) -> Option<Self> {
+    pub(super) fn from_leaves(squares: &[f64], areas: &[f64]) -> Option<Self> {
         let there = || squares.iter().zip(areas).filter(|(square, _)| **square > 0.0);
         let area: f64 = there().map(|(_, area)| area).sum();
         (area > 0.0).then(|| Self {
@@ -85,7 +85,7 @@ impl Shared {
 }
 
 /// For each leaf the mean square of the shape that it leaves out along its normal, 0 where none is seen.
-pub(super) fn shape_left(
+pub(super) fn unresolved_shape(
     posterior: &Posterior<'_>,
     channels: &FootChannels<'_>,
     feet: &[Foot],
@@ -104,13 +104,13 @@ pub(super) fn shape_left(
         for k in near() {
             *(if information[k] > 0.0 { &mut inside } else { &mut outside }) += 1;
         }
-        let is_shape = outside as f64 > MOST_GROSS * (inside + outside) as f64;
+        let is_shape = outside as f64 > MAX_GROSS * (inside + outside) as f64;
         // Σ w h, Σ (w h)², Σ w, Σ w² and the number of each bin.
         let mut bins = [[0.0; 5]; BINS * BINS];
         let (mut all, mut middle) = (0.0, [0.0; 2]);
         for k in near().filter(|&k| is_shape || information[k] > 0.0) {
             let foot = &feet[k];
-            let w = 1.0 / (noise.used[channels.of(k)] * foot.variance);
+            let w = 1.0 / (noise.variance_factors[channels.channel(k)] * foot.variance);
             let pull = w * foot.height();
             all += w;
             middle = [0, 1].map(|d| middle[d] + w * foot.local[d]);

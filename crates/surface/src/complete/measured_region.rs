@@ -8,13 +8,13 @@ use std::collections::HashMap;
 const SAME_SIDE: f64 = 0.3;
 
 /// The readings of a cloud by their places.
-pub(crate) struct Seen<'a> {
+pub(crate) struct MeasuredRegion<'a> {
     observations: &'a Observations,
     reach: f64,
     cells: HashMap<[i64; 3], Vec<u32>>,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> MeasuredRegion<'a> {
     /// What lies within `reach` of a reading counts as seen.
     pub(crate) fn new(observations: &'a Observations, reach: f64) -> Self {
         let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();

@@ -11,8 +11,8 @@
 //! Wang, Wang 1994, eq. 11–13, with the correction in `DESIGN.md`.
 
 use super::noise::SensorNoise;
-use super::stages::{LEAST_LEAF_SIGMAS, LEAST_READINGS, Misfit, leaf_areas, neighbourhood};
-use crate::model::{Motion, NodeCovariance, Posterior};
+use super::stages::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit, leaf_areas, neighbourhood};
+use crate::model::{VertexMotion, NodeCovariance, Posterior};
 use crate::observe::{Foot, FootState, by_leaf};
 use crate::observe::{Observations, Quantity};
 use crate::subdivision::Cause;
@@ -23,11 +23,11 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// The most variation of a leaf that is left whole.
-const MOST_VARIATION: f64 = 0.5;
+const MAX_VARIATION: f64 = 0.5;
 
 /// Leaves about which curvature varies, those at the deepest level, too small for their readings or with too
 /// few of them left out.
-pub(super) fn unevenly_bent(
+pub(super) fn leaves_of_varying_curvature(
     surface: &Surface,
     system: &SurfaceSystem,
     factor: &CholeskyFactor,
@@ -37,7 +37,7 @@ pub(super) fn unevenly_bent(
 ) -> Result<Vec<Misfit>> {
     let space = surface.space();
     let leaves = space.leaves().len();
-    let motion = Motion::Along(system.node_normals(surface));
+    let motion = VertexMotion::Along(system.node_normals(surface));
     let covariance = Arc::new(NodeCovariance::of_motion(SelectedInverse::new(factor), motion));
     let posterior = Posterior::new(surface, covariance);
     let curvatures: Vec<Option<[f64; 2]>> = (0..leaves)
@@ -52,16 +52,16 @@ pub(super) fn unevenly_bent(
         let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
         let variances: Vec<f64> = (own.iter().map(|&k| k as usize))
             .filter(|&k| feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position)
-            .map(|k| noise.used[observations.channel(subset[k] as usize)] * feet[k].variance)
+            .map(|k| noise.variance_factors[observations.channel(subset[k] as usize)] * feet[k].variance)
             .collect();
         let mean = variances.iter().sum::<f64>() / variances.len().max(1) as f64;
-        if own.len() < LEAST_READINGS as usize || areas[leaf] < LEAST_LEAF_SIGMAS.powi(2) * mean {
+        if own.len() < MIN_READINGS as usize || areas[leaf] < MIN_LEAF_SIGMAS.powi(2) * mean {
             continue;
         }
         let around: Vec<[f64; 2]> =
             (neighbourhood(space, leaf).into_iter()).filter_map(|other| curvatures[other]).collect();
         let variation = curvature_variation(&around, true);
-        if variation > MOST_VARIATION {
+        if variation > MAX_VARIATION {
             found.push(Misfit {
                 leaf,
                 cause: Cause::Curvature,

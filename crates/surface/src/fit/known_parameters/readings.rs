@@ -25,7 +25,7 @@ const ENOUGH_HELD_OUT: f64 = 3_000.0;
 /// Residuals that are enough to find the scale of a sensor.
 const ENOUGH_FOR_SCALE: usize = 50_000;
 /// Fewer readings say nothing of a surface and its noise.
-const LEAST_READINGS: usize = 10;
+const MIN_READINGS: usize = 10;
 /// While gross errors are looked for, readings farther than so many σ are softened.
 const BOUNDED: f64 = 2.5;
 /// Noise puts nothing farther out than the gate, or than the farthest of so many draws, and so many σ more.
@@ -154,9 +154,9 @@ impl OfScan<'_> {
 impl<'a> Readings<'a> {
     pub(super) fn new(set: &'a ScanSet, cells: [usize; 2], options: &'a FitOptions) -> Result<Self> {
         let total: usize = set.scans.iter().map(|posed| posed.scan.points.len()).sum();
-        if total < LEAST_READINGS {
+        if total < MIN_READINGS {
             return Err(Error::undetermined(format!(
-                "needed at least {LEAST_READINGS} readings, found {total} in all"
+                "needed at least {MIN_READINGS} readings, found {total} in all"
             )));
         }
         let mut stated = vec![true; set.sensors.len()];
@@ -370,7 +370,7 @@ impl<'a> Readings<'a> {
     /// that the grid cannot follow.
     ///
     /// `Σ_b ((Σ r)² − Σ r²)/n_b` over small bins, by a sample, far residuals cut off.
-    pub(super) fn shape_left(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
+    pub(super) fn unresolved_shape(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
         let step = (self.total / ENOUGH_FOR_SCALE).max(1);
         let side = ((self.total / step) as f64 / READINGS_PER_BIN).sqrt().floor().max(1.0);
         let coordinates = surface.coordinates.len();

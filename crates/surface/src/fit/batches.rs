@@ -12,10 +12,10 @@
 //! the nearest side of the surface.
 
 use super::noise::{ResidualSums, SensorNoise};
-use super::stages::{Settled, observed_leaves, weights};
+use super::stages::{ConvergedFit, observed_leaves, weights};
 use super::{FitOptions, observation_options, observe};
 use crate::observe::{FootChannels, accumulate, add_up, normal_step, project};
-use crate::observe::{ObservationOptions, Observations, Quantity, Rejection, has_ground};
+use crate::observe::{ObservationOptions, Observations, Quantity, RejectionCause, has_ground};
 use planish_core::Progress;
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;
@@ -29,24 +29,24 @@ use std::collections::BTreeMap;
 /// Readings for each control vertex that may be used, from which on more of them find no other shape.
 const READINGS_PER_COEFFICIENT: usize = 64;
 /// The smallest part that is worth its overhead, and the most parts.
-const LEAST_PART: usize = 100_000;
-const MOST_PARTS: usize = 255;
+const MIN_PART: usize = 100_000;
+const MAX_PARTS: usize = 255;
 
 /// What is dealt to no part.
 const LEFT_OUT: u8 = u8::MAX;
 
 /// Scans dealt out into parts.
-pub(super) struct Parts<'a> {
+pub(super) struct Batches<'a> {
     set: &'a ScanSet,
     /// For each point of each scan its part.
     part: Vec<Vec<u8>>,
     /// How many parts there are.
     pub count: usize,
     /// Left out before any part was looked at, by cause.
-    pub rejected: BTreeMap<Rejection, usize>,
+    pub rejected: BTreeMap<RejectionCause, usize>,
 }
 
-impl<'a> Parts<'a> {
+impl<'a> Batches<'a> {
     /// Deals the points of large scans out; none where one part is enough. With `ground` only those on the
     /// ground are.
     ///
@@ -61,8 +61,8 @@ impl<'a> Parts<'a> {
             .filter(|posed| posed.scan.grid.is_none())
             .map(|posed| posed.scan.points.len())
             .sum();
-        let size = (READINGS_PER_COEFFICIENT * options.max_coefficients).max(LEAST_PART);
-        let count = loose.div_ceil(size).min(MOST_PARTS);
+        let size = (READINGS_PER_COEFFICIENT * options.max_coefficients).max(MIN_PART);
+        let count = loose.div_ceil(size).min(MAX_PARTS);
         if count < 3 {
             return Ok(None);
         }
@@ -87,8 +87,8 @@ impl<'a> Parts<'a> {
                 for (what, part) in classify_ground(&points, ground)?.into_iter().zip(part) {
                     let cause = match what {
                         Ground::Bare => continue,
-                        Ground::Above => Rejection::AboveGround,
-                        Ground::Below => Rejection::BelowGround,
+                        Ground::Above => RejectionCause::AboveGround,
+                        Ground::Below => RejectionCause::BelowGround,
                     };
                     *part = LEFT_OUT;
                     *rejected.entry(cause).or_insert(0) += 1;
@@ -184,13 +184,13 @@ fn hash(p: &[f64; 3], seed: u64) -> u64 {
 }
 
 /// What parts have added.
-pub(super) struct Absorbed {
+pub(super) struct AddedBatches {
     /// Their information.
     pub data: BlockInformation,
     /// Which leaves they have seen.
     pub observed: Vec<bool>,
     /// What was left out of them, by cause.
-    pub rejected: BTreeMap<Rejection, usize>,
+    pub rejected: BTreeMap<RejectionCause, usize>,
     /// What there was, before anything was left out.
     pub total: usize,
     /// Readings used, `Σ h²` of their heights, `Σ w h²`, and the sum of their stated variances: sensor by
@@ -200,7 +200,7 @@ pub(super) struct Absorbed {
 
 /// The readings of a part, and an order in which neighbours follow each other.
 fn prepared(
-    parts: &Parts<'_>,
+    parts: &Batches<'_>,
     number: usize,
     first: &Observations,
     origin: [f64; 3],
@@ -209,20 +209,20 @@ fn prepared(
     let options = ObservationOptions {
         held_out_share: 0.0,
         ground: None,
-        as_they_are: true,
+        unprocessed: true,
         ..observation_options(parts.set, options)
     };
     let set = parts.part(number);
     let mut observations = observe(&set, &options)?;
     observations.move_origin(origin);
-    observations.shared = first.shared.clone();
-    let motions = observations.shared.motions();
+    observations.scan_errors = first.scan_errors.clone();
+    let motions = observations.scan_errors.motions();
     observations.move_scans(&motions);
     let order = neighbours_together(&observations.points);
     Ok((observations, order))
 }
 
-impl Absorbed {
+impl AddedBatches {
     fn add(
         &mut self,
         surface: &Surface,
@@ -234,7 +234,7 @@ impl Absorbed {
         gate: f64,
     ) -> Result<()> {
         let mut at = vec![[f64::NAN; 2]; observations.len()];
-        let feet = project(surface, observations, subset, &mut at, Some(search), &noise.used);
+        let feet = project(surface, observations, subset, &mut at, Some(search), &noise.variance_factors);
         let information = weights(observations, subset, &feet, noise, gate, false);
         add_up(sums, surface, &feet, &information);
         if feet.iter().any(|foot| foot.quantity != Quantity::Position) {
@@ -265,17 +265,17 @@ impl Absorbed {
     }
 }
 
-/// Adds all parts but the first to a settled surface, and moves the surface to where all readings want it.
-pub(super) fn absorb(
-    parts: &Parts<'_>,
+/// Adds all parts but the first to a converged surface, and moves the surface to where all readings want it.
+pub(super) fn add_batches(
+    parts: &Batches<'_>,
     first: &Observations,
     origin: [f64; 3],
-    settled: &mut Settled,
+    converged: &mut ConvergedFit,
     options: &FitOptions,
     progress: &dyn Progress,
-) -> Result<Absorbed> {
-    let Settled { surface, system, noise, .. } = &*settled;
-    let mut absorbed = Absorbed {
+) -> Result<AddedBatches> {
+    let ConvergedFit { surface, system, noise, .. } = &*converged;
+    let mut added = AddedBatches {
         data: system.nothing()?,
         observed: vec![false; surface.space().leaves().len()],
         rejected: parts.rejected.clone(),
@@ -288,35 +288,35 @@ pub(super) fn absorb(
     let mut coming = Some(prepared(parts, 1, first, origin, options));
     for number in 1..parts.count {
         progress.check("adding", 0.6 + 0.25 * number as f64 / parts.count as f64)?;
-        progress.items(absorbed.total, "readings");
+        progress.items(added.total, "readings");
         let Some(part) = coming.take() else { break };
         let (observations, subset) = part?;
         let next = || (number + 1 < parts.count).then(|| prepared(parts, number + 1, first, origin, options));
         let add = || {
-            absorbed.add(surface, system, &mut sums, noise, (&observations, &subset), &search, options.gate)
+            added.add(surface, system, &mut sums, noise, (&observations, &subset), &search, options.gate)
         };
         let (added, next) = rayon::join(add, next);
         added?;
         coming = next;
     }
-    absorbed.data.add_scaled(&sums.information(system)?, 1.0)?;
+    added.data.add_scaled(&sums.information(system)?, 1.0)?;
     progress.check("settling", 0.86)?;
-    let information = weights(first, &settled.subset, &settled.feet, &settled.noise, options.gate, false);
+    let information = weights(first, &converged.subset, &converged.feet, &converged.noise, options.gate, false);
     let step = normal_step(
-        &settled.system,
-        &settled.surface,
-        &settled.feet,
+        &converged.system,
+        &converged.surface,
+        &converged.feet,
         &information,
-        &FootChannels::new(first, &settled.subset).in_place(),
-        &settled.prior,
+        &FootChannels::new(first, &converged.subset).in_place(),
+        &converged.prior,
         1.0,
-        Some(&absorbed.data),
+        Some(&added.data),
         &mut None,
     )?;
-    settled.surface = step.surface;
-    settled.feet =
-        project(&settled.surface, first, &settled.subset, &mut settled.at, None, &settled.noise.used);
-    Ok(absorbed)
+    converged.surface = step.surface;
+    converged.feet =
+        project(&converged.surface, first, &converged.subset, &mut converged.at, None, &converged.noise.variance_factors);
+    Ok(added)
 }
 
 #[cfg(test)]

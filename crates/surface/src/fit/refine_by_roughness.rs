@@ -15,10 +15,10 @@ use planish_spline::Surface;
 /// without such detail cover 99 %, which is why it has to be asked for.
 const WIDEST: f64 = 3.0;
 /// A leaf is divided for its readings' sake: each quarter wants one.
-const LEAST_READINGS: usize = 4;
+const MIN_READINGS: usize = 4;
 
 /// The leaves wider than three smoothing lengths, widest first; every corner of each.
-pub(super) fn too_coarse(
+pub(super) fn leaves_coarser_than_smoothing(
     surface: &Surface,
     feet: &[Foot],
     information: &[f64],
@@ -38,7 +38,7 @@ pub(super) fn too_coarse(
     }
     let mut wide: Vec<(usize, f64)> = (sums.iter().enumerate())
         .filter(|(leaf, (stiffness, readings))| {
-            *stiffness > weight && *readings >= LEAST_READINGS && space.leaves()[*leaf].level < deepest
+            *stiffness > weight && *readings >= MIN_READINGS && space.leaves()[*leaf].level < deepest
         })
         .map(|(leaf, (stiffness, _))| (leaf, stiffness / weight))
         .collect();

@@ -17,7 +17,7 @@ use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::stages::with_neighbours;
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{NodeCovariance, Observed, Posterior, SensorReport, SurfaceModel};
-use crate::observe::{Quantity, Rejection};
+use crate::observe::{Quantity, RejectionCause};
 use planish_core::Progress;
 use planish_estimate::sparse::{BlockInformation, SelectedInverse};
 use planish_estimate::{Error, Result};
@@ -32,7 +32,7 @@ use readings::{Evaluation, Reading, Readings, TASK};
 
 /// Rounds of weighing and gating; and what must change for another: shares of a variance, and of the
 /// readings, if none of them is more than so many σ beyond the gate.
-const MOST_ROUNDS: u32 = 20;
+const MAX_ROUNDS: u32 = 20;
 const SETTLED_VARIANCE: f64 = 0.01;
 const SETTLED_GATE: f64 = 1e-4;
 const MARGINAL: f64 = 1.0;
@@ -42,12 +42,12 @@ const BOUNDED_ROUNDS: u32 = 8;
 const FOUND_VARIANCE: f64 = 0.1;
 /// Readings of which less than this share is free of the surface do not tell noise from shape; and fewer free
 /// ones contradict no stated σ.
-const LEAST_REDUNDANCY: f64 = 0.2;
+const MIN_REDUNDANCY: f64 = 0.2;
 const ENOUGH_TO_CONTRADICT: f64 = 20.0;
 /// A grid of more cells takes more memory than most machines have.
-const MOST_CELLS: usize = 1 << 18;
+const MAX_CELLS: usize = 1 << 18;
 /// Stated σ are believed within this factor.
-const BELIEVED: f64 = 1.1;
+const STATED_SIGMA_TOLERANCE: f64 = 1.1;
 /// Information of an exact coordinate over that of the others.
 const EXACT: f64 = 1e6;
 
@@ -56,7 +56,7 @@ const EXACT: f64 = 1e6;
 /// # Errors
 /// `Input` when a scan has no parameters, or some outside `[0, 1]`; `Unsupported` for noise that depends on
 /// direction; `Undetermined` when the readings do not determine the surface.
-pub(super) fn fit_known(
+pub(super) fn fit_known_parameters(
     set: &ScanSet,
     cells: [usize; 2],
     options: &FitOptions,
@@ -64,9 +64,9 @@ pub(super) fn fit_known(
 ) -> Result<Fit> {
     let shape = options.shape.unwrap_or(Shape::Sheet);
     let many = cells[0].saturating_mul(cells[1]);
-    if many > MOST_CELLS {
+    if many > MAX_CELLS {
         return Err(Error::input(format!(
-            "needed at most {MOST_CELLS} cells (each takes some 20 KB while its covariance is found), found {} × {} = {many}",
+            "needed at most {MAX_CELLS} cells (each takes some 20 KB while its covariance is found), found {} × {} = {many}",
             cells[0], cells[1]
         )));
     }
@@ -125,8 +125,8 @@ pub(super) fn fit_known(
         let same_noise = variances.len() == 1 || !far_apart(&now, &variances, SETTLED_VARIANCE);
         let is_marginal = changed as f64 <= SETTLED_GATE * total.sums.count() as f64
             && examined.farthest_new <= options.gate + MARGINAL;
-        let settled = same_noise && readings.softening.is_none() && (changed == 0 || is_marginal);
-        if settled || round == MOST_ROUNDS {
+        let converged = same_noise && readings.softening.is_none() && (changed == 0 || is_marginal);
+        if converged || round == MAX_ROUNDS {
             readings.set_gated(examined.gated);
             let solved = Solved {
                 total,
@@ -135,7 +135,7 @@ pub(super) fn fit_known(
                 surface,
                 evaluation,
                 residuals: examined.residuals,
-                reached_limit: !settled,
+                reached_limit: !converged,
             };
             return solved.finish(&readings, &system, progress);
         }
@@ -168,7 +168,7 @@ fn difference(a: &[Vec<u32>], b: &[Vec<u32>]) -> usize {
         .sum()
 }
 
-/// A fit that is settled but for its figures.
+/// A fit that is converged but for its figures.
 struct Solved {
     total: Totals,
     /// Each sensor's variance over that stated, up to a factor common to all; 1 for one sensor.
@@ -193,7 +193,7 @@ impl Solved {
         let mut inverse = SelectedInverse::new(&self.smoothing.factor);
         let mut degrees = coordinates * inverse.trace_with(&self.total.information)?;
         // So few readings may be followed wherever they go: then only a stated σ tells noise from shape.
-        let is_free = degrees < (1.0 - LEAST_REDUNDANCY) * numbers;
+        let is_free = degrees < (1.0 - MIN_REDUNDANCY) * numbers;
         if !is_free {
             if !readings.stated.iter().all(|stated| *stated) {
                 let [nu, nv] = system.space().base();
@@ -221,10 +221,10 @@ impl Solved {
         let count: usize = residuals.iter().map(|r| r.count).sum();
         let weighted: f64 = residuals.iter().zip(&variances).map(|(r, v)| r.weighted / v).sum();
         let redundant = (coordinates * count as f64 - degrees).max(1.0);
-        let estimated = (weighted / (redundant * kept)).max(least_variance(&surface, &total));
+        let estimated = (weighted / (redundant * kept)).max(min_variance(&surface, &total));
         let contradicts = is_free && redundant > ENOUGH_TO_CONTRADICT;
         let believed = |s: usize| {
-            let agrees = || (1.0 / BELIEVED..BELIEVED).contains(&(estimated * variances[s]).sqrt());
+            let agrees = || (1.0 / STATED_SIGMA_TOLERANCE..STATED_SIGMA_TOLERANCE).contains(&(estimated * variances[s]).sqrt());
             readings.stated[s] && (!contradicts || agrees())
         };
         let scale = match (0..variances.len()).find(|&s| believed(s) && residuals[s].count > 0) {
@@ -254,8 +254,8 @@ impl Solved {
             unit: set.unit.unwrap_or(Unit::Millimetre),
             prior: over_coordinates(&smoothing.energy, smoothing.found.weight / scale, measured, [0.0; 3])?,
             data: over_coordinates(&total.information, 1.0 / scale, measured, total.sums.origin())?,
-            shape_left: Vec::new(),
-            observed: observed.into_iter().map(Observed::of_measured).collect(),
+            unresolved_shape: Vec::new(),
+            observed: observed.into_iter().map(Observed::from_measured).collect(),
             sensors: sensors.clone(),
             poses: pose_reports(set),
             smoothness_weight: smoothing.found.weight / scale,
@@ -263,7 +263,7 @@ impl Solved {
             measured_coordinates: Some(measured),
             moves_freely: false,
             patches: None,
-            shared: None,
+            scan_errors: None,
             surface,
         };
         let covariance = Arc::new(NodeCovariance::of_coordinates(inverse, measured, scale));
@@ -271,7 +271,7 @@ impl Solved {
         progress.check("figures", 0.9)?;
         let held_out = readings.judge(&evaluation, &posterior, scale, &variances, is_gated)?;
         let scales: Vec<f64> = variances.iter().map(|v| scale * v).collect();
-        let shape_left = readings.shape_left(&evaluation, &scales);
+        let unresolved_shape = readings.unresolved_shape(&evaluation, &scales);
         let sigma = posterior.sigma_summary(&model.observed)?;
         let areas: Vec<f64> = (0..model.observed.len())
             .map(|leaf| model.surface.leaf_jet(leaf, 0.5, 0.5).area_element())
@@ -284,9 +284,9 @@ impl Solved {
         let gated: usize = readings.gated.iter().map(Vec::len).sum();
         let repeated: usize = readings.repeated.iter().map(Vec::len).sum();
         let causes = [
-            (Rejection::NotFinite, not_finite),
-            (Rejection::Duplicate, repeated),
-            (Rejection::Outlier, gated),
+            (RejectionCause::NotFinite, not_finite),
+            (RejectionCause::Duplicate, repeated),
+            (RejectionCause::Outlier, gated),
         ];
         let rejected: BTreeMap<String, usize> = causes
             .into_iter()
@@ -299,7 +299,7 @@ impl Solved {
             warnings
                 .push("where parameters are known poses are taken as exact: their σ was not used".to_owned());
         }
-        if let Some(share) = shape_left {
+        if let Some(share) = unresolved_shape {
             let [nu, nv] = model.surface.space().base();
             warnings.push(format!(
                 "{:.0} % of the residuals' variance is shape that {nu} × {nv} cells cannot follow: take more cells, or σ is too small",
@@ -323,14 +323,14 @@ impl Solved {
             poses: model.poses.clone(),
             sigma,
             observed_area_fraction: observed_share,
-            shape_left: None,
+            unresolved_shape: None,
             smoothness_weight: model.smoothness_weight,
             propagation: None,
             held_out,
             termination: if reached_limit { FitTermination::Limit } else { FitTermination::Converged },
         };
         progress.advance("done", 1.0);
-        Ok(Fit { model, report, earlier_states: Vec::new(), forming: None, readings: None, covariance })
+        Ok(Fit { model, report, earlier_states: Vec::new(), formation: None, readings: None, covariance })
     }
 }
 
@@ -396,7 +396,7 @@ impl Readings<'_> {
 }
 
 /// A variance that rounding alone leaves.
-fn least_variance(surface: &Surface, total: &Totals) -> f64 {
+fn min_variance(surface: &Surface, total: &Totals) -> f64 {
     let size = BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal());
     let typical = total.sums.count().max(1) as f64 / total.sums.weight();
     ((1e-12 * size).powi(2) / typical).max(f64::MIN_POSITIVE)

@@ -1,6 +1,6 @@
 //! How a model forms, reading by reading.
 //!
-//! Comes in: a settled surface with its readings. Goes out: [`Snapshot`]s of what was known after the first
+//! Comes in: a converged surface with its readings. Goes out: [`Snapshot`]s of what was known after the first
 //! `n` of them, in an order that the seed draws, `n` growing by a constant factor.
 //!
 //! Of the global filter a snapshot is the posterior of the first `n` readings over the final hierarchy, with
@@ -13,8 +13,8 @@
 
 use super::FitOptions;
 use super::patch::shuffled;
-use super::stages::{Settled, weights};
-use crate::model::{Motion, NodeCovariance, Posterior};
+use super::stages::{ConvergedFit, weights};
+use crate::model::{VertexMotion, NodeCovariance, Posterior};
 use crate::observe::Observations;
 use crate::observe::{FootState, by_leaf};
 use planish_core::Progress;
@@ -39,9 +39,9 @@ pub struct Snapshot {
     covariance: Arc<NodeCovariance>,
 }
 
-/// How a model formed.
+/// How a model formation_of_global_fit.
 #[derive(Default)]
-pub struct Forming {
+pub struct Formation {
     /// From few readings to all of them.
     pub snapshots: Vec<Snapshot>,
     /// Where the readings lie, in the order in which they came.
@@ -70,7 +70,7 @@ impl Snapshot {
     }
 }
 
-impl Forming {
+impl Formation {
     /// The same with every point moved.
     pub(super) fn translated(mut self, by: [f64; 3]) -> Result<Self> {
         if by == [0.0; 3] {
@@ -97,20 +97,20 @@ pub(super) fn counts(first: usize, all: usize, frames: usize) -> Vec<usize> {
 }
 
 /// Snapshots of a fit of the global filter.
-pub(super) fn formed(
+pub(super) fn formation_of_global_fit(
     observations: &Observations,
-    settled: &Settled,
+    converged: &ConvergedFit,
     options: &FitOptions,
     frames: usize,
     progress: &dyn Progress,
-) -> Result<Forming> {
-    let Settled { surface, system, subset, feet, noise, prior, .. } = settled;
+) -> Result<Formation> {
+    let ConvergedFit { surface, system, subset, feet, noise, prior, .. } = converged;
     let information = weights(observations, subset, feet, noise, options.gate, false);
     let numbers: Vec<u32> = (0..subset.len() as u32).collect();
     let order: Vec<u32> = shuffled(&numbers, options.seed)
         .into_iter()
         .filter(|&k| information[k as usize] > 0.0 && feet[k as usize].state == FootState::Good)
-        .filter(|&k| observations.invented(subset[k as usize] as usize).is_none())
+        .filter(|&k| observations.inferred(subset[k as usize] as usize).is_none())
         .collect();
     // What was concluded from readings comes with the last of them; what was set aside has no information.
     let mut rank = vec![order.len().saturating_sub(1); subset.len()];
@@ -127,7 +127,7 @@ pub(super) fn formed(
         .collect();
     let (start, by_place) = by_leaf(feet, surface.space().leaves().len());
     let counts = counts(FIRST_READINGS, order.len(), frames);
-    let mut forming = Forming {
+    let mut formation = Formation {
         snapshots: Vec::with_capacity(counts.len()),
         places: order.iter().map(|&k| observations.points[subset[k as usize] as usize]).collect(),
     };
@@ -153,9 +153,9 @@ pub(super) fn formed(
         let moved = (surface.vertices().iter().zip(&step).zip(&directions))
             .map(|((p, step), d)| add_scaled(*p, *step, *d))
             .collect();
-        let motion = Motion::Along(directions.clone());
+        let motion = VertexMotion::Along(directions.clone());
         let covariance = NodeCovariance::of_motion(SelectedInverse::new(&factor), motion);
-        forming.snapshots.push(Snapshot::new(count, surface.with_vertices(moved)?, covariance));
+        formation.snapshots.push(Snapshot::new(count, surface.with_vertices(moved)?, covariance));
     }
-    Ok(forming)
+    Ok(formation)
 }

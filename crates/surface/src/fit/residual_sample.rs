@@ -1,6 +1,6 @@
 //! What a report shows of the readings: some of them with their residuals, and what every scan amounts to.
 //!
-//! Comes in: the readings that a fit ends with. Goes out: [`ShownReadings`]. Nothing is computed anew: these
+//! Comes in: the readings that a fit ends with. Goes out: [`ResidualSample`]. Nothing is computed anew: these
 //! are the residuals that the fit judged.
 //!
 //! Not guaranteed: readings of a large cloud beyond those that found the surface; readings of other things
@@ -14,12 +14,12 @@ use planish_estimate::vector3::add;
 use planish_exchange::ScanSet;
 use planish_spline::Surface;
 
-/// So many readings are shown at most: dots that lie apart on a screen.
-const MOST_SHOWN: usize = 20_000;
+/// So many readings are residual_sample at most: dots that lie apart on a screen.
+const MAX_SHOWN: usize = 20_000;
 
 /// What a scan amounts to.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct ScanFigures {
+pub struct ScanSummary {
     /// Its name.
     pub name: String,
     /// Its sensor.
@@ -27,7 +27,7 @@ pub struct ScanFigures {
     /// Positions that took part.
     pub used: usize,
     /// Positions that were found to be of something else, or wrong.
-    pub set_aside: usize,
+    pub rejected: usize,
     /// Root mean square of the residuals of those that took part.
     pub rms: f64,
     /// Their mean: how far the scan lies from all others together.
@@ -38,7 +38,7 @@ pub struct ScanFigures {
 
 /// Some readings of position, as the fit judged them.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct ShownReadings {
+pub struct ResidualSample {
     /// Where.
     pub places: Vec<[f64; 3]>,
     /// Signed distance from the surface.
@@ -50,12 +50,12 @@ pub struct ShownReadings {
     /// Whether the reading took part.
     pub used: Vec<bool>,
     /// Scan by scan, in the order of the scans.
-    pub scans: Vec<ScanFigures>,
+    pub scans: Vec<ScanSummary>,
     /// For each leaf, the scans that have a reading in it or in a neighbour of it.
     pub seen_by: Vec<Vec<u16>>,
 }
 
-impl ShownReadings {
+impl ResidualSample {
     /// From feet and the information that each was given.
     pub(super) fn new(
         set: &ScanSet,
@@ -66,33 +66,33 @@ impl ShownReadings {
         information: &[f64],
         noise: &SensorNoise,
     ) -> Self {
-        let mut shown = Self {
+        let mut residual_sample = Self {
             scans: (set.scans.iter())
-                .map(|posed| ScanFigures {
+                .map(|posed| ScanSummary {
                     name: posed.scan.name.clone(),
                     sensor: set.sensors[posed.sensor].name.clone(),
-                    ..ScanFigures::default()
+                    ..ScanSummary::default()
                 })
                 .collect(),
             ..Self::default()
         };
         let leaves = surface.space().leaves().len();
-        let mut holds: Vec<Vec<bool>> = vec![Vec::new(); shown.scans.len()];
+        let mut holds: Vec<Vec<bool>> = vec![Vec::new(); residual_sample.scans.len()];
         let positions: Vec<usize> = (0..feet.len())
             .filter(|&k| {
                 let channel = &observations.channels[observations.channel(subset[k] as usize)];
-                feet[k].quantity == Quantity::Position && !channel.invented
+                feet[k].quantity == Quantity::Position && !channel.inferred
             })
             .collect();
-        let step = positions.len().div_ceil(MOST_SHOWN).max(1);
+        let step = positions.len().div_ceil(MAX_SHOWN).max(1);
         for (n, &k) in positions.iter().enumerate() {
             let (i, foot) = (subset[k] as usize, &feet[k]);
             let scan = observations.scan[i] as usize;
-            let (Some(figures), Some(holds)) = (shown.scans.get_mut(scan), holds.get_mut(scan)) else {
+            let (Some(figures), Some(holds)) = (residual_sample.scans.get_mut(scan), holds.get_mut(scan)) else {
                 continue;
             };
             let residual = foot.height();
-            let normalised = residual / (noise.used[observations.channel(i)] * foot.variance).sqrt();
+            let normalised = residual / (noise.variance_factors[observations.channel(i)] * foot.variance).sqrt();
             let used = information[k] > 0.0;
             if used {
                 figures.used += 1;
@@ -104,31 +104,31 @@ impl ShownReadings {
                 }
                 holds[foot.leaf as usize] = true;
             } else {
-                figures.set_aside += 1;
+                figures.rejected += 1;
             }
             if n % step == 0 {
-                shown.places.push(observations.points[i]);
-                shown.residuals.push(residual);
-                shown.normalised.push(normalised);
-                shown.scan.push(scan as u16);
-                shown.used.push(used);
+                residual_sample.places.push(observations.points[i]);
+                residual_sample.residuals.push(residual);
+                residual_sample.normalised.push(normalised);
+                residual_sample.scan.push(scan as u16);
+                residual_sample.used.push(used);
             }
         }
-        for figures in &mut shown.scans {
+        for figures in &mut residual_sample.scans {
             let n = figures.used.max(1) as f64;
             figures.rms = (figures.rms / n).sqrt();
             figures.mean /= n;
             figures.rms_normalised = (figures.rms_normalised / n).sqrt();
         }
-        shown.seen_by = vec![Vec::new(); leaves];
+        residual_sample.seen_by = vec![Vec::new(); leaves];
         for (scan, holds) in holds.iter().enumerate().filter(|(_, holds)| !holds.is_empty()) {
             for (leaf, seen) in with_neighbours(surface.space(), holds).into_iter().enumerate() {
                 if seen {
-                    shown.seen_by[leaf].push(scan as u16);
+                    residual_sample.seen_by[leaf].push(scan as u16);
                 }
             }
         }
-        shown
+        residual_sample
     }
 
     /// The same with every place moved.
