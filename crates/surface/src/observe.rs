@@ -14,6 +14,7 @@ mod domain;
 mod feet;
 mod observations;
 mod scan_errors;
+mod step;
 
 pub use domain::check_domain;
 pub use feet::surface_extent;
@@ -23,3 +24,4 @@ pub use observations::{
     InferredReading, InferredVariance, ObservationOptions, Observations, Quantity, RejectionCause,
 };
 pub(crate) use scan_errors::{Linearized, ScanErrors};
+pub(crate) use step::{FootChannels, StepInput, normal_step};

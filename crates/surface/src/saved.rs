@@ -39,7 +39,7 @@
 
 mod patches;
 
-use crate::model::{Observed, ScanPoseReport, SensorReport, ScanErrorInformation, SurfaceModel};
+use crate::model::{Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel};
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;

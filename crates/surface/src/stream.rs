@@ -15,7 +15,7 @@
 use crate::fit::{FirstFit, FitOptions, first_fit_of, with_neighbours};
 use crate::model::{Observed, SensorReport, SurfaceModel};
 use crate::observe::{ObservationOptions, Observations, RejectionCause};
-use crate::patch_stream::{StreamingFilter, IncomingReading, PatchRules, ReadingValue};
+use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::saved::{Session, load_with_provenance, save};
 use crate::subdivision::{LevelRefinement, RefineBy};
 use planish_core::Silent;
@@ -97,12 +97,16 @@ impl Reading {
 
     fn incoming(&self) -> Result<IncomingReading> {
         let made = match *self {
-            Self::Position { point, covariance, facing } => {
-                IncomingReading { at: point, facing: facing.unwrap_or([0.0; 3]), what: ReadingValue::Position(covariance) }
-            }
-            Self::Normal { at, normal, sigma_rad } => {
-                IncomingReading { at, facing: normal, what: ReadingValue::Normal(normal, sigma_rad * sigma_rad) }
-            }
+            Self::Position { point, covariance, facing } => IncomingReading {
+                at: point,
+                facing: facing.unwrap_or([0.0; 3]),
+                what: ReadingValue::Position(covariance),
+            },
+            Self::Normal { at, normal, sigma_rad } => IncomingReading {
+                at,
+                facing: normal,
+                what: ReadingValue::Normal(normal, sigma_rad * sigma_rad),
+            },
             Self::Curvature { at, normal, direction, principal, sigma } => IncomingReading {
                 at,
                 facing: normal,

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, missing_docs, clippy::missing_panics_doc, reason = "only tests call it")]
 
-use crate::model::{Observed, ScanPoseReport, SensorReport, ScanErrorInformation, SurfaceModel};
+use crate::model::{Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel};
 use planish_exchange::Unit;
 use planish_spline::{BaseShape, Shape, Surface, SurfaceSystem, leaf_weights};
 

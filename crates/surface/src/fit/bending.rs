@@ -35,8 +35,10 @@ mod state;
 
 use super::PropagationReport;
 use super::bending_report::{BendingReport, BendingState, State, states_in_time};
-use super::stages::{base_shape, leaf_areas};
-use super::{Filter, Fit, FitOptions, finish, fit, observation_options, observe, some_scans};
+use super::finish::{FinishInput, finish};
+use super::first::base_shape;
+use super::leaves::leaf_areas;
+use super::{Filter, Fit, FitOptions, fit, observation_options, observe, scans_of};
 use crate::model::{Observed, Posterior, SensorReport};
 use crate::observe::{ObservationOptions, Quantity};
 use planish_core::{Progress, ProgressPart};
@@ -67,7 +69,7 @@ const MAX_BEYOND: f64 = 0.005;
 pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let states = states_in_time(set)?;
     refuse(options)?;
-    let first_scans = some_scans(set, &states[0].scans);
+    let first_scans = scans_of(set, &states[0].scans);
     if options.shape.is_none() {
         // Before the work of a fit.
         let mut readings = observe(&first_scans, &observation_options(set, options))?;
@@ -157,7 +159,7 @@ fn follow(
     for (k, state) in states.iter().enumerate().skip(1) {
         let share = |k: usize| (k - 1) as f64 / (states.len() - 1) as f64;
         let progress = ProgressPart::new(progress, share(k), share(k + 1));
-        let scans = some_scans(set, &state.scans);
+        let scans = scans_of(set, &state.scans);
         let mut observations =
             observe(&scans, &ObservationOptions { sheet: true, ..observation_options(set, options) })?;
         let origin = observations.recentre();
@@ -172,7 +174,7 @@ fn follow(
         })?;
         let Laid { converged, beyond, held } = laid;
         let quiet = planish_core::Silent;
-        let mut made = finish::finish(&scans, &observations, converged, options, None, None, origin, &quiet)?
+        let mut made = finish(FinishInput::new(&scans, &observations, options, origin), converged, &quiet)?
             .translated(origin)?;
         surface = made.model.surface.clone();
         lengths.carry_into(&mut made, &held);
@@ -321,7 +323,7 @@ fn reported(
 ) -> Fit {
     let sigma = noise_of(&first.report.sensors, &first.report.sensors);
     let mut states = vec![BendingState {
-        scans: names(&some_scans(set, &state.scans)),
+        scans: names(&scans_of(set, &state.scans)),
         time_s: state.time_s,
         observations: first.report.observations,
         rms: first.report.rms,

@@ -13,8 +13,9 @@
 
 use super::FitOptions;
 use super::patch::shuffled;
-use super::stages::{ConvergedFit, weights};
-use crate::model::{VertexMotion, NodeCovariance, Posterior};
+use super::refine::ConvergedFit;
+use super::weights::weights;
+use crate::model::{NodeCovariance, Posterior, VertexMotion};
 use crate::observe::Observations;
 use crate::observe::{FootState, by_leaf};
 use planish_core::Progress;
@@ -105,7 +106,7 @@ pub(super) fn formation_of_global_fit(
     progress: &dyn Progress,
 ) -> Result<Formation> {
     let ConvergedFit { surface, system, subset, feet, noise, prior, .. } = converged;
-    let information = weights(observations, subset, feet, noise, options.gate, false);
+    let information = weights(converged.readings(observations), noise, options.gate, false);
     let numbers: Vec<u32> = (0..subset.len() as u32).collect();
     let order: Vec<u32> = shuffled(&numbers, options.seed)
         .into_iter()

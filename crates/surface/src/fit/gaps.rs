@@ -7,7 +7,9 @@
 //! of the readings. Leaves with such places that touch make one gap. The readings around it, as far away as
 //! the gap is wide, or only half as far where those are of no simple shape, say what it is.
 
-use super::stages::{ConvergedFit, leaf_areas, neighbourhood, weights};
+use super::leaves::{leaf_areas, neighbourhood};
+use super::refine::ConvergedFit;
+use super::weights::weights;
 use crate::complete::{GapReport, MeasuredRegion};
 use crate::observe::{InferredReading, InferredVariance, Observations};
 use planish_estimate::vector3::{distance, dot, sub};
@@ -38,7 +40,7 @@ pub(super) fn completed(
     converged: &ConvergedFit,
     gate: f64,
 ) -> (Vec<InferredReading>, Vec<GapReport>) {
-    let information = weights(observations, &converged.subset, &converged.feet, &converged.noise, gate, false);
+    let information = weights(converged.readings(observations), &converged.noise, gate, false);
     let used: Vec<usize> = (0..converged.subset.len())
         .filter(|&k| information[k] > 0.0 && observations.inferred(converged.subset[k] as usize).is_none())
         .collect();

@@ -11,10 +11,10 @@
 
 mod readings;
 
-use super::finish::{has_uncertain_pose, pose_reports, warnings};
+use super::finish::{common_warnings, has_uncertain_pose, scan_pose_reports};
+use super::leaves::with_neighbours;
 use super::noise::{ResidualSums, kept_variance};
 use super::smoothing::{Smoothing, Totals, reference_surface};
-use super::stages::with_neighbours;
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{NodeCovariance, Observed, Posterior, SensorReport, SurfaceModel};
 use crate::observe::{Quantity, RejectionCause};
@@ -224,7 +224,10 @@ impl Solved {
         let estimated = (weighted / (redundant * kept)).max(min_variance(&surface, &total));
         let contradicts = is_free && redundant > ENOUGH_TO_CONTRADICT;
         let believed = |s: usize| {
-            let agrees = || (1.0 / STATED_SIGMA_TOLERANCE..STATED_SIGMA_TOLERANCE).contains(&(estimated * variances[s]).sqrt());
+            let agrees = || {
+                (1.0 / STATED_SIGMA_TOLERANCE..STATED_SIGMA_TOLERANCE)
+                    .contains(&(estimated * variances[s]).sqrt())
+            };
             readings.stated[s] && (!contradicts || agrees())
         };
         let scale = match (0..variances.len()).find(|&s| believed(s) && residuals[s].count > 0) {
@@ -257,7 +260,7 @@ impl Solved {
             unresolved_shape: Vec::new(),
             observed: observed.into_iter().map(Observed::from_measured).collect(),
             sensors: sensors.clone(),
-            poses: pose_reports(set),
+            poses: scan_pose_reports(set),
             smoothness_weight: smoothing.found.weight / scale,
             observations: count,
             measured_coordinates: Some(measured),
@@ -294,7 +297,8 @@ impl Solved {
             .map(|(cause, n)| (cause.name().to_owned(), n))
             .collect();
         let observed_share = observed_area / areas.iter().sum::<f64>();
-        let mut warnings = warnings(&sensors, observed_share, 0.0, &rejected, readings.total + not_finite);
+        let mut warnings =
+            common_warnings(&sensors, observed_share, 0.0, &rejected, readings.total + not_finite);
         if has_uncertain_pose(set) {
             warnings
                 .push("where parameters are known poses are taken as exact: their σ was not used".to_owned());

@@ -1,8 +1,7 @@
 //! What the residuals say of the sensors: σ per sensor from gated readings, and whether it contradicts what
 //! was stated.
 
-use crate::observe::{Foot, FootState};
-use crate::observe::{Observations, Quantity};
+use crate::observe::{FootState, Observations, ProjectedReadings, Quantity};
 use planish_estimate::{Result, TruncatedNormal, gated_scale};
 
 /// Stated σ are believed within this factor: real instruments are not specified more sharply.
@@ -67,6 +66,11 @@ impl SensorNoise {
         }
     }
 
+    /// Variance of the reading of foot `k`, as the fit uses it.
+    pub(super) fn variance(&self, readings: ProjectedReadings<'_>, k: usize) -> f64 {
+        self.variance_factors[readings.channel(k)] * readings.feet[k].variance
+    }
+
     /// Goes back to what readings without a stated σ said before the surface heard of them, where it now
     /// follows them wherever they go: each round would weigh them more for the little that they leave,
     /// without end.
@@ -93,13 +97,12 @@ impl SensorNoise {
     /// smaller than their number by that. While `converged` is false the surface still misses shape, and every
     /// sensor counts as its residuals say, if worse than stated.
     pub(super) fn estimate(
-        observations: &Observations,
-        subset: &[u32],
-        feet: &[Foot],
+        readings: ProjectedReadings<'_>,
         gate: f64,
         degrees: &[f64],
         converged: bool,
     ) -> Result<Self> {
+        let ProjectedReadings { observations, subset, feet } = readings;
         let mut noise = Self::stated(observations);
         for channel in 0..observations.stated.len() {
             // What was concluded from readings says nothing of the sensor that took them.
@@ -157,7 +160,8 @@ impl SensorNoise {
             if !observations.stated[channel] {
                 noise.variance_factors[channel] = noise.estimated_factors[channel];
             } else if !converged {
-                noise.variance_factors[channel] = noise.estimated_factors[channel].max(noise.factor_bounds[channel]);
+                noise.variance_factors[channel] =
+                    noise.estimated_factors[channel].max(noise.factor_bounds[channel]);
             } else {
                 noise.variance_factors[channel] = if off { noise.estimated_factors[channel] } else { 1.0 };
                 noise.is_contradicted[channel] = off;

@@ -9,15 +9,19 @@
 //! Not guaranteed: the last bit of accuracy where patches were divided late: what a coarse patch took in says
 //! nothing of finer detail.
 
+use super::division::growth_log;
+use super::finish::{FinishInput, finish};
+use super::first::first_surface;
 use super::formation::{Formation, Snapshot};
 use super::noise::SensorNoise;
-use super::stages::{ConvergedFit, first_surface, grown, refine_to_noise, weights};
-use super::{Fit, FitOptions, finish, formation, observation_options, observe};
+use super::refine::{ConvergedFit, refine_to_noise};
+use super::weights::weights;
+use super::{Fit, FitOptions, formation, observation_options, observe};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
 use crate::observe::surface_extent;
-use crate::observe::{Foot, FootState, by_leaf, project};
+use crate::observe::{FootState, ProjectedReadings, by_leaf, project};
 use crate::observe::{Measured, Observations, Quantity, RejectionCause, hash01};
-use crate::patch_stream::{StreamingFilter, IncomingReading, PatchRules, ReadingValue};
+use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::subdivision::{Cause, RefinementLog};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
@@ -55,16 +59,10 @@ pub(super) struct PatchFilterOutcome {
 
 impl PatchFilterOutcome {
     /// Information of every foot: nothing of those that were left out.
-    pub(super) fn information(
-        &self,
-        observations: &Observations,
-        subset: &[u32],
-        feet: &[Foot],
-        noise: &SensorNoise,
-    ) -> Vec<f64> {
-        (subset.iter().zip(feet).zip(&self.refused))
-            .map(|((&i, foot), refused)| match refused {
-                None => 1.0 / (noise.variance_factors[observations.channel(i as usize)] * foot.variance),
+    pub(super) fn information(&self, readings: ProjectedReadings<'_>, noise: &SensorNoise) -> Vec<f64> {
+        (self.refused.iter().enumerate())
+            .map(|(k, refused)| match refused {
+                None => 1.0 / noise.variance(readings, k),
                 Some(_) => 0.0,
             })
             .collect()
@@ -118,7 +116,7 @@ pub(crate) fn first_fit_of(
     let growth = options.max_depth.map_or(MAX_GROWTH, |depth| depth.min(MAX_GROWTH));
     let found = FitOptions { max_depth: Some(growth), ..options.clone() };
     let surface = first_surface(observations, &found, PATCH_CELLS, &ProgressPart::new(progress, 0.0, 0.3))?;
-    let mut log = grown(surface.space(), PATCH_CELLS * PATCH_CELLS);
+    let mut log = growth_log(surface.space(), PATCH_CELLS * PATCH_CELLS);
     let (metric, base_level) = rebased(surface)?;
     let depth = options.max_depth.map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
     // Patches are whole, so they have more cells than the shape of the first readings asks for.
@@ -150,10 +148,11 @@ pub(crate) fn first_fit_of(
         converged.reached_tolerance = reached_tolerance;
     }
     let ConvergedFit { surface, system, feet, .. } = &converged;
-    let prior = SmoothnessPrior { weight: converged.weight, hold: (HOLD_LENGTH * surface_extent(surface)).powi(-4) };
+    let prior =
+        SmoothnessPrior { weight: converged.weight, hold: (HOLD_LENGTH * surface_extent(surface)).powi(-4) };
     // One coordinate stands for all: rows count as if every normal were the same.
     let up = vec![[0.0, 0.0, 1.0]; surface.space().node_count()];
-    let used = weights(observations, &converged.subset, feet, &converged.noise, options.gate, false);
+    let used = weights(converged.readings(observations), &converged.noise, options.gate, false);
     let (start, order) = crate::observe::by_leaf(feet, surface.space().leaves().len());
     let mut information = system.accumulate_along(&up, |leaf, add| {
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
@@ -218,7 +217,11 @@ fn log_cover(
 }
 
 pub(super) fn rules(options: &FitOptions) -> PatchRules {
-    PatchRules { gate: options.gate, refine_by: options.refine_by, max_coefficients: options.max_coefficients }
+    PatchRules {
+        gate: options.gate,
+        refine_by: options.refine_by,
+        max_coefficients: options.max_coefficients,
+    }
 }
 
 /// The same surface over a base grid of the cells of its finest level, all of which are leaves; how many
@@ -271,7 +274,7 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
 
 /// Readings that were concluded from others err together: a filter that takes one after the other as
 /// independent would average that away.
-pub(super) fn refuse_concluded(options: &FitOptions) -> Result<()> {
+pub(super) fn refuse_inferred(options: &FitOptions) -> Result<()> {
     let asked = [(options.symmetry.is_some(), "--symmetry"), (options.complete_smooth, "--complete")];
     match asked.iter().find(|(asked, _)| *asked) {
         Some((_, name)) => Err(Error::unsupported(format!(
@@ -288,14 +291,12 @@ const ENOUGH_FOR_NOISE: usize = 200;
 
 /// Fits scans by the patch filter.
 pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    let sheet =
-        FitOptions { shape: options.shape.or(options.ground.map(|_| Shape::Sheet)), ..options.clone() };
+    let sheet = options.with_shape_of_ground();
     refuse_align(options)?;
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     progress.check("normals", 0.02)?;
-    let used: Vec<u32> =
-        (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
+    let used = observations.fitted();
     let wanted = (used.len() / FIRST_SHARE).clamp(FEWEST_FIRST, MAX_FIRST);
     let order = shuffled(&used, options.seed);
     let (first, others) = order.split_at(wanted.min(order.len()));
@@ -303,7 +304,15 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         first_fit_of(&mut observations, first.to_vec(), &sheet, &ProgressPart::new(progress, 0.02, 0.4))?;
     // Half of the snapshots are of the readings that found the first surface.
     let mut formation = (options.snapshots)
-        .map(|frames| formation::formation_of_global_fit(&observations, &converged, options, frames.div_ceil(2), progress))
+        .map(|frames| {
+            formation::formation_of_global_fit(
+                &observations,
+                &converged,
+                options,
+                frames.div_ceil(2),
+                progress,
+            )
+        })
         .transpose()?;
     let filtered = stream(
         &observations,
@@ -314,7 +323,7 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         formation.as_mut(),
         &ProgressPart::new(progress, 0.4, 0.85),
     )?;
-    let mut fitted = finish::finish(set, &observations, filtered, options, None, None, origin, progress)?;
+    let mut fitted = finish(FinishInput::new(set, &observations, options, origin), filtered, progress)?;
     fitted.formation = formation;
     fitted.translated(origin)
 }
@@ -327,8 +336,7 @@ pub(super) fn update_patches(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
-    let used: Vec<u32> =
-        (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
+    let used = observations.fitted();
     let surface = &model.surface;
     let mut at = vec![[0.0; 2]; observations.len()];
     let search = FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))?;
@@ -356,9 +364,19 @@ pub(super) fn update_patches(
         }
     }
     let noise = if known.len() < ENOUGH_FOR_NOISE {
-        SensorNoise::estimate(observations, &used, &feet, options.gate, &degrees, true)?
+        SensorNoise::estimate(
+            ProjectedReadings { observations, subset: &used, feet: &feet },
+            options.gate,
+            &degrees,
+            true,
+        )?
     } else {
-        SensorNoise::estimate(observations, &known, &known_feet, options.gate, &degrees, true)?
+        SensorNoise::estimate(
+            ProjectedReadings { observations, subset: &known, feet: &known_feet },
+            options.gate,
+            &degrees,
+            true,
+        )?
     };
     let system = SurfaceSystem::new(surface.space())?;
     let nothing_yet = ConvergedFit {
@@ -413,7 +431,7 @@ pub(super) fn stream(
     mut formation: Option<&mut Formation>,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
-    let known = weights(observations, &first.subset, &first.feet, &first.noise, options.gate, false);
+    let known = weights(first.readings(observations), &first.noise, options.gate, false);
     let mut refused: Vec<Option<RejectionCause>> =
         first.feet.iter().zip(&known).map(|(foot, &w)| foot.rejection(w)).collect();
     let all = first.subset.len() + others.len();
@@ -424,7 +442,8 @@ pub(super) fn stream(
             progress.check("streaming", k as f64 / others.len() as f64)?;
             progress.items(k, "readings");
         }
-        let outcome = core.filter_reading(&incoming(observations, i as usize, &first.noise.variance_factors))?;
+        let outcome =
+            core.filter_reading(&incoming(observations, i as usize, &first.noise.variance_factors))?;
         if let Some(formation) = formation.as_deref_mut() {
             if outcome.is_none() {
                 formation.places.push(observations.points[i as usize]);
@@ -440,7 +459,8 @@ pub(super) fn stream(
     let subset: Vec<u32> = first.subset.iter().chain(others).copied().collect();
     let mut at = vec![[0.0; 2]; observations.len()];
     let search = FootPointSearch::new(&surface, 2, 0.1 * surface_extent(&surface))?;
-    let mut feet = project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.variance_factors);
+    let mut feet =
+        project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.variance_factors);
     for (foot, refused) in feet.iter_mut().zip(&refused) {
         // What became of a reading was converged when it came.
         foot.state = match refused {

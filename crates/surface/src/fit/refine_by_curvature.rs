@@ -10,11 +10,11 @@
 //! # References
 //! Wang, Wang 1994, eq. 11–13, with the correction in `DESIGN.md`.
 
+use super::division::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit};
+use super::leaves::{leaf_areas, neighbourhood};
 use super::noise::SensorNoise;
-use super::stages::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit, leaf_areas, neighbourhood};
-use crate::model::{VertexMotion, NodeCovariance, Posterior};
-use crate::observe::{Foot, FootState, by_leaf};
-use crate::observe::{Observations, Quantity};
+use crate::model::{NodeCovariance, Posterior, VertexMotion};
+use crate::observe::{FootState, ProjectedReadings, Quantity, by_leaf};
 use crate::subdivision::Cause;
 use planish_estimate::Result;
 use planish_estimate::sparse::{CholeskyFactor, SelectedInverse};
@@ -31,10 +31,11 @@ pub(super) fn leaves_of_varying_curvature(
     surface: &Surface,
     system: &SurfaceSystem,
     factor: &CholeskyFactor,
-    (observations, subset, feet): (&Observations, &[u32], &[Foot]),
+    readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
     deepest: u8,
 ) -> Result<Vec<Misfit>> {
+    let feet = readings.feet;
     let space = surface.space();
     let leaves = space.leaves().len();
     let motion = VertexMotion::Along(system.node_normals(surface));
@@ -52,7 +53,7 @@ pub(super) fn leaves_of_varying_curvature(
         let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
         let variances: Vec<f64> = (own.iter().map(|&k| k as usize))
             .filter(|&k| feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position)
-            .map(|k| noise.variance_factors[observations.channel(subset[k] as usize)] * feet[k].variance)
+            .map(|k| noise.variance(readings, k))
             .collect();
         let mean = variances.iter().sum::<f64>() / variances.len().max(1) as f64;
         if own.len() < MIN_READINGS as usize || areas[leaf] < MIN_LEAF_SIGMAS.powi(2) * mean {

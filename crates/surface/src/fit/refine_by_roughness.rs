@@ -5,7 +5,9 @@
 //! the readings determine ends at the length `ℓ` over which the prior smooths; a grid of cells far wider than
 //! that is the stiffer of the two, and the stated σ knows nothing of what it leaves out.
 
-use super::stages::{Misfit, leaf_areas, smoothing_information};
+use super::division::Misfit;
+use super::leaves::leaf_areas;
+use super::weights::smoothing_information;
 use crate::observe::{Foot, FootState};
 use crate::subdivision::Cause;
 use planish_spline::Surface;

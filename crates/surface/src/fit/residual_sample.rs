@@ -6,10 +6,9 @@
 //! Not guaranteed: readings of a large cloud beyond those that found the surface; readings of other things
 //! than positions.
 
+use super::leaves::with_neighbours;
 use super::noise::SensorNoise;
-use super::stages::with_neighbours;
-use crate::observe::Foot;
-use crate::observe::{Observations, Quantity};
+use crate::observe::{ProjectedReadings, Quantity};
 use planish_estimate::vector3::add;
 use planish_exchange::ScanSet;
 use planish_spline::Surface;
@@ -59,13 +58,12 @@ impl ResidualSample {
     /// From feet and the information that each was given.
     pub(super) fn new(
         set: &ScanSet,
-        observations: &Observations,
         surface: &Surface,
-        subset: &[u32],
-        feet: &[Foot],
+        readings: ProjectedReadings<'_>,
         information: &[f64],
         noise: &SensorNoise,
     ) -> Self {
+        let ProjectedReadings { observations, subset, feet } = readings;
         let mut residual_sample = Self {
             scans: (set.scans.iter())
                 .map(|posed| ScanSummary {
@@ -88,11 +86,12 @@ impl ResidualSample {
         for (n, &k) in positions.iter().enumerate() {
             let (i, foot) = (subset[k] as usize, &feet[k]);
             let scan = observations.scan[i] as usize;
-            let (Some(figures), Some(holds)) = (residual_sample.scans.get_mut(scan), holds.get_mut(scan)) else {
+            let (Some(figures), Some(holds)) = (residual_sample.scans.get_mut(scan), holds.get_mut(scan))
+            else {
                 continue;
             };
             let residual = foot.height();
-            let normalised = residual / (noise.variance_factors[observations.channel(i)] * foot.variance).sqrt();
+            let normalised = residual / noise.variance(readings, k).sqrt();
             let used = information[k] > 0.0;
             if used {
                 figures.used += 1;

@@ -16,8 +16,9 @@
 //! Not guaranteed: errors that readings near each other share (a scan's own bias, stereo near silhouettes)
 //! cannot be told from shape, and count as such.
 
+use super::leaves::neighbourhood;
+use super::misfit::{BINS, MAX_GROSS, bin_of};
 use super::noise::SensorNoise;
-use super::stages::{BINS, MAX_GROSS, bin_of, neighbourhood};
 use crate::model::Posterior;
 use crate::observe::Quantity;
 use crate::observe::{Foot, FootChannels, FootState, by_leaf};

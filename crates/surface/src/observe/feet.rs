@@ -1,16 +1,13 @@
-//! The pieces of one iteration of a fit: project, weigh, accumulate, solve.
+//! Foot points of readings on a surface: projection, residuals, and sums of their equations.
 
+use super::observations::{Measured, Observations, Quantity, RejectionCause};
 use crate::model::order_by_leaf;
-use crate::observe::Linearized;
-use crate::observe::{Measured, Observations, Quantity, RejectionCause};
-use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
-use planish_estimate::vector3::{add_scaled, dot};
-use planish_estimate::{Error, ErrorKind, Result};
+use planish_estimate::Result;
+use planish_estimate::sparse::BlockInformation;
+use planish_estimate::vector3::dot;
 use planish_spline::{
     DirectedSums, FootPointSearch, Jet, ProjectionOptions, Surface, SurfaceSystem, leaf_weights,
 };
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
@@ -40,6 +37,23 @@ pub(crate) struct Foot {
     pub(crate) residuals: [f64; 3],
     /// Variance of each residual as stated: of a position `nᵀRn`.
     pub variance: f64,
+}
+
+/// Readings with their feet on a surface.
+#[derive(Clone, Copy)]
+pub(crate) struct ProjectedReadings<'a> {
+    pub observations: &'a Observations,
+    /// The readings that take part, by their index in `observations`.
+    pub subset: &'a [u32],
+    /// The foot of each of them.
+    pub feet: &'a [Foot],
+}
+
+impl ProjectedReadings<'_> {
+    /// The channel of foot `k`.
+    pub(crate) fn channel(&self, k: usize) -> usize {
+        self.observations.channel(self.subset[k] as usize)
+    }
 }
 
 impl Foot {
@@ -104,8 +118,6 @@ impl Foot {
 /// The off-diagonal component of a symmetric tensor with isotropic noise has half the variance of the others.
 const CURVATURE_SCALE: [f64; 3] = [1.0, SQRT_2, 1.0];
 
-/// Feet that one task takes: fixed, so that threads change nothing.
-const CHUNK: usize = 4096;
 /// Points whose scan normal differs from the surface's by more than about 70° lie on another sheet.
 pub(crate) const MIN_COSINE: f64 = 0.35;
 
@@ -157,8 +169,8 @@ pub(crate) fn project(
                 Measured::Position => {
                     let covariance = observations.covariance(i);
                     let factor = factors[observations.channel(i)];
-                    made.residuals[0] =
-                        foot.height - observations.scan_errors.bias_along(observations.scan[i], z, foot.normal);
+                    made.residuals[0] = foot.height
+                        - observations.scan_errors.bias_along(observations.scan[i], z, foot.normal);
                     made.residuals[0] -= expected_lift(&foot.jet, &covariance, factor);
                 }
                 directional => match made.directional(surface, &directional) {
@@ -229,7 +241,7 @@ pub(crate) fn accumulate(
 }
 
 /// A row applied to the coefficients of a surface, along the foot's normal.
-fn along_normal(surface: &Surface, foot: &Foot, row: &[f64; 16]) -> f64 {
+pub(super) fn along_normal(surface: &Surface, foot: &Foot, row: &[f64; 16]) -> f64 {
     let coefficients = surface.leaf_coefficients(foot.leaf as usize);
     row.iter().zip(coefficients).map(|(w, c)| w * dot(foot.normal, *c)).sum()
 }
@@ -247,211 +259,6 @@ pub(crate) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], 
             }
         }
     });
-}
-
-/// The outcome of [`normal_step`].
-pub(crate) struct NormalStep {
-    pub surface: Surface,
-    /// Effective degrees of freedom that the readings of each channel determine: `Σ_i w_i a_iᵀ Λ⁻¹ a_i` over
-    /// its rows `a_i`.
-    pub degrees: Vec<f64>,
-    /// Newton's decrement `δᵀ Λ δ` over the degrees of freedom: the mean square of the step in standard
-    /// deviations of the surface.
-    pub decrement: f64,
-    /// How the unknowns that scans share change, where they have any.
-    pub shared: Vec<f64>,
-    /// The mean square of that step in standard deviations.
-    pub shared_decrement: f64,
-    /// The part of the decrement that the readings see, `δᵀ Λ_data δ`: where there are none, the prior may
-    /// have a long way to go.
-    pub seen: f64,
-}
-
-/// Probes for degrees of freedom: about 2 % of a thousand degrees, and less of more.
-const PROBES: usize = 8;
-
-/// One Gauss–Newton step in which every vertex moves along its own normal: one unknown a node instead of
-/// three.
-///
-/// Foot points slide freely, so motion along the surface gains nothing while the shape is still being found;
-/// the factor costs a twenty-seventh of the full one. `information` weighs the feet, `channels` are theirs;
-/// `earlier` is information of three coordinates that is there already; `memory` keeps the factor's memory
-/// from step to step.
-pub(crate) fn normal_step(
-    system: &SurfaceSystem,
-    surface: &Surface,
-    feet: &[Foot],
-    information: &[f64],
-    channels: &FootChannels<'_>,
-    prior: &BlockInformation,
-    weight: f64,
-    earlier: Option<&BlockInformation>,
-    memory: &mut Option<CholeskyFactor>,
-) -> Result<NormalStep> {
-    let space = system.space();
-    let directions = system.node_normals(surface);
-    let (start, order) = by_leaf(feet, space.leaves().len());
-    let mut data = system.accumulate_along(&directions, |leaf, add| {
-        for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
-            let (foot, w) = (&feet[k as usize], information[k as usize]);
-            if w > 0.0 {
-                foot.rows(surface, |r, row| add(row, foot.normal, foot.residuals[r], w));
-            }
-        }
-    })?;
-    let readings = earlier.map(|_| data.clone());
-    let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
-    // What pulls the vertices already: −w K x of the prior, η − Λ x of earlier data.
-    let mut pull = vec![0.0; x.len()];
-    prior.multiply(&x, &mut pull)?;
-    for (p, eta) in pull.iter_mut().zip(prior.vector()) {
-        *p = weight * (eta - *p);
-    }
-    if let Some(earlier) = earlier {
-        let mut there = vec![0.0; x.len()];
-        earlier.multiply(&x, &mut there)?;
-        for ((p, eta), t) in pull.iter_mut().zip(earlier.vector()).zip(&there) {
-            *p += eta - t;
-        }
-        data.add_scaled(&system.contract(earlier, &directions)?, 1.0)?;
-    }
-    let mut matrix = system.contract(prior, &directions)?;
-    for value in matrix.values_mut() {
-        *value *= weight;
-    }
-    matrix.add_scaled(&data, 1.0)?;
-    let ridge = 1e-10 * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
-    matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
-    let factor = system.refactorize_scalar(memory.take(), &matrix).map_err(|e| match e.kind() {
-        ErrorKind::Undetermined => Error::undetermined(format!(
-            "{} readings near the surface leave its shape open",
-            information.iter().filter(|&&w| w > 0.0).count()
-        ))
-        .with_source(e),
-        _ => e,
-    })?;
-    let readings = readings.as_ref().unwrap_or(&data);
-    let mut gradient: Vec<f64> = readings.vector().to_vec();
-    for ((s, p), d) in gradient.iter_mut().zip(pull.chunks_exact(3)).zip(&directions) {
-        *s += p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
-    }
-    let mut step = gradient.clone();
-    let (shared, shared_decrement) = if channels.with_scan_errors && !channels.observations.scan_errors.is_empty() {
-        let errors = &channels.observations.scan_errors;
-        let equations =
-            errors.equations(&Linearized { surface, directions: &directions, feet, information, channels });
-        for (s, pull) in step.iter_mut().zip(&equations.pull) {
-            *s += pull;
-        }
-        let bordered = Bordered::new(&factor, &equations.coupling, &equations.corner)?;
-        let mut shared = equations.gradient.clone();
-        bordered.solve_in_place(&factor, &equations.coupling, &mut step, &mut shared)?;
-        let length2 = bordered.shared_length2(&shared)?;
-        let unknowns = shared.len() as f64;
-        (shared, length2 / unknowns)
-    } else {
-        factor.solve_in_place(&mut step)?;
-        (Vec::new(), 0.0)
-    };
-    let degrees = if channels.count == 1 {
-        vec![stochastic_trace(&factor, readings, PROBES, 1)?.value]
-    } else {
-        degrees_by_channel(surface, &factor, &directions, feet, information, channels)?
-    };
-    let total: f64 = degrees.iter().sum();
-    let decrement = step.iter().zip(&gradient).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
-    let mut data_step = vec![0.0; step.len()];
-    readings.multiply(&step, &mut data_step)?;
-    let seen = step.iter().zip(&data_step).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
-    let vertices =
-        surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| add_scaled(*p, *s, *d));
-    *memory = Some(factor);
-    Ok(NormalStep {
-        surface: surface.with_vertices(vertices.collect())?,
-        degrees,
-        decrement,
-        shared,
-        shared_decrement,
-        seen,
-    })
-}
-
-/// Which channel each foot came from.
-pub(crate) struct FootChannels<'a> {
-    pub observations: &'a Observations,
-    pub subset: &'a [u32],
-    /// Number of channels.
-    pub count: usize,
-    /// Whether scans may move.
-    pub with_scan_errors: bool,
-}
-
-impl<'a> FootChannels<'a> {
-    pub(crate) fn new(observations: &'a Observations, subset: &'a [u32]) -> Self {
-        Self { observations, subset, count: observations.stated.len(), with_scan_errors: true }
-    }
-
-    /// The same for scans that stay where they are.
-    pub(crate) fn in_place(self) -> Self {
-        Self { with_scan_errors: false, ..self }
-    }
-
-    /// The channel of foot `k`.
-    pub(crate) fn channel(&self, k: usize) -> usize {
-        self.observations.channel(self.subset[k] as usize)
-    }
-}
-
-/// `Σ_i w_i (a_iᵀ z)(a_iᵀ Λ⁻¹ z)` over the readings of each channel, as the mean over random `z` of
-/// independent ±1 (Hutchinson 1989).
-///
-/// `a_iᵀ z` is what the reading sees of the surface whose vertices move by `z` along their normals.
-fn degrees_by_channel(
-    surface: &Surface,
-    factor: &CholeskyFactor,
-    directions: &[[f64; 3]],
-    feet: &[Foot],
-    information: &[f64],
-    channels: &FootChannels<'_>,
-) -> Result<Vec<f64>> {
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut degrees = vec![0.0; channels.count];
-    for _ in 0..PROBES {
-        let z: Vec<f64> = directions.iter().map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 }).collect();
-        let mut y = z.clone();
-        factor.solve_in_place(&mut y)?;
-        let moved = |by: &[f64]| {
-            surface.with_vertices(
-                directions.iter().zip(by).map(|(d, s)| [d[0] * s, d[1] * s, d[2] * s]).collect(),
-            )
-        };
-        let (z, y) = (moved(&z)?, moved(&y)?);
-        let parts: Vec<Vec<f64>> = (0..feet.len().div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let mut part = vec![0.0; channels.count];
-                for k in chunk * CHUNK..feet.len().min((chunk + 1) * CHUNK) {
-                    if information[k] > 0.0 {
-                        let foot = &feet[k];
-                        foot.rows(surface, |_, row| {
-                            part[channels.channel(k)] +=
-                                information[k] * along_normal(&z, foot, row) * along_normal(&y, foot, row);
-                        });
-                    }
-                }
-                part
-            })
-            .collect();
-        for part in parts {
-            for (d, p) in degrees.iter_mut().zip(part) {
-                *d += p / PROBES as f64;
-            }
-        }
-    }
-    for d in &mut degrees {
-        *d = d.max(0.0);
-    }
-    Ok(degrees)
 }
 
 /// A length of the order of the whole surface.

@@ -633,6 +633,11 @@ impl Observations {
         }
     }
 
+    /// The readings that are not held out, by index.
+    pub(crate) fn fitted(&self) -> Vec<u32> {
+        (0..self.len() as u32).filter(|&i| !self.held_out[i as usize]).collect()
+    }
+
     /// Number of points.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -16,7 +16,7 @@
 //! Not guaranteed: that scans which start far from where they belong find there. The motion is linearised at
 //! every iteration and follows the slope of the residuals.
 
-use crate::model::{ScanPoseReport, ScanErrorInformation, SurfaceModel};
+use crate::model::{ScanErrorInformation, ScanPoseReport, SurfaceModel};
 use crate::observe::{Foot, FootChannels};
 use crate::observe::{Measured, Observations, Quantity, moved_viewing};
 use planish_estimate::Result;

@@ -5,10 +5,12 @@
 
 use super::{Lengths, SIGMA_STRETCH};
 use crate::fit::FitOptions;
+use crate::fit::leaves::{leaf_areas, leaves_with_feet};
 use crate::fit::noise::SensorNoise;
-use crate::fit::stages::{ConvergedFit, leaf_areas, leaves_with_feet, weight_of_length, weights};
+use crate::fit::refine::ConvergedFit;
+use crate::fit::weights::{weight_of_length, weights};
 use crate::observe::surface_extent;
-use crate::observe::{Foot, FootState, accumulate, by_leaf, project};
+use crate::observe::{Foot, FootState, ProjectedReadings, accumulate, by_leaf, project};
 use crate::observe::{Observations, Quantity};
 use crate::subdivision::RefinementLog;
 use planish_core::Progress;
@@ -69,8 +71,7 @@ impl Sheet<'_> {
             let [u, v] = search.nearest(p, [0.0; 3]);
             previous.normal(u, v).unwrap_or([0.0; 3])
         });
-        let subset: Vec<u32> =
-            (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
+        let subset = observations.fitted();
         let held = self.held()?;
         let area: f64 = leaf_areas(previous).iter().sum();
         let spacing = (area / subset.len().max(1) as f64).sqrt();
@@ -90,9 +91,11 @@ impl Sheet<'_> {
             } else {
                 Some(FootPointSearch::new(&surface, 2, 0.1 * surface_extent(&surface))?)
             };
-            let feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.variance_factors);
-            noise = SensorNoise::estimate(observations, &subset, &feet, gate, &unknown, annealed)?;
-            let information = weights(observations, &subset, &feet, &noise, gate, !annealed);
+            let feet =
+                project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.variance_factors);
+            let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
+            noise = SensorNoise::estimate(readings, gate, &unknown, annealed)?;
+            let information = weights(readings, &noise, gate, !annealed);
             if !information.iter().any(|&w| w > 0.0) {
                 return Err(Error::undetermined(
                     "no reading lies near the sheet as it was before: do the scans share one frame, and is the sheet the same?",
@@ -128,14 +131,15 @@ impl Sheet<'_> {
             }
         }
         let feet = project(&surface, observations, &subset, &mut at, None, &noise.variance_factors);
-        let noise = SensorNoise::estimate(observations, &subset, &feet, gate, &unknown, true)?;
+        let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
+        let noise = SensorNoise::estimate(readings, gate, &unknown, true)?;
         let border = self.border(&surface, observations, &subset, &feet, spacing)?;
         let weight = weight.unwrap_or(0.0);
         let prior = self.prior(&held, &surface, border, weight, MAX_ITERATIONS)?;
         let beyond = (subset.iter().zip(&feet))
             .filter(|(i, foot)| beyond_by(&surface, observations, **i, foot).is_some_and(|d| d > spacing))
             .count();
-        let information = weights(observations, &subset, &feet, &noise, gate, false);
+        let information = weights(readings, &noise, gate, false);
         let held = leaves_with_feet(&surface, &feet, &information, |_| true);
         let converged = ConvergedFit {
             surface,
