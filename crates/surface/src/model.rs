@@ -216,7 +216,7 @@ pub struct SurfaceModel {
 /// The posterior covariance of a model's shape, ready for questions.
 ///
 /// Every vertex moves along the surface's normal at its node: the one coordinate that measurements of
-/// position determine. VertexMotion along the surface only renames its points, so it is held; see `DESIGN.md`.
+/// position determine. Motion along the surface only renames its points, so it is held; see `DESIGN.md`.
 /// Where parameters were known every coordinate moves.
 pub struct Posterior<'a> {
     surface: &'a Surface,

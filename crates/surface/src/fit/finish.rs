@@ -31,6 +31,7 @@ use super::weights::weights;
 use super::{Filter, Fit, FitOptions, FitReport, FitTermination, ResidualSample};
 use crate::model::{NodeCovariance, Observed, Posterior, ScanPoseReport, SensorReport, SurfaceModel};
 use crate::observe::{Foot, FootChannels, FootState, Observations, ProjectedReadings, Quantity, accumulate};
+use crate::subdivision::RefinementLog;
 use degrees::degrees_of_channels;
 use held_out::judge_held_out;
 use planish_core::Progress;
@@ -177,88 +178,47 @@ pub(super) fn finish(
         model.unresolved_shape = left;
     }
 
-    // What was measured, and how well that is known.
-    let observed = this.observed(&model);
-    let rejected = this.rejected();
-    // The readings' σ comes from residuals that contain the unresolved shape: adding it to the surface's σ
-    // as well would count it twice.
-    let exact = Posterior::new(&model.surface, Arc::clone(&covariance)).given_shared();
-    let held_out = judge_held_out(&exact, observations, &noise, &mut at, options.gate)?;
-    if !observed.contains(&Observed::Measured) {
-        return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
-    }
-    let sigma = Posterior::new(&model.surface, Arc::clone(&covariance))
-        .with_unresolved_shape(&model.unresolved_shape)
-        .sigma_summary(&observed)?;
-
-    // Figures.
-    let areas = leaf_areas(&model.surface);
-    let total_area: f64 = areas.iter().sum();
-    let area_of = |kind: Observed| -> f64 {
-        let of_kind = areas.iter().zip(&observed).filter(|(_, o)| **o == kind);
-        of_kind.map(|(a, _)| a).sum()
+    let judged = Judged {
+        model: &model,
+        covariance: &covariance,
+        stated: &stated,
+        noise: &noise,
+        determined: (degrees.iter().zip(&observations.channels))
+            .filter(|(_, channel)| !channel.inferred)
+            .map(|(d, _)| d)
+            .sum::<f64>(),
+        observed: this.observed(&model),
+        ending: Ending { reached_limit, reached_tolerance, refined },
     };
-    let observed_area_fraction = area_of(Observed::Measured) / total_area;
-    let totals = this.totals();
-    // Degrees of freedom that all readings determine: of those at hand, and of the others in proportion.
-    let of_readings = (degrees.iter().zip(&observations.channels)).filter(|(_, channel)| !channel.inferred);
-    let determined = of_readings.map(|(d, _)| d).sum::<f64>() * totals.rows / totals.own_rows.max(1) as f64;
-    let sensors = sensor_reports(set, readings, &information, &noise, this.residuals_of_batches());
-    let unresolved = UnresolvedShape::from_leaves(&model.unresolved_shape, &areas);
-    let too_shallow = options.max_depth.is_some()
-        && unresolved.is_some_and(|left| left.area_fraction > MAX_UNRESOLVED_SHARE);
-    let mut warnings = all_warnings(
-        &this,
-        &SurfaceFindings {
-            sensors: &sensors,
-            noise: &noise,
-            rejected: &rejected,
-            sigma,
-            observed_share: observed_area_fraction,
-            inferred_share: area_of(Observed::Inferred) / total_area,
-            too_shallow,
-            reached_limit,
-        },
-    );
-    let poses = this.poses(&covariance, &stated, &mut warnings)?;
-    let space = model.surface.space();
-    let report = FitReport {
-        observations: totals.count,
-        rejected,
-        shape: space.shape().name().to_owned(),
-        coefficients: space.node_count(),
-        levels: space.levels(),
-        cells: space.leaves().len(),
-        filter: if filtered.is_some() { Filter::Patch } else { Filter::Global },
-        refined: refined.levels(),
-        rms: rms_of_positions(&sensors),
-        rms_normalised: (totals.chi_square / totals.rows).sqrt(),
-        reduced_chi_square: totals.chi_square
-            / (totals.rows * kept_variance(options.gate)? - determined).max(1.0),
-        sensors: sensors.clone(),
-        poses: poses.clone(),
-        sigma,
-        unresolved_shape: unresolved,
-        observed_area_fraction,
-        smoothness_weight: weight,
-        propagation: None,
-        held_out,
-        termination: if reached_limit || too_shallow {
-            FitTermination::Limit
-        } else if reached_tolerance {
-            FitTermination::ReachedTolerance
-        } else {
-            FitTermination::Converged
-        },
-        warnings,
-    };
+    let report = this.report(&judged, &mut at)?;
     let sample = ResidualSample::new(set, &model.surface, readings, &information, &noise);
-    model.observed = observed;
-    model.sensors = sensors;
-    model.poses.extend(poses);
-    model.observations += totals.count;
+    model.observed = judged.observed;
+    model.sensors.clone_from(&report.sensors);
+    model.poses.extend(report.poses.iter().cloned());
+    model.observations += report.observations;
     progress.advance("done", 1.0);
     Ok(Fit { model, report, earlier_states: Vec::new(), formation: None, readings: Some(sample), covariance })
+}
+
+/// The fit with its covariance and noise: all that its figures follow from.
+struct Judged<'a> {
+    model: &'a SurfaceModel,
+    covariance: &'a Arc<NodeCovariance>,
+    /// Information that was stated about the unknowns of scans.
+    stated: &'a [f64],
+    noise: &'a SensorNoise,
+    /// Degrees of freedom that the readings at hand determine.
+    determined: f64,
+    /// How each leaf is known.
+    observed: Vec<Observed>,
+    ending: Ending,
+}
+
+/// How the iterations ended.
+struct Ending {
+    reached_limit: bool,
+    reached_tolerance: bool,
+    refined: RefinementLog,
 }
 
 /// Root mean square of the residuals of all positions.
@@ -278,6 +238,83 @@ impl Finishing<'_> {
     /// True if foot `k` belongs to a reading of a sensor, not to one inferred from others.
     fn is_real(&self, k: usize) -> bool {
         self.observations.inferred(self.subset[k] as usize).is_none()
+    }
+
+    /// The report. `at` holds the parameters of all observations, by which held-out readings are projected.
+    fn report(&self, fit: &Judged<'_>, at: &mut [[f64; 2]]) -> Result<FitReport> {
+        let Finishing { set, observations, options, .. } = *self;
+        let Judged { model, covariance, noise, ref observed, ref ending, .. } = *fit;
+        let rejected = self.rejected();
+        // The readings' σ comes from residuals that contain the unresolved shape. Adding that to the σ of the
+        // surface as well would count it twice.
+        let exact = Posterior::new(&model.surface, Arc::clone(covariance)).given_shared();
+        let held_out = judge_held_out(&exact, observations, noise, at, options.gate)?;
+        if !observed.contains(&Observed::Measured) {
+            return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
+        }
+        let sigma = Posterior::new(&model.surface, Arc::clone(covariance))
+            .with_unresolved_shape(&model.unresolved_shape)
+            .sigma_summary(observed)?;
+        let areas = leaf_areas(&model.surface);
+        let total_area: f64 = areas.iter().sum();
+        let share_of = |kind: Observed| -> f64 {
+            let of_kind = areas.iter().zip(observed).filter(|(_, o)| **o == kind);
+            of_kind.map(|(a, _)| a).sum::<f64>() / total_area
+        };
+        let observed_area_fraction = share_of(Observed::Measured);
+        let totals = self.totals();
+        // Degrees of freedom that all readings determine: those at hand, and further batches in proportion.
+        let determined = fit.determined * totals.rows / totals.own_rows.max(1) as f64;
+        let sensors =
+            sensor_reports(set, self.readings(), self.information, noise, self.residuals_of_batches());
+        let unresolved = UnresolvedShape::from_leaves(&model.unresolved_shape, &areas);
+        let too_shallow = options.max_depth.is_some()
+            && unresolved.is_some_and(|left| left.area_fraction > MAX_UNRESOLVED_SHARE);
+        let mut warnings = all_warnings(
+            self,
+            &SurfaceFindings {
+                sensors: &sensors,
+                noise,
+                rejected: &rejected,
+                sigma,
+                observed_share: observed_area_fraction,
+                inferred_share: share_of(Observed::Inferred),
+                too_shallow,
+                reached_limit: ending.reached_limit,
+            },
+        );
+        let poses = self.poses(covariance, fit.stated, &mut warnings)?;
+        let space = model.surface.space();
+        Ok(FitReport {
+            observations: totals.count,
+            rejected,
+            shape: space.shape().name().to_owned(),
+            coefficients: space.node_count(),
+            levels: space.levels(),
+            cells: space.leaves().len(),
+            filter: if self.filtered.is_some() { Filter::Patch } else { Filter::Global },
+            refined: ending.refined.levels(),
+            rms: rms_of_positions(&sensors),
+            rms_normalised: (totals.chi_square / totals.rows).sqrt(),
+            reduced_chi_square: totals.chi_square
+                / (totals.rows * kept_variance(options.gate)? - determined).max(1.0),
+            sensors,
+            poses,
+            sigma,
+            unresolved_shape: unresolved,
+            observed_area_fraction,
+            smoothness_weight: model.smoothness_weight,
+            propagation: None,
+            held_out,
+            termination: if ending.reached_limit || too_shallow {
+                FitTermination::Limit
+            } else if ending.reached_tolerance {
+                FitTermination::ReachedTolerance
+            } else {
+                FitTermination::Converged
+            },
+            warnings,
+        })
     }
 
     /// Refuses a surface from which more positions are far than near.

@@ -180,66 +180,109 @@ struct Solved {
     reached_limit: bool,
 }
 
+/// σ of the readings, up to which the figures of a fit are scaled.
+struct NoiseScale {
+    /// Estimated variance over that stated, up to each sensor's own factor.
+    estimated: f64,
+    /// The variance that is used: that of a sensor whose stated σ is accepted, or the estimate.
+    used: f64,
+    /// For each sensor, true if its stated σ is accepted.
+    accepted: Vec<bool>,
+    /// `Σ w r²` and the number of residuals less the degrees of freedom.
+    weighted: f64,
+    redundant: f64,
+    /// The share of the variance that the gate leaves.
+    kept: f64,
+    is_gated: bool,
+}
+
 impl Solved {
+    fn count(&self) -> usize {
+        self.residuals.iter().map(|r| r.count).sum()
+    }
+
+    /// Number of measured coordinates.
+    fn coordinates(&self) -> f64 {
+        self.smoothing.measured.iter().filter(|m| **m).count() as f64
+    }
+
+    /// The model, its covariance and the report.
     fn finish(
         mut self,
         readings: &Readings<'_>,
         system: &SurfaceSystem,
         progress: &dyn Progress,
     ) -> Result<Fit> {
-        let count: usize = self.residuals.iter().map(|r| r.count).sum();
-        let coordinates = self.smoothing.measured.iter().filter(|m| **m).count() as f64;
-        let numbers = coordinates * count as f64;
         let mut inverse = SelectedInverse::new(&self.smoothing.factor);
-        let mut degrees = coordinates * inverse.trace_with(&self.total.information)?;
-        // So few readings may be followed wherever they go: then only a stated σ tells noise from shape.
-        let is_free = degrees < (1.0 - MIN_REDUNDANCY) * numbers;
-        if !is_free {
-            if !readings.stated.iter().all(|stated| *stated) {
-                let [nu, nv] = system.space().base();
-                return Err(Error::undetermined(format!(
-                    "{count} readings on {nu} × {nv} cells do not tell noise from shape: needed their σ (the column sigma, or a sensor's), \
-                     more of them, or fewer cells"
-                )));
-            }
-            self.variances.fill(1.0);
-            self.smoothing = self.smoothing.with_stated_noise(system, &self.total)?;
-            self.surface = self.smoothing.surface(system, &self.total)?;
-            self.evaluation = Evaluation::new(&self.surface, self.smoothing.measured);
-            self.residuals = readings.examine(&self.evaluation, &self.variances)?.residuals;
+        let mut degrees = self.coordinates() * inverse.trace_with(&self.total.information)?;
+        let numbers = self.coordinates() * self.count() as f64;
+        let has_redundancy = degrees < (1.0 - MIN_REDUNDANCY) * numbers;
+        if !has_redundancy {
+            self = self.with_stated_noise(readings, system)?;
             inverse = SelectedInverse::new(&self.smoothing.factor);
-            degrees = coordinates * inverse.trace_with(&self.total.information)?;
+            degrees = self.coordinates() * inverse.trace_with(&self.total.information)?;
         }
-        let Self { total, variances, smoothing, surface, evaluation, residuals, reached_limit } = self;
-        let set = readings.set;
-        let measured = smoothing.measured;
         progress.check("covariance", 0.8)?;
+        let noise = self.noise_scale(readings, degrees, has_redundancy)?;
+        let model = self.model(readings, &noise)?;
+        let covariance =
+            Arc::new(NodeCovariance::of_coordinates(inverse, self.smoothing.measured, noise.used));
+        progress.check("figures", 0.9)?;
+        let report = self.report(readings, &noise, &model, &covariance)?;
+        progress.advance("done", 1.0);
+        Ok(Fit { model, report, earlier_states: Vec::new(), formation: None, readings: None, covariance })
+    }
+
+    /// Solves again with the stated σ.
+    ///
+    /// A surface with nearly as many degrees of freedom as readings can follow them exactly. Then only a
+    /// stated σ separates noise from shape.
+    fn with_stated_noise(self, readings: &Readings<'_>, system: &SurfaceSystem) -> Result<Self> {
+        if !readings.stated.iter().all(|stated| *stated) {
+            let [nu, nv] = system.space().base();
+            return Err(Error::undetermined(format!(
+                "{} readings on {nu} × {nv} cells do not tell noise from shape: needed their σ (the column \
+                 sigma, or a sensor's), more of them, or fewer cells",
+                self.count()
+            )));
+        }
+        let variances = vec![1.0; self.variances.len()];
+        let smoothing = self.smoothing.with_stated_noise(system, &self.total)?;
+        let surface = smoothing.surface(system, &self.total)?;
+        let evaluation = Evaluation::new(&surface, smoothing.measured);
+        let residuals = readings.examine(&evaluation, &variances)?.residuals;
+        Ok(Self { variances, smoothing, surface, evaluation, residuals, ..self })
+    }
+
+    /// σ² of the readings: their residuals over what is left of their number.
+    fn noise_scale(&self, readings: &Readings<'_>, degrees: f64, has_redundancy: bool) -> Result<NoiseScale> {
         let is_gated = readings.gated.iter().any(|gated| !gated.is_empty());
         let kept = if is_gated { kept_variance(readings.options.gate)? } else { 1.0 };
-
-        // σ² of the readings: residuals over what is left of their number.
-        let count: usize = residuals.iter().map(|r| r.count).sum();
-        let weighted: f64 = residuals.iter().zip(&variances).map(|(r, v)| r.weighted / v).sum();
-        let redundant = (coordinates * count as f64 - degrees).max(1.0);
-        let estimated = (weighted / (redundant * kept)).max(min_variance(&surface, &total));
-        let contradicts = is_free && redundant > ENOUGH_TO_CONTRADICT;
-        let believed = |s: usize| {
-            let agrees = || {
-                (1.0 / STATED_SIGMA_TOLERANCE..STATED_SIGMA_TOLERANCE)
-                    .contains(&(estimated * variances[s]).sqrt())
-            };
-            readings.stated[s] && (!contradicts || agrees())
-        };
-        let scale = match (0..variances.len()).find(|&s| believed(s) && residuals[s].count > 0) {
-            Some(s) => 1.0 / variances[s],
+        let weighted: f64 = self.residuals.iter().zip(&self.variances).map(|(r, v)| r.weighted / v).sum();
+        let redundant = (self.coordinates() * self.count() as f64 - degrees).max(1.0);
+        let estimated = (weighted / (redundant * kept)).max(min_variance(&self.surface, &self.total));
+        let may_contradict = has_redundancy && redundant > ENOUGH_TO_CONTRADICT;
+        let accepted: Vec<bool> = (0..self.variances.len())
+            .map(|s| {
+                let agrees = || {
+                    let range = 1.0 / STATED_SIGMA_TOLERANCE..STATED_SIGMA_TOLERANCE;
+                    range.contains(&(estimated * self.variances[s]).sqrt())
+                };
+                readings.stated[s] && (!may_contradict || agrees())
+            })
+            .collect();
+        let used = match (0..self.variances.len()).find(|&s| accepted[s] && self.residuals[s].count > 0) {
+            Some(s) => 1.0 / self.variances[s],
             None => estimated,
         };
+        Ok(NoiseScale { estimated, used, accepted, weighted, redundant, kept, is_gated })
+    }
 
-        let observed = with_neighbours(surface.space(), &total.sums.observed());
-        let sensors: Vec<SensorReport> = (set.sensors.iter().enumerate())
-            .filter(|(s, _)| residuals[*s].count > 0)
+    fn sensor_reports(&self, readings: &Readings<'_>, noise: &NoiseScale) -> Vec<SensorReport> {
+        (readings.set.sensors.iter().enumerate())
+            .filter(|(s, _)| self.residuals[*s].count > 0)
             .map(|(s, sensor)| {
-                let r = &residuals[s];
+                let r = &self.residuals[s];
                 let n = r.count as f64;
                 let typical = (r.variance / n).sqrt();
                 SensorReport {
@@ -247,83 +290,86 @@ impl Solved {
                     quantity: Quantity::Position.name().to_owned(),
                     observations: r.count,
                     sigma_stated: readings.stated[s].then_some(typical),
-                    sigma_estimated: (estimated * variances[s]).sqrt() * typical,
-                    rms: (r.square / (coordinates * n)).sqrt(),
-                    sigma_used_is_estimated: !believed(s),
+                    sigma_estimated: (noise.estimated * self.variances[s]).sqrt() * typical,
+                    rms: (r.square / (self.coordinates() * n)).sqrt(),
+                    sigma_used_is_estimated: !noise.accepted[s],
                 }
             })
-            .collect();
-        let model = SurfaceModel {
-            unit: set.unit.unwrap_or(Unit::Millimetre),
-            prior: over_coordinates(&smoothing.energy, smoothing.found.weight / scale, measured, [0.0; 3])?,
-            data: over_coordinates(&total.information, 1.0 / scale, measured, total.sums.origin())?,
+            .collect()
+    }
+
+    fn model(&self, readings: &Readings<'_>, noise: &NoiseScale) -> Result<SurfaceModel> {
+        let Self { total, smoothing, surface, .. } = self;
+        let measured = smoothing.measured;
+        let observed = with_neighbours(surface.space(), &total.sums.observed());
+        let weight = smoothing.found.weight / noise.used;
+        Ok(SurfaceModel {
+            unit: readings.set.unit.unwrap_or(Unit::Millimetre),
+            prior: over_coordinates(&smoothing.energy, weight, measured, [0.0; 3])?,
+            data: over_coordinates(&total.information, 1.0 / noise.used, measured, total.sums.origin())?,
             unresolved_shape: Vec::new(),
             observed: observed.into_iter().map(Observed::from_measured).collect(),
-            sensors: sensors.clone(),
-            poses: scan_pose_reports(set),
-            smoothness_weight: smoothing.found.weight / scale,
-            observations: count,
+            sensors: self.sensor_reports(readings, noise),
+            poses: scan_pose_reports(readings.set),
+            smoothness_weight: weight,
+            observations: self.count(),
             measured_coordinates: Some(measured),
             moves_freely: false,
             patches: None,
             scan_errors: None,
-            surface,
-        };
-        let covariance = Arc::new(NodeCovariance::of_coordinates(inverse, measured, scale));
-        let posterior = Posterior::new(&model.surface, Arc::clone(&covariance));
-        progress.check("figures", 0.9)?;
-        let held_out = readings.judge(&evaluation, &posterior, scale, &variances, is_gated)?;
-        let scales: Vec<f64> = variances.iter().map(|v| scale * v).collect();
-        let unresolved_shape = readings.unresolved_shape(&evaluation, &scales);
+            surface: surface.clone(),
+        })
+    }
+
+    fn report(
+        &self,
+        readings: &Readings<'_>,
+        noise: &NoiseScale,
+        model: &SurfaceModel,
+        covariance: &Arc<NodeCovariance>,
+    ) -> Result<FitReport> {
+        let posterior = Posterior::new(&model.surface, Arc::clone(covariance));
+        let scales: Vec<f64> = self.variances.iter().map(|v| noise.used * v).collect();
+        let held_out = readings.judge(&self.evaluation, &posterior, &scales, noise.is_gated)?;
+        let unresolved_share = readings.unresolved_share(&self.evaluation, &scales);
         let sigma = posterior.sigma_summary(&model.observed)?;
         let areas: Vec<f64> = (0..model.observed.len())
             .map(|leaf| model.surface.leaf_jet(leaf, 0.5, 0.5).area_element())
             .collect();
         let observed_area: f64 =
             areas.iter().zip(&model.observed).filter(|(_, o)| o.is_measured()).map(|(a, _)| a).sum();
-        let square: f64 = residuals.iter().map(|r| r.square).sum();
-        let n = coordinates * count.max(1) as f64;
-        let not_finite: usize = set.scans.iter().map(|posed| posed.scan.dropped_not_finite).sum();
-        let gated: usize = readings.gated.iter().map(Vec::len).sum();
-        let repeated: usize = readings.repeated.iter().map(Vec::len).sum();
-        let causes = [
-            (RejectionCause::NotFinite, not_finite),
-            (RejectionCause::Duplicate, repeated),
-            (RejectionCause::Outlier, gated),
-        ];
-        let rejected: BTreeMap<String, usize> = causes
-            .into_iter()
-            .filter(|(_, n)| *n > 0)
-            .map(|(cause, n)| (cause.name().to_owned(), n))
-            .collect();
         let observed_share = observed_area / areas.iter().sum::<f64>();
-        let mut warnings =
-            common_warnings(&sensors, observed_share, 0.0, &rejected, readings.total + not_finite);
-        if has_uncertain_pose(set) {
+        let square: f64 = self.residuals.iter().map(|r| r.square).sum();
+        let n = self.coordinates() * self.count().max(1) as f64;
+        let space = model.surface.space();
+        let (rejected, total) = readings.rejected();
+        let mut warnings = common_warnings(&model.sensors, observed_share, 0.0, &rejected, total);
+        if has_uncertain_pose(readings.set) {
             warnings
                 .push("where parameters are known poses are taken as exact: their σ was not used".to_owned());
         }
-        if let Some(share) = unresolved_shape {
-            let [nu, nv] = model.surface.space().base();
+        if let Some(share) = unresolved_share {
+            let [nu, nv] = space.base();
             warnings.push(format!(
-                "{:.0} % of the residuals' variance is shape that {nu} × {nv} cells cannot follow: take more cells, or σ is too small",
+                "{:.0} % of the residuals' variance is shape that {nu} × {nv} cells cannot follow: take more \
+                 cells, or σ is too small",
                 100.0 * share
             ));
         }
-        let report = FitReport {
-            observations: count,
-            shape: model.surface.space().shape().name().to_owned(),
-            coefficients: model.surface.space().node_count(),
+        Ok(FitReport {
+            observations: self.count(),
+            shape: space.shape().name().to_owned(),
+            coefficients: space.node_count(),
             levels: 1,
             filter: super::Filter::Global,
             refined: Vec::new(),
-            cells: model.surface.space().leaves().len(),
+            cells: space.leaves().len(),
             rms: (square / n).sqrt(),
-            rms_normalised: (weighted / (scale * n)).sqrt(),
-            reduced_chi_square: weighted / (scale * redundant * kept),
+            rms_normalised: (noise.weighted / (noise.used * n)).sqrt(),
+            reduced_chi_square: noise.weighted / (noise.used * noise.redundant * noise.kept),
             warnings,
             rejected,
-            sensors,
+            sensors: model.sensors.clone(),
             poses: model.poses.clone(),
             sigma,
             observed_area_fraction: observed_share,
@@ -331,22 +377,38 @@ impl Solved {
             smoothness_weight: model.smoothness_weight,
             propagation: None,
             held_out,
-            termination: if reached_limit { FitTermination::Limit } else { FitTermination::Converged },
-        };
-        progress.advance("done", 1.0);
-        Ok(Fit { model, report, earlier_states: Vec::new(), formation: None, readings: None, covariance })
+            termination: if self.reached_limit { FitTermination::Limit } else { FitTermination::Converged },
+        })
     }
 }
 
 impl Readings<'_> {
-    /// Held-out readings: each measured coordinate's residual over `√(σ_reading² + σ_surface²)`, behind the
-    /// same gate as all others.
+    /// Rejected readings by cause, and the number of readings before any rejection.
+    fn rejected(&self) -> (BTreeMap<String, usize>, usize) {
+        let not_finite: usize = self.set.scans.iter().map(|posed| posed.scan.dropped_not_finite).sum();
+        let gated: usize = self.gated.iter().map(Vec::len).sum();
+        let repeated: usize = self.repeated.iter().map(Vec::len).sum();
+        let causes = [
+            (RejectionCause::NotFinite, not_finite),
+            (RejectionCause::Duplicate, repeated),
+            (RejectionCause::Outlier, gated),
+        ];
+        let rejected = (causes.into_iter())
+            .filter(|(_, n)| *n > 0)
+            .map(|(cause, n)| (cause.name().to_owned(), n))
+            .collect();
+        (rejected, self.total + not_finite)
+    }
+
+    /// Root mean square of the held-out readings: each measured coordinate's residual over
+    /// `√(σ_reading² + σ_surface²)`, behind the gate of the fit.
+    ///
+    /// `scales` is the variance of each sensor over that stated.
     fn judge(
         &self,
         surface: &Evaluation,
         posterior: &Posterior<'_>,
-        scale: f64,
-        variances: &[f64],
+        scales: &[f64],
         is_gated: bool,
     ) -> Result<HeldOut> {
         let gate = if is_gated { self.options.gate } else { f64::INFINITY };
@@ -355,7 +417,7 @@ impl Readings<'_> {
         };
         let mut axis = [0.0; 3];
         axis[measured] = 1.0;
-        // By leaves: their covariance is what takes long.
+        // Sorted by leaf, because the covariance of a leaf takes longest.
         let mut held_out: Vec<_> = (self.held_out.iter().enumerate())
             .flat_map(|(s, numbers)| {
                 let scan = self.of_scan(s);
@@ -374,7 +436,7 @@ impl Readings<'_> {
                 let cell = posterior.leaf(of_leaf[0].0.0)?;
                 let judge = |((_, local), s, reading): &((usize, [f64; 2]), usize, Reading)| {
                     let of_surface = cell.variance_along(&leaf_weights(local[0], local[1]), axis);
-                    let of_reading = scale * variances[self.set.scans[*s].sensor] / reading.information;
+                    let of_reading = scales[self.set.scans[*s].sensor] / reading.information;
                     let (mut largest, mut squares) = (0.0_f64, 0.0);
                     for r in surface.residual(*reading) {
                         let square = r * r / (of_reading + of_surface);

@@ -1,6 +1,8 @@
 //! Foot points of readings on a surface: projection, residuals, and sums of their equations.
 
-use super::observations::{Measured, Observations, Quantity, RejectionCause};
+use super::observations::Observations;
+use super::quantity::{Measured, Quantity};
+use super::rejection::RejectionCause;
 use crate::model::order_by_leaf;
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;

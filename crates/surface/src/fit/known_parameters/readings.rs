@@ -370,7 +370,7 @@ impl<'a> Readings<'a> {
     /// that the grid cannot follow.
     ///
     /// `Σ_b ((Σ r)² − Σ r²)/n_b` over small bins, by a sample, far residuals cut off.
-    pub(super) fn unresolved_shape(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
+    pub(super) fn unresolved_share(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
         let step = (self.total / ENOUGH_FOR_SCALE).max(1);
         let side = ((self.total / step) as f64 / READINGS_PER_BIN).sqrt().floor().max(1.0);
         let coordinates = surface.coordinates.len();
