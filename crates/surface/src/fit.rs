@@ -122,20 +122,14 @@ impl Fit {
 ///
 /// // A scan of a wavy sheet, with an error of up to 0.02 mm.
 /// let points = (0..2000_u32).map(|k| {
-///     let [x, y] = [8.0 * f64::from(k * 7919 % 2003) / 2003.0, 6.0 * f64::from(k * 104_729 % 1999) / 1999.0];
-///     [x, y, 0.3 * x.sin() + 0.02 * (f64::from(k) * 12.9898).sin()]
-/// });
-/// let scan = Scan { name: "sheet".to_owned(), points: points.collect(), ..Scan::default() };
-/// let sensor = Sensor { noise: Some(Noise::Isotropic { sigma: 0.02 }), ..Sensor::default() };
-/// let set = ScanSet {
-///     unit: Some(Unit::Millimetre),
-///     sensors: vec![sensor],
-///     scans: vec![PosedScan { scan, sensor: 0, sigma_translation: None, sigma_rotation_deg: None }],
-///     ..ScanSet::default()
-/// };
-/// let fitted = fit(&set, &FitOptions::default(), &Silent)?;
-/// assert_eq!(fitted.report.shape, "sheet");
-/// assert!(fitted.report.rms < 0.02 && fitted.report.sigma.median < 0.01);
+///     let [x, y] = [8.0 * f64::from(k * 7919 % 2003) / 2003.0, 6.0 * f64::from(k * 104_729 % 1999) /
+///     1999.0]; [x, y, 0.3 * x.sin() + 0.02 * (f64::from(k) * 12.9898).sin()] }); let scan = Scan { name:
+///     "sheet".to_owned(), points: points.collect(), ..Scan::default() }; let sensor = Sensor { noise:
+///     Some(Noise::Isotropic { sigma: 0.02 }), ..Sensor::default() }; let set = ScanSet { unit:
+///     Some(Unit::Millimetre), sensors: vec![sensor], scans: vec![PosedScan { scan, sensor: 0,
+///     sigma_translation: None, sigma_rotation_deg: None }], ..ScanSet::default() }; let fitted = fit(&set,
+///     &FitOptions::default(), &Silent)?; assert_eq!(fitted.report.shape, "sheet"); assert!(fitted.report.rms
+///     < 0.02 && fitted.report.sigma.median < 0.01);
 /// # Ok::<(), planish_core::Error>(())
 /// ```
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {

@@ -1,6 +1,7 @@
 //! A fitted surface with its information: what is saved, compared, updated and exported.
 //!
-//! Prior and data information are kept apart, so that a later session adds its data and counts the prior once.
+//! Prior and data information are kept apart, so that a later session adds its data and counts the prior
+//! once.
 
 mod point_sigmas;
 mod posterior;
@@ -21,8 +22,8 @@ use std::sync::Arc;
 
 /// Information about poses and biases of scans, which are unknowns beside the vertices.
 ///
-/// Vertices move along the surface's normals at their nodes. The unknowns are those of [`ScanPoseReport`]s, scan
-/// after scan. See [`planish_estimate::sparse::Bordered`].
+/// Vertices move along the surface's normals at their nodes. The unknowns are those of [`ScanPoseReport`]s,
+/// scan after scan. See [`planish_estimate::sparse::Bordered`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanErrorInformation {
     /// Coupling of vertices and unknowns, nodes × unknowns, row by row.
@@ -88,8 +89,8 @@ pub struct SurfaceModel {
     pub data: BlockInformation,
     /// For each leaf, how it is known.
     pub observed: Vec<Observed>,
-    /// For each leaf, the mean square of its unresolved shape along the normal, as the readings show it; it is
-    /// part of σ. Empty if there is none.
+    /// For each leaf, the mean square of its unresolved shape along the normal, as the readings show it; it
+    /// is part of σ. Empty if there is none.
     pub unresolved_shape: Vec<f64>,
     /// Sensors of the readings.
     pub sensors: Vec<SensorReport>,
@@ -103,8 +104,9 @@ pub struct SurfaceModel {
     /// functions of the parameters. All coordinates of a vertex then have the same information and are
     /// independent. None if readings were projected.
     pub measured_coordinates: Option<[bool; 3]>,
-    /// The state of the patch filter, if one fused the readings. `prior` and `data` are empty then, because beliefs
-    /// of single patches are no information of the whole; σ comes from the filter, and later readings go to it.
+    /// The state of the patch filter, if one fused the readings. `prior` and `data` are empty then, because
+    /// beliefs of single patches are no information of the whole; σ comes from the filter, and later readings
+    /// go to it.
     pub patches: Option<Arc<PatchFilter>>,
     /// Information about poses and biases of scans; none if all poses are exact.
     pub scan_errors: Option<ScanErrorInformation>,
@@ -204,8 +206,8 @@ impl SurfaceModel {
         Ok(total)
     }
 
-    /// The covariance of vertices that move along one direction each, from the factor of their information; poses
-    /// and biases of scans are included.
+    /// The covariance of vertices that move along one direction each, from the factor of their information;
+    /// poses and biases of scans are included.
     ///
     /// # Errors
     /// `Undetermined` if the poses are not determined.

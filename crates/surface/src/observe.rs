@@ -1,7 +1,7 @@
 //! Readings of a fit: intake, errors common to a scan, and feet on a surface.
 //!
-//! Input: a [`ScanSet`](planish_exchange::ScanSet). Output: [`Observations`], readings in the world frame with
-//! their covariances; and for a given surface the foot points and equations of all of them.
+//! Input: a [`ScanSet`](planish_exchange::ScanSet). Output: [`Observations`], readings in the world frame
+//! with their covariances; and for a given surface the foot points and equations of all of them.
 //!
 //! | module | purpose |
 //! |---|---|

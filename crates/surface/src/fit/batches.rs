@@ -1,11 +1,11 @@
 //! Fits of clouds that are too large to be used in every iteration.
 //!
-//! Input: scans with more points than the search for a shape needs. A first batch, a sample of them all, gives
-//! the surface. Every other batch is projected once, weighed, summed up and forgotten: information adds, so
-//! the final surface includes every reading, but memory holds one batch only.
+//! Input: scans with more points than the search for a shape needs. A first batch, a sample of them all,
+//! gives the surface. Every other batch is projected once, weighed, summed up and forgotten: information
+//! adds, so the final surface includes every reading, but memory holds one batch only.
 //!
-//! A hash of its coordinates decides the batch of a point. Every batch is therefore a sample of the whole, and
-//! readings that were written twice meet in one batch, where they are found.
+//! A hash of its coordinates decides the batch of a point. Every batch is therefore a sample of the whole,
+//! and readings that were written twice meet in one batch, where they are found.
 //!
 //! Not guaranteed: normals from neighbours for the batches that are added. If a file states no normals, such
 //! a reading belongs to the nearest side of the surface.
@@ -48,8 +48,8 @@ pub(super) struct Batches<'a> {
 }
 
 impl<'a> Batches<'a> {
-    /// Divides the points of large scans into batches; none if one batch is enough. With `ground`, only points
-    /// on the ground are used.
+    /// Divides the points of large scans into batches; none if one batch is enough. With `ground`, only
+    /// points on the ground are used.
     ///
     /// # Errors
     /// Those of [`classify_ground`].
@@ -147,8 +147,8 @@ fn scan_of_batch(scan: &Scan, part: &[u8], number: u8) -> Scan {
     }
 }
 
-/// The numbers of points in the order of a space-filling curve, so that points that are near in space are near
-/// in memory.
+/// The numbers of points in the order of a space-filling curve, so that points that are near in space are
+/// near in memory.
 fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
     let Some(bounds) = BoundingBox::of(points) else {
         return Vec::new();

@@ -1,15 +1,15 @@
-//! How a model forms, reading by reading.
+//! Formation of a model with a growing number of readings, for animations.
 //!
-//! Comes in: a converged surface with its readings. Goes out: [`Snapshot`]s of what was known after the first
-//! `n` of them, in an order that the seed draws, `n` growing by a constant factor.
+//! Input: a converged surface with its readings. Output: [`Snapshot`]s of the posterior after the first `n`
+//! readings, in a random order by the seed, with `n` growing by a constant factor.
 //!
-//! Of the global filter a snapshot is the posterior of the first `n` readings over the final hierarchy, with
-//! the final weight of the prior and the final feet: as information adds, each is one factorisation of
-//! `Λ_prior + Λ_n`. Of the patch filter the snapshots are those of the filter itself as it runs; up to the
-//! readings that found its first surface they are those of that fit.
+//! For the global filter, a snapshot is the posterior of the first `n` readings over the final hierarchy,
+//! with the final prior and feet. Information adds, so each takes one factorisation of `Λ_prior + Λ_n`. For
+//! the patch filter, snapshots are states of the filter as it runs, preceded by those of the fit of its first
+//! readings.
 //!
-//! Not guaranteed: that a fit of the first `n` readings alone would have chosen the same shape, hierarchy and
-//! prior: those are of all readings.
+//! Not guaranteed: that a fit of the first `n` readings alone would choose the same shape, hierarchy and
+//! prior. Those come from all readings.
 
 use super::FitOptions;
 use super::patch::shuffled;
@@ -25,17 +25,17 @@ use planish_estimate::vector3::{add, add_scaled, dot};
 use planish_spline::{PatchFilter, Surface};
 use std::sync::Arc;
 
-/// Readings of the first snapshot, at least.
+/// Readings of the first snapshot.
 const FIRST_READINGS: usize = 16;
-/// Trace of the equations that keeps what few readings leave open where it is at the end, as a share of their
-/// mean.
+/// Share of the mean diagonal that is added to it. It keeps directions that few readings leave open at their
+/// final place.
 const HOLD: f64 = 1e-7;
 
-/// What was known after some readings.
+/// The posterior after a number of readings.
 pub struct Snapshot {
-    /// How many.
+    /// Number of readings.
     pub readings: usize,
-    /// The surface then.
+    /// The surface at that moment.
     pub surface: Surface,
     covariance: Arc<NodeCovariance>,
 }
@@ -43,14 +43,14 @@ pub struct Snapshot {
 /// How a model formation_of_global_fit.
 #[derive(Default)]
 pub struct Formation {
-    /// From few readings to all of them.
+    /// Snapshots, from few readings to all of them.
     pub snapshots: Vec<Snapshot>,
-    /// Where the readings lie, in the order in which they came.
+    /// Positions of the readings, in their order.
     pub places: Vec<[f64; 3]>,
 }
 
 impl Snapshot {
-    /// What is known of the surface.
+    /// The covariance of the surface at that moment.
     #[must_use]
     pub fn posterior(&self) -> Posterior<'_> {
         Posterior::new(&self.surface, Arc::clone(&self.covariance))
@@ -86,7 +86,7 @@ impl Formation {
     }
 }
 
-/// From `first` to `all` by a constant factor, so many at most.
+/// At most `frames` numbers from `first` to `all`, growing by a constant factor.
 pub(super) fn counts(first: usize, all: usize, frames: usize) -> Vec<usize> {
     let first = first.min(all).max(1);
     let steps = frames.saturating_sub(1).max(1) as f64;
@@ -97,7 +97,7 @@ pub(super) fn counts(first: usize, all: usize, frames: usize) -> Vec<usize> {
     counts
 }
 
-/// Snapshots of a fit of the global filter.
+/// Snapshots of a fit by the global filter.
 pub(super) fn formation_of_global_fit(
     observations: &Observations,
     converged: &ConvergedFit,
@@ -113,7 +113,7 @@ pub(super) fn formation_of_global_fit(
         .filter(|&k| information[k as usize] > 0.0 && feet[k as usize].state == FootState::Good)
         .filter(|&k| observations.inferred(subset[k as usize] as usize).is_none())
         .collect();
-    // What was concluded from readings comes with the last of them; what was set aside has no information.
+    // Inferred readings come with the last real one; rejected ones have no information.
     let mut rank = vec![order.len().saturating_sub(1); subset.len()];
     for (place, &k) in order.iter().enumerate() {
         rank[k as usize] = place;

@@ -1,9 +1,10 @@
-//! Readings that were concluded from others, and the error that they share.
+//! Inferred readings, and the error that they have in common.
 //!
-//! The copies that a symmetry makes all lie off where its axis lies off; their mean is no better known than
-//! one of them. In an information matrix of independent readings they must weigh less. A thin plate of weight
-//! `w` under readings of the variance `v`, `ρ` of them an area, leaves the variance
-//! `∫ d²k/(2π)² / (ρ/v + w k⁴) = 1/(8 √(w ρ/v))` at a point. It is that of the shared error, `s²`, where
+//! If the axis of a symmetry is wrong, all copies that it makes are wrong in the same way: their mean is no
+//! better than one of them. An information matrix of independent readings must therefore give them less
+//! weight. A thin plate of weight `w` under readings of variance `v` and density `ρ` has the variance `∫
+//! d²k/(2π)² / (ρ/v + w k⁴) = 1/(8 √(w ρ/v))` at a point. This equals the variance `s²` of the common error
+//! for
 //!
 //! ```text
 //! v = 64 ρ w s⁴
@@ -16,8 +17,8 @@ use crate::observe::{Foot, FootState};
 use planish_spline::Surface;
 use std::collections::BTreeMap;
 
-/// Gives feet of readings that were concluded from others the variance with which the surface is known as
-/// well as one of them, no better.
+/// Enlarges the variances of inferred readings, so that the surface is known as well as from one of them
+/// alone.
 pub(super) fn share_errors(
     observations: &Observations,
     subset: &[u32],

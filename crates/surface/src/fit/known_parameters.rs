@@ -1,19 +1,21 @@
-//! Readings whose parameters are known: one linear problem, solved exactly.
+//! Fits of readings whose parameters are known: one linear problem, solved exactly.
 //!
-//! Comes in: scans with the columns `u` and `v` in `[0, 1]`. Goes out: a model whose vertices have a full
-//! covariance, not along normals only. Readings stream through sums over cells; nothing is kept of them, and
-//! only those outside the gate are gone back to.
+//! Input: scans with the columns `u` and `v` in `[0, 1]`. Output: a model whose vertices have a full
+//! covariance, not along normals only. Readings are summed over cells and not kept. A round gates them by the
+//! last surface and weighs sensors by their residuals, until neither changes.
 //!
 //! A coordinate that is an affine function of `(u, v)`, like the plan of a height field, has no noise: it is
-//! reproduced and counts as exact. The others share the noise of their reading.
+//! reproduced exactly. The other coordinates share the noise of their reading.
 //!
-//! Not guaranteed: that readings which were given wrong parameters are found out.
+//! Not guaranteed: that readings with wrong parameters are found.
 
 mod readings;
 
 use super::finish::{common_warnings, has_uncertain_pose, scan_pose_reports};
 use super::leaves::with_neighbours;
-use super::noise::{ResidualSums, kept_variance};
+use super::noise::{
+    ENOUGH_TO_CONTRADICT, MIN_REDUNDANCY, ResidualSums, STATED_SIGMA_TOLERANCE, kept_variance,
+};
 use super::smoothing::{Smoothing, Totals, reference_surface};
 use super::{Fit, FitOptions, FitReport, FitTermination, HeldOut};
 use crate::model::{NodeCovariance, Observed, Posterior, SensorReport, SurfaceModel};
@@ -30,32 +32,28 @@ use std::sync::Arc;
 
 use readings::{Evaluation, Reading, Readings, TASK};
 
-/// Rounds of weighing and gating; and what must change for another: shares of a variance, and of the
-/// readings, if none of them is more than so many σ beyond the gate.
+/// Most rounds of weighing and gating.
 const MAX_ROUNDS: u32 = 20;
-const SETTLED_VARIANCE: f64 = 0.01;
-const SETTLED_GATE: f64 = 1e-4;
+/// Relative change of a sensor's variance below which it has converged.
+const VARIANCE_AT_REST: f64 = 0.01;
+/// Share of the readings that may still change sides of the gate, if none of them is more than [`MARGINAL`] σ
+/// beyond it. Such readings would otherwise alternate without end.
+const GATE_AT_REST: f64 = 1e-4;
 const MARGINAL: f64 = 1.0;
-/// While gross errors are looked for: rounds at most, and which change of a variance makes another one worth
-/// while.
+/// Most rounds with softened readings, and the relative change of a variance that asks for another one.
 const BOUNDED_ROUNDS: u32 = 8;
 const FOUND_VARIANCE: f64 = 0.1;
-/// Readings of which less than this share is free of the surface do not tell noise from shape; and fewer free
-/// ones contradict no stated σ.
-const MIN_REDUNDANCY: f64 = 0.2;
-const ENOUGH_TO_CONTRADICT: f64 = 20.0;
-/// A grid of more cells takes more memory than most machines have.
+/// Largest number of cells. The covariance takes about 20 KB for each, so more would exceed the memory of
+/// most machines.
 const MAX_CELLS: usize = 1 << 18;
-/// Stated σ are believed within this factor.
-const STATED_SIGMA_TOLERANCE: f64 = 1.1;
-/// Information of an exact coordinate over that of the others.
+/// Information of an exact coordinate over that of the others: firm, but far from the limits of rounding.
 const EXACT: f64 = 1e6;
 
-/// Fits a uniform grid of so many cells to readings with known parameters.
+/// Fits a uniform grid of `cells` to readings with known parameters.
 ///
 /// # Errors
-/// `Input` when a scan has no parameters, or some outside `[0, 1]`; `Unsupported` for noise that depends on
-/// direction; `Undetermined` when the readings do not determine the surface.
+/// `Input` if a scan has no parameters, or some outside `[0, 1]`; `Unsupported` for noise that depends on
+/// direction; `Undetermined` if the readings do not determine the surface.
 pub(super) fn fit_known_parameters(
     set: &ScanSet,
     cells: [usize; 2],
@@ -66,7 +64,8 @@ pub(super) fn fit_known_parameters(
     let many = cells[0].saturating_mul(cells[1]);
     if many > MAX_CELLS {
         return Err(Error::input(format!(
-            "needed at most {MAX_CELLS} cells (each takes some 20 KB while its covariance is found), found {} × {} = {many}",
+            "needed at most {MAX_CELLS} cells (each takes some 20 KB while its covariance is found), found {} × \
+             {} = {many}",
             cells[0], cells[1]
         )));
     }
@@ -94,7 +93,7 @@ pub(super) fn fit_known_parameters(
                 if shape == Shape::Sheet {
                     first
                 } else {
-                    // The metric of a closed shape is not known before there is one.
+                    // The metric of a closed shape is only known from a first surface.
                     Smoothing::new(&system, &first.surface(&system, &total)?, &total, None)?
                 }
             }
@@ -106,8 +105,8 @@ pub(super) fn fit_known_parameters(
         let now = readings.robust_variances(&evaluation)?;
         let examined = readings.examine(&evaluation, &now)?;
         let changed = difference(&readings.gated, &examined.gated);
-        // Gross errors drag the first surface along, and the gate with it: softened, they let go of it, a
-        // round after the other.
+        // Gross errors drag the first surface along, and the gate with it. Softened weights free the surface
+        // from them within a few rounds.
         let is_plain = bounded.is_none() && readings.gated.iter().all(Vec::is_empty);
         let before = bounded.as_ref().filter(|_| readings.softening.is_some());
         let moves = before.is_some_and(|before| far_apart(&now, before, FOUND_VARIANCE));
@@ -118,12 +117,12 @@ pub(super) fn fit_known_parameters(
             }
             bounded = Some(now);
             sums = readings.sum(&space, progress)?;
-            // What gross errors made of the weight is no place to start from.
+            // The weight found with gross errors is a poor start.
             earlier = None;
             continue;
         }
-        let same_noise = variances.len() == 1 || !far_apart(&now, &variances, SETTLED_VARIANCE);
-        let is_marginal = changed as f64 <= SETTLED_GATE * total.sums.count() as f64
+        let same_noise = variances.len() == 1 || !far_apart(&now, &variances, VARIANCE_AT_REST);
+        let is_marginal = changed as f64 <= GATE_AT_REST * total.sums.count() as f64
             && examined.farthest_new <= options.gate + MARGINAL;
         let converged = same_noise && readings.softening.is_none() && (changed == 0 || is_marginal);
         if converged || round == MAX_ROUNDS {
@@ -152,12 +151,12 @@ pub(super) fn fit_known_parameters(
     unreachable!("the loop ends by returning")
 }
 
-/// Whether any of some variances differs from another by more than a share.
+/// True if any variance of `a` differs from that of `b` by more than the given share.
 fn far_apart(a: &[f64], b: &[f64], share: f64) -> bool {
     a.iter().zip(b).any(|(a, b)| (a / b - 1.0).abs() > share)
 }
 
-/// How many numbers are in one of two lists of ascending lists only.
+/// Number of entries that are in only one of two lists of ascending lists.
 fn difference(a: &[Vec<u32>], b: &[Vec<u32>]) -> usize {
     a.iter()
         .zip(b)
@@ -168,10 +167,10 @@ fn difference(a: &[Vec<u32>], b: &[Vec<u32>]) -> usize {
         .sum()
 }
 
-/// A fit that is converged but for its figures.
+/// A converged fit without its figures.
 struct Solved {
     total: Totals,
-    /// Each sensor's variance over that stated, up to a factor common to all; 1 for one sensor.
+    /// Each sensor's variance over that stated, up to a common factor; 1 for a single sensor.
     variances: Vec<f64>,
     smoothing: Smoothing,
     surface: Surface,
@@ -461,15 +460,15 @@ impl Readings<'_> {
     }
 }
 
-/// A variance that rounding alone leaves.
+/// Variance of rounding.
 fn min_variance(surface: &Surface, total: &Totals) -> f64 {
     let size = BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal());
     let typical = total.sums.count().max(1) as f64 / total.sums.weight();
     ((1e-12 * size).powi(2) / typical).max(f64::MIN_POSITIVE)
 }
 
-/// Information of one unknown a node over all three coordinates, times a factor, about the world's origin
-/// where it was about another; exact coordinates are held much firmer.
+/// Information of one unknown for each node, expanded to three coordinates, times `factor`, and moved from
+/// `origin` to the world's origin. Exact coordinates are held much firmer.
 fn over_coordinates(
     information: &BlockInformation,
     factor: f64,

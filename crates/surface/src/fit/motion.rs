@@ -1,18 +1,18 @@
 //! A rigid body that moves while it is scanned: a Kalman filter of pose and velocity.
 //!
-//! The state is the pose `T(t)` of the object and its twist `ξ`, constant but for white noise of acceleration:
-//! `T(t + dt) = T(t) exp(ξ dt)`. Errors are multiplied from the right, `T = T̂ exp(δ)`. A scan at a known time
-//! is matched to the surface of the first scan. The height of a reading `z` over that surface is
-//! `h = n·(T⁻¹z − foot)`, with `∂h/∂δ = −[p × n, n]` and `p = T⁻¹z`. Gauss–Newton on these heights and the
+//! The state is the pose `T(t)` of the object and its twist `ξ`, constant but for white noise of
+//! acceleration: `T(t + dt) = T(t) exp(ξ dt)`. Errors are multiplied from the right, `T = T̂ exp(δ)`. A scan
+//! at a known time is matched to the surface of the first scan. The height of a reading `z` over that surface
+//! is `h = n·(T⁻¹z − foot)`, with `∂h/∂δ = −[p × n, n]` and `p = T⁻¹z`. Gauss–Newton on these heights and the
 //! predicted pose is the iterated Kalman filter.
 //!
 //! The surface has errors of its own, `e ~ N(0, Σ)` of its nodes along their normals, common to all scans.
 //! They move a pose by `P Aᵀe`, with `A = Σ w a jᵀ` over the matched readings (`a` their rows over the nodes,
-//! `j = ∂h/∂δ`, `P` the inverse of the pose's information). Readings are weighted by `w = 1/(σ² + σ_S²)`, with
-//! σ_S of the surface at their feet. The covariance of a pose is then `P (Λ₀ + Σ w²σ² jjᵀ + AᵀΣA) P`, with
-//! `Λ₀` the information of the prediction. Only differences between scans matter for the velocity: for the
-//! filter, the frame has the covariance `B = N/N₀ H⁻¹`, with `H` the information of the `N` readings of a scan
-//! and `N₀` the readings of the surface.
+//! `j = ∂h/∂δ`, `P` the inverse of the pose's information). Readings are weighted by `w = 1/(σ² + σ_S²)`,
+//! with σ_S of the surface at their feet. The covariance of a pose is then `P (Λ₀ + Σ w²σ² jjᵀ + AᵀΣA) P`,
+//! with `Λ₀` the information of the prediction. Only differences between scans matter for the velocity: for
+//! the filter, the frame has the covariance `B = N/N₀ H⁻¹`, with `H` the information of the `N` readings of a
+//! scan and `N₀` the readings of the surface.
 //!
 //! Positions are relative to the middle of the object, so that rotation and translation are nearly
 //! independent.

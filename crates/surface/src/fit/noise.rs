@@ -1,44 +1,55 @@
-//! What the residuals say of the sensors: σ per sensor from gated readings, and whether it contradicts what
-//! was stated.
+//! Noise of the sensors: σ of each channel from its gated residuals, and whether it contradicts the stated σ.
+//!
+//! Variances are handled as factors on the stated variance of each reading, so that σ may differ from reading
+//! to reading. A channel without a stated σ has stated variance 1.
 
 use crate::observe::{FootState, Observations, ProjectedReadings, Quantity};
 use planish_estimate::{Result, TruncatedNormal, gated_scale};
 
-/// Stated σ are believed within this factor: real instruments are not specified more sharply.
-const STATED_SIGMA_TOLERANCE: f64 = 1.1;
+/// Largest ratio of estimated to stated σ, or the inverse, that is not a contradiction.
+///
+/// Instruments are rarely specified more sharply. A smaller tolerance reports correct sensors as wrong; a
+/// larger one misses wrong ones.
+pub(super) const STATED_SIGMA_TOLERANCE: f64 = 1.1;
 
-/// So many readings to spare can contradict a stated σ: if the fit leaves more than this share of them free.
-const ENOUGH_TO_CONTRADICT: f64 = 20.0;
-const MIN_REDUNDANCY: f64 = 0.2;
+/// Redundant readings needed to contradict a stated σ. The standard error of an estimate from 20 is 16 %.
+pub(super) const ENOUGH_TO_CONTRADICT: f64 = 20.0;
+/// Smallest share of redundant readings from which noise can be estimated. With less, the surface follows its
+/// readings and their residuals carry no information about σ.
+pub(super) const MIN_REDUNDANCY: f64 = 0.2;
+/// Fewest components from which a channel's scale is estimated on its own.
+const MIN_FOR_SCALE: usize = 8;
 
-/// A variance over that stated that is rounding and no more.
+/// Variance of rounding, over the stated variance, for quantities that are not lengths.
 const MIN_RELATIVE_VARIANCE: f64 = 1e-24;
 
-/// The noise of every sensor as the fit knows it now.
+/// The noise of every channel at one stage of a fit.
 #[derive(Debug, Clone)]
 pub(super) struct SensorNoise {
-    /// Variance as estimated over variance as stated (over one where none was stated).
+    /// Estimated variance over stated variance (over 1 if none was stated).
     pub estimated_factors: Vec<f64>,
-    /// Variance as used over variance as stated.
+    /// Variance that the fit uses, over stated variance.
     pub variance_factors: Vec<f64>,
-    /// Readings behind each estimate.
+    /// Number of components behind each estimate.
     pub count: Vec<usize>,
-    /// Whether the estimate is used although σ was stated.
+    /// True if the estimate is used although σ was stated.
     pub is_contradicted: Vec<bool>,
-    /// What the variance over that stated cannot well exceed: one where σ was stated, less where neighbouring
-    /// points agree better.
+    /// Plausible upper bound of the variance over that stated: 1 if σ was stated, less if neighbouring points
+    /// agree better.
     pub factor_bounds: Vec<f64>,
-    /// Whether the surface follows the sensor's readings wherever they go, so that what they leave says
-    /// nothing of their error.
+    /// True if the fit has too few redundant readings of this channel to estimate its noise.
+    ///
+    /// A flexible surface can pass through a small number of readings exactly. Their residuals are then close
+    /// to zero and carry no information about σ, so the previous estimate is kept.
     pub lacks_redundancy: Vec<bool>,
 }
 
-/// Variance of points about the planes of their neighbours, over that of their noise at most: neighbours may
-/// err together.
+/// Factor on the variance of points about the planes of their neighbours, for an upper bound of their noise.
+/// It allows for errors that neighbours share, which those planes do not show.
 const ROUGHNESS_TO_NOISE: f64 = 4.0;
 
 impl SensorNoise {
-    /// Nothing known yet: stated variances count as they are.
+    /// The noise as stated, before any estimate.
     pub(super) fn stated(observations: &Observations) -> Self {
         let channels = observations.stated.len();
         let factor_bounds: Vec<f64> = (0..channels)
@@ -52,7 +63,7 @@ impl SensorNoise {
                 if observations.stated[channel] { bound.min(1.0) } else { bound }
             })
             .collect();
-        // An unstated σ is unknown: until it is estimated, nothing may be made of it (no lift is taken off).
+        // An unstated σ is unknown: until it is estimated, no lift by tangential noise is subtracted.
         let variance_factors = (0..channels)
             .map(|channel| if observations.stated[channel] { factor_bounds[channel] } else { 0.0 })
             .collect();
@@ -71,8 +82,9 @@ impl SensorNoise {
         self.variance_factors[readings.channel(k)] * readings.feet[k].variance
     }
 
-    /// Goes back to what readings without a stated σ said before the surface heard of them, where it now
-    /// follows them wherever they go: each round would weigh them more for the little that they leave,
+    /// Keeps the noise from before an update for channels without a stated σ that lack redundancy.
+    ///
+    /// The surface follows their readings. Each iteration would weigh them more for their small residuals,
     /// without end.
     pub(super) fn keep_where_redundancy_lacks(
         &mut self,
@@ -91,11 +103,14 @@ impl SensorNoise {
         }
     }
 
-    /// Estimates every sensor from residuals whose gate at `gate` σ is corrected for.
+    /// Estimates every channel from its residuals, with a correction for the gate at `gate` σ.
     ///
-    /// `degrees` are the effective degrees of freedom that each sensor's readings determine: their χ² is
-    /// smaller than their number by that. While `converged` is false the surface still misses shape, and every
-    /// sensor counts as its residuals say, if worse than stated.
+    /// `degrees` are the effective degrees of freedom that each channel's readings determine; their χ² is
+    /// smaller by that number. Before convergence the surface still misses shape, so a channel whose
+    /// residuals are larger than stated is weighed by its residuals.
+    ///
+    /// # Errors
+    /// `Input` for a gate out of range.
     pub(super) fn estimate(
         readings: ProjectedReadings<'_>,
         gate: f64,
@@ -105,13 +120,13 @@ impl SensorNoise {
         let ProjectedReadings { observations, subset, feet } = readings;
         let mut noise = Self::stated(observations);
         for channel in 0..observations.stated.len() {
-            // What was concluded from readings says nothing of the sensor that took them.
+            // Inferred readings carry no information about the noise of sensors.
             if observations.channels[channel].inferred {
                 continue;
             }
             let least = match observations.channels[channel].quantity {
                 Quantity::Position => observations.min_variance,
-                // Of numbers that have no length, or one over it: what rounding leaves of any.
+                // These have other units than lengths.
                 Quantity::Normal | Quantity::Curvature => MIN_RELATIVE_VARIANCE,
             };
             let normalised: Vec<f64> = subset
@@ -123,9 +138,9 @@ impl SensorNoise {
                 .flat_map(|(_, foot)| foot.residuals().iter().map(|r| r / foot.variance.sqrt()))
                 .collect();
             noise.count[channel] = normalised.len();
-            if normalised.len() < 8 {
+            if normalised.len() < MIN_FOR_SCALE {
                 if !observations.stated[channel] && !normalised.is_empty() {
-                    // Too few for a scale of their own: the scale of all readings stands in.
+                    // Too few for a scale of their own: use the scale of all readings of the quantity.
                     let quantity = observations.channels[channel].quantity;
                     let all: Vec<f64> = feet
                         .iter()
@@ -141,17 +156,14 @@ impl SensorNoise {
                 continue;
             }
             let scale = gated_scale(&normalised, gate)?;
-            // Readings that the fit follows wherever they go say nothing of their error.
             let redundancy = 1.0 - degrees[channel] / scale.kept.max(1) as f64;
             let redundant = redundancy * scale.kept as f64;
-            // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh
-            // with.
+            // Exact data leave residuals of rounding size. A variance of zero would make weights infinite.
             noise.estimated_factors[channel] =
                 (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(least);
             let ratio = noise.estimated_factors[channel].sqrt();
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
-            // A surface follows errors that neighbours share: small residuals are then no proof that errors
-            // are small.
+            // The surface follows errors that neighbours share, so small residuals do not prove small errors.
             let may_be_smaller = !observations.correlated_errors[observations.channels[channel].sensor];
             let smaller = may_be_smaller && ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
             let off = redundancy > MIN_REDUNDANCY
@@ -171,16 +183,16 @@ impl SensorNoise {
     }
 }
 
-/// What the residuals of one sensor's readings sum up to.
+/// Sums over the residuals of one sensor's readings.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ResidualSums {
-    /// Readings.
+    /// Number of readings.
     pub count: usize,
     /// `Σ r²`.
     pub square: f64,
     /// `Σ w r²`.
     pub weighted: f64,
-    /// The sum of their stated variances.
+    /// Sum of the stated variances.
     pub variance: f64,
 }
 
@@ -193,7 +205,7 @@ impl ResidualSums {
     }
 }
 
-/// The variance that a gate leaves, over the whole.
+/// The share of a normal variable's variance that a gate leaves.
 pub(super) fn kept_variance(gate: f64) -> Result<f64> {
     Ok(TruncatedNormal::new(gate)?.variance_ratio())
 }

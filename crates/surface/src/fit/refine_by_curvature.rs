@@ -1,11 +1,11 @@
-//! The paper's criterion for subdivision, of the global filter: leaves about which Gaussian curvature varies.
+//! Subdivision by curvature, for the global filter: leaves around which Gaussian curvature varies.
 //!
-//! Comes in: a surface at rest on its readings, with the factor of its information. Goes out: leaves where
-//! `sd(K)/max(|K̄|, σ_K) > 0.5`, K at the middles of the leaf and its neighbours; from `sd(K)²` what σ_K
-//! explains is taken off first.
+//! Input: a surface at rest on its readings, with the factor of its information. Output: the leaves with
+//! `sd(K)/max(|K̄|, σ_K) > 0.5`, where K is taken at the middles of the leaf and its neighbours. The part of
+//! `sd(K)²` that σ_K explains is subtracted first.
 //!
-//! Not guaranteed: that more cells lower the error. A surface that its leaves follow to within the noise may
-//! well be bent unevenly.
+//! Not guaranteed: that more cells reduce the error. A surface may follow its readings to within the noise
+//! and still be curved unevenly.
 //!
 //! # References
 //! Wang, Wang 1994, eq. 11–13, with the correction in `DESIGN.md`.
@@ -22,11 +22,11 @@ use planish_spline::{Surface, SurfaceSystem, curvature_variation};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// The most variation of a leaf that is left whole.
+/// Largest variation of a leaf that is not divided (Wang & Wang 1994, eq. 13, made free of units).
 const MAX_VARIATION: f64 = 0.5;
 
-/// Leaves about which curvature varies, those at the deepest level, too small for their readings or with too
-/// few of them left out.
+/// Leaves around which curvature varies, most variable first. Leaves at the deepest level are excluded, and
+/// those that are too small or have too few readings.
 pub(super) fn leaves_of_varying_curvature(
     surface: &Surface,
     system: &SurfaceSystem,
@@ -67,7 +67,7 @@ pub(super) fn leaves_of_varying_curvature(
                 leaf,
                 cause: Cause::Curvature,
                 severity: variation,
-                corner: most_unlike(surface, leaf, &around),
+                corner: most_deviating_corner(surface, leaf, &around),
             });
         }
     }
@@ -92,8 +92,8 @@ fn curvature_with_sigma(
     Ok(Some([a * c - b * b, variance.max(0.0).sqrt()]))
 }
 
-/// The signs of the corner of a leaf whose curvature is farthest from the mean around it.
-fn most_unlike(surface: &Surface, leaf: usize, around: &[[f64; 2]]) -> [f64; 2] {
+/// Signs of the corner of a leaf whose curvature deviates most from the mean around it.
+fn most_deviating_corner(surface: &Surface, leaf: usize, around: &[[f64; 2]]) -> [f64; 2] {
     let mean = around.iter().map(|[k, _]| k).sum::<f64>() / around.len() as f64;
     let off = |[s, t]: [f64; 2]| {
         let curvature = surface.leaf_jet(leaf, 0.5 + 0.25 * s, 0.5 + 0.25 * t).curvature();

@@ -107,7 +107,8 @@ impl Smoothing {
     }
 
     /// An approximate weight from a grid of cells four times as large: much cheaper than [`Self::new`], and a
-    /// better start than any guess. None if there are few cells, or the metric is not known from the readings.
+    /// better start than any guess. None if there are few cells, or the metric is not known from the
+    /// readings.
     pub(super) fn first_weight(sums: &PositionSums) -> Result<Option<f64>> {
         let space = sums.space();
         if space.shape() != Shape::Sheet || space.leaves().len() <= FEW_CELLS {

@@ -11,9 +11,9 @@ use std::sync::Arc;
 
 /// The posterior covariance of a model's shape.
 ///
-/// Every vertex moves along the surface's normal at its node, the one coordinate that measurements of position
-/// determine. Motion along the surface only changes the parameters of its points, so it is held; see `DESIGN.md`.
-/// If parameters were known, every coordinate moves.
+/// Every vertex moves along the surface's normal at its node, the one coordinate that measurements of
+/// position determine. Motion along the surface only changes the parameters of its points, so it is held; see
+/// `DESIGN.md`. If parameters were known, every coordinate moves.
 pub struct Posterior<'a> {
     surface: &'a Surface,
     covariance: Arc<NodeCovariance>,
@@ -89,8 +89,8 @@ impl SharedRows {
 }
 
 impl NodeCovariance {
-    /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate, zero for
-    /// the others.
+    /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate,
+    /// zero for the others.
     pub(crate) fn of_coordinates(inverse: SelectedInverse, measured: [bool; 3], scale: f64) -> Self {
         let motion = VertexMotion::Coordinates(measured.map(|m| if m { scale } else { 0.0 }));
         Self::of_motion(inverse, motion)
@@ -109,8 +109,8 @@ impl NodeCovariance {
         }
     }
 
-    /// Removes spurious information about poses and biases, but keeps at least `stated`; returns the change of
-    /// their information, too.
+    /// Removes spurious information about poses and biases, but keeps at least `stated`; returns the change
+    /// of their information, too.
     pub(crate) fn without_noise_of_shared(self, noise: &[f64], stated: &[f64]) -> Result<(Self, Vec<f64>)> {
         match self {
             Self::Nodes(WholeCovariance { inverse, motion, shared: Some(shared) }) => {
@@ -223,8 +223,8 @@ impl<'a> Posterior<'a> {
         self.surface
     }
 
-    /// Quantiles, by area, of σ along the normal at the middle of every measured leaf (of every leaf if none was
-    /// measured).
+    /// Quantiles, by area, of σ along the normal at the middle of every measured leaf (of every leaf if none
+    /// was measured).
     ///
     /// # Errors
     /// `Undetermined` if the surface has no area there.
@@ -268,8 +268,8 @@ impl<'a> Posterior<'a> {
 }
 
 impl LeafCovariance<'_> {
-    /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`. Unresolved shape is included for
-    /// points (weights `c` with sum 1), not for differences of points.
+    /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`. Unresolved shape is included
+    /// for points (weights `c` with sum 1), not for differences of points.
     #[must_use]
     pub fn variance_along(&self, c: &[f64; 16], a: [f64; 3]) -> f64 {
         // Four partial sums: a plain sum would wait for each of its additions.

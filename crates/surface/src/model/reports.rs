@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 pub struct SensorReport {
     /// Name of the sensor.
     pub name: String,
-    /// Quantity: `position`, `normal` or `curvature`. σ and residuals are in the model's unit, in degrees, or in
-    /// one over the unit.
+    /// Quantity: `position`, `normal` or `curvature`. σ and residuals are in the model's unit, in degrees, or
+    /// in one over the unit.
     #[serde(default = "position")]
     pub quantity: String,
     /// Readings used.
@@ -73,11 +73,12 @@ pub struct ScanPoseReport {
     pub sigma_translation: Option<f64>,
     /// σ of the rotation in degrees.
     pub sigma_rotation_deg: Option<f64>,
-    /// Covariance of translation and rotation vector (radians, about the world's axes), if the pose was estimated
-    /// with the surface.
+    /// Covariance of translation and rotation vector (radians, about the world's axes), if the pose was
+    /// estimated with the surface.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub covariance: Option<[[f64; 6]; 6]>,
-    /// Directions of translation and rotation vector that no reading determines, each as long as one stated σ.
+    /// Directions of translation and rotation vector that no reading determines, each as long as one stated
+    /// σ.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub undetermined: Vec<[f64; 6]>,
     /// Distance by which the scan's readings were moved from their stated positions (root mean square).
@@ -95,8 +96,8 @@ pub struct ScanPoseReport {
 }
 
 impl ScanPoseReport {
-    /// Sets the covariance of translation and rotation vector, and σ of both as root mean squares over the three
-    /// axes.
+    /// Sets the covariance of translation and rotation vector, and σ of both as root mean squares over the
+    /// three axes.
     pub fn set_covariance(&mut self, covariance: [[f64; 6]; 6]) {
         let sigma = |from: usize| {
             let trace: f64 = (from..from + 3).map(|k| covariance[k][k]).sum();

@@ -4,7 +4,8 @@ use std::hash::Hasher;
 
 /// Hashes the bits of coordinates.
 ///
-/// The standard hasher is safe against attackers, but would take a tenth of the time of reading a large cloud.
+/// The standard hasher is safe against attackers, but would take a tenth of the time of reading a large
+/// cloud.
 #[derive(Default)]
 pub(crate) struct BitsHasher(u64);
 

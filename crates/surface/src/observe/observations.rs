@@ -1,6 +1,7 @@
 //! The readings of a fit: positions, covariances, normals and channels.
 //!
-//! Input: scans with their sensors. Output: [`Observations`], column by column, with each accepted reading once.
+//! Input: scans with their sensors. Output: [`Observations`], column by column, with each accepted reading
+//! once.
 //!
 //! | module | purpose |
 //! |---|---|
@@ -96,8 +97,8 @@ pub struct Observations {
     pub min_variance: f64,
     /// For each channel, true if σ was stated: by the sensor's model, or for every point of its scans.
     pub stated: Vec<bool>,
-    /// For each sensor, true if errors of neighbouring readings are correlated. In dense stereo they are, since
-    /// neighbours share most of the matched pixels.
+    /// For each sensor, true if errors of neighbouring readings are correlated. In dense stereo they are,
+    /// since neighbours share most of the matched pixels.
     pub correlated_errors: Vec<bool>,
     /// True if objects on the ground were removed; some of their points may remain.
     pub ground: bool,
@@ -130,8 +131,8 @@ pub struct ObservationOptions {
     pub sheet: bool,
     /// Use readings without processing: no estimated normals, and no checks against neighbours.
     pub unprocessed: bool,
-    /// Settings that separate the ground from objects, if only the ground is fitted. Scans with ground classes
-    /// are not affected.
+    /// Settings that separate the ground from objects, if only the ground is fitted. Scans with ground
+    /// classes are not affected.
     pub ground: Option<GroundOptions>,
 }
 
@@ -341,11 +342,11 @@ impl Observations {
         }
     }
 
-    /// Moves the origin near the points if they are far from it, and returns the new origin. The move is exact
-    /// to the last digit.
+    /// Moves the origin near the points if they are far from it, and returns the new origin. The move is
+    /// exact to the last digit.
     ///
-    /// Map coordinates have seven digits before the point. Of the sixteen digits of a number, products of them
-    /// leave too few for an energy that no translation changes.
+    /// Map coordinates have seven digits before the point. Of the sixteen digits of a number, products of
+    /// them leave too few for an energy that no translation changes.
     pub fn recentre(&mut self) -> [f64; 3] {
         let Some(bounds) = BoundingBox::of(&self.points) else {
             return [0.0; 3];

@@ -44,7 +44,8 @@ pub struct Channel {
     pub sensor: usize,
     /// Quantity that it measures.
     pub quantity: Quantity,
-    /// True if its readings were inferred from others. The channel then has no sensor and no noise of its own.
+    /// True if its readings were inferred from others. The channel then has no sensor and no noise of its
+    /// own.
     pub inferred: bool,
 }
 

@@ -36,8 +36,8 @@ const BIAS: usize = 6;
 /// σ of the rotation of a scan whose pose is free, in radians. σ of its position is the cloud's size, so the
 /// prior is negligible beside any reading.
 const FREE_ROTATION: f64 = 1.0;
-/// Largest motion of a scan in one iteration: as a share of the cloud's size, and in radians. Larger steps leave
-/// the range of the linearisation.
+/// Largest motion of a scan in one iteration: as a share of the cloud's size, and in radians. Larger steps
+/// leave the range of the linearisation.
 const LONGEST_STEP: f64 = 0.1;
 /// A direction of a pose is undetermined if the readings remove less than this share of its prior variance.
 const DETERMINED: f64 = 0.05;
@@ -79,8 +79,8 @@ pub(crate) struct ScanErrors {
     earlier: Option<EarlierScanErrors>,
 }
 
-/// Poses and biases of earlier sessions: their information, linearised at the model of these sessions, and how
-/// far they have moved since.
+/// Poses and biases of earlier sessions: their information, linearised at the model of these sessions, and
+/// how far they have moved since.
 #[derive(Debug, Clone)]
 struct EarlierScanErrors {
     information: ScanErrorInformation,
@@ -93,7 +93,8 @@ impl EarlierScanErrors {
         self.moved.len()
     }
 
-    /// `Cᵀ s + P δ` and `C δ`, where the vertices have moved by `s` along their normals and the unknowns by `δ`.
+    /// `Cᵀ s + P δ` and `C δ`, where the vertices have moved by `s` along their normals and the unknowns by
+    /// `δ`.
     fn products(&self, surface: &Surface, directions: &[[f64; 3]]) -> (Vec<f64>, Vec<f64>) {
         let ScanErrorInformation { coupling, corner } = &self.information;
         let m = self.width();
@@ -172,8 +173,8 @@ impl ScanError {
         ray_at(self.viewing, p)
     }
 
-    /// Derivative of the residual of a position by all unknowns, linear in the normal `n`. If the ray is unknown,
-    /// the surface's `normal` stands for it.
+    /// Derivative of the residual of a position by all unknowns, linear in the normal `n`. If the ray is
+    /// unknown, the surface's `normal` stands for it.
     fn position_row(&self, point: [f64; 3], n: [f64; 3], normal: [f64; 3]) -> [f64; UNKNOWNS] {
         let turn = cross(sub(point, self.center), n);
         let along = dot(n, self.ray(point).unwrap_or(normal));
@@ -212,8 +213,8 @@ impl ScanError {
 impl ScanErrors {
     /// The unknowns of scans with a stated σ of pose or bias.
     ///
-    /// With `align`, the poses of all other scans are unknowns, too. Without an earlier model the first of them
-    /// is held as the anchor of the frame.
+    /// With `align`, the poses of all other scans are unknowns, too. Without an earlier model the first of
+    /// them is held as the anchor of the frame.
     pub(crate) fn new(
         set: &ScanSet,
         observations: &Observations,
@@ -351,7 +352,8 @@ impl ScanErrors {
         (self.of_scan.iter()).map(|error| error.and_then(|e| moved[e])).collect()
     }
 
-    /// The motion of each scan from its stated pose to the current one, for other observations of the same set.
+    /// The motion of each scan from its stated pose to the current one, for other observations of the same
+    /// set.
     pub(crate) fn motions(&self) -> Vec<Option<Pose>> {
         (self.of_scan.iter())
             .map(|error| {

@@ -70,22 +70,16 @@ fn every_kind_of_damage_is_named() {
     for (name, words) in [("unit", "needed `mm`"), ("shape", "needed sheet")] {
         assert!(complaint(|file| file.metadata[name] = json!("other")).contains(words));
     }
-    assert!(
-        complaint(|file| file.metadata["base"] = json!([1_u64 << 40, 1_u64 << 40])).contains("knots_u")
-    );
+    assert!(complaint(|file| file.metadata["base"] = json!([1_u64 << 40, 1_u64 << 40])).contains("knots_u"));
     assert!(complaint(|file| file.metadata["poses"] = json!([])).contains("poses"));
     assert!(
-        complaint(|file| drop(file.metadata.as_object_mut().unwrap().remove("sensors")))
-            .contains("sensors")
+        complaint(|file| drop(file.metadata.as_object_mut().unwrap().remove("sensors"))).contains("sensors")
     );
-    assert!(
-        complaint(|file| file.metadata["smoothness_weight"] = json!(-1.0)).contains("smoothness_weight")
-    );
+    assert!(complaint(|file| file.metadata["smoothness_weight"] = json!(-1.0)).contains("smoothness_weight"));
     assert!(complaint(|file| f64s(file, "knots_u")[1] = 0.5).contains("knots_u"));
     assert!(complaint(|file| f64s(file, "vertices")[7] = f64::NAN).contains("vertices"));
     assert!(
-        complaint(|file| f64s(file, "information_prior_values")[3] = f64::INFINITY)
-            .contains("prior_values")
+        complaint(|file| f64s(file, "information_prior_values")[3] = f64::INFINITY).contains("prior_values")
     );
     assert!(complaint(|file| u32s(file, "information_data_indices")[3] += 1).contains("other nodes"));
     assert!(complaint(|file| u32s(file, "cells")[0] = 13).contains("levels up to"));

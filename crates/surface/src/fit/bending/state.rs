@@ -1,7 +1,7 @@
 //! One state of a sheet that bends: laid on its readings from the state before.
 //!
-//! Comes in: the state before, the lengths of the sheet, observations. Goes out: a [`ConvergedFit`] surface whose
-//! prior holds all that is known beside the heights of the readings. See [`super`].
+//! Comes in: the state before, the lengths of the sheet, observations. Goes out: a [`ConvergedFit`] surface
+//! whose prior holds all that is known beside the heights of the readings. See [`super`].
 
 use super::{Lengths, SIGMA_STRETCH};
 use crate::fit::FitOptions;

@@ -17,8 +17,8 @@ use rayon::prelude::*;
 const MAX_READINGS: usize = 6000;
 /// Gauss–Newton steps for each scan.
 const STEPS: usize = 14;
-/// Gate of the first steps, as a share of the object's size. Readings farther away are of parts that the first
-/// scan did not see.
+/// Gate of the first steps, as a share of the object's size. Readings farther away are of parts that the
+/// first scan did not see.
 pub(super) const FIRST_GATE: f64 = 0.06;
 /// Gate of the last steps, in σ.
 pub(super) const LAST_GATE: f64 = 4.0;

@@ -7,12 +7,12 @@ use planish_estimate::{Error, Result};
 use planish_sense::{Scan, Sensor, SensorKind};
 use planish_spline::curvature_tensor;
 
-/// Smallest sine of the angle between a normal and the direction of a curvature, which should be a right angle.
-/// Below it only rounding decides the direction.
+/// Smallest sine of the angle between a normal and the direction of a curvature, which should be a right
+/// angle. Below it only rounding decides the direction.
 const MIN_ACROSS: f64 = 1e-6;
 
-/// The quantities besides positions that a scan measures: those with a σ from the scan or its sensor, or those
-/// that the sensor's kind names.
+/// The quantities besides positions that a scan measures: those with a σ from the scan or its sensor, or
+/// those that the sensor's kind names.
 #[derive(Clone, Copy)]
 pub(super) struct Directions {
     normals: bool,
@@ -54,8 +54,8 @@ impl Directions {
 }
 
 impl Observations {
-    /// Adds each normal and each curvature as an observation of its own, at the same place. Sensors that measure
-    /// no positions lose theirs.
+    /// Adds each normal and each curvature as an observation of its own, at the same place. Sensors that
+    /// measure no positions lose theirs.
     pub(super) fn add_directions(
         &mut self,
         scans: &[&Scan],
@@ -71,8 +71,8 @@ impl Observations {
                 continue;
             }
             let turn = &scan.world_from_scanner;
-            // For each reading: its index, its point in the scan, its normal, and −1 if that points away from the
-            // side that was found for it.
+            // For each reading: its index, its point in the scan, its normal, and −1 if that points away from
+            // the side that was found for it.
             let known: Vec<(usize, usize, [f64; 3], f64)> = (0..placed)
                 .filter(|&k| self.scan[k] as usize == s)
                 .filter_map(|k| {

@@ -215,8 +215,8 @@ impl Observations {
     }
 }
 
-/// Normals and suspicions of each scan; none for small clouds without a viewpoint, whose normals come from the
-/// union of all scans, and for unprocessed readings.
+/// Normals and suspicions of each scan; none for small clouds without a viewpoint, whose normals come from
+/// the union of all scans, and for unprocessed readings.
 fn geometries(scans: &[&Scan], options: &ObservationOptions) -> Result<Vec<Option<ScanGeometry>>> {
     scans
         .par_iter()
@@ -241,8 +241,8 @@ struct SeenPoints(HashMap<[u64; 3], (u32, u32), BuildHasherDefault<BitsHasher>>)
 impl SeenPoints {
     /// The scan that holds the same reading, this one or an earlier one. A new reading is remembered.
     ///
-    /// The points of a sensor without positions are pixels, which its scans share. Readings are then equal only
-    /// if their normals are equal, too.
+    /// The points of a sensor without positions are pixels, which its scans share. Readings are then equal
+    /// only if their normals are equal, too.
     fn scan_with(
         &mut self,
         scans: &[&Scan],
@@ -267,8 +267,8 @@ impl SeenPoints {
     }
 }
 
-/// The earlier scan of the same sensor and pose that a gridded scan repeats as a whole. Single cells may agree
-/// by chance, since depths of images are integers.
+/// The earlier scan of the same sensor and pose that a gridded scan repeats as a whole. Single cells may
+/// agree by chance, since depths of images are integers.
 fn copied_grid(scans: &[&Scan], sensor_of_scan: &[usize], s: usize) -> Option<usize> {
     let scan = scans[s];
     scan.grid.as_ref()?;

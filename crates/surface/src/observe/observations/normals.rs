@@ -13,8 +13,8 @@ use planish_sense::{
 use planish_spline::principal_axes;
 
 impl Observations {
-    /// Estimates missing normals and rejects isolated points among them; with `orient`, normals of unknown side
-    /// get a consistent orientation.
+    /// Estimates missing normals and rejects isolated points among them; with `orient`, normals of unknown
+    /// side get a consistent orientation.
     ///
     /// Touches (`touched`, by sensor) are few and placed on purpose, so they are rejected only if they are
     /// isolated among touches, too.
@@ -88,8 +88,8 @@ impl Observations {
     /// Turns normals of unknown side to the upper side of the best plane, where the largest coordinate of its
     /// normal is positive.
     ///
-    /// Normals that are steep against that plane are dropped: where readings are few or lie in rows, planes of
-    /// neighbours can be vertical without any vertical surface.
+    /// Normals that are steep against that plane are dropped: where readings are few or lie in rows, planes
+    /// of neighbours can be vertical without any vertical surface.
     pub(super) fn turn_upwards(&mut self) {
         /// Cosine of sixty degrees.
         const STEEP: f64 = 0.5;

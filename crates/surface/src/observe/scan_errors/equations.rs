@@ -186,10 +186,10 @@ impl ScanErrors {
     /// `P − Cᵀ A⁻¹ C` over draws of that noise.
     ///
     /// The rows are `J δn`, where the noise adds `δn` to the normals at the feet and
-    /// `J = ∂(n, (z − c) × n)/∂n`. The equations of a pose use the normals of the estimated surface. On a sphere
-    /// every true row of a rotation is zero. Those of its noisy estimate are not, and would count as information
-    /// that does not exist: the more noise, the more of it. All readings are `parts` times as many as those at
-    /// hand.
+    /// `J = ∂(n, (z − c) × n)/∂n`. The equations of a pose use the normals of the estimated surface. On a
+    /// sphere every true row of a rotation is zero. Those of its noisy estimate are not, and would count as
+    /// information that does not exist: the more noise, the more of it. All readings are `parts` times as
+    /// many as those at hand.
     pub(crate) fn noise_information(
         &self,
         at: &Linearized<'_>,
