@@ -1,13 +1,13 @@
-//! `fit` by the patch filter: a first fit of a bounded number of readings, then all others one at a time.
+//! Fits by the patch filter: a global fit of some first readings, then all others one at a time.
 //!
-//! Comes in: scans. Goes out: a [`Fit`] whose model holds the filter. The first readings, some thousands of
-//! all, are fitted at once by the global filter over the base grid: that finds the shape, the noise and the
-//! weight of smoothness, and its posterior is what the patches begin with. Every other reading is filtered
-//! once, in a seeded random order, so that patches are divided early everywhere; none is taken in twice. The
-//! readings of a live sensor come in their own order: see [`crate::stream`].
+//! Input: scans. Output: a [`Fit`] whose model holds the filter. The first readings, some thousands of all,
+//! are fitted by the global filter over the base grid. That gives the shape, the noise and the smoothness
+//! weight, and its posterior is the start of the patches. Every other reading is filtered once, in a seeded
+//! random order, so that patches are divided early everywhere. The readings of a live sensor come in their
+//! own order: see [`crate::stream`].
 //!
-//! Not guaranteed: the last bit of accuracy where patches were divided late: what a coarse patch took in says
-//! nothing of finer detail.
+//! Not guaranteed: full accuracy where patches were divided late. A reading filtered into a coarse patch
+//! carries no information about finer detail.
 
 use super::division::growth_log;
 use super::finish::{FinishInput, finish};
@@ -32,25 +32,27 @@ use planish_spline::{
 };
 use std::sync::Arc;
 
-/// Readings of the first fit: a share of all, and bounds of their number.
+/// Readings of the first fit: one in so many of all, with bounds of their number. More of them cost memory
+/// and time; fewer may miss the shape.
 const FIRST_SHARE: usize = 4;
-const FEWEST_FIRST: usize = 500;
+const MIN_FIRST: usize = 500;
 const MAX_FIRST: usize = 20_000;
-/// A ball's base grid grows this often at most before its cells are those of patches.
+/// Levels by which a ball grows before its cells become those of patches.
 const MAX_GROWTH: u8 = 2;
-/// Levels of subdivision beyond the base grid where nobody says.
+/// Default levels of subdivision beyond the base grid.
 const USUAL_DEPTH: u8 = 3;
-/// Features so many times longer than the surface are held back: what makes the prior proper.
+/// Length of the weak hold that makes the prior proper, in extents of the surface.
 const HOLD_LENGTH: f64 = 2.0;
-/// Neighbours are not told what lowers a variance by less than this share.
+/// Smallest relative reduction of a variance that is passed on to neighbouring patches. Smaller gains cost
+/// updates without a visible effect on σ.
 const MIN_GAIN: f64 = 1e-2;
-/// Readings between two looks at whether the user still wants the answer.
+/// Readings between two checks for an interruption by the user.
 const READINGS_PER_CHECK: usize = 4096;
 
-/// What a patch filter made of the readings of a fit.
+/// The patch filter after all readings of a fit.
 pub(super) struct PatchFilterOutcome {
     pub filter: Arc<PatchFilter>,
-    /// For each reading of the subset, why it was left out.
+    /// For each reading of the subset, why it was rejected.
     refused: Vec<Option<RejectionCause>>,
     /// Patches of the deepest level that would have been divided further.
     held_back: usize,
@@ -58,7 +60,7 @@ pub(super) struct PatchFilterOutcome {
 }
 
 impl PatchFilterOutcome {
-    /// Information of every foot: nothing of those that were left out.
+    /// Information of every foot; zero for rejected readings.
     pub(super) fn information(&self, readings: ProjectedReadings<'_>, noise: &SensorNoise) -> Vec<f64> {
         (self.refused.iter().enumerate())
             .map(|(k, refused)| match refused {
@@ -71,7 +73,8 @@ impl PatchFilterOutcome {
     pub(super) fn warning(&self) -> Option<String> {
         (self.held_back > 0).then(|| {
             format!(
-                "{} of {} patches still err together at level {}, the deepest allowed: raise --max-depth for more detail",
+                "{} of {} patches still err together at level {}, the deepest allowed: raise --max-depth for \
+                 more detail",
                 self.held_back,
                 self.filter.patches().len(),
                 self.deepest
@@ -80,24 +83,24 @@ impl PatchFilterOutcome {
     }
 }
 
-/// A surface found from the first readings, and a filter that goes on from there.
+/// A global fit of the first readings, and a filter that starts from it.
 pub(crate) struct FirstFit {
     pub(super) converged: ConvergedFit,
     pub core: StreamingFilter,
 }
 
 impl FirstFit {
-    /// By how much the σ of the first sensor's positions is larger than stated; 1 where they are believed.
+    /// Estimated over stated σ of the first sensor's positions; 1 if the stated σ is used.
     pub(crate) fn sigma_factor(&self) -> f64 {
         self.converged.noise.variance_factors.first().map_or(1.0, |variance| variance.sqrt())
     }
 
-    /// How many readings it took in.
+    /// Number of readings used.
     pub(crate) fn readings(&self) -> usize {
         self.converged.subset.len()
     }
 
-    /// Weight of the thin plate.
+    /// Weight of the thin-plate energy.
     pub(crate) fn smoothness_weight(&self) -> f64 {
         self.converged.weight
     }
@@ -119,7 +122,8 @@ pub(crate) fn first_fit_of(
     let mut log = growth_log(surface.space(), PATCH_CELLS * PATCH_CELLS);
     let (metric, base_level) = rebased(surface)?;
     let depth = options.max_depth.map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
-    // Patches are whole, so they have more cells than the shape of the first readings asks for.
+    // Patches are divided as a whole, so they have more cells than the first readings ask for: half the
+    // limit.
     let of_depth = |depth: u8| FitOptions {
         max_depth: Some(depth),
         max_coefficients: options.max_coefficients / 2,
@@ -144,13 +148,13 @@ pub(crate) fn first_fit_of(
             &of_depth(0),
             &ProgressPart::new(progress, 0.8, 1.0),
         )?;
-        // Over cells that are fixed every tolerance is reached.
+        // A fit over fixed cells always reports its tolerance as reached, so the earlier result counts.
         converged.reached_tolerance = reached_tolerance;
     }
     let ConvergedFit { surface, system, feet, .. } = &converged;
     let prior =
         SmoothnessPrior { weight: converged.weight, hold: (HOLD_LENGTH * surface_extent(surface)).powi(-4) };
-    // One coordinate stands for all: rows count as if every normal were the same.
+    // One coordinate stands for all three, so rows count as if all normals were equal.
     let up = vec![[0.0, 0.0, 1.0]; surface.space().node_count()];
     let used = weights(converged.readings(observations), &converged.noise, options.gate, false);
     let (start, order) = crate::observe::by_leaf(feet, surface.space().leaves().len());
@@ -184,7 +188,7 @@ pub(crate) fn first_fit_of(
     Ok(FirstFit { converged, core })
 }
 
-/// What the first readings had divided, in patches.
+/// Logs the divisions that the first readings caused, in patches.
 fn log_cover(
     log: &mut RefinementLog,
     base_level: usize,
@@ -195,7 +199,8 @@ fn log_cover(
     let cause = if options.refine_by.residuals() { Cause::Residuals } else { Cause::Curvature };
     let patches = |depth: usize| made.base().map(|n| (n / PATCH_CELLS) << depth);
     for depth in 0..made.levels() - 1 {
-        // Whether anything in a patch is deeper: as it came out, and as the readings asked for.
+        // Which patches contain deeper cells: in the hierarchy made, and in the one that the readings asked
+        // for.
         let [columns, rows] = patches(depth);
         let deeper = |space: &Hierarchy| {
             let mut marks = vec![false; columns * rows];
@@ -224,8 +229,8 @@ pub(super) fn rules(options: &FitOptions) -> PatchRules {
     }
 }
 
-/// The same surface over a base grid of the cells of its finest level, all of which are leaves; how many
-/// levels that took off.
+/// The same surface over a base grid of the cells of its finest level, and the number of levels removed. All
+/// leaves must be of that level.
 fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     let space = surface.space();
     let levels = space.levels() - 1;
@@ -248,8 +253,8 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     Ok((made, levels))
 }
 
-/// Poses are no part of a patch's state: what many patches share cannot be told to each of them as if it were
-/// news.
+/// Refuses alignment. Poses are not part of a patch's state: information that many patches share would count
+/// in each of them as new.
 pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
     if options.align {
         return Err(Error::unsupported(
@@ -259,37 +264,44 @@ pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
     Ok(())
 }
 
-/// What the sensors of the scans state and the filter does not use, for the same reason.
+/// Warnings about biases of sensors, which the filter cannot use for the same reason.
 pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
     (set.sensors.iter().enumerate())
         .filter(|(k, sensor)| sensor.sigma_bias.is_some() && set.scans.iter().any(|posed| posed.sensor == *k))
         .map(|(_, sensor)| {
             format!(
-                "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was not used, and σ of the surface is too small by it",
+                "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was not \
+                 used, and σ of the surface is too small by it",
                 sensor.name
             )
         })
         .collect()
 }
 
-/// Readings that were concluded from others err together: a filter that takes one after the other as
-/// independent would average that away.
+/// Refuses inferred readings. Their errors are correlated, and a filter that takes readings as independent
+/// would average them away.
 pub(super) fn refuse_inferred(options: &FitOptions) -> Result<()> {
     let asked = [(options.symmetry.is_some(), "--symmetry"), (options.complete_smooth, "--complete")];
     match asked.iter().find(|(asked, _)| *asked) {
         Some((_, name)) => Err(Error::unsupported(format!(
-            "{name} concludes readings from others, which err together, and the patch filter takes every reading as independent: needed --filter global"
+            "{name} concludes readings from others, which err together, and the patch filter takes every reading \
+             as independent: needed --filter global"
         ))),
         None => Ok(()),
     }
 }
 
-/// A surface is known whose variance is this share of a reading's.
-const KNOWN: f64 = 0.1;
-/// So many readings on what was measured before tell the noise of a later session.
+/// Largest variance of the surface, as a share of a reading's, at which residuals show noise rather than
+/// unknown shape.
+const MAX_SURFACE_SHARE: f64 = 0.1;
+/// Readings on the measured surface from which the noise of a later session is estimated; with fewer, all
+/// readings are used.
 const ENOUGH_FOR_NOISE: usize = 200;
 
 /// Fits scans by the patch filter.
+///
+/// # Errors
+/// As for [`super::fit`].
 pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let sheet = options.with_shape_of_ground();
     refuse_align(options)?;
@@ -297,12 +309,12 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     let origin = observations.recentre();
     progress.check("normals", 0.02)?;
     let used = observations.fitted();
-    let wanted = (used.len() / FIRST_SHARE).clamp(FEWEST_FIRST, MAX_FIRST);
+    let wanted = (used.len() / FIRST_SHARE).clamp(MIN_FIRST, MAX_FIRST);
     let order = shuffled(&used, options.seed);
     let (first, others) = order.split_at(wanted.min(order.len()));
     let FirstFit { converged, core } =
         first_fit_of(&mut observations, first.to_vec(), &sheet, &ProgressPart::new(progress, 0.02, 0.4))?;
-    // Half of the snapshots are of the readings that found the first surface.
+    // Half of the snapshots show the readings of the first fit.
     let mut formation = (options.snapshots)
         .map(|frames| {
             formation::formation_of_global_fit(
@@ -316,10 +328,7 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         .transpose()?;
     let filtered = stream(
         &observations,
-        converged,
-        core,
-        others,
-        options,
+        StreamInput { first: converged, core, others, options },
         formation.as_mut(),
         &ProgressPart::new(progress, 0.4, 0.85),
     )?;
@@ -328,7 +337,7 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     fitted.translated(origin)
 }
 
-/// Filters the readings of another day into a saved model.
+/// Filters the readings of a later session into a saved model.
 pub(super) fn update_patches(
     model: &SurfaceModel,
     filter: &Arc<PatchFilter>,
@@ -343,11 +352,10 @@ pub(super) fn update_patches(
     let stated = SensorNoise::stated(observations);
     let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.variance_factors);
     let degrees = vec![0.0; observations.stated.len()];
-    // Where the surface is known no better than a reading, residuals are shape that is not known, and no
-    // noise.
+    // Where the surface is known no better than a reading, residuals contain unknown shape besides noise.
     let posterior = Posterior::new(surface, Arc::new(NodeCovariance::Patches(Arc::clone(filter))));
     let (start, order) = by_leaf(&feet, surface.space().leaves().len());
-    let (mut known, mut known_feet) = (Vec::new(), Vec::new());
+    let (mut on_known, mut known_feet) = (Vec::new(), Vec::new());
     for (leaf, _) in model.observed.iter().enumerate().filter(|(_, o)| o.is_measured()) {
         let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
         if own.is_empty() {
@@ -357,13 +365,13 @@ pub(super) fn update_patches(
         for &k in own {
             let foot = &feet[k as usize];
             let of_surface = cell.variance_along(&leaf_weights(foot.local[0], foot.local[1]), foot.normal);
-            if foot.quantity != Quantity::Position || of_surface < KNOWN * foot.variance {
-                known.push(used[k as usize]);
+            if foot.quantity != Quantity::Position || of_surface < MAX_SURFACE_SHARE * foot.variance {
+                on_known.push(used[k as usize]);
                 known_feet.push(*foot);
             }
         }
     }
-    let noise = if known.len() < ENOUGH_FOR_NOISE {
+    let noise = if on_known.len() < ENOUGH_FOR_NOISE {
         SensorNoise::estimate(
             ProjectedReadings { observations, subset: &used, feet: &feet },
             options.gate,
@@ -372,14 +380,14 @@ pub(super) fn update_patches(
         )?
     } else {
         SensorNoise::estimate(
-            ProjectedReadings { observations, subset: &known, feet: &known_feet },
+            ProjectedReadings { observations, subset: &on_known, feet: &known_feet },
             options.gate,
             &degrees,
             true,
         )?
     };
     let system = SurfaceSystem::new(surface.space())?;
-    let nothing_yet = ConvergedFit {
+    let no_readings = ConvergedFit {
         surface: surface.clone(),
         prior: system.nothing()?,
         system,
@@ -396,7 +404,8 @@ pub(super) fn update_patches(
     };
     let core = StreamingFilter::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
-    stream(observations, nothing_yet, core, &order, options, None, &ProgressPart::new(progress, 0.2, 0.85))
+    let input = StreamInput { first: no_readings, core, others: &order, options };
+    stream(observations, input, None, &ProgressPart::new(progress, 0.2, 0.85))
 }
 
 /// The readings in a random order.
@@ -406,14 +415,14 @@ pub(super) fn shuffled(all: &[u32], seed: u64) -> Vec<u32> {
     keyed.into_iter().map(|(_, i)| i).collect()
 }
 
-/// One reading as the filter takes it, its variance that which the sensor is found to have.
+/// Reading `i` for the filter, with the estimated variance of its sensor.
 pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -> IncomingReading {
     let factor = factors[observations.channel(i)];
     let variance = || factor * observations.variance(i, [0.0; 3]);
     IncomingReading {
         at: observations.points[i],
         facing: observations.normal(i),
-        what: match observations.measured(i) {
+        value: match observations.measured(i) {
             Measured::Position => ReadingValue::Position(observations.covariance(i).map(|c| factor * c)),
             Measured::Normal(normal) => ReadingValue::Normal(normal, variance()),
             Measured::Curvature(tensor) => ReadingValue::Curvature(tensor, variance()),
@@ -421,19 +430,24 @@ pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -
     }
 }
 
-/// Filters the readings `others` in, one at a time, and lays all readings on the surface that comes of it.
+/// A fit of first readings, and the readings to filter after it.
+pub(super) struct StreamInput<'a> {
+    pub first: ConvergedFit,
+    pub core: StreamingFilter,
+    pub others: &'a [u32],
+    pub options: &'a FitOptions,
+}
+
+/// Filters the readings in `input.others` one at a time, and projects all readings on the resulting surface.
 pub(super) fn stream(
     observations: &Observations,
-    first: ConvergedFit,
-    mut core: StreamingFilter,
-    others: &[u32],
-    options: &FitOptions,
+    StreamInput { first, mut core, others, options }: StreamInput<'_>,
     mut formation: Option<&mut Formation>,
     progress: &dyn Progress,
 ) -> Result<ConvergedFit> {
-    let known = weights(first.readings(observations), &first.noise, options.gate, false);
+    let information = weights(first.readings(observations), &first.noise, options.gate, false);
     let mut refused: Vec<Option<RejectionCause>> =
-        first.feet.iter().zip(&known).map(|(foot, &w)| foot.rejection(w)).collect();
+        first.feet.iter().zip(&information).map(|(foot, &w)| foot.rejection(w)).collect();
     let all = first.subset.len() + others.len();
     let frames = options.snapshots.map_or(0, |frames| frames / 2 + 1);
     let mut moments = formation::counts(first.subset.len(), all, frames).into_iter().skip(1).peekable();
@@ -462,7 +476,7 @@ pub(super) fn stream(
     let mut feet =
         project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.variance_factors);
     for (foot, refused) in feet.iter_mut().zip(&refused) {
-        // What became of a reading was converged when it came.
+        // A reading was accepted or rejected when it was filtered; its foot must not change that.
         foot.state = match refused {
             Some(RejectionCause::NormalMismatch) => FootState::NormalMismatch,
             Some(RejectionCause::BeyondBorder) => FootState::BeyondBorder,
