@@ -325,7 +325,8 @@ fn converge(
     if !(0..observations.len()).any(is_position) {
         return Err(Error::undetermined(
             "no reading that is left measures a position: normals and curvatures leave open where the \
-             surface lies; add positions (a few touches will do), or say kind = \"range\" where the points of \
+             surface lies; add positions (a few touches will do), or say kind = \"range\" where the points \
+             of \
              these sensors are measured, too",
         ));
     }

@@ -1,41 +1,40 @@
 //! Saved models: a [`SurfaceModel`] as a `.planish` file and back.
 //!
-//! Comes in: a model and where it came from. Goes out: the same model, bit by bit; the same model gives the
-//! same bytes. A `.planish` file is safetensors; any reader of those opens it. With L leaves, N nodes and E
-//! entries of the pattern:
+//! A model is restored bit by bit, and equal models give equal bytes. A `.planish` file has the safetensors
+//! format; any reader of that format opens it. With L leaves, N nodes and E entries of the pattern:
 //!
 //! | tensor | shape, type | what |
 //! |---|---|---|
 //! | `knots_u`, `knots_v` | f64 | knots of the base grid, each once: 0, 1, … |
 //! | `cells` | L × 3, u32 | the leaves: level, column, row |
-//! | `unresolved_shape` | L | mean square of the shape along the normal that the leaf leaves out, where any does; a part of σ² |
-//! | `observed` | L, u8 | 1 where the leaf was measured, 2 where it was inferred by symmetry or smoothness, else 0 |
+//! | `unresolved_shape` | L | mean square of the unresolved shape along the normal, if any; a part of σ² |
+//! | `observed` | L, u8 | 1 for a measured leaf, 2 for one inferred by symmetry or smoothness, else 0 |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
 //! | `information_data_indices` | E, u32 | row of each entry; the diagonal comes first |
-//! | `information_data_values` | E × 3 × 3, f64 | blocks of Λ: rows of the entry's node, columns of the column's |
+//! | `information_data_values` | E × 3 × 3, f64 | blocks of Λ: rows by entry, columns by column |
 //! | `information_data_vector` | N × 3, f64 | η |
 //! | `information_prior_…` | as above | the prior's |
 //! | `poses` | P × 7, f64 | world from scanner: translation, quaternion x y z w |
 //!
-//! Where a patch filter filtered the readings, its state stands in the place of both informations (P patches
-//! with 7 × 7 vertices each):
+//! If a patch filter fused the readings, its state replaces both informations (P patches with 7 × 7 vertices
+//! each):
 //!
 //! | tensor | shape, type | what |
 //! |---|---|---|
 //! | `patch_cells` | P × 3, u32 | the leaf patches: depth, column, row |
-//! | `patch_means` | P × 49 × c, f64 | vertices as each patch knows them; c = 3 coordinates, or 1 height |
-//! | `patch_covariances` | P × 49 × 49, f64 | the covariance of each coordinate |
-//! | `patch_priors` | P × 49 × 49, f64 | what it was before any reading |
-//! | `patch_innovations` | P × 16 × 3, f64 | by cell: numbers read, `Σ e²/S` of them, and numbers beyond the gate |
-//! | `patch_initial`, `patch_metric` | B × 3, f64 | vertices over the base grid: the first surface, and that in whose metric smoothness is meant |
+//! | `patch_means` | P × 49 × c, f64 | vertices of each patch; c = 3 coordinates, or 1 height |
+//! | `patch_covariances` | P × 49 × 49, f64 | covariance of each coordinate |
+//! | `patch_priors` | P × 49 × 49, f64 | the same before any reading |
+//! | `patch_innovations` | P × 16 × 3, f64 | by cell: components read, their `Σ e²/S`, those gated |
+//! | `patch_initial` | B × 3, f64 | vertices of the first surface over the base grid |
+//! | `patch_metric` | B × 3, f64 | the same of the surface whose metric the smoothness prior has |
 //!
 //! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`,
-//! `poses` (names and σ) and `provenance`: one entry for each session that went in; where parameters were
-//! known also `measured_coordinates`, of a sheet that bends `moves_freely`, where patches filtered them
-//! `patch_filter`.
+//! `poses` (names and σ) and `provenance`: one entry for each session. It also holds `measured_coordinates`
+//! if parameters were known, `moves_freely` for a sheet that bends, and `patch_filter` for a patch filter.
 //!
-//! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] finds out.
+//! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] checks it.
 
 mod patches;
 
@@ -50,28 +49,29 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Most cells of the finest grid that a hierarchy keeps a mark for: more would take gigabytes.
+/// Largest number of cells of the finest grid. A hierarchy keeps a mark for each, so more would take
+/// gigabytes.
 const MAX_CELLS_OF_A_LEVEL: u64 = 1 << 27;
 
-/// A file whose points went into a model.
+/// An input file of a session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SessionInput {
     /// Its name as the user or a list gave it.
     pub name: String,
-    /// How many points it gave; 0 for a list of files.
+    /// Number of points in it; 0 for a list of files.
     pub points: usize,
 }
 
-/// One session that made or updated a model: enough to repeat it, and nothing of when or where it ran.
+/// One session that made or updated a model: enough to repeat it, without the time or place of the run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Session {
     /// Version of Planish.
     pub version: String,
-    /// The arguments that decide the answer, as on the command line.
+    /// The arguments that affect the result, as on the command line.
     pub arguments: Vec<String>,
     /// Seed of every random choice.
     pub seed: u64,
-    /// What was read.
+    /// Input files.
     pub inputs: Vec<SessionInput>,
 }
 
@@ -103,13 +103,13 @@ struct Metadata {
     patch_filter: Option<patches::Notes>,
 }
 
-const SHAPE_LEFT: &str = "shape_left";
-/// What scans share: the coupling of vertices, along the surface's normals, with the unknowns, and the
-/// information about these.
+const UNRESOLVED_SHAPE: &str = "shape_left";
+/// Poses and biases of scans: the coupling of vertices, along the surface's normals, with these unknowns, and
+/// the information about them.
 const SHARED_COUPLING: &str = "information_shared_coupling";
 const SHARED_CORNER: &str = "information_shared_corner";
 
-/// What the metadata says of a pose; its numbers are in the tensor `poses`.
+/// Metadata of a pose; its numbers are in the tensor `poses`.
 #[derive(Serialize, Deserialize)]
 struct PoseNotes {
     scan: String,
@@ -132,8 +132,20 @@ struct PoseNotes {
 /// Writes a model; `provenance` names the sessions that made it, oldest first.
 ///
 /// # Errors
-/// `Input` when a number of the model is not finite; `Io` when the file cannot be written; nothing is left
-/// half-written.
+/// `Input` if a number of the model is not finite; `Io` if the file cannot be written. No partial file is
+/// left.
+///
+/// # Examples
+/// ```
+/// use planish_surface::saved::{load, save};
+/// use planish_surface::test_support::{assert_same_model, small_model};
+/// # let folder = tempfile::tempdir().unwrap();
+/// let path = folder.path().join("ball.planish");
+/// let model = small_model(planish_spline::Shape::Ball);
+/// save(&model, &[], &path)?;
+/// assert_same_model(&load(&path)?, &model);
+/// # Ok::<(), planish_core::Error>(())
+/// ```
 pub fn save(model: &SurfaceModel, provenance: &[Session], path: &Path) -> Result<()> {
     let file = to_file(model, provenance).map_err(|e| e.in_context(path.display()))?;
     write_model(path, &file)
@@ -142,8 +154,8 @@ pub fn save(model: &SurfaceModel, provenance: &[Session], path: &Path) -> Result
 /// Reads a model.
 ///
 /// # Errors
-/// `Io` when the file is missing or unreadable; `Input` when it is damaged or its parts do not fit together;
-/// `Unsupported` when a newer version wrote it.
+/// `Io` if the file is missing or unreadable; `Input` if it is damaged or inconsistent; `Unsupported` if a
+/// newer version wrote it.
 pub fn load(path: &Path) -> Result<SurfaceModel> {
     load_with_provenance(path).map(|saved| saved.model)
 }
@@ -243,7 +255,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         );
     }
     if !model.unresolved_shape.is_empty() {
-        tensors.insert(SHAPE_LEFT.to_owned(), Tensor::f64_list(model.unresolved_shape.clone()));
+        tensors.insert(UNRESOLVED_SHAPE.to_owned(), Tensor::f64_list(model.unresolved_shape.clone()));
     }
     if let Some(filter) = &model.patches {
         patches::add(&mut tensors, filter)?;
@@ -268,7 +280,8 @@ fn add_information(
     let pattern = information.pattern();
     if information.block_size() != 3 || information.columns() != 1 || pattern.nodes() != nodes {
         return Err(Error::input(format!(
-            "`{name}`: needed blocks of 3 and one vector over {nodes} nodes, found blocks of {} and {} over {}",
+            "`{name}`: needed blocks of 3 and one vector over {nodes} nodes, found blocks of {} and {} over \
+             {}",
             information.block_size(),
             information.columns(),
             pattern.nodes()
@@ -297,7 +310,7 @@ fn flat_pattern(pattern: &BlockPattern) -> (Vec<u32>, Vec<u32>) {
     (offsets, indices)
 }
 
-/// Takes tensors out of a file, checking type and shape.
+/// The tensors of a file, taken out with checks of type and shape.
 struct Tensors(BTreeMap<String, Tensor>);
 
 impl Tensors {
@@ -316,16 +329,16 @@ impl Tensors {
         }
     }
 
-    /// What each leaf leaves out of the shape, by the leaves of the cells of the file; nothing where the file
-    /// says nothing.
+    /// The unresolved shape of each leaf; `order` maps cells of the file to leaves. Empty if the file has
+    /// none.
     fn unresolved_shape(&mut self, order: &[usize]) -> Result<Vec<f64>> {
-        if !self.0.contains_key(SHAPE_LEFT) {
+        if !self.0.contains_key(UNRESOLVED_SHAPE) {
             return Ok(Vec::new());
         }
-        let of_cells = self.f64(SHAPE_LEFT, &[])?;
+        let of_cells = self.f64(UNRESOLVED_SHAPE, &[])?;
         if of_cells.len() != order.len() || of_cells.iter().any(|&square| square < 0.0) {
             return Err(Error::input(format!(
-                "tensor `{SHAPE_LEFT}`: needed a mean square ≥ 0 for each of {} cells",
+                "tensor `{UNRESOLVED_SHAPE}`: needed a mean square ≥ 0 for each of {} cells",
                 order.len()
             )));
         }
@@ -362,7 +375,7 @@ impl Tensors {
         }
     }
 
-    /// What scans share, where any do.
+    /// Information about poses and biases of scans, if the file has any.
     fn shared(&mut self, nodes: usize) -> Result<Option<ScanErrorInformation>> {
         if !self.0.contains_key(SHARED_CORNER) && !self.0.contains_key(SHARED_COUPLING) {
             return Ok(None);
@@ -512,8 +525,8 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
         })?;
         cells.push(Cell { level, i, j });
     }
-    // Every cell of the base grid is a leaf or split into some: more of them than leaves is damage, and would
-    // cost memory.
+    // Every cell of the base grid is a leaf or divided into leaves. More cells than leaves mean a damaged
+    // file, and would cost memory.
     let base_cells = (base[0] as u64).saturating_mul(base[1] as u64);
     let finest = cells.iter().map(|c| c.level).max().unwrap_or(0);
     if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MAX_CELLS_OF_A_LEVEL {

@@ -331,7 +331,8 @@ impl SurfaceStream {
         let model = saved.model;
         let Some(filter) = &model.patches else {
             return Err(Error::unsupported(format!(
-                "{}: the model is one of the global filter: needed one of `fit --filter patch` or of a stream",
+                "{}: the model is one of the global filter: needed one of `fit --filter patch` or of a \
+                 stream",
                 path.display()
             )));
         };

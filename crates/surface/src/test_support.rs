@@ -24,8 +24,7 @@ pub fn refined_surface(shape: Shape) -> Surface {
     surface.refined(surface.space().refine(&marked).into()).unwrap()
 }
 
-/// A model of a surface, as if it had been measured there: 16 exact readings in every leaf that counts as
-/// observed.
+/// A model of a surface with 16 exact readings in every leaf that `observed` selects.
 pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceModel {
     let system = SurfaceSystem::new(surface.space()).unwrap();
     let mut prior = system.tangential_hold(&surface, 0.5).unwrap();
@@ -78,10 +77,10 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
     }
 }
 
-/// A model of every shape, all but every fifth leaf observed.
+/// A model of any shape, with every fifth leaf unobserved.
 pub fn small_model(shape: Shape) -> SurfaceModel {
     let mut model = model_of(refined_surface(shape), |leaf| leaf % 5 != 0);
-    // Its one scan's place is not known well.
+    // The pose of its scan is uncertain.
     model.scan_errors = Some(ScanErrorInformation {
         coupling: (0..2 * model.surface.space().node_count()).map(|k| 1e-3 * (k as f64).sin()).collect(),
         corner: vec![1.0 / 3.0, 0.1, 0.1, 0.7],

@@ -1,15 +1,15 @@
 //! Terrain rasters: the height of a sheet and its vertical σ at the middle of every cell of a grid.
 //!
-//! Comes in: a model whose sheet has one height over every place, its posterior, and a cell size. Goes out: a
-//! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on a leaf that was not
-//! measured hold nothing, nor do those whose σ is more than [`MAX_MEDIANS`] times the median: a large leaf
-//! with readings at one end is the prior's guess at the other.
+//! Input: a model of a sheet with one height over every `(x, y)`, its posterior, and a cell size. Output: a
+//! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on an unmeasured leaf
+//! are empty, and so are those whose σ exceeds [`MAX_MEDIANS`] times the median: a large leaf with readings
+//! at one end is known from the prior only at the other.
 //!
-//! At each place `(x, y)` Newton's method solves `S_x(u, v) = x, S_y(u, v) = y`. The surface moves along its
-//! normal `n` by `σ`, so over that place it moves by `σ_z = σ / |n_z|`.
+//! At each `(x, y)` Newton's method solves `S_x(u, v) = x, S_y(u, v) = y`. The surface moves along its
+//! normal `n` by `σ`, so at that `(x, y)` it moves by `σ_z = σ / |n_z|`.
 //!
-//! Not guaranteed: σ of what is smaller than a cell; that of the error of a position on the map is in it only
-//! as far as the fit knew it.
+//! Not guaranteed: σ of detail smaller than a cell; errors of the map position beyond those that the fit
+//! knew.
 
 use crate::model::sigmas_along;
 use crate::model::{Observed, Posterior, SurfaceModel};
@@ -19,36 +19,46 @@ use planish_exchange::geotiff::{HeightGrid, NODATA};
 use planish_spline::{Shape, Surface};
 use rayon::prelude::*;
 
-/// A raster takes no more cells than this: three gigabytes before they are compressed.
+/// Largest number of cells of a raster: three gigabytes before compression.
 pub const MAX_CELLS: f64 = 4e8;
 
-/// Heights whose σ is more than so many times the median of all are guesses, and left out.
+/// Largest σ of a height, in medians of all σ. Heights above it are extrapolation by the prior.
 pub const MAX_MEDIANS: f64 = 30.0;
 
-/// The share of places that may lie under an overhang; they are left out.
+/// Largest share of cells under an overhang. They are left empty; more of them refuse the raster.
 const MAX_OVERHANGS: f64 = 0.01;
 
-/// A raster and what a user should know of it.
+/// A raster with its warnings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dem {
     /// The raster.
     pub grid: HeightGrid,
-    /// Cells that hold a height.
+    /// Number of cells with a height.
     pub known: usize,
     /// What a user should know.
     pub warnings: Vec<String>,
 }
 
-/// Heights of a sheet on a grid of squares of side `cell`; where none is given, of about the spacing of the
-/// readings, rounded down to one, two or five times a power of ten. Borders of cells are multiples of their
-/// side, so that rasters of neighbouring tiles fit together.
+/// Heights of a sheet on a grid of squares of side `cell`.
 ///
-/// Cost: two or three jets a cell, and one covariance a leaf.
+/// The default side is approximately the spacing of the readings, rounded down to 1, 2 or 5 times a power of
+/// ten. Borders of cells are multiples of their side, so that rasters of neighbouring tiles fit together.
+///
+/// Cost: two or three jets for each cell, and one covariance for each leaf.
 ///
 /// # Errors
-/// `Input` for a shape that is no sheet, for a sheet that has more than one height over a place (steep parts
-/// that lean over), for a cell that is not positive or so small that there were more than [`MAX_CELLS`];
-/// `Undetermined` where nothing was measured.
+/// `Input` for a shape other than a sheet, for a sheet with overhangs, and for a cell that is not positive or
+/// gives more than [`MAX_CELLS`] cells; `Undetermined` if nothing was measured.
+///
+/// # Examples
+/// ```
+/// use planish_surface::export::dem_from_model;
+/// use planish_surface::test_support::small_model;
+/// let model = small_model(planish_spline::Shape::Sheet);
+/// let dem = dem_from_model(&model, &model.posterior()?, Some(0.1), None)?;
+/// assert!(dem.known > 0 && dem.known <= dem.grid.columns * dem.grid.rows);
+/// # Ok::<(), planish_core::Error>(())
+/// ```
 pub fn dem_from_model(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
@@ -72,7 +82,9 @@ pub fn dem_from_model(
     let [columns, rows] = [0, 1].map(|d| ((high[d] / cell).ceil() - first[d]).max(1.0));
     if columns * rows > MAX_CELLS {
         return Err(Error::input(format!(
-            "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of {cell}; say a larger --cell-size"
+            "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of {cell}; \
+             say a \
+             larger --cell-size"
         )));
     }
     let (columns, rows) = (columns as usize, rows as usize);
@@ -105,8 +117,9 @@ pub fn dem_from_model(
     let overhangs = found - places.len();
     if overhangs as f64 > MAX_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
         return Err(Error::input(format!(
-            "a raster of heights: needed a sheet with one height over every place, found one that stands upright or leans over in {overhangs} of \
-             {found} cells; z must be up"
+            "a raster of heights: needed a sheet with one height over every place, found one that stands \
+             upright \
+             or leans over in {overhangs} of {found} cells; z must be up"
         )));
     }
     let leaves: Vec<u32> = places.iter().map(|p| p.leaf).collect();
@@ -150,7 +163,7 @@ pub fn dem_from_model(
     })
 }
 
-/// A surface point under the middle of a cell.
+/// The surface point at the middle of a cell.
 struct Place {
     cell: usize,
     parameters: [f64; 2],
@@ -160,10 +173,10 @@ struct Place {
     height: f64,
 }
 
-/// The surface point with these first two coordinates, by Newton's method from the given parameters; none
-/// where the search leaves the sheet.
+/// The surface point at `(x, y)`, by Newton's method from the given parameters; none if the search leaves the
+/// sheet.
 fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Place> {
-    /// Steps at most, and how much of a leaf the last may be off by.
+    /// Most steps, and the largest last step, in leaves.
     const STEPS: usize = 12;
     const CLOSE: f64 = 1e-6;
     let space = surface.space();
@@ -194,7 +207,7 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
                 height: jet.point[2] + jet.du[2] * step[0] + jet.dv[2] * step[1],
             });
         }
-        // No further than a few leaves at once: the model of the surface is local.
+        // A few leaves at most, since the linearisation is local.
         let share = (4.0 * side / longest).min(1.0);
         let next = inside([0, 1].map(|d| at[d] + share * step[d]));
         if next == at {
@@ -205,11 +218,11 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
     None
 }
 
-/// Where the measured part of a sheet lies, and about how its parameters run there.
+/// The measured part of a sheet, and an approximate map from `(x, y)` to its parameters.
 struct Extent {
     low: [f64; 2],
     high: [f64; 2],
-    /// Measured area, as seen from above.
+    /// Measured area, projected on the ground plane.
     area: f64,
     map: AffineMap,
 }
@@ -228,7 +241,7 @@ impl AffineMap {
         self.inverse.map_or([u, v], |m| [u + m[0][0] * dx + m[0][1] * dy, v + m[1][0] * dx + m[1][1] * dy])
     }
 
-    /// Whether the sheet as a whole stands upright.
+    /// True if the sheet as a whole is vertical.
     fn is_upright(&self) -> bool {
         self.inverse.is_none()
     }
@@ -280,7 +293,7 @@ impl Extent {
     }
 }
 
-/// The largest of one, two and five times a power of ten that is not larger.
+/// The largest number of the form 1, 2 or 5 times a power of ten that is at most `length`.
 fn round_down(length: f64) -> f64 {
     if !(length.is_finite() && length > 0.0) {
         return 1.0;

@@ -69,7 +69,7 @@ fn gaps(observations: &Observations, converged: &ConvergedFit, used: &[usize]) -
     }
     let seen_area: f64 = areas.iter().zip(&own).filter(|(_, o)| **o).map(|(a, _)| a).sum();
     let spacing = (seen_area / used.len().max(1) as f64).sqrt();
-    let seen = MeasuredRegion::new(observations, EMPTY * spacing);
+    let measured = MeasuredRegion::new(observations, EMPTY * spacing);
     let places: Vec<Vec<Place>> = (0..areas.len())
         .map(|leaf| {
             let grid = (0..PLACES * PLACES)
@@ -82,7 +82,7 @@ fn gaps(observations: &Observations, converged: &ConvergedFit, used: &[usize]) -
                     area: areas[leaf] / (PLACES * PLACES) as f64,
                 })
             });
-            all.filter(|p| !seen.near(p.point, p.normal)).collect()
+            all.filter(|p| !measured.contains(p.point, p.normal)).collect()
         })
         .collect();
     let mut met = vec![false; areas.len()];

@@ -1,20 +1,20 @@
-//! A ball grown into the solid that the points enclose.
+//! Growth of a ball into the solid that the points enclose.
 //!
-//! Comes in: a base ball and the blurred [`Indicator`]. Goes out: a surface near the points everywhere.
+//! Input: a base ball and the [`Indicator`]. Output: a surface near the points everywhere.
 //!
-//! Every point of the surface is carried to the level set of the indicator, from strong to weak blur, as a
-//! shape grows from a blob: ears appear as bumps and lengthen. Four forces make one *step* `d`:
-//! - along the normal, to the level set, where the surface faces it;
-//! - a piece that has been turned inside out is led back down the gradient instead;
-//! - a film that was left outside the solid, as between two ears, draws back by its mean curvature like a
+//! The surface follows the level set of the indicator from strong to weak blur. Details such as ears appear
+//! as bumps and lengthen. Four terms form one *step* `d`:
+//! - a motion along the normal to the level set, where the surface faces it;
+//! - a motion down the gradient instead, for a piece that was turned inside out;
+//! - a motion by mean curvature for a film outside the solid, as between two ears, so that it retracts like a
 //!   soap film;
-//! - vertices drift along the surface towards where it is stretched most, which keeps cells even.
+//! - a drift of vertices along the surface towards where it is stretched most, which keeps cells even.
 //!
 //! The step, not the surface, is smoothed: `(M + ℓ⁴ K) δ = M d` in the metric of the base. Smooth steps
 //! compose to a smooth map, and thin features are not shrunk. The matrix is the same for every step of a
 //! level: it is factored once.
 //!
-//! Not guaranteed: shapes with handles; a ball cannot follow them and leaves films across.
+//! Not guaranteed: shapes with handles. A ball cannot follow them and leaves films across.
 
 use super::indicator::{BlurredIndicator, Indicator, MIN_BLUR_CELLS};
 use planish_estimate::Result;
@@ -23,31 +23,33 @@ use planish_spline::{BaseShape, FieldPoints, Surface, SurfaceSystem};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Most uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without
-/// folds, at 56 × 36 they do not.
+/// Largest number of uniform refinements of the base grid.
+///
+/// At 112 × 72 cells the ears of a 150 mm bunny grow without folds; at 56 × 36 they do not.
 pub(super) const MAX_LEVELS: usize = 3;
-/// The strongest blur, as a share of the largest half extent, and the factor from one to the next.
+/// Strongest blur, as a share of the largest half extent, and the factor from one blur to the next.
 const FIRST_BLUR: f64 = 0.25;
 const BLUR_FACTOR: f64 = 0.8;
-/// How far the level lies inside the points at the strongest blur: thin gaps must not close over.
+/// Offset of the level into the solid at the strongest blur, as a share of the difference
+/// between the indicator inside and at the points. Without it thin gaps would close.
 const INWARD_SHARE: f64 = 0.3;
-/// Smoothing length of a step, longest step, drift (squared) and draw of films (squared): all in cells of the
-/// base.
+/// Smoothing length of a step, longest step, drift (squared) and retraction of films (squared), all in cells
+/// of the base.
 const SMOOTHING_CELLS: f64 = 0.6;
 const LONGEST_STEP_CELLS: f64 = 0.3;
 const DRIFT: f64 = 0.12;
-const DRAW: f64 = 4.0;
-/// Steps from which on a stage may end early, and at most.
-const FEW_STEPS: usize = 8;
+const RETRACTION: f64 = 4.0;
+/// Steps of a stage: at least, and at most.
+const MIN_STEPS: usize = 8;
 const MAX_STEPS: usize = 36;
 /// Stretch changes slowly: it is measured every so many steps.
 const STRETCH_EVERY: usize = 4;
 
-/// Grows the base into the indicator's solid, `levels` uniform refinements on the way; `points` fix the level
-/// of the indicator.
+/// Grows the base into the indicator's solid, with `levels` uniform refinements on the way. `points` define
+/// the level of the indicator.
 ///
 /// # Errors
-/// `Undetermined` when the surface degenerates, `Interrupted` when the caller says so.
+/// `Undetermined` if the surface degenerates; what `check` returns.
 pub(super) fn grow(
     base: &BaseShape,
     grid: [usize; 2],
@@ -57,7 +59,8 @@ pub(super) fn grow(
     check: &dyn Fn(f64) -> Result<()>,
 ) -> Result<Surface> {
     let largest = base.size.iter().fold(0.0_f64, |a, &b| a.max(b));
-    // At 1.2 cells thin ear tips would end 6 mm short, at 0.7 a film would stay between two ears.
+    // With a last blur of 1.2 cells thin ear tips of the bunny end 6 mm short; with 0.7 a film stays between
+    // its ears.
     let last = MIN_BLUR_CELLS * indicator.cell();
     let mut blurs = vec![FIRST_BLUR * largest];
     while blurs[blurs.len() - 1] * BLUR_FACTOR > 1.1 * last {
@@ -99,7 +102,7 @@ pub(super) fn grow(
                 .zip(moved.chunks_exact(3))
                 .map(|(p, d)| add(*p, [d[0], d[1], d[2]]));
             surface = surface.with_vertices(vertices.collect())?;
-            if step + 1 >= FEW_STEPS && longest < 0.05 * stage_of_level.cell {
+            if step + 1 >= MIN_STEPS && longest < 0.05 * stage_of_level.cell {
                 break;
             }
         }
@@ -107,19 +110,19 @@ pub(super) fn grow(
     Ok(surface)
 }
 
-/// The level set to grow to.
+/// The level set that the surface grows to.
 struct Target {
     field: BlurredIndicator,
     iso: f64,
     steep: f64,
 }
 
-/// What stays the same through all steps of a level.
+/// The equations of one level: the same for all of its steps.
 struct Stage {
     system: SurfaceSystem,
     factor: planish_estimate::sparse::CholeskyFactor,
-    /// Where steps are measured. The middle of a leaf alone would be cheaper, but thin parts of scans with
-    /// gaps come out shorter.
+    /// Points of a leaf at which steps are evaluated. The middle alone would be cheaper, but shortens thin
+    /// parts of scans with gaps.
     points: FieldPoints,
     /// Area of the base that each point stands for.
     weights: Vec<[f64; FieldPoints::COUNT]>,
@@ -145,8 +148,7 @@ impl Stage {
         Ok(Self { system, factor, points, weights, side: surface.space().leaves()[0].side(), cell })
     }
 
-    /// The logarithm of how much each place is stretched against the base, smoothed: its derivatives along u
-    /// and v at the points.
+    /// Derivatives along u and v, at the points, of the smoothed logarithm of the stretch against the base.
     fn stretch(&self, surface: &Surface) -> Result<Vec<[[f64; 2]; FieldPoints::COUNT]>> {
         let share = self.side * self.side / FieldPoints::COUNT as f64;
         let mut field = self.system.project_field(&self.points, &self.weights, |leaf| {
@@ -218,7 +220,7 @@ impl Stage {
         if outside > 0.0
             && let Some(mean) = mean_curvature()
         {
-            let draw = (DRAW * cell * cell * mean).clamp(-longest, longest);
+            let draw = (RETRACTION * cell * cell * mean).clamp(-longest, longest);
             d = add_scaled(d, outside * draw, normal);
         }
         let strength = DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0);
@@ -245,7 +247,7 @@ mod tests {
     use super::*;
     use planish_estimate::vector3::sub;
 
-    /// A ball with two long horns: nothing star-shaped about it.
+    /// A ball with two long horns, which is not star-shaped.
     #[test]
     fn ball_grows_into_a_horned_shape_without_turning_inside_out() {
         let (mut points, mut normals) = (Vec::new(), Vec::new());

@@ -64,7 +64,8 @@ pub(super) fn fit_known_parameters(
     let many = cells[0].saturating_mul(cells[1]);
     if many > MAX_CELLS {
         return Err(Error::input(format!(
-            "needed at most {MAX_CELLS} cells (each takes some 20 KB while its covariance is found), found {} × \
+            "needed at most {MAX_CELLS} cells (each takes some 20 KB while its covariance is found), found \
+             {} × \
              {} = {many}",
             cells[0], cells[1]
         )));

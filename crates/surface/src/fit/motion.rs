@@ -119,7 +119,8 @@ fn curves_away(fitted: &Fit) -> bool {
 pub(crate) fn scans_in_time(set: &ScanSet) -> Result<Vec<usize>> {
     if let Some(untimed) = set.scans.iter().find(|posed| posed.scan.time_s.is_none()) {
         return Err(Error::input(format!(
-            "{}: needed the time of every scan of a thing that moves, found none: say `time = 1.5` (seconds) in its [[scan]]",
+            "{}: needed the time of every scan of a thing that moves, found none: say `time = 1.5` (seconds) \
+             in its [[scan]]",
             untimed.scan.name
         )));
     }

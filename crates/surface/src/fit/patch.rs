@@ -270,7 +270,8 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
         .filter(|(k, sensor)| sensor.sigma_bias.is_some() && set.scans.iter().any(|posed| posed.sensor == *k))
         .map(|(_, sensor)| {
             format!(
-                "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was not \
+                "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was \
+                 not \
                  used, and σ of the surface is too small by it",
                 sensor.name
             )
@@ -284,7 +285,8 @@ pub(super) fn refuse_inferred(options: &FitOptions) -> Result<()> {
     let asked = [(options.symmetry.is_some(), "--symmetry"), (options.complete_smooth, "--complete")];
     match asked.iter().find(|(asked, _)| *asked) {
         Some((_, name)) => Err(Error::unsupported(format!(
-            "{name} concludes readings from others, which err together, and the patch filter takes every reading \
+            "{name} concludes readings from others, which err together, and the patch filter takes every \
+             reading \
              as independent: needed --filter global"
         ))),
         None => Ok(()),

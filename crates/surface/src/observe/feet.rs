@@ -13,18 +13,18 @@ use planish_spline::{
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
-/// What became of a point's projection.
+/// The state of a projection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FootState {
     /// Usable.
     Good,
-    /// The scan's normal and the surface's disagree.
+    /// The normals of scan and surface disagree.
     NormalMismatch,
-    /// Held at an open border.
+    /// The foot is held at an open border.
     BeyondBorder,
 }
 
-/// A projected point: what accumulation and statistics need of it.
+/// The foot of a reading on a surface, with its residuals.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Foot {
     pub leaf: u32,
@@ -32,12 +32,13 @@ pub(crate) struct Foot {
     pub local: [f64; 2],
     pub normal: [f64; 3],
     pub quantity: Quantity,
-    /// What was read minus what the surface says, number by number. Of a position its signed distance from
-    /// the surface, the expected lift by tangential noise taken off; of a normal how far the two tangents
-    /// have to turn towards it; of a curvature `11`, `√2·12`, `22` of the second fundamental form: all
-    /// numbers of a reading have one variance.
+    /// Measured minus predicted value, component by component; all components have the same variance.
+    ///
+    /// For a position, the signed distance from the surface less the expected lift by tangential noise. For a
+    /// normal, the tilts of the two tangents towards it. For a curvature, `11`, `√2·12` and `22` of the
+    /// second fundamental form.
     pub(crate) residuals: [f64; 3],
-    /// Variance of each residual as stated: of a position `nᵀRn`.
+    /// Stated variance of each residual; for a position `nᵀRn`.
     pub variance: f64,
 }
 
@@ -59,19 +60,19 @@ impl ProjectedReadings<'_> {
 }
 
 impl Foot {
-    /// Signed distance from the surface, of a position.
+    /// Signed distance of a position from the surface.
     #[inline]
     pub(crate) fn height(&self) -> f64 {
         self.residuals[0]
     }
 
-    /// The residuals, each of the same variance.
+    /// The residuals that the quantity has.
     #[inline]
     pub(crate) fn residuals(&self) -> &[f64] {
         &self.residuals[..self.quantity.rows()]
     }
 
-    /// The largest residual, and the sum of their squares.
+    /// Largest absolute residual, and the sum of squares.
     #[inline]
     pub(crate) fn extremes(&self) -> (f64, f64) {
         self.residuals()
@@ -79,7 +80,7 @@ impl Foot {
             .fold((0.0, 0.0), |(largest, squares): (f64, f64), r| (largest.max(r.abs()), squares + r * r))
     }
 
-    /// The residuals of a normal or a curvature read here; none where the surface has no tangent plane.
+    /// The residuals of a normal or a curvature at this foot; none if the surface has no tangent plane there.
     pub(crate) fn directional(&self, surface: &Surface, measured: &Measured) -> Option<[f64; 3]> {
         let frame = surface.tangent_rows(self.leaf as usize, self.local)?;
         Some(match measured {
@@ -95,8 +96,8 @@ impl Foot {
         })
     }
 
-    /// The rows of its equations: weights over the leaf's sixteen coefficients, by which the components along
-    /// the foot's normal of their motion, each along its own normal, change what is read.
+    /// The rows of its equations: the change of each predicted component with the motion of the leaf's
+    /// sixteen coefficients along the foot's normal.
     pub(crate) fn rows(&self, surface: &Surface, mut each: impl FnMut(usize, &[f64; 16])) {
         if self.quantity == Quantity::Position {
             each(0, &leaf_weights(self.local[0], self.local[1]));
@@ -120,14 +121,15 @@ impl Foot {
 /// The off-diagonal component of a symmetric tensor with isotropic noise has half the variance of the others.
 const CURVATURE_SCALE: [f64; 3] = [1.0, SQRT_2, 1.0];
 
-/// Points whose scan normal differs from the surface's by more than about 70° lie on another sheet.
+/// Smallest cosine between the normals of scan and surface. Points that differ by more than about 70° lie on
+/// another side of the object.
 pub(crate) const MIN_COSINE: f64 = 0.35;
 
-/// Projects the points `subset` of the observations; `at` holds their parameters, before and after.
+/// Projects the readings in `subset` on the surface.
 ///
-/// `factors` scale the stated variances sensor by sensor. Where the curvature is known, `tr(II R_t)/2` is
-/// taken off the height: noise along the tangent plane lifts points off a curved surface by that much on
-/// average.
+/// `at` holds the parameters of all observations. They are the start of each projection unless `search` finds
+/// one, and its result afterwards. `factors` scale the stated variances of each channel. The expected lift by
+/// tangential noise is subtracted from heights.
 pub(crate) fn project(
     surface: &Surface,
     observations: &Observations,
@@ -149,8 +151,8 @@ pub(crate) fn project(
             let scan_normal = observations.normal(i);
             let start = search.map_or(before[i], |s| s.nearest(z, scan_normal));
             let foot = surface.project(z, start, &options);
-            let known = dot(scan_normal, scan_normal) > 0.5;
-            let state = if known && dot(scan_normal, foot.normal) < MIN_COSINE {
+            let has_normal = dot(scan_normal, scan_normal) > 0.5;
+            let state = if has_normal && dot(scan_normal, foot.normal) < MIN_COSINE {
                 FootState::NormalMismatch
             } else if foot.at_border {
                 FootState::BeyondBorder
@@ -189,19 +191,19 @@ pub(crate) fn project(
     feet.into_iter().map(|(foot, _)| foot).collect()
 }
 
-/// How far noise along the tangent plane lifts a reading off a curved surface on average, `tr(II R_t)/2`,
-/// `factor` times the covariance being that of the reading.
+/// Mean distance `tr(II R_t)/2` by which noise along the tangent plane lifts a reading off a curved surface.
+/// The covariance of the reading is `factor` times `covariance`.
 pub(crate) fn expected_lift(jet: &Jet, covariance: &[f64; 6], factor: f64) -> f64 {
     let Some(bias) = jet.tangential_bias(covariance) else {
         return 0.0;
     };
-    // The expansion holds where noise is well below the radius of curvature; elsewhere it is not trusted far.
+    // The expansion holds for noise well below the radius of curvature; elsewhere it is bounded by σ/2.
     let sigma = (factor * (covariance[0] + covariance[3] + covariance[5]) / 3.0).sqrt();
     (-factor * bias).clamp(-0.5 * sigma, 0.5 * sigma)
 }
 
 impl Foot {
-    /// Why the reading takes no part, given its information; none where it does.
+    /// Why the reading is rejected, given its information; none if it is used.
     pub(crate) fn rejection(&self, information: f64) -> Option<RejectionCause> {
         match self.state {
             FootState::NormalMismatch => Some(RejectionCause::NormalMismatch),
@@ -212,13 +214,12 @@ impl Foot {
     }
 }
 
-/// Positions in `feet` sorted by leaf: leaf `l` has `order[start[l] .. start[l + 1]]`.
+/// Indices into `feet` sorted by leaf, as `(start, order)`: leaf `l` has `order[start[l] .. start[l + 1]]`.
 pub(crate) fn by_leaf(feet: &[Foot], leaves: usize) -> (Vec<u32>, Vec<u32>) {
     order_by_leaf(feet.iter().map(|foot| foot.leaf), leaves)
 }
 
-/// Data information of projected points, each with its own weight (information of its height; zero leaves it
-/// out).
+/// Data information of projected readings, each with its own information; zero excludes it.
 pub(crate) fn accumulate(
     system: &SurfaceSystem,
     surface: &Surface,
@@ -242,14 +243,13 @@ pub(crate) fn accumulate(
     })
 }
 
-/// A row applied to the coefficients of a surface, along the foot's normal.
+/// A row applied to the coefficients of a surface, projected on the foot's normal.
 pub(super) fn along_normal(surface: &Surface, foot: &Foot, row: &[f64; 16]) -> f64 {
     let coefficients = surface.leaf_coefficients(foot.leaf as usize);
     row.iter().zip(coefficients).map(|(w, c)| w * dot(foot.normal, *c)).sum()
 }
 
-/// [`accumulate`] of positions into sums that other readings will be added to; readings of other quantities
-/// are passed over.
+/// [`accumulate`] of positions into sums over several batches; other quantities are skipped.
 pub(crate) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], information: &[f64]) {
     let (start, order) = by_leaf(feet, surface.space().leaves().len());
     sums.add(|leaf, moments| {
@@ -263,7 +263,15 @@ pub(crate) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], 
     });
 }
 
-/// A length of the order of the whole surface.
+/// Size of a surface: the longest side of the bounding box of its control vertices.
+///
+/// # Examples
+/// ```
+/// use planish_spline::BaseShape;
+/// let ball = BaseShape::sphere([0.0; 3], 10.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+/// assert!((20.0..24.0).contains(&planish_surface::observe::surface_extent(&ball)));
+/// # Ok::<(), planish_core::Error>(())
+/// ```
 #[must_use]
 pub fn surface_extent(surface: &Surface) -> f64 {
     let (lo, hi) = surface.vertices().iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {

@@ -180,7 +180,8 @@ impl Observations {
         let name = |scan: u32| set.scans.get(scan as usize).map_or("", |posed| posed.scan.name.as_str());
         let told = self.copies.iter().take(MAX_LISTED_DUPLICATES).map(|&(first, second)| {
             format!(
-                "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among what was set aside",
+                "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among \
+                 what was set aside",
                 name(second),
                 name(first)
             )

@@ -1,7 +1,7 @@
-//! One state of a sheet that bends: laid on its readings from the state before.
+//! One state of a sheet that bends, from its readings and the state before.
 //!
-//! Comes in: the state before, the lengths of the sheet, observations. Goes out: a [`ConvergedFit`] surface
-//! whose prior holds all that is known beside the heights of the readings. See [`super`].
+//! Input: the state before, the lengths of the sheet, and observations. Output: a [`ConvergedFit`] whose
+//! prior contains all information besides the heights of the readings. See [`super`].
 
 use super::{Lengths, SIGMA_STRETCH};
 use crate::fit::FitOptions;
@@ -19,24 +19,24 @@ use planish_estimate::vector3::{add_scaled, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights};
 
-/// The share by which sheets may stretch at the first iteration, and iterations until it is what it should
-/// be.
+/// Relative σ of lengths in the first iteration, and iterations until it has its final value.
 const FIRST_STRETCH: f64 = 0.1;
 const ANNEALING: usize = 10;
-/// Iterations at most; at rest when the mean square step is so many variances of a vertex.
+/// Largest number of iterations, and mean square step at rest, in variances of a vertex.
 const MAX_ITERATIONS: usize = 40;
 const AT_REST: f64 = 1e-3;
-/// Length over which displacements are smooth at the start, and at most, in square roots of the sheet's area.
+/// Length over which displacements are smoothed at the start, and at most, in square roots of the sheet's
+/// area.
 const FIRST_SMOOTHING: f64 = 0.1;
 const STIFFEST: f64 = 2.0;
 /// σ of sliding along the sheet, in leaves.
 const SLIDING: f64 = 5.0;
-/// Readings beyond the border are of the sheet when they are nearer to it than this share of its extent;
-/// their pull is bounded beyond so many spacings.
+/// Readings beyond the border belong to the sheet if they are nearer to it than this share of its extent.
+/// Their pull is bounded beyond [`BOUNDED`] spacings of the readings.
 const BORDER_REACH: f64 = 0.1;
 const BOUNDED: f64 = 3.0;
 
-/// One state to be found.
+/// The problem of one state.
 pub(super) struct Sheet<'a> {
     pub system: &'a SurfaceSystem,
     pub lengths: &'a Lengths,
@@ -45,26 +45,29 @@ pub(super) struct Sheet<'a> {
     pub options: &'a FitOptions,
 }
 
-/// A state that has come to rest.
-pub(super) struct Laid {
+/// A converged state.
+pub(super) struct LaidSheet {
     pub converged: ConvergedFit,
-    /// Readings beyond the border.
+    /// Number of readings beyond the border.
     pub beyond: usize,
-    /// Leaves that hold readings of this time.
+    /// For each leaf, true if it holds readings of this time.
     pub held: Vec<bool>,
 }
 
-/// What is known of a state beside its readings.
-struct Held {
-    /// The thin plate over the displacement: `K`, and `K x` of the state before.
+/// The parts of the prior that do not change from iteration to iteration.
+struct FixedPrior {
+    /// Thin plate over the displacement: `K`, and `K x` of the state before.
     smooth: BlockInformation,
-    /// Places along the sheet.
+    /// Weak hold of points along the sheet.
     sliding: BlockInformation,
 }
 
 impl Sheet<'_> {
-    /// Lays the sheet on readings; and how many of them lie beyond its border.
-    pub(super) fn converge(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<Laid> {
+    /// Lays the sheet on the readings.
+    ///
+    /// # Errors
+    /// `Undetermined` if no reading is near the sheet.
+    pub(super) fn lay(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<LaidSheet> {
         let Self { system, previous, .. } = *self;
         let search = FootPointSearch::new(previous, 2, 0.1 * surface_extent(previous))?;
         observations.orient_by(|p| {
@@ -72,7 +75,7 @@ impl Sheet<'_> {
             previous.normal(u, v).unwrap_or([0.0; 3])
         });
         let subset = observations.fitted();
-        let held = self.held()?;
+        let fixed = self.fixed_prior()?;
         let area: f64 = leaf_areas(previous).iter().sum();
         let spacing = (area / subset.len().max(1) as f64).sqrt();
         let mut at = vec![[0.0; 2]; observations.len()];
@@ -98,14 +101,16 @@ impl Sheet<'_> {
             let information = weights(readings, &noise, gate, !annealed);
             if !information.iter().any(|&w| w > 0.0) {
                 return Err(Error::undetermined(
-                    "no reading lies near the sheet as it was before: do the scans share one frame, and is the sheet the same?",
+                    "no reading lies near the sheet as it was before: do the scans share one frame, and is \
+                     the \
+                     sheet the same?",
                 ));
             }
             let smoothing = |length: f64| weight_of_length(&feet, &information, area, length * area.sqrt());
             let now = weight.unwrap_or_else(|| smoothing(FIRST_SMOOTHING));
             let data = accumulate(system, &surface, &feet, &information)?;
             let border = self.border(&surface, observations, &subset, &feet, spacing)?;
-            let prior = self.prior(&held, &surface, border, now, iteration)?;
+            let prior = self.prior(&fixed, &surface, border, now, iteration)?;
             let mut total = data.clone();
             total.add_scaled(&prior, 1.0)?;
             let factor = system.factorize(&total)?;
@@ -120,7 +125,7 @@ impl Sheet<'_> {
             surface = system.surface(&solution)?;
             let mut next = now;
             if annealed {
-                next = likeliest(&held, &solution, previous, &SelectedInverse::new(&factor), now)?
+                next = likeliest_weight(&fixed, &solution, previous, &SelectedInverse::new(&factor), now)?
                     .clamp(0.2 * now, 5.0 * now)
                     .min(smoothing(STIFFEST));
             }
@@ -135,7 +140,7 @@ impl Sheet<'_> {
         let noise = SensorNoise::estimate(readings, gate, &unknown, true)?;
         let border = self.border(&surface, observations, &subset, &feet, spacing)?;
         let weight = weight.unwrap_or(0.0);
-        let prior = self.prior(&held, &surface, border, weight, MAX_ITERATIONS)?;
+        let prior = self.prior(&fixed, &surface, border, weight, MAX_ITERATIONS)?;
         let beyond = (subset.iter().zip(&feet))
             .filter(|(i, foot)| beyond_by(&surface, observations, **i, foot).is_some_and(|d| d > spacing))
             .count();
@@ -156,22 +161,22 @@ impl Sheet<'_> {
             filtered: None,
             moves_freely: true,
         };
-        Ok(Laid { converged, beyond, held })
+        Ok(LaidSheet { converged, beyond, held })
     }
 
-    fn held(&self) -> Result<Held> {
+    fn fixed_prior(&self) -> Result<FixedPrior> {
         let mut smooth = self.system.thin_plate(self.previous)?.expanded(3)?;
         let x: Vec<f64> = self.previous.vertices().iter().flatten().copied().collect();
         let mut pull = vec![0.0; x.len()];
         smooth.multiply(&x, &mut pull)?;
         smooth.vector_mut().copy_from_slice(&pull);
-        Ok(Held { smooth, sliding: self.system.tangential_hold(self.previous, SLIDING)? })
+        Ok(FixedPrior { smooth, sliding: self.system.tangential_hold(self.previous, SLIDING)? })
     }
 
-    /// All that is known beside the readings' heights, linearised at a surface.
+    /// All information besides the heights of the readings, linearised at a surface.
     fn prior(
         &self,
-        held: &Held,
+        fixed: &FixedPrior,
         surface: &Surface,
         border: BlockInformation,
         weight: f64,
@@ -182,13 +187,13 @@ impl Sheet<'_> {
         let softness = if left > 0.0 { softness } else { 0.0 };
         let sigma: Vec<f64> = self.lengths.sigma.iter().map(|s| s.hypot(softness)).collect();
         let mut prior = self.system.isometry(surface, &self.lengths.metric, &sigma)?;
-        prior.add_scaled(&held.smooth, weight)?;
-        prior.add_scaled(&held.sliding, 1.0)?;
+        prior.add_scaled(&fixed.smooth, weight)?;
+        prior.add_scaled(&fixed.sliding, 1.0)?;
         prior.add_scaled(&border, 1.0)?;
         Ok(prior)
     }
 
-    /// Readings beyond the border: the border lies where they are, to within their spacing.
+    /// Equations of readings beyond the border: the border lies at each of them to within their spacing.
     fn border(
         &self,
         surface: &Surface,
@@ -217,7 +222,7 @@ impl Sheet<'_> {
     }
 }
 
-/// How far along the sheet a position lies beyond the border; none where it does not.
+/// Distance of a position beyond the border, along the sheet; none if it is not beyond.
 fn beyond_by(surface: &Surface, observations: &Observations, reading: u32, foot: &Foot) -> Option<f64> {
     if foot.state != FootState::BeyondBorder || foot.quantity != Quantity::Position {
         return None;
@@ -227,9 +232,9 @@ fn beyond_by(surface: &Surface, observations: &Observations, reading: u32, foot:
     Some(norm(add_scaled(off, -dot(off, foot.normal), foot.normal)))
 }
 
-/// The next weight of the thin plate, by marginal likelihood.
-fn likeliest(
-    held: &Held,
+/// The next weight of the thin plate by marginal likelihood (Wood & Fasiolo 2017, eq. 6).
+fn likeliest_weight(
+    fixed: &FixedPrior,
     solution: &[f64],
     previous: &Surface,
     covariance: &SelectedInverse,
@@ -237,8 +242,8 @@ fn likeliest(
 ) -> Result<f64> {
     let displacement: Vec<f64> =
         solution.iter().zip(previous.vertices().iter().flatten()).map(|(new, old)| new - old).collect();
-    // A plate lets three functions of each coordinate go free.
+    // A plate leaves three functions of each coordinate free.
     let rank = displacement.len() as f64 - 9.0;
-    let taken = rank - weight * covariance.trace_with(&held.smooth)?;
-    Ok(taken.max(1.0) / held.smooth.quadratic_form(&displacement)?.max(f64::MIN_POSITIVE))
+    let determined = rank - weight * covariance.trace_with(&fixed.smooth)?;
+    Ok(determined.max(1.0) / fixed.smooth.quadratic_form(&displacement)?.max(f64::MIN_POSITIVE))
 }

@@ -128,7 +128,8 @@ pub(in crate::fit) fn common_warnings(
     let turned = rejected.get(RejectionCause::NormalMismatch.name()).copied().unwrap_or(0);
     if turned * 50 > total {
         warnings.push(format!(
-            "{turned} of {total} readings face another way than the surface near them: it misses folds or thin parts there, or their \
+            "{turned} of {total} readings face another way than the surface near them: it misses folds or \
+             thin parts there, or their \
              normals are wrong; σ says nothing of that"
         ));
     }

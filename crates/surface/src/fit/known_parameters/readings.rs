@@ -174,7 +174,8 @@ impl<'a> Readings<'a> {
             }
             if posed.scan.covariance.is_some() {
                 return Err(Error::unsupported(format!(
-                    "{name}needed one σ a reading (the column sigma) where parameters are known, found covariances cxx … czz"
+                    "{name}needed one σ a reading (the column sigma) where parameters are known, found \
+                     covariances cxx … czz"
                 )));
             }
             if posed.scan.sigma.is_none() {
@@ -183,7 +184,8 @@ impl<'a> Readings<'a> {
                     Some(Noise::Isotropic { .. }) => {}
                     Some(Noise::Ray { .. }) => {
                         return Err(Error::unsupported(format!(
-                            "{name}needed one σ for all directions where parameters are known, found sigma_along and sigma_across of the sensor \"{}\"",
+                            "{name}needed one σ for all directions where parameters are known, found \
+                             sigma_along and sigma_across of the sensor \"{}\"",
                             set.sensors[posed.sensor].name
                         )));
                     }

@@ -194,7 +194,8 @@ impl<'a> RigidTracker<'a> {
             met = sums.matched;
             if (met as f64) < MIN_MATCHED * readings.len() as f64 {
                 return Err(Error::undetermined(format!(
-                    "the scan at {time} s does not lie on the surface of the first: {met} of {} readings meet it; is the turn between them small \
+                    "the scan at {time} s does not lie on the surface of the first: {met} of {} readings \
+                     meet it; is the turn between them small \
                      enough, and is the thing the same?",
                     readings.len()
                 )));
