@@ -326,8 +326,7 @@ fn converge(
         return Err(Error::undetermined(
             "no reading that is left measures a position: normals and curvatures leave open where the \
              surface lies; add positions (a few touches will do), or say kind = \"range\" where the points \
-             of \
-             these sensors are measured, too",
+             of these sensors are measured, too",
         ));
     }
     let surface = first_surface(observations, options, 1, progress)?;

@@ -154,8 +154,8 @@ fn supported(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
     let (shifts, _) = found.sigmas();
     Err(Error::undetermined(format!(
         "the readings do not bear out {what}: of {} pieces of the cloud {} meet the image of another and {} \
-         agree \
-         with it, and its place is known to ±{:.2e}; more than 80 % have to agree, and the place to be known \
+         agree with it, and its place is known to ±{:.2e}; more than 80 % have to agree, and the place to be \
+         known \
          within 2 % of the size: {advice}",
         facets.all.len(),
         found.compared,

@@ -83,8 +83,7 @@ pub fn dem_from_model(
     if columns * rows > MAX_CELLS {
         return Err(Error::input(format!(
             "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of {cell}; \
-             say a \
-             larger --cell-size"
+             say a larger --cell-size"
         )));
     }
     let (columns, rows) = (columns as usize, rows as usize);
@@ -118,8 +117,7 @@ pub fn dem_from_model(
     if overhangs as f64 > MAX_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
         return Err(Error::input(format!(
             "a raster of heights: needed a sheet with one height over every place, found one that stands \
-             upright \
-             or leans over in {overhangs} of {found} cells; z must be up"
+             upright or leans over in {overhangs} of {found} cells; z must be up"
         )));
     }
     let leaves: Vec<u32> = places.iter().map(|p| p.leaf).collect();

@@ -1,10 +1,9 @@
-//! Triangle meshes of a model whose every vertex says how well it is known.
+//! Triangle meshes of a model, with σ at each vertex.
 //!
-//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with
-//! `x y z nx ny nz sigma observed`, as GLB with the same, or as OBJ or STL without σ. σ is that of the
-//! surface point along its normal. `observed` is 1 on measured leaves, 2 on leaves completed
-//! by inference from other parts, and 0 where only the prior holds. The bytes do not depend on the number
-//! of threads.
+//! Input: a model, its posterior and a chord error. Output: a [`ModelMesh`], written as PLY or GLB with
+//! `x y z nx ny nz sigma observed`, or as OBJ or STL without σ. σ is that of the surface point along its
+//! normal. `observed` is 1 on measured leaves, 2 on leaves completed by inference from other parts, and 0
+//! where only the prior holds. The bytes do not depend on the number of threads.
 //!
 //! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the
 //! mesh does not cross itself where the surface folds.

@@ -106,8 +106,7 @@ fn refuse_other_than_sheet(set: &ScanSet, first: &State, shape: Shape) -> Result
     }
     Err(Error::input(format!(
         "{}: --motion bend follows sheets, which have one border; the first state looks like a {}: if it is \
-         a \
-         sheet, say --shape sheet",
+         a sheet, say --shape sheet",
         set.scans[first.scans[0]].scan.name,
         shape.name()
     )))
@@ -126,8 +125,7 @@ fn refuse(options: &FitOptions) -> Result<()> {
     if let Some((_, name)) = asked.iter().find(|(asked, _)| *asked) {
         return Err(Error::unsupported(format!(
             "--motion bend does not go together with {name}: every state of the sheet is fitted for itself, \
-             to \
-             the one before"
+             to the one before"
         )));
     }
     match options.shape {

@@ -40,7 +40,7 @@ pub struct Snapshot {
     covariance: Arc<NodeCovariance>,
 }
 
-/// How a model formation_of_global_fit.
+/// The formation of a model.
 #[derive(Default)]
 pub struct Formation {
     /// Snapshots, from few readings to all of them.

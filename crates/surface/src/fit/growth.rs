@@ -42,7 +42,7 @@ const RETRACTION: f64 = 4.0;
 /// Steps of a stage: at least, and at most.
 const MIN_STEPS: usize = 8;
 const MAX_STEPS: usize = 36;
-/// Stretch changes slowly: it is measured every so many steps.
+/// Stretch changes slowly: it is measured anew after this many steps.
 const STRETCH_EVERY: usize = 4;
 
 /// Grows the base into the indicator's solid, with `levels` uniform refinements on the way. `points` define

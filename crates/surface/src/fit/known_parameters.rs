@@ -65,8 +65,7 @@ pub(super) fn fit_known_parameters(
     if many > MAX_CELLS {
         return Err(Error::input(format!(
             "needed at most {MAX_CELLS} cells (each takes some 20 KB while its covariance is found), found \
-             {} × \
-             {} = {many}",
+             {} × {} = {many}",
             cells[0], cells[1]
         )));
     }

@@ -32,8 +32,8 @@ use planish_spline::{
 };
 use std::sync::Arc;
 
-/// Readings of the first fit: one in so many of all, with bounds of their number. More of them cost memory
-/// and time; fewer may miss the shape.
+/// Readings of the first fit: one in [`FIRST_SHARE`] of all, with bounds of their number. More of them cost
+/// memory and time; fewer may miss the shape.
 const FIRST_SHARE: usize = 4;
 const MIN_FIRST: usize = 500;
 const MAX_FIRST: usize = 20_000;
@@ -271,8 +271,7 @@ pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
         .map(|(_, sensor)| {
             format!(
                 "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was \
-                 not \
-                 used, and σ of the surface is too small by it",
+                 not used, and σ of the surface is too small by it",
                 sensor.name
             )
         })
@@ -286,8 +285,7 @@ pub(super) fn refuse_inferred(options: &FitOptions) -> Result<()> {
     match asked.iter().find(|(asked, _)| *asked) {
         Some((_, name)) => Err(Error::unsupported(format!(
             "{name} concludes readings from others, which err together, and the patch filter takes every \
-             reading \
-             as independent: needed --filter global"
+             reading as independent: needed --filter global"
         ))),
         None => Ok(()),
     }

@@ -72,16 +72,14 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
     if away > FARTHEST * size {
         return Err(Error::input(format!(
             "{inputs}: a cloud of size {size:.3e} lies {away:.3e} from the origin, where too few digits are \
-             left: \
-             subtract an offset from its coordinates first"
+             left: subtract an offset from its coordinates first"
         )));
     }
     let mut warnings: Vec<String> = apart(boxes).into_iter().collect();
     if away > FAR * size {
         warnings.push(format!(
             "a cloud of size {size:.3e} lies {away:.3e} from the origin, where digits are lost: better \
-             subtract an \
-             offset from its coordinates first"
+             subtract an offset from its coordinates first"
         ));
     }
     Ok(warnings)
@@ -128,8 +126,7 @@ fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Res
     let message = |sigma: f64| {
         format!(
             "σ = {sigma:e} beside a cloud of size {size:.3e}: needed at most a factor of {SIGMA_RANGE:e} \
-             between \
-             them; is its unit right?"
+             between them; is its unit right?"
         )
     };
     let scan = &posed.scan;

@@ -178,7 +178,7 @@ impl Observations {
     /// Warnings about scans that repeat each other.
     pub(crate) fn duplicate_scan_warnings(&self, set: &ScanSet) -> Vec<String> {
         let name = |scan: u32| set.scans.get(scan as usize).map_or("", |posed| posed.scan.name.as_str());
-        let told = self.copies.iter().take(MAX_LISTED_DUPLICATES).map(|&(first, second)| {
+        let listed = self.copies.iter().take(MAX_LISTED_DUPLICATES).map(|&(first, second)| {
             format!(
                 "{}: readings repeat those of {} to the last digit; they count once: see `duplicate` among \
                  what was set aside",
@@ -187,7 +187,8 @@ impl Observations {
             )
         });
         let more = self.copies.len().saturating_sub(MAX_LISTED_DUPLICATES);
-        told.chain((more > 0).then(|| format!("{more} more pairs of scans share readings to the last digit")))
+        listed
+            .chain((more > 0).then(|| format!("{more} more pairs of scans share readings to the last digit")))
             .collect()
     }
 

@@ -102,8 +102,7 @@ impl Sheet<'_> {
             if !information.iter().any(|&w| w > 0.0) {
                 return Err(Error::undetermined(
                     "no reading lies near the sheet as it was before: do the scans share one frame, and is \
-                     the \
-                     sheet the same?",
+                     the sheet the same?",
                 ));
             }
             let smoothing = |length: f64| weight_of_length(&feet, &information, area, length * area.sqrt());

@@ -129,8 +129,7 @@ pub(in crate::fit) fn common_warnings(
     if turned * 50 > total {
         warnings.push(format!(
             "{turned} of {total} readings face another way than the surface near them: it misses folds or \
-             thin parts there, or their \
-             normals are wrong; σ says nothing of that"
+             thin parts there, or their normals are wrong; σ says nothing of that"
         ));
     }
     let gated = rejected_readings(rejected);

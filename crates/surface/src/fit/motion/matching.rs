@@ -27,20 +27,21 @@ impl RigidTracker<'_> {
             START_TURNS_DEG.map(|deg| Pose::from_twist(scale(deg.to_radians(), axis), [0.0; 3]))
         });
         let starts: Vec<Pose> = std::iter::once(Pose::identity()).chain(turns).collect();
-        let some: Vec<&Reading> = readings.iter().step_by(readings.len().div_ceil(START_READINGS)).collect();
+        let sample: Vec<&Reading> =
+            readings.iter().step_by(readings.len().div_ceil(START_READINGS)).collect();
         let gate = FIRST_GATE * self.size;
         let tried: Vec<(f64, Pose)> = starts
             .into_par_iter()
             .map(|turn| {
                 let mut pose = turn;
                 for _ in 0..START_STEPS {
-                    let sums = self.step_over(&pose, some.iter().copied(), gate, 1.0);
+                    let sums = self.step_over(&pose, sample.iter().copied(), gate, 1.0);
                     let Some(factor) = (sums.information + self.damping()).cholesky() else {
                         break;
                     };
                     pose = pose.after(&exp(&factor.solve(&sums.gradient)));
                 }
-                let sums = self.step_over(&pose, some.iter().copied(), 0.15 * gate, 1.0);
+                let sums = self.step_over(&pose, sample.iter().copied(), 0.15 * gate, 1.0);
                 (sums.score, pose)
             })
             .collect();
