@@ -147,6 +147,7 @@ impl StreamingFilter {
     /// `Input` for numbers that are not finite; what dividing reports.
     pub(crate) fn filter_reading(&mut self, reading: &IncomingReading) -> Result<Option<RejectionCause>> {
         let foot = self.foot_point(reading.at, reading.facing);
+        // A unit vector or zero: zero means that the side is unknown.
         let known = dot(reading.facing, reading.facing) > 0.5;
         if dot(foot.normal, foot.normal) < 0.5 || (known && dot(reading.facing, foot.normal) < MIN_COSINE) {
             return Ok(Some(RejectionCause::NormalMismatch));

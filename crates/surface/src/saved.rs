@@ -183,6 +183,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             leaves.len()
         )));
     }
+    // JSON has no NaN or infinity, so numbers of the metadata are checked before they are written.
     let sigmas = model.sensors.iter().flat_map(|s| [s.sigma_stated.unwrap_or(0.0), s.sigma_estimated, s.rms]);
     let pose_sigmas = model
         .poses
@@ -456,6 +457,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     let unresolved_shape = tensors.unresolved_shape(&order)?;
     let vertices = tensors.f64("vertices", &[3])?;
     let surface = Surface::new(Arc::clone(&space), vertices.as_chunks::<3>().0.to_vec())?;
+    // The pattern follows from the hierarchy; the file repeats it so that other readers need no B-splines.
     let elements = (0..space.leaves().len()).map(|leaf| space.extraction(leaf).0);
     let pattern = Arc::new(BlockPattern::from_elements(space.node_count(), elements)?);
     let numbers = tensors.f64("poses", &[7])?;

@@ -240,6 +240,7 @@ impl SurfaceStream {
             poses: Vec::new(),
             provenance: Vec::new(),
         };
+        // Normals and curvatures need a surface to act on, so they follow the first fit.
         for reading in first.iter().filter(|r| !matches!(r, Reading::Position { .. })) {
             made.push(reading)?;
         }

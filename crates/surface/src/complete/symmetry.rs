@@ -203,6 +203,7 @@ impl Cloud {
             .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.obeys[f as usize]))
             .collect();
         let turns = self.turns(found);
+        // Evenly spread over the readings, so that all parts are completed.
         let stride = (sources.len() * turns).div_ceil(MAX_COPIES).max(1);
         let doubt = found.departure * found.departure;
         let mut copies = Vec::new();

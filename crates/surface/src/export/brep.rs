@@ -53,6 +53,7 @@ pub fn brep_from_surface(surface: &Surface, options: &BrepOptions) -> Brep {
     let [columns, rows] = space.base().map(|n| n as u32);
     let shape = space.shape();
     let halves = |n: u32, periodic: bool| if periodic { vec![0, n / 2, n] } else { vec![0, n] };
+    // A closed direction is cut into two faces, so that no face closes on itself.
     let few = Patches::new(space, [halves(columns, shape.periodic_u()), halves(rows, shape.periodic_v())]);
     let patches = if few.control_points() <= options.max_control_points {
         few
@@ -163,6 +164,7 @@ impl Patches {
     fn brep(&self, surface: &Surface) -> Brep {
         let surfaces: Vec<BsplineSurface> = self.all().map(|patch| self.surface(surface, patch)).collect();
         let closed = self.shape.periodic_u() && (self.shape.periodic_v() || self.shape.polar());
+        // The parametrisation may be inside out, which the sign of the enclosed volume shows.
         let outward = !closed || encloses_positive_volume(surface);
         let mut sewing = Sewing {
             patches: self,

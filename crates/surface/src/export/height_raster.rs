@@ -97,6 +97,7 @@ pub fn dem_from_model(
             (0..columns)
                 .filter_map(|column| {
                     let x = (first[0] + column as f64 + 0.5) * cell;
+                    // The neighbouring cell is the best start; the affine map helps where there is none.
                     let place = guess
                         .and_then(|from| place_under(surface, [x, y], from))
                         .or_else(|| place_under(surface, [x, y], map.parameters([x, y])));
@@ -111,6 +112,7 @@ pub fn dem_from_model(
     let mut places: Vec<Place> = lines.into_iter().flatten().collect();
     let found = places.len();
     let up = places.iter().filter(|p| p.normal[2] > 0.0).count();
+    // Normals of a sheet may point down as a whole; the majority decides.
     let side = if 2 * up >= found { 1.0 } else { -1.0 };
     places.retain(|p| p.normal[2] * side > 0.0);
     let overhangs = found - places.len();
@@ -266,6 +268,7 @@ impl Extent {
         }
         let extent = surface.space().extent();
         let parameters = extent.map(|e| 0.5 * e);
+        // Differences over most of the sheet give its average direction, whatever it does locally.
         let across = |du: f64, dv: f64| {
             let [a, b] = [-0.4, 0.4].map(|s| {
                 surface.point(parameters[0] + s * du * extent[0], parameters[1] + s * dv * extent[1])

@@ -116,6 +116,7 @@ fn placed_mesh_of_size(
         Some(tolerance) => (tolerance, most),
         None => (0.5 * median_sigma(model, posterior)?, most_by_default),
     };
+    // The tolerance is enlarged before the surface is divided: the number of triangles can be predicted.
     let affordable = affordable_tolerance(&model.surface, wanted, most)?;
     if affordable > wanted {
         let (goal, way_out) = match tolerance {
@@ -161,6 +162,7 @@ fn placed_mesh_of_size(
 /// `Input` for a tolerance that is not positive.
 pub fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangles: u64) -> Result<f64> {
     let mut tolerance = wanted;
+    // A leaf takes at least two triangles, so a limit below that could never be met.
     loop {
         let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
         if least_triangles(surface, &options)?

@@ -62,6 +62,7 @@ impl<'a> Batches<'a> {
             .filter(|posed| posed.scan.grid.is_none())
             .map(|posed| posed.scan.points.len())
             .sum();
+        // Fewer than three batches would save little memory beside one fit of all readings.
         let size = (READINGS_PER_COEFFICIENT * options.max_coefficients).max(MIN_BATCH);
         let count = loose.div_ceil(size).min(MAX_BATCHES);
         if count < 3 {
@@ -159,6 +160,7 @@ fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
         .enumerate()
         .map(|(k, p)| {
             let [x, y, z] = std::array::from_fn(|d| spread(((p[d] - bounds.min[d]) * scale) as u32));
+            // Interleaved bits of the three coordinates give the Morton order.
             (x | y << 1 | z << 2, k as u32)
         })
         .collect();
@@ -247,6 +249,7 @@ impl AddedBatches {
         let information =
             weights(ProjectedReadings { observations, subset, feet: &feet }, noise, gate, false);
         add_up(sums, surface, &feet, &information);
+        // Normals and curvatures have rows of their own, which directed sums of positions cannot hold.
         if feet.iter().any(|foot| foot.quantity != Quantity::Position) {
             let others: Vec<f64> = (feet.iter().zip(&information))
                 .map(|(foot, &w)| if foot.quantity == Quantity::Position { 0.0 } else { w })
@@ -312,6 +315,7 @@ pub(super) fn add_batches(
     added.data.add_scaled(&sums.information(system)?, 1.0)?;
     progress.check("settling", 0.86)?;
     let information = weights(converged.readings(first), &converged.noise, options.gate, false);
+    // Poses stay where the first batch put them: the sums of the other batches were made with them.
     let step = normal_step(
         &StepInput {
             system: &converged.system,

@@ -85,6 +85,7 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         let from = 0.3 + 0.2 * divisions as f64;
         let part = ProgressPart::new(progress, from, from + 0.2);
         let followed = follow(set, &states, &first, &reference, &still, &part)?;
+        // Residuals above the noise mean that cells are too large for the bends, unless the sheet stretched.
         let worst = followed.iter().map(|(_, state)| state.misfit).fold(0.0, f64::max);
         let space = reference.space();
         let finer = space.refine(&(0..space.leaves().len()).collect::<Vec<_>>());
@@ -167,6 +168,8 @@ fn follow(
             observe(&scans, &ObservationOptions { sheet: true, ..observation_options(set, options) })?;
         let origin = observations.recentre();
         let previous = moved(&surface, origin.map(|c| -c))?;
+        // The state before is the start, and its displacement is kept smooth, so states are followed one by
+        // one.
         let sheet = Sheet { system: &system, lengths: &lengths, previous: &previous, options };
         let laid = sheet.lay(&mut observations, &progress).map_err(|e| match e.kind() {
             ErrorKind::Undetermined => e.in_context(format!(
@@ -181,6 +184,7 @@ fn follow(
         let mut made = finish(FinishInput::new(&scans, &observations, options, origin), converged, &quiet)?
             .translated(origin)?;
         surface = made.model.surface.clone();
+        // Marks come before the figures, since these are taken over measured parts only.
         lengths.carry_into(&mut made, &held);
         let figures = lengths.judge(&scans, state, &made, &first.report.sensors, beyond)?;
         lengths.add_measured(&made)?;

@@ -145,8 +145,11 @@ pub(super) fn formation_of_global_fit(
                 }
             }
         })?;
+        // The step is taken from the final surface: its prior pulls by `η − K x`, the first readings by
+        // theirs.
         let mut step: Vec<f64> = total.vector().iter().zip(&pull).map(|(a, b)| a + b).collect();
         total.add_scaled(&of_prior, 1.0)?;
+        // Few readings leave directions open that the prior does not hold either.
         let hold = HOLD * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
         total.add_diagonal(hold.max(f64::MIN_POSITIVE));
         let factor = system.factorize_scalar(&total)?;

@@ -68,6 +68,7 @@ fn gaps(observations: &Observations, converged: &ConvergedFit, used: &[usize]) -
         own[converged.feet[k].leaf as usize] = true;
     }
     let seen_area: f64 = areas.iter().zip(&own).filter(|(_, o)| **o).map(|(a, _)| a).sum();
+    // The spacing comes from leaves with readings alone, or gaps would enlarge it.
     let spacing = (seen_area / used.len().max(1) as f64).sqrt();
     let measured = MeasuredRegion::new(observations, EMPTY * spacing);
     let places: Vec<Vec<Place>> = (0..areas.len())
@@ -92,6 +93,7 @@ fn gaps(observations: &Observations, converged: &ConvergedFit, used: &[usize]) -
             continue;
         }
         met[first] = true;
+        // Depth-first search over adjacent leaves with gap points.
         let (mut stack, mut gap) = (vec![first], Vec::new());
         while let Some(leaf) = stack.pop() {
             gap.extend_from_slice(&places[leaf]);
@@ -135,6 +137,7 @@ fn surroundings(
         .collect();
     let nearest = away.iter().copied().fold(f64::INFINITY, f64::min);
     let mut around = Surroundings { readings: 0, typical_variance: 0.0 };
+    // The widest ring with one simple shape has the most readings, hence the smallest σ of the shape.
     for ring in RINGS {
         let near: Vec<usize> = (used.iter().zip(&away))
             .filter(|(_, d)| **d <= nearest + ring * radius)

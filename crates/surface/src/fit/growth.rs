@@ -72,6 +72,7 @@ pub(super) fn grow(
     let mut level = 0;
     let mut stage_of_level = Stage::new(&surface, &reference, base, grid, level)?;
     for (stage, &sigma) in blurs.iter().enumerate() {
+        // Levels are spread over the stages, with the last ones left for the finest grid.
         let wanted = (((stage + 1) * levels) / (blurs.len() - 3).max(1)).min(levels);
         while level < wanted {
             let finer = Arc::new(surface.space().refine_all());
@@ -151,6 +152,7 @@ impl Stage {
     /// Derivatives along u and v, at the points, of the smoothed logarithm of the stretch against the base.
     fn stretch(&self, surface: &Surface) -> Result<Vec<[[f64; 2]; FieldPoints::COUNT]>> {
         let share = self.side * self.side / FieldPoints::COUNT as f64;
+        // The logarithm makes stretch and compression symmetric.
         let mut field = self.system.project_field(&self.points, &self.weights, |leaf| {
             let mut values = [[0.0; 3]; FieldPoints::COUNT];
             let frames = self.points.frames(surface.leaf_coefficients(leaf), self.side);
@@ -216,6 +218,7 @@ impl Stage {
             let along_normal = (5.0 * (facing + 0.1)).clamp(0.0, 1.0);
             d = add(scale(along_normal * height, normal), scale((1.0 - along_normal) * height, downhill));
         }
+        // A film is recognised by low values of the indicator on both of its sides.
         let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
         if outside > 0.0
             && let Some(mean) = mean_curvature()
@@ -233,6 +236,7 @@ impl Stage {
 fn drift(du: [f64; 3], dv: [f64; 3], f: [f64; 2], strength: f64, longest: f64) -> [f64; 3] {
     let [e, m, g] = [dot(du, du), dot(du, dv), dot(dv, dv)];
     let area2 = e * g - m * m;
+    // Tangents that are nearly parallel define no gradient.
     if area2 <= 1e-12 * (e + g) * (e + g) {
         return [0.0; 3];
     }

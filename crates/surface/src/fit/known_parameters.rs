@@ -73,6 +73,7 @@ pub(super) fn fit_known_parameters(
     let mut readings = Readings::new(set, cells, options)?;
     progress.check("equations", 0.02)?;
     let (mut system, mut sums) = (None, Vec::new());
+    // The system of equations is prepared on one thread while the readings are summed.
     rayon::in_place_scope(|scope| {
         scope.spawn(|_| system = Some(SurfaceSystem::new(&space)));
         sums = readings.sum(&space, progress)?;
@@ -121,6 +122,7 @@ pub(super) fn fit_known_parameters(
             earlier = None;
             continue;
         }
+        // A single sensor needs no weighing: a common factor cancels in the restricted likelihood.
         let same_noise = variances.len() == 1 || !far_apart(&now, &variances, VARIANCE_AT_REST);
         let is_marginal = changed as f64 <= GATE_AT_REST * total.sums.count() as f64
             && examined.farthest_new <= options.gate + MARGINAL;
@@ -212,6 +214,7 @@ impl Solved {
         system: &SurfaceSystem,
         progress: &dyn Progress,
     ) -> Result<Fit> {
+        // All measured coordinates have the same information, so one inverse serves them.
         let mut inverse = SelectedInverse::new(&self.smoothing.factor);
         let mut degrees = self.coordinates() * inverse.trace_with(&self.total.information)?;
         let numbers = self.coordinates() * self.count() as f64;
@@ -270,6 +273,7 @@ impl Solved {
                 readings.stated[s] && (!may_contradict || agrees())
             })
             .collect();
+        // All variances share one factor, so one accepted sensor fixes the scale of all.
         let used = match (0..self.variances.len()).find(|&s| accepted[s] && self.residuals[s].count > 0) {
             Some(s) => 1.0 / self.variances[s],
             None => estimated,

@@ -220,6 +220,8 @@ pub(super) fn misfit(
     let deepest = deepest(options);
     let (mut strong, mut weak) = (Vec::new(), Vec::new());
     for (leaf, own) in residuals.iter().enumerate() {
+        // Leaves that cannot or must not be divided are skipped, but they count in the pools of their
+        // neighbours.
         let too_small = areas[leaf] < MIN_LEAF_SIGMAS.powi(2) * own.variance;
         if too_small || space.leaves()[leaf].level >= deepest || own.count < MIN_READINGS {
             continue;
@@ -240,6 +242,7 @@ pub(super) fn misfit(
         } else if significant {
             strong.push(found());
         } else {
+            // Quarters are pooled rather than single bins: weak shape is wide compared with a bin.
             let (mut excess, mut spread, mut count) = (0.0, 0.0, 0.0);
             for other in neighbourhood(space, leaf) {
                 excess += quarters[other].0;

@@ -240,6 +240,7 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     let scale = (1_u32 << levels) as f64;
     let [columns, rows] = space.extent();
     let fine = Arc::new(Hierarchy::uniform(space.shape(), space.base().map(|n| n << levels))?);
+    // Beyond a pole the surface continues on the other side, half a turn away.
     let over_the_pole = space.shape() == Shape::Ball;
     let made = fit_function(&fine, |u, v| {
         let [u, v] = [u / scale, v / scale];
@@ -310,6 +311,7 @@ pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     progress.check("normals", 0.02)?;
     let used = observations.fitted();
     let wanted = (used.len() / FIRST_SHARE).clamp(MIN_FIRST, MAX_FIRST);
+    // A random order spreads the first readings over the whole object.
     let order = shuffled(&used, options.seed);
     let (first, others) = order.split_at(wanted.min(order.len()));
     let FirstFit { converged, core } =
@@ -353,6 +355,7 @@ pub(super) fn update_patches(
     let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.variance_factors);
     let degrees = vec![0.0; observations.stated.len()];
     // Where the surface is known no better than a reading, residuals contain unknown shape besides noise.
+    // Later sessions may extend beyond the measured part, where residuals say nothing about noise.
     let posterior = Posterior::new(surface, Arc::new(NodeCovariance::Patches(Arc::clone(filter))));
     let (start, order) = by_leaf(&feet, surface.space().leaves().len());
     let (mut on_known, mut known_feet) = (Vec::new(), Vec::new());
@@ -488,6 +491,7 @@ pub(super) fn stream(
     let deepest = core.base_level + usize::from(core.filter.options().maximum_depth);
     let mut refined = core.log;
     let most = options.max_coefficients;
+    // A division adds three patches; with less room than that the limit stops it.
     let full = core.filter.patches().len() + 3 > most / crate::patch_stream::VERTICES_PER_PATCH;
     Ok(ConvergedFit {
         prior: system.nothing()?,

@@ -167,6 +167,7 @@ pub(super) fn refine_to_noise(
             is_last = true;
             continue;
         }
+        // Worst first: if the limit of coefficients stops the division, the next round is the last.
         let (finer, divided) = divided_within_budget(space, &verdict.misfits, options.max_coefficients);
         let all = divided == verdict.misfits.len();
         log_divisions(&mut refined, space, &finer, &verdict.misfits[..divided]);
@@ -277,6 +278,7 @@ impl Refinement<'_> {
         progress.rms(rms_of_positions(&feet, &information));
         let surface = &self.surface;
         let area = *self.area.get_or_insert_with(|| leaf_areas(surface).iter().sum());
+        // The first iteration starts from a weight by the density of readings; later ones from the estimate.
         let weight = self.weight.unwrap_or_else(|| first_weight(surface, area, &feet, &information));
         let step = normal_step(
             &StepInput {
@@ -328,6 +330,7 @@ impl Refinement<'_> {
             Vec::new()
         };
         if let (true, Some(factor)) = (options.refine_by.curvature(), factor) {
+            // A leaf is divided once, for the first cause that finds it.
             let known: HashSet<usize> = misfits.iter().map(|m| m.leaf).collect();
             let curved = leaves_of_varying_curvature(
                 &self.surface,

@@ -121,6 +121,8 @@ impl Update<'_> {
         factor: &mut Option<CholeskyFactor>,
     ) -> Result<()> {
         let readings = ProjectedReadings { observations, subset: &self.subset, feet };
+        // The gate is widened by the surface's variance before the update: a reading may be far from a
+        // surface that is not known there.
         let information =
             weights_with_surface_variance(readings, &self.noise, self.options.gate, false, |k| {
                 self.variance_before[k]

@@ -178,6 +178,7 @@ impl<'a> Posterior<'a> {
             NodeCovariance::Patches(filter) => {
                 return Ok(LeafCovariance {
                     weights: &IDENTITY_WEIGHTS,
+                    // A patch filter knows coefficients of leaves directly, so the weights are the identity.
                     motion: VertexMotion::Coordinates(match filter.options().layout {
                         StateLayout::Height => [0.0, 0.0, 1.0],
                         _ => [1.0; 3],
@@ -239,6 +240,7 @@ impl<'a> Posterior<'a> {
                 let jet = surface.leaf_jet(leaf, 0.5, 0.5);
                 let sigma =
                     Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], jet.normal().unwrap_or([0.0; 3]));
+                // Leaves have different sizes, so quantiles are weighted by area.
                 let side = surface.space().leaves()[leaf].side();
                 Ok((sigma, jet.area_element() * side * side))
             })
@@ -291,6 +293,7 @@ impl LeafCovariance<'_> {
                 ((self.weights.iter().map(at_point)).flat_map(|w| a.map(|c| w * c)).collect(), 1.0)
             }
         };
+        // rᵀ Σ r, with Σ row by row in memory order.
         let mut along = vec![0.0; row.len()];
         for (r, line) in row.iter().zip(self.covariance.chunks_exact(row.len())) {
             for (y, s) in along.iter_mut().zip(line) {

@@ -149,6 +149,7 @@ pub(crate) fn project(
             let i = i as usize;
             let z = observations.points[i];
             let scan_normal = observations.normal(i);
+            // A foot is followed from its last parameters; a search is only needed for new readings.
             let start = search.map_or(before[i], |s| s.nearest(z, scan_normal));
             let foot = surface.project(z, start, &options);
             let has_normal = dot(scan_normal, scan_normal) > 0.5;
@@ -185,6 +186,7 @@ pub(crate) fn project(
             (made, parameters)
         })
         .collect_into_vec(&mut feet);
+    // Parameters are written after the parallel loop, which only reads them.
     for (&i, (_, parameters)) in subset.iter().zip(&feet) {
         at[i as usize] = *parameters;
     }

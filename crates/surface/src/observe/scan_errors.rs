@@ -246,6 +246,8 @@ impl ScanErrors {
         for (s, posed) in set.scans.iter().enumerate() {
             let (sum, count) = sums[s];
             let states_none = posed.sigma_translation.is_none() && posed.sigma_rotation_deg.is_none();
+            // A scan without a stated σ stays fixed unless `align` frees it. The first such scan is the
+            // anchor.
             let is_free = align && states_none && anchored;
             anchored |= states_none;
             let sigmas = [
@@ -277,6 +279,7 @@ impl ScanErrors {
                 viewing: observations.viewing(s),
             });
         }
+        // Normals and curvatures of a scan move with its positions.
         for s in set.scans.len()..made.of_scan.len() {
             made.of_scan[s] = made.of_scan[observations.base_scan(s)];
         }
@@ -339,6 +342,7 @@ impl ScanErrors {
                 let length = norm(v);
                 if length > longest { v.map(|c| c * longest / length) } else { v }
             };
+            // A limited step keeps its direction, so the iteration still goes downhill.
             let translation = limited([by[0], by[1], by[2]], LONGEST_STEP * self.size);
             let rotation = limited([by[3], by[4], by[5]], LONGEST_STEP);
             let turn = Pose::from_rotation_vector(rotation, [0.0; 3]);

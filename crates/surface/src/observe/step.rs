@@ -73,6 +73,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
             }
         }
     })?;
+    // Degrees of freedom and the part that readings see are those of the new readings alone.
     let readings = earlier.map(|_| data.clone());
     let pull = pull_of_prior(input)?;
     if let Some(earlier) = earlier {
@@ -113,6 +114,7 @@ pub(crate) fn normal_step(input: &StepInput<'_>, memory: &mut Option<CholeskyFac
     let mut data_step = vec![0.0; step.len()];
     readings.multiply(&step, &mut data_step)?;
     let seen = step.iter().zip(&data_step).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
+    // The step goes along the normals at which it was linearised.
     let vertices =
         surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| add_scaled(*p, *s, *d));
     *memory = Some(factor);

@@ -54,6 +54,7 @@ fn unsaved() -> Error {
 pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) -> Result<()> {
     let state = filter.state();
     let columns = columns(state.options.layout).ok_or_else(unsaved)?;
+    // Messages between patches are not saved, so none may be pending.
     if state.patches.iter().any(|p| p.before.is_some()) {
         return Err(Error::input("a patch filter is saved after its patches were reconciled"));
     }

@@ -89,6 +89,8 @@ impl Sheet<'_> {
             progress.check("bending", iteration as f64 / MAX_ITERATIONS as f64)?;
             progress.items(iteration * subset.len(), "readings");
             let annealed = iteration >= ANNEALING;
+            // The sheet moves far in the first iterations, so feet are searched for anew; later every fifth
+            // time.
             let search = if annealed && iteration % 5 != 0 {
                 None
             } else {
@@ -120,6 +122,7 @@ impl Sheet<'_> {
                 .zip(surface.vertices().iter().flatten())
                 .map(|(new, old)| new - old)
                 .collect::<Vec<f64>>();
+            // Newton's decrement for each unknown: the mean square of the step in its own variances.
             let decrement = total.quadratic_form(&step)? / step.len() as f64;
             surface = system.surface(&solution)?;
             let mut next = now;
@@ -211,6 +214,7 @@ impl Sheet<'_> {
                 else {
                     continue;
                 };
+                // Huber's weight: a reading far beyond the border must not tear it out.
                 let w = spacing.powi(-2) * (BOUNDED * spacing / distance).min(1.0);
                 let z = observations.points[subset[k] as usize];
                 cell.add_vector(&leaf_weights(foot.local[0], foot.local[1]), z, &[w, 0.0, 0.0, w, 0.0, w]);

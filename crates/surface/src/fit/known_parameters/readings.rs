@@ -357,6 +357,8 @@ impl<'a> Readings<'a> {
         let beyond = 1.0 - TruncatedNormal::new(self.options.gate)?.share_kept();
         let count: usize = inside.iter().chain(&outside).map(|r| r.count).sum();
         let numbers = (surface.coordinates.len() * count).max(1) as f64;
+        // The number outside is compared with its Poisson spread, the farthest with the extreme of normal
+        // draws.
         let expected = beyond * numbers;
         let found: usize = outside.iter().map(|r| r.count).sum();
         let far = self.options.gate.max((2.0 * numbers.ln()).sqrt()) + BEYOND_NOISE;
@@ -374,6 +376,7 @@ impl<'a> Readings<'a> {
     ///
     /// It is `Σ_b ((Σ r)² − Σ r²)/n_b` over small bins of a sample, with residuals clamped to the gate.
     pub(super) fn unresolved_share(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
+        // A sample is enough, and keeps the cost independent of the number of readings.
         let step = (self.total / ENOUGH_FOR_SCALE).max(1);
         let side = ((self.total / step) as f64 / READINGS_PER_BIN).sqrt().floor().max(1.0);
         let coordinates = surface.coordinates.len();

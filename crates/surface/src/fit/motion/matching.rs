@@ -30,6 +30,8 @@ impl RigidTracker<'_> {
         let sample: Vec<&Reading> =
             readings.iter().step_by(readings.len().div_ceil(START_READINGS)).collect();
         let gate = FIRST_GATE * self.size;
+        // All starts run in parallel; the fold below prefers the first of equal scores at any number of
+        // threads.
         let tried: Vec<(f64, Pose)> = starts
             .into_par_iter()
             .map(|turn| {
@@ -88,6 +90,7 @@ impl RigidTracker<'_> {
             score: 0.0,
             normalised: Vec::new(),
         };
+        // Matching runs in parallel, but the sums are made in order: they must not depend on the threads.
         let readings: Vec<&Reading> = readings.collect();
         for met in self.matched(pose, &readings, gate, scale_of_variance) {
             let MatchedReading { height, variance, row, .. } = met;
@@ -165,6 +168,7 @@ impl RigidTracker<'_> {
                 }
             }
         }
+        // `moved` is A, six columns for each node; the loop adds AᵀΣA with Σ = Λ⁻¹ from the factor.
         let mut solved = moved.clone();
         self.factor.solve_in_place(&mut solved)?;
         for (a, b) in moved.chunks_exact(6).zip(solved.chunks_exact(6)) {

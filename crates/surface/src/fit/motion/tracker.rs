@@ -117,6 +117,7 @@ impl<'a> RigidTracker<'a> {
             .into_par_iter()
             .map(|leaf| posterior.variance_at_middle(leaf))
             .collect::<Result<Vec<f64>>>()?;
+        // The pose at the first scan defines the frame, so its variance is zero; only the twist is uncertain.
         let mut covariance = SMatrix::zeros();
         for k in 0..3 {
             covariance[(6 + k, 6 + k)] = gap.powi(-2);
@@ -163,6 +164,8 @@ impl<'a> RigidTracker<'a> {
                 variance: observations.variance(i, observations.normal(i)).max(f64::MIN_POSITIVE),
             })
             .collect();
+        // The second scan has no predicted velocity, so its pose is searched for. The frame's covariance B is
+        // estimated there: see the module's documentation.
         if self.tracked.len() == 1 {
             self.pose = self.start(&readings);
             let sums = self.step(&self.pose, &readings, 0.2 * FIRST_GATE * self.size, 1.0);
@@ -170,6 +173,7 @@ impl<'a> RigidTracker<'a> {
             self.frame = frame.unwrap_or_default() * (sums.matched as f64 / self.made_of);
             self.covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.frame);
         }
+        // The search gives a start for Gauss–Newton only. The prediction itself begins at the first pose.
         let start = self.pose;
         if self.tracked.len() == 1 {
             self.pose = Pose::identity();
@@ -187,6 +191,8 @@ impl<'a> RigidTracker<'a> {
         let mut scale_of_variance = 1.0;
         let mut posterior = pose_covariance;
         let mut met = 0;
+        // The gate shrinks from a share of the size to [`LAST_GATE`] σ, so that unseen parts drop out before
+        // the last steps.
         for step in 0..STEPS {
             let share = (step as f64 / (0.6 * STEPS as f64)).min(1.0);
             let gate = if step + 4 < STEPS { FIRST_GATE * self.size * (0.02_f64).powf(share) } else { 0.0 };
@@ -200,9 +206,12 @@ impl<'a> RigidTracker<'a> {
                     readings.len()
                 )));
             }
+            // A stated σ may be enlarged by the residuals, but not reduced.
             let sigma = gated_scale(&sums.normalised, LAST_GATE)?.sigma;
             let factor = sigma * sigma * scale_of_variance;
             scale_of_variance = if stated { factor.max(1.0) } else { factor };
+            // Gauss–Newton on readings and prediction together is the iterated Kalman update (Bell & Cathey
+            // 1993).
             let away = log(&predicted.inverse().after(&pose));
             let total = (sums.information + prior)
                 .cholesky()
@@ -237,10 +246,13 @@ impl<'a> RigidTracker<'a> {
     fn predict(&mut self, dt: f64) {
         let moved = exp(&(self.twist * dt));
         self.pose = self.pose.after(&moved);
+        // Errors are multiplied from the right, so the pose error is carried by the adjoint of the inverse
+        // motion.
         let mut carry = SMatrix::<f64, 12, 12>::identity();
         carry.fixed_view_mut::<6, 6>(0, 0).copy_from(&adjoint(&moved.inverse()));
         carry.fixed_view_mut::<6, 6>(0, 6).copy_from(&(Matrix6::identity() * dt));
         self.covariance = carry * self.covariance * carry.transpose();
+        // White noise of acceleration, integrated over dt: dt³/3, dt²/2 and dt times its spectral density.
         let turn = (UNSTEADINESS / self.duration).powi(2) / self.duration;
         let shift = turn * self.size * self.size;
         for k in 0..6 {
@@ -261,6 +273,7 @@ impl<'a> RigidTracker<'a> {
         let gain = cross * prior;
         self.twist += gain * away;
         let now = gain * posterior;
+        // Rounding makes the product asymmetric, so it is symmetrised below.
         let rest = own - gain * (before - posterior) * gain.transpose();
         self.covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(posterior);
         self.covariance.fixed_view_mut::<6, 6>(6, 0).copy_from(&now);

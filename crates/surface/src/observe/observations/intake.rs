@@ -81,6 +81,7 @@ impl Observations {
         if not_finite > 0 {
             made.rejected.insert(RejectionCause::NotFinite, not_finite);
         }
+        // Normals and suspicions by scan, in parallel.
         let geometries = geometries(scans, options)?;
         let wanted = |s: usize| Directions::requested(scans[s], &sensors[sensor_of_scan[s]]).any();
         let mut intake = Intake {
@@ -106,6 +107,7 @@ impl Observations {
             }
             made.measure_roughness(scans, sensors.len(), options.checks.neighbours);
         }
+        // Directions come last: they copy the place, side and held-out mark of the positions.
         made.add_directions(scans, sensor_of_scan, sensors)?;
         Ok(made)
     }

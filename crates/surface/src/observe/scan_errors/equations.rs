@@ -105,6 +105,8 @@ impl ScanError {
                 }
                 for (&node, weights) in nodes.iter().zip(weights) {
                     let along: f64 = weights.iter().zip(over_leaf).map(|(w, c)| w * c).sum();
+                    // The coupling of a node is the product of its row and that of the unknowns, along its
+                    // own direction.
                     let of_node = w * along * dot(foot.normal, directions[node as usize]);
                     if of_node != 0.0 {
                         for (c, r) in made.coupling[node as usize * m..].iter_mut().zip(&row) {
