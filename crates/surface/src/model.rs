@@ -17,7 +17,7 @@ use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, Selec
 use planish_estimate::vector3::add;
 use planish_exchange::Unit;
 use planish_spline::{PatchFilter, Surface, SurfaceSystem};
-use posterior::SharedRows;
+use posterior::ScanErrorRows;
 use std::sync::Arc;
 
 /// Information about poses and biases of scans, which are unknowns beside the vertices.
@@ -223,7 +223,7 @@ impl SurfaceModel {
         Ok(NodeCovariance::Nodes(WholeCovariance {
             inverse: SelectedInverse::new(factor),
             motion: VertexMotion::Along(directions),
-            shared: shared.map(|bordered| SharedRows { rows: bordered.shared_rows(), bordered }),
+            shared: shared.map(|bordered| ScanErrorRows { rows: bordered.shared_rows(), bordered }),
         }))
     }
 }

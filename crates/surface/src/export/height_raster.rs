@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn heights_are_those_of_the_surface_and_sigma_is_vertical() {
+    fn heights_match_the_surface_and_sigma_is_vertical() {
         let model = hills([0.0; 2], |_| true);
         let posterior = model.posterior().unwrap();
         let dem = dem_from_model(&model, &posterior, Some(0.05), None).unwrap();
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_on_a_map_moves_the_grid_and_nothing_else() {
+    fn a_map_offset_moves_the_grid_only() {
         let here = hills([0.0; 2], |_| true);
         // A multiple of the cell, and a cell of which the sheet's sides are none: rounding moves no border.
         let there = hills([600_000.0, 3_999_999.0], |_| true);
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_measured_holds_no_height() {
+    fn unmeasured_cells_have_no_height() {
         let all = hills([0.0; 2], |_| true);
         let some = hills([0.0; 2], |leaf| leaf % 2 == 0);
         let [all, some] =
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn other_shapes_and_upright_sheets_are_refused() {
+    fn other_shapes_and_vertical_sheets_are_refused() {
         let refused = |model: &SurfaceModel, cell| {
             dem_from_model(model, &model.posterior().unwrap(), cell, None).unwrap_err().to_string()
         };
@@ -382,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_are_as_wide_as_readings_are_apart() {
+    fn default_cells_have_the_spacing_of_the_readings() {
         let model = hills([0.0; 2], |_| true);
         let dem = dem_from_model(&model, &model.posterior().unwrap(), None, None).unwrap();
         let spacing = (2.0 * 1.6 / model.observations as f64).sqrt();

@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_measured_is_known_less() {
+    fn unmeasured_vertices_have_larger_sigma() {
         let model = model_of(refined_surface(Shape::Sheet), |leaf| leaf % 100 < 15);
         let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
         let mean = |seen: u8| {

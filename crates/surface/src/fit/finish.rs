@@ -163,7 +163,7 @@ pub(super) fn finish(
     // The noise, and the shape that the cells cannot follow, from the residuals of the final surface.
     let channels = FootChannels::new(observations, &subset);
     // Readings see the surface from where their scan is, so errors of its pose are not part of residuals.
-    let seen = Posterior::new(&model.surface, Arc::clone(&covariance)).given_shared();
+    let seen = Posterior::new(&model.surface, Arc::clone(&covariance)).given_scan_errors();
     let degrees = if observations.stated.len() == 1 && earlier.is_none() && filtered.is_none() {
         // With further batches the readings at hand determine only their share of the degrees of freedom.
         let data = if added.is_some() { &own_data } else { &model.data };
@@ -247,7 +247,7 @@ impl Finishing<'_> {
         let rejected = self.rejected();
         // The readings' σ comes from residuals that contain the unresolved shape. Adding that to the σ of the
         // surface as well would count it twice.
-        let exact = Posterior::new(&model.surface, Arc::clone(covariance)).given_shared();
+        let exact = Posterior::new(&model.surface, Arc::clone(covariance)).given_scan_errors();
         let held_out = judge_held_out(&exact, observations, noise, at, options.gate)?;
         if !observed.contains(&Observed::Measured) {
             return Err(Error::undetermined("no part of the surface was measured: every reading was gated"));
@@ -466,7 +466,7 @@ impl Finishing<'_> {
         warnings: &mut Vec<String>,
     ) -> Result<Vec<ScanPoseReport>> {
         let mut poses = scan_pose_reports(self.set);
-        let Some(bordered) = covariance.shared() else {
+        let Some(bordered) = covariance.scan_errors() else {
             return Ok(poses);
         };
         for estimate in self.observations.scan_errors.estimates(bordered, stated)? {

@@ -18,7 +18,7 @@ pub struct Posterior<'a> {
     surface: &'a Surface,
     covariance: Arc<NodeCovariance>,
     /// True if poses and biases of scans count as known.
-    given_shared: bool,
+    given_scan_errors: bool,
     /// For each leaf the mean square of its unresolved shape; none if empty.
     unresolved_shape: &'a [f64],
 }
@@ -36,11 +36,11 @@ pub struct WholeCovariance {
     pub(super) inverse: SelectedInverse,
     pub(super) motion: VertexMotion,
     /// What poses and biases of scans add: `G Gᵀ`, with a row of `G` for each node.
-    pub(super) shared: Option<SharedRows>,
+    pub(super) shared: Option<ScanErrorRows>,
 }
 
 /// The rows of `G`: see [`WholeCovariance`].
-pub(super) struct SharedRows {
+pub(super) struct ScanErrorRows {
     pub(super) bordered: Bordered,
     pub(super) rows: Vec<f64>,
 }
@@ -75,7 +75,7 @@ const IDENTITY_WEIGHTS: [[f64; 16]; 16] = {
     weights
 };
 
-impl SharedRows {
+impl ScanErrorRows {
     /// Adds the covariance that poses and biases cause, for each pair of `nodes`.
     fn add_to(&self, covariance: &mut [f64], nodes: &[u32]) {
         let width = self.bordered.shared();
@@ -102,7 +102,7 @@ impl NodeCovariance {
     }
 
     /// The equations of poses and biases, with the vertices eliminated.
-    pub(crate) fn shared(&self) -> Option<&Bordered> {
+    pub(crate) fn scan_errors(&self) -> Option<&Bordered> {
         match self {
             Self::Nodes(whole) => whole.shared.as_ref().map(|shared| &shared.bordered),
             Self::Patches(_) => None,
@@ -111,11 +111,15 @@ impl NodeCovariance {
 
     /// Removes spurious information about poses and biases, but keeps at least `stated`; returns the change
     /// of their information, too.
-    pub(crate) fn without_noise_of_shared(self, noise: &[f64], stated: &[f64]) -> Result<(Self, Vec<f64>)> {
+    pub(crate) fn without_spurious_information(
+        self,
+        noise: &[f64],
+        stated: &[f64],
+    ) -> Result<(Self, Vec<f64>)> {
         match self {
             Self::Nodes(WholeCovariance { inverse, motion, shared: Some(shared) }) => {
                 let (bordered, change) = shared.bordered.without_noise(noise, stated)?;
-                let shared = Some(SharedRows { rows: bordered.shared_rows(), bordered });
+                let shared = Some(ScanErrorRows { rows: bordered.shared_rows(), bordered });
                 let whole = WholeCovariance { inverse, motion, shared };
                 Ok((Self::Nodes(whole), change))
             }
@@ -148,7 +152,7 @@ impl<'a> Posterior<'a> {
     /// A surface with the covariance of its control vertices.
     #[must_use]
     pub fn new(surface: &'a Surface, covariance: Arc<NodeCovariance>) -> Self {
-        Self { surface, covariance, given_shared: false, unresolved_shape: &[] }
+        Self { surface, covariance, given_scan_errors: false, unresolved_shape: &[] }
     }
 
     /// The same with the unresolved shape of each leaf.
@@ -157,11 +161,11 @@ impl<'a> Posterior<'a> {
     }
 
     /// The same as if poses and biases of all scans were known. This is the surface as seen from the scans.
-    pub(crate) fn given_shared(&self) -> Self {
+    pub(crate) fn given_scan_errors(&self) -> Self {
         Self {
             surface: self.surface,
             covariance: Arc::clone(&self.covariance),
-            given_shared: true,
+            given_scan_errors: true,
             unresolved_shape: self.unresolved_shape,
         }
     }
@@ -190,7 +194,7 @@ impl<'a> Posterior<'a> {
         };
         let (nodes, weights) = self.surface.space().extraction(leaf);
         let mut covariance = inverse.dense(nodes).ok_or_else(unknown)?;
-        if let Some(shared) = shared.as_ref().filter(|_| !self.given_shared) {
+        if let Some(shared) = shared.as_ref().filter(|_| !self.given_scan_errors) {
             shared.add_to(&mut covariance, nodes);
         }
         Ok(LeafCovariance {

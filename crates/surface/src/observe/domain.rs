@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn scans_that_lie_far_from_each_other_are_warned_of() {
+    fn scans_far_from_each_other_give_a_warning() {
         let mut three = set(|_, _| {});
         for (k, along) in [(1, 6.0), (2, 20.0)] {
             let mut next = three.scans[0].clone();
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn usual_numbers_pass_and_far_ones_are_warned_of() {
+    fn usual_numbers_pass_and_distant_clouds_give_a_warning() {
         assert!(check_domain(&set(|_, _| {}), "job.toml").unwrap().is_empty());
         assert!(
             check_domain(&set(|scan, _| scan.sigma = Some(vec![1e-6, 1e6])), "job.toml").unwrap().is_empty()

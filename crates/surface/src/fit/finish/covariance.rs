@@ -59,7 +59,7 @@ impl Finishing<'_> {
         let factor = self.system.factorize_scalar(&model.information_along(self.system, &directions)?)?;
         let noise = noise_of_surface(self.system, &here, &factor, parts)?;
         let of_noise = errors.noise_information(&here, &factor, &noise, parts)?;
-        let (covariance, change) = covariance.without_noise_of_shared(&of_noise, &stated)?;
+        let (covariance, change) = covariance.without_spurious_information(&of_noise, &stated)?;
         for (corner, change) in scan_error_information.corner.iter_mut().zip(change) {
             *corner += change;
         }
