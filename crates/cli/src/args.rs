@@ -10,7 +10,7 @@ use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
 use planish::complete::SymmetryChoice;
-use planish::fit::{Filter, RefineBy, ObjectMotion};
+use planish::fit::{Filter, ObjectMotion, RefineBy};
 use planish::next::Length;
 use planish::report::ReportOutput;
 use planish::solid::ViewKind;

@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use planish::animation::AnimationReport;
 use planish::complete::{GapReport, SymmetryChoice, SymmetryReport};
 use planish::fit::{
-    BendingReport, Filter, FitOptions, FitReport, FitTermination, GroundWidth, RefineBy, ObjectMotion,
+    BendingReport, Filter, FitOptions, FitReport, FitTermination, GroundWidth, ObjectMotion, RefineBy,
 };
 use planish::fit_files::{FitJob, FitJobReport, fit_files};
 use planish::output::{OutputFormat, WrittenFile};

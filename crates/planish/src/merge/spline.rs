@@ -217,7 +217,11 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
     // All variances of the coefficients are the fit's times the factor; each cell adds its own.
     let now = (of_fit.iter().zip(&leaf))
         .map(|(own, leaf)| (factor * own * own + model.unresolved_shape[*leaf as usize]).sqrt());
-    Ok(Carried { rms: (square / inside.len() as f64).sqrt(), sigma: SigmaSummary::from_values(now.collect()), factor })
+    Ok(Carried {
+        rms: (square / inside.len() as f64).sqrt(),
+        sigma: SigmaSummary::from_values(now.collect()),
+        factor,
+    })
 }
 
 /// Writes the model as STEP or as a saved model.

@@ -104,7 +104,11 @@ pub(crate) fn model_scene_of(
     Ok((scene, tolerance))
 }
 
-fn surface_shown(model: &SurfaceModel, placed: PlacedMesh, readings: Option<&ResidualSample>) -> SurfaceShown {
+fn surface_shown(
+    model: &SurfaceModel,
+    placed: PlacedMesh,
+    readings: Option<&ResidualSample>,
+) -> SurfaceShown {
     let PlacedMesh { mesh, leaf, local } = placed;
     let unit = model.unit.name();
     let surface = &model.surface;

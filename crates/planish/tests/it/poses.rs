@@ -5,7 +5,7 @@ use crate::common;
 
 use nalgebra::{DMatrix, DVector};
 use planish::fit::{Fit, FitOptions, fit, update};
-use planish::model::{ScanPoseReport, Posterior};
+use planish::model::{Posterior, ScanPoseReport};
 use planish::progress::Silent;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
 use planish_exchange::ScanSet;

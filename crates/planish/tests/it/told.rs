@@ -3,8 +3,8 @@
 
 use planish::complete::SymmetryChoice;
 use planish::fit::{
-    Filter, FitOptions, FitTermination, ObservationOptions, Observations, Quantity, RejectionCause, ObjectMotion,
-    fit,
+    Filter, FitOptions, FitTermination, ObjectMotion, ObservationOptions, Observations, Quantity,
+    RejectionCause, fit,
 };
 use planish::progress::{Progress, Silent};
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
