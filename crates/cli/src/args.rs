@@ -10,7 +10,7 @@ use clap::builder::styling::{AnsiColor, Styles};
 use clap::{Args, Parser, Subcommand, ValueEnum, ValueHint};
 use planish::compare::ComparedPart;
 use planish::complete::SymmetryChoice;
-use planish::fit::{Filter, RefineBy, ThingMotion};
+use planish::fit::{Filter, ObjectMotion, RefineBy};
 use planish::next::Length;
 use planish::report::ReportOutput;
 use planish::solid::ViewKind;
@@ -210,7 +210,7 @@ pub enum MotionName {
     Bend,
 }
 
-impl From<MotionName> for ThingMotion {
+impl From<MotionName> for ObjectMotion {
     fn from(name: MotionName) -> Self {
         match name {
             MotionName::Rigid => Self::Rigid,

@@ -8,7 +8,7 @@ use planish::Job;
 use planish::animation::AnimationReport;
 use planish::complete::{GapReport, SymmetryChoice, SymmetryReport};
 use planish::fit::{
-    BendingReport, Filter, FitOptions, FitReport, FitTermination, GroundWidth, RefineBy, ThingMotion,
+    BendingReport, Filter, FitOptions, FitReport, FitTermination, GroundWidth, ObjectMotion, RefineBy,
 };
 use planish::fit_files::{FitJob, FitJobReport};
 use planish::output::{OutputFormat, WrittenFile};
@@ -52,7 +52,7 @@ fn work(args: &FitArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
             refine_by: args.refine_by.into(),
             max_coefficients: args.max_coefficients,
             symmetry: args.symmetry,
-            motion: args.motion.map(ThingMotion::from),
+            motion: args.motion.map(ObjectMotion::from),
             complete_smooth: args.complete == Some(Completion::Smooth),
             gate: args.gate,
             held_out_share: args.held_out,
@@ -190,7 +190,7 @@ fn text(args: &FitArgs, done: &FitJobReport) -> String {
         ("divided", divided(fit)),
         ("ended", ending(fit).to_owned()),
     ]);
-    if let Some(left) = &fit.shape_left {
+    if let Some(left) = &fit.unresolved_shape {
         lines.line(format!(
             "On {} of the area cells are too large to follow the shape: {} rms, which σ takes in",
             percent(left.area_fraction),
@@ -242,7 +242,7 @@ fn divided(fit: &FitReport) -> String {
 
 fn ending(fit: &FitReport) -> &'static str {
     match fit.termination {
-        FitTermination::Converged if fit.set_aside() * 20 > fit.observations => {
+        FitTermination::Converged if fit.rejected_readings() * 20 > fit.observations => {
             "converged, but see what was set aside"
         }
         FitTermination::Converged => "converged: only noise is left",
@@ -295,7 +295,7 @@ fn propagation(lines: &mut Lines, fit: &FitReport, unit: Unit) {
     }
     lines.line(format!(
         "Completed: {} of the area, by {} that were concluded from others.",
-        percent(found.invented_area_fraction),
+        percent(found.inferred_area_fraction),
         counted(found.pseudo_readings, "reading")
     ));
 }

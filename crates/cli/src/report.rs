@@ -5,7 +5,7 @@ use crate::failure;
 use crate::numbers::{count, significant};
 use crate::progress::{Audience, Terminal};
 use clap::CommandFactory;
-use planish::model::{PoseReport, SensorReport};
+use planish::model::{ScanPoseReport, SensorReport};
 use planish::progress::Progress;
 use planish::sense::SigmaSummary;
 use planish::{Error, ErrorKind, Result, Unit};
@@ -323,8 +323,8 @@ impl Lines {
     }
 
     /// A table of the poses that were not taken as exact, after a gap.
-    pub fn poses(&mut self, poses: &[PoseReport], unit: Unit) {
-        let uncertain = |p: &&PoseReport| p.sigma_translation.is_some() || p.sigma_rotation_deg.is_some();
+    pub fn poses(&mut self, poses: &[ScanPoseReport], unit: Unit) {
+        let uncertain = |p: &&ScanPoseReport| p.sigma_translation.is_some() || p.sigma_rotation_deg.is_some();
         let rows: Vec<Vec<String>> = poses
             .iter()
             .filter(uncertain)

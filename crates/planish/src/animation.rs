@@ -1,6 +1,6 @@
 //! A model that forms before one's eyes: its snapshots as an animated mesh, or as pictures.
 //!
-//! Input: a fitted model with its [`Forming`]. Output: a GLB file with a morph target for every
+//! Input: a fitted model with its [`Formation`]. Output: a GLB file with a morph target for every
 //! snapshot, or a folder of PNG pictures `frame_0001.png` and so on. Colours show σ along the normal, on one
 //! logarithmic scale for all frames, from dark violet (small) to yellow (large). In the pictures orange dots
 //! are the readings so far.
@@ -21,7 +21,7 @@ use planish_mesh::{BoundingBox, DepthBuffer, Projected, Seen};
 use planish_report::colour::screen_brightness;
 use planish_spline::{Surface, TessellationOptions, tessellate};
 use planish_surface::export::affordable_tolerance;
-use planish_surface::fit::Forming;
+use planish_surface::fit::Formation;
 use planish_surface::model::sigmas_along;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -108,7 +108,7 @@ struct Frames {
 /// `Input` where there are no two snapshots; what the writers report; `Interrupted` on request, before
 /// anything is left in the folder.
 pub fn write_forming(
-    forming: &Forming,
+    forming: &Formation,
     unit: Unit,
     output: &AnimationOutput,
     progress: &dyn Progress,
@@ -143,8 +143,8 @@ pub fn write_forming(
 }
 
 /// The snapshots on the triangles of the last one.
-fn frames(surface: &Surface, forming: &Forming, unit: Unit, progress: &dyn Progress) -> Result<Frames> {
-    let wanted = 1e-4 * planish_surface::observe::extent_of(surface);
+fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Progress) -> Result<Frames> {
+    let wanted = 1e-4 * planish_surface::observe::surface_extent(surface);
     let options = TessellationOptions {
         tolerance: affordable_tolerance(surface, wanted, MOST_TRIANGLES)?,
         ..TessellationOptions::default()

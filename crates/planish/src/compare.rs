@@ -123,7 +123,7 @@ impl ComparedPart {
     pub(crate) fn holds(self, observed: Observed) -> bool {
         match self {
             Self::Measured => observed.is_measured(),
-            Self::Completed => observed == Observed::Invented,
+            Self::Completed => observed == Observed::Inferred,
             Self::Known => observed != Observed::PriorOnly,
             Self::All => true,
         }
@@ -132,7 +132,7 @@ impl ComparedPart {
 
 /// What a number of a mesh's column `observed` says.
 fn observed_of(mark: f64) -> Observed {
-    [Observed::Measured, Observed::Invented]
+    [Observed::Measured, Observed::Inferred]
         .into_iter()
         .find(|o| f64::from(o.mark()) == mark)
         .unwrap_or_default()

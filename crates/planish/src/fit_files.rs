@@ -20,7 +20,7 @@ use planish_exchange::{InputFile, ScanSet, Unit, extension, make_folder, read_in
 use planish_mesh::BoundingBox;
 use planish_sense::SensorKind;
 use planish_spline::Shape;
-use planish_surface::fit::{Fit, FitOptions, FitReport, GroundWidth, ThingMotion, fit, update};
+use planish_surface::fit::{Fit, FitOptions, FitReport, GroundWidth, ObjectMotion, fit, update};
 use planish_surface::model::{Posterior, SurfaceModel};
 use planish_surface::observe::check_domain;
 use planish_surface::saved::{SavedModel, Session, SessionInput, load_with_provenance};
@@ -111,7 +111,7 @@ impl Job for FitJob {
         check_settings(self)?;
         plan_outputs(&self.outputs)?;
         if let Some(folder) = &self.states {
-            if self.options.motion != Some(ThingMotion::Bend) {
+            if self.options.motion != Some(ObjectMotion::Bend) {
                 return Err(Error::input(format!(
                     "{}: states are those of a sheet that bends: needed --motion bend",
                     folder.display()
@@ -205,7 +205,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     }
     // Drawing can be interrupted, writing cannot.
     let animation = (animation.iter())
-        .zip(&fitted.forming)
+        .zip(&fitted.formation)
         .map(|(output, forming)| {
             write_forming(forming, fitted.model.unit, output, &ProgressPart::new(progress, 0.9, 0.95))
         })

@@ -14,7 +14,7 @@ use planish_mesh::{BoundingBox, DeviationStatistics, TriangleMesh};
 use planish_sense::{Noise, RangeGrid, Scan, Viewing};
 use planish_surface::export::sigma_summary;
 use planish_surface::fit::SigmaSummary;
-use planish_surface::model::{Observed, PoseReport, SensorReport};
+use planish_surface::model::{Observed, ScanPoseReport, SensorReport};
 use planish_surface::saved::{SavedModel, Session, load_with_provenance};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -201,7 +201,7 @@ pub struct ModelInfo {
     /// Sensors of the last session.
     pub sensors: Vec<SensorReport>,
     /// Poses that went in.
-    pub poses: Vec<PoseReport>,
+    pub poses: Vec<ScanPoseReport>,
     /// The sessions that made it, oldest first.
     pub sessions: Vec<Session>,
 }
@@ -402,7 +402,7 @@ fn model(path: &Path) -> Result<FileInfo> {
     let measured: f64 =
         areas.iter().zip(&model.observed).filter(|(_, o)| o.is_measured()).map(|(a, _)| a).sum();
     let invented: f64 = (areas.iter().zip(&model.observed))
-        .filter(|(_, o)| **o == Observed::Invented)
+        .filter(|(_, o)| **o == Observed::Inferred)
         // The sum of nothing is −0.
         .fold(0.0, |sum, (a, _)| sum + a);
     Ok(FileInfo {

@@ -166,7 +166,7 @@ pub struct UnmeasurableSigma {
 impl UnmeasurableSigma {
     /// Of the places that count, whose variances are those after all is measured.
     fn of(model: &SurfaceModel, places: &[Place], variances: &[f64]) -> Option<Self> {
-        let square = |place: &Place| model.shape_left.get(place.leaf).copied().unwrap_or(0.0);
+        let square = |place: &Place| model.unresolved_shape.get(place.leaf).copied().unwrap_or(0.0);
         let largest = places.iter().map(square).fold(0.0, f64::max);
         let area = |of: &dyn Fn(&&Place) -> bool| places.iter().filter(of).map(|p| p.area).sum::<f64>();
         (largest > 0.0).then(|| Self {

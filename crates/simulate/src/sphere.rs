@@ -48,7 +48,7 @@ use planish_spline::{
     StateLayout, SubdivisionCriteria, Surface, SurfaceReading, SurfaceSystem, cubic, fit_function,
     leaf_weights, parameter_plane,
 };
-use planish_surface::fit::{Forming, Snapshot};
+use planish_surface::fit::{Formation, Snapshot};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -270,7 +270,7 @@ fn measured(
 ///
 /// # Errors
 /// As for [`sphere`].
-pub fn sphere_forming(options: &SphereOptions, frames: usize) -> Result<Forming> {
+pub fn sphere_forming(options: &SphereOptions, frames: usize) -> Result<Formation> {
     options.validate()?;
     let count = options.readings.iter().copied().max().unwrap_or(0);
     let noise = options.noise_percent[options.noise_percent.len() / 2];
@@ -283,7 +283,7 @@ pub fn sphere_forming(options: &SphereOptions, frames: usize) -> Result<Forming>
             _ => None,
         })
         .collect();
-    let mut forming = Forming { places, snapshots: Vec::new() };
+    let mut forming = Formation { places, snapshots: Vec::new() };
     let every = count.div_ceil(frames.saturating_sub(1).max(1)).max(1);
     let mut taken = 0;
     let filter = setting.filtered(&positions, prior, options.depth, |filter| {

@@ -1,21 +1,22 @@
-//! What nobody measured, concluded from what was: the paper's propagation.
+//! Completion of unobserved parts by inference from measured ones.
 //!
-//! Comes in: observations. Goes out: the same with readings added that were concluded from them, each with
-//! the variance of its conclusion, and a report that says what was found. Wherever something was measured,
-//! that overrules: concluded readings are many times as uncertain, and none is put beside a real one.
+//! Input: observations. Output: the same with inferred readings added, each with the variance of the
+//! inference, and a report. Measurements take precedence: inferred readings are many times as uncertain, and
+//! none is placed near a real one.
 //!
-//! | module | what |
+//! | module | purpose |
 //! |---|---|
 //! | symmetry | copies of the readings by a rotation or a reflection |
-//! | gap | what surrounds a gap; `fit` finds the gaps of its surface |
+//! | gap | report of a gap; `fit` finds the gaps of its surface |
+//! | measured_region | where something was measured |
 //!
 //! # References
-//! The paper on Kalman spline fusion, section 3.3.
+//! The paper on Kalman spline fusion, section 3.3 (propagation).
 
 mod gap;
-mod seen;
+mod measured_region;
 mod symmetry;
 
 pub use gap::GapReport;
-pub(crate) use seen::Seen;
+pub(crate) use measured_region::MeasuredRegion;
 pub use symmetry::{SymmetryChoice, SymmetryCompletion, SymmetryReport, complete_by_symmetry};

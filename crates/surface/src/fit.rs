@@ -1,239 +1,77 @@
-//! Fusing scans into a surface.
+//! Fits surfaces to scans.
+//!
+//! Input: a [`ScanSet`] and [`FitOptions`]. Output: a [`Fit`]: a model with its covariance, and a report.
+//! Follow the modules in this order:
+//!
+//! | stage | module | hands over |
+//! |---|---|---|
+//! | observe | [`crate::observe`] | [`Observations`]: readings in the world frame with their covariances |
+//! | first | `first` (`growth` for balls) | a starting surface |
+//! | refine | `refine` (`misfit`, `division`) | a `ConvergedFit`: surface, feet, noise, smoothness weight |
+//! | finish | `finish` | a [`Fit`]: information, covariance, report |
+//!
+//! Large clouds pass these stages with a first batch; `batches` adds the others. Other kinds of fit replace
+//! stages: `known_parameters` all of them, `patch` filters readings one at a time, `motion` and `bending`
+//! follow an object through time, `update` adds readings to a saved model.
 
+mod batches;
 mod bending;
+mod bending_energy;
 mod bending_report;
-mod bent;
+mod division;
 mod finish;
-mod forming;
+mod first;
+mod formation;
 mod gaps;
 mod growth;
 mod indicator;
-mod invented;
-mod known;
-mod large;
+mod inferred;
+mod known_parameters;
+mod leaves;
+mod misfit;
 mod motion;
 mod noise;
+mod options;
 mod patch;
 mod propagation;
-mod rough;
-mod shape_left;
-mod shown;
+mod refine;
+mod refine_by_curvature;
+mod refine_by_roughness;
+mod report;
+mod residual_sample;
 mod smoothing;
-mod stages;
+mod unresolved_shape;
+mod update;
+mod weights;
 
 pub use crate::model::SigmaSummary;
-pub use forming::{Forming, Snapshot};
-pub(crate) use patch::{FirstFit, first_fit_of};
-pub use propagation::PropagationReport;
-pub use shape_left::ShapeLeft;
-pub use shown::{ScanFigures, ShownReadings};
-pub(crate) use stages::with_neighbours;
-
-use crate::complete::{self, SymmetryChoice};
-use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
-use crate::observe::SharedErrors;
-pub use crate::observe::{ObservationOptions, Observations, Quantity, Rejection};
+pub use crate::observe::{ObservationOptions, Observations, Quantity, RejectionCause};
 pub use crate::subdivision::{LevelRefinement, RefineBy};
 pub use bending_report::{BendingReport, BendingState};
-use large::Parts;
+pub use formation::{Formation, Snapshot};
+pub(crate) use leaves::with_neighbours;
 pub use motion::{MotionPose, MotionReport};
-use motion::{RigidTracker, scans_in_time};
+pub use options::{Filter, FitOptions, GroundWidth, ObjectMotion};
+pub(crate) use patch::{FirstFit, first_fit_of};
+pub use propagation::PropagationReport;
+pub use report::{FitReport, FitTermination, HeldOut};
+pub use residual_sample::{ResidualSample, ScanSummary};
+pub use unresolved_shape::UnresolvedShape;
+
+use crate::model::{NodeCovariance, Observed, Posterior, SurfaceModel};
+use crate::observe::ScanErrors;
+use batches::Batches;
+use finish::{FinishInput, finish};
+use first::first_surface;
 use planish_core::{Progress, ProgressPart};
-use planish_estimate::vector3::{add, dot, norm, scale, unit};
 use planish_estimate::{Error, Result};
 use planish_exchange::{ScanSet, Unit};
-use planish_sense::{GroundOptions, ScanChecks};
+use planish_sense::GroundOptions;
 use planish_spline::{FootPointSearch, Shape};
-use serde::Serialize;
-use stages::Settled;
-use std::collections::BTreeMap;
+use propagation::converge_with_propagation;
+use refine::{ConvergedFit, refine_to_noise};
+use report::rejected_readings;
 use std::sync::Arc;
-
-/// Settings of a fit.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FitOptions {
-    /// The topology; chosen from the cloud where none is given.
-    pub shape: Option<Shape>,
-    /// Where the scans carry the parameters `u` and `v` in `[0, 1]` of their readings: the cells of the
-    /// uniform grid that is fitted to them. The problem is linear then: no tolerance and no limit of
-    /// coefficients apply.
-    pub known_parameters: Option<[usize; 2]>,
-    /// Refinement stops where the surface is this close to the points, in the model's unit; where their noise
-    /// says so if none is given.
-    pub tolerance: Option<f64>,
-    /// Whether only the bare earth is wanted of scans from above; then the shape is a sheet.
-    pub ground: Option<GroundWidth>,
-    /// How readings are fused: globally where none is given, and into a saved model as it was made.
-    pub filter: Option<Filter>,
-    /// No more levels of subdivision beyond the base grid than this; where none is given as many as the
-    /// readings fill, of the patch filter three.
-    pub max_depth: Option<u8>,
-    /// What asks for subdivision.
-    pub refine_by: RefineBy,
-    /// Whether every scan but the first may stand elsewhere than its file says; poses with a stated σ may in
-    /// any case.
-    pub align: bool,
-    /// No more control vertices than this.
-    pub max_coefficients: usize,
-    /// The symmetry by which parts that nobody saw are completed.
-    pub symmetry: Option<SymmetryChoice>,
-    /// How the thing moved while its scans were taken, at the times that they state; where none is given it
-    /// stood still.
-    pub motion: Option<ThingMotion>,
-    /// Whether gaps are completed by the simple shape of what surrounds them.
-    pub complete_smooth: bool,
-    /// How many snapshots are kept of the way from few readings to all of them, where any are wanted: see
-    /// [`Fit::forming`].
-    pub snapshots: Option<usize>,
-    /// Readings farther from the surface than this many σ are outliers.
-    pub gate: f64,
-    /// Share of the readings held out to judge the fit.
-    pub held_out_share: f64,
-    /// Seed of every random choice.
-    pub seed: u64,
-    /// Checks of each scan.
-    pub checks: ScanChecks,
-}
-
-/// How a thing moves from scan to scan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ThingMotion {
-    /// As a rigid body with a velocity of its own.
-    Rigid,
-    /// A sheet bends without stretch: lengths along it stay.
-    Bend,
-}
-
-/// How readings are fused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Filter {
-    /// All at once: one sparse information matrix over all control vertices.
-    #[default]
-    Global,
-    /// One after the other: a quadtree of patches with a dense covariance each; memory does not grow with the
-    /// readings, and σ is known at any time.
-    Patch,
-}
-
-/// How wide things are that stand on the ground and are no part of it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum GroundWidth {
-    /// Up to 36 m: houses, and most of what else is in a landscape.
-    Usual,
-    /// Up to so much, in the unit of the scans.
-    Widest(f64),
-}
-
-impl Default for FitOptions {
-    fn default() -> Self {
-        Self {
-            shape: None,
-            known_parameters: None,
-            tolerance: None,
-            ground: None,
-            filter: None,
-            max_depth: None,
-            refine_by: RefineBy::Residuals,
-            align: false,
-            max_coefficients: 12_000,
-            symmetry: None,
-            motion: None,
-            complete_smooth: false,
-            snapshots: None,
-            gate: 4.0,
-            held_out_share: 0.1,
-            seed: 0,
-            checks: ScanChecks::default(),
-        }
-    }
-}
-
-/// How an iteration ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FitTermination {
-    /// Nothing is left to refine and the surface has come to rest.
-    Converged,
-    /// The asked-for tolerance is reached.
-    ReachedTolerance,
-    /// The limit of coefficients or iterations was reached first.
-    Limit,
-}
-
-/// Held-out readings against the surface.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct HeldOut {
-    /// How many were judged.
-    pub n: usize,
-    /// Root mean square of residual over its predicted σ: 1 when the stated uncertainties are true.
-    pub rms_normalised: f64,
-}
-
-/// The figures of a fit: the keys of the JSON summary.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FitReport {
-    /// Readings used.
-    pub observations: usize,
-    /// Readings left out, by cause.
-    pub rejected: BTreeMap<String, usize>,
-    /// The topology.
-    pub shape: String,
-    /// Control vertices.
-    pub coefficients: usize,
-    /// Levels of the hierarchy.
-    pub levels: usize,
-    /// Leaf cells.
-    pub cells: usize,
-    /// How readings were fused.
-    pub filter: Filter,
-    /// What was divided, level by level, and why.
-    pub refined: Vec<LevelRefinement>,
-    /// Root mean square of the residuals along the normals, in the model's unit.
-    pub rms: f64,
-    /// The same over each residual's σ.
-    pub rms_normalised: f64,
-    /// Residual χ² over the degrees of freedom.
-    pub reduced_chi_square: f64,
-    /// Sensor by sensor.
-    pub sensors: Vec<crate::model::SensorReport>,
-    /// Scan by scan.
-    pub poses: Vec<crate::model::PoseReport>,
-    /// σ along the normal.
-    pub sigma: SigmaSummary,
-    /// Shape that cells are too large to follow, as the readings show; it is in σ. None where they show none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub shape_left: Option<ShapeLeft>,
-    /// Share of the surface's area that was measured.
-    pub observed_area_fraction: f64,
-    /// Weight of the thin-plate energy, by marginal likelihood.
-    pub smoothness_weight: f64,
-    /// What was completed by what was measured elsewhere, where that was asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub propagation: Option<PropagationReport>,
-    /// The judgement by points that took no part.
-    pub held_out: HeldOut,
-    /// How it ended.
-    pub termination: FitTermination,
-    /// What a user should know.
-    pub warnings: Vec<String>,
-}
-
-impl FitReport {
-    /// Readings that were set aside although they might have been of the surface: all but those of classes
-    /// that are not wanted, and those above the ground where the ground is.
-    #[must_use]
-    pub fn set_aside(&self) -> usize {
-        set_aside(&self.rejected)
-    }
-}
-
-fn set_aside(rejected: &BTreeMap<String, usize>) -> usize {
-    let unwanted = [Rejection::Class, Rejection::AboveGround]
-        .map(|cause| rejected.get(cause.name()).copied().unwrap_or(0));
-    rejected.values().sum::<usize>() - unwanted.iter().sum::<usize>()
-}
 
 /// A fitted model with its figures.
 pub struct Fit {
@@ -241,12 +79,12 @@ pub struct Fit {
     pub model: SurfaceModel,
     /// The figures.
     pub report: FitReport,
-    /// Of a sheet that bends, the states before the last, in the order of time; empty of everything else.
+    /// For a sheet that bends: the states before the last, in the order of time. Empty otherwise.
     pub earlier_states: Vec<Fit>,
-    /// How the model formed, reading by reading, where that was asked for.
-    pub forming: Option<Forming>,
-    /// Some of the readings with their residuals; none where parameters were known or a sheet bends.
-    pub readings: Option<ShownReadings>,
+    /// How the model formed with the number of readings, if that was asked for.
+    pub formation: Option<Formation>,
+    /// A sample of the readings with their residuals; none if parameters were known or a sheet bends.
+    pub readings: Option<ResidualSample>,
     covariance: Arc<NodeCovariance>,
 }
 
@@ -255,282 +93,160 @@ impl Fit {
     fn translated(mut self, by: [f64; 3]) -> Result<Self> {
         if by != [0.0; 3] {
             self.model = self.model.translated(by)?;
-            self.forming = self.forming.map(|forming| forming.translated(by)).transpose()?;
+            self.formation = self.formation.map(|formation| formation.translated(by)).transpose()?;
             self.readings = self.readings.map(|readings| readings.translated(by));
         }
         Ok(self)
     }
 
-    /// The posterior covariance of the model, which the fit has made already.
+    /// The posterior covariance of the model. The fit has computed it already, so this costs nothing.
     #[must_use]
     pub fn posterior(&self) -> Posterior<'_> {
         Posterior::new(&self.model.surface, Arc::clone(&self.covariance))
-            .with_shape_left(&self.model.shape_left)
+            .with_unresolved_shape(&self.model.unresolved_shape)
     }
 }
 
 /// Fits a surface to scans.
 ///
 /// # Errors
-/// `Undetermined` when the points do not determine a surface; `Input` for values that make no sense;
-/// `Interrupted` on request.
+/// `Undetermined` if the points do not determine a surface; `Input` for values out of range; `Unsupported`
+/// for options that exclude each other; `Interrupted` on request.
+///
+/// # Examples
+/// ```
+/// use planish_core::Silent;
+/// use planish_exchange::{PosedScan, ScanSet, Unit};
+/// use planish_sense::{Noise, Scan, Sensor};
+/// use planish_surface::fit::{FitOptions, fit};
+///
+/// // A scan of a wavy sheet, with an error of up to 0.02 mm.
+/// let points = (0..2000_u32).map(|k| {
+///     let [x, y] = [8.0 * f64::from(k * 7919 % 2003) / 2003.0, 6.0 * f64::from(k * 104_729 % 1999) /
+///     1999.0]; [x, y, 0.3 * x.sin() + 0.02 * (f64::from(k) * 12.9898).sin()] }); let scan = Scan { name:
+///     "sheet".to_owned(), points: points.collect(), ..Scan::default() }; let sensor = Sensor { noise:
+///     Some(Noise::Isotropic { sigma: 0.02 }), ..Sensor::default() }; let set = ScanSet { unit:
+///     Some(Unit::Millimetre), sensors: vec![sensor], scans: vec![PosedScan { scan, sensor: 0,
+///     sigma_translation: None, sigma_rotation_deg: None }], ..ScanSet::default() }; let fitted = fit(&set,
+///     &FitOptions::default(), &Silent)?; assert_eq!(fitted.report.shape, "sheet"); assert!(fitted.report.rms
+///     < 0.02 && fitted.report.sigma.median < 0.01);
+/// # Ok::<(), planish_core::Error>(())
+/// ```
 pub fn fit(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    if options.snapshots.is_some()
-        && (options.known_parameters.is_some() || options.motion == Some(ThingMotion::Bend))
-    {
-        return Err(Error::unsupported(
-            "--animate shows readings that come one after the other: needed a fit without --known-uv and --motion bend, which take all of a time at once",
-        ));
-    }
-    if options.filter == Some(Filter::Patch) {
-        patch::refuse_concluded(options)?;
-    }
-    if options.motion == Some(ThingMotion::Rigid) && options.filter == Some(Filter::Patch) {
-        return Err(Error::unsupported(
-            "--motion rigid lays scans on the surface of the first, and needs the covariance of the whole of it: needed --filter global",
-        ));
-    }
+    refuse_conflicts(options)?;
     match options.motion {
-        Some(ThingMotion::Rigid) => return fit_moving(set, options, progress),
-        Some(ThingMotion::Bend) => return bending::fit_bending(set, options, progress),
+        Some(ObjectMotion::Rigid) => return motion::fit_moving(set, options, progress),
+        Some(ObjectMotion::Bend) => return bending::fit_bending(set, options, progress),
         None => {}
     }
     if let Some(cells) = options.known_parameters {
-        if options.filter == Some(Filter::Patch) {
-            return Err(Error::unsupported(
-                "readings with known parameters are fused by the global filter, in one step: needed no other filter",
-            ));
-        }
-        return known::fit_known(set, cells, options, progress);
+        return known_parameters::fit_known_parameters(set, cells, options, progress);
     }
     if options.filter == Some(Filter::Patch) {
         return patch::fit_patches(set, options, progress);
     }
     let ground = options.ground.map(|width| ground_options(set.unit, width));
-    let sheet =
-        FitOptions { shape: options.shape.or(options.ground.map(|_| Shape::Sheet)), ..options.clone() };
     let completes = options.symmetry.is_some() || options.complete_smooth;
-    // Snapshots are of readings that are all there.
-    let dealt = if completes || options.snapshots.is_some() {
+    // Snapshots and completion need all readings at hand.
+    let batches = if completes || options.snapshots.is_some() {
         None
     } else {
-        Parts::deal(set, options, ground.as_ref())?
+        Batches::divide(set, options, ground.as_ref())?
     };
-    let Some(parts) = dealt else {
-        let mut observations = observe(set, &observation_options(set, options))?;
-        let origin = observations.recentre();
-        observations.shared = SharedErrors::new(set, &observations, origin, options.align, None);
-        progress.check("normals", 0.01)?;
-        let (settled, propagation) = propagated(&mut observations, origin, &sheet, progress)?;
-        let forming = (options.snapshots)
-            .map(|frames| {
-                forming::formed(
-                    &observations,
-                    &settled,
-                    options,
-                    frames,
-                    &ProgressPart::new(progress, 0.88, 0.9),
-                )
-            })
-            .transpose()?;
-        let mut fitted = finish::finish(set, &observations, settled, options, None, None, origin, progress)?;
-        fitted.forming = forming;
-        let invented_area_fraction = fitted.model.area_fraction(Observed::Invented);
-        fitted.report.propagation =
-            propagation.map(|found| PropagationReport { invented_area_fraction, ..found });
-        return fitted.translated(origin);
-    };
+    match batches {
+        Some(batches) => fit_in_batches(set, &batches, options, progress),
+        None => fit_at_once(set, options, progress),
+    }
+}
+
+/// Refuses options that exclude each other.
+fn refuse_conflicts(options: &FitOptions) -> Result<()> {
+    let is_patch = options.filter == Some(Filter::Patch);
+    if options.snapshots.is_some()
+        && (options.known_parameters.is_some() || options.motion == Some(ObjectMotion::Bend))
+    {
+        return Err(Error::unsupported(
+            "--animate shows readings that come one after the other: needed a fit without --known-uv and \
+             --motion bend, which take all of a time at once",
+        ));
+    }
+    if is_patch {
+        patch::refuse_inferred(options)?;
+    }
+    if options.motion == Some(ObjectMotion::Rigid) && is_patch {
+        return Err(Error::unsupported(
+            "--motion rigid lays scans on the surface of the first, and needs the covariance of the whole of \
+             it: needed --filter global",
+        ));
+    }
+    if options.motion.is_none() && options.known_parameters.is_some() && is_patch {
+        return Err(Error::unsupported(
+            "readings with known parameters are fused by the global filter, in one step: needed no other \
+             filter",
+        ));
+    }
+    Ok(())
+}
+
+/// Fits all readings at once by the global filter.
+fn fit_at_once(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
+    let sheet = options.with_shape_of_ground();
+    let mut observations = observe(set, &observation_options(set, options))?;
+    let origin = observations.recentre();
+    observations.scan_errors = ScanErrors::new(set, &observations, origin, options.align, None);
+    progress.check("normals", 0.01)?;
+    let (converged, propagation) = converge_with_propagation(&mut observations, origin, &sheet, progress)?;
+    let formation = (options.snapshots)
+        .map(|frames| {
+            let part = ProgressPart::new(progress, 0.88, 0.9);
+            formation::formation_of_global_fit(&observations, &converged, options, frames, &part)
+        })
+        .transpose()?;
+    let input = FinishInput::new(set, &observations, options, origin);
+    let mut fitted = finish(input, converged, progress)?;
+    fitted.formation = formation;
+    let inferred_area_fraction = fitted.model.area_fraction(Observed::Inferred);
+    fitted.report.propagation =
+        propagation.map(|found| PropagationReport { inferred_area_fraction, ..found });
+    fitted.translated(origin)
+}
+
+/// Fits a first batch of a large cloud, and adds the others.
+fn fit_in_batches(
+    set: &ScanSet,
+    batches: &Batches<'_>,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Fit> {
+    let sheet = options.with_shape_of_ground();
     progress.check("dealing out", 0.01)?;
     let mut observations = {
-        let first = parts.part(0);
+        let first = batches.batch(0);
         let options = observation_options(set, options);
+        // The ground was found in the whole cloud already.
         observe(&first, &ObservationOptions { ground: None, ..options })?
     };
     observations.ground = options.ground.is_some();
     let origin = observations.recentre();
-    observations.shared = SharedErrors::new(set, &observations, origin, options.align, None);
+    observations.scan_errors = ScanErrors::new(set, &observations, origin, options.align, None);
     progress.check("normals", 0.02)?;
-    let mut settled = stages::settle(&mut observations, &sheet, &ProgressPart::new(progress, 0.02, 0.6))?;
-    let absorbed = large::absorb(&parts, &observations, origin, &mut settled, options, progress)?;
-    finish::finish(set, &observations, settled, options, None, Some(absorbed), origin, progress)?
-        .translated(origin)
+    let mut converged = converge(&mut observations, &sheet, &ProgressPart::new(progress, 0.02, 0.6))?;
+    let added = batches::add_batches(batches, &observations, origin, &mut converged, options, progress)?;
+    let input = FinishInput { added: Some(added), ..FinishInput::new(set, &observations, options, origin) };
+    finish(input, converged, progress)?.translated(origin)
 }
 
-/// Some scans of a set, with its sensors.
-fn some_scans(set: &ScanSet, scans: &[usize]) -> ScanSet {
-    ScanSet {
-        scans: scans.iter().map(|&k| set.scans[k].clone()).collect(),
-        inputs: Vec::new(),
-        ..set.clone()
-    }
-}
-
-/// Fits a thing that moved: its first scan makes a surface, the others are laid on it and tell the motion,
-/// and all of them then make the model, as the thing was when the first was taken.
-fn fit_moving(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    let order = scans_in_time(set)?;
-    let mut still = FitOptions { motion: None, ..options.clone() };
-    let mut plain = FitOptions { symmetry: None, complete_smooth: false, snapshots: None, ..still.clone() };
-    let mut first = fit(&some_scans(set, &order[..1]), &plain, &ProgressPart::new(progress, 0.0, 0.15))?;
-    // A thing that turns shows its sides in time: one that curves away from the scanner is no sheet.
-    if options.shape.is_none() && first.model.surface.space().shape() == Shape::Sheet && curves_away(&first) {
-        (still.shape, plain.shape) = (Some(Shape::Ball), Some(Shape::Ball));
-        first = fit(&some_scans(set, &order[..1]), &plain, &ProgressPart::new(progress, 0.15, 0.3))?;
-    }
-    let mut tracker = RigidTracker::new(&first, set, &order)?;
-    for (k, &scan) in order.iter().enumerate().skip(1) {
-        progress.check("following the motion", 0.3 + 0.2 * k as f64 / order.len() as f64)?;
-        progress.items(k - 1, "scans");
-        let readings = observe(
-            &some_scans(set, &[scan]),
-            &ObservationOptions { held_out_share: 0.0, ..observation_options(set, &plain) },
-        )?;
-        tracker.follow(scan, &readings)?;
-    }
-    let mut moved = set.clone();
-    for (k, posed) in moved.scans.iter_mut().enumerate() {
-        let Some(world_from_thing) = tracker.pose(k) else {
-            continue;
-        };
-        posed.scan.world_from_scanner = world_from_thing.inverse().after(&posed.scan.world_from_scanner);
-        // The whole says more of the poses than the first scan did: they stay unknowns, known as well as the
-        // motion knows them.
-        if k != order[0] {
-            let [translation, rotation] = tracker.sigmas(k, posed.scan.world_from_scanner.translation);
-            posed.sigma_translation = Some(translation);
-            posed.sigma_rotation_deg = Some(rotation.to_degrees());
-        }
-    }
-    let mut fitted = fit(&moved, &still, &ProgressPart::new(progress, 0.5, 1.0))?;
-    tracker.settle(set, &fitted.report.poses)?;
-    fitted.report.propagation.get_or_insert_default().motion = Some(tracker.report(set)?);
-    Ok(fitted)
-}
-
-/// Whether more than a few percent of what was measured faces away from the middle of it by more than
-/// `acos(0.4)`, 66°.
-fn curves_away(fitted: &Fit) -> bool {
-    let surface = &fitted.model.surface;
-    let areas: Vec<[f64; 3]> = (0..surface.space().leaves().len())
-        .filter(|&leaf| fitted.model.observed[leaf].is_measured())
-        .filter_map(|leaf| {
-            let [u, v] = surface.space().parameters(leaf, [0.5, 0.5]);
-            Some(scale(surface.leaf_area(leaf), surface.normal(u, v)?))
-        })
-        .collect();
-    let Some(towards) = unit(areas.iter().fold([0.0; 3], |sum, a| add(sum, *a))) else {
-        return true;
-    };
-    let all: f64 = areas.iter().map(|a| norm(*a)).sum();
-    let away: f64 = (areas.iter().map(|a| (norm(*a), dot(*a, towards))))
-        .filter(|(area, facing)| *facing < 0.4 * area)
-        .map(|(area, _)| area)
-        .sum();
-    away > 0.03 * all
-}
-
-/// Completes the observations by what the options ask for, and settles a surface on all of them.
-fn propagated(
-    observations: &mut Observations,
-    origin: [f64; 3],
-    options: &FitOptions,
-    progress: &dyn Progress,
-) -> Result<(Settled, Option<PropagationReport>)> {
-    let mut report = None;
-    if let Some(choice) = options.symmetry {
-        progress.check("symmetry", 0.015)?;
-        let found = complete::complete_by_symmetry(observations, choice)?;
-        let found = PropagationReport {
-            symmetry: Some(found.symmetry),
-            pseudo_readings: found.pseudo_readings,
-            ..PropagationReport::default()
-        };
-        report = Some(found.translated(origin));
-    }
-    if !options.complete_smooth {
-        return Ok((stages::settle(observations, options, progress)?, report));
-    }
-    let settled = stages::settle(observations, options, &ProgressPart::new(progress, 0.0, 0.6))?;
-    let (readings, gaps) = gaps::completed(observations, &settled, options.gate);
-    let mut report = report.unwrap_or_default();
-    report.gaps = gaps;
-    report.pseudo_readings += readings.len();
-    if readings.is_empty() {
-        return Ok((settled, Some(report)));
-    }
-    observations.add_invented(&readings);
-    let subset = (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]);
-    let subset = subset.collect();
-    let rest = ProgressPart::new(progress, 0.6, 0.9);
-    let settled = stages::refine_to_noise(observations, settled.surface, subset, options, &rest)?;
-    Ok((settled, Some(report)))
-}
-
-/// What tells the ground, in the unit of the scans; in metres where nobody says another, as maps are.
-fn ground_options(unit: Option<Unit>, width: GroundWidth) -> GroundOptions {
-    let options =
-        GroundOptions::for_unit(Unit::Metre.millimetres() / unit.unwrap_or(Unit::Metre).millimetres());
-    match width {
-        GroundWidth::Usual => options,
-        GroundWidth::Widest(widest) => GroundOptions { widest, ..options },
-    }
-}
-
-/// The observations of a set of scans, some of them held out.
-fn observe(set: &ScanSet, options: &ObservationOptions) -> Result<Observations> {
-    let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
-    let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
-    Observations::new(&scans, &sensor_of_scan, &set.sensors, options)
-}
-
-fn observation_options(set: &ScanSet, options: &FitOptions) -> ObservationOptions {
-    ObservationOptions {
-        held_out_share: options.held_out_share,
-        seed: options.seed,
-        checks: options.checks,
-        // A sheet over lidar is a map of the ground; other shapes are things that stand on it.
-        sheet: options.shape == Some(Shape::Sheet) || options.ground.is_some(),
-        as_they_are: false,
-        ground: options.ground.map(|width| ground_options(set.unit, width)),
-    }
-}
-
-/// Adds the scans of another day to a model: its hierarchy stays, information adds, the prior counts once.
+/// Adds scans to a model: its hierarchy stays, information adds, and the prior counts once.
 ///
 /// # Errors
-/// As for [`fit`]; `Input` when units differ.
+/// As for [`fit`]; `Input` if units or filters differ.
 pub fn update(
     model: &SurfaceModel,
     set: &ScanSet,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Fit> {
-    if let Some(unit) = set.unit
-        && unit != model.unit
-    {
-        return Err(Error::input(format!(
-            "the scans' unit is {}, the model's is {}: convert one of them",
-            unit.name(),
-            model.unit.name()
-        )));
-    }
-    if model.moves_freely {
-        return Err(Error::unsupported(
-            "the model is a state of a sheet that bends, and later scans are of other states: needed `fit --motion bend` of all scans together",
-        ));
-    }
-    let own = if model.patches.is_some() { Filter::Patch } else { Filter::Global };
-    if let Some(asked) = options.filter.filter(|asked| *asked != own) {
-        let name = |filter| match filter {
-            Filter::Global => "global",
-            Filter::Patch => "patch",
-        };
-        return Err(Error::input(format!(
-            "the model was made by the {} filter and goes on with it: needed no --filter, or that one, found {}",
-            name(own),
-            name(asked)
-        )));
-    }
+    check_update(model, set, options)?;
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     let moved;
@@ -547,15 +263,112 @@ pub fn update(
         let [u, v] = search.nearest(p, [0.0; 3]);
         surface.normal(u, v).unwrap_or([0.0; 3])
     });
-    observations.shared = SharedErrors::new(set, &observations, origin, options.align, Some(model));
-    let settled = match &model.patches {
-        None => finish::place(model, &mut observations, options, progress)?,
+    observations.scan_errors = ScanErrors::new(set, &observations, origin, options.align, Some(model));
+    let converged = match &model.patches {
+        None => update::add_to_model(model, &mut observations, options, progress)?,
         Some(filter) => {
             patch::refuse_align(options)?;
-            observations.shared = SharedErrors::default();
+            observations.scan_errors = ScanErrors::default();
             patch::update_patches(model, filter, &observations, options, progress)?
         }
     };
-    finish::finish(set, &observations, settled, options, Some(model), None, origin, progress)?
-        .translated(origin)
+    let input = FinishInput { earlier: Some(model), ..FinishInput::new(set, &observations, options, origin) };
+    finish(input, converged, progress)?.translated(origin)
+}
+
+/// Refuses an update that the model cannot take.
+fn check_update(model: &SurfaceModel, set: &ScanSet, options: &FitOptions) -> Result<()> {
+    if let Some(unit) = set.unit
+        && unit != model.unit
+    {
+        return Err(Error::input(format!(
+            "the scans' unit is {}, the model's is {}: convert one of them",
+            unit.name(),
+            model.unit.name()
+        )));
+    }
+    if model.moves_freely {
+        return Err(Error::unsupported(
+            "the model is a state of a sheet that bends, and later scans are of other states: needed `fit \
+             --motion bend` of all scans together",
+        ));
+    }
+    let own = if model.patches.is_some() { Filter::Patch } else { Filter::Global };
+    if let Some(asked) = options.filter.filter(|asked| *asked != own) {
+        let name = |filter| match filter {
+            Filter::Global => "global",
+            Filter::Patch => "patch",
+        };
+        return Err(Error::input(format!(
+            "the model was made by the {} filter and goes on with it: needed no --filter, or that one, found \
+             {}",
+            name(own),
+            name(asked)
+        )));
+    }
+    Ok(())
+}
+
+/// Finds a starting surface and refines it.
+///
+/// # Errors
+/// `Undetermined` if no reading measures a position, or what the stages report.
+fn converge(
+    observations: &mut Observations,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<ConvergedFit> {
+    let is_position = |i: usize| {
+        let channel = &observations.channels[observations.channel(i)];
+        channel.quantity == Quantity::Position && !channel.inferred
+    };
+    if !(0..observations.len()).any(is_position) {
+        return Err(Error::undetermined(
+            "no reading that is left measures a position: normals and curvatures leave open where the \
+             surface lies; add positions (a few touches will do), or say kind = \"range\" where the points \
+             of these sensors are measured, too",
+        ));
+    }
+    let surface = first_surface(observations, options, 1, progress)?;
+    let subset = observations.fitted();
+    refine_to_noise(observations, surface, subset, options, progress)
+}
+
+/// The given scans of a set, with its sensors.
+fn scans_of(set: &ScanSet, scans: &[usize]) -> ScanSet {
+    ScanSet {
+        scans: scans.iter().map(|&k| set.scans[k].clone()).collect(),
+        inputs: Vec::new(),
+        ..set.clone()
+    }
+}
+
+/// Settings that separate the ground from objects, in the unit of the scans (metres if they state none, as
+/// maps do).
+fn ground_options(unit: Option<Unit>, width: GroundWidth) -> GroundOptions {
+    let options =
+        GroundOptions::for_unit(Unit::Metre.millimetres() / unit.unwrap_or(Unit::Metre).millimetres());
+    match width {
+        GroundWidth::Usual => options,
+        GroundWidth::Widest(widest) => GroundOptions { widest, ..options },
+    }
+}
+
+/// The observations of a set of scans; some are held out.
+fn observe(set: &ScanSet, options: &ObservationOptions) -> Result<Observations> {
+    let scans = set.scans.iter().map(|posed| &posed.scan).collect::<Vec<_>>();
+    let sensor_of_scan = set.scans.iter().map(|posed| posed.sensor).collect::<Vec<_>>();
+    Observations::new(&scans, &sensor_of_scan, &set.sensors, options)
+}
+
+fn observation_options(set: &ScanSet, options: &FitOptions) -> ObservationOptions {
+    ObservationOptions {
+        held_out_share: options.held_out_share,
+        seed: options.seed,
+        checks: options.checks,
+        // A sheet over lidar is a map of the ground; other shapes are objects on it.
+        sheet: options.shape == Some(Shape::Sheet) || options.ground.is_some(),
+        unprocessed: false,
+        ground: options.ground.map(|width| ground_options(set.unit, width)),
+    }
 }

@@ -1,13 +1,13 @@
-//! A patch filter over a surface whose parameters are found: foot point, equation along the normal, gate, and
-//! when to look for what to divide.
+//! The patch filter for readings without parameters: foot point, equation along the normal, gate,
+//! subdivision.
 //!
-//! Comes in: readings in the world frame, one at a time. Goes out: whether each was taken in. Memory is that
-//! of the patches.
+//! Input: readings in the world frame, one at a time. Output: whether each was accepted. Memory is that of
+//! the patches.
 //!
-//! Not guaranteed: that a reading is searched for anew after the surface has moved under it; a stream sees
-//! every reading once.
+//! Not guaranteed: that a reading keeps its best foot point. The surface moves later, but every reading is
+//! used once.
 
-use crate::observe::{LEAST_COSINE, Rejection, expected_lift, extent_of};
+use crate::observe::{MIN_COSINE, RejectionCause, expected_lift, surface_extent};
 use crate::subdivision::{RefineBy, RefinementLog};
 use planish_estimate::Result;
 use planish_estimate::vector3::dot;
@@ -17,44 +17,44 @@ use planish_spline::{
     symmetric_eigen,
 };
 
-/// The first look for what to divide comes after so many readings, every other after twice as many.
-const FIRST_LOOK: u64 = 256;
-/// Squares along each side of a base cell in which it is kept whether anything was measured.
+/// Number of readings after which patches are first considered for division; afterwards at each doubling.
+const FIRST_REFINEMENT: u64 = 256;
+/// Squares along each side of a base cell for which it is recorded whether anything was measured.
 const MARKS: usize = 4;
-/// Control vertices that a patch adds to a surface, about: its cells.
+/// Control vertices that a patch adds to a surface, approximately: one for each of its cells.
 pub(crate) const VERTICES_PER_PATCH: usize = 16;
 
 /// A reading in the world frame.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Incoming {
-    /// Where it was taken.
+pub(crate) struct IncomingReading {
+    /// Position at which it was taken.
     pub at: [f64; 3],
-    /// A unit vector towards the side that was seen; zero where that is not known.
+    /// Unit vector towards the side that was seen; zero if unknown.
     pub facing: [f64; 3],
-    /// What was read.
-    pub what: What,
+    /// The value.
+    pub value: ReadingValue,
 }
 
-/// What a reading says.
+/// The value of a reading.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum What {
-    /// Its place, with this covariance `[xx, xy, xz, yy, yz, zz]`.
+pub(crate) enum ReadingValue {
+    /// A position, with its covariance `[xx, xy, xz, yy, yz, zz]`.
     Position([f64; 6]),
     /// A unit normal, and the variance of its tilt along either tangent.
     Normal([f64; 3], f64),
-    /// A curvature tensor, and the variance of its diagonal components; of the others half of it.
+    /// A curvature tensor, and the variance of its diagonal components; off-diagonal ones have half of it.
     Curvature([f64; 6], f64),
 }
 
-/// When patches are divided and readings left out.
+/// Limits by which patches are divided and readings rejected.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Rules {
+pub(crate) struct PatchRules {
     pub gate: f64,
     pub refine_by: RefineBy,
     pub max_coefficients: usize,
 }
 
-impl Rules {
+impl PatchRules {
     fn criteria(self) -> SubdivisionCriteria {
         let usual = SubdivisionCriteria::default();
         SubdivisionCriteria {
@@ -66,27 +66,27 @@ impl Rules {
     }
 }
 
-/// A filter that finds the parameters of its readings.
-pub(crate) struct Core {
+/// A patch filter that finds the parameters of its readings.
+pub(crate) struct StreamingFilter {
     pub filter: PatchFilter,
     search: FootPointSearch,
-    rules: Rules,
-    /// How many readings the filter has when it is time to look for what to divide.
-    next_look: u64,
-    /// Where something was measured, over the base grid.
+    rules: PatchRules,
+    /// Number of readings at which patches are next considered for division.
+    next_refinement: u64,
+    /// Measured squares over the base grid.
     marks: Vec<bool>,
-    /// Levels of subdivision that the filter's base grid has already.
+    /// Level of the filter's base grid.
     pub base_level: usize,
     pub log: RefinementLog,
 }
 
-impl Core {
+impl StreamingFilter {
     /// A filter over its own surface; `base_level` is the level of its base grid.
-    pub(crate) fn new(filter: PatchFilter, base_level: usize, rules: Rules) -> Result<Self> {
+    pub(crate) fn new(filter: PatchFilter, base_level: usize, rules: PatchRules) -> Result<Self> {
         let search = search_of(&filter.surface()?)?;
         let cells: usize = filter.space().base().iter().product();
         let mut made = Self {
-            next_look: 0,
+            next_refinement: 0,
             marks: vec![false; cells * MARKS * MARKS],
             filter,
             search,
@@ -94,24 +94,24 @@ impl Core {
             base_level,
             log: RefinementLog::default(),
         };
-        made.plan_look();
+        made.plan_refinement();
         Ok(made)
     }
 
-    /// The next look follows from the number of readings alone, so that a resumed filter looks when it would
-    /// have looked.
-    fn plan_look(&mut self) {
-        self.next_look = FIRST_LOOK.max((self.filter.readings() + 1).next_power_of_two());
+    /// The next refinement depends on the number of readings alone, so that a resumed filter refines at the
+    /// same moments as one without a pause.
+    fn plan_refinement(&mut self) {
+        self.next_refinement = FIRST_REFINEMENT.max((self.filter.readings() + 1).next_power_of_two());
     }
 
-    /// Marks a place as measured.
+    /// Marks the square around the parameters as measured.
     pub(crate) fn mark(&mut self, [u, v]: [f64; 2]) {
         let [columns, rows] = self.filter.space().base().map(|n| n * MARKS);
         let at = |x: f64, n: usize| ((x * MARKS as f64) as usize).min(n - 1);
         self.marks[at(v, rows) * columns + at(u, columns)] = true;
     }
 
-    /// For each leaf whether anything was measured in it.
+    /// For each leaf, true if anything was measured in it.
     pub(crate) fn measured(&self) -> Vec<bool> {
         let space = self.filter.space();
         let [columns, rows] = space.base().map(|n| n * MARKS);
@@ -127,7 +127,7 @@ impl Core {
             .collect()
     }
 
-    /// Tells neighbours what is new, and follows the surface with the search for foot points.
+    /// Reconciles neighbouring patches and rebuilds the search for foot points.
     pub(crate) fn reconcile(&mut self) -> Result<Surface> {
         self.filter.reconcile()?;
         let surface = self.filter.surface()?;
@@ -135,28 +135,29 @@ impl Core {
         Ok(surface)
     }
 
-    /// The foot point of a place on the surface as it is known.
+    /// The foot point of a position on the current surface.
     pub(crate) fn foot_point(&self, at: [f64; 3], facing: [f64; 3]) -> FootPoint {
         let start = self.search.nearest(at, facing);
         self.filter.project(at, start, &ProjectionOptions::default())
     }
 
-    /// Takes a reading in, or says why not.
+    /// Filters a reading; returns why it was rejected, if it was.
     ///
     /// # Errors
-    /// `Input` for numbers that are none; what dividing reports.
-    pub(crate) fn take(&mut self, reading: &Incoming) -> Result<Option<Rejection>> {
+    /// `Input` for numbers that are not finite; what dividing reports.
+    pub(crate) fn filter_reading(&mut self, reading: &IncomingReading) -> Result<Option<RejectionCause>> {
         let foot = self.foot_point(reading.at, reading.facing);
+        // A unit vector or zero: zero means that the side is unknown.
         let known = dot(reading.facing, reading.facing) > 0.5;
-        if dot(foot.normal, foot.normal) < 0.5 || (known && dot(reading.facing, foot.normal) < LEAST_COSINE) {
-            return Ok(Some(Rejection::NormalMismatch));
+        if dot(foot.normal, foot.normal) < 0.5 || (known && dot(reading.facing, foot.normal) < MIN_COSINE) {
+            return Ok(Some(RejectionCause::NormalMismatch));
         }
         if foot.at_border {
-            return Ok(Some(Rejection::BeyondBorder));
+            return Ok(Some(RejectionCause::BeyondBorder));
         }
         let parameters = self.filter.space().parameters(foot.leaf as usize, foot.local);
-        let equation = match reading.what {
-            What::Position(covariance) => {
+        let equation = match reading.value {
+            ReadingValue::Position(covariance) => {
                 let height = foot.height - expected_lift(&foot.jet, &covariance, 1.0);
                 SurfaceReading::Along {
                     parameters,
@@ -165,12 +166,12 @@ impl Core {
                     variance: variance_along(&covariance, foot.normal),
                 }
             }
-            What::Normal(normal, variance) => {
+            ReadingValue::Normal(normal, variance) => {
                 SurfaceReading::Normal { parameters, normal, sigma_rad: variance.sqrt() }
             }
-            What::Curvature(tensor, variance) => {
+            ReadingValue::Curvature(tensor, variance) => {
                 let (mut directions, mut principal) = symmetric_eigen(tensor);
-                // The third direction is the normal, along which a curvature tensor is nothing.
+                // The third direction is the normal, along which a curvature tensor is zero.
                 let least = (0..3).min_by(|&a, &b| principal[a].abs().total_cmp(&principal[b].abs()));
                 let last = least.unwrap_or(2);
                 directions.swap(last, 2);
@@ -185,32 +186,32 @@ impl Core {
             }
         };
         let update = self.filter.observe_within(&equation, self.rules.gate)?;
-        // What is beyond the gate, but taken in as shape that is missing, is no outlier.
+        // A reading beyond the gate that was accepted as missing shape is no outlier.
         if !update.within_gate && update.normalized_squared == 0.0 {
-            return Ok(Some(Rejection::Outlier));
+            return Ok(Some(RejectionCause::Outlier));
         }
         self.mark(parameters);
-        if self.filter.readings() >= self.next_look {
-            self.look()?;
+        if self.filter.readings() >= self.next_refinement {
+            self.refine()?;
         }
         Ok(None)
     }
 
-    /// Tells neighbours what is new, and divides where the rules say so.
-    fn look(&mut self) -> Result<()> {
+    /// Divides patches by the rules, then reconciles neighbours.
+    fn refine(&mut self) -> Result<()> {
         let divided = self.filter.refine(&self.rules.criteria())?;
         self.log.add_patches(self.base_level, &divided);
         self.reconcile()?;
-        self.plan_look();
+        self.plan_refinement();
         Ok(())
     }
 
-    /// How many patches of the deepest level would be divided if they could.
+    /// Number of patches at the deepest level that would be divided without the limit.
     pub(crate) fn held_back(&self) -> usize {
         self.filter.held_back(&self.rules.criteria())
     }
 }
 
 fn search_of(surface: &Surface) -> Result<FootPointSearch> {
-    FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))
+    FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))
 }

@@ -1,45 +1,44 @@
 //! Saved models: a [`SurfaceModel`] as a `.planish` file and back.
 //!
-//! Comes in: a model and where it came from. Goes out: the same model, bit by bit; the same model gives the
-//! same bytes. A `.planish` file is safetensors; any reader of those opens it. With L leaves, N nodes and E
-//! entries of the pattern:
+//! A model is restored bit by bit, and equal models give equal bytes. A `.planish` file has the safetensors
+//! format; any reader of that format opens it. With L leaves, N nodes and E entries of the pattern:
 //!
 //! | tensor | shape, type | what |
 //! |---|---|---|
 //! | `knots_u`, `knots_v` | f64 | knots of the base grid, each once: 0, 1, … |
 //! | `cells` | L × 3, u32 | the leaves: level, column, row |
-//! | `shape_left` | L | mean square of the shape along the normal that the leaf leaves out, where any does; a part of σ² |
-//! | `observed` | L, u8 | 1 where the leaf was measured, 2 where it was invented by symmetry or smoothness, else 0 |
+//! | `unresolved_shape` | L | mean square of the unresolved shape along the normal, if any; a part of σ² |
+//! | `observed` | L, u8 | 1 for a measured leaf, 2 for one inferred by symmetry or smoothness, else 0 |
 //! | `vertices` | N × 3, f64 | control vertices, in the order of the hierarchy's nodes |
 //! | `information_data_offsets` | N + 1, u32 | where each column of the lower triangle begins |
 //! | `information_data_indices` | E, u32 | row of each entry; the diagonal comes first |
-//! | `information_data_values` | E × 3 × 3, f64 | blocks of Λ: rows of the entry's node, columns of the column's |
+//! | `information_data_values` | E × 3 × 3, f64 | blocks of Λ: rows by entry, columns by column |
 //! | `information_data_vector` | N × 3, f64 | η |
 //! | `information_prior_…` | as above | the prior's |
 //! | `poses` | P × 7, f64 | world from scanner: translation, quaternion x y z w |
 //!
-//! Where a patch filter fused the readings, its state stands in the place of both informations (P patches
-//! with 7 × 7 vertices each):
+//! If a patch filter fused the readings, its state replaces both informations (P patches with 7 × 7 vertices
+//! each):
 //!
 //! | tensor | shape, type | what |
 //! |---|---|---|
 //! | `patch_cells` | P × 3, u32 | the leaf patches: depth, column, row |
-//! | `patch_means` | P × 49 × c, f64 | vertices as each patch knows them; c = 3 coordinates, or 1 height |
-//! | `patch_covariances` | P × 49 × 49, f64 | the covariance of each coordinate |
-//! | `patch_priors` | P × 49 × 49, f64 | what it was before any reading |
-//! | `patch_innovations` | P × 16 × 3, f64 | by cell: numbers read, `Σ e²/S` of them, and numbers beyond the gate |
-//! | `patch_initial`, `patch_metric` | B × 3, f64 | vertices over the base grid: the first surface, and that in whose metric smoothness is meant |
+//! | `patch_means` | P × 49 × c, f64 | vertices of each patch; c = 3 coordinates, or 1 height |
+//! | `patch_covariances` | P × 49 × 49, f64 | covariance of each coordinate |
+//! | `patch_priors` | P × 49 × 49, f64 | the same before any reading |
+//! | `patch_innovations` | P × 16 × 3, f64 | by cell: components read, their `Σ e²/S`, those gated |
+//! | `patch_initial` | B × 3, f64 | vertices of the first surface over the base grid |
+//! | `patch_metric` | B × 3, f64 | the same of the surface whose metric the smoothness prior has |
 //!
 //! The metadata holds `schema`, `unit`, `shape`, `base`, `observations`, `smoothness_weight`, `sensors`,
-//! `poses` (names and σ) and `provenance`: one entry for each session that went in; where parameters were
-//! known also `measured_coordinates`, of a sheet that bends `moves_freely`, where patches fused them
-//! `patch_filter`.
+//! `poses` (names and σ) and `provenance`: one entry for each session. It also holds `measured_coordinates`
+//! if parameters were known, `moves_freely` for a sheet that bends, and `patch_filter` for a patch filter.
 //!
-//! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] finds out.
+//! Not guaranteed: that the information is positive definite; [`SurfaceModel::posterior`] checks it.
 
 mod patches;
 
-use crate::model::{Observed, PoseReport, SensorReport, SharedInformation, SurfaceModel};
+use crate::model::{Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel};
 use planish_estimate::sparse::{BlockInformation, BlockPattern};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -50,28 +49,29 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Most cells of the finest grid that a hierarchy keeps a mark for: more would take gigabytes.
-const MOST_CELLS_OF_A_LEVEL: u64 = 1 << 27;
+/// Largest number of cells of the finest grid. A hierarchy keeps a mark for each, so more would take
+/// gigabytes.
+const MAX_CELLS_OF_A_LEVEL: u64 = 1 << 27;
 
-/// A file whose points went into a model.
+/// An input file of a session.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SessionInput {
     /// Its name as the user or a list gave it.
     pub name: String,
-    /// How many points it gave; 0 for a list of files.
+    /// Number of points in it; 0 for a list of files.
     pub points: usize,
 }
 
-/// One session that made or updated a model: enough to repeat it, and nothing of when or where it ran.
+/// One session that made or updated a model: enough to repeat it, without the time or place of the run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Session {
     /// Version of Planish.
     pub version: String,
-    /// The arguments that decide the answer, as on the command line.
+    /// The arguments that affect the result, as on the command line.
     pub arguments: Vec<String>,
     /// Seed of every random choice.
     pub seed: u64,
-    /// What was read.
+    /// Input files.
     pub inputs: Vec<SessionInput>,
 }
 
@@ -103,13 +103,13 @@ struct Metadata {
     patch_filter: Option<patches::Notes>,
 }
 
-const SHAPE_LEFT: &str = "shape_left";
-/// What scans share: the coupling of vertices, along the surface's normals, with the unknowns, and the
-/// information about these.
+const UNRESOLVED_SHAPE: &str = "shape_left";
+/// Poses and biases of scans: the coupling of vertices, along the surface's normals, with these unknowns, and
+/// the information about them.
 const SHARED_COUPLING: &str = "information_shared_coupling";
 const SHARED_CORNER: &str = "information_shared_corner";
 
-/// What the metadata says of a pose; its numbers are in the tensor `poses`.
+/// Metadata of a pose; its numbers are in the tensor `poses`.
 #[derive(Serialize, Deserialize)]
 struct PoseNotes {
     scan: String,
@@ -132,8 +132,20 @@ struct PoseNotes {
 /// Writes a model; `provenance` names the sessions that made it, oldest first.
 ///
 /// # Errors
-/// `Input` when a number of the model is not finite; `Io` when the file cannot be written; nothing is left
-/// half-written.
+/// `Input` if a number of the model is not finite; `Io` if the file cannot be written. No partial file is
+/// left.
+///
+/// # Examples
+/// ```
+/// use planish_surface::saved::{load, save};
+/// use planish_surface::test_support::{assert_same_model, small_model};
+/// # let folder = tempfile::tempdir().unwrap();
+/// let path = folder.path().join("ball.planish");
+/// let model = small_model(planish_spline::Shape::Ball);
+/// save(&model, &[], &path)?;
+/// assert_same_model(&load(&path)?, &model);
+/// # Ok::<(), planish_core::Error>(())
+/// ```
 pub fn save(model: &SurfaceModel, provenance: &[Session], path: &Path) -> Result<()> {
     let file = to_file(model, provenance).map_err(|e| e.in_context(path.display()))?;
     write_model(path, &file)
@@ -142,8 +154,8 @@ pub fn save(model: &SurfaceModel, provenance: &[Session], path: &Path) -> Result
 /// Reads a model.
 ///
 /// # Errors
-/// `Io` when the file is missing or unreadable; `Input` when it is damaged or its parts do not fit together;
-/// `Unsupported` when a newer version wrote it.
+/// `Io` if the file is missing or unreadable; `Input` if it is damaged or inconsistent; `Unsupported` if a
+/// newer version wrote it.
 pub fn load(path: &Path) -> Result<SurfaceModel> {
     load_with_provenance(path).map(|saved| saved.model)
 }
@@ -171,6 +183,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             leaves.len()
         )));
     }
+    // JSON has no NaN or infinity, so numbers of the metadata are checked before they are written.
     let sigmas = model.sensors.iter().flat_map(|s| [s.sigma_stated.unwrap_or(0.0), s.sigma_estimated, s.rms]);
     let pose_sigmas = model
         .poses
@@ -204,7 +217,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
         provenance: provenance.to_vec(),
         measured_coordinates: model.measured_coordinates,
         moves_freely: model.moves_freely,
-        patch_filter: model.patches.as_deref().map(patches::Notes::of),
+        patch_filter: model.patches.as_deref().map(patches::Notes::from_filter),
     };
     let metadata =
         serde_json::to_value(metadata).map_err(|e| Error::input("the metadata is no JSON").with_source(e))?;
@@ -231,7 +244,7 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
     ]
     .map(|(name, tensor)| (name.to_owned(), tensor))
     .into();
-    if let Some(shared) = &model.shared {
+    if let Some(shared) = &model.scan_errors {
         let width = shared.corner.len().isqrt();
         tensors.insert(
             SHARED_COUPLING.to_owned(),
@@ -242,8 +255,8 @@ fn to_file(model: &SurfaceModel, provenance: &[Session]) -> Result<ModelFile> {
             tensor(&[width, width], TensorData::F64(shared.corner.clone())),
         );
     }
-    if !model.shape_left.is_empty() {
-        tensors.insert(SHAPE_LEFT.to_owned(), Tensor::f64_list(model.shape_left.clone()));
+    if !model.unresolved_shape.is_empty() {
+        tensors.insert(UNRESOLVED_SHAPE.to_owned(), Tensor::f64_list(model.unresolved_shape.clone()));
     }
     if let Some(filter) = &model.patches {
         patches::add(&mut tensors, filter)?;
@@ -268,7 +281,8 @@ fn add_information(
     let pattern = information.pattern();
     if information.block_size() != 3 || information.columns() != 1 || pattern.nodes() != nodes {
         return Err(Error::input(format!(
-            "`{name}`: needed blocks of 3 and one vector over {nodes} nodes, found blocks of {} and {} over {}",
+            "`{name}`: needed blocks of 3 and one vector over {nodes} nodes, found blocks of {} and {} over \
+             {}",
             information.block_size(),
             information.columns(),
             pattern.nodes()
@@ -297,7 +311,7 @@ fn flat_pattern(pattern: &BlockPattern) -> (Vec<u32>, Vec<u32>) {
     (offsets, indices)
 }
 
-/// Takes tensors out of a file, checking type and shape.
+/// The tensors of a file, taken out with checks of type and shape.
 struct Tensors(BTreeMap<String, Tensor>);
 
 impl Tensors {
@@ -316,16 +330,16 @@ impl Tensors {
         }
     }
 
-    /// What each leaf leaves out of the shape, by the leaves of the cells of the file; nothing where the file
-    /// says nothing.
-    fn shape_left(&mut self, order: &[usize]) -> Result<Vec<f64>> {
-        if !self.0.contains_key(SHAPE_LEFT) {
+    /// The unresolved shape of each leaf; `order` maps cells of the file to leaves. Empty if the file has
+    /// none.
+    fn unresolved_shape(&mut self, order: &[usize]) -> Result<Vec<f64>> {
+        if !self.0.contains_key(UNRESOLVED_SHAPE) {
             return Ok(Vec::new());
         }
-        let of_cells = self.f64(SHAPE_LEFT, &[])?;
+        let of_cells = self.f64(UNRESOLVED_SHAPE, &[])?;
         if of_cells.len() != order.len() || of_cells.iter().any(|&square| square < 0.0) {
             return Err(Error::input(format!(
-                "tensor `{SHAPE_LEFT}`: needed a mean square ≥ 0 for each of {} cells",
+                "tensor `{UNRESOLVED_SHAPE}`: needed a mean square ≥ 0 for each of {} cells",
                 order.len()
             )));
         }
@@ -362,8 +376,8 @@ impl Tensors {
         }
     }
 
-    /// What scans share, where any do.
-    fn shared(&mut self, nodes: usize) -> Result<Option<SharedInformation>> {
+    /// Information about poses and biases of scans, if the file has any.
+    fn shared(&mut self, nodes: usize) -> Result<Option<ScanErrorInformation>> {
         if !self.0.contains_key(SHARED_CORNER) && !self.0.contains_key(SHARED_COUPLING) {
             return Ok(None);
         }
@@ -376,7 +390,7 @@ impl Tensors {
                 coupling.len() / width.max(1)
             )));
         }
-        Ok(Some(SharedInformation { coupling, corner }))
+        Ok(Some(ScanErrorInformation { coupling, corner }))
     }
 
     fn information(&mut self, name: &str, pattern: &Arc<BlockPattern>) -> Result<BlockInformation> {
@@ -440,9 +454,10 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     for (&leaf, &mark) in order.iter().zip(&marks) {
         observed[leaf] = Observed::from_mark(mark).unwrap_or_default();
     }
-    let shape_left = tensors.shape_left(&order)?;
+    let unresolved_shape = tensors.unresolved_shape(&order)?;
     let vertices = tensors.f64("vertices", &[3])?;
     let surface = Surface::new(Arc::clone(&space), vertices.as_chunks::<3>().0.to_vec())?;
+    // The pattern follows from the hierarchy; the file repeats it so that other readers need no B-splines.
     let elements = (0..space.leaves().len()).map(|leaf| space.extraction(leaf).0);
     let pattern = Arc::new(BlockPattern::from_elements(space.node_count(), elements)?);
     let numbers = tensors.f64("poses", &[7])?;
@@ -455,7 +470,7 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
     }
     let poses =
         metadata.poses.into_iter().zip(numbers.as_chunks::<7>().0).map(|(notes, &[x, y, z, a, b, c, w])| {
-            PoseReport {
+            ScanPoseReport {
                 scan: notes.scan,
                 translation: [x, y, z],
                 quaternion_xyzw: [a, b, c, w],
@@ -493,10 +508,10 @@ fn from_file(file: ModelFile) -> Result<SavedModel> {
         observed,
         sensors: metadata.sensors,
         poses: poses.collect(),
-        shared: tensors.shared(space.node_count())?,
+        scan_errors: tensors.shared(space.node_count())?,
         measured_coordinates: metadata.measured_coordinates,
         moves_freely: metadata.moves_freely,
-        shape_left,
+        unresolved_shape,
         smoothness_weight: metadata.smoothness_weight,
         observations: metadata.observations,
     };
@@ -512,11 +527,11 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
         })?;
         cells.push(Cell { level, i, j });
     }
-    // Every cell of the base grid is a leaf or split into some: more of them than leaves is damage, and would
-    // cost memory.
+    // Every cell of the base grid is a leaf or divided into leaves. More cells than leaves mean a damaged
+    // file, and would cost memory.
     let base_cells = (base[0] as u64).saturating_mul(base[1] as u64);
     let finest = cells.iter().map(|c| c.level).max().unwrap_or(0);
-    if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MOST_CELLS_OF_A_LEVEL {
+    if base_cells > cells.len() as u64 || base_cells << (2 * finest) > MAX_CELLS_OF_A_LEVEL {
         return Err(Error::input(format!(
             "a base grid of {} × {} cells does not fit {} leaves down to level {finest}",
             base[0],
@@ -535,137 +550,4 @@ fn hierarchy(shape: Shape, base: [usize; 2], numbers: &[u32]) -> Result<(Arc<Hie
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::test_support::{assert_same_model, small_model};
-    use planish_estimate::ErrorKind;
-    use serde_json::json;
-
-    fn session() -> Session {
-        Session {
-            version: "0.1.0".to_owned(),
-            arguments: ["fit", "a.ply", "--seed", "3"].map(str::to_owned).to_vec(),
-            seed: 3,
-            inputs: vec![SessionInput { name: "a.ply".to_owned(), points: 1234 }],
-        }
-    }
-
-    #[test]
-    fn save_load_save_gives_the_same_model_and_bytes() {
-        let folder = tempfile::tempdir().unwrap();
-        for shape in [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus] {
-            let model = small_model(shape);
-            let (first, second) = (folder.path().join("first.planish"), folder.path().join("second.planish"));
-            save(&model, &[session()], &first).unwrap();
-            let loaded = load_with_provenance(&first).unwrap();
-            assert_eq!(loaded.provenance, [session()]);
-            assert_same_model(&loaded.model, &model);
-            save(&loaded.model, &loaded.provenance, &second).unwrap();
-            assert_eq!(std::fs::read(&first).unwrap(), std::fs::read(&second).unwrap());
-        }
-    }
-
-    #[test]
-    fn a_loaded_model_has_the_same_covariance() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.planish");
-        let model = small_model(Shape::Ball);
-        save(&model, &[], &path).unwrap();
-        let loaded = load(&path).unwrap();
-        let c = planish_spline::leaf_weights(0.3, 0.6);
-        let variance = |model: &SurfaceModel| {
-            model.posterior().unwrap().leaf(5).unwrap().variance_along(&c, [0.0, 0.6, 0.8])
-        };
-        assert_eq!(variance(&model).to_bits(), variance(&loaded).to_bits());
-    }
-
-    /// What loading says of a file after a change.
-    fn complaint(change: impl FnOnce(&mut ModelFile)) -> String {
-        let mut file = to_file(&small_model(Shape::Ball), &[session()]).unwrap();
-        change(&mut file);
-        let e = from_file(file).expect_err("the change is damage");
-        assert_eq!(e.kind(), ErrorKind::Input, "{e}");
-        e.to_string()
-    }
-
-    #[test]
-    fn every_kind_of_damage_is_named() {
-        fn f64s<'a>(file: &'a mut ModelFile, name: &str) -> &'a mut Vec<f64> {
-            match &mut file.tensors.get_mut(name).unwrap().data {
-                TensorData::F64(values) => values,
-                _ => panic!("{name} holds no f64"),
-            }
-        }
-        fn u32s<'a>(file: &'a mut ModelFile, name: &str) -> &'a mut Vec<u32> {
-            match &mut file.tensors.get_mut(name).unwrap().data {
-                TensorData::U32(values) => values,
-                _ => panic!("{name} holds no u32"),
-            }
-        }
-        for name in to_file(&small_model(Shape::Ball), &[]).unwrap().tensors.into_keys() {
-            assert!(complaint(|file| drop(file.tensors.remove(&name))).contains(&name), "{name}");
-        }
-        for (name, words) in [("unit", "needed `mm`"), ("shape", "needed sheet")] {
-            assert!(complaint(|file| file.metadata[name] = json!("other")).contains(words));
-        }
-        assert!(
-            complaint(|file| file.metadata["base"] = json!([1_u64 << 40, 1_u64 << 40])).contains("knots_u")
-        );
-        assert!(complaint(|file| file.metadata["poses"] = json!([])).contains("poses"));
-        assert!(
-            complaint(|file| drop(file.metadata.as_object_mut().unwrap().remove("sensors")))
-                .contains("sensors")
-        );
-        assert!(
-            complaint(|file| file.metadata["smoothness_weight"] = json!(-1.0)).contains("smoothness_weight")
-        );
-        assert!(complaint(|file| f64s(file, "knots_u")[1] = 0.5).contains("knots_u"));
-        assert!(complaint(|file| f64s(file, "vertices")[7] = f64::NAN).contains("vertices"));
-        assert!(
-            complaint(|file| f64s(file, "information_prior_values")[3] = f64::INFINITY)
-                .contains("prior_values")
-        );
-        assert!(complaint(|file| u32s(file, "information_data_indices")[3] += 1).contains("other nodes"));
-        assert!(complaint(|file| u32s(file, "cells")[0] = 13).contains("levels up to"));
-        assert!(complaint(|file| u32s(file, "cells")[1] = 1000).contains("outside"));
-        assert!(complaint(|file| u32s(file, "cells").copy_within(3..6, 0)).contains("tile"));
-        assert!(
-            complaint(|file| {
-                file.tensors.insert("observed".to_owned(), tensor(&[2], TensorData::U8(vec![1, 1])));
-            })
-            .contains("observed")
-        );
-        assert!(
-            complaint(|file| {
-                let tensor = file.tensors.get_mut("vertices").unwrap();
-                tensor.shape = vec![tensor.shape[0] * 3];
-            })
-            .contains("needed the shape [n, 3]")
-        );
-    }
-
-    #[test]
-    fn cells_in_another_order_keep_their_marks() {
-        let model = small_model(Shape::Sheet);
-        let mut file = to_file(&model, &[]).unwrap();
-        let count = model.observed.len();
-        let reversed = |data: &TensorData, width: usize| match data {
-            TensorData::U32(v) => TensorData::U32(v.chunks(width).rev().flatten().copied().collect()),
-            TensorData::U8(v) => TensorData::U8(v.iter().rev().copied().collect()),
-            other => other.clone(),
-        };
-        for (name, width) in [("cells", 3), ("observed", 1)] {
-            let tensor = file.tensors.get_mut(name).unwrap();
-            tensor.data = reversed(&tensor.data, width);
-        }
-        let loaded = from_file(file).unwrap().model;
-        assert_eq!((loaded.observed.len(), &loaded.observed), (count, &model.observed));
-    }
-
-    #[test]
-    fn a_number_that_is_not_finite_is_not_saved() {
-        let mut model = small_model(Shape::Sheet);
-        model.data.values_mut()[0] = f64::NAN;
-        assert!(to_file(&model, &[]).unwrap_err().to_string().contains("information_data_values"));
-    }
-}
+mod tests;

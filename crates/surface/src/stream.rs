@@ -1,21 +1,21 @@
-//! A surface from readings that come one at a time: the patch filter for a live sensor.
+//! A surface from readings that arrive one at a time: the patch filter for a live sensor.
 //!
-//! Comes in: some hundred first readings, then one after the other, positions, normals and curvatures in any
-//! order. Goes out: the surface and its σ at any time; a snapshot that a later program goes on from. Memory
-//! is that of the patches, whatever the number of readings.
+//! Input: some hundred first readings, then positions, normals and curvatures in any order. Output: the
+//! surface and its σ at any time, and snapshots from which a later program continues. Memory is that of the
+//! patches, whatever the number of readings.
 //!
-//! Parameters are not known: every reading gets a foot point on the surface as it is then, and says what it
-//! says along the normal there. Readings far beyond what is expected are left out, unless most of a place
-//! are: then they are shape, and its patch is divided.
+//! Parameters are not known: every reading gets a foot point on the current surface and acts along the normal
+//! there. Readings far from the expected value are rejected. If most readings of a place are far, they are
+//! shape, and its patch is divided.
 //!
-//! Not guaranteed: the accuracy of [`crate::fit::fit`], which looks at every reading again and again; what a
-//! coarse patch took in says nothing of finer detail. The first readings have to show the whole of a closed
-//! shape, roughly: its topology and base are chosen by them.
+//! Not guaranteed: the accuracy of [`crate::fit::fit`], which uses every reading repeatedly. Readings
+//! filtered into a coarse patch carry no information about finer detail. The first readings must roughly
+//! cover a closed shape, since its topology and base are chosen from them.
 
 use crate::fit::{FirstFit, FitOptions, first_fit_of, with_neighbours};
 use crate::model::{Observed, SensorReport, SurfaceModel};
-use crate::observe::{ObservationOptions, Observations, Rejection};
-use crate::patch_stream::{Core, Incoming, Rules, What};
+use crate::observe::{ObservationOptions, Observations, RejectionCause};
+use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::saved::{Session, load_with_provenance, save};
 use crate::subdivision::{LevelRefinement, RefineBy};
 use planish_core::Silent;
@@ -26,20 +26,20 @@ use planish_spline::{Shape, Surface, SurfaceSystem, curvature_tensor};
 use std::path::Path;
 use std::sync::Arc;
 
-/// How a stream works.
+/// Settings of a stream.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StreamOptions {
-    /// The topology; chosen from the first readings where none is given.
+    /// Topology; if none is given, it is chosen from the first readings.
     pub shape: Option<Shape>,
     /// Unit of every length.
     pub unit: Unit,
-    /// No more levels of subdivision beyond the base grid than this; three where none is given.
+    /// Maximum subdivision depth beyond the base grid (default 3).
     pub max_depth: Option<u8>,
-    /// What asks for subdivision.
+    /// Criterion for subdivision.
     pub refine_by: RefineBy,
-    /// Readings farther than this many standard deviations from what is expected are left out.
+    /// Reject readings more than this many σ from the expected value.
     pub gate: f64,
-    /// No more control vertices than about this.
+    /// Approximate maximum of control vertices.
     pub max_coefficients: usize,
 }
 
@@ -55,28 +55,28 @@ impl Default for StreamOptions {
 pub enum Reading {
     /// A position.
     Position {
-        /// Where.
+        /// The point.
         point: [f64; 3],
         /// Its covariance `[xx, xy, xz, yy, yz, zz]`.
         covariance: [f64; 6],
-        /// A unit vector from the surface to where it was seen from, where that is known: it tells two sides
-        /// of a thin part apart.
+        /// Unit vector from the surface towards the sensor, if known. It separates the two sides of a thin
+        /// part.
         facing: Option<[f64; 3]>,
     },
     /// A unit normal.
     Normal {
-        /// Where, well enough to find the place on the surface.
+        /// Approximate position, good enough to find the foot point.
         at: [f64; 3],
-        /// What was measured.
+        /// The measured unit normal.
         normal: [f64; 3],
         /// σ of its tilt in any direction, in radians.
         sigma_rad: f64,
     },
     /// Principal curvatures, positive where the surface bends towards the normal.
     Curvature {
-        /// Where, well enough to find the place on the surface.
+        /// Approximate position, good enough to find the foot point.
         at: [f64; 3],
-        /// The unit normal, and the direction of the first curvature.
+        /// The unit normal.
         normal: [f64; 3],
         /// The direction of the first curvature.
         direction: [f64; 3],
@@ -88,25 +88,29 @@ pub enum Reading {
 }
 
 impl Reading {
-    /// A position whose noise is alike in all directions.
+    /// A position with isotropic noise.
     #[must_use]
     pub fn position(point: [f64; 3], sigma: f64) -> Self {
         let v = sigma * sigma;
         Self::Position { point, covariance: [v, 0.0, 0.0, v, 0.0, v], facing: None }
     }
 
-    fn incoming(&self) -> Result<Incoming> {
+    fn incoming(&self) -> Result<IncomingReading> {
         let made = match *self {
-            Self::Position { point, covariance, facing } => {
-                Incoming { at: point, facing: facing.unwrap_or([0.0; 3]), what: What::Position(covariance) }
-            }
-            Self::Normal { at, normal, sigma_rad } => {
-                Incoming { at, facing: normal, what: What::Normal(normal, sigma_rad * sigma_rad) }
-            }
-            Self::Curvature { at, normal, direction, principal, sigma } => Incoming {
+            Self::Position { point, covariance, facing } => IncomingReading {
+                at: point,
+                facing: facing.unwrap_or([0.0; 3]),
+                value: ReadingValue::Position(covariance),
+            },
+            Self::Normal { at, normal, sigma_rad } => IncomingReading {
                 at,
                 facing: normal,
-                what: What::Curvature(
+                value: ReadingValue::Normal(normal, sigma_rad * sigma_rad),
+            },
+            Self::Curvature { at, normal, direction, principal, sigma } => IncomingReading {
+                at,
+                facing: normal,
+                value: ReadingValue::Curvature(
                     curvature_tensor(principal, direction, normal)
                         .ok_or_else(|| Error::input("a curvature's direction is its normal, or none"))?,
                     sigma * sigma,
@@ -121,24 +125,24 @@ impl Reading {
     }
 }
 
-/// What is known of a place on the surface.
+/// The point of the surface nearest to a position, with its σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SurfacePoint {
-    /// Its parameters, in units of the base grid.
+pub struct NearestPoint {
+    /// Parameters, in units of the base grid.
     pub parameters: [f64; 2],
-    /// Where it is.
+    /// Position.
     pub position: [f64; 3],
-    /// The unit normal.
+    /// Unit normal.
     pub normal: [f64; 3],
     /// σ of the surface along its normal.
     pub sigma: f64,
 }
 
-/// A surface that readings stream into.
+/// A surface that is updated with every reading.
 ///
 /// # Examples
 /// ```
-/// use planish::stream::{Reading, StreamOptions, SurfaceStream};
+/// use planish_surface::stream::{Reading, StreamOptions, SurfaceStream};
 /// // A sensor that reads a wavy sheet of 8 by 6 mm to 0.02 mm.
 /// let read = |k: u32| {
 ///     let [x, y] = [8.0 * f64::from(k * 7919 % 1009) / 1009.0, 6.0 * f64::from(k * 104_729 % 997) / 997.0];
@@ -161,31 +165,31 @@ pub struct SurfacePoint {
 /// let mut resumed = SurfaceStream::resume(&path, &StreamOptions::default())?;
 /// assert_eq!(resumed.readings(), stream.readings());
 /// assert!(resumed.push(&read(1200))?.is_none());
-/// # Ok::<(), planish::Error>(())
+/// # Ok::<(), planish_core::Error>(())
 /// ```
 pub struct SurfaceStream {
-    core: Core,
+    core: StreamingFilter,
     unit: Unit,
-    /// Readings of sessions before, and of the first fit.
+    /// Readings of earlier sessions, and of the first fit.
     earlier: usize,
-    /// Readings that the filter had then.
+    /// Readings of the filter at that moment.
     counted: u64,
     sigma_factor: f64,
     smoothness_weight: f64,
     sensors: Vec<SensorReport>,
-    poses: Vec<crate::model::PoseReport>,
+    poses: Vec<crate::model::ScanPoseReport>,
     provenance: Vec<Session>,
 }
 
 impl SurfaceStream {
-    /// Finds the shape, its base and how smooth it is from first readings, which are fused all at once and
-    /// are not to be pushed again.
+    /// Finds the shape, its base and the smoothness weight from first readings. They are included in the
+    /// surface, so they must not be pushed again.
     ///
-    /// Some hundred positions are enough; of more than some ten thousand the time is felt. Cost: that of a
-    /// small fit.
+    /// Some hundred positions are enough. Cost: that of a small fit; more than some ten thousand positions
+    /// take noticeable time.
     ///
     /// # Errors
-    /// `Undetermined` when the positions do not determine a surface; `Input` for numbers that make no sense.
+    /// `Undetermined` if the positions do not determine a surface; `Input` for numbers out of range.
     pub fn start(first: &[Reading], options: &StreamOptions) -> Result<Self> {
         let mut scan = Scan::default();
         let (mut covariance, mut normals) = (Vec::new(), Vec::new());
@@ -216,7 +220,7 @@ impl SurfaceStream {
                 seed: 0,
                 checks: fit.checks,
                 sheet: false,
-                as_they_are: false,
+                unprocessed: false,
                 ground: None,
             },
         )?;
@@ -236,33 +240,35 @@ impl SurfaceStream {
             poses: Vec::new(),
             provenance: Vec::new(),
         };
+        // Normals and curvatures need a surface to act on, so they follow the first fit.
         for reading in first.iter().filter(|r| !matches!(r, Reading::Position { .. })) {
             made.push(reading)?;
         }
         Ok(made)
     }
 
-    /// Takes in one reading; why not, where it is left out.
+    /// Adds one reading; returns why it was rejected, if it was.
     ///
-    /// Cost: a search, a few evaluations and one update of a 49 × 49 covariance, some 10 µs. Every time the
-    /// number of readings has doubled, patches tell each other what is new and are divided where the options
-    /// ask for it, which takes seconds for hundreds of patches.
+    /// Cost: a search, a few evaluations and one update of a 49 × 49 covariance, some 10 µs. Whenever the
+    /// number of readings has doubled, patches are reconciled and divided as the options ask, which takes
+    /// seconds for hundreds of patches.
     ///
     /// # Errors
     /// `Input` for numbers that are not finite or negative variances.
-    pub fn push(&mut self, reading: &Reading) -> Result<Option<Rejection>> {
-        self.core.take(&reading.incoming()?)
+    pub fn push(&mut self, reading: &Reading) -> Result<Option<RejectionCause>> {
+        self.core.filter_reading(&reading.incoming()?)
     }
 
-    /// The place on the surface that is nearest to a point, as its patch knows it: at any time, at the cost
-    /// of a search. Neighbouring patches may not have heard of each other's last readings yet;
-    /// [`Self::surface`] makes them.
+    /// The point of the surface nearest to `point`, from the state of its patch. Cost: one search.
+    ///
+    /// Neighbouring patches may not contain each other's last readings yet; [`Self::surface`] reconciles
+    /// them.
     #[must_use]
-    pub fn nearest(&self, point: [f64; 3]) -> SurfacePoint {
+    pub fn nearest(&self, point: [f64; 3]) -> NearestPoint {
         let foot = self.core.foot_point(point, [0.0; 3]);
         let parameters = self.core.filter.space().parameters(foot.leaf as usize, foot.local);
         let [u, v] = parameters;
-        SurfacePoint {
+        NearestPoint {
             parameters,
             position: foot.jet.point,
             normal: foot.normal,
@@ -270,15 +276,15 @@ impl SurfaceStream {
         }
     }
 
-    /// The surface of all readings so far, C² everywhere, after patches have told each other what they know.
+    /// The surface of all readings so far, C² everywhere, after reconciliation of the patches.
     ///
     /// # Errors
-    /// `Undetermined` when readings without noise contradict each other.
+    /// `Undetermined` if readings without noise are inconsistent.
     pub fn surface(&mut self) -> Result<Surface> {
         self.core.reconcile()
     }
 
-    /// The surface with its covariance, to be compared, written and saved like any other model.
+    /// The surface with its covariance, as a model that can be compared, exported and saved.
     ///
     /// # Errors
     /// As for [`Self::surface`].
@@ -297,9 +303,9 @@ impl SurfaceStream {
             smoothness_weight: self.smoothness_weight,
             observations: self.readings(),
             measured_coordinates: None,
-            shape_left: Vec::new(),
+            unresolved_shape: Vec::new(),
             moves_freely: false,
-            shared: None,
+            scan_errors: None,
             patches: Some(Arc::new(self.core.filter.clone())),
             surface,
         })
@@ -315,10 +321,9 @@ impl SurfaceStream {
         save(&model, &self.provenance, path)
     }
 
-    /// Goes on from a snapshot as if there had been no pause: the same readings give the same numbers to the
-    /// last bit.
+    /// Continues from a snapshot. The same readings give the same numbers to the last bit as without a pause.
     ///
-    /// Topology, unit and depth are those of the file; the other options hold from now on.
+    /// Topology, unit and depth come from the file; the other options apply from now on.
     ///
     /// # Errors
     /// As for [`crate::saved::load`]; `Unsupported` for a model of the global filter.
@@ -327,23 +332,24 @@ impl SurfaceStream {
         let model = saved.model;
         let Some(filter) = &model.patches else {
             return Err(Error::unsupported(format!(
-                "{}: the model is one of the global filter: needed one of `fit --filter patch` or of a stream",
+                "{}: the model is one of the global filter: needed one of `fit --filter patch` or of a \
+                 stream",
                 path.display()
             )));
         };
-        let rules = Rules {
+        let rules = PatchRules {
             gate: options.gate,
             refine_by: options.refine_by,
             max_coefficients: options.max_coefficients,
         };
         let counted = filter.readings();
-        let mut core = Core::new(filter.as_ref().clone(), 0, rules)?;
+        let mut core = StreamingFilter::new(filter.as_ref().clone(), 0, rules)?;
         let space = model.surface.space();
-        // A model counts the neighbours of what was measured as observed; they are not to spread with every
-        // snapshot.
-        let unseen: Vec<bool> = model.observed.iter().map(|o| !o.is_measured()).collect();
-        let near_unseen = with_neighbours(space, &unseen);
-        for leaf in (0..near_unseen.len()).filter(|&leaf| !near_unseen[leaf]) {
+        // A model counts neighbours of measured leaves as observed. Without this step the observed part would
+        // grow with every snapshot.
+        let unobserved: Vec<bool> = model.observed.iter().map(|o| !o.is_measured()).collect();
+        let near_unobserved = with_neighbours(space, &unobserved);
+        for leaf in (0..near_unobserved.len()).filter(|&leaf| !near_unobserved[leaf]) {
             core.mark(space.parameters(leaf, [0.5, 0.5]));
         }
         Ok(Self {
@@ -359,32 +365,32 @@ impl SurfaceStream {
         })
     }
 
-    /// Readings taken in so far, those of the snapshot that it goes on from among them.
+    /// Readings accepted so far, including those of the snapshot.
     #[must_use]
     pub fn readings(&self) -> usize {
         self.earlier + (self.core.filter.readings() - self.counted) as usize
     }
 
-    /// By how much the first readings' σ is larger than they state; 1 where they are believed. Readings that
-    /// are pushed are taken at their word.
+    /// Estimated over stated σ of the first readings; 1 if their stated σ is used. Readings that are pushed
+    /// always count with their stated σ.
     #[must_use]
     pub fn sigma_factor(&self) -> f64 {
         self.sigma_factor
     }
 
-    /// Leaf patches.
+    /// Number of leaf patches.
     #[must_use]
     pub fn patches(&self) -> usize {
         self.core.filter.patches().len()
     }
 
-    /// Memory of what the patches know, in bytes.
+    /// Memory of the patches, in bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.core.filter.bytes()
     }
 
-    /// What was divided since the start or the resumption, and why.
+    /// Divisions since the start or the resumption, by level and cause.
     #[must_use]
     pub fn refined(&self) -> Vec<LevelRefinement> {
         self.core.log.levels()

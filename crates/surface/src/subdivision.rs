@@ -1,48 +1,58 @@
-//! What was divided while a surface was refined, and why.
+//! Criteria for subdivision, and the log of divisions.
 
 use planish_spline::{Subdivision, SubdivisionReason};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// What asks for subdivision.
+/// Criterion for subdivision.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RefineBy {
-    /// Readings that err together where the surface cannot follow them.
+    /// Correlated residuals, which show that the surface cannot follow its readings.
     #[default]
     Residuals,
-    /// Gaussian curvature that varies: `sd(K)/max(|K̄|, σ_K) > 0.5`, what varies within its σ not counted.
+    /// Varying Gaussian curvature: `sd(K)/max(|K̄|, σ_K) > 0.5`, without the variation that σ_K explains.
     Curvature,
-    /// Either.
+    /// Residuals or curvature.
     Both,
-    /// Residuals, and a smoothness that leaves shape finer than the cells: for surfaces that are rough at
-    /// every scale. Takes up to four times as many cells.
+    /// Residuals, and cells wider than the smoothing length: for surfaces that are rough at every scale. It
+    /// takes up to four times as many cells.
     Roughness,
 }
 
 impl RefineBy {
-    /// Whether residuals are looked at.
+    /// True if residuals are used.
+    ///
+    /// ```
+    /// use planish_surface::subdivision::RefineBy;
+    /// assert!(RefineBy::Both.residuals() && !RefineBy::Curvature.residuals());
+    /// ```
     #[must_use]
     pub fn residuals(self) -> bool {
         self != Self::Curvature
     }
 
-    /// Whether curvature is.
+    /// True if curvature is used.
+    ///
+    /// ```
+    /// use planish_surface::subdivision::RefineBy;
+    /// assert!(RefineBy::Both.curvature() && !RefineBy::Residuals.curvature());
+    /// ```
     #[must_use]
     pub fn curvature(self) -> bool {
         matches!(self, Self::Curvature | Self::Both)
     }
 }
 
-/// Why something was divided.
+/// Cause of a division.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Cause {
-    /// Its readings err together.
+    /// Its residuals are correlated.
     Residuals,
     /// Its curvature varies.
     Curvature,
-    /// The smoothness that was found leaves shape finer than it.
+    /// It is wider than the smoothing length.
     Roughness,
-    /// Beside something that was divided.
+    /// A neighbour was divided.
     Grading,
     /// A ball grew into the indicator of its points.
     Growth,
@@ -60,19 +70,19 @@ impl Cause {
     }
 }
 
-/// What was divided of one level.
+/// Divisions of one level.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LevelRefinement {
     /// The level, 0 for the base grid.
     pub level: usize,
-    /// How many cells (of the patch filter: patches) were divided into four.
+    /// Number of cells (for the patch filter: patches) divided into four.
     pub divided: usize,
-    /// The same by cause: `residuals`, `curvature`, `roughness`, `grading` beside something that was divided,
-    /// `growth` of a ball into its points.
+    /// The same by cause: `residuals`, `curvature`, `roughness`, `grading` next to a divided cell, `growth`
+    /// of a ball into its points.
     pub causes: BTreeMap<&'static str, usize>,
 }
 
-/// Divisions as they come.
+/// Counts of divisions by level and cause.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RefinementLog(BTreeMap<usize, BTreeMap<&'static str, usize>>);
 
@@ -83,15 +93,15 @@ impl RefinementLog {
         }
     }
 
-    /// Divisions of patches whose base grid has that level.
+    /// Adds divisions of patches whose base grid has the level `base_level`.
     pub(crate) fn add_patches(&mut self, base_level: usize, divided: &[Subdivision]) {
-        for one in divided {
-            let cause = match one.reason {
+        for division in divided {
+            let cause = match division.reason {
                 SubdivisionReason::ChiSquare(_) => Cause::Residuals,
                 SubdivisionReason::CurvatureVariation(_) => Cause::Curvature,
                 SubdivisionReason::Grading | SubdivisionReason::Requested => Cause::Grading,
             };
-            self.add(base_level + usize::from(one.patch.depth), cause, 1);
+            self.add(base_level + usize::from(division.patch.depth), cause, 1);
         }
     }
 

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, missing_docs, clippy::missing_panics_doc, reason = "only tests call it")]
 
-use crate::model::{Observed, PoseReport, SensorReport, SharedInformation, SurfaceModel};
+use crate::model::{Observed, ScanErrorInformation, ScanPoseReport, SensorReport, SurfaceModel};
 use planish_exchange::Unit;
 use planish_spline::{BaseShape, Shape, Surface, SurfaceSystem, leaf_weights};
 
@@ -24,8 +24,7 @@ pub fn refined_surface(shape: Shape) -> Surface {
     surface.refined(surface.space().refine(&marked).into()).unwrap()
 }
 
-/// A model of a surface, as if it had been measured there: 16 exact readings in every leaf that counts as
-/// observed.
+/// A model of a surface with 16 exact readings in every leaf that `observed` selects.
 pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceModel {
     let system = SurfaceSystem::new(surface.space()).unwrap();
     let mut prior = system.tangential_hold(&surface, 0.5).unwrap();
@@ -44,16 +43,16 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
         .unwrap();
     SurfaceModel {
         measured_coordinates: None,
-        shape_left: Vec::new(),
+        unresolved_shape: Vec::new(),
         moves_freely: false,
         patches: None,
-        shared: None,
+        scan_errors: None,
         unit: Unit::Millimetre,
         observations: 16 * observed.iter().filter(|&&o| o).count(),
         surface,
         prior,
         data,
-        observed: observed.into_iter().map(Observed::of_measured).collect(),
+        observed: observed.into_iter().map(Observed::from_measured).collect(),
         sensors: vec![SensorReport {
             quantity: "position".to_owned(),
             name: "laser".to_owned(),
@@ -63,7 +62,7 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
             rms: 1.0 / 3.0,
             sigma_used_is_estimated: true,
         }],
-        poses: vec![PoseReport {
+        poses: vec![ScanPoseReport {
             scan: "top.ply".to_owned(),
             translation: [0.1, -0.2, 1e-17],
             quaternion_xyzw: [0.0, 0.0, 0.6, 0.8],
@@ -72,17 +71,17 @@ pub fn model_of(surface: Surface, observed: impl Fn(usize) -> bool) -> SurfaceMo
             covariance: Some(std::array::from_fn(|a| {
                 std::array::from_fn(|b| if a == b { 1.0 / 3.0 } else { 0.1 })
             })),
-            ..PoseReport::default()
+            ..ScanPoseReport::default()
         }],
         smoothness_weight: 2.0 / 3.0,
     }
 }
 
-/// A model of every shape, all but every fifth leaf observed.
+/// A model of any shape, with every fifth leaf unobserved.
 pub fn small_model(shape: Shape) -> SurfaceModel {
     let mut model = model_of(refined_surface(shape), |leaf| leaf % 5 != 0);
-    // Its one scan's place is not known well.
-    model.shared = Some(SharedInformation {
+    // The pose of its scan is uncertain.
+    model.scan_errors = Some(ScanErrorInformation {
         coupling: (0..2 * model.surface.space().node_count()).map(|k| 1e-3 * (k as f64).sin()).collect(),
         corner: vec![1.0 / 3.0, 0.1, 0.1, 0.7],
     });
@@ -104,5 +103,5 @@ pub fn assert_same_model(a: &SurfaceModel, b: &SurfaceModel) {
         (&a.observed, a.observations, a.smoothness_weight),
         (&b.observed, b.observations, b.smoothness_weight)
     );
-    assert_eq!((&a.sensors, &a.poses, &a.shared), (&b.sensors, &b.poses, &b.shared));
+    assert_eq!((&a.sensors, &a.poses, &a.scan_errors), (&b.sensors, &b.poses, &b.scan_errors));
 }

@@ -186,7 +186,7 @@ fn only_what_was_measured_is_compared() {
     let report = compared(&model, mesh_reference(grid_sheet(4.0, 4.0, 8, 8)));
     assert!(report.skipped.model_not_observed > 0);
     let mesh = grid_sheet(2.0, 2.0, 4, 4);
-    let observed = mesh.positions.iter().map(|p| Observed::of_measured(p[0] < 0.1)).collect();
+    let observed = mesh.positions.iter().map(|p| Observed::from_measured(p[0] < 0.1)).collect();
     let model = Compared::Mesh(ComparedMesh { mesh, observed: Some(observed), sigma: None, unit: None });
     let report = compared(&model, points(vec![[-0.5, 0.0, 0.1], [0.5, 0.0, 0.1]]));
     assert_eq!((report.backward.unwrap().n, report.skipped.reference_not_observed), (1, 1));

@@ -10,7 +10,7 @@ use planish_estimate::{ErrorKind, Result};
 use planish_report::colour::KNOWN_BY;
 use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{Block, Figure, Finding, Level, Page, Section, Table, plot};
-use planish_surface::fit::{Fit, FitReport, FitTermination, ScanFigures};
+use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
 use planish_surface::model::SensorReport;
 use std::path::PathBuf;
 
@@ -108,12 +108,12 @@ fn false_sigma(sensor: &SensorReport) -> Option<f64> {
 }
 
 /// Whether a scan does not fit the others, and how that shows.
-fn misfit(scan: &ScanFigures, share_of_all: f64, unit: SmallUnit<'_>) -> Option<String> {
-    let total = scan.used + scan.set_aside;
+fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>) -> Option<String> {
+    let total = scan.used + scan.rejected;
     if total < LEAST_JUDGED {
         return None;
     }
-    let share = scan.set_aside as f64 / total as f64;
+    let share = scan.rejected as f64 / total as f64;
     let sigma = scan.rms / scan.rms_normalised.max(f64::MIN_POSITIVE);
     if share > MOST_SET_ASIDE && share > 3.0 * share_of_all {
         Some(format!(
@@ -142,13 +142,13 @@ fn misfit(scan: &ScanFigures, share_of_all: f64, unit: SmallUnit<'_>) -> Option<
     }
 }
 
-fn share_set_aside(scans: &[ScanFigures]) -> f64 {
-    let aside: usize = scans.iter().map(|scan| scan.set_aside).sum();
+fn share_set_aside(scans: &[ScanSummary]) -> f64 {
+    let aside: usize = scans.iter().map(|scan| scan.rejected).sum();
     let all: usize = aside + scans.iter().map(|scan| scan.used).sum::<usize>();
     aside as f64 / all.max(1) as f64
 }
 
-fn findings(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> Vec<Finding> {
+fn findings(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
     for sensor in &report.sensors {
         if let Some(stated) = false_sigma(sensor) {
@@ -220,7 +220,7 @@ fn findings(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> V
     found
 }
 
-fn went_in(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> Section {
+fn went_in(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> Section {
     let mut blocks = Vec::new();
     let share = share_set_aside(scans);
     if !scans.is_empty() {
@@ -233,7 +233,7 @@ fn went_in(report: &FitReport, scans: &[ScanFigures], unit: SmallUnit<'_>) -> Se
                     scan.name.clone(),
                     scan.sensor.clone(),
                     count(scan.used),
-                    count(scan.set_aside),
+                    count(scan.rejected),
                     unit.number(scan.rms, 3),
                     unit.number(scan.mean, 2),
                     significant(scan.rms_normalised, 3),
@@ -333,7 +333,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
         }
         blocks.push(Block::Table(table));
     }
-    let completed = report.propagation.as_ref().map_or(0.0, |p| p.invented_area_fraction);
+    let completed = report.propagation.as_ref().map_or(0.0, |p| p.inferred_area_fraction);
     let measured = report.observed_area_fraction;
     let [grey, blue, orange] = KNOWN_BY.map(|colour| format!("#{colour:06x}"));
     blocks.push(Block::Drawing {
@@ -344,7 +344,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
         ]),
         caption: "What the surface is known by, of its area.".to_owned(),
     });
-    if let Some(left) = &report.shape_left {
+    if let Some(left) = &report.unresolved_shape {
         blocks.push(Block::Text(format!(
             "On {} of the area cells are too large to follow the shape: {} rms, which σ takes in.",
             percent(left.area_fraction),
@@ -374,7 +374,7 @@ fn concluded(report: &FitReport) -> Option<Section> {
     }
     blocks.push(Block::Text(format!(
         "{} of the area was completed, by {} inferred from others.",
-        percent(found.invented_area_fraction),
+        percent(found.inferred_area_fraction),
         counted(found.pseudo_readings, "reading")
     )));
     Some(Section::new("What was completed", blocks))

@@ -35,7 +35,7 @@ use planish_estimate::vector3::{add, cross, distance, norm, sub, unit};
 use planish_estimate::{Error, Result, median_magnitude_scale};
 use planish_mesh::{BoundingBox, MeshSearch, Neighbours, Patch, TriangleMesh};
 use planish_sense::Pose;
-use planish_surface::model::PoseReport;
+use planish_surface::model::ScanPoseReport;
 
 /// Vertices of a patch that are used, at most.
 const MOST_VERTICES: usize = 5000;
@@ -118,7 +118,7 @@ pub(super) fn align(
     searches: &mut [MeshSearch],
     names: &[String],
     progress: &dyn Progress,
-) -> Result<(Vec<PoseReport>, Vec<String>)> {
+) -> Result<(Vec<ScanPoseReport>, Vec<String>)> {
     let (motions, mut warnings) = motions(patches, searches, names, progress)?;
     let mut reports = Vec::with_capacity(patches.len());
     for (k, (patch, motion)) in patches.iter_mut().zip(motions).enumerate() {
@@ -144,14 +144,14 @@ pub(super) fn align(
                 names[k]
             ));
         }
-        let mut report = PoseReport {
+        let mut report = ScanPoseReport {
             scan: names[k].clone(),
             translation: pose.translation,
             quaternion_xyzw: pose.quaternion_xyzw(),
             undetermined: motion.undetermined,
             moved: (k > 0).then(|| square.sqrt()),
             turned_deg: (k > 0).then(|| norm(pose.rotation_vector()).to_degrees()),
-            ..PoseReport::default()
+            ..ScanPoseReport::default()
         };
         if let Some(covariance) = motion.covariance {
             report.set_covariance(covariance);

@@ -99,8 +99,9 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
 pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
     let mut searches = searches_of(patches)?;
     let count = patches.len();
-    let stated =
-        |patch: &Patch| (!patch.sigma.is_empty()).then(|| SigmaSummary::of(patch.sigma.clone()).median);
+    let stated = |patch: &Patch| {
+        (!patch.sigma.is_empty()).then(|| SigmaSummary::from_values(patch.sigma.clone()).median)
+    };
     let sigma: Vec<Option<f64>> = patches.iter().map(stated).collect();
     // Sums of the cosines between normals of near places.
     let mut agree = vec![0.0; count * count];

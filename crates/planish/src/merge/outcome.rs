@@ -6,7 +6,7 @@
 use super::MergeMethod;
 use planish_exchange::Unit;
 use planish_mesh::{TriangleMesh, VertexCurvature};
-use planish_surface::model::{PoseReport, SigmaSummary};
+use planish_surface::model::{ScanPoseReport, SigmaSummary};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -98,7 +98,7 @@ pub struct MergeReport {
     pub patches: Vec<PatchReport>,
     /// How patches were moved onto the first, where they were aligned.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub poses: Vec<PoseReport>,
+    pub poses: Vec<ScanPoseReport>,
     /// What stands where no patch is, where a bound was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub completed: Option<CompletionReport>,

@@ -13,7 +13,7 @@ use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, Zipped, quantile_of_sorted};
-use planish_surface::model::{PoseReport, SigmaSummary};
+use planish_surface::model::{ScanPoseReport, SigmaSummary};
 use rayon::prelude::*;
 use std::path::PathBuf;
 
@@ -27,7 +27,7 @@ pub(super) struct Ready {
     names: Vec<String>,
     observed: Vec<Vec<u8>>,
     turned: Vec<bool>,
-    poses: Vec<PoseReport>,
+    poses: Vec<ScanPoseReport>,
     /// Whether some patch crosses itself.
     pub crosses: bool,
     unit: Unit,
@@ -176,7 +176,7 @@ impl Ready {
             triangles: self.patches[*at].mesh.triangles.len(),
             vertices_kept: done.kept[*at],
             turned_over: self.turned[k],
-            sigma: SigmaSummary::of(overlap.patches[*at].sigma.clone()).median,
+            sigma: SigmaSummary::from_values(overlap.patches[*at].sigma.clone()).median,
         };
         MergeReport {
             method: done.method,
@@ -192,7 +192,7 @@ impl Ready {
             completed: done.completed,
             filled: done.filled,
             sigma_estimated: overlap.sigma_estimated,
-            sigma: SigmaSummary::of(sewn.sigma.clone()),
+            sigma: SigmaSummary::from_values(sewn.sigma.clone()),
             stitched_triangles: done.stitched,
             holes_closed: sewn.holes_closed,
             fragments_left_out: sewn.fragments,

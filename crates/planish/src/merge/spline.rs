@@ -178,7 +178,7 @@ struct Carried {
 /// Gives a model, fitted as if vertices were independent, the σ that the vertices have.
 fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried> {
     let Vertices { points, normals, sigma } = vertices;
-    model.shape_left.clear();
+    model.unresolved_shape.clear();
     let feet = feet_on(&model.surface, points, |k| normals[k])?;
     let inside: Vec<usize> = (0..feet.len()).filter(|&k| !feet[k].at_border).collect();
     let leaf: Vec<u32> = inside.iter().map(|&k| feet[k].leaf).collect();
@@ -215,11 +215,15 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
         sums[0] += sigma[k] * sigma[k] + off * off - factor * of_fit[j] * of_fit[j];
         sums[1] += 1.0;
     }
-    model.shape_left = beyond.iter().map(|[sum, n]| (sum / n.max(1.0)).max(0.0)).collect();
+    model.unresolved_shape = beyond.iter().map(|[sum, n]| (sum / n.max(1.0)).max(0.0)).collect();
     // All variances of the coefficients are the fit's times the factor; each cell adds its own.
     let now = (of_fit.iter().zip(&leaf))
-        .map(|(own, leaf)| (factor * own * own + model.shape_left[*leaf as usize]).sqrt());
-    Ok(Carried { rms: (square / inside.len() as f64).sqrt(), sigma: SigmaSummary::of(now.collect()), factor })
+        .map(|(own, leaf)| (factor * own * own + model.unresolved_shape[*leaf as usize]).sqrt());
+    Ok(Carried {
+        rms: (square / inside.len() as f64).sqrt(),
+        sigma: SigmaSummary::from_values(now.collect()),
+        factor,
+    })
 }
 
 /// Writes the model as STEP or as a saved model.

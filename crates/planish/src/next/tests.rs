@@ -61,7 +61,7 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
         .unwrap();
     model.data.add_scaled(&more, 1.0).unwrap();
     // What the cells leave out of the shape no reading makes smaller.
-    model.shape_left.clear();
+    model.unresolved_shape.clear();
     let posterior = model.posterior().unwrap();
     let after = figures(
         &places(&model, &system.node_normals(&model.surface), &options),
@@ -82,10 +82,10 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
 #[test]
 fn shape_that_no_reading_lowers_is_told() {
     let mut model = model();
-    model.shape_left = vec![0.0; model.observed.len()];
+    model.unresolved_shape = vec![0.0; model.observed.len()];
     let options = NextOptions { count: 2, sigma: Some(0.004), ..NextOptions::default() };
     assert_eq!(next_points(&model, &options, &Silent).unwrap().shape_left, None);
-    model.shape_left[3] = 0.25;
+    model.unresolved_shape[3] = 0.25;
     let report = next_points(&model, &options, &Silent).unwrap();
     let left = report.shape_left.unwrap();
     assert_eq!(left.largest, 0.5);

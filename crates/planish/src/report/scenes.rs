@@ -6,7 +6,7 @@ use planish_estimate::Result;
 use planish_report::{Cloud, Field, FieldKind, LineSet, Scene, SeenBy, SurfaceShown, Values};
 use planish_spline::Surface;
 use planish_surface::export::{PlacedMesh, placed_mesh};
-use planish_surface::fit::ShownReadings;
+use planish_surface::fit::ResidualSample;
 use planish_surface::model::{Observed, Posterior, SurfaceModel};
 use std::collections::BTreeMap;
 
@@ -49,7 +49,7 @@ pub(crate) fn kinds(key: &str, label: &str, kind: FieldKind, values: Vec<u16>) -
 fn known_by(mark: u8) -> &'static str {
     match Observed::from_mark(mark) {
         Some(Observed::Measured) => "measured",
-        Some(Observed::Invented) => "completed from elsewhere",
+        Some(Observed::Inferred) => "completed from elsewhere",
         _ => "smoothness alone",
     }
 }
@@ -70,7 +70,7 @@ pub(crate) fn model_scene(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
-    readings: Option<&ShownReadings>,
+    readings: Option<&ResidualSample>,
 ) -> Result<(Scene, f64)> {
     model_scene_of(model, posterior, tolerance, readings, MOST_TRIANGLES)
 }
@@ -80,7 +80,7 @@ pub(crate) fn model_scene_of(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
-    readings: Option<&ShownReadings>,
+    readings: Option<&ResidualSample>,
     most_triangles: u64,
 ) -> Result<(Scene, f64)> {
     let placed = placed_mesh(model, posterior, tolerance, most_triangles)?;
@@ -103,7 +103,11 @@ pub(crate) fn model_scene_of(
     Ok((scene, tolerance))
 }
 
-fn surface_shown(model: &SurfaceModel, placed: PlacedMesh, readings: Option<&ShownReadings>) -> SurfaceShown {
+fn surface_shown(
+    model: &SurfaceModel,
+    placed: PlacedMesh,
+    readings: Option<&ResidualSample>,
+) -> SurfaceShown {
     let PlacedMesh { mesh, leaf, local } = placed;
     let unit = model.unit.name();
     let surface = &model.surface;
@@ -186,7 +190,7 @@ fn surface_shown(model: &SurfaceModel, placed: PlacedMesh, readings: Option<&Sho
 }
 
 /// Which sensors saw each part, where there are several.
-fn sensor_field(leaf: &[u32], readings: &ShownReadings) -> Option<Field> {
+fn sensor_field(leaf: &[u32], readings: &ResidualSample) -> Option<Field> {
     let mut sensors: Vec<&str> = readings.scans.iter().map(|scan| &scan.sensor[..]).collect();
     sensors.sort_unstable();
     sensors.dedup();
@@ -215,7 +219,7 @@ fn sensor_field(leaf: &[u32], readings: &ShownReadings) -> Option<Field> {
     ))
 }
 
-fn reading_cloud(readings: &ShownReadings, unit: &str) -> Cloud {
+fn reading_cloud(readings: &ResidualSample, unit: &str) -> Cloud {
     let names = readings.scans.iter().enumerate();
     Cloud {
         name: "readings, coloured by residual".to_owned(),

@@ -424,7 +424,7 @@ impl Run<'_> {
             tracks,
             poses: report::poses(&frame, &fit),
             observed_fraction: measured.len() as f64 / sigma.len().max(1) as f64,
-            sigma: SigmaSummary::of(measured),
+            sigma: SigmaSummary::from_values(measured),
             smoothness_weight: fit.smoothness_weight,
             lack_of_fit: fit.unresolved_shape,
             iterations: fit.iterations,
@@ -472,7 +472,7 @@ fn frame_report(
         rms_silhouettes_px: ReadingsReport::of(&fit.outlines).map(|r| r.rms),
         iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
         surprise: predicted.map(|q| (&fit.parameters - q).norm() / fit.covariance.trace().sqrt()),
-        sigma: SigmaSummary::of(sigma.to_vec()).median,
+        sigma: SigmaSummary::from_values(sigma.to_vec()).median,
     }
 }
 

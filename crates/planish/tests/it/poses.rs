@@ -5,7 +5,7 @@ use crate::common;
 
 use nalgebra::{DMatrix, DVector};
 use planish::fit::{Fit, FitOptions, fit, update};
-use planish::model::{PoseReport, Posterior};
+use planish::model::{Posterior, ScanPoseReport};
 use planish::progress::Silent;
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
 use planish_exchange::ScanSet;
@@ -59,7 +59,7 @@ fn shake(scene: &mut ScanScene, seed: u64, sigma_translation: f64, sigma_rotatio
 }
 
 /// `eᵀ C⁻¹ e` of an estimated pose: 6 on average.
-fn squared_error(report: &PoseReport, truth: &Pose) -> f64 {
+fn squared_error(report: &ScanPoseReport, truth: &Pose) -> f64 {
     let found = Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation).unwrap();
     let turn = found.after(&truth.inverse()).rotation_vector();
     let t: [f64; 3] = std::array::from_fn(|k| found.translation[k] - truth.translation[k]);
@@ -212,7 +212,7 @@ fn an_update_keeps_what_earlier_scans_share() {
     let both = update(&first.model, &exact, &options, &Silent).unwrap();
     // As if the first session's scans had erred independently.
     let mut believed = first.model.clone();
-    believed.shared = None;
+    believed.scan_errors = None;
     let misled = update(&believed, &exact, &options, &Silent).unwrap();
     let [before, after, wrong] = [&first, &both, &misled].map(height);
     println!("height and σ: {before:?}, then {after:?}, without what was shared {wrong:?}");
@@ -221,7 +221,7 @@ fn an_update_keeps_what_earlier_scans_share() {
     // The new readings all lie on one side of what was believed: that is left out of the shape, and σ says
     // so.
     assert!(wrong.0.abs() > 8.0 * after.1 && wrong.1 > 8.0 * after.1, "{wrong:?}");
-    assert_eq!(both.model.shared.as_ref().unwrap().corner.len(), 36);
+    assert_eq!(both.model.scan_errors.as_ref().unwrap().corner.len(), 36);
 }
 
 #[test]

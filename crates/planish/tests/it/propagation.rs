@@ -4,7 +4,7 @@ use crate::common;
 
 use common::probed;
 use planish::complete::SymmetryChoice;
-use planish::fit::{Filter, Fit, FitOptions, ThingMotion, fit};
+use planish::fit::{Filter, Fit, FitOptions, ObjectMotion, fit};
 use planish::model::{Observed, Posterior};
 use planish::progress::Silent;
 use planish::simulate::{
@@ -64,8 +64,8 @@ fn the_unseen_side_of_a_vessel_follows_from_its_symmetry() {
         symmetry.point[0].hypot(symmetry.point[1])
             < 5.0 * symmetry.sigma_point[0].max(symmetry.sigma_point[1])
     );
-    assert!(found.invented_area_fraction > 0.4, "{}", found.invented_area_fraction);
-    let (rms, coverage, n) = judge(&whole, &truth, Some(Observed::Invented));
+    assert!(found.inferred_area_fraction > 0.4, "{}", found.inferred_area_fraction);
+    let (rms, coverage, n) = judge(&whole, &truth, Some(Observed::Inferred));
     let (measured, seen_coverage, _) = judge(&whole, &truth, Some(Observed::Measured));
     let (before, _, _) = judge(&plain, &truth, None);
     println!(
@@ -160,7 +160,7 @@ fn gaps_in_a_plane_a_sphere_and_a_cylinder_are_filled_within_their_sigma() {
         let filled = fit(&set, &options, &Silent).unwrap();
         let found = filled.report.propagation.clone().unwrap();
         assert_eq!(found.gaps[0].kind, kind, "{:?}", found.gaps);
-        let (rms, coverage, n) = judge(&filled, &truth, Some(Observed::Invented));
+        let (rms, coverage, n) = judge(&filled, &truth, Some(Observed::Inferred));
         let plain = fit(&set, &FitOptions { complete_smooth: false, ..options }, &Silent).unwrap();
         let (before, _, _) = judge(&plain, &truth, None);
         println!("{kind}: rms {rms} ({n}), coverage {coverage}, before {before}; {:?}", found.gaps);
@@ -193,7 +193,7 @@ fn a_scan_at_another_time_than_stated_stands_out() {
     let mut scene =
         turning(&TurningOptions { readings: 16_000, views: 5, ..TurningOptions::default() }).unwrap();
     scene.set.scans[3].scan.time_s = Some(2.4);
-    let options = FitOptions { motion: Some(ThingMotion::Rigid), ..FitOptions::default() };
+    let options = FitOptions { motion: Some(ObjectMotion::Rigid), ..FitOptions::default() };
     let fitted = fit(&scene.set, &options, &Silent).unwrap();
     let motion = fitted.report.propagation.unwrap().motion.unwrap();
     let innovations: Vec<f64> = motion.poses.iter().map(|pose| pose.innovation).collect();
@@ -218,7 +218,7 @@ fn assert_turning_lies_within_sigma(seeds: &[u64]) {
         let scene =
             turning(&TurningOptions { seed, readings: 24_000, views: 5, ..TurningOptions::default() })
                 .unwrap();
-        let options = FitOptions { motion: Some(ThingMotion::Rigid), ..FitOptions::default() };
+        let options = FitOptions { motion: Some(ObjectMotion::Rigid), ..FitOptions::default() };
         let fitted = fit(&scene.set, &options, &Silent).unwrap();
         let motion = fitted.report.propagation.clone().unwrap().motion.unwrap();
         let truth = scene.motion.unwrap();
@@ -257,13 +257,13 @@ fn a_moving_thing_needs_times() {
     let mut scene =
         turning(&TurningOptions { readings: 2000, views: 2, ..TurningOptions::default() }).unwrap();
     scene.set.scans[1].scan.time_s = None;
-    let options = FitOptions { motion: Some(ThingMotion::Rigid), ..FitOptions::default() };
+    let options = FitOptions { motion: Some(ObjectMotion::Rigid), ..FitOptions::default() };
     let error = fit(&scene.set, &options, &Silent).err().unwrap();
     assert!(error.to_string().contains("laser-2.ply: needed the time"), "{error}");
 }
 
 fn bend() -> FitOptions {
-    FitOptions { motion: Some(ThingMotion::Bend), ..FitOptions::default() }
+    FitOptions { motion: Some(ObjectMotion::Bend), ..FitOptions::default() }
 }
 
 /// Points of the true sheet at the last time, away from its border: those in the hole of the last scan, or
@@ -306,7 +306,7 @@ fn a_bent_sheet_keeps_its_lengths_and_completes_its_hole() {
         let (rms, coverage, n) = judge(&fitted, &true_sheet(&scene, false), Some(Observed::Measured));
         println!("measured: rms {rms:.4}, coverage {coverage:.3} of {n}");
         assert!(n > 3000 && rms < 0.03 && coverage > 0.85, "{rms} {coverage}");
-        let (rms, coverage, n) = judge(&fitted, &true_sheet(&scene, true), Some(Observed::Invented));
+        let (rms, coverage, n) = judge(&fitted, &true_sheet(&scene, true), Some(Observed::Inferred));
         println!("hole: rms {rms:.4}, coverage {coverage:.3} of {n}");
         assert!(n > 30);
         // Where points of the sheet went along it, which readings do not tell but at its border.
@@ -410,7 +410,7 @@ fn a_model_forms_reading_by_reading_and_ends_as_itself() {
             ..FitOptions::default()
         };
         let fitted = fit(&set, &options, &Silent).unwrap();
-        let forming = fitted.forming.as_ref().unwrap();
+        let forming = fitted.formation.as_ref().unwrap();
         let readings: Vec<usize> = forming.snapshots.iter().map(|s| s.readings).collect();
         println!("{filter:?}: {readings:?}");
         assert!(readings[0] == 16 && readings.is_sorted_by(|a, b| a < b), "{readings:?}");

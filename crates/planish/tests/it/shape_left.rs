@@ -62,7 +62,7 @@ fn covered(seed: u64, most: usize) -> (f64, Option<f64>) {
             n += 1;
         }
     }
-    (f64::from(held as u32) / f64::from(n), fitted.report.shape_left.map(|left| left.rms))
+    (f64::from(held as u32) / f64::from(n), fitted.report.unresolved_shape.map(|left| left.rms))
 }
 
 #[test]

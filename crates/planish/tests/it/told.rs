@@ -3,8 +3,8 @@
 
 use planish::complete::SymmetryChoice;
 use planish::fit::{
-    Filter, FitOptions, FitTermination, ObservationOptions, Observations, Quantity, Rejection, ThingMotion,
-    fit,
+    Filter, FitOptions, FitTermination, ObjectMotion, ObservationOptions, Observations, Quantity,
+    RejectionCause, fit,
 };
 use planish::progress::{Progress, Silent};
 use planish::simulate::{ScanScene, ScanSceneOptions, scans};
@@ -109,7 +109,7 @@ fn a_ball_that_bends_is_refused_before_the_work() {
     let mut later = set.scans.clone();
     later.iter_mut().for_each(|posed| posed.scan.time_s = Some(1.0));
     set.scans.extend(later);
-    let options = FitOptions { motion: Some(ThingMotion::Bend), ..FitOptions::default() };
+    let options = FitOptions { motion: Some(ObjectMotion::Bend), ..FitOptions::default() };
     let e = fit(&set, &options, &NoWork).err().unwrap();
     assert!(e.kind() == ErrorKind::Input && e.to_string().contains("looks like a ball"), "{e}");
 }
@@ -139,11 +139,11 @@ fn curvatures_along_the_normal_are_counted_by_that_name() {
         seed: 0,
         checks: FitOptions::default().checks,
         sheet: true,
-        as_they_are: true,
+        unprocessed: true,
         ground: None,
     };
     let made = Observations::new(&[&scan], &[0], &[Sensor::default()], &options).unwrap();
-    assert_eq!(made.rejected.get(&Rejection::DirectionAlongNormal), Some(&13));
+    assert_eq!(made.rejected.get(&RejectionCause::DirectionAlongNormal), Some(&13));
     let bent = (0..made.len()).filter(|&i| made.quantity(i) == Quantity::Curvature).count();
     assert_eq!(bent, 14);
 }

@@ -1,36 +1,36 @@
-//! What is said of a gap that was completed, or was not.
+//! Report of a gap.
 
 use planish_spline::Classification;
 use serde::Serialize;
 
-/// A gap in what was seen, and the simple shape around it.
+/// A gap in the measured part of a surface, and the simple shape around it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GapReport {
-    /// `plane`, `sphere`, `cylinder`, or `none` where the readings around are of none of them: there the
-    /// smoothness prior speaks alone.
+    /// `plane`, `sphere`, `cylinder`, or `none` if the readings around it have no such shape; the gap is then
+    /// completed by the smoothness prior alone.
     pub kind: String,
-    /// Its probability, if it is one of the three.
+    /// Probability of the shape, if it is one of the three.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probability: Option<f64>,
-    /// The radius and its σ, of a sphere or cylinder.
+    /// Radius and its σ, for a sphere or cylinder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub radius: Option<[f64; 2]>,
-    /// σ of the shape's parameters: of a plane its shift and tilts (radians), of a sphere centre and radius,
-    /// of a cylinder shifts and tilts of the axis and radius.
+    /// σ of the shape's parameters: shift and tilts (radians) of a plane; centre and radius of a sphere;
+    /// shifts and tilts of the axis and radius of a cylinder.
     pub sigma: Vec<f64>,
-    /// Residual χ² of the readings around it over the degrees of freedom.
+    /// Residual χ² of the readings around the gap over the degrees of freedom.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reduced_chi_square: Option<f64>,
     /// Area of the gap.
     pub area: f64,
-    /// Readings around it that were asked.
+    /// Readings around the gap that were used.
     pub readings: usize,
-    /// Readings that were concluded.
+    /// Inferred readings.
     pub pseudo_readings: usize,
 }
 
 impl GapReport {
-    pub(crate) fn of(
+    pub(crate) fn new(
         found: Option<&Classification>,
         area: f64,
         readings: usize,

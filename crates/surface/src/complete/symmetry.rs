@@ -1,63 +1,63 @@
-//! Copies of the readings by a symmetry, where nothing was seen.
+//! Copies of readings by a symmetry, in regions that were not measured.
 //!
-//! A copy has the covariance of its reading, times the number of its copies, because `n` copies of one
-//! reading are one measurement; and with all others it shares the error of the axis or plane, and the doubt
-//! that the thing is as symmetric as the parts that were compared.
+//! A copy has the covariance of its reading times the number of its copies, because `n` copies of one reading
+//! are one measurement. All copies share the error of the axis or plane, and the deviation from symmetry of
+//! the parts that were compared.
 
-use super::seen::Seen;
-use crate::observe::{InventedReading, InventedVariance, Observations, Quantity};
+use super::measured_region::MeasuredRegion;
+use crate::observe::{InferredReading, InferredVariance, Observations, Quantity};
 use planish_estimate::{Error, Result};
 use planish_spline::{Facets, FittedSymmetry, Symmetry, SymmetryKind, fit_symmetry, propose_symmetry};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// Nothing is copied to where a reading lies nearer than this share of the side of a piece of the cloud.
-const SEEN: f64 = 0.5;
-/// Copies that are made, at most; of more readings only every so many-th is copied.
-const MOST_COPIES: usize = 60_000;
-/// Copies of one reading about an axis, at least and at most.
-const FEWEST: usize = 2;
-const MOST: usize = 24;
+/// No copies are made within this distance of a reading, in sides of a facet of the cloud.
+const MEASURED_REACH: f64 = 0.5;
+/// Largest number of copies. If there would be more, only every Nth reading is copied.
+const MAX_COPIES: usize = 60_000;
+/// Copies of one reading about an axis: at least, and at most.
+const MIN_TURNS: usize = 2;
+const MAX_TURNS: usize = 24;
 
-/// Which symmetry completes what nobody saw.
+/// The symmetry by which unobserved parts are completed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SymmetryChoice {
-    /// This kind; that the readings do not bear it out is an error.
+    /// This kind; it is an error if the readings do not support it.
     Of(SymmetryKind),
-    /// The one that the readings bear out, if any.
+    /// The symmetry that the readings support, if any.
     Auto,
 }
 
-/// A symmetry and how well it is known.
+/// A symmetry with its uncertainty.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SymmetryReport {
-    /// `rotation`, `mirror`, or `none` where none was found.
+    /// `rotation`, `mirror`, or `none` if none was found.
     pub kind: String,
-    /// How many times a turn repeats the shape; none where any turn does, and of a mirror.
+    /// Order of the rotation; none for a surface of revolution, and for a mirror.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<u32>,
-    /// A point of the axis or plane.
+    /// Point on the axis or plane.
     pub point: [f64; 3],
-    /// The unit direction of the axis, or the normal of the plane.
+    /// Unit direction of the axis, or normal of the plane.
     pub direction: [f64; 3],
-    /// σ of the place: across an axis in two directions, along the normal of a plane.
+    /// σ of the position: in two directions across an axis, or along the normal of a plane.
     pub sigma_point: Vec<f64>,
     /// σ of the direction about two axes across it, in degrees.
     pub sigma_direction_deg: [f64; 2],
-    /// How far parts that were compared depart from each other beyond their noise, as a standard deviation.
+    /// Standard deviation of the differences between compared parts, beyond their noise.
     pub departure: f64,
-    /// Pieces of the cloud whose image met another piece, and how many of those agreed.
+    /// Number of facets of the cloud whose image lies on another facet.
     pub compared: usize,
-    /// See `compared`.
+    /// Number of these that agree with the other facet.
     pub agreeing: usize,
-    /// Whether it was proposed by the program.
+    /// True if it was proposed by the program.
     pub proposed: bool,
-    /// Copies of readings.
+    /// Number of copies of readings.
     pub copies: usize,
 }
 
 impl SymmetryReport {
-    fn of(found: &FittedSymmetry, proposed: bool, copies: usize) -> Self {
+    fn from_fitted(found: &FittedSymmetry, proposed: bool, copies: usize) -> Self {
         let (kind, order) = match found.symmetry {
             Symmetry::Rotation { order, .. } => ("rotation", order),
             Symmetry::Mirror { .. } => ("mirror", None),
@@ -78,7 +78,7 @@ impl SymmetryReport {
         }
     }
 
-    /// That none was found.
+    /// The report if none was found.
     fn none() -> Self {
         Self {
             kind: "none".to_owned(),
@@ -95,17 +95,17 @@ impl SymmetryReport {
         }
     }
 
-    /// Whether there is one.
+    /// True if a symmetry was found.
     #[must_use]
     pub fn is_found(&self) -> bool {
         self.kind != "none"
     }
 }
 
-/// The symmetry that was found, and the readings that were added by it.
+/// A symmetry, and the number of readings added by it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SymmetryCompletion {
-    /// The symmetry that was fitted, or looked for.
+    /// The symmetry, or the report that none was found.
     pub symmetry: SymmetryReport,
     /// Number of readings inferred from others.
     pub pseudo_readings: usize,
@@ -114,29 +114,29 @@ pub struct SymmetryCompletion {
 /// Fits the symmetry and adds copies of the readings.
 ///
 /// # Errors
-/// `Undetermined` where the readings do not bear out the symmetry that was asked for, or are too few for any.
+/// `Undetermined` if the readings do not support the requested symmetry, or are too few for any.
 pub fn complete_by_symmetry(
     observations: &mut Observations,
     choice: SymmetryChoice,
 ) -> Result<SymmetryCompletion> {
-    let cloud = Cloud::of(observations)?;
+    let cloud = Cloud::new(observations)?;
     let found = match choice {
-        SymmetryChoice::Of(kind) => Some(borne_out(fit_symmetry(&cloud.facets, kind), kind, &cloud.facets)?),
+        SymmetryChoice::Of(kind) => Some(supported(fit_symmetry(&cloud.facets, kind), kind, &cloud.facets)?),
         SymmetryChoice::Auto => propose_symmetry(&cloud.facets),
     };
     let Some(found) = found else {
         return Ok(SymmetryCompletion { symmetry: SymmetryReport::none(), pseudo_readings: 0 });
     };
     let copies = cloud.copies(observations, &found);
-    observations.add_invented(&copies);
+    observations.add_inferred(&copies);
     Ok(SymmetryCompletion {
-        symmetry: SymmetryReport::of(&found, choice == SymmetryChoice::Auto, copies.len()),
+        symmetry: SymmetryReport::from_fitted(&found, choice == SymmetryChoice::Auto, copies.len()),
         pseudo_readings: copies.len(),
     })
 }
 
 /// The symmetry, if the readings support it.
-fn borne_out(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets) -> Result<FittedSymmetry> {
+fn supported(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets) -> Result<FittedSymmetry> {
     let what = match kind {
         SymmetryKind::Rotation { order: None, .. } => "a surface of revolution".to_owned(),
         SymmetryKind::Rotation { order: Some(n), .. } => format!("a rotation of order {n}"),
@@ -153,8 +153,10 @@ fn borne_out(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
     }
     let (shifts, _) = found.sigmas();
     Err(Error::undetermined(format!(
-        "the readings do not bear out {what}: of {} pieces of the cloud {} meet the image of another and {} agree with it, and its place is known \
-         to ±{:.2e}; more than 80 % have to agree, and the place to be known within 2 % of the size: {advice}",
+        "the readings do not bear out {what}: of {} pieces of the cloud {} meet the image of another and {} \
+         agree with it, and its place is known to ±{:.2e}; more than 80 % have to agree, and the place to be \
+         known \
+         within 2 % of the size: {advice}",
         facets.all.len(),
         found.compared,
         found.agreeing,
@@ -162,23 +164,23 @@ fn borne_out(found: Option<FittedSymmetry>, kind: SymmetryKind, facets: &Facets)
     )))
 }
 
-/// A cloud in pieces, with the readings that they are made of.
+/// A cloud in facets, with the readings that form them.
 pub(crate) struct Cloud {
     pub(crate) facets: Facets,
-    /// The reading behind each point of the pieces.
+    /// The reading of each point of the facets.
     readings: Vec<u32>,
-    /// Variance of each of them along its normal.
+    /// Variance of each reading along its normal.
     variance: Vec<f64>,
 }
 
 impl Cloud {
     /// The positions among observations.
-    pub(crate) fn of(observations: &Observations) -> Result<Self> {
+    pub(crate) fn new(observations: &Observations) -> Result<Self> {
         let readings: Vec<u32> = (0..observations.len() as u32)
             .filter(|&i| {
                 let i = i as usize;
                 let channel = observations.channels[observations.channel(i)];
-                channel.quantity == Quantity::Position && !channel.invented && !observations.held_out[i]
+                channel.quantity == Quantity::Position && !channel.inferred && !observations.held_out[i]
             })
             .collect();
         let points: Vec<[f64; 3]> = readings.iter().map(|&i| observations.points[i as usize]).collect();
@@ -186,22 +188,23 @@ impl Cloud {
         let mut variance: Vec<f64> = (readings.iter().zip(&normals))
             .map(|(&i, n)| observations.variance(i as usize, *n).max(f64::MIN_POSITIVE))
             .collect();
-        let believed = observations.stated.iter().all(|&s| s);
-        let facets = Facets::new(&points, &normals, &variance, believed)?;
+        let is_stated = observations.stated.iter().all(|&s| s);
+        let facets = Facets::new(&points, &normals, &variance, is_stated)?;
         for v in &mut variance {
             *v *= facets.variance_factor;
         }
         Ok(Self { facets, readings, variance })
     }
 
-    /// The images of readings that obey the symmetry, where nothing was seen.
-    fn copies(&self, observations: &Observations, found: &FittedSymmetry) -> Vec<InventedReading> {
-        let seen = Seen::new(observations, SEEN * self.facets.side);
+    /// Images of readings that obey the symmetry, where nothing was measured.
+    fn copies(&self, observations: &Observations, found: &FittedSymmetry) -> Vec<InferredReading> {
+        let measured = MeasuredRegion::new(observations, MEASURED_REACH * self.facets.side);
         let sources: Vec<usize> = (0..self.readings.len())
             .filter(|&k| self.facets.of_point[k].is_some_and(|f| found.obeys[f as usize]))
             .collect();
         let turns = self.turns(found);
-        let stride = (sources.len() * turns).div_ceil(MOST_COPIES).max(1);
+        // Evenly spread over the readings, so that all parts are completed.
+        let stride = (sources.len() * turns).div_ceil(MAX_COPIES).max(1);
         let doubt = found.departure * found.departure;
         let mut copies = Vec::new();
         for &k in sources.iter().step_by(stride) {
@@ -209,23 +212,23 @@ impl Cloud {
             let (p, n) = (observations.points[i], observations.normal(i));
             for angle in angles(&found.symmetry, turns, k) {
                 let (point, normal) = found.symmetry.image(angle, p, n);
-                if seen.near(point, normal) {
+                if measured.contains(point, normal) {
                     continue;
                 }
-                let variance = InventedVariance {
+                let variance = InferredVariance {
                     own: turns as f64 * self.variance[k],
                     shared: found.image_variance(angle, p, normal) + doubt,
                 };
-                copies.push(InventedReading { point, normal, variance });
+                copies.push(InferredReading { point, normal, variance });
             }
         }
         copies
     }
 
-    /// How many copies of a reading there are: as many as the symmetry has maps; about an axis so many that
-    /// what was not seen is covered as densely as what was.
+    /// Number of copies of a reading: one for each map of the symmetry. About an axis, as many as cover the
+    /// unmeasured part as densely as the measured one.
     fn turns(&self, found: &FittedSymmetry) -> usize {
-        /// Sectors in which an axis is looked for readings.
+        /// Sectors about an axis in which readings are counted.
         const SECTORS: usize = 72;
         match found.symmetry {
             Symmetry::Mirror { .. } => 1,
@@ -237,7 +240,7 @@ impl Cloud {
                     hit[((angle / TAU).rem_euclid(1.0) * SECTORS as f64) as usize % SECTORS] = true;
                 }
                 let seen = hit.iter().filter(|h| **h).count().max(1);
-                SECTORS.div_ceil(seen).clamp(FEWEST, MOST)
+                SECTORS.div_ceil(seen).clamp(MIN_TURNS, MAX_TURNS)
             }
         }
     }

@@ -1,13 +1,12 @@
 //! Surfaces as boundary representations, for CAD programs.
 //!
-//! Comes in: a [`Surface`] over any hierarchy. Goes out: a [`Brep`] of bicubic B-spline faces that are this
-//! surface exactly: hierarchical splines are tensor splines wherever one level is carried all over a face,
-//! and clamping the ends of the knots changes the outermost two control points only. Inner knots stay simple,
-//! so faces are C² inside.
+//! Input: a [`Surface`] over any hierarchy. Output: a [`Brep`] of bicubic B-spline faces that equal this
+//! surface exactly. A hierarchical spline is a tensor spline on a face of one level, and clamping the ends of
+//! the knots changes the outermost two control points only. Inner knots stay simple, so faces are C² inside.
 //!
 //! A small surface is written in as few faces as closing allows (a sheet in one, a tube or ball in two
 //! halves, a torus in four quarters); a large one in a face for each cell of the base grid, each at its own
-//! finest level. Neighbours share edges, whose curves are taken from the finer side.
+//! finest level. Neighbours share edges, whose curves come from the finer side.
 //!
 //! Not guaranteed: that faces do not cross each other where the surface folds.
 //!
@@ -19,10 +18,10 @@ use planish_estimate::vector3::{cross, dot, sub};
 use planish_exchange::step::{Brep, BrepEdge, BrepFace, BsplineCurve, BsplineSurface};
 use planish_spline::{Cell, Hierarchy, Shape, Surface, quadrature};
 
-/// When a surface is cut into many faces.
+/// Settings of the export as a boundary representation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BrepOptions {
-    /// Most control points in all with which the surface is still written in as few faces as closing allows.
+    /// Largest number of control points with which the surface is written in as few faces as closing allows.
     pub max_control_points: usize,
 }
 
@@ -40,7 +39,7 @@ impl Default for BrepOptions {
 ///
 /// # Examples
 /// ```
-/// use planish::brep::{BrepOptions, brep_from_surface};
+/// use planish_surface::export::{BrepOptions, brep_from_surface};
 /// use planish_spline::BaseShape;
 /// let ball = BaseShape::sphere([0.0; 3], 10.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
 /// let brep = brep_from_surface(&ball, &BrepOptions::default());
@@ -54,6 +53,7 @@ pub fn brep_from_surface(surface: &Surface, options: &BrepOptions) -> Brep {
     let [columns, rows] = space.base().map(|n| n as u32);
     let shape = space.shape();
     let halves = |n: u32, periodic: bool| if periodic { vec![0, n / 2, n] } else { vec![0, n] };
+    // A closed direction is cut into two faces, so that no face closes on itself.
     let few = Patches::new(space, [halves(columns, shape.periodic_u()), halves(rows, shape.periodic_v())]);
     let patches = if few.control_points() <= options.max_control_points {
         few
@@ -63,10 +63,10 @@ pub fn brep_from_surface(surface: &Surface, options: &BrepOptions) -> Brep {
     patches.brep(surface)
 }
 
-/// The base grid, cut into a coarser grid of patches.
+/// The base grid, divided into a coarser grid of patches.
 struct Patches {
     shape: Shape,
-    /// Where the cuts are along u and v, in base cells, both ends of the domain included.
+    /// Borders of patches along u and v, in base cells, including both ends of the domain.
     cuts: [Vec<u32>; 2],
     /// For each patch, row by row, the level of its finest leaf.
     levels: Vec<u8>,
@@ -115,7 +115,7 @@ impl Patches {
         (0..=spans).map(|k| (start + k as f64 * side, if k == 0 || k == spans { 4 } else { 1 })).collect()
     }
 
-    /// The tensor surface on a patch; a pole's row is exactly the pole.
+    /// The tensor surface on a patch. Rows at a pole equal the pole exactly.
     fn surface(&self, surface: &Surface, patch: [usize; 2]) -> BsplineSurface {
         let level = self.level(patch);
         let [nu, nv] = [0, 1].map(|d| self.spans(patch, d));
@@ -164,6 +164,7 @@ impl Patches {
     fn brep(&self, surface: &Surface) -> Brep {
         let surfaces: Vec<BsplineSurface> = self.all().map(|patch| self.surface(surface, patch)).collect();
         let closed = self.shape.periodic_u() && (self.shape.periodic_v() || self.shape.polar());
+        // The parametrisation may be inside out, which the sign of the enclosed volume shows.
         let outward = !closed || encloses_positive_volume(surface);
         let mut sewing = Sewing {
             patches: self,
@@ -186,7 +187,7 @@ impl Patches {
     }
 }
 
-/// Vertices and edges between the patches, each made once.
+/// Shared vertices and edges of the patches.
 ///
 /// Grid lines are numbered like the patches that start there, and one more where a direction is open; line
 /// `n` of a closed direction is line 0.
@@ -196,7 +197,7 @@ struct Sewing<'a> {
     brep: Brep,
     /// For each crossing of grid lines, row by row.
     vertices: Vec<usize>,
-    /// Edges along u and along v, from the crossing on; none along a pole.
+    /// Edges along u and along v that start at each crossing; none along a pole.
     edges: [Vec<Option<usize>>; 2],
 }
 
@@ -264,7 +265,7 @@ impl Sewing<'_> {
                         sides.push((self.patches.level(patch), ahead, patch));
                     }
                 }
-                // The finer side, and of equals the one ahead.
+                // The finer side; for equal levels, the patch that starts at the line.
                 let Some(&(_, ahead, patch)) = sides.iter().max_by_key(|(level, ahead, _)| (*level, *ahead))
                 else {
                     continue;
@@ -272,7 +273,8 @@ impl Sewing<'_> {
                 let mut curve = border_curve(self.patch_surface(patch), d, ahead);
                 let next = if d == 0 { (a + 1, b) } else { (a, b + 1) };
                 let [start, end] = [(a, b), next].map(|(a, b)| self.vertices[self.crossing(a, b)]);
-                // Neighbours of other levels differ in the last digit.
+                // Patches of different levels differ in the last digit, so ends are set to the shared
+                // vertices.
                 let last = curve.poles.len() - 1;
                 curve.poles[0] = self.brep.vertices[start];
                 curve.poles[last] = self.brep.vertices[end];

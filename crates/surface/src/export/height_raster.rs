@@ -1,15 +1,15 @@
 //! Terrain rasters: the height of a sheet and its vertical σ at the middle of every cell of a grid.
 //!
-//! Comes in: a model whose sheet has one height over every place, its posterior, and a cell size. Goes out: a
-//! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on a leaf that was not
-//! measured hold nothing, nor do those whose σ is more than [`MOST_MEDIANS`] times the median: a large leaf
-//! with readings at one end is the prior's guess at the other.
+//! Input: a model of a sheet with one height over every `(x, y)`, its posterior, and a cell size. Output: a
+//! [`HeightGrid`], which [`planish_exchange::geotiff`] writes. Cells whose middle lies on an unmeasured leaf
+//! are empty, and so are those whose σ exceeds [`MAX_MEDIANS`] times the median: a large leaf with readings
+//! at one end is known from the prior only at the other.
 //!
-//! At each place `(x, y)` Newton's method solves `S_x(u, v) = x, S_y(u, v) = y`. The surface moves along its
-//! normal `n` by `σ`, so over that place it moves by `σ_z = σ / |n_z|`.
+//! At each `(x, y)` Newton's method solves `S_x(u, v) = x, S_y(u, v) = y`. The surface moves along its
+//! normal `n` by `σ`, so at that `(x, y)` it moves by `σ_z = σ / |n_z|`.
 //!
-//! Not guaranteed: σ of what is smaller than a cell; that of the error of a position on the map is in it only
-//! as far as the fit knew it.
+//! Not guaranteed: σ of detail smaller than a cell; errors of the map position beyond those that the fit
+//! knew.
 
 use crate::model::sigmas_along;
 use crate::model::{Observed, Posterior, SurfaceModel};
@@ -19,36 +19,46 @@ use planish_exchange::geotiff::{HeightGrid, NODATA};
 use planish_spline::{Shape, Surface};
 use rayon::prelude::*;
 
-/// A raster takes no more cells than this: three gigabytes before they are compressed.
-pub const MOST_CELLS: f64 = 4e8;
+/// Largest number of cells of a raster: three gigabytes before compression.
+pub const MAX_CELLS: f64 = 4e8;
 
-/// Heights whose σ is more than so many times the median of all are guesses, and left out.
-pub const MOST_MEDIANS: f64 = 30.0;
+/// Largest σ of a height, in medians of all σ. Heights above it are extrapolation by the prior.
+pub const MAX_MEDIANS: f64 = 30.0;
 
-/// The share of places that may lie under an overhang; they are left out.
-const MOST_OVERHANGS: f64 = 0.01;
+/// Largest share of cells under an overhang. They are left empty; more of them refuse the raster.
+const MAX_OVERHANGS: f64 = 0.01;
 
-/// A raster and what a user should know of it.
+/// A raster with its warnings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dem {
     /// The raster.
     pub grid: HeightGrid,
-    /// Cells that hold a height.
+    /// Number of cells with a height.
     pub known: usize,
     /// What a user should know.
     pub warnings: Vec<String>,
 }
 
-/// Heights of a sheet on a grid of squares of side `cell`; where none is given, of about the spacing of the
-/// readings, rounded down to one, two or five times a power of ten. Borders of cells are multiples of their
-/// side, so that rasters of neighbouring tiles fit together.
+/// Heights of a sheet on a grid of squares of side `cell`.
 ///
-/// Cost: two or three jets a cell, and one covariance a leaf.
+/// The default side is approximately the spacing of the readings, rounded down to 1, 2 or 5 times a power of
+/// ten. Borders of cells are multiples of their side, so that rasters of neighbouring tiles fit together.
+///
+/// Cost: two or three jets for each cell, and one covariance for each leaf.
 ///
 /// # Errors
-/// `Input` for a shape that is no sheet, for a sheet that has more than one height over a place (steep parts
-/// that lean over), for a cell that is not positive or so small that there were more than [`MOST_CELLS`];
-/// `Undetermined` where nothing was measured.
+/// `Input` for a shape other than a sheet, for a sheet with overhangs, and for a cell that is not positive or
+/// gives more than [`MAX_CELLS`] cells; `Undetermined` if nothing was measured.
+///
+/// # Examples
+/// ```
+/// use planish_surface::export::dem_from_model;
+/// use planish_surface::test_support::small_model;
+/// let model = small_model(planish_spline::Shape::Sheet);
+/// let dem = dem_from_model(&model, &model.posterior()?, Some(0.1), None)?;
+/// assert!(dem.known > 0 && dem.known <= dem.grid.columns * dem.grid.rows);
+/// # Ok::<(), planish_core::Error>(())
+/// ```
 pub fn dem_from_model(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
@@ -66,13 +76,14 @@ pub fn dem_from_model(
     if let Some(cell) = cell.filter(|c| !(c.is_finite() && *c > 0.0)) {
         return Err(Error::input(format!("needed a cell size > 0, found {cell}")));
     }
-    let Extent { low, high, area, map } = Extent::of(surface, &model.observed)?;
+    let Extent { low, high, area, map } = Extent::of_measured_leaves(surface, &model.observed)?;
     let cell = cell.unwrap_or_else(|| round_down((area / model.observations.max(1) as f64).sqrt()));
     let first = low.map(|c| (c / cell).floor());
     let [columns, rows] = [0, 1].map(|d| ((high[d] / cell).ceil() - first[d]).max(1.0));
-    if columns * rows > MOST_CELLS {
+    if columns * rows > MAX_CELLS {
         return Err(Error::input(format!(
-            "a raster of heights: needed at most {MOST_CELLS:e} cells, found {columns} × {rows} of {cell}; say a larger --cell-size"
+            "a raster of heights: needed at most {MAX_CELLS:e} cells, found {columns} × {rows} of {cell}; \
+             say a larger --cell-size"
         )));
     }
     let (columns, rows) = (columns as usize, rows as usize);
@@ -86,6 +97,7 @@ pub fn dem_from_model(
             (0..columns)
                 .filter_map(|column| {
                     let x = (first[0] + column as f64 + 0.5) * cell;
+                    // The neighbouring cell is the best start; the affine map helps where there is none.
                     let place = guess
                         .and_then(|from| place_under(surface, [x, y], from))
                         .or_else(|| place_under(surface, [x, y], map.parameters([x, y])));
@@ -100,13 +112,14 @@ pub fn dem_from_model(
     let mut places: Vec<Place> = lines.into_iter().flatten().collect();
     let found = places.len();
     let up = places.iter().filter(|p| p.normal[2] > 0.0).count();
+    // Normals of a sheet may point down as a whole; the majority decides.
     let side = if 2 * up >= found { 1.0 } else { -1.0 };
     places.retain(|p| p.normal[2] * side > 0.0);
     let overhangs = found - places.len();
-    if overhangs as f64 > MOST_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
+    if overhangs as f64 > MAX_OVERHANGS * found as f64 || (found == 0 && map.is_upright()) {
         return Err(Error::input(format!(
-            "a raster of heights: needed a sheet with one height over every place, found one that stands upright or leans over in {overhangs} of \
-             {found} cells; z must be up"
+            "a raster of heights: needed a sheet with one height over every place, found one that stands \
+             upright or leans over in {overhangs} of {found} cells; z must be up"
         )));
     }
     let leaves: Vec<u32> = places.iter().map(|p| p.leaf).collect();
@@ -117,7 +130,7 @@ pub fn dem_from_model(
     let vertical: Vec<f64> = places.iter().zip(&sigmas).map(|(p, s)| s / p.normal[2].abs()).collect();
     let mut sorted = vertical.clone();
     sorted.sort_by(f64::total_cmp);
-    let most = sorted.get(sorted.len() / 2).map_or(0.0, |median| MOST_MEDIANS * median);
+    let most = sorted.get(sorted.len() / 2).map_or(0.0, |median| MAX_MEDIANS * median);
     let mut known = 0;
     for (place, sigma) in places.iter().zip(vertical).filter(|(_, sigma)| *sigma <= most) {
         values[place.cell] = [place.height as f32, sigma as f32];
@@ -150,7 +163,7 @@ pub fn dem_from_model(
     })
 }
 
-/// A surface point under the middle of a cell.
+/// The surface point at the middle of a cell.
 struct Place {
     cell: usize,
     parameters: [f64; 2],
@@ -160,10 +173,10 @@ struct Place {
     height: f64,
 }
 
-/// The surface point with these first two coordinates, by Newton's method from the given parameters; none
-/// where the search leaves the sheet.
+/// The surface point at `(x, y)`, by Newton's method from the given parameters; none if the search leaves the
+/// sheet.
 fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Place> {
-    /// Steps at most, and how much of a leaf the last may be off by.
+    /// Most steps, and the largest last step, in leaves.
     const STEPS: usize = 12;
     const CLOSE: f64 = 1e-6;
     let space = surface.space();
@@ -194,7 +207,7 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
                 height: jet.point[2] + jet.du[2] * step[0] + jet.dv[2] * step[1],
             });
         }
-        // No further than a few leaves at once: the model of the surface is local.
+        // A few leaves at most, since the linearisation is local.
         let share = (4.0 * side / longest).min(1.0);
         let next = inside([0, 1].map(|d| at[d] + share * step[d]));
         if next == at {
@@ -205,11 +218,11 @@ fn place_under(surface: &Surface, [x, y]: [f64; 2], from: [f64; 2]) -> Option<Pl
     None
 }
 
-/// Where the measured part of a sheet lies, and about how its parameters run there.
+/// The measured part of a sheet, and an approximate map from `(x, y)` to its parameters.
 struct Extent {
     low: [f64; 2],
     high: [f64; 2],
-    /// Measured area, as seen from above.
+    /// Measured area, projected on the ground plane.
     area: f64,
     map: AffineMap,
 }
@@ -228,14 +241,14 @@ impl AffineMap {
         self.inverse.map_or([u, v], |m| [u + m[0][0] * dx + m[0][1] * dy, v + m[1][0] * dx + m[1][1] * dy])
     }
 
-    /// Whether the sheet as a whole stands upright.
+    /// True if the sheet as a whole is vertical.
     fn is_upright(&self) -> bool {
         self.inverse.is_none()
     }
 }
 
 impl Extent {
-    fn of(surface: &Surface, observed: &[Observed]) -> Result<Self> {
+    fn of_measured_leaves(surface: &Surface, observed: &[Observed]) -> Result<Self> {
         let (mut low, mut high, mut area) = ([f64::MAX; 2], [f64::MIN; 2], 0.0);
         for leaf in (0..observed.len()).filter(|&leaf| observed[leaf].is_measured()) {
             for k in 0..9 {
@@ -255,6 +268,7 @@ impl Extent {
         }
         let extent = surface.space().extent();
         let parameters = extent.map(|e| 0.5 * e);
+        // Differences over most of the sheet give its average direction, whatever it does locally.
         let across = |du: f64, dv: f64| {
             let [a, b] = [-0.4, 0.4].map(|s| {
                 surface.point(parameters[0] + s * du * extent[0], parameters[1] + s * dv * extent[1])
@@ -280,7 +294,7 @@ impl Extent {
     }
 }
 
-/// The largest of one, two and five times a power of ten that is not larger.
+/// The largest number of the form 1, 2 or 5 times a power of ten that is at most `length`.
 fn round_down(length: f64) -> f64 {
     if !(length.is_finite() && length > 0.0) {
         return 1.0;
@@ -306,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn heights_are_those_of_the_surface_and_sigma_is_vertical() {
+    fn heights_match_the_surface_and_sigma_is_vertical() {
         let model = hills([0.0; 2], |_| true);
         let posterior = model.posterior().unwrap();
         let dem = dem_from_model(&model, &posterior, Some(0.05), None).unwrap();
@@ -328,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_on_a_map_moves_the_grid_and_nothing_else() {
+    fn a_map_offset_moves_the_grid_only() {
         let here = hills([0.0; 2], |_| true);
         // A multiple of the cell, and a cell of which the sheet's sides are none: rounding moves no border.
         let there = hills([600_000.0, 3_999_999.0], |_| true);
@@ -341,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_measured_holds_no_height() {
+    fn unmeasured_cells_have_no_height() {
         let all = hills([0.0; 2], |_| true);
         let some = hills([0.0; 2], |leaf| leaf % 2 == 0);
         let [all, some] =
@@ -350,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn other_shapes_and_upright_sheets_are_refused() {
+    fn other_shapes_and_vertical_sheets_are_refused() {
         let refused = |model: &SurfaceModel, cell| {
             dem_from_model(model, &model.posterior().unwrap(), cell, None).unwrap_err().to_string()
         };
@@ -368,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_are_as_wide_as_readings_are_apart() {
+    fn default_cells_have_the_spacing_of_the_readings() {
         let model = hills([0.0; 2], |_| true);
         let dem = dem_from_model(&model, &model.posterior().unwrap(), None, None).unwrap();
         let spacing = (2.0 * 1.6 / model.observations as f64).sqrt();

@@ -1,10 +1,9 @@
-//! Triangle meshes of a model whose every vertex says how well it is known.
+//! Triangle meshes of a model, with σ at each vertex.
 //!
-//! Comes in: a model, its posterior and a chord error. Goes out: a [`ModelMesh`], written as PLY with
-//! `x y z nx ny nz sigma observed`, as GLB with the same, or as OBJ or STL without σ. σ is that of the
-//! surface point along its normal. `observed` is 1 on leaves that were measured, 2 where they were completed
-//! by what was measured elsewhere, and 0 where only the prior speaks. The same bytes at any number of
-//! threads.
+//! Input: a model, its posterior and a chord error. Output: a [`ModelMesh`], written as PLY or GLB with
+//! `x y z nx ny nz sigma observed`, or as OBJ or STL without σ. σ is that of the surface point along its
+//! normal. `observed` is 1 on measured leaves, 2 on leaves completed by inference from other parts, and 0
+//! where only the prior holds. The bytes do not depend on the number of threads.
 //!
 //! Not guaranteed: that σ holds between vertices where the mesh is much coarser than the leaves; that the
 //! mesh does not cross itself where the surface folds.
@@ -19,10 +18,10 @@ use planish_mesh::{TriangleMesh, VertexCurvature};
 use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
 use std::path::Path;
 
-/// Default meshes have about this many triangles at most: a file of some 40 MB.
-pub const MOST_DEFAULT_TRIANGLES: u64 = 1_000_000;
-/// Meshes that were asked for by their tolerance have about this many at most: a gigabyte.
-pub const MOST_TRIANGLES: u64 = 20_000_000;
+/// Approximate maximum of triangles of meshes without a requested tolerance: a file of some 40 MB.
+pub const MAX_DEFAULT_TRIANGLES: u64 = 1_000_000;
+/// Approximate maximum of triangles of meshes with a requested tolerance: a gigabyte.
+pub const MAX_TRIANGLES: u64 = 20_000_000;
 
 /// A mesh of a model.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,9 +32,9 @@ pub struct ModelMesh {
     pub normals: Vec<[f64; 3]>,
     /// σ of each vertex along its normal, in the model's unit.
     pub sigma: Vec<f64>,
-    /// 1 where the vertex was measured, 0 where only the prior speaks.
+    /// 1 for a measured vertex, 2 for an inferred one, 0 where only the prior holds.
     pub observed: Vec<u8>,
-    /// The chord error that was asked for.
+    /// Chord error of the mesh.
     pub tolerance: f64,
     /// Unit of every length.
     pub unit: Unit,
@@ -43,42 +42,49 @@ pub struct ModelMesh {
     pub warnings: Vec<String>,
 }
 
-/// A mesh within `tolerance` of the model's surface; half the median σ of the measured surface where none is
-/// given, or what [`MOST_DEFAULT_TRIANGLES`] allow. A given tolerance is enlarged to what [`MOST_TRIANGLES`]
-/// allow. A leaf is cut into 64 × 64 at most. Where one of these limits holds, a warning says so.
+/// A mesh within `tolerance` of the model's surface, with σ at each vertex.
 ///
-/// Cost: one covariance a leaf, one jet and about 300 multiply-adds a vertex.
+/// The default tolerance is half the median σ of the measured surface, or what [`MAX_DEFAULT_TRIANGLES`]
+/// allow. A given tolerance is enlarged to what [`MAX_TRIANGLES`] allow. A leaf is divided into 64 × 64
+/// squares at most. A warning reports each limit that applies.
+///
+/// Cost: one covariance for each leaf; one jet and about 300 multiply-adds for each vertex.
 ///
 /// # Errors
 /// `Input` for a tolerance that is not positive.
 ///
 /// # Examples
-/// ```no_run
-/// use planish::mesh_output::{mesh_from_model, write_model_mesh};
-/// let model = planish::saved::load("part.planish".as_ref())?;
-/// let mesh = mesh_from_model(&model, &model.posterior()?, None)?;
-/// write_model_mesh(&mesh, "part.ply".as_ref())?;
-/// # Ok::<(), planish::Error>(())
+/// ```
+/// use planish_surface::export::mesh_from_model;
+/// use planish_surface::test_support::small_model;
+/// let model = small_model(planish_spline::Shape::Ball);
+/// let mesh = mesh_from_model(&model, &model.posterior()?, Some(0.01))?;
+/// assert!(mesh.mesh.check().watertight);
+/// assert_eq!(mesh.sigma.len(), mesh.mesh.positions.len());
+/// # Ok::<(), planish_core::Error>(())
 /// ```
 pub fn mesh_from_model(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
     tolerance: Option<f64>,
 ) -> Result<ModelMesh> {
-    mesh_of_size(model, posterior, tolerance, [MOST_DEFAULT_TRIANGLES, MOST_TRIANGLES])
+    mesh_of_size(model, posterior, tolerance, [MAX_DEFAULT_TRIANGLES, MAX_TRIANGLES])
 }
 
-/// A mesh, and where on the surface each of its vertices is.
+/// A mesh, with the surface parameters of each vertex.
 pub struct PlacedMesh {
     /// The mesh.
     pub mesh: ModelMesh,
-    /// For each vertex, a leaf that holds it.
+    /// For each vertex, a leaf that contains it.
     pub leaf: Vec<u32>,
     /// Coordinates in that leaf.
     pub local: Vec<[f64; 2]>,
 }
 
-/// A mesh of a model with no more than about so many triangles.
+/// A mesh of a model with at most about `most` triangles, with the parameters of its vertices.
+///
+/// # Errors
+/// As for [`mesh_from_model`].
 pub fn placed_mesh(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
@@ -88,7 +94,7 @@ pub fn placed_mesh(
     placed_mesh_of_size(model, posterior, tolerance, [most; 2])
 }
 
-/// [`mesh_from_model`] with other limits: of default meshes and of any.
+/// [`mesh_from_model`] with other limits of triangles: without and with a requested tolerance.
 fn mesh_of_size(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
@@ -110,6 +116,7 @@ fn placed_mesh_of_size(
         Some(tolerance) => (tolerance, most),
         None => (0.5 * median_sigma(model, posterior)?, most_by_default),
     };
+    // The tolerance is enlarged before the surface is divided: the number of triangles can be predicted.
     let affordable = affordable_tolerance(&model.surface, wanted, most)?;
     if affordable > wanted {
         let (goal, way_out) = match tolerance {
@@ -117,7 +124,8 @@ fn placed_mesh_of_size(
             None => (format!("half its median σ, {wanted:.2e} {unit}"), "; ask for it with --mesh-tolerance"),
         };
         warnings.push(format!(
-            "the mesh follows the surface within {affordable:.2e} {unit}, not within {goal}: that takes more than {most} triangles{way_out}"
+            "the mesh follows the surface within {affordable:.2e} {unit}, not within {goal}: that takes more \
+             than {most} triangles{way_out}"
         ));
     }
     let tolerance = affordable;
@@ -125,7 +133,8 @@ fn placed_mesh_of_size(
     let made = tessellate(&model.surface, &options)?;
     if made.limited_leaves > 0 {
         warnings.push(format!(
-            "the mesh does not follow the surface within {tolerance:.2e} {unit} on {} of {} cells: they are cut into 64 × 64 at most",
+            "the mesh does not follow the surface within {tolerance:.2e} {unit} on {} of {} cells: they are \
+             cut into 64 × 64 at most",
             made.limited_leaves,
             model.observed.len()
         ));
@@ -147,9 +156,13 @@ fn placed_mesh_of_size(
     })
 }
 
-/// The given tolerance, enlarged until a mesh within it has no more than so many triangles.
+/// The given tolerance, enlarged until a mesh within it has at most `most_triangles` triangles.
+///
+/// # Errors
+/// `Input` for a tolerance that is not positive.
 pub fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangles: u64) -> Result<f64> {
     let mut tolerance = wanted;
+    // A leaf takes at least two triangles, so a limit below that could never be met.
     loop {
         let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
         if least_triangles(surface, &options)?
@@ -161,35 +174,45 @@ pub fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangles: u64)
     }
 }
 
-/// The median, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none
-/// was measured).
+/// Median, by area, of σ along the normal at the middle of every measured leaf (of every leaf if none was
+/// measured).
 ///
 /// # Errors
-/// `Undetermined` when the surface has no area.
+/// `Undetermined` if the surface has no area.
 pub fn median_sigma(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<f64> {
     sigma_summary(model, posterior).map(|sigma| sigma.median)
 }
 
-/// Quantiles, by area, of σ along the normal at the middle of every measured leaf (of every leaf where none
-/// was measured).
+/// Quantiles, by area, of σ along the normal at the middle of every measured leaf (of every leaf if none was
+/// measured).
 ///
 /// # Errors
-/// `Undetermined` when the surface has no area.
+/// `Undetermined` if the surface has no area.
+///
+/// # Examples
+/// ```
+/// use planish_surface::export::sigma_summary;
+/// use planish_surface::test_support::small_model;
+/// let model = small_model(planish_spline::Shape::Sheet);
+/// let sigma = sigma_summary(&model, &model.posterior()?)?;
+/// assert!(sigma.median <= sigma.p95 && sigma.p95 <= sigma.max);
+/// # Ok::<(), planish_core::Error>(())
+/// ```
 pub fn sigma_summary(model: &SurfaceModel, posterior: &Posterior<'_>) -> Result<SigmaSummary> {
     posterior.sigma_summary(&model.observed)
 }
 
-/// Writes a model's mesh as the path's extension says: `.ply`, `.obj`, `.stl` or `.glb`, each maybe with
-/// `.gz` behind.
+/// Writes a model's mesh in the format of the path's extension: `.ply`, `.obj`, `.stl` or `.glb`, each
+/// optionally with `.gz`.
 ///
 /// # Errors
-/// `Unsupported` for other extensions and for more than a format can hold; `Io` when the file cannot be
-/// written; nothing is left half-written.
+/// `Unsupported` for other extensions and for meshes too large for a format; `Io` if the file cannot be
+/// written. No partial file is left.
 pub fn write_model_mesh(mesh: &ModelMesh, path: &Path) -> Result<()> {
     write_known_mesh(path, &mesh.mesh, &mesh.normals, &mesh.sigma, &mesh.observed, None, mesh.unit)
 }
 
-/// Writes a mesh whose every vertex says how well it is known, as the path's extension says.
+/// Writes a mesh with σ at each vertex in the format of the path's extension.
 ///
 /// # Errors
 /// As [`write_model_mesh`].
@@ -252,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_measured_is_known_less() {
+    fn unmeasured_vertices_have_larger_sigma() {
         let model = model_of(refined_surface(Shape::Sheet), |leaf| leaf % 100 < 15);
         let mesh = mesh_from_model(&model, &model.posterior().unwrap(), Some(0.01)).unwrap();
         let mean = |seen: u8| {

@@ -1,30 +1,30 @@
-//! A sheet that bends without stretch: every later scan tells another state of the one sheet that the first
-//! one saw.
+//! A sheet that bends without stretch: every later scan measures another state of the sheet in the first
+//! scan.
 //!
-//! Comes in: scans of at least two times. Goes out: the state at the last time as a model, with those before
-//! it, and a [`BendingReport`].
+//! Input: scans of at least two times. Output: the state at the last time as a model, the states before it,
+//! and a [`BendingReport`].
 //!
-//! The first state is a plain fit; its parameters name the points of the sheet from then on. The vertices of
-//! every later state are those which the state before, the readings, and the lengths of the first state make
-//! most likely, by Gauss–Newton with three unknowns a vertex:
+//! The first state is a plain fit; its parameters identify the points of the sheet from then on. The vertices
+//! of every later state are the most likely ones given the state before, the readings, and the lengths of the
+//! first state. They are found by Gauss–Newton with three unknowns for each vertex. Its terms are
 //!
 //! - readings, along the normal of their foot points;
-//! - lengths along the sheet as they were ([`Metric`]), each known to a share `σ`: what sheets stretch, and
-//!   what the first state does not know of its own lengths: a height error `σ_h` over a curvature `κ` changes
-//!   squares of lengths by `2 κ σ_h`, over a leaf of size `ℓ` by `(σ_h/ℓ)²`. It starts large and shrinks from
-//!   iteration to iteration, so that the sheet finds the readings first and its lengths then;
-//! - that the displacement since the state before is smooth: a thin plate whose weight `λ` marginal
-//!   likelihood chooses (generalised Fellner–Schall, `λ ← (rank K − λ tr Λ⁻¹K) / dᵀKd`);
-//! - readings beyond the border pull it to them, as no reading lies off the sheet;
-//! - a trace that holds points where they were along the sheet. Sliding along itself changes neither shape
-//!   nor lengths of a developable sheet: only its borders tell it.
+//! - preserved lengths along the sheet ([`Metric`]), each with a relative `σ`. It contains the stretch of
+//!   real sheets and the uncertainty of the first state: a height error `σ_h` at curvature `κ` changes
+//!   squares of lengths by `2 κ σ_h`, and over a leaf of size `ℓ` by `(σ_h/ℓ)²`. It starts large and shrinks
+//!   from iteration to iteration, so that the sheet finds its readings first and its lengths afterwards;
+//! - a smooth displacement since the state before: a thin plate whose weight `λ` is chosen by marginal
+//!   likelihood (generalised Fellner–Schall, `λ ← (rank K − λ tr Λ⁻¹K) / dᵀKd`);
+//! - a pull of the border towards readings beyond it, since no reading lies off the sheet;
+//! - a weak hold of points along the sheet. A developable sheet that slides along itself keeps its shape and
+//!   lengths, so only its borders show the motion.
 //!
-//! What no scan of a time saw is carried there by the lengths, from the times that did see it:
-//! [`Observed::Invented`].
+//! Parts that no scan of a time measured follow by the lengths from other times:
+//! [`Observed::Inferred`].
 //!
-//! Not guaranteed: that a sheet is found which moved by more than it can be laid on from where it was (slopes
-//! change by less than about 60°); that points keep their places along the sheet where the first scan saw
-//! less of it than others; that a stretch is noticed which no curvature and no border shows.
+//! Not guaranteed: that a sheet is found whose slopes changed by more than about 60°; that points keep their
+//! places along the sheet where the first scan measured less of it than others; that a stretch is noticed
+//! which neither curvature nor border shows.
 //!
 //! # References
 //! The paper on Kalman spline fusion, section 3.3, which asks for constant Gaussian curvature; that is no
@@ -35,8 +35,10 @@ mod state;
 
 use super::PropagationReport;
 use super::bending_report::{BendingReport, BendingState, State, states_in_time};
-use super::stages::{base_shape, leaf_areas};
-use super::{Filter, Fit, FitOptions, finish, fit, observation_options, observe, some_scans};
+use super::finish::{FinishInput, finish};
+use super::first::base_shape;
+use super::leaves::leaf_areas;
+use super::{Filter, Fit, FitOptions, fit, observation_options, observe, scans_of};
 use crate::model::{Observed, Posterior, SensorReport};
 use crate::observe::{ObservationOptions, Quantity};
 use planish_core::{Progress, ProgressPart};
@@ -44,32 +46,33 @@ use planish_estimate::vector3::add_scaled;
 use planish_estimate::{Error, ErrorKind, Result};
 use planish_exchange::ScanSet;
 use planish_spline::{Metric, Shape, Surface, SurfaceSystem};
-use state::{Laid, Sheet};
+use state::{LaidSheet, Sheet};
 use std::sync::Arc;
 
-/// Lengths of paper, leather and metal change by less than this share before they tear or yield: paper tears
-/// at one to three per cent, steel yields at 0.2 %, and bending by hand strains them far less.
+/// Relative σ of lengths along a sheet.
+///
+/// Paper tears at a strain of 1 to 3 % and steel yields at 0.2 %; bending by hand strains them far less.
 const SIGMA_STRETCH: f64 = 1e-3;
-/// Cells are divided, so often at most, while residuals are larger than noise by this factor.
-const MOST_DIVISIONS: usize = 2;
+/// Cells are divided while residuals exceed noise by the factor [`DIVIDED_ABOVE`], at most this many times.
+const MAX_DIVISIONS: usize = 2;
 const DIVIDED_ABOVE: f64 = 1.05;
-/// A sheet has stretched when E, F or G changes by more, residuals are larger than noise by more, or a larger
-/// share of readings lies beyond its border.
-const MOST_CHANGE: f64 = 0.01;
-const MOST_MISFIT: f64 = 1.2;
-const MOST_BEYOND: f64 = 0.005;
+/// Limits beyond which a state is reported as stretched: relative change of E, F or G; residuals over their
+/// noise; share of the readings beyond the border.
+const MAX_CHANGE: f64 = 0.01;
+const MAX_MISFIT: f64 = 1.2;
+const MAX_BEYOND: f64 = 0.005;
 
-/// Follows a sheet from state to state; the model is the last of them.
+/// Follows a sheet from state to state; the model is the last state.
 ///
 /// # Errors
-/// `Input` for scans of one time and for closed shapes; `Unsupported` beside what else needs the whole of the
-/// readings.
+/// `Input` for scans of one time and for closed shapes; `Unsupported` for options that need all readings in
+/// one state.
 pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
     let states = states_in_time(set)?;
     refuse(options)?;
-    let first_scans = some_scans(set, &states[0].scans);
+    let first_scans = scans_of(set, &states[0].scans);
     if options.shape.is_none() {
-        // Before the work of a fit.
+        // The shape is checked before the work of a fit.
         let mut readings = observe(&first_scans, &observation_options(set, options))?;
         readings.recentre();
         refuse_other_than_sheet(set, &states[0], base_shape(&readings, None)?.shape)?;
@@ -82,11 +85,12 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
         let from = 0.3 + 0.2 * divisions as f64;
         let part = ProgressPart::new(progress, from, from + 0.2);
         let followed = follow(set, &states, &first, &reference, &still, &part)?;
+        // Residuals above the noise mean that cells are too large for the bends, unless the sheet stretched.
         let worst = followed.iter().map(|(_, state)| state.misfit).fold(0.0, f64::max);
         let space = reference.space();
         let finer = space.refine(&(0..space.leaves().len()).collect::<Vec<_>>());
         if worst < DIVIDED_ABOVE
-            || divisions == MOST_DIVISIONS
+            || divisions == MAX_DIVISIONS
             || finer.node_count() > options.max_coefficients
         {
             return Ok(reported(set, &states[0], first, followed, divisions));
@@ -96,19 +100,20 @@ pub(super) fn fit_bending(set: &ScanSet, options: &FitOptions, progress: &dyn Pr
     unreachable!("the loop ends by returning")
 }
 
-/// Refuses a first state of any shape but that of a sheet.
+/// Refuses a first state that is not a sheet.
 fn refuse_other_than_sheet(set: &ScanSet, first: &State, shape: Shape) -> Result<()> {
     if shape == Shape::Sheet {
         return Ok(());
     }
     Err(Error::input(format!(
-        "{}: --motion bend follows sheets, which have one border; the first state looks like a {}: if it is a sheet, say --shape sheet",
+        "{}: --motion bend follows sheets, which have one border; the first state looks like a {}: if it is \
+         a sheet, say --shape sheet",
         set.scans[first.scans[0]].scan.name,
         shape.name()
     )))
 }
 
-/// What does not go together with bending.
+/// Refuses options that do not go together with bending.
 fn refuse(options: &FitOptions) -> Result<()> {
     let asked = [
         (options.filter == Some(Filter::Patch), "--filter patch"),
@@ -120,7 +125,8 @@ fn refuse(options: &FitOptions) -> Result<()> {
     ];
     if let Some((_, name)) = asked.iter().find(|(asked, _)| *asked) {
         return Err(Error::unsupported(format!(
-            "--motion bend does not go together with {name}: every state of the sheet is fitted for itself, to the one before"
+            "--motion bend does not go together with {name}: every state of the sheet is fitted for itself, \
+             to the one before"
         )));
     }
     match options.shape {
@@ -132,16 +138,16 @@ fn refuse(options: &FitOptions) -> Result<()> {
     }
 }
 
-/// What is known of the sheet's lengths.
+/// Lengths along the sheet, and their uncertainty.
 struct Lengths {
     metric: Metric,
-    /// σ of the square of a length, leaf by leaf.
+    /// Relative σ of the square of a length, for each leaf.
     sigma: Vec<f64>,
-    /// Whether some state so far has measured the leaf.
+    /// For each leaf, true if some state so far has measured it.
     measured: Vec<bool>,
 }
 
-/// Carries the sheet through all states after the first; a fit and its figures for each.
+/// Follows the sheet through all states after the first; a fit and its figures for each.
 fn follow(
     set: &ScanSet,
     states: &[State],
@@ -157,27 +163,31 @@ fn follow(
     for (k, state) in states.iter().enumerate().skip(1) {
         let share = |k: usize| (k - 1) as f64 / (states.len() - 1) as f64;
         let progress = ProgressPart::new(progress, share(k), share(k + 1));
-        let scans = some_scans(set, &state.scans);
+        let scans = scans_of(set, &state.scans);
         let mut observations =
             observe(&scans, &ObservationOptions { sheet: true, ..observation_options(set, options) })?;
         let origin = observations.recentre();
         let previous = moved(&surface, origin.map(|c| -c))?;
+        // The state before is the start, and its displacement is kept smooth, so states are followed one by
+        // one.
         let sheet = Sheet { system: &system, lengths: &lengths, previous: &previous, options };
-        let laid = sheet.settle(&mut observations, &progress).map_err(|e| match e.kind() {
+        let laid = sheet.lay(&mut observations, &progress).map_err(|e| match e.kind() {
             ErrorKind::Undetermined => e.in_context(format!(
-                "{}: the sheet cannot be bent to all readings of its time; is the time right, and the shape one?",
+                "{}: the sheet cannot be bent to all readings of its time; is the time right, and the shape \
+                 one?",
                 state.name(set)
             )),
             _ => e.in_context(state.name(set)),
         })?;
-        let Laid { settled, beyond, held } = laid;
+        let LaidSheet { converged, beyond, held } = laid;
         let quiet = planish_core::Silent;
-        let mut made = finish::finish(&scans, &observations, settled, options, None, None, origin, &quiet)?
+        let mut made = finish(FinishInput::new(&scans, &observations, options, origin), converged, &quiet)?
             .translated(origin)?;
         surface = made.model.surface.clone();
+        // Marks come before the figures, since these are taken over measured parts only.
         lengths.carry_into(&mut made, &held);
         let figures = lengths.judge(&scans, state, &made, &first.report.sensors, beyond)?;
-        lengths.learn(&made)?;
+        lengths.add_measured(&made)?;
         followed.push((made, figures));
     }
     Ok(followed)
@@ -202,17 +212,17 @@ impl Lengths {
         Ok(Self { metric: Metric::of(reference), sigma, measured })
     }
 
-    /// Marks what a state knows from other times: parts without a reading of its own, even if one is near.
+    /// Marks leaves without a reading of this state as inferred, if other times have measured them.
     fn carry_into(&self, state: &mut Fit, held: &[bool]) {
         for ((now, held), measured) in state.model.observed.iter_mut().zip(held).zip(&self.measured) {
             if !held && *measured {
-                *now = Observed::Invented;
+                *now = Observed::Inferred;
             }
         }
     }
 
-    /// Learns the lengths of what a state was the first to see.
-    fn learn(&mut self, state: &Fit) -> Result<()> {
+    /// Adds the lengths of leaves that this state is the first to measure.
+    fn add_measured(&mut self, state: &Fit) -> Result<()> {
         let own = Metric::of(&state.model.surface);
         let posterior = state.posterior();
         for leaf in 0..self.measured.len() {
@@ -225,7 +235,7 @@ impl Lengths {
         Ok(())
     }
 
-    /// The figures of a state that has come to rest.
+    /// The figures of a converged state.
     fn judge(
         &self,
         scans: &ScanSet,
@@ -255,8 +265,8 @@ impl Lengths {
         let sigma = noise_of(&made.report.sensors, first);
         let misfit = made.report.rms / sigma;
         let readings = made.report.observations;
-        let stretched = largest.iter().any(|c| *c > MOST_CHANGE);
-        let off = beyond_border as f64 > MOST_BEYOND * readings as f64;
+        let stretched = largest.iter().any(|c| *c > MAX_CHANGE);
+        let off = beyond_border as f64 > MAX_BEYOND * readings as f64;
         Ok(BendingState {
             scans: names(scans),
             time_s: state.time_s,
@@ -267,9 +277,9 @@ impl Lengths {
             mean_change: mean.map(|c| c / area.max(f64::MIN_POSITIVE)),
             largest_change: largest,
             beyond_border,
-            isometric: !(stretched || off || misfit > MOST_MISFIT),
+            isometric: !(stretched || off || misfit > MAX_MISFIT),
             measured_area_fraction: share_of(&measured_now),
-            carried_area_fraction: share_of(&|leaf| made.model.observed[leaf] == Observed::Invented),
+            carried_area_fraction: share_of(&|leaf| made.model.observed[leaf] == Observed::Inferred),
             sigma_surface: made.report.sigma.median,
         })
     }
@@ -279,7 +289,7 @@ fn names(scans: &ScanSet) -> Vec<String> {
     scans.scans.iter().map(|posed| posed.scan.name.clone()).collect()
 }
 
-/// σ of the square of a length that a fit knows by the heights of its surface.
+/// Relative σ of the square of a length, from σ of the heights of a surface.
 fn sigma_of_lengths(posterior: &Posterior<'_>, leaf: usize, local: [f64; 2]) -> Result<f64> {
     let surface = posterior.surface();
     let jet = surface.leaf_jet(leaf, local[0], local[1]);
@@ -294,7 +304,7 @@ fn sigma_of_lengths(posterior: &Posterior<'_>, leaf: usize, local: [f64; 2]) -> 
     Ok((2.0 * SIGMA_STRETCH).hypot(2.0 * bend * height).hypot(slope2))
 }
 
-/// σ of the positions of a state's sensors: as stated, or as the first state says of those that state none.
+/// σ of the positions of a state's sensors: the stated one, or the estimate of the first state.
 fn noise_of(sensors: &[SensorReport], first: &[SensorReport]) -> f64 {
     let positions = sensors.iter().filter(|s| s.quantity == Quantity::Position.name());
     let (mut square, mut count) = (0.0, 0.0);
@@ -311,7 +321,7 @@ fn noise_of(sensors: &[SensorReport], first: &[SensorReport]) -> f64 {
     (square / f64::max(count, 1.0)).sqrt()
 }
 
-/// The last state as the answer, those before it kept, all told in the report.
+/// The last state as the result, with the states before it and the report of all.
 fn reported(
     set: &ScanSet,
     state: &State,
@@ -321,7 +331,7 @@ fn reported(
 ) -> Fit {
     let sigma = noise_of(&first.report.sensors, &first.report.sensors);
     let mut states = vec![BendingState {
-        scans: names(&some_scans(set, &state.scans)),
+        scans: names(&scans_of(set, &state.scans)),
         time_s: state.time_s,
         observations: first.report.observations,
         rms: first.report.rms,
@@ -343,7 +353,7 @@ fn reported(
     last.earlier_states = std::iter::once(first).chain(followed.into_iter().map(|(fit, _)| fit)).collect();
     let stretched: Vec<&BendingState> = states.iter().filter(|state| !state.isometric).collect();
     last.report.warnings.extend(stretched.iter().map(|state| warning(state)));
-    let invented_area_fraction = last.model.area_fraction(Observed::Invented);
+    let inferred_area_fraction = last.model.area_fraction(Observed::Inferred);
     last.report.propagation = Some(PropagationReport {
         bending: Some(BendingReport {
             sigma_stretch: SIGMA_STRETCH,
@@ -351,7 +361,7 @@ fn reported(
             divisions,
             states,
         }),
-        invented_area_fraction,
+        inferred_area_fraction,
         ..PropagationReport::default()
     });
     last
@@ -360,8 +370,9 @@ fn reported(
 fn warning(state: &BendingState) -> String {
     let change = state.largest_change.iter().copied().fold(0.0, f64::max);
     format!(
-        "{}: not the sheet of the first scan, bent and not stretched: E, F or G changes by up to {:.1} %, residuals are {:.2} times their noise, and {} of {} \
-         readings lie beyond the border; what was carried there from other times does not hold",
+        "{}: not the sheet of the first scan, bent and not stretched: E, F or G changes by up to {:.1} %, \
+         residuals are {:.2} times their noise, and {} of {} readings lie beyond the border; what was \
+         carried there from other times does not hold",
         state.scans.join(", "),
         100.0 * change,
         state.misfit,

@@ -1,78 +1,76 @@
-//! The states of a sheet that bends without stretch, and what a fit says of them.
+//! The states of a sheet that bends without stretch, and their report.
 
 use super::motion::scans_in_time;
 use planish_estimate::{Error, Result};
 use planish_exchange::ScanSet;
 use serde::Serialize;
 
-/// A sheet's bending.
+/// The bending of a sheet.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BendingReport {
-    /// σ of a length along the sheet, as a share of it: how much sheets are taken to stretch.
+    /// Assumed relative σ of lengths along the sheet.
     pub sigma_stretch: f64,
-    /// Whether every state is one of the same sheet, bent and not stretched.
+    /// True if every state is the same sheet, bent but not stretched.
     pub isometric: bool,
-    /// How often the cells of the first state were divided so that they could follow the bending of the
-    /// others.
+    /// Number of times that the cells of the first state were divided to follow the bending of the others.
     pub divisions: usize,
-    /// State by state, in the order of time.
+    /// One entry for each state, in the order of time.
     pub states: Vec<BendingState>,
 }
 
-/// A sheet at one time.
+/// The sheet at one time.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BendingState {
-    /// The scans that were taken then.
+    /// Scans of this time.
     pub scans: Vec<String>,
-    /// When, in seconds, where the scans say so.
+    /// Time in seconds, if the scans state one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_s: Option<f64>,
     /// Readings used.
     pub observations: usize,
     /// Root mean square of their residuals along the normals.
     pub rms: f64,
-    /// σ of the readings, as stated, or as the first state's residuals say where that is not stated.
+    /// σ of the readings: the stated one, or the estimate of the first state.
     pub sigma: f64,
-    /// The one over the other: 1 where the bent sheet goes through its readings as well as their noise lets
-    /// it.
+    /// `rms` over `sigma`: 1 if the residuals are noise only.
     pub misfit: f64,
-    /// Mean size of the relative changes of E, F and G since the first state, that of F over √(EG).
+    /// Mean absolute relative changes of E, F and G since the first state; that of F is relative to √(EG).
     pub mean_change: [f64; 3],
-    /// The largest of each, where the sheet was measured.
+    /// Largest of these changes, where the sheet was measured.
     pub largest_change: [f64; 3],
-    /// Readings beyond the border of the sheet, farther than their spacing explains.
+    /// Readings beyond the border of the sheet by more than their spacing.
     pub beyond_border: usize,
-    /// Whether the state is one of the same sheet, bent and not stretched.
+    /// True if the state is the same sheet, bent but not stretched.
     pub isometric: bool,
     /// Share of the area that was measured at this time.
     pub measured_area_fraction: f64,
-    /// Share of the area that is known from other times alone.
+    /// Share of the area that is known from other times only.
     pub carried_area_fraction: f64,
-    /// Median σ of the surface along its normal, where it was measured.
+    /// Median σ of the measured surface along its normal.
     pub sigma_surface: f64,
 }
 
 /// The scans of one time.
 pub(crate) struct State {
-    /// When, where the scans say so.
+    /// Time in seconds, if the scans state one.
     pub time_s: Option<f64>,
-    /// Their numbers in the set.
+    /// Indices of the scans in the set.
     pub scans: Vec<usize>,
 }
 
 impl State {
-    /// What messages call it.
+    /// Name of the state in messages.
     pub(crate) fn name(&self, set: &ScanSet) -> String {
         let names: Vec<&str> = self.scans.iter().map(|&k| set.scans[k].scan.name.as_str()).collect();
         names.join(", ")
     }
 }
 
-/// The states of a thing in the order of time: scans of one time are of one state. Where no scan states a
-/// time, each is a state of its own, in the order in which they are given.
+/// The states of a sheet in the order of time. Scans of one time form one state. If no scan states a time,
+/// each is a state of its own, in the given order.
 ///
 /// # Errors
-/// `Input` where there is one state only, and where some scans state a time and others do not.
+/// `Input` if there is one state only, or only some scans state a time.
 pub(crate) fn states_in_time(set: &ScanSet) -> Result<Vec<State>> {
     if set.scans.len() < 2 {
         let found = set.scans.first().map_or("none", |posed| posed.scan.name.as_str());

@@ -1,30 +1,33 @@
-//! Gaps in what was seen of a settled surface, and what surrounds each.
+//! Gaps in the measured part of a surface, and their completion by the simple shape around them.
 //!
-//! Comes in: a settled surface with its feet. Goes out: for each gap readings that are concluded from the
-//! simple shape around it, if there is one, and a report of what was found.
+//! Input: a converged surface with its feet. Output: for each gap the readings inferred from the shape around
+//! it, if that is simple, and a report.
 //!
-//! A place of the surface is in a gap where no reading that faces its way lies within three times the spacing
-//! of the readings. Leaves with such places that touch make one gap. The readings around it, as far away as
-//! the gap is wide, or only half as far where those are of no simple shape, say what it is.
+//! A point of the surface is in a gap if no reading on its side lies within three times the spacing of the
+//! readings. Adjacent leaves with such points form one gap. Its shape is classified from the readings around
+//! it: in a ring wider than the gap, or in narrower ones if the readings of that ring have no simple shape.
 
-use super::stages::{Settled, leaf_areas, neighbourhood, weights};
-use crate::complete::{GapReport, Seen};
-use crate::observe::{InventedReading, InventedVariance, Observations};
+use super::leaves::{leaf_areas, neighbourhood};
+use super::refine::ConvergedFit;
+use super::weights::weights;
+use crate::complete::{GapReport, MeasuredRegion};
+use crate::observe::{InferredReading, InferredVariance, Observations};
 use planish_estimate::vector3::{distance, dot, sub};
 use planish_spline::{Classification, classify};
 use std::f64::consts::PI;
 
-/// Places of a leaf along each side that are looked at.
+/// Points of a leaf that are tested, along each side.
 const PLACES: usize = 5;
-/// Distance to the nearest reading from which a place is in a gap, over the spacing of the readings.
+/// Distance to the nearest reading from which a point is in a gap, in spacings of the readings.
 const EMPTY: f64 = 3.0;
-/// How far around a gap readings are asked, over its radius: the widest ring whose readings are of one shape.
+/// Widths of the rings around a gap, in radii of the gap. The widest ring whose readings have one simple
+/// shape is used.
 const RINGS: [f64; 3] = [1.5, 0.8, 0.4];
-/// Readings and places that are enough.
+/// Readings of a ring, and points of a gap, that are enough.
 const ENOUGH_READINGS: usize = 4000;
 const ENOUGH_PLACES: usize = 300;
 
-/// A place of the surface where nothing was seen.
+/// A point of the surface in a gap.
 #[derive(Clone, Copy)]
 struct Place {
     point: [f64; 3],
@@ -32,41 +35,42 @@ struct Place {
     area: f64,
 }
 
-/// Readings that complete the gaps, and what was found of each gap, the largest first.
+/// Readings that complete the gaps, and a report of each gap, the largest first.
 pub(super) fn completed(
     observations: &Observations,
-    settled: &Settled,
+    converged: &ConvergedFit,
     gate: f64,
-) -> (Vec<InventedReading>, Vec<GapReport>) {
-    let information = weights(observations, &settled.subset, &settled.feet, &settled.noise, gate, false);
-    let used: Vec<usize> = (0..settled.subset.len())
-        .filter(|&k| information[k] > 0.0 && observations.invented(settled.subset[k] as usize).is_none())
+) -> (Vec<InferredReading>, Vec<GapReport>) {
+    let information = weights(converged.readings(observations), &converged.noise, gate, false);
+    let used: Vec<usize> = (0..converged.subset.len())
+        .filter(|&k| information[k] > 0.0 && observations.inferred(converged.subset[k] as usize).is_none())
         .collect();
     let mut readings = Vec::new();
     let mut reports = Vec::new();
-    for gap in gaps(observations, settled, &used) {
-        let (found, around) = surroundings(observations, settled, &used, &information, &gap);
+    for gap in gaps(observations, converged, &used) {
+        let (found, around) = surroundings(observations, converged, &used, &information, &gap);
         let before = readings.len();
         if let Some(found) = &found {
-            readings.extend(concluded(found, &gap, around.typical_variance));
+            readings.extend(inferred_readings(found, &gap, around.typical_variance));
         }
         let area = gap.iter().map(|p| p.area).sum();
-        reports.push(GapReport::of(found.as_ref(), area, around.readings, readings.len() - before));
+        reports.push(GapReport::new(found.as_ref(), area, around.readings, readings.len() - before));
     }
     (readings, reports)
 }
 
-/// The gaps, each as its places, the largest first.
-fn gaps(observations: &Observations, settled: &Settled, used: &[usize]) -> Vec<Vec<Place>> {
-    let (surface, space) = (&settled.surface, settled.surface.space());
+/// The points of each gap, the largest gap first.
+fn gaps(observations: &Observations, converged: &ConvergedFit, used: &[usize]) -> Vec<Vec<Place>> {
+    let (surface, space) = (&converged.surface, converged.surface.space());
     let areas = leaf_areas(surface);
     let mut own = vec![false; areas.len()];
     for &k in used {
-        own[settled.feet[k].leaf as usize] = true;
+        own[converged.feet[k].leaf as usize] = true;
     }
     let seen_area: f64 = areas.iter().zip(&own).filter(|(_, o)| **o).map(|(a, _)| a).sum();
+    // The spacing comes from leaves with readings alone, or gaps would enlarge it.
     let spacing = (seen_area / used.len().max(1) as f64).sqrt();
-    let seen = Seen::new(observations, EMPTY * spacing);
+    let measured = MeasuredRegion::new(observations, EMPTY * spacing);
     let places: Vec<Vec<Place>> = (0..areas.len())
         .map(|leaf| {
             let grid = (0..PLACES * PLACES)
@@ -79,7 +83,7 @@ fn gaps(observations: &Observations, settled: &Settled, used: &[usize]) -> Vec<V
                     area: areas[leaf] / (PLACES * PLACES) as f64,
                 })
             });
-            all.filter(|p| !seen.near(p.point, p.normal)).collect()
+            all.filter(|p| !measured.contains(p.point, p.normal)).collect()
         })
         .collect();
     let mut met = vec![false; areas.len()];
@@ -89,6 +93,7 @@ fn gaps(observations: &Observations, settled: &Settled, used: &[usize]) -> Vec<V
             continue;
         }
         met[first] = true;
+        // Depth-first search over adjacent leaves with gap points.
         let (mut stack, mut gap) = (vec![first], Vec::new());
         while let Some(leaf) = stack.pop() {
             gap.extend_from_slice(&places[leaf]);
@@ -106,32 +111,33 @@ fn gaps(observations: &Observations, settled: &Settled, used: &[usize]) -> Vec<V
     found
 }
 
-/// What was asked around a gap.
-struct Around {
+/// The readings around a gap.
+struct Surroundings {
     readings: usize,
     typical_variance: f64,
 }
 
-/// What the readings around a gap are of.
+/// Classifies the readings around a gap.
 fn surroundings(
     observations: &Observations,
-    settled: &Settled,
+    converged: &ConvergedFit,
     used: &[usize],
     information: &[f64],
     gap: &[Place],
-) -> (Option<Classification>, Around) {
+) -> (Option<Classification>, Surroundings) {
     let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
-    let some: Vec<&Place> = gap.iter().step_by(gap.len().div_ceil(ENOUGH_PLACES)).collect();
-    // How far each reading is from the nearest place of the gap.
+    let sample: Vec<&Place> = gap.iter().step_by(gap.len().div_ceil(ENOUGH_PLACES)).collect();
+    // Distance of each reading from the nearest point of the gap.
     let away: Vec<f64> = used
         .iter()
         .map(|&k| {
-            let z = observations.points[settled.subset[k] as usize];
-            some.iter().map(|p| distance(p.point, z)).fold(f64::INFINITY, f64::min)
+            let z = observations.points[converged.subset[k] as usize];
+            sample.iter().map(|p| distance(p.point, z)).fold(f64::INFINITY, f64::min)
         })
         .collect();
     let nearest = away.iter().copied().fold(f64::INFINITY, f64::min);
-    let mut around = Around { readings: 0, typical_variance: 0.0 };
+    let mut around = Surroundings { readings: 0, typical_variance: 0.0 };
+    // The widest ring with one simple shape has the most readings, hence the smallest σ of the shape.
     for ring in RINGS {
         let near: Vec<usize> = (used.iter().zip(&away))
             .filter(|(_, d)| **d <= nearest + ring * radius)
@@ -140,8 +146,8 @@ fn surroundings(
         let near: Vec<usize> =
             near.iter().copied().step_by(near.len().div_ceil(ENOUGH_READINGS).max(1)).collect();
         let points: Vec<[f64; 3]> =
-            near.iter().map(|&k| observations.points[settled.subset[k] as usize]).collect();
-        let normals: Vec<[f64; 3]> = near.iter().map(|&k| settled.feet[k].normal).collect();
+            near.iter().map(|&k| observations.points[converged.subset[k] as usize]).collect();
+        let normals: Vec<[f64; 3]> = near.iter().map(|&k| converged.feet[k].normal).collect();
         let variance: Vec<f64> = near.iter().map(|&k| 1.0 / information[k]).collect();
         around.readings = near.len();
         around.typical_variance = variance.iter().sum::<f64>() / near.len().max(1) as f64;
@@ -152,18 +158,18 @@ fn surroundings(
     (None, around)
 }
 
-/// The points of the shape beside every place of a gap.
-fn concluded(found: &Classification, gap: &[Place], own: f64) -> Vec<InventedReading> {
+/// Readings inferred from the shape, one beside every point of a gap.
+fn inferred_readings(found: &Classification, gap: &[Place], own: f64) -> Vec<InferredReading> {
     let radius = (gap.iter().map(|p| p.area).sum::<f64>() / PI).sqrt();
     gap.iter()
         .filter_map(|place| {
             let predicted = found.predict(place.point, place.normal);
             let off = sub(predicted.point, place.point);
-            // What lies farther off than the gap is wide is another part of the shape.
-            (dot(off, off) < radius * radius).then_some(InventedReading {
+            // A point farther away than the gap is wide belongs to another part of the shape.
+            (dot(off, off) < radius * radius).then_some(InferredReading {
                 point: predicted.point,
                 normal: predicted.normal,
-                variance: InventedVariance { own, shared: predicted.variance },
+                variance: InferredVariance { own, shared: predicted.variance },
             })
         })
         .collect()

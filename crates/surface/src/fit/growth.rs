@@ -1,53 +1,55 @@
-//! A ball grown into the solid that the points enclose.
+//! Growth of a ball into the solid that the points enclose.
 //!
-//! Comes in: a base ball and the blurred [`Indicator`]. Goes out: a surface near the points everywhere.
+//! Input: a base ball and the [`Indicator`]. Output: a surface near the points everywhere.
 //!
-//! Every point of the surface is carried to the level set of the indicator, from strong to weak blur, as a
-//! shape grows from a blob: ears appear as bumps and lengthen. Four forces make one *step* `d`:
-//! - along the normal, to the level set, where the surface faces it;
-//! - a piece that has been turned inside out is led back down the gradient instead;
-//! - a film that was left outside the solid, as between two ears, draws back by its mean curvature like a
+//! The surface follows the level set of the indicator from strong to weak blur. Details such as ears appear
+//! as bumps and lengthen. Four terms form one *step* `d`:
+//! - a motion along the normal to the level set, where the surface faces it;
+//! - a motion down the gradient instead, for a piece that was turned inside out;
+//! - a motion by mean curvature for a film outside the solid, as between two ears, so that it retracts like a
 //!   soap film;
-//! - vertices drift along the surface towards where it is stretched most, which keeps cells even.
+//! - a drift of vertices along the surface towards where it is stretched most, which keeps cells even.
 //!
 //! The step, not the surface, is smoothed: `(M + ℓ⁴ K) δ = M d` in the metric of the base. Smooth steps
 //! compose to a smooth map, and thin features are not shrunk. The matrix is the same for every step of a
 //! level: it is factored once.
 //!
-//! Not guaranteed: shapes with handles; a ball cannot follow them and leaves films across.
+//! Not guaranteed: shapes with handles. A ball cannot follow them and leaves films across.
 
-use super::indicator::{BlurredIndicator, Indicator, LEAST_BLUR_CELLS};
+use super::indicator::{BlurredIndicator, Indicator, MIN_BLUR_CELLS};
 use planish_estimate::Result;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, unit};
 use planish_spline::{BaseShape, FieldPoints, Surface, SurfaceSystem};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Most uniform refinements of the base grid: at 112 × 72 cells the ears of a 150 mm bunny grow without
-/// folds, at 56 × 36 they do not.
-pub(super) const MOST_LEVELS: usize = 3;
-/// The strongest blur, as a share of the largest half extent, and the factor from one to the next.
+/// Largest number of uniform refinements of the base grid.
+///
+/// At 112 × 72 cells the ears of a 150 mm bunny grow without folds; at 56 × 36 they do not.
+pub(super) const MAX_LEVELS: usize = 3;
+/// Strongest blur, as a share of the largest half extent, and the factor from one blur to the next.
 const FIRST_BLUR: f64 = 0.25;
 const BLUR_FACTOR: f64 = 0.8;
-/// How far the level lies inside the points at the strongest blur: thin gaps must not close over.
+/// Offset of the level into the solid at the strongest blur, as a share of the difference
+/// between the indicator inside and at the points. Without it thin gaps would close.
 const INWARD_SHARE: f64 = 0.3;
-/// Smoothing length of a step, longest step, drift (squared) and draw of films (squared): all in cells of the
-/// base.
+/// Smoothing length of a step, longest step, drift (squared) and retraction of films (squared), all in cells
+/// of the base.
 const SMOOTHING_CELLS: f64 = 0.6;
 const LONGEST_STEP_CELLS: f64 = 0.3;
 const DRIFT: f64 = 0.12;
-const DRAW: f64 = 4.0;
-/// Steps from which on a stage may end early, and at most.
-const FEW_STEPS: usize = 8;
-const MOST_STEPS: usize = 36;
-/// Stretch changes slowly: it is measured every so many steps.
+const RETRACTION: f64 = 4.0;
+/// Steps of a stage: at least, and at most.
+const MIN_STEPS: usize = 8;
+const MAX_STEPS: usize = 36;
+/// Stretch changes slowly: it is measured anew after this many steps.
 const STRETCH_EVERY: usize = 4;
 
-/// Grows the base into the indicator's solid, `levels` uniform refinements on the way; `points` fix the level
-/// of the indicator.
+/// Grows the base into the indicator's solid, with `levels` uniform refinements on the way. `points` define
+/// the level of the indicator.
 ///
 /// # Errors
-/// `Undetermined` when the surface degenerates, `Interrupted` when the caller says so.
+/// `Undetermined` if the surface degenerates; what `check` returns.
 pub(super) fn grow(
     base: &BaseShape,
     grid: [usize; 2],
@@ -57,8 +59,9 @@ pub(super) fn grow(
     check: &dyn Fn(f64) -> Result<()>,
 ) -> Result<Surface> {
     let largest = base.size.iter().fold(0.0_f64, |a, &b| a.max(b));
-    // At 1.2 cells thin ear tips would end 6 mm short, at 0.7 a film would stay between two ears.
-    let last = LEAST_BLUR_CELLS * indicator.cell();
+    // With a last blur of 1.2 cells thin ear tips of the bunny end 6 mm short; with 0.7 a film stays between
+    // its ears.
+    let last = MIN_BLUR_CELLS * indicator.cell();
     let mut blurs = vec![FIRST_BLUR * largest];
     while blurs[blurs.len() - 1] * BLUR_FACTOR > 1.1 * last {
         blurs.push(blurs[blurs.len() - 1] * BLUR_FACTOR);
@@ -69,6 +72,7 @@ pub(super) fn grow(
     let mut level = 0;
     let mut stage_of_level = Stage::new(&surface, &reference, base, grid, level)?;
     for (stage, &sigma) in blurs.iter().enumerate() {
+        // Levels are spread over the stages, with the last ones left for the finest grid.
         let wanted = (((stage + 1) * levels) / (blurs.len() - 3).max(1)).min(levels);
         while level < wanted {
             let finer = Arc::new(surface.space().refine_all());
@@ -86,8 +90,8 @@ pub(super) fn grow(
             field,
         };
         let mut stretch = Vec::new();
-        for step in 0..MOST_STEPS {
-            check((stage as f64 + step as f64 / MOST_STEPS as f64) / blurs.len() as f64)?;
+        for step in 0..MAX_STEPS {
+            check((stage as f64 + step as f64 / MAX_STEPS as f64) / blurs.len() as f64)?;
             if step % STRETCH_EVERY == 0 {
                 stretch = stage_of_level.stretch(&surface)?;
             }
@@ -99,7 +103,7 @@ pub(super) fn grow(
                 .zip(moved.chunks_exact(3))
                 .map(|(p, d)| add(*p, [d[0], d[1], d[2]]));
             surface = surface.with_vertices(vertices.collect())?;
-            if step + 1 >= FEW_STEPS && longest < 0.05 * stage_of_level.cell {
+            if step + 1 >= MIN_STEPS && longest < 0.05 * stage_of_level.cell {
                 break;
             }
         }
@@ -107,19 +111,19 @@ pub(super) fn grow(
     Ok(surface)
 }
 
-/// The level set to grow to.
+/// The level set that the surface grows to.
 struct Target {
     field: BlurredIndicator,
     iso: f64,
     steep: f64,
 }
 
-/// What stays the same through all steps of a level.
+/// The equations of one level: the same for all of its steps.
 struct Stage {
     system: SurfaceSystem,
     factor: planish_estimate::sparse::CholeskyFactor,
-    /// Where steps are measured. The middle of a leaf alone would be cheaper, but thin parts of scans with
-    /// gaps come out shorter.
+    /// Points of a leaf at which steps are evaluated. The middle alone would be cheaper, but shortens thin
+    /// parts of scans with gaps.
     points: FieldPoints,
     /// Area of the base that each point stands for.
     weights: Vec<[f64; FieldPoints::COUNT]>,
@@ -145,10 +149,10 @@ impl Stage {
         Ok(Self { system, factor, points, weights, side: surface.space().leaves()[0].side(), cell })
     }
 
-    /// The logarithm of how much each place is stretched against the base, smoothed: its derivatives along u
-    /// and v at the points.
+    /// Derivatives along u and v, at the points, of the smoothed logarithm of the stretch against the base.
     fn stretch(&self, surface: &Surface) -> Result<Vec<[[f64; 2]; FieldPoints::COUNT]>> {
         let share = self.side * self.side / FieldPoints::COUNT as f64;
+        // The logarithm makes stretch and compression symmetric.
         let mut field = self.system.project_field(&self.points, &self.weights, |leaf| {
             let mut values = [[0.0; 3]; FieldPoints::COUNT];
             let frames = self.points.frames(surface.leaf_coefficients(leaf), self.side);
@@ -214,11 +218,12 @@ impl Stage {
             let along_normal = (5.0 * (facing + 0.1)).clamp(0.0, 1.0);
             d = add(scale(along_normal * height, normal), scale((1.0 - along_normal) * height, downhill));
         }
+        // A film is recognised by low values of the indicator on both of its sides.
         let outside = ((target.iso - value) / (target.steep * 0.5 * cell)).clamp(0.0, 1.0);
         if outside > 0.0
             && let Some(mean) = mean_curvature()
         {
-            let draw = (DRAW * cell * cell * mean).clamp(-longest, longest);
+            let draw = (RETRACTION * cell * cell * mean).clamp(-longest, longest);
             d = add_scaled(d, outside * draw, normal);
         }
         let strength = DRIFT * cell * cell * (2.0 * facing).clamp(0.0, 1.0);
@@ -231,6 +236,7 @@ impl Stage {
 fn drift(du: [f64; 3], dv: [f64; 3], f: [f64; 2], strength: f64, longest: f64) -> [f64; 3] {
     let [e, m, g] = [dot(du, du), dot(du, dv), dot(dv, dv)];
     let area2 = e * g - m * m;
+    // Tangents that are nearly parallel define no gradient.
     if area2 <= 1e-12 * (e + g) * (e + g) {
         return [0.0; 3];
     }
@@ -245,7 +251,7 @@ mod tests {
     use super::*;
     use planish_estimate::vector3::sub;
 
-    /// A ball with two long horns: nothing star-shaped about it.
+    /// A ball with two long horns, which is not star-shaped.
     #[test]
     fn ball_grows_into_a_horned_shape_without_turning_inside_out() {
         let (mut points, mut normals) = (Vec::new(), Vec::new());
@@ -298,7 +304,7 @@ mod tests {
         let base =
             planish_spline::choose_base_shape(&points, &normals, Some(planish_spline::Shape::Ball)).unwrap();
         let indicator = Indicator::new(&points, &normals);
-        let surface = grow(&base, base.grid(128), MOST_LEVELS, &points, &indicator, &|_| Ok(())).unwrap();
+        let surface = grow(&base, base.grid(128), MAX_LEVELS, &points, &indicator, &|_| Ok(())).unwrap();
         let search = planish_spline::FootPointSearch::new(&surface, 2, 0.3).unwrap();
         let far = points
             .iter()

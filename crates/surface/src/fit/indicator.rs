@@ -1,15 +1,15 @@
 //! The solid that oriented points enclose, as a blurred indicator function on a grid.
 //!
-//! Comes in: points with outward normals. Goes out: a function that is high inside and low outside, at any
-//! blur, and the level that passes through the points. It fills holes smoothly, forgives noise and outliers,
-//! and at strong blur it is a blob: a surface that follows its level set from strong to weak blur grows into
-//! the shape without tearing or folding.
+//! Input: points with outward normals. Output: a function that is high inside and low outside, at any blur,
+//! and the level that passes through the points. It fills holes smoothly and is robust against noise and
+//! outliers. At strong blur the solid is a blob, so a surface that follows the level set from strong to weak
+//! blur grows into the shape without tearing or folding.
 //!
 //! With normals `n_i` and areas `a_i`, the indicator obeys `∇χ = −Σ a_i n_i δ(x − p_i)`, hence in Fourier
 //! space `χ̂ = i k·V̂ / |k|²`, and a blur is a factor `exp(−σ²k²/2)`. Areas come from the local density of
 //! points.
 //!
-//! Not guaranteed: detail below one grid cell.
+//! Not guaranteed: detail smaller than one grid cell.
 //!
 //! # References
 //! Kazhdan, *Reconstruction of solid models from oriented point sets*, SGP 2005.
@@ -20,13 +20,14 @@ use rustfft::num_complex::Complex;
 use rustfft::{FftDirection, FftPlanner};
 use std::f64::consts::TAU;
 
-/// Grid cells along each side: 2⁵ · 3, which transforms fast.
+/// Grid cells along each side: 2⁵ · 3, which is fast to transform.
 const CELLS: usize = 96;
-/// The box around the points is this much larger than they are, so that its periodic images do not meet.
+/// Side of the grid over that of the points, so that periodic images do not touch.
 const PADDING: f64 = 1.6;
-/// The weakest blur that the full grid can show, in its cells.
-pub(super) const LEAST_BLUR_CELLS: f64 = 0.85;
-/// A coarser grid is taken where it has so many cells a blur: at half as many a film stays between two ears.
+/// Weakest blur that the full grid can represent, in its cells.
+pub(super) const MIN_BLUR_CELLS: f64 = 0.85;
+/// A coarser grid is used if the blur spans at least this many of its cells. With half as many a film stays
+/// between the ears of the bunny.
 const AMPLE_BLUR_CELLS: f64 = 1.7;
 /// Blur of the density estimate, in grid cells.
 const DENSITY_BLUR: f64 = 2.0;
@@ -43,7 +44,7 @@ pub(super) struct BlurredIndicator {
     values: Vec<f64>,
 }
 
-/// A cubic grid of sample points; what is transformed on it is periodic.
+/// A cubic grid of sample points, periodic for transforms.
 #[derive(Clone, Copy)]
 struct Grid {
     origin: [f64; 3],
@@ -53,7 +54,7 @@ struct Grid {
 }
 
 impl Indicator {
-    /// Transforms oriented points; those with zero normals are left out.
+    /// The indicator of oriented points; those with zero normals do not count.
     pub(super) fn new(points: &[[f64; 3]], normals: &[[f64; 3]]) -> Self {
         let (lo, hi) = points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
             ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
@@ -73,7 +74,7 @@ impl Indicator {
         transform(&mut counts, CELLS, FftDirection::Inverse);
         let density =
             BlurredIndicator { grid, values: counts.iter().map(|c| c.re / counts.len() as f64).collect() };
-        // Two real fields ride in one complex transform; the third has its own.
+        // Two real fields share one complex transform; the third has its own.
         let mut xy = vec![Complex::new(0.0, 0.0); CELLS.pow(3)];
         let mut z = xy.clone();
         for (p, n) in points.iter().zip(normals) {
@@ -121,7 +122,7 @@ impl Indicator {
             grid.cells /= 2;
             grid.cell *= 2.0;
         }
-        // A coarser grid holds the low frequencies only: the blur leaves nothing of the others.
+        // A coarser grid contains the low frequencies only; the blur removes the others.
         let n = grid.cells;
         let mut waves: Vec<Complex<f64>> = (0..n.pow(3))
             .into_par_iter()
@@ -158,7 +159,7 @@ impl BlurredIndicator {
         (value, scale(1.0 / self.grid.cell, [gx, gy, high[0] - low[0]]))
     }
 
-    /// How steeply the indicator falls at the points: their median slope.
+    /// Median slope of the indicator at the points.
     pub(super) fn steepness(&self, points: &[[f64; 3]]) -> f64 {
         let mut slopes: Vec<f64> =
             points.iter().map(|p| dot(self.sample(*p).1, self.sample(*p).1).sqrt()).collect();
@@ -216,7 +217,7 @@ fn split(index: usize, n: usize) -> [usize; 3] {
 fn wave(index: usize, n: usize) -> [f64; 3] {
     split(index, n).map(|m| {
         let signed = if m > n / 2 { m as f64 - n as f64 } else { m as f64 };
-        // The highest frequency has no sign: an odd multiplier must leave it out.
+        // The highest frequency has no sign, so an odd multiplier must be zero there.
         if m == n / 2 { 0.0 } else { TAU * signed / n as f64 }
     })
 }

@@ -1,48 +1,58 @@
-//! What the residuals say of the sensors: σ per sensor from gated readings, and whether it contradicts what
-//! was stated.
+//! Noise of the sensors: σ of each channel from its gated residuals, and whether it contradicts the stated σ.
+//!
+//! Variances are handled as factors on the stated variance of each reading, so that σ may differ from reading
+//! to reading. A channel without a stated σ has stated variance 1.
 
-use crate::observe::{Foot, FootState};
-use crate::observe::{Observations, Quantity};
+use crate::observe::{FootState, Observations, ProjectedReadings, Quantity};
 use planish_estimate::{Result, TruncatedNormal, gated_scale};
 
-/// Stated σ are believed within this factor: real instruments are not specified more sharply.
-const BELIEVED: f64 = 1.1;
+/// Largest ratio of estimated to stated σ, or the inverse, that is not a contradiction.
+///
+/// Instruments are rarely specified more sharply. A smaller tolerance reports correct sensors as wrong; a
+/// larger one misses wrong ones.
+pub(super) const STATED_SIGMA_TOLERANCE: f64 = 1.1;
 
-/// So many readings to spare can contradict a stated σ: if the fit leaves more than this share of them free.
-const ENOUGH_TO_CONTRADICT: f64 = 20.0;
-const LEAST_REDUNDANCY: f64 = 0.2;
+/// Redundant readings needed to contradict a stated σ. The standard error of an estimate from 20 is 16 %.
+pub(super) const ENOUGH_TO_CONTRADICT: f64 = 20.0;
+/// Smallest share of redundant readings from which noise can be estimated. With less, the surface follows its
+/// readings and their residuals carry no information about σ.
+pub(super) const MIN_REDUNDANCY: f64 = 0.2;
+/// Fewest components from which a channel's scale is estimated on its own.
+const MIN_FOR_SCALE: usize = 8;
 
-/// A variance over that stated that is rounding and no more.
-const LEAST_RELATIVE_VARIANCE: f64 = 1e-24;
+/// Variance of rounding, over the stated variance, for quantities that are not lengths.
+const MIN_RELATIVE_VARIANCE: f64 = 1e-24;
 
-/// The noise of every sensor as the fit knows it now.
+/// The noise of every channel at one stage of a fit.
 #[derive(Debug, Clone)]
 pub(super) struct SensorNoise {
-    /// Variance as estimated over variance as stated (over one where none was stated).
-    pub estimated: Vec<f64>,
-    /// Variance as used over variance as stated.
-    pub used: Vec<f64>,
-    /// Readings behind each estimate.
+    /// Estimated variance over stated variance (over 1 if none was stated).
+    pub estimated_factors: Vec<f64>,
+    /// Variance that the fit uses, over stated variance.
+    pub variance_factors: Vec<f64>,
+    /// Number of components behind each estimate.
     pub count: Vec<usize>,
-    /// Whether the estimate is used although σ was stated.
-    pub contradicted: Vec<bool>,
-    /// What the variance over that stated cannot well exceed: one where σ was stated, less where neighbouring
-    /// points agree better.
-    pub most: Vec<f64>,
-    /// Whether the surface follows the sensor's readings wherever they go, so that what they leave says
-    /// nothing of their error.
-    pub followed: Vec<bool>,
+    /// True if the estimate is used although σ was stated.
+    pub is_contradicted: Vec<bool>,
+    /// Plausible upper bound of the variance over that stated: 1 if σ was stated, less if neighbouring points
+    /// agree better.
+    pub factor_bounds: Vec<f64>,
+    /// True if the fit has too few redundant readings of this channel to estimate its noise.
+    ///
+    /// A flexible surface can pass through a small number of readings exactly. Their residuals are then close
+    /// to zero and carry no information about σ, so the previous estimate is kept.
+    pub lacks_redundancy: Vec<bool>,
 }
 
-/// Variance of points about the planes of their neighbours, over that of their noise at most: neighbours may
-/// err together.
+/// Factor on the variance of points about the planes of their neighbours, for an upper bound of their noise.
+/// It allows for errors that neighbours share, which those planes do not show.
 const ROUGHNESS_TO_NOISE: f64 = 4.0;
 
 impl SensorNoise {
-    /// Nothing known yet: stated variances count as they are.
+    /// The noise as stated, before any estimate.
     pub(super) fn stated(observations: &Observations) -> Self {
         let channels = observations.stated.len();
-        let most: Vec<f64> = (0..channels)
+        let factor_bounds: Vec<f64> = (0..channels)
             .map(|channel| {
                 let bound = observations
                     .roughness
@@ -53,63 +63,71 @@ impl SensorNoise {
                 if observations.stated[channel] { bound.min(1.0) } else { bound }
             })
             .collect();
-        // An unstated σ is unknown: until it is estimated, nothing may be made of it (no lift is taken off).
-        let used = (0..channels)
-            .map(|channel| if observations.stated[channel] { most[channel] } else { 0.0 })
+        // An unstated σ is unknown: until it is estimated, no lift by tangential noise is subtracted.
+        let variance_factors = (0..channels)
+            .map(|channel| if observations.stated[channel] { factor_bounds[channel] } else { 0.0 })
             .collect();
         Self {
-            estimated: vec![1.0; channels],
-            used,
+            estimated_factors: vec![1.0; channels],
+            variance_factors,
             count: vec![0; channels],
-            contradicted: vec![false; channels],
-            most,
-            followed: vec![false; channels],
+            is_contradicted: vec![false; channels],
+            factor_bounds,
+            lacks_redundancy: vec![false; channels],
         }
     }
 
-    /// Goes back to what readings without a stated σ said before the surface heard of them, where it now
-    /// follows them wherever they go: each round would weigh them more for the little that they leave,
+    /// Variance of the reading of foot `k`, as the fit uses it.
+    pub(super) fn variance(&self, readings: ProjectedReadings<'_>, k: usize) -> f64 {
+        self.variance_factors[readings.channel(k)] * readings.feet[k].variance
+    }
+
+    /// Keeps the noise from before an update for channels without a stated σ that lack redundancy.
+    ///
+    /// The surface follows their readings. Each iteration would weigh them more for their small residuals,
     /// without end.
-    pub(super) fn keep_where_followed(
+    pub(super) fn keep_where_redundancy_lacks(
         &mut self,
         observations: &Observations,
         before: &Self,
         degrees: &[f64],
     ) {
-        for channel in 0..self.used.len() {
+        for channel in 0..self.variance_factors.len() {
             let spare = self.count[channel] as f64 - degrees[channel];
-            let is_followed = spare < LEAST_REDUNDANCY * self.count[channel] as f64;
-            if is_followed && !observations.stated[channel] && !observations.channels[channel].invented {
-                self.estimated[channel] = before.estimated[channel];
-                self.used[channel] = before.used[channel];
-                self.followed[channel] = true;
+            let lacks_redundancy = spare < MIN_REDUNDANCY * self.count[channel] as f64;
+            if lacks_redundancy && !observations.stated[channel] && !observations.channels[channel].inferred {
+                self.estimated_factors[channel] = before.estimated_factors[channel];
+                self.variance_factors[channel] = before.variance_factors[channel];
+                self.lacks_redundancy[channel] = true;
             }
         }
     }
 
-    /// Estimates every sensor from residuals whose gate at `gate` σ is corrected for.
+    /// Estimates every channel from its residuals, with a correction for the gate at `gate` σ.
     ///
-    /// `degrees` are the effective degrees of freedom that each sensor's readings determine: their χ² is
-    /// smaller than their number by that. While `settled` is false the surface still misses shape, and every
-    /// sensor counts as its residuals say, if worse than stated.
+    /// `degrees` are the effective degrees of freedom that each channel's readings determine; their χ² is
+    /// smaller by that number. Before convergence the surface still misses shape, so a channel whose
+    /// residuals are larger than stated is weighed by its residuals.
+    ///
+    /// # Errors
+    /// `Input` for a gate out of range.
     pub(super) fn estimate(
-        observations: &Observations,
-        subset: &[u32],
-        feet: &[Foot],
+        readings: ProjectedReadings<'_>,
         gate: f64,
         degrees: &[f64],
-        settled: bool,
+        converged: bool,
     ) -> Result<Self> {
+        let ProjectedReadings { observations, subset, feet } = readings;
         let mut noise = Self::stated(observations);
         for channel in 0..observations.stated.len() {
-            // What was concluded from readings says nothing of the sensor that took them.
-            if observations.channels[channel].invented {
+            // Inferred readings carry no information about the noise of sensors.
+            if observations.channels[channel].inferred {
                 continue;
             }
             let least = match observations.channels[channel].quantity {
-                Quantity::Position => observations.least_variance,
-                // Of numbers that have no length, or one over it: what rounding leaves of any.
-                Quantity::Normal | Quantity::Curvature => LEAST_RELATIVE_VARIANCE,
+                Quantity::Position => observations.min_variance,
+                // These have other units than lengths.
+                Quantity::Normal | Quantity::Curvature => MIN_RELATIVE_VARIANCE,
             };
             let normalised: Vec<f64> = subset
                 .iter()
@@ -120,63 +138,61 @@ impl SensorNoise {
                 .flat_map(|(_, foot)| foot.residuals().iter().map(|r| r / foot.variance.sqrt()))
                 .collect();
             noise.count[channel] = normalised.len();
-            if normalised.len() < 8 {
+            if normalised.len() < MIN_FOR_SCALE {
                 if !observations.stated[channel] && !normalised.is_empty() {
-                    // Too few for a scale of their own: the scale of all readings stands in.
+                    // Too few for a scale of their own: use the scale of all readings of the quantity.
                     let quantity = observations.channels[channel].quantity;
                     let all: Vec<f64> = feet
                         .iter()
                         .filter(|f| f.state == FootState::Good && f.quantity == quantity)
                         .flat_map(|f| f.residuals().iter().copied())
                         .collect();
-                    noise.used[channel] = gated_scale(&all, gate)?.sigma.powi(2).max(least);
-                    noise.estimated[channel] = noise.used[channel];
+                    noise.variance_factors[channel] = gated_scale(&all, gate)?.sigma.powi(2).max(least);
+                    noise.estimated_factors[channel] = noise.variance_factors[channel];
                 }
                 if observations.stated[channel] {
-                    noise.used[channel] = 1.0;
+                    noise.variance_factors[channel] = 1.0;
                 }
                 continue;
             }
             let scale = gated_scale(&normalised, gate)?;
-            // Readings that the fit follows wherever they go say nothing of their error.
             let redundancy = 1.0 - degrees[channel] / scale.kept.max(1) as f64;
             let redundant = redundancy * scale.kept as f64;
-            // Exact data leave residuals of rounding size; a variance of zero would leave nothing to weigh
-            // with.
-            noise.estimated[channel] =
-                (scale.sigma * scale.sigma / redundancy.max(LEAST_REDUNDANCY)).max(least);
-            let ratio = noise.estimated[channel].sqrt();
+            // Exact data leave residuals of rounding size. A variance of zero would make weights infinite.
+            noise.estimated_factors[channel] =
+                (scale.sigma * scale.sigma / redundancy.max(MIN_REDUNDANCY)).max(least);
+            let ratio = noise.estimated_factors[channel].sqrt();
             let standard_error = (0.5 / redundant.max(1.0)).sqrt() * ratio;
-            // A surface follows errors that neighbours share: small residuals are then no proof that errors
-            // are small.
-            let may_be_smaller = !observations.err_together[observations.channels[channel].sensor];
-            let smaller = may_be_smaller && ratio < 1.0 / BELIEVED - 3.0 * standard_error;
-            let off = redundancy > LEAST_REDUNDANCY
+            // The surface follows errors that neighbours share, so small residuals do not prove small errors.
+            let may_be_smaller = !observations.correlated_errors[observations.channels[channel].sensor];
+            let smaller = may_be_smaller && ratio < 1.0 / STATED_SIGMA_TOLERANCE - 3.0 * standard_error;
+            let off = redundancy > MIN_REDUNDANCY
                 && redundant > ENOUGH_TO_CONTRADICT
-                && (ratio > BELIEVED + 3.0 * standard_error || smaller);
+                && (ratio > STATED_SIGMA_TOLERANCE + 3.0 * standard_error || smaller);
             if !observations.stated[channel] {
-                noise.used[channel] = noise.estimated[channel];
-            } else if !settled {
-                noise.used[channel] = noise.estimated[channel].max(noise.most[channel]);
+                noise.variance_factors[channel] = noise.estimated_factors[channel];
+            } else if !converged {
+                noise.variance_factors[channel] =
+                    noise.estimated_factors[channel].max(noise.factor_bounds[channel]);
             } else {
-                noise.used[channel] = if off { noise.estimated[channel] } else { 1.0 };
-                noise.contradicted[channel] = off;
+                noise.variance_factors[channel] = if off { noise.estimated_factors[channel] } else { 1.0 };
+                noise.is_contradicted[channel] = off;
             }
         }
         Ok(noise)
     }
 }
 
-/// What the residuals of one sensor's readings sum up to.
+/// Sums over the residuals of one sensor's readings.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ResidualSums {
-    /// Readings.
+    /// Number of readings.
     pub count: usize,
     /// `Σ r²`.
     pub square: f64,
     /// `Σ w r²`.
     pub weighted: f64,
-    /// The sum of their stated variances.
+    /// Sum of the stated variances.
     pub variance: f64,
 }
 
@@ -189,7 +205,7 @@ impl ResidualSums {
     }
 }
 
-/// The variance that a gate leaves, over the whole.
+/// The share of a normal variable's variance that a gate leaves.
 pub(super) fn kept_variance(gate: f64) -> Result<f64> {
     Ok(TruncatedNormal::new(gate)?.variance_ratio())
 }

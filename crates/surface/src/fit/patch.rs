@@ -1,23 +1,27 @@
-//! `fit` by the patch filter: a first fit of a bounded number of readings, then all others one at a time.
+//! Fits by the patch filter: a global fit of some first readings, then all others one at a time.
 //!
-//! Comes in: scans. Goes out: a [`Fit`] whose model holds the filter. The first readings, some thousands of
-//! all, are fitted at once by the global filter over the base grid: that finds the shape, the noise and the
-//! weight of smoothness, and its posterior is what the patches begin with. Every other reading is filtered
-//! once, in a seeded random order, so that patches are divided early everywhere; none is taken in twice. The
-//! readings of a live sensor come in their own order: see [`crate::stream`].
+//! Input: scans. Output: a [`Fit`] whose model holds the filter. The first readings, some thousands of all,
+//! are fitted by the global filter over the base grid. That gives the shape, the noise and the smoothness
+//! weight, and its posterior is the start of the patches. Every other reading is filtered once, in a seeded
+//! random order, so that patches are divided early everywhere. The readings of a live sensor come in their
+//! own order: see [`crate::stream`].
 //!
-//! Not guaranteed: the last bit of accuracy where patches were divided late: what a coarse patch took in says
-//! nothing of finer detail.
+//! Not guaranteed: full accuracy where patches were divided late. A reading filtered into a coarse patch
+//! carries no information about finer detail.
 
-use super::forming::{Forming, Snapshot};
+use super::division::growth_log;
+use super::finish::{FinishInput, finish};
+use super::first::first_surface;
+use super::formation::{Formation, Snapshot};
 use super::noise::SensorNoise;
-use super::stages::{Settled, first_surface, grown, refine_to_noise, weights};
-use super::{Fit, FitOptions, finish, forming, observation_options, observe};
+use super::refine::{ConvergedFit, refine_to_noise};
+use super::weights::weights;
+use super::{Fit, FitOptions, formation, observation_options, observe};
 use crate::model::{NodeCovariance, Posterior, SurfaceModel};
-use crate::observe::extent_of;
-use crate::observe::{Foot, FootState, by_leaf, project};
-use crate::observe::{Measured, Observations, Quantity, Rejection, hash01};
-use crate::patch_stream::{Core, Incoming, Rules, What};
+use crate::observe::surface_extent;
+use crate::observe::{FootState, ProjectedReadings, by_leaf, project};
+use crate::observe::{Measured, Observations, Quantity, RejectionCause, hash01};
+use crate::patch_stream::{IncomingReading, PatchRules, ReadingValue, StreamingFilter};
 use crate::subdivision::{Cause, RefinementLog};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
@@ -28,43 +32,39 @@ use planish_spline::{
 };
 use std::sync::Arc;
 
-/// Readings of the first fit: a share of all, and bounds of their number.
+/// Readings of the first fit: one in [`FIRST_SHARE`] of all, with bounds of their number. More of them cost
+/// memory and time; fewer may miss the shape.
 const FIRST_SHARE: usize = 4;
-const FEWEST_FIRST: usize = 500;
-const MOST_FIRST: usize = 20_000;
-/// A ball's base grid grows this often at most before its cells are those of patches.
-const MOST_GROWTH: u8 = 2;
-/// Levels of subdivision beyond the base grid where nobody says.
+const MIN_FIRST: usize = 500;
+const MAX_FIRST: usize = 20_000;
+/// Levels by which a ball grows before its cells become those of patches.
+const MAX_GROWTH: u8 = 2;
+/// Default levels of subdivision beyond the base grid.
 const USUAL_DEPTH: u8 = 3;
-/// Features so many times longer than the surface are held back: what makes the prior proper.
+/// Length of the weak hold that makes the prior proper, in extents of the surface.
 const HOLD_LENGTH: f64 = 2.0;
-/// Neighbours are not told what lowers a variance by less than this share.
-const LEAST_GAIN: f64 = 1e-2;
-/// Readings between two looks at whether the user still wants the answer.
+/// Smallest relative reduction of a variance that is passed on to neighbouring patches. Smaller gains cost
+/// updates without a visible effect on σ.
+const MIN_GAIN: f64 = 1e-2;
+/// Readings between two checks for an interruption by the user.
 const READINGS_PER_CHECK: usize = 4096;
 
-/// What a patch filter made of the readings of a fit.
-pub(super) struct Fused {
+/// The patch filter after all readings of a fit.
+pub(super) struct PatchFilterOutcome {
     pub filter: Arc<PatchFilter>,
-    /// For each reading of the subset, why it was left out.
-    refused: Vec<Option<Rejection>>,
+    /// For each reading of the subset, why it was rejected.
+    refused: Vec<Option<RejectionCause>>,
     /// Patches of the deepest level that would have been divided further.
     held_back: usize,
     deepest: usize,
 }
 
-impl Fused {
-    /// Information of every foot: nothing of those that were left out.
-    pub(super) fn information(
-        &self,
-        observations: &Observations,
-        subset: &[u32],
-        feet: &[Foot],
-        noise: &SensorNoise,
-    ) -> Vec<f64> {
-        (subset.iter().zip(feet).zip(&self.refused))
-            .map(|((&i, foot), refused)| match refused {
-                None => 1.0 / (noise.used[observations.channel(i as usize)] * foot.variance),
+impl PatchFilterOutcome {
+    /// Information of every foot; zero for rejected readings.
+    pub(super) fn information(&self, readings: ProjectedReadings<'_>, noise: &SensorNoise) -> Vec<f64> {
+        (self.refused.iter().enumerate())
+            .map(|(k, refused)| match refused {
+                None => 1.0 / noise.variance(readings, k),
                 Some(_) => 0.0,
             })
             .collect()
@@ -73,7 +73,8 @@ impl Fused {
     pub(super) fn warning(&self) -> Option<String> {
         (self.held_back > 0).then(|| {
             format!(
-                "{} of {} patches still err together at level {}, the deepest allowed: raise --max-depth for more detail",
+                "{} of {} patches still err together at level {}, the deepest allowed: raise --max-depth for \
+                 more detail",
                 self.held_back,
                 self.filter.patches().len(),
                 self.deepest
@@ -82,26 +83,26 @@ impl Fused {
     }
 }
 
-/// A surface found from the first readings, and a filter that goes on from there.
+/// A global fit of the first readings, and a filter that starts from it.
 pub(crate) struct FirstFit {
-    pub(super) settled: Settled,
-    pub core: Core,
+    pub(super) converged: ConvergedFit,
+    pub core: StreamingFilter,
 }
 
 impl FirstFit {
-    /// By how much the σ of the first sensor's positions is larger than stated; 1 where they are believed.
+    /// Estimated over stated σ of the first sensor's positions; 1 if the stated σ is used.
     pub(crate) fn sigma_factor(&self) -> f64 {
-        self.settled.noise.used.first().map_or(1.0, |variance| variance.sqrt())
+        self.converged.noise.variance_factors.first().map_or(1.0, |variance| variance.sqrt())
     }
 
-    /// How many readings it took in.
+    /// Number of readings used.
     pub(crate) fn readings(&self) -> usize {
-        self.settled.subset.len()
+        self.converged.subset.len()
     }
 
-    /// Weight of the thin plate.
+    /// Weight of the thin-plate energy.
     pub(crate) fn smoothness_weight(&self) -> f64 {
-        self.settled.weight
+        self.converged.weight
     }
 }
 
@@ -115,45 +116,47 @@ pub(crate) fn first_fit_of(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<FirstFit> {
-    let growth = options.max_depth.map_or(MOST_GROWTH, |depth| depth.min(MOST_GROWTH));
+    let growth = options.max_depth.map_or(MAX_GROWTH, |depth| depth.min(MAX_GROWTH));
     let found = FitOptions { max_depth: Some(growth), ..options.clone() };
     let surface = first_surface(observations, &found, PATCH_CELLS, &ProgressPart::new(progress, 0.0, 0.3))?;
-    let mut log = grown(surface.space(), PATCH_CELLS * PATCH_CELLS);
+    let mut log = growth_log(surface.space(), PATCH_CELLS * PATCH_CELLS);
     let (metric, base_level) = rebased(surface)?;
     let depth = options.max_depth.map_or(USUAL_DEPTH, |depth| depth.saturating_sub(base_level as u8));
-    // Patches are whole, so they have more cells than the shape of the first readings asks for.
+    // Patches are divided as a whole, so they have more cells than the first readings ask for: half the
+    // limit.
     let of_depth = |depth: u8| FitOptions {
         max_depth: Some(depth),
         max_coefficients: options.max_coefficients / 2,
         ..options.clone()
     };
-    let mut settled = refine_to_noise(
+    let mut converged = refine_to_noise(
         observations,
         metric.clone(),
         first,
         &of_depth(depth),
         &ProgressPart::new(progress, 0.3, 0.8),
     )?;
-    let reached_tolerance = settled.reached_tolerance;
-    let space = patch_hierarchy(settled.surface.space())?;
+    let reached_tolerance = converged.reached_tolerance;
+    let space = patch_hierarchy(converged.surface.space())?;
     if space.levels() > 1 {
-        log_cover(&mut log, base_level, settled.surface.space(), &space, options);
-        let surface = settled.surface.refined(space)?;
-        settled = refine_to_noise(
+        log_cover(&mut log, base_level, converged.surface.space(), &space, options);
+        let surface = converged.surface.refined(space)?;
+        converged = refine_to_noise(
             observations,
             surface,
-            settled.subset,
+            converged.subset,
             &of_depth(0),
             &ProgressPart::new(progress, 0.8, 1.0),
         )?;
-        // Over cells that are fixed every tolerance is reached.
-        settled.reached_tolerance = reached_tolerance;
+        // A fit over fixed cells always reports its tolerance as reached, so the earlier result counts.
+        converged.reached_tolerance = reached_tolerance;
     }
-    let Settled { surface, system, feet, .. } = &settled;
-    let prior = SmoothnessPrior { weight: settled.weight, hold: (HOLD_LENGTH * extent_of(surface)).powi(-4) };
-    // One coordinate stands for all: rows count as if every normal were the same.
+    let ConvergedFit { surface, system, feet, .. } = &converged;
+    let prior =
+        SmoothnessPrior { weight: converged.weight, hold: (HOLD_LENGTH * surface_extent(surface)).powi(-4) };
+    // One coordinate stands for all three, so rows count as if all normals were equal.
     let up = vec![[0.0, 0.0, 1.0]; surface.space().node_count()];
-    let used = weights(observations, &settled.subset, feet, &settled.noise, options.gate, false);
+    let used = weights(converged.readings(observations), &converged.noise, options.gate, false);
     let (start, order) = crate::observe::by_leaf(feet, surface.space().leaves().len());
     let mut information = system.accumulate_along(&up, |leaf, add| {
         for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
@@ -173,19 +176,19 @@ pub(crate) fn first_fit_of(
         PatchFilterOptions {
             layout: StateLayout::Normal,
             maximum_depth: depth,
-            least_gain: LEAST_GAIN,
+            least_gain: MIN_GAIN,
             ..PatchFilterOptions::default()
         },
     )?;
-    let mut core = Core::new(filter, base_level, rules(options))?;
+    let mut core = StreamingFilter::new(filter, base_level, rules(options))?;
     core.log = log;
     for (foot, _) in feet.iter().zip(&used).filter(|(_, w)| **w > 0.0) {
         core.mark(surface.space().parameters(foot.leaf as usize, foot.local));
     }
-    Ok(FirstFit { settled, core })
+    Ok(FirstFit { converged, core })
 }
 
-/// What the first readings had divided, in patches.
+/// Logs the divisions that the first readings caused, in patches.
 fn log_cover(
     log: &mut RefinementLog,
     base_level: usize,
@@ -196,7 +199,8 @@ fn log_cover(
     let cause = if options.refine_by.residuals() { Cause::Residuals } else { Cause::Curvature };
     let patches = |depth: usize| made.base().map(|n| (n / PATCH_CELLS) << depth);
     for depth in 0..made.levels() - 1 {
-        // Whether anything in a patch is deeper: as it came out, and as the readings asked for.
+        // Which patches contain deeper cells: in the hierarchy made, and in the one that the readings asked
+        // for.
         let [columns, rows] = patches(depth);
         let deeper = |space: &Hierarchy| {
             let mut marks = vec![false; columns * rows];
@@ -217,12 +221,16 @@ fn log_cover(
     }
 }
 
-pub(super) fn rules(options: &FitOptions) -> Rules {
-    Rules { gate: options.gate, refine_by: options.refine_by, max_coefficients: options.max_coefficients }
+pub(super) fn rules(options: &FitOptions) -> PatchRules {
+    PatchRules {
+        gate: options.gate,
+        refine_by: options.refine_by,
+        max_coefficients: options.max_coefficients,
+    }
 }
 
-/// The same surface over a base grid of the cells of its finest level, all of which are leaves; how many
-/// levels that took off.
+/// The same surface over a base grid of the cells of its finest level, and the number of levels removed. All
+/// leaves must be of that level.
 fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     let space = surface.space();
     let levels = space.levels() - 1;
@@ -232,6 +240,7 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     let scale = (1_u32 << levels) as f64;
     let [columns, rows] = space.extent();
     let fine = Arc::new(Hierarchy::uniform(space.shape(), space.base().map(|n| n << levels))?);
+    // Beyond a pole the surface continues on the other side, half a turn away.
     let over_the_pole = space.shape() == Shape::Ball;
     let made = fit_function(&fine, |u, v| {
         let [u, v] = [u / scale, v / scale];
@@ -245,8 +254,8 @@ fn rebased(surface: Surface) -> Result<(Surface, usize)> {
     Ok((made, levels))
 }
 
-/// Poses are no part of a patch's state: what many patches share cannot be told to each of them as if it were
-/// news.
+/// Refuses alignment. Poses are not part of a patch's state: information that many patches share would count
+/// in each of them as new.
 pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
     if options.align {
         return Err(Error::unsupported(
@@ -256,90 +265,100 @@ pub(super) fn refuse_align(options: &FitOptions) -> Result<()> {
     Ok(())
 }
 
-/// What the sensors of the scans state and the filter does not use, for the same reason.
+/// Warnings about biases of sensors, which the filter cannot use for the same reason.
 pub(super) fn unused_biases(set: &ScanSet) -> Vec<String> {
     (set.sensors.iter().enumerate())
         .filter(|(k, sensor)| sensor.sigma_bias.is_some() && set.scans.iter().any(|posed| posed.sensor == *k))
         .map(|(_, sensor)| {
             format!(
-                "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was not used, and σ of the surface is too small by it",
+                "the patch filter takes every reading as independent: `sigma_bias` of the sensor \"{}\" was \
+                 not used, and σ of the surface is too small by it",
                 sensor.name
             )
         })
         .collect()
 }
 
-/// Readings that were concluded from others err together: a filter that takes one after the other as
-/// independent would average that away.
-pub(super) fn refuse_concluded(options: &FitOptions) -> Result<()> {
+/// Refuses inferred readings. Their errors are correlated, and a filter that takes readings as independent
+/// would average them away.
+pub(super) fn refuse_inferred(options: &FitOptions) -> Result<()> {
     let asked = [(options.symmetry.is_some(), "--symmetry"), (options.complete_smooth, "--complete")];
     match asked.iter().find(|(asked, _)| *asked) {
         Some((_, name)) => Err(Error::unsupported(format!(
-            "{name} concludes readings from others, which err together, and the patch filter takes every reading as independent: needed --filter global"
+            "{name} concludes readings from others, which err together, and the patch filter takes every \
+             reading as independent: needed --filter global"
         ))),
         None => Ok(()),
     }
 }
 
-/// A surface is known whose variance is this share of a reading's.
-const KNOWN: f64 = 0.1;
-/// So many readings on what was measured before tell the noise of a later session.
+/// Largest variance of the surface, as a share of a reading's, at which residuals show noise rather than
+/// unknown shape.
+const MAX_SURFACE_SHARE: f64 = 0.1;
+/// Readings on the measured surface from which the noise of a later session is estimated; with fewer, all
+/// readings are used.
 const ENOUGH_FOR_NOISE: usize = 200;
 
 /// Fits scans by the patch filter.
+///
+/// # Errors
+/// As for [`super::fit`].
 pub(super) fn fit_patches(set: &ScanSet, options: &FitOptions, progress: &dyn Progress) -> Result<Fit> {
-    let sheet =
-        FitOptions { shape: options.shape.or(options.ground.map(|_| Shape::Sheet)), ..options.clone() };
+    let sheet = options.with_shape_of_ground();
     refuse_align(options)?;
     let mut observations = observe(set, &observation_options(set, options))?;
     let origin = observations.recentre();
     progress.check("normals", 0.02)?;
-    let used: Vec<u32> =
-        (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
-    let wanted = (used.len() / FIRST_SHARE).clamp(FEWEST_FIRST, MOST_FIRST);
+    let used = observations.fitted();
+    let wanted = (used.len() / FIRST_SHARE).clamp(MIN_FIRST, MAX_FIRST);
+    // A random order spreads the first readings over the whole object.
     let order = shuffled(&used, options.seed);
     let (first, others) = order.split_at(wanted.min(order.len()));
-    let FirstFit { settled, core } =
+    let FirstFit { converged, core } =
         first_fit_of(&mut observations, first.to_vec(), &sheet, &ProgressPart::new(progress, 0.02, 0.4))?;
-    // Half of the snapshots are of the readings that found the first surface.
-    let mut forming = (options.snapshots)
-        .map(|frames| forming::formed(&observations, &settled, options, frames.div_ceil(2), progress))
+    // Half of the snapshots show the readings of the first fit.
+    let mut formation = (options.snapshots)
+        .map(|frames| {
+            formation::formation_of_global_fit(
+                &observations,
+                &converged,
+                options,
+                frames.div_ceil(2),
+                progress,
+            )
+        })
         .transpose()?;
-    let fused = stream(
+    let filtered = stream(
         &observations,
-        settled,
-        core,
-        others,
-        options,
-        forming.as_mut(),
+        StreamInput { first: converged, core, others, options },
+        formation.as_mut(),
         &ProgressPart::new(progress, 0.4, 0.85),
     )?;
-    let mut fitted = finish::finish(set, &observations, fused, options, None, None, origin, progress)?;
-    fitted.forming = forming;
+    let mut fitted = finish(FinishInput::new(set, &observations, options, origin), filtered, progress)?;
+    fitted.formation = formation;
     fitted.translated(origin)
 }
 
-/// Filters the readings of another day into a saved model.
+/// Filters the readings of a later session into a saved model.
 pub(super) fn update_patches(
     model: &SurfaceModel,
     filter: &Arc<PatchFilter>,
     observations: &Observations,
     options: &FitOptions,
     progress: &dyn Progress,
-) -> Result<Settled> {
-    let used: Vec<u32> =
-        (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
+) -> Result<ConvergedFit> {
+    let used = observations.fitted();
     let surface = &model.surface;
     let mut at = vec![[0.0; 2]; observations.len()];
-    let search = FootPointSearch::new(surface, 2, 0.1 * extent_of(surface))?;
+    let search = FootPointSearch::new(surface, 2, 0.1 * surface_extent(surface))?;
     let stated = SensorNoise::stated(observations);
-    let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.used);
+    let feet = project(surface, observations, &used, &mut at, Some(&search), &stated.variance_factors);
     let degrees = vec![0.0; observations.stated.len()];
-    // Where the surface is known no better than a reading, residuals are shape that is not known, and no
-    // noise.
+    // Where the surface is known no better than a reading, residuals contain unknown shape besides noise.
+    // Later sessions may extend beyond the measured part, where residuals say nothing about noise.
     let posterior = Posterior::new(surface, Arc::new(NodeCovariance::Patches(Arc::clone(filter))));
     let (start, order) = by_leaf(&feet, surface.space().leaves().len());
-    let (mut known, mut known_feet) = (Vec::new(), Vec::new());
+    let (mut on_known, mut known_feet) = (Vec::new(), Vec::new());
     for (leaf, _) in model.observed.iter().enumerate().filter(|(_, o)| o.is_measured()) {
         let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
         if own.is_empty() {
@@ -349,19 +368,29 @@ pub(super) fn update_patches(
         for &k in own {
             let foot = &feet[k as usize];
             let of_surface = cell.variance_along(&leaf_weights(foot.local[0], foot.local[1]), foot.normal);
-            if foot.quantity != Quantity::Position || of_surface < KNOWN * foot.variance {
-                known.push(used[k as usize]);
+            if foot.quantity != Quantity::Position || of_surface < MAX_SURFACE_SHARE * foot.variance {
+                on_known.push(used[k as usize]);
                 known_feet.push(*foot);
             }
         }
     }
-    let noise = if known.len() < ENOUGH_FOR_NOISE {
-        SensorNoise::estimate(observations, &used, &feet, options.gate, &degrees, true)?
+    let noise = if on_known.len() < ENOUGH_FOR_NOISE {
+        SensorNoise::estimate(
+            ProjectedReadings { observations, subset: &used, feet: &feet },
+            options.gate,
+            &degrees,
+            true,
+        )?
     } else {
-        SensorNoise::estimate(observations, &known, &known_feet, options.gate, &degrees, true)?
+        SensorNoise::estimate(
+            ProjectedReadings { observations, subset: &on_known, feet: &known_feet },
+            options.gate,
+            &degrees,
+            true,
+        )?
     };
     let system = SurfaceSystem::new(surface.space())?;
-    let nothing_yet = Settled {
+    let no_readings = ConvergedFit {
         surface: surface.clone(),
         prior: system.nothing()?,
         system,
@@ -373,12 +402,13 @@ pub(super) fn update_patches(
         reached_limit: false,
         reached_tolerance: false,
         refined: RefinementLog::default(),
-        fused: None,
+        filtered: None,
         moves_freely: false,
     };
-    let core = Core::new(PatchFilter::clone(filter), 0, rules(options))?;
+    let core = StreamingFilter::new(PatchFilter::clone(filter), 0, rules(options))?;
     let order = shuffled(&used, options.seed);
-    stream(observations, nothing_yet, core, &order, options, None, &ProgressPart::new(progress, 0.2, 0.85))
+    let input = StreamInput { first: no_readings, core, others: &order, options };
+    stream(observations, input, None, &ProgressPart::new(progress, 0.2, 0.85))
 }
 
 /// The readings in a random order.
@@ -388,50 +418,56 @@ pub(super) fn shuffled(all: &[u32], seed: u64) -> Vec<u32> {
     keyed.into_iter().map(|(_, i)| i).collect()
 }
 
-/// One reading as the filter takes it, its variance that which the sensor is found to have.
-pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -> Incoming {
+/// Reading `i` for the filter, with the estimated variance of its sensor.
+pub(super) fn incoming(observations: &Observations, i: usize, factors: &[f64]) -> IncomingReading {
     let factor = factors[observations.channel(i)];
     let variance = || factor * observations.variance(i, [0.0; 3]);
-    Incoming {
+    IncomingReading {
         at: observations.points[i],
         facing: observations.normal(i),
-        what: match observations.measured(i) {
-            Measured::Position => What::Position(observations.covariance(i).map(|c| factor * c)),
-            Measured::Normal(normal) => What::Normal(normal, variance()),
-            Measured::Curvature(tensor) => What::Curvature(tensor, variance()),
+        value: match observations.measured(i) {
+            Measured::Position => ReadingValue::Position(observations.covariance(i).map(|c| factor * c)),
+            Measured::Normal(normal) => ReadingValue::Normal(normal, variance()),
+            Measured::Curvature(tensor) => ReadingValue::Curvature(tensor, variance()),
         },
     }
 }
 
-/// Filters the readings `others` in, one at a time, and lays all readings on the surface that comes of it.
+/// A fit of first readings, and the readings to filter after it.
+pub(super) struct StreamInput<'a> {
+    pub first: ConvergedFit,
+    pub core: StreamingFilter,
+    pub others: &'a [u32],
+    pub options: &'a FitOptions,
+}
+
+/// Filters the readings in `input.others` one at a time, and projects all readings on the resulting surface.
 pub(super) fn stream(
     observations: &Observations,
-    first: Settled,
-    mut core: Core,
-    others: &[u32],
-    options: &FitOptions,
-    mut forming: Option<&mut Forming>,
+    StreamInput { first, mut core, others, options }: StreamInput<'_>,
+    mut formation: Option<&mut Formation>,
     progress: &dyn Progress,
-) -> Result<Settled> {
-    let known = weights(observations, &first.subset, &first.feet, &first.noise, options.gate, false);
-    let mut refused: Vec<Option<Rejection>> =
-        first.feet.iter().zip(&known).map(|(foot, &w)| foot.rejection(w)).collect();
+) -> Result<ConvergedFit> {
+    let information = weights(first.readings(observations), &first.noise, options.gate, false);
+    let mut refused: Vec<Option<RejectionCause>> =
+        first.feet.iter().zip(&information).map(|(foot, &w)| foot.rejection(w)).collect();
     let all = first.subset.len() + others.len();
     let frames = options.snapshots.map_or(0, |frames| frames / 2 + 1);
-    let mut moments = forming::counts(first.subset.len(), all, frames).into_iter().skip(1).peekable();
+    let mut moments = formation::counts(first.subset.len(), all, frames).into_iter().skip(1).peekable();
     for (k, &i) in others.iter().enumerate() {
         if k % READINGS_PER_CHECK == 0 {
             progress.check("streaming", k as f64 / others.len() as f64)?;
             progress.items(k, "readings");
         }
-        let outcome = core.take(&incoming(observations, i as usize, &first.noise.used))?;
-        if let Some(forming) = forming.as_deref_mut() {
+        let outcome =
+            core.filter_reading(&incoming(observations, i as usize, &first.noise.variance_factors))?;
+        if let Some(formation) = formation.as_deref_mut() {
             if outcome.is_none() {
-                forming.places.push(observations.points[i as usize]);
+                formation.places.push(observations.points[i as usize]);
             }
             if moments.next_if_eq(&(first.subset.len() + k + 1)).is_some() {
-                let snapshot = Snapshot::of_patches(forming.places.len(), core.filter.clone())?;
-                forming.snapshots.push(snapshot);
+                let snapshot = Snapshot::of_patches(formation.places.len(), core.filter.clone())?;
+                formation.snapshots.push(snapshot);
             }
         }
         refused.push(outcome);
@@ -439,13 +475,14 @@ pub(super) fn stream(
     let surface = core.reconcile()?;
     let subset: Vec<u32> = first.subset.iter().chain(others).copied().collect();
     let mut at = vec![[0.0; 2]; observations.len()];
-    let search = FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?;
-    let mut feet = project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.used);
+    let search = FootPointSearch::new(&surface, 2, 0.1 * surface_extent(&surface))?;
+    let mut feet =
+        project(&surface, observations, &subset, &mut at, Some(&search), &first.noise.variance_factors);
     for (foot, refused) in feet.iter_mut().zip(&refused) {
-        // What became of a reading was settled when it came.
+        // A reading was accepted or rejected when it was filtered; its foot must not change that.
         foot.state = match refused {
-            Some(Rejection::NormalMismatch) => FootState::NormalMismatch,
-            Some(Rejection::BeyondBorder) => FootState::BeyondBorder,
+            Some(RejectionCause::NormalMismatch) => FootState::NormalMismatch,
+            Some(RejectionCause::BeyondBorder) => FootState::BeyondBorder,
             _ => FootState::Good,
         };
     }
@@ -454,8 +491,9 @@ pub(super) fn stream(
     let deepest = core.base_level + usize::from(core.filter.options().maximum_depth);
     let mut refined = core.log;
     let most = options.max_coefficients;
+    // A division adds three patches; with less room than that the limit stops it.
     let full = core.filter.patches().len() + 3 > most / crate::patch_stream::VERTICES_PER_PATCH;
-    Ok(Settled {
+    Ok(ConvergedFit {
         prior: system.nothing()?,
         system,
         surface,
@@ -465,7 +503,7 @@ pub(super) fn stream(
         reached_limit: full && held_back > 0,
         reached_tolerance: first.reached_tolerance,
         refined: std::mem::take(&mut refined),
-        fused: Some(Fused { filter: Arc::new(core.filter), refused, held_back, deepest }),
+        filtered: Some(PatchFilterOutcome { filter: Arc::new(core.filter), refused, held_back, deepest }),
         noise: first.noise,
         weight: first.weight,
         moves_freely: false,

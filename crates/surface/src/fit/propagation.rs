@@ -1,33 +1,39 @@
-//! What a fit completed or followed beyond the readings: symmetry, gaps, motion, bending.
+//! What a fit completes or follows beyond its readings: symmetry, gaps, motion, bending.
 
-use super::{BendingReport, MotionReport};
-use crate::complete::{GapReport, SymmetryReport};
+use super::gaps::completed;
+use super::refine::{ConvergedFit, refine_to_noise};
+use super::{BendingReport, FitOptions, MotionReport, converge};
+use crate::complete::{GapReport, SymmetryReport, complete_by_symmetry};
+use crate::observe::Observations;
 use planish_core::vector3::add;
+use planish_core::{Progress, ProgressPart};
+use planish_estimate::Result;
 use serde::Serialize;
 
-/// What was completed, and by what.
+/// What was completed beyond the readings, and by what.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct PropagationReport {
     /// The symmetry that was fitted, or looked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub symmetry: Option<SymmetryReport>,
-    /// The gaps that were looked at, the largest first, where that was asked for.
+    /// The gaps, the largest first, if completion was asked for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub gaps: Vec<GapReport>,
-    /// The motion of the thing, where that was asked for.
+    /// The motion of the object, if that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<MotionReport>,
-    /// How a sheet bent, where that was asked for.
+    /// How a sheet bent, if that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bending: Option<BendingReport>,
-    /// Readings that were concluded from others.
+    /// Readings inferred from others.
     pub pseudo_readings: usize,
-    /// Share of the surface's area that is known through them alone.
-    pub invented_area_fraction: f64,
+    /// Share of the surface's area that is known through inferred readings alone.
+    #[serde(rename = "invented_area_fraction")]
+    pub inferred_area_fraction: f64,
 }
 
 impl PropagationReport {
-    /// The same where every point is moved.
+    /// The same with every point moved.
     #[must_use]
     pub fn translated(mut self, by: [f64; 3]) -> Self {
         if let Some(symmetry) = self.symmetry.as_mut().filter(|s| s.is_found()) {
@@ -35,4 +41,42 @@ impl PropagationReport {
         }
         self
     }
+}
+
+/// Completes the observations as the options ask, and fits a surface to all of them.
+///
+/// Gaps need a surface to be found, so their completion refines that surface a second time.
+pub(super) fn converge_with_propagation(
+    observations: &mut Observations,
+    origin: [f64; 3],
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<(ConvergedFit, Option<PropagationReport>)> {
+    let mut report = None;
+    if let Some(choice) = options.symmetry {
+        progress.check("symmetry", 0.015)?;
+        let found = complete_by_symmetry(observations, choice)?;
+        let found = PropagationReport {
+            symmetry: Some(found.symmetry),
+            pseudo_readings: found.pseudo_readings,
+            ..PropagationReport::default()
+        };
+        report = Some(found.translated(origin));
+    }
+    if !options.complete_smooth {
+        return Ok((converge(observations, options, progress)?, report));
+    }
+    let converged = converge(observations, options, &ProgressPart::new(progress, 0.0, 0.6))?;
+    let (readings, gaps) = completed(observations, &converged, options.gate);
+    let mut report = report.unwrap_or_default();
+    report.gaps = gaps;
+    report.pseudo_readings += readings.len();
+    if readings.is_empty() {
+        return Ok((converged, Some(report)));
+    }
+    observations.add_inferred(&readings);
+    let subset = observations.fitted();
+    let rest = ProgressPart::new(progress, 0.6, 0.9);
+    let converged = refine_to_noise(observations, converged.surface, subset, options, &rest)?;
+    Ok((converged, Some(report)))
 }

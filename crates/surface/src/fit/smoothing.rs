@@ -1,9 +1,8 @@
-//! The smoothest surface that sums of positions allow: vertices and the prior's weight by restricted
+//! Smoothing splines of positions with known parameters: vertices, and the prior's weight by restricted
 //! likelihood.
 //!
-//! Comes in: sums of positions with known parameters and the metric of a reference surface. Goes out: the
-//! weight, the factored equations and the vertices. One matrix serves all coordinates: a factorisation of one
-//! unknown a node.
+//! Input: sums of positions and the metric of a reference surface. Output: the weight, the factored equations
+//! and the vertices. One matrix serves all coordinates, so there is one unknown for each node.
 
 use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
 use planish_estimate::{
@@ -14,23 +13,23 @@ use planish_spline::{Cell, Hierarchy, PositionSums, Shape, Surface, SurfaceSyste
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// How well `log w` is settled: its standard error is rarely below a tenth.
+/// Tolerance of `log w`. Its standard error is rarely below 0.1, so a finer search would fit noise.
 const TOLERANCE: f64 = 0.03;
-/// First steps of `log w`: from a weight that was found, from one of a coarser grid, and from a guess.
+/// First steps of `log w`: from a weight found before, from one of a coarser grid, and from a guess.
 const NEAR: f64 = 0.5;
 const ABOUT: f64 = 1.0;
 const FAR: f64 = 2.0;
-/// The shortest length that a plate smooths over, in cells, and the longest, in sides of the surface: beyond
-/// them lies rounding.
+/// Shortest length over which the plate smooths, in cells, and longest, in sides of the surface. Beyond these
+/// the equations are lost in rounding.
 const SOFTEST: f64 = 1e-3;
 const STIFFEST: f64 = 10.0;
-/// So few cells need no coarser ones to begin with.
+/// Grids of at most this many cells are searched directly, without a coarser grid first.
 const FEW_CELLS: usize = 100;
-/// A coordinate is an affine function of the parameters where its variance about one is less than this share
-/// of its own.
+/// A coordinate counts as an affine function of the parameters if its variance about one is less than this
+/// share of its own.
 const EXACT_SHARE: f64 = 1e-12;
 
-/// Sums of all sensors, with their equations.
+/// Sums of the readings of all sensors, with their equations.
 pub(super) struct Totals {
     pub sums: PositionSums,
     pub information: BlockInformation,
@@ -44,22 +43,22 @@ impl Totals {
         for (sums, variance) in sums.iter().zip(variances) {
             total.merge(sums, 1.0 / variance)?;
         }
-        Self::of(total, system)
+        Self::from_sums(total, system)
     }
 
-    fn of(sums: PositionSums, system: &SurfaceSystem) -> Result<Self> {
+    fn from_sums(sums: PositionSums, system: &SurfaceSystem) -> Result<Self> {
         let (information, squares) = (sums.information(system)?, sums.squares());
         Ok(Self { sums, information, squares })
     }
 }
 
-/// A weight and what is solved with it.
+/// A smoothness weight and the solution with it.
 pub(super) struct Smoothing {
     /// The prior's information is `w K`, where that of the readings is the sums'.
     pub found: SmoothnessWeight,
     /// `K` of one coordinate.
     pub energy: BlockInformation,
-    /// The least and the greatest weight to consider.
+    /// The smallest and the largest weight to consider.
     bounds: (f64, f64),
     /// Which coordinates have noise; the others are affine in the parameters.
     pub measured: [bool; 3],
@@ -68,9 +67,18 @@ pub(super) struct Smoothing {
     solution: Vec<f64>,
 }
 
+/// Where the search for a weight starts.
+struct SearchStart {
+    weight: f64,
+    /// First step of `log w`.
+    step: f64,
+    dispersion: Dispersion,
+    /// An earlier factor, whose memory is used again.
+    memory: Option<CholeskyFactor>,
+}
+
 impl Smoothing {
-    /// Finds the weight in the metric of a reference surface, from a weight that is about right where one is
-    /// known.
+    /// Finds the weight in the metric of a reference surface; `known` is an approximate weight.
     pub(super) fn new(
         system: &SurfaceSystem,
         reference: &Surface,
@@ -80,13 +88,13 @@ impl Smoothing {
         let space = system.space();
         let leaves = space.leaves().len();
         let (energy, area) = if space.shape() == Shape::Sheet {
-            // Its reference is affine.
+            // The reference of a sheet is affine, so all leaves have the same metric.
             (system.thin_plate_over_plane(reference)?, leaves as f64 * reference.leaf_area(0))
         } else {
             let areas = (0..leaves).map(|leaf| reference.leaf_area(leaf));
             (system.thin_plate(reference)?, areas.sum())
         };
-        // Smooth over one cell to begin with; the plate of a weight smooths over its length.
+        // The search starts with the weight that smooths over one cell.
         let readings: f64 = total.sums.weight();
         let of_length2 = |square: f64| readings / area * square * square;
         let cell = area / leaves as f64;
@@ -94,11 +102,13 @@ impl Smoothing {
         let bounds = (of_length2(SOFTEST * SOFTEST * cell), of_length2(STIFFEST * STIFFEST * area));
         let step = if known.is_some() { ABOUT } else { FAR };
         let start = known.unwrap_or(start);
-        Self::search(system, energy, bounds, total, None, start, step, Dispersion::Estimated)
+        let start = SearchStart { weight: start, step, dispersion: Dispersion::Estimated, memory: None };
+        Self::search(system, energy, bounds, total, start)
     }
 
-    /// About the weight that [`Self::new`] finds, by cells four times as large: much cheaper, and nearer than
-    /// any guess. None where there are few cells, or where the metric is not known from the readings.
+    /// An approximate weight from a grid of cells four times as large: much cheaper than [`Self::new`], and a
+    /// better start than any guess. None if there are few cells, or the metric is not known from the
+    /// readings.
     pub(super) fn first_weight(sums: &PositionSums) -> Result<Option<f64>> {
         let space = sums.space();
         if space.shape() != Shape::Sheet || space.leaves().len() <= FEW_CELLS {
@@ -107,24 +117,32 @@ impl Smoothing {
         let coarse = sums.coarsened()?.coarsened()?;
         let start = Self::first_weight(&coarse)?;
         let system = SurfaceSystem::new(coarse.space())?;
-        let total = Totals::of(coarse, &system)?;
+        let total = Totals::from_sums(coarse, &system)?;
         let found = Self::new(&system, &reference_surface(total.sums.space(), &total.sums)?, &total, start);
-        // What does not settle on large cells may on small ones.
+        // A search that fails on large cells may succeed on small ones, so its error is dropped.
         Ok(found.ok().map(|smoothing| smoothing.found.weight))
     }
 
-    /// The same with other readings: starts from the weight found before.
+    /// The solution for other readings, starting from the weight found before.
     pub(super) fn again(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
-        let start = self.found.weight;
-        let (factor, noise) = (Some(self.factor), Dispersion::Estimated);
-        Self::search(system, self.energy, self.bounds, total, factor, start, NEAR, noise)
+        let start = SearchStart {
+            weight: self.found.weight,
+            step: NEAR,
+            dispersion: Dispersion::Estimated,
+            memory: Some(self.factor),
+        };
+        Self::search(system, self.energy, self.bounds, total, start)
     }
 
-    /// The same with the noise as it was stated: where readings are too few to tell it from shape.
+    /// The solution with the stated noise, for readings too few to separate noise from shape.
     pub(super) fn with_stated_noise(self, system: &SurfaceSystem, total: &Totals) -> Result<Self> {
-        let start = self.found.weight;
-        let (factor, noise) = (Some(self.factor), Dispersion::Known(1.0));
-        Self::search(system, self.energy, self.bounds, total, factor, start, FAR, noise)
+        let start = SearchStart {
+            weight: self.found.weight,
+            step: FAR,
+            dispersion: Dispersion::Known(1.0),
+            memory: Some(self.factor),
+        };
+        Self::search(system, self.energy, self.bounds, total, start)
     }
 
     fn search(
@@ -132,10 +150,7 @@ impl Smoothing {
         energy: BlockInformation,
         bounds: (f64, f64),
         total: &Totals,
-        earlier: Option<CholeskyFactor>,
-        start: f64,
-        step: f64,
-        dispersion: Dispersion,
+        SearchStart { weight: start, step, dispersion, memory }: SearchStart,
     ) -> Result<Self> {
         if !(start > 0.0 && start.is_finite()) {
             return Err(Error::undetermined("the readings span no area"));
@@ -166,7 +181,7 @@ impl Smoothing {
             .flat_map(|eta| (0..3).filter(|&d| measured[d]).map(|d| eta[d]))
             .collect();
         let squares: f64 = (0..3).filter(|&d| measured[d]).map(|d| total.squares[d]).sum();
-        let mut factor = earlier;
+        let mut factor = memory;
         let mut factored_at = None;
         let mut matrix = total.information.clone();
         let mut factorize = |weight: f64, factor: &mut Option<CholeskyFactor>| -> Result<()> {
@@ -211,7 +226,7 @@ impl Smoothing {
     }
 }
 
-/// Coordinates that are no affine function of the parameters; all of them where none is left.
+/// The coordinates that are not affine functions of the parameters; all of them if none is left.
 fn measured_coordinates(total: &Totals) -> [bool; 3] {
     if total.sums.space().shape() != Shape::Sheet {
         return [true; 3];
@@ -223,11 +238,11 @@ fn measured_coordinates(total: &Totals) -> [bool; 3] {
     if measured == [false; 3] { [true; 3] } else { measured }
 }
 
-/// A surface with about the metric of the readings': the affine one nearest to them over a sheet, and the
-/// round one whose cells are squares, but for what closing takes, over the others.
+/// A surface with approximately the metric of the readings: for a sheet the best affine map, for other shapes
+/// a round one with square cells, as far as closing allows.
 ///
 /// # Errors
-/// `Undetermined` when the readings lie on one line.
+/// `Undetermined` if the readings lie on one line.
 pub(super) fn reference_surface(space: &Arc<Hierarchy>, sums: &PositionSums) -> Result<Surface> {
     let [nu, nv] = space.extent();
     let point: Box<dyn Fn(f64, f64) -> [f64; 3]> = match space.shape() {

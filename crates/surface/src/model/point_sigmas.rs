@@ -1,14 +1,14 @@
-//! σ at many surface points: one covariance for each leaf, however the points are ordered.
+//! σ at many surface points, with one covariance for each leaf.
 
 use crate::model::Posterior;
 use planish_estimate::Result;
 use rayon::prelude::*;
 
-/// Leaves whose covariances one task takes: fixed, so that threads change nothing.
+/// Leaves of one parallel task: fixed, so that results do not depend on the number of threads.
 const CHUNK: usize = 64;
 
-/// Positions of points sorted by the leaf of each: leaf `l` has `order[start[l] .. start[l + 1]]`, in their
-/// own order.
+/// Indices of points sorted by leaf, as `(start, order)`: leaf `l` has `order[start[l] .. start[l + 1]]`,
+/// ascending.
 pub(crate) fn order_by_leaf(
     leaf: impl ExactSizeIterator<Item = u32> + Clone,
     leaves: usize,
@@ -31,6 +31,8 @@ pub(crate) fn order_by_leaf(
 }
 
 /// σ along `normals[k]` at the coordinates `local[k]` of `leaf[k]`, for every k.
+///
+/// The points may come in any order; each leaf's covariance is computed once.
 ///
 /// # Errors
 /// What [`Posterior::leaf`] reports.

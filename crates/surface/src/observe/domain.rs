@@ -1,28 +1,43 @@
-//! The numbers that a fit can work with.
+//! The range of numbers that a fit accepts.
 //!
-//! Comes in: scans as they were read. Goes out: nothing, a warning, or an error that names the first number
-//! out of range. Inside the range no square overflows and positions keep enough digits; what lies outside is
-//! a slip of a unit or an export.
+//! Input: scans as read. Output: warnings, or an error that names the first number out of range. Inside the
+//! range no square overflows and positions keep enough digits. Numbers outside usually come from a wrong unit
+//! or a faulty export.
 
 use planish_estimate::{Error, Result};
 use planish_exchange::{PosedScan, ScanSet};
 use planish_mesh::BoundingBox;
 
-/// Squares of squares of lengths up to this are finite, and down to its inverse not zero.
+/// Largest length whose fourth power is finite; the fourth power of its inverse is not zero.
 const LARGEST: f64 = 1e70;
-/// σ may be this many times larger or smaller than the thing.
+/// Largest ratio of σ and the object's size, or the inverse.
 const SIGMA_RANGE: f64 = 1e12;
-/// How many times farther than its size a thing may lie from the origin: sixteen digits, less those of
-/// squares and their sums.
+/// Largest distance of an object from the origin, in sizes. Of sixteen digits, squares and their sums leave
+/// about half.
 const FARTHEST: f64 = 1e7;
-/// From here on the last digits of a good scanner are lost.
+/// Distance from the origin, in sizes, at which the last digits of a good scanner are lost.
 const FAR: f64 = 1e6;
 
-/// Checks coordinates and stated σ; gives back what a user should know. `inputs` is what messages call all of
-/// the scans.
+/// Checks coordinates and stated σ; returns warnings. `inputs` is the name of all scans together in messages.
 ///
 /// # Errors
 /// `Input` for numbers out of range, with scan and point.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::{PosedScan, ScanSet};
+/// use planish_sense::{Scan, Sensor};
+/// use planish_surface::observe::check_domain;
+/// let points = vec![[0.0; 3], [3e9, 4e9, 0.0], [3e99, 0.0, 0.0]];
+/// let scan = Scan { name: "a.ply".to_owned(), points, ..Scan::default() };
+/// let set = ScanSet {
+///     sensors: vec![Sensor::default()],
+///     scans: vec![PosedScan { scan, sensor: 0, sigma_translation: None, sigma_rotation_deg: None }],
+///     ..ScanSet::default()
+/// };
+/// let error = check_domain(&set, "job.toml").unwrap_err();
+/// assert!(error.to_string().starts_with("a.ply: point 2: needed coordinates within"));
+/// ```
 pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
     let mut corners = Vec::new();
     let mut boxes = Vec::new();
@@ -41,7 +56,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
     };
     let size = bounds.diagonal();
     if size == 0.0 {
-        // One place: the fit has its own words for it.
+        // All points coincide: the fit reports that.
         return Ok(Vec::new());
     }
     if size < 1.0 / LARGEST {
@@ -56,38 +71,38 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
     let away = bounds.min.iter().chain(&bounds.max).fold(0.0_f64, |m, c| m.max(c.abs()));
     if away > FARTHEST * size {
         return Err(Error::input(format!(
-            "{inputs}: a cloud of size {size:.3e} lies {away:.3e} from the origin, where too few digits are left: subtract an offset from its \
-             coordinates first"
+            "{inputs}: a cloud of size {size:.3e} lies {away:.3e} from the origin, where too few digits are \
+             left: subtract an offset from its coordinates first"
         )));
     }
     let mut warnings: Vec<String> = apart(boxes).into_iter().collect();
     if away > FAR * size {
         warnings.push(format!(
-            "a cloud of size {size:.3e} lies {away:.3e} from the origin, where digits are lost: better subtract an offset from its \
-             coordinates first"
+            "a cloud of size {size:.3e} lies {away:.3e} from the origin, where digits are lost: better \
+             subtract an offset from its coordinates first"
         ));
     }
     Ok(warnings)
 }
 
-/// What to say of scans that lie farther from all others than either is large: in another frame or unit, or
-/// of another thing.
+/// A warning about scans that are farther apart than their sizes: they are in another frame or unit, or of
+/// another object.
 fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<String> {
     if boxes.is_empty() {
         return None;
     }
-    let (mut whole, first) = boxes.remove(0);
-    // Those near what was gathered join it, until none is.
+    let (mut gathered, first) = boxes.remove(0);
+    // Scans near the gathered ones join them, until none is near.
     loop {
         let before = boxes.len();
         boxes.retain(|(next, _)| {
             let gap = (0..3)
-                .map(|d| (next.min[d] - whole.max[d]).max(whole.min[d] - next.max[d]).max(0.0))
+                .map(|d| (next.min[d] - gathered.max[d]).max(gathered.min[d] - next.max[d]).max(0.0))
                 .fold(0.0, f64::hypot);
-            let near = gap <= whole.diagonal().max(next.diagonal());
+            let near = gap <= gathered.diagonal().max(next.diagonal());
             if near {
-                let corners = [whole.min, whole.max, next.min, next.max];
-                whole = BoundingBox::of(&corners).unwrap_or(whole);
+                let corners = [gathered.min, gathered.max, next.min, next.max];
+                gathered = BoundingBox::of(&corners).unwrap_or(gathered);
             }
             !near
         });
@@ -95,9 +110,10 @@ fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<String> {
             break;
         }
     }
-    let (_, stranger) = boxes.first()?;
+    let (_, distant) = boxes.first()?;
     Some(format!(
-        "the scans {first} and {stranger} lie farther apart than either is large: do they share one frame and unit?"
+        "the scans {first} and {distant} lie farther apart than either is large: do they share one frame and \
+         unit?"
     ))
 }
 
@@ -107,28 +123,29 @@ fn wrong(posed: &PosedScan, point: usize, message: String) -> Error {
 
 fn check_sigma(posed: &PosedScan, set: &ScanSet, size: f64, inputs: &str) -> Result<()> {
     let out_of_range = |sigma: f64| !(size / SIGMA_RANGE..=size * SIGMA_RANGE).contains(&sigma);
-    let complaint = |sigma: f64| {
+    let message = |sigma: f64| {
         format!(
-            "σ = {sigma:e} beside a cloud of size {size:.3e}: needed at most a factor of {SIGMA_RANGE:e} between them; is its unit right?"
+            "σ = {sigma:e} beside a cloud of size {size:.3e}: needed at most a factor of {SIGMA_RANGE:e} \
+             between them; is its unit right?"
         )
     };
     let scan = &posed.scan;
     for (at, &sigma) in scan.sigma.iter().flatten().enumerate() {
         if out_of_range(sigma) {
-            return Err(wrong(posed, at, complaint(sigma)));
+            return Err(wrong(posed, at, message(sigma)));
         }
     }
     for (at, c) in scan.covariance.iter().flatten().enumerate() {
         for variance in [c[0], c[3], c[5]] {
             if out_of_range(variance.sqrt()) {
-                return Err(wrong(posed, at, complaint(variance.sqrt())));
+                return Err(wrong(posed, at, message(variance.sqrt())));
             }
         }
     }
     let sensor = &set.sensors[posed.sensor];
     match sensor.noise.map(|noise| noise.sigma()) {
         Some(sigma) if scan.sigma.is_none() && scan.covariance.is_none() && out_of_range(sigma) => {
-            Err(Error::input(format!("{inputs}: sensor \"{}\": {}", sensor.name, complaint(sigma))))
+            Err(Error::input(format!("{inputs}: sensor \"{}\": {}", sensor.name, message(sigma))))
         }
         _ => Ok(()),
     }
@@ -175,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn scans_that_lie_far_from_each_other_are_warned_of() {
+    fn scans_far_from_each_other_give_a_warning() {
         let mut three = set(|_, _| {});
         for (k, along) in [(1, 6.0), (2, 20.0)] {
             let mut next = three.scans[0].clone();
@@ -193,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn usual_numbers_pass_and_far_ones_are_warned_of() {
+    fn usual_numbers_pass_and_distant_clouds_give_a_warning() {
         assert!(check_domain(&set(|_, _| {}), "job.toml").unwrap().is_empty());
         assert!(
             check_domain(&set(|scan, _| scan.sigma = Some(vec![1e-6, 1e6])), "job.toml").unwrap().is_empty()

@@ -1,31 +1,30 @@
-//! The pieces of one iteration of a fit: project, weigh, accumulate, solve.
+//! Foot points of readings on a surface: projection, residuals, and sums of their equations.
 
+use super::observations::Observations;
+use super::quantity::{Measured, Quantity};
+use super::rejection::RejectionCause;
 use crate::model::order_by_leaf;
-use crate::observe::Linearized;
-use crate::observe::{Measured, Observations, Quantity, Rejection};
-use planish_estimate::sparse::{BlockInformation, Bordered, CholeskyFactor, stochastic_trace};
-use planish_estimate::vector3::{add_scaled, dot};
-use planish_estimate::{Error, ErrorKind, Result};
+use planish_estimate::Result;
+use planish_estimate::sparse::BlockInformation;
+use planish_estimate::vector3::dot;
 use planish_spline::{
     DirectedSums, FootPointSearch, Jet, ProjectionOptions, Surface, SurfaceSystem, leaf_weights,
 };
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
-/// What became of a point's projection.
+/// The state of a projection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FootState {
     /// Usable.
     Good,
-    /// The scan's normal and the surface's disagree.
+    /// The normals of scan and surface disagree.
     NormalMismatch,
-    /// Held at an open border.
+    /// The foot is held at an open border.
     BeyondBorder,
 }
 
-/// A projected point: what accumulation and statistics need of it.
+/// The foot of a reading on a surface, with its residuals.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Foot {
     pub leaf: u32,
@@ -33,29 +32,47 @@ pub(crate) struct Foot {
     pub local: [f64; 2],
     pub normal: [f64; 3],
     pub quantity: Quantity,
-    /// What was read minus what the surface says, number by number. Of a position its signed distance from
-    /// the surface, the expected lift by tangential noise taken off; of a normal how far the two tangents
-    /// have to turn towards it; of a curvature `11`, `√2·12`, `22` of the second fundamental form: all
-    /// numbers of a reading have one variance.
+    /// Measured minus predicted value, component by component; all components have the same variance.
+    ///
+    /// For a position, the signed distance from the surface less the expected lift by tangential noise. For a
+    /// normal, the tilts of the two tangents towards it. For a curvature, `11`, `√2·12` and `22` of the
+    /// second fundamental form.
     pub(crate) residuals: [f64; 3],
-    /// Variance of each residual as stated: of a position `nᵀRn`.
+    /// Stated variance of each residual; for a position `nᵀRn`.
     pub variance: f64,
 }
 
+/// Readings with their feet on a surface.
+#[derive(Clone, Copy)]
+pub(crate) struct ProjectedReadings<'a> {
+    pub observations: &'a Observations,
+    /// The readings that take part, by their index in `observations`.
+    pub subset: &'a [u32],
+    /// The foot of each of them.
+    pub feet: &'a [Foot],
+}
+
+impl ProjectedReadings<'_> {
+    /// The channel of foot `k`.
+    pub(crate) fn channel(&self, k: usize) -> usize {
+        self.observations.channel(self.subset[k] as usize)
+    }
+}
+
 impl Foot {
-    /// Signed distance from the surface, of a position.
+    /// Signed distance of a position from the surface.
     #[inline]
     pub(crate) fn height(&self) -> f64 {
         self.residuals[0]
     }
 
-    /// The residuals, each of the same variance.
+    /// The residuals that the quantity has.
     #[inline]
     pub(crate) fn residuals(&self) -> &[f64] {
         &self.residuals[..self.quantity.rows()]
     }
 
-    /// The largest residual, and the sum of their squares.
+    /// Largest absolute residual, and the sum of squares.
     #[inline]
     pub(crate) fn extremes(&self) -> (f64, f64) {
         self.residuals()
@@ -63,7 +80,7 @@ impl Foot {
             .fold((0.0, 0.0), |(largest, squares): (f64, f64), r| (largest.max(r.abs()), squares + r * r))
     }
 
-    /// The residuals of a normal or a curvature read here; none where the surface has no tangent plane.
+    /// The residuals of a normal or a curvature at this foot; none if the surface has no tangent plane there.
     pub(crate) fn directional(&self, surface: &Surface, measured: &Measured) -> Option<[f64; 3]> {
         let frame = surface.tangent_rows(self.leaf as usize, self.local)?;
         Some(match measured {
@@ -79,8 +96,8 @@ impl Foot {
         })
     }
 
-    /// The rows of its equations: weights over the leaf's sixteen coefficients, by which the components along
-    /// the foot's normal of their motion, each along its own normal, change what is read.
+    /// The rows of its equations: the change of each predicted component with the motion of the leaf's
+    /// sixteen coefficients along the foot's normal.
     pub(crate) fn rows(&self, surface: &Surface, mut each: impl FnMut(usize, &[f64; 16])) {
         if self.quantity == Quantity::Position {
             each(0, &leaf_weights(self.local[0], self.local[1]));
@@ -104,16 +121,15 @@ impl Foot {
 /// The off-diagonal component of a symmetric tensor with isotropic noise has half the variance of the others.
 const CURVATURE_SCALE: [f64; 3] = [1.0, SQRT_2, 1.0];
 
-/// Feet that one task takes: fixed, so that threads change nothing.
-const CHUNK: usize = 4096;
-/// Points whose scan normal differs from the surface's by more than about 70° lie on another sheet.
-pub(crate) const LEAST_COSINE: f64 = 0.35;
+/// Smallest cosine between the normals of scan and surface. Points that differ by more than about 70° lie on
+/// another side of the object.
+pub(crate) const MIN_COSINE: f64 = 0.35;
 
-/// Projects the points `subset` of the observations; `at` holds their parameters, before and after.
+/// Projects the readings in `subset` on the surface.
 ///
-/// `factors` scale the stated variances sensor by sensor. Where the curvature is known, `tr(II R_t)/2` is
-/// taken off the height: noise along the tangent plane lifts points off a curved surface by that much on
-/// average.
+/// `at` holds the parameters of all observations. They are the start of each projection unless `search` finds
+/// one, and its result afterwards. `factors` scale the stated variances of each channel. The expected lift by
+/// tangential noise is subtracted from heights.
 pub(crate) fn project(
     surface: &Surface,
     observations: &Observations,
@@ -133,10 +149,11 @@ pub(crate) fn project(
             let i = i as usize;
             let z = observations.points[i];
             let scan_normal = observations.normal(i);
+            // A foot is followed from its last parameters; a search is only needed for new readings.
             let start = search.map_or(before[i], |s| s.nearest(z, scan_normal));
             let foot = surface.project(z, start, &options);
-            let known = dot(scan_normal, scan_normal) > 0.5;
-            let state = if known && dot(scan_normal, foot.normal) < LEAST_COSINE {
+            let has_normal = dot(scan_normal, scan_normal) > 0.5;
+            let state = if has_normal && dot(scan_normal, foot.normal) < MIN_COSINE {
                 FootState::NormalMismatch
             } else if foot.at_border {
                 FootState::BeyondBorder
@@ -157,8 +174,8 @@ pub(crate) fn project(
                 Measured::Position => {
                     let covariance = observations.covariance(i);
                     let factor = factors[observations.channel(i)];
-                    made.residuals[0] =
-                        foot.height - observations.shared.bias_along(observations.scan[i], z, foot.normal);
+                    made.residuals[0] = foot.height
+                        - observations.scan_errors.bias_along(observations.scan[i], z, foot.normal);
                     made.residuals[0] -= expected_lift(&foot.jet, &covariance, factor);
                 }
                 directional => match made.directional(surface, &directional) {
@@ -169,42 +186,42 @@ pub(crate) fn project(
             (made, parameters)
         })
         .collect_into_vec(&mut feet);
+    // Parameters are written after the parallel loop, which only reads them.
     for (&i, (_, parameters)) in subset.iter().zip(&feet) {
         at[i as usize] = *parameters;
     }
     feet.into_iter().map(|(foot, _)| foot).collect()
 }
 
-/// How far noise along the tangent plane lifts a reading off a curved surface on average, `tr(II R_t)/2`,
-/// `factor` times the covariance being that of the reading.
+/// Mean distance `tr(II R_t)/2` by which noise along the tangent plane lifts a reading off a curved surface.
+/// The covariance of the reading is `factor` times `covariance`.
 pub(crate) fn expected_lift(jet: &Jet, covariance: &[f64; 6], factor: f64) -> f64 {
     let Some(bias) = jet.tangential_bias(covariance) else {
         return 0.0;
     };
-    // The expansion holds where noise is well below the radius of curvature; elsewhere it is not trusted far.
+    // The expansion holds for noise well below the radius of curvature; elsewhere it is bounded by σ/2.
     let sigma = (factor * (covariance[0] + covariance[3] + covariance[5]) / 3.0).sqrt();
     (-factor * bias).clamp(-0.5 * sigma, 0.5 * sigma)
 }
 
 impl Foot {
-    /// Why the reading takes no part, given its information; none where it does.
-    pub(crate) fn rejection(&self, information: f64) -> Option<Rejection> {
+    /// Why the reading is rejected, given its information; none if it is used.
+    pub(crate) fn rejection(&self, information: f64) -> Option<RejectionCause> {
         match self.state {
-            FootState::NormalMismatch => Some(Rejection::NormalMismatch),
-            FootState::BeyondBorder => Some(Rejection::BeyondBorder),
-            FootState::Good if information == 0.0 => Some(Rejection::Outlier),
+            FootState::NormalMismatch => Some(RejectionCause::NormalMismatch),
+            FootState::BeyondBorder => Some(RejectionCause::BeyondBorder),
+            FootState::Good if information == 0.0 => Some(RejectionCause::Outlier),
             FootState::Good => None,
         }
     }
 }
 
-/// Positions in `feet` sorted by leaf: leaf `l` has `order[start[l] .. start[l + 1]]`.
+/// Indices into `feet` sorted by leaf, as `(start, order)`: leaf `l` has `order[start[l] .. start[l + 1]]`.
 pub(crate) fn by_leaf(feet: &[Foot], leaves: usize) -> (Vec<u32>, Vec<u32>) {
     order_by_leaf(feet.iter().map(|foot| foot.leaf), leaves)
 }
 
-/// Data information of projected points, each with its own weight (information of its height; zero leaves it
-/// out).
+/// Data information of projected readings, each with its own information; zero excludes it.
 pub(crate) fn accumulate(
     system: &SurfaceSystem,
     surface: &Surface,
@@ -228,14 +245,13 @@ pub(crate) fn accumulate(
     })
 }
 
-/// A row applied to the coefficients of a surface, along the foot's normal.
-fn along_normal(surface: &Surface, foot: &Foot, row: &[f64; 16]) -> f64 {
+/// A row applied to the coefficients of a surface, projected on the foot's normal.
+pub(super) fn along_normal(surface: &Surface, foot: &Foot, row: &[f64; 16]) -> f64 {
     let coefficients = surface.leaf_coefficients(foot.leaf as usize);
     row.iter().zip(coefficients).map(|(w, c)| w * dot(foot.normal, *c)).sum()
 }
 
-/// [`accumulate`] of positions into sums that other readings will be added to; readings of other quantities
-/// are passed over.
+/// [`accumulate`] of positions into sums over several batches; other quantities are skipped.
 pub(crate) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], information: &[f64]) {
     let (start, order) = by_leaf(feet, surface.space().leaves().len());
     sums.add(|leaf, moments| {
@@ -249,214 +265,17 @@ pub(crate) fn add_up(sums: &mut DirectedSums, surface: &Surface, feet: &[Foot], 
     });
 }
 
-/// The outcome of [`normal_step`].
-pub(crate) struct NormalStep {
-    pub surface: Surface,
-    /// Effective degrees of freedom that the readings of each channel determine: `Σ_i w_i a_iᵀ Λ⁻¹ a_i` over
-    /// its rows `a_i`.
-    pub degrees: Vec<f64>,
-    /// Newton's decrement `δᵀ Λ δ` over the degrees of freedom: the mean square of the step in standard
-    /// deviations of the surface.
-    pub decrement: f64,
-    /// How the unknowns that scans share change, where they have any.
-    pub shared: Vec<f64>,
-    /// The mean square of that step in standard deviations.
-    pub shared_decrement: f64,
-    /// The part of the decrement that the readings see, `δᵀ Λ_data δ`: where there are none, the prior may
-    /// have a long way to go.
-    pub seen: f64,
-}
-
-/// Probes for degrees of freedom: about 2 % of a thousand degrees, and less of more.
-const PROBES: usize = 8;
-
-/// One Gauss–Newton step in which every vertex moves along its own normal: one unknown a node instead of
-/// three.
+/// Size of a surface: the longest side of the bounding box of its control vertices.
 ///
-/// Foot points slide freely, so motion along the surface gains nothing while the shape is still being found;
-/// the factor costs a twenty-seventh of the full one. `information` weighs the feet, `channels` are theirs;
-/// `earlier` is information of three coordinates that is there already; `memory` keeps the factor's memory
-/// from step to step.
-pub(crate) fn normal_step(
-    system: &SurfaceSystem,
-    surface: &Surface,
-    feet: &[Foot],
-    information: &[f64],
-    channels: &FootChannels<'_>,
-    prior: &BlockInformation,
-    weight: f64,
-    earlier: Option<&BlockInformation>,
-    memory: &mut Option<CholeskyFactor>,
-) -> Result<NormalStep> {
-    let space = system.space();
-    let directions = system.node_normals(surface);
-    let (start, order) = by_leaf(feet, space.leaves().len());
-    let mut data = system.accumulate_along(&directions, |leaf, add| {
-        for &k in &order[start[leaf] as usize..start[leaf + 1] as usize] {
-            let (foot, w) = (&feet[k as usize], information[k as usize]);
-            if w > 0.0 {
-                foot.rows(surface, |r, row| add(row, foot.normal, foot.residuals[r], w));
-            }
-        }
-    })?;
-    let readings = earlier.map(|_| data.clone());
-    let x: Vec<f64> = surface.vertices().iter().flatten().copied().collect();
-    // What pulls the vertices already: −w K x of the prior, η − Λ x of earlier data.
-    let mut pull = vec![0.0; x.len()];
-    prior.multiply(&x, &mut pull)?;
-    for (p, eta) in pull.iter_mut().zip(prior.vector()) {
-        *p = weight * (eta - *p);
-    }
-    if let Some(earlier) = earlier {
-        let mut there = vec![0.0; x.len()];
-        earlier.multiply(&x, &mut there)?;
-        for ((p, eta), t) in pull.iter_mut().zip(earlier.vector()).zip(&there) {
-            *p += eta - t;
-        }
-        data.add_scaled(&system.contract(earlier, &directions)?, 1.0)?;
-    }
-    let mut matrix = system.contract(prior, &directions)?;
-    for value in matrix.values_mut() {
-        *value *= weight;
-    }
-    matrix.add_scaled(&data, 1.0)?;
-    let ridge = 1e-10 * matrix.diagonal().iter().sum::<f64>() / matrix.dimension() as f64;
-    matrix.add_diagonal(ridge.max(f64::MIN_POSITIVE));
-    let factor = system.refactorize_scalar(memory.take(), &matrix).map_err(|e| match e.kind() {
-        ErrorKind::Undetermined => Error::undetermined(format!(
-            "{} readings near the surface leave its shape open",
-            information.iter().filter(|&&w| w > 0.0).count()
-        ))
-        .with_source(e),
-        _ => e,
-    })?;
-    let readings = readings.as_ref().unwrap_or(&data);
-    let mut gradient: Vec<f64> = readings.vector().to_vec();
-    for ((s, p), d) in gradient.iter_mut().zip(pull.chunks_exact(3)).zip(&directions) {
-        *s += p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
-    }
-    let mut step = gradient.clone();
-    let (shared, shared_decrement) = if channels.with_shared && !channels.observations.shared.is_empty() {
-        let errors = &channels.observations.shared;
-        let equations =
-            errors.equations(&Linearized { surface, directions: &directions, feet, information, channels });
-        for (s, pull) in step.iter_mut().zip(&equations.pull) {
-            *s += pull;
-        }
-        let bordered = Bordered::new(&factor, &equations.coupling, &equations.corner)?;
-        let mut shared = equations.gradient.clone();
-        bordered.solve_in_place(&factor, &equations.coupling, &mut step, &mut shared)?;
-        let length2 = bordered.shared_length2(&shared)?;
-        let unknowns = shared.len() as f64;
-        (shared, length2 / unknowns)
-    } else {
-        factor.solve_in_place(&mut step)?;
-        (Vec::new(), 0.0)
-    };
-    let degrees = if channels.count == 1 {
-        vec![stochastic_trace(&factor, readings, PROBES, 1)?.value]
-    } else {
-        degrees_by_channel(surface, &factor, &directions, feet, information, channels)?
-    };
-    let total: f64 = degrees.iter().sum();
-    let decrement = step.iter().zip(&gradient).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
-    let mut data_step = vec![0.0; step.len()];
-    readings.multiply(&step, &mut data_step)?;
-    let seen = step.iter().zip(&data_step).map(|(s, g)| s * g).sum::<f64>() / total.max(1.0);
-    let vertices =
-        surface.vertices().iter().zip(&directions).zip(&step).map(|((p, d), s)| add_scaled(*p, *s, *d));
-    *memory = Some(factor);
-    Ok(NormalStep {
-        surface: surface.with_vertices(vertices.collect())?,
-        degrees,
-        decrement,
-        shared,
-        shared_decrement,
-        seen,
-    })
-}
-
-/// Which channel each foot came from.
-pub(crate) struct FootChannels<'a> {
-    pub observations: &'a Observations,
-    pub subset: &'a [u32],
-    /// Number of channels.
-    pub count: usize,
-    /// Whether scans may move.
-    pub with_shared: bool,
-}
-
-impl<'a> FootChannels<'a> {
-    pub(crate) fn new(observations: &'a Observations, subset: &'a [u32]) -> Self {
-        Self { observations, subset, count: observations.stated.len(), with_shared: true }
-    }
-
-    /// The same for scans that stay where they are.
-    pub(crate) fn in_place(self) -> Self {
-        Self { with_shared: false, ..self }
-    }
-
-    /// The channel of foot `k`.
-    pub(crate) fn of(&self, k: usize) -> usize {
-        self.observations.channel(self.subset[k] as usize)
-    }
-}
-
-/// `Σ_i w_i (a_iᵀ z)(a_iᵀ Λ⁻¹ z)` over the readings of each channel, as the mean over random `z` of
-/// independent ±1 (Hutchinson 1989).
-///
-/// `a_iᵀ z` is what the reading sees of the surface whose vertices move by `z` along their normals.
-fn degrees_by_channel(
-    surface: &Surface,
-    factor: &CholeskyFactor,
-    directions: &[[f64; 3]],
-    feet: &[Foot],
-    information: &[f64],
-    channels: &FootChannels<'_>,
-) -> Result<Vec<f64>> {
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut degrees = vec![0.0; channels.count];
-    for _ in 0..PROBES {
-        let z: Vec<f64> = directions.iter().map(|_| if rng.random::<bool>() { 1.0 } else { -1.0 }).collect();
-        let mut y = z.clone();
-        factor.solve_in_place(&mut y)?;
-        let moved = |by: &[f64]| {
-            surface.with_vertices(
-                directions.iter().zip(by).map(|(d, s)| [d[0] * s, d[1] * s, d[2] * s]).collect(),
-            )
-        };
-        let (z, y) = (moved(&z)?, moved(&y)?);
-        let parts: Vec<Vec<f64>> = (0..feet.len().div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let mut part = vec![0.0; channels.count];
-                for k in chunk * CHUNK..feet.len().min((chunk + 1) * CHUNK) {
-                    if information[k] > 0.0 {
-                        let foot = &feet[k];
-                        foot.rows(surface, |_, row| {
-                            part[channels.of(k)] +=
-                                information[k] * along_normal(&z, foot, row) * along_normal(&y, foot, row);
-                        });
-                    }
-                }
-                part
-            })
-            .collect();
-        for part in parts {
-            for (d, p) in degrees.iter_mut().zip(part) {
-                *d += p / PROBES as f64;
-            }
-        }
-    }
-    for d in &mut degrees {
-        *d = d.max(0.0);
-    }
-    Ok(degrees)
-}
-
-/// A length of the order of the whole surface.
+/// # Examples
+/// ```
+/// use planish_spline::BaseShape;
+/// let ball = BaseShape::sphere([0.0; 3], 10.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+/// assert!((20.0..24.0).contains(&planish_surface::observe::surface_extent(&ball)));
+/// # Ok::<(), planish_core::Error>(())
+/// ```
 #[must_use]
-pub fn extent_of(surface: &Surface) -> f64 {
+pub fn surface_extent(surface: &Surface) -> f64 {
     let (lo, hi) = surface.vertices().iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
         ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
     });

@@ -1,99 +1,102 @@
-//! What all readings of one scan err in together: where the scan stands, and what its sensor adds to every
-//! range.
+//! Errors common to all readings of a scan: its pose, and a bias of its ranges.
 //!
-//! Comes in: scans whose pose or bias has a σ. Goes out: up to seven unknowns for each of them, `τ` and `ω`
-//! of a motion and a bias `b`, that are part of the state beside the control vertices, their coupling with
-//! these, and their covariance. A reading's residual changes with them by
+//! Input: scans whose pose or bias has a σ. Output: up to seven unknowns for each of them, `τ` and `ω` of a
+//! motion and a bias `b`, which are part of the state beside the control vertices; their coupling with these;
+//! and their covariance. The residual of a reading changes with them by
 //!
 //! ```text
 //! position    ∂r/∂τ = n      ∂r/∂ω = (z − c) × n      ∂r/∂b = −n·d
 //! ```
 //!
-//! with the foot's normal `n`, a centre `c` that the motion turns about, and the ray `d`. What the paper
-//! calls the registration of views is this part of the state; correlated noise is a low-rank term, not a
-//! matrix over all readings.
+//! with the normal `n` at the foot, a centre `c` of rotation, and the ray `d`. The registration of views is
+//! this part of the state. Correlated noise is a low-rank term, not a matrix over all readings.
 //!
-//! Not guaranteed: that scans which start far from where they belong find there. The motion is linearised at
-//! every iteration and follows the slope of the residuals.
+//! Not guaranteed: that scans far from their true pose find it. The motion is linearised in every iteration
+//! and follows the slope of the residuals.
 
-use crate::model::{PoseReport, SharedInformation, SurfaceModel};
-use crate::observe::{Foot, FootChannels};
-use crate::observe::{Measured, Observations, Quantity, moved_viewing};
-use planish_estimate::Result;
-use planish_estimate::sparse::{Bordered, CholeskyFactor};
-use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, norm, scale, sub};
+mod equations;
+mod estimates;
+
+pub(crate) use equations::Linearized;
+
+use super::feet::Foot;
+use super::observations::{Observations, moved_viewing};
+use super::quantity::Measured;
+use crate::model::{ScanErrorInformation, SurfaceModel};
+use planish_estimate::vector3::{add, cross, dot, norm, sub};
 use planish_exchange::ScanSet;
 use planish_mesh::BoundingBox;
 use planish_sense::{Pose, Viewing, ray_at};
 use planish_spline::Surface;
-use rayon::prelude::*;
 
 /// Unknowns of one scan: a translation, a rotation, a bias.
 const UNKNOWNS: usize = 7;
 const ROTATION: usize = 3;
 const BIAS: usize = 6;
-/// σ of the rotation of a scan of which nothing is known but its rough place, in radians; that of its place
-/// is the cloud's size.
+/// σ of the rotation of a scan whose pose is free, in radians. σ of its position is the cloud's size, so the
+/// prior is negligible beside any reading.
 const FREE_ROTATION: f64 = 1.0;
-/// A scan moves no farther in one iteration than this share of the cloud's size, and turns by no more
-/// radians.
+/// Largest motion of a scan in one iteration: as a share of the cloud's size, and in radians. Larger steps
+/// leave the range of the linearisation.
 const LONGEST_STEP: f64 = 0.1;
-/// Readings that took away less than this share of the variance from a direction do not determine it.
+/// A direction of a pose is undetermined if the readings remove less than this share of its prior variance.
 const DETERMINED: f64 = 0.05;
-/// Rotation by which the change of directions is found by differences, in radians.
+/// Step of central differences by rotation, in radians: their error is about its square, and rounding about
+/// 1e-16 over it.
 const DIFFERENCE: f64 = 1e-5;
 
-/// Changes of the residuals of one reading with the unknowns of its scan.
+/// Derivatives of the residuals of one reading by the unknowns of its scan.
 type Rows = [[f64; UNKNOWNS]; 3];
 
 /// The unknowns of one scan.
 #[derive(Debug, Clone)]
-pub(crate) struct SharedError {
+pub(crate) struct ScanError {
     /// The scan, among those of the set.
     pub scan: usize,
     /// Which of the seven unknowns it has.
     unknowns: Vec<usize>,
     /// σ of translation, rotation and bias; zero where exact.
     sigmas: [f64; 3],
-    /// What the motion turns about.
+    /// Centre of rotations.
     center: [f64; 3],
-    /// The pose as stated, as it is now, and the bias.
+    /// The stated pose, the current one, and the bias.
     stated: Pose,
     pub now: Pose,
     pub bias: f64,
-    /// How the sensor looks, in the world as it is now.
+    /// Viewing geometry of the sensor for the current pose.
     viewing: Viewing,
 }
 
-/// All of them.
+/// The unknowns of all scans.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct SharedErrors {
-    pub errors: Vec<SharedError>,
-    /// For each scan of the set its error.
+pub(crate) struct ScanErrors {
+    pub errors: Vec<ScanError>,
+    /// For each scan of the observations, its entry in `errors`.
     of_scan: Vec<Option<usize>>,
     /// The size of the cloud.
     size: f64,
-    /// What the scans of earlier sessions share: the first of all unknowns.
-    earlier: Option<EarlierShared>,
+    /// Unknowns of earlier sessions; they come before all others.
+    earlier: Option<EarlierScanErrors>,
 }
 
-/// What the scans of earlier sessions share: about where their model was, and how far they have come from
-/// there.
+/// Poses and biases of earlier sessions: their information, linearised at the model of these sessions, and
+/// how far they have moved since.
 #[derive(Debug, Clone)]
-struct EarlierShared {
-    information: SharedInformation,
+struct EarlierScanErrors {
+    information: ScanErrorInformation,
     vertices: Vec<[f64; 3]>,
     moved: Vec<f64>,
 }
 
-impl EarlierShared {
+impl EarlierScanErrors {
     fn width(&self) -> usize {
         self.moved.len()
     }
 
-    /// `Cᵀ s + P δ` of the vertices' way `s` along their normals, and `C δ`.
+    /// `Cᵀ s + P δ` and `C δ`, where the vertices have moved by `s` along their normals and the unknowns by
+    /// `δ`.
     fn products(&self, surface: &Surface, directions: &[[f64; 3]]) -> (Vec<f64>, Vec<f64>) {
-        let SharedInformation { coupling, corner } = &self.information;
+        let ScanErrorInformation { coupling, corner } = &self.information;
         let m = self.width();
         let mut of_shared: Vec<f64> = (corner.chunks_exact(m))
             .map(|row| row.iter().zip(&self.moved).map(|(p, d)| p * d).sum())
@@ -112,7 +115,7 @@ impl EarlierShared {
     }
 }
 
-impl SharedError {
+impl ScanError {
     fn width(&self) -> usize {
         self.unknowns.len()
     }
@@ -121,7 +124,7 @@ impl SharedError {
         self.unknowns.iter().any(|&k| k < BIAS)
     }
 
-    /// The rotation from the stated pose, and the motion of the scanner's origin.
+    /// The deviation from what was stated: motion of the scanner's origin, rotation vector, bias.
     fn deviation(&self) -> [f64; UNKNOWNS] {
         let turn = Pose { translation: [0.0; 3], ..self.now }
             .after(&Pose { translation: [0.0; 3], ..self.stated.inverse() });
@@ -130,8 +133,7 @@ impl SharedError {
         [t[0], t[1], t[2], w[0], w[1], w[2], self.bias]
     }
 
-    /// How the deviation from what was stated changes with the unknowns: a turn about the centre moves the
-    /// scanner's origin.
+    /// Derivative of the deviation by the unknowns: a rotation about the centre moves the scanner's origin.
     fn derivative(&self) -> [[f64; UNKNOWNS]; UNKNOWNS] {
         let mut d = [[0.0; UNKNOWNS]; UNKNOWNS];
         for (k, row) in d.iter_mut().enumerate() {
@@ -149,7 +151,7 @@ impl SharedError {
         d
     }
 
-    /// 1/σ² of each of the seven; nothing of those that are exact, as they do not move.
+    /// 1/σ² of each unknown; 0 for exact ones, which do not move.
     fn stated_information(&self) -> [f64; UNKNOWNS] {
         std::array::from_fn(|k| {
             let sigma = self.sigmas[(k / 3).min(2)];
@@ -157,7 +159,7 @@ impl SharedError {
         })
     }
 
-    /// What was stated, as information about the unknowns and its pull on them.
+    /// Information that was stated about the unknowns, and the gradient of its term.
     fn prior(&self) -> (Vec<f64>, Vec<f64>) {
         let (j, w, e) = (self.derivative(), self.stated_information(), self.deviation());
         let of = |a: usize, b: usize| (0..UNKNOWNS).map(|k| j[k][a] * w[k] * j[k][b]).sum::<f64>();
@@ -166,20 +168,20 @@ impl SharedError {
         (own().flat_map(|a| own().map(move |b| of(a, b))).collect(), own().map(pull).collect())
     }
 
-    /// The ray through a point, where it is known.
+    /// The ray through a point, if it is known.
     fn ray(&self, p: [f64; 3]) -> Option<[f64; 3]> {
         ray_at(self.viewing, p)
     }
 
-    /// Change of the residual of a position with all seven, linear in the normal `n`; where no ray is known
-    /// it is taken along the surface's.
+    /// Derivative of the residual of a position by all unknowns, linear in the normal `n`. If the ray is
+    /// unknown, the surface's `normal` stands for it.
     fn position_row(&self, point: [f64; 3], n: [f64; 3], normal: [f64; 3]) -> [f64; UNKNOWNS] {
         let turn = cross(sub(point, self.center), n);
         let along = dot(n, self.ray(point).unwrap_or(normal));
         [n[0], n[1], n[2], turn[0], turn[1], turn[2], -along]
     }
 
-    /// Changes of the residuals of a reading with all seven.
+    /// Derivatives of the residuals of a reading by all unknowns.
     fn rows(&self, surface: &Surface, foot: &Foot, point: [f64; 3], measured: &Measured) -> Rows {
         let mut rows = Rows::default();
         match measured {
@@ -208,9 +210,11 @@ impl SharedError {
     }
 }
 
-impl SharedErrors {
-    /// The unknowns of scans with a stated σ of pose or bias; with `align` those of all others, too, but for
-    /// the first of them where no earlier model is there to stand by.
+impl ScanErrors {
+    /// The unknowns of scans with a stated σ of pose or bias.
+    ///
+    /// With `align`, the poses of all other scans are unknowns, too. Without an earlier model the first of
+    /// them is held as the anchor of the frame.
     pub(crate) fn new(
         set: &ScanSet,
         observations: &Observations,
@@ -223,8 +227,8 @@ impl SharedErrors {
             of_scan: vec![None; observations.channel_of_scan.len()],
             size,
             earlier: earlier.and_then(|model| {
-                let information = model.shared.clone()?;
-                Some(EarlierShared {
+                let information = model.scan_errors.clone()?;
+                Some(EarlierScanErrors {
                     moved: vec![0.0; information.corner.len().isqrt()],
                     vertices: model.surface.vertices().to_vec(),
                     information,
@@ -242,6 +246,8 @@ impl SharedErrors {
         for (s, posed) in set.scans.iter().enumerate() {
             let (sum, count) = sums[s];
             let states_none = posed.sigma_translation.is_none() && posed.sigma_rotation_deg.is_none();
+            // A scan without a stated σ stays fixed unless `align` frees it. The first such scan is the
+            // anchor.
             let is_free = align && states_none && anchored;
             anchored |= states_none;
             let sigmas = [
@@ -257,12 +263,12 @@ impl SharedErrors {
             let mut stated = posed.scan.world_from_scanner;
             stated.translation = sub(stated.translation, origin);
             made.of_scan[s] = Some(made.errors.len());
-            made.errors.push(SharedError {
+            made.errors.push(ScanError {
                 scan: s,
                 center: if sigmas[0] > 0.0 {
                     sum.map(|c| c / count as f64)
                 } else {
-                    // Its place is exact: it turns about it.
+                    // Its position is exact, so it rotates about it.
                     stated.translation
                 },
                 unknowns,
@@ -273,33 +279,34 @@ impl SharedErrors {
                 viewing: observations.viewing(s),
             });
         }
+        // Normals and curvatures of a scan move with its positions.
         for s in set.scans.len()..made.of_scan.len() {
             made.of_scan[s] = made.of_scan[observations.base_scan(s)];
         }
         made
     }
 
-    /// One more scan of the observations that has none.
+    /// Adds a scan without unknowns.
     pub(crate) fn add_fixed_scan(&mut self) {
         self.of_scan.push(None);
     }
 
-    /// Whether no scan has any.
+    /// True if there are no unknowns.
     pub(crate) fn is_empty(&self) -> bool {
         self.errors.is_empty() && self.earlier.is_none()
     }
 
-    /// How many unknowns are of earlier sessions.
+    /// Number of unknowns of earlier sessions.
     fn earlier_width(&self) -> usize {
-        self.earlier.as_ref().map_or(0, EarlierShared::width)
+        self.earlier.as_ref().map_or(0, EarlierScanErrors::width)
     }
 
-    /// How many unknowns there are, those of earlier sessions first.
+    /// Number of all unknowns, those of earlier sessions first.
     fn width(&self) -> usize {
-        self.earlier_width() + self.errors.iter().map(SharedError::width).sum::<usize>()
+        self.earlier_width() + self.errors.iter().map(ScanError::width).sum::<usize>()
     }
 
-    /// What is to be taken off the height of a position: the bias as far as it lies along the normal.
+    /// The component of a scan's bias along the normal, which is subtracted from the height of a position.
     #[inline]
     pub(crate) fn bias_along(&self, scan: u32, point: [f64; 3], normal: [f64; 3]) -> f64 {
         let Some(error) = self.of_scan.get(scan as usize).copied().flatten() else {
@@ -312,7 +319,7 @@ impl SharedErrors {
         error.bias * error.ray(point).map_or(1.0, |d| dot(normal, d))
     }
 
-    /// Changes the unknowns by a step, and says how each scan of the observations is moved by it.
+    /// Changes the unknowns by a step; returns the motion of each scan of the observations.
     pub(crate) fn take(&mut self, step: &[f64]) -> Vec<Option<Pose>> {
         let mut moved = vec![None; self.errors.len()];
         let mut start = self.earlier_width();
@@ -331,12 +338,13 @@ impl SharedErrors {
             if !error.moves() {
                 continue;
             }
-            let most = |v: [f64; 3], longest: f64| {
+            let limited = |v: [f64; 3], longest: f64| {
                 let length = norm(v);
                 if length > longest { v.map(|c| c * longest / length) } else { v }
             };
-            let translation = most([by[0], by[1], by[2]], LONGEST_STEP * self.size);
-            let rotation = most([by[3], by[4], by[5]], LONGEST_STEP);
+            // A limited step keeps its direction, so the iteration still goes downhill.
+            let translation = limited([by[0], by[1], by[2]], LONGEST_STEP * self.size);
+            let rotation = limited([by[3], by[4], by[5]], LONGEST_STEP);
             let turn = Pose::from_rotation_vector(rotation, [0.0; 3]);
             // About the centre: z ↦ R (z − c) + c + τ.
             let motion =
@@ -348,8 +356,8 @@ impl SharedErrors {
         (self.of_scan.iter()).map(|error| error.and_then(|e| moved[e])).collect()
     }
 
-    /// The motions from where scans were stated to stand to where they stand now, for those of other
-    /// observations of the same set.
+    /// The motion of each scan from its stated pose to the current one, for other observations of the same
+    /// set.
     pub(crate) fn motions(&self) -> Vec<Option<Pose>> {
         (self.of_scan.iter())
             .map(|error| {
@@ -359,301 +367,5 @@ impl SharedErrors {
                     .map(|error| error.now.after(&error.stated.inverse()))
             })
             .collect()
-    }
-
-    /// Information of the readings about the unknowns and their coupling with the vertices.
-    pub(crate) fn equations(&self, at: &Linearized<'_>) -> SharedEquations {
-        let mut made = self.of_readings(at, |error, foot, i| {
-            let observations = at.channels.observations;
-            error.rows(at.surface, foot, observations.points[i], &observations.measured(i))
-        });
-        let width = self.width();
-        if let Some(earlier) = &self.earlier {
-            let m = earlier.width();
-            for (row, part) in
-                (made.coupling.chunks_exact_mut(width)).zip(earlier.information.coupling.chunks_exact(m))
-            {
-                row[..m].copy_from_slice(part);
-            }
-            put_block(&mut made.corner, width, 0, &earlier.information.corner, m);
-            put_block(&mut made.prior, width, 0, &earlier.information.corner, m);
-            let (of_shared, of_vertices) = earlier.products(at.surface, at.directions);
-            for (g, product) in made.gradient.iter_mut().zip(of_shared) {
-                *g = -product;
-            }
-            made.pull = of_vertices.iter().map(|product| -product).collect();
-        }
-        let mut start = self.earlier_width();
-        for error in &self.errors {
-            let (m, (prior, pull)) = (error.width(), error.prior());
-            for a in 0..m {
-                for b in 0..m {
-                    made.corner[(start + a) * width + start + b] += prior[a * m + b];
-                }
-                made.gradient[start + a] += pull[a];
-            }
-            put_block(&mut made.prior, width, start, &prior, m);
-            start += m;
-        }
-        made
-    }
-
-    /// The same of readings alone, each with its rows; nothing of what was stated, nor of earlier sessions.
-    fn of_readings(
-        &self,
-        at: &Linearized<'_>,
-        rows: impl Fn(&SharedError, &Foot, usize) -> Rows + Sync,
-    ) -> SharedEquations {
-        let own = self.readings(at.information, at.channels);
-        // Scan by scan: each has columns of its own.
-        let parts: Vec<_> = (self.errors.par_iter().zip(&own))
-            .map(|(error, own)| error.equations(at, own, |foot, i| rows(error, foot, i)))
-            .collect();
-        let (mut start, width) = (self.earlier_width(), self.width());
-        let mut made = SharedEquations::zeros(at.surface.space().node_count(), width);
-        for (error, part) in self.errors.iter().zip(parts) {
-            let m = error.width();
-            for (row, part) in made.coupling.chunks_exact_mut(width).zip(part.coupling.chunks_exact(m)) {
-                row[start..start + m].copy_from_slice(part);
-            }
-            put_block(&mut made.corner, width, start, &part.corner, m);
-            made.gradient[start..start + m].copy_from_slice(&part.gradient);
-            start += m;
-        }
-        made
-    }
-
-    /// What noise of the surface alone seems to say of the poses, the surface left open: the mean over draws
-    /// of its noise of `P − Cᵀ A⁻¹ C` with the rows `J δn` of what the noise adds to the normals at the feet,
-    /// `J = ∂(n, (z − c) × n)/∂n`.
-    ///
-    /// The rows of a pose are made with the normals of the estimated surface. On a sphere each true row of a
-    /// rotation is zero; those of its noisy estimate are not, and would count as information that nobody has,
-    /// whatever the σ: more noise makes more of it. What of it the surface itself takes up, as it would of
-    /// true rows, counts for nothing in either. There are so many `parts` of the readings as those at hand.
-    pub(crate) fn noise_information(
-        &self,
-        at: &Linearized<'_>,
-        factor: &CholeskyFactor,
-        noise: &[Vec<[[f64; 3]; 16]>],
-        parts: f64,
-    ) -> Result<Vec<f64>> {
-        let mut mean = vec![0.0; self.width() * self.width()];
-        for drawn in noise {
-            let equations = self.of_readings(at, |error, foot, i| {
-                error.noise_rows(at.surface, drawn, foot, at.channels.observations.points[i])
-            });
-            let SharedInformation { coupling, corner } = equations.into_information(parts);
-            for (mean, seen) in mean.iter_mut().zip(Bordered::complement_of(factor, &coupling, &corner)?) {
-                *mean += seen / noise.len() as f64;
-            }
-        }
-        Ok(mean)
-    }
-
-    /// The readings of each error's scan that take part.
-    fn readings(&self, information: &[f64], channels: &FootChannels<'_>) -> Vec<Vec<u32>> {
-        let mut own: Vec<Vec<u32>> = vec![Vec::new(); self.errors.len()];
-        for (k, (&i, &w)) in channels.subset.iter().zip(information).enumerate() {
-            let scan = channels.observations.scan[i as usize] as usize;
-            if w > 0.0
-                && let Some(error) = self.of_scan[scan]
-            {
-                own[error].push(k as u32);
-            }
-        }
-        own
-    }
-
-    /// σ of every scan's pose and bias from the reduced equations.
-    pub(crate) fn estimates(&self, bordered: &Bordered, prior: &[f64]) -> Result<Vec<SharedEstimate>> {
-        let covariance = bordered.shared_covariance();
-        let width = bordered.shared();
-        let mut start = self.earlier_width();
-        (self.errors.iter())
-            .map(|error| {
-                let j = error.derivative();
-                let m = error.width();
-                // Of the deviation from the stated pose: what a job file would state.
-                let of = |a: usize, b: usize| -> f64 {
-                    let (rows, columns) = (&j[a], &j[b]);
-                    (0..m)
-                        .flat_map(|p| (0..m).map(move |q| (p, q)))
-                        .map(|(p, q)| {
-                            rows[error.unknowns[p]]
-                                * covariance[(start + p) * width + start + q]
-                                * columns[error.unknowns[q]]
-                        })
-                        .sum()
-                };
-                let pose: [[f64; 6]; 6] = std::array::from_fn(|a| std::array::from_fn(|b| of(a, b)));
-                let own: Vec<f64> =
-                    (0..m * m).map(|k| prior[(start + k / m) * width + start + k % m]).collect();
-                let directions = bordered.undetermined(start..start + m, &own, DETERMINED)?;
-                let of_pose = |v: &Vec<f64>| -> [f64; 6] {
-                    std::array::from_fn(|a| error.unknowns.iter().zip(v).map(|(&k, v)| j[a][k] * v).sum())
-                };
-                let made = SharedEstimate {
-                    scan: error.scan,
-                    stated: error.stated,
-                    pose: error.now,
-                    covariance: error.moves().then_some(pose),
-                    undetermined: directions.iter().map(of_pose).collect(),
-                    bias: (error.unknowns.contains(&BIAS))
-                        .then(|| (error.bias, of(BIAS, BIAS).max(0.0).sqrt())),
-                };
-                start += m;
-                Ok(made)
-            })
-            .collect()
-    }
-}
-
-/// What a fit found of one scan.
-#[derive(Debug, Clone)]
-pub(crate) struct SharedEstimate {
-    pub scan: usize,
-    /// As it was stated and as it is.
-    stated: Pose,
-    pub pose: Pose,
-    /// Of translation and rotation vector about the world's axes, where it has any.
-    pub covariance: Option<[[f64; 6]; 6]>,
-    /// Directions that the readings do not determine, each as long as one σ of what was known before.
-    pub undetermined: Vec<[f64; 6]>,
-    /// The bias and its σ.
-    pub bias: Option<(f64, f64)>,
-}
-
-impl SharedEstimate {
-    /// Fills in the report of the scan; `origin` is where that of the estimate lies in the world.
-    pub(crate) fn report(&self, report: &mut PoseReport, origin: [f64; 3], observations: &Observations) {
-        if let Some(covariance) = &self.covariance {
-            let back = self.stated.after(&self.pose.inverse());
-            let own = (observations.points.iter().zip(&observations.scan))
-                .filter(|(_, s)| **s as usize == self.scan);
-            let (sum, count) = own.fold((0.0, 0), |(sum, count), (p, _)| {
-                (sum + distance(back.apply(*p), *p).powi(2), count + 1)
-            });
-            report.moved = Some((sum / f64::from(count.max(1))).sqrt());
-            report.turned_deg = Some(norm(back.rotation_vector()).to_degrees());
-            report.translation = add(self.pose.translation, origin);
-            report.quaternion_xyzw = self.pose.quaternion_xyzw();
-            report.set_covariance(*covariance);
-            report.undetermined.clone_from(&self.undetermined);
-        }
-        if let Some((bias, sigma)) = self.bias {
-            (report.bias, report.sigma_bias) = (Some(bias), Some(sigma));
-        }
-    }
-}
-
-/// `[… C; Cᵀ P] [x; p] = [… ; h]`: what readings say of the shared unknowns.
-pub(crate) struct SharedEquations {
-    /// `C`, nodes × unknowns.
-    pub coupling: Vec<f64>,
-    /// `P` with what was stated.
-    pub corner: Vec<f64>,
-    /// `h`.
-    pub gradient: Vec<f64>,
-    /// What was stated, alone.
-    pub prior: Vec<f64>,
-    /// What earlier sessions' unknowns add to the right-hand side of the vertices; empty where there are
-    /// none.
-    pub pull: Vec<f64>,
-}
-
-/// Where readings are linearised: feet on a surface whose vertices move along `directions`, each with its
-/// information.
-#[derive(Clone, Copy)]
-pub(crate) struct Linearized<'a> {
-    pub surface: &'a Surface,
-    pub directions: &'a [[f64; 3]],
-    pub feet: &'a [Foot],
-    pub information: &'a [f64],
-    pub channels: &'a FootChannels<'a>,
-}
-
-/// Writes a block of `m × m` on the diagonal of a matrix that is `width` wide.
-fn put_block(matrix: &mut [f64], width: usize, start: usize, block: &[f64], m: usize) {
-    for (a, row) in block.chunks_exact(m).enumerate() {
-        matrix[(start + a) * width + start..][..m].copy_from_slice(row);
-    }
-}
-
-impl SharedEquations {
-    /// Nothing said of so many unknowns.
-    fn zeros(nodes: usize, width: usize) -> Self {
-        Self {
-            coupling: vec![0.0; nodes * width],
-            corner: vec![0.0; width * width],
-            gradient: vec![0.0; width],
-            prior: vec![0.0; width * width],
-            pull: Vec::new(),
-        }
-    }
-
-    /// As it goes into a model; readings like these were so many times as many.
-    pub(crate) fn into_information(mut self, factor: f64) -> SharedInformation {
-        self.coupling.iter_mut().for_each(|c| *c *= factor);
-        for (p, prior) in self.corner.iter_mut().zip(&self.prior) {
-            *p = factor * (*p - prior) + prior;
-        }
-        SharedInformation { coupling: self.coupling, corner: self.corner }
-    }
-}
-
-impl SharedError {
-    /// What the surface's noise adds to the [`Self::rows`] of a position: how the normal there is turned by
-    /// it, both tangents together.
-    fn noise_rows(&self, surface: &Surface, drawn: &[[[f64; 3]; 16]], foot: &Foot, point: [f64; 3]) -> Rows {
-        let mut rows = Rows::default();
-        let leaf = foot.leaf as usize;
-        if let Some(frame) =
-            surface.tangent_rows(leaf, foot.local).filter(|_| foot.quantity == Quantity::Position)
-        {
-            let [a, b] = [0, 1].map(|t| -> f64 {
-                (frame.slopes[t].iter().zip(&drawn[leaf])).map(|(s, c)| s * dot(foot.normal, *c)).sum()
-            });
-            let turned = add_scaled(scale(a, frame.tangents[0]), b, frame.tangents[1]);
-            rows[0] = self.position_row(point, turned, foot.normal);
-        }
-        rows
-    }
-
-    /// [`SharedErrors::equations`] of one scan, by its readings `own` with their `rows`.
-    fn equations(
-        &self,
-        at: &Linearized<'_>,
-        own: &[u32],
-        rows: impl Fn(&Foot, usize) -> Rows,
-    ) -> SharedEquations {
-        let Linearized { surface, directions, feet, information, channels } = *at;
-        let (space, m) = (surface.space(), self.width());
-        let mut made = SharedEquations::zeros(space.node_count(), m);
-        for &k in own {
-            let (foot, w) = (&feet[k as usize], information[k as usize]);
-            let rows = rows(foot, channels.subset[k as usize] as usize);
-            let (nodes, weights) = space.extraction(foot.leaf as usize);
-            foot.rows(surface, |r, over_leaf| {
-                let row: Vec<f64> = self.unknowns.iter().map(|&k| rows[r][k]).collect();
-                let residual = foot.residuals()[r];
-                for (a, ra) in row.iter().enumerate() {
-                    made.gradient[a] -= w * ra * residual;
-                    for (b, rb) in row.iter().enumerate() {
-                        made.corner[a * m + b] += w * ra * rb;
-                    }
-                }
-                for (&node, weights) in nodes.iter().zip(weights) {
-                    let along: f64 = weights.iter().zip(over_leaf).map(|(w, c)| w * c).sum();
-                    let of_node = w * along * dot(foot.normal, directions[node as usize]);
-                    if of_node != 0.0 {
-                        for (c, r) in made.coupling[node as usize * m..].iter_mut().zip(&row) {
-                            *c -= of_node * r;
-                        }
-                    }
-                }
-            });
-        }
-        made
     }
 }

@@ -1,4 +1,4 @@
-//! The state of a patch filter as tensors and back, to the last bit.
+//! The state of a patch filter as tensors, and back, to the last bit.
 
 use super::{Tensors, tensor};
 use planish_estimate::{Error, Result};
@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 const VERTICES: usize = PATCH_VERTICES * PATCH_VERTICES;
 const CELLS: usize = 16;
 
-/// What the metadata says of a filter beside its tensors.
+/// Metadata of a filter.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Notes {
     layout: String,
@@ -35,7 +35,7 @@ fn name(layout: StateLayout) -> &'static str {
     }
 }
 
-/// Columns of the mean of a layout that is saved.
+/// Columns of the mean for layouts that can be saved.
 fn columns(layout: StateLayout) -> Option<usize> {
     match layout {
         StateLayout::Height => Some(1),
@@ -50,10 +50,11 @@ fn unsaved() -> Error {
     )
 }
 
-/// Adds the tensors of a filter whose patches have told each other all they know.
+/// Adds the tensors of a filter whose patches are reconciled.
 pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) -> Result<()> {
     let state = filter.state();
     let columns = columns(state.options.layout).ok_or_else(unsaved)?;
+    // Messages between patches are not saved, so none may be pending.
     if state.patches.iter().any(|p| p.before.is_some()) {
         return Err(Error::input("a patch filter is saved after its patches were reconciled"));
     }
@@ -82,7 +83,7 @@ pub(super) fn add(tensors: &mut BTreeMap<String, Tensor>, filter: &PatchFilter) 
 }
 
 impl Notes {
-    pub(super) fn of(filter: &PatchFilter) -> Self {
+    pub(super) fn from_filter(filter: &PatchFilter) -> Self {
         let (options, prior) = (filter.options(), filter.prior());
         Self {
             layout: name(options.layout).to_owned(),
@@ -96,7 +97,7 @@ impl Notes {
         }
     }
 
-    /// The filter of these notes and the tensors of a file.
+    /// The filter from this metadata and the tensors of a file.
     pub(super) fn filter(
         &self,
         shape: Shape,

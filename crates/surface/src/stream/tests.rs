@@ -35,7 +35,7 @@ fn options() -> StreamOptions {
 
 /// A program that was stopped and one that was not must end with the same numbers.
 #[test]
-fn a_resumed_stream_goes_on_to_the_last_bit() {
+fn a_resumed_stream_continues_to_the_last_bit() {
     let all = readings(3000, 1);
     let mut stream = SurfaceStream::start(&all[..600], &options()).unwrap();
     for reading in &all[600..1500] {
@@ -58,7 +58,7 @@ fn a_resumed_stream_goes_on_to_the_last_bit() {
 
 /// What is stated must be true, and memory must not depend on how much was read.
 #[test]
-fn sigma_is_true_and_memory_flat() {
+fn sigma_is_calibrated_and_memory_constant() {
     let all = readings(20_000, 2);
     let mut stream = SurfaceStream::start(&all[..800], &options()).unwrap();
     let mut bytes = Vec::new();
@@ -89,15 +89,15 @@ fn sigma_is_true_and_memory_flat() {
 
 /// Gross errors change nothing that is known, and a later change of unit or file does not go unnoticed.
 #[test]
-fn wild_readings_are_left_out_and_wrong_files_refused() {
+fn gross_errors_are_rejected_and_wrong_files_refused() {
     let all = readings(1500, 3);
     let mut stream = SurfaceStream::start(&all[..1000], &options()).unwrap();
     let before = stream.nearest([5.0, 4.0, 0.0]);
     let wild = Reading::position([5.0, 4.0, 2.0], SIGMA);
-    assert_eq!(stream.push(&wild).unwrap(), Some(Rejection::Outlier));
+    assert_eq!(stream.push(&wild).unwrap(), Some(RejectionCause::Outlier));
     assert_eq!(stream.nearest([5.0, 4.0, 0.0]), before);
     let beyond = Reading::position([30.0, 4.0, 0.0], SIGMA);
-    assert_eq!(stream.push(&beyond).unwrap(), Some(Rejection::BeyondBorder));
+    assert_eq!(stream.push(&beyond).unwrap(), Some(RejectionCause::BeyondBorder));
     assert!(stream.push(&Reading::position([f64::NAN, 4.0, 0.0], SIGMA)).is_err());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("global.planish");

@@ -34,7 +34,7 @@ fn square(
 }
 
 /// Aligns patches in place.
-fn aligned(patches: &mut [Patch]) -> Result<(Vec<PoseReport>, Vec<String>)> {
+fn aligned(patches: &mut [Patch]) -> Result<(Vec<ScanPoseReport>, Vec<String>)> {
     let names: Vec<String> = (0..patches.len()).map(|k| format!("square {k}")).collect();
     let mut searches = planish_mesh::searches_of(patches)?;
     align(patches, &mut searches, &names, &Silent)
@@ -45,7 +45,7 @@ fn rolling(x: f64, y: f64) -> f64 {
 }
 
 /// By how much a pose misses the one that undoes a motion: translation and turn about the axes.
-fn error_of(found: &PoseReport, moved: &Pose) -> Vector6<f64> {
+fn error_of(found: &ScanPoseReport, moved: &Pose) -> Vector6<f64> {
     let truth = moved.inverse();
     let pose = Pose::from_quaternion_xyzw(found.quaternion_xyzw, found.translation).unwrap();
     let turn = pose.after(&truth.inverse()).rotation_vector();
@@ -55,7 +55,7 @@ fn error_of(found: &PoseReport, moved: &Pose) -> Vector6<f64> {
     })
 }
 
-fn chi_square(found: &PoseReport, moved: &Pose) -> f64 {
+fn chi_square(found: &ScanPoseReport, moved: &Pose) -> f64 {
     let covariance = found.covariance.unwrap();
     let error = error_of(found, moved);
     let inverse = Matrix6::from_fn(|i, j| covariance[i][j]).try_inverse().unwrap();

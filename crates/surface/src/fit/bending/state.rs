@@ -1,14 +1,16 @@
-//! One state of a sheet that bends: laid on its readings from the state before.
+//! One state of a sheet that bends, from its readings and the state before.
 //!
-//! Comes in: the state before, the lengths of the sheet, observations. Goes out: a [`Settled`] surface whose
-//! prior holds all that is known beside the heights of the readings. See [`super`].
+//! Input: the state before, the lengths of the sheet, and observations. Output: a [`ConvergedFit`] whose
+//! prior contains all information besides the heights of the readings. See [`super`].
 
 use super::{Lengths, SIGMA_STRETCH};
 use crate::fit::FitOptions;
+use crate::fit::leaves::{leaf_areas, leaves_with_feet};
 use crate::fit::noise::SensorNoise;
-use crate::fit::stages::{Settled, leaf_areas, leaves_with_feet, weight_of_length, weights};
-use crate::observe::extent_of;
-use crate::observe::{Foot, FootState, accumulate, by_leaf, project};
+use crate::fit::refine::ConvergedFit;
+use crate::fit::weights::{weight_of_length, weights};
+use crate::observe::surface_extent;
+use crate::observe::{Foot, FootState, ProjectedReadings, accumulate, by_leaf, project};
 use crate::observe::{Observations, Quantity};
 use crate::subdivision::RefinementLog;
 use planish_core::Progress;
@@ -17,24 +19,24 @@ use planish_estimate::vector3::{add_scaled, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use planish_spline::{FootPointSearch, Surface, SurfaceSystem, leaf_weights};
 
-/// The share by which sheets may stretch at the first iteration, and iterations until it is what it should
-/// be.
+/// Relative σ of lengths in the first iteration, and iterations until it has its final value.
 const FIRST_STRETCH: f64 = 0.1;
 const ANNEALING: usize = 10;
-/// Iterations at most; at rest when the mean square step is so many variances of a vertex.
-const MOST_ITERATIONS: usize = 40;
+/// Largest number of iterations, and mean square step at rest, in variances of a vertex.
+const MAX_ITERATIONS: usize = 40;
 const AT_REST: f64 = 1e-3;
-/// Length over which displacements are smooth at the start, and at most, in square roots of the sheet's area.
+/// Length over which displacements are smoothed at the start, and at most, in square roots of the sheet's
+/// area.
 const FIRST_SMOOTHING: f64 = 0.1;
 const STIFFEST: f64 = 2.0;
 /// σ of sliding along the sheet, in leaves.
 const SLIDING: f64 = 5.0;
-/// Readings beyond the border are of the sheet when they are nearer to it than this share of its extent;
-/// their pull is bounded beyond so many spacings.
+/// Readings beyond the border belong to the sheet if they are nearer to it than this share of its extent.
+/// Their pull is bounded beyond [`BOUNDED`] spacings of the readings.
 const BORDER_REACH: f64 = 0.1;
 const BOUNDED: f64 = 3.0;
 
-/// One state to be found.
+/// The problem of one state.
 pub(super) struct Sheet<'a> {
     pub system: &'a SurfaceSystem,
     pub lengths: &'a Lengths,
@@ -43,35 +45,37 @@ pub(super) struct Sheet<'a> {
     pub options: &'a FitOptions,
 }
 
-/// A state that has come to rest.
-pub(super) struct Laid {
-    pub settled: Settled,
-    /// Readings beyond the border.
+/// A converged state.
+pub(super) struct LaidSheet {
+    pub converged: ConvergedFit,
+    /// Number of readings beyond the border.
     pub beyond: usize,
-    /// Leaves that hold readings of this time.
+    /// For each leaf, true if it holds readings of this time.
     pub held: Vec<bool>,
 }
 
-/// What is known of a state beside its readings.
-struct Held {
-    /// The thin plate over the displacement: `K`, and `K x` of the state before.
+/// The parts of the prior that do not change from iteration to iteration.
+struct FixedPrior {
+    /// Thin plate over the displacement: `K`, and `K x` of the state before.
     smooth: BlockInformation,
-    /// Places along the sheet.
+    /// Weak hold of points along the sheet.
     sliding: BlockInformation,
 }
 
 impl Sheet<'_> {
-    /// Lays the sheet on readings; and how many of them lie beyond its border.
-    pub(super) fn settle(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<Laid> {
+    /// Lays the sheet on the readings.
+    ///
+    /// # Errors
+    /// `Undetermined` if no reading is near the sheet.
+    pub(super) fn lay(&self, observations: &mut Observations, progress: &dyn Progress) -> Result<LaidSheet> {
         let Self { system, previous, .. } = *self;
-        let search = FootPointSearch::new(previous, 2, 0.1 * extent_of(previous))?;
+        let search = FootPointSearch::new(previous, 2, 0.1 * surface_extent(previous))?;
         observations.orient_by(|p| {
             let [u, v] = search.nearest(p, [0.0; 3]);
             previous.normal(u, v).unwrap_or([0.0; 3])
         });
-        let subset: Vec<u32> =
-            (0..observations.len() as u32).filter(|&i| !observations.held_out[i as usize]).collect();
-        let held = self.held()?;
+        let subset = observations.fitted();
+        let fixed = self.fixed_prior()?;
         let area: f64 = leaf_areas(previous).iter().sum();
         let spacing = (area / subset.len().max(1) as f64).sqrt();
         let mut at = vec![[0.0; 2]; observations.len()];
@@ -81,28 +85,33 @@ impl Sheet<'_> {
         let mut weight = None;
         let mut resting = false;
         let gate = self.options.gate;
-        for iteration in 0..MOST_ITERATIONS {
-            progress.check("bending", iteration as f64 / MOST_ITERATIONS as f64)?;
+        for iteration in 0..MAX_ITERATIONS {
+            progress.check("bending", iteration as f64 / MAX_ITERATIONS as f64)?;
             progress.items(iteration * subset.len(), "readings");
             let annealed = iteration >= ANNEALING;
+            // The sheet moves far in the first iterations, so feet are searched for anew; later every fifth
+            // time.
             let search = if annealed && iteration % 5 != 0 {
                 None
             } else {
-                Some(FootPointSearch::new(&surface, 2, 0.1 * extent_of(&surface))?)
+                Some(FootPointSearch::new(&surface, 2, 0.1 * surface_extent(&surface))?)
             };
-            let feet = project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.used);
-            noise = SensorNoise::estimate(observations, &subset, &feet, gate, &unknown, annealed)?;
-            let information = weights(observations, &subset, &feet, &noise, gate, !annealed);
+            let feet =
+                project(&surface, observations, &subset, &mut at, search.as_ref(), &noise.variance_factors);
+            let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
+            noise = SensorNoise::estimate(readings, gate, &unknown, annealed)?;
+            let information = weights(readings, &noise, gate, !annealed);
             if !information.iter().any(|&w| w > 0.0) {
                 return Err(Error::undetermined(
-                    "no reading lies near the sheet as it was before: do the scans share one frame, and is the sheet the same?",
+                    "no reading lies near the sheet as it was before: do the scans share one frame, and is \
+                     the sheet the same?",
                 ));
             }
             let smoothing = |length: f64| weight_of_length(&feet, &information, area, length * area.sqrt());
             let now = weight.unwrap_or_else(|| smoothing(FIRST_SMOOTHING));
             let data = accumulate(system, &surface, &feet, &information)?;
             let border = self.border(&surface, observations, &subset, &feet, spacing)?;
-            let prior = self.prior(&held, &surface, border, now, iteration)?;
+            let prior = self.prior(&fixed, &surface, border, now, iteration)?;
             let mut total = data.clone();
             total.add_scaled(&prior, 1.0)?;
             let factor = system.factorize(&total)?;
@@ -113,11 +122,12 @@ impl Sheet<'_> {
                 .zip(surface.vertices().iter().flatten())
                 .map(|(new, old)| new - old)
                 .collect::<Vec<f64>>();
+            // Newton's decrement for each unknown: the mean square of the step in its own variances.
             let decrement = total.quadratic_form(&step)? / step.len() as f64;
             surface = system.surface(&solution)?;
             let mut next = now;
             if annealed {
-                next = likeliest(&held, &solution, previous, &SelectedInverse::new(&factor), now)?
+                next = likeliest_weight(&fixed, &solution, previous, &SelectedInverse::new(&factor), now)?
                     .clamp(0.2 * now, 5.0 * now)
                     .min(smoothing(STIFFEST));
             }
@@ -127,17 +137,18 @@ impl Sheet<'_> {
                 break;
             }
         }
-        let feet = project(&surface, observations, &subset, &mut at, None, &noise.used);
-        let noise = SensorNoise::estimate(observations, &subset, &feet, gate, &unknown, true)?;
+        let feet = project(&surface, observations, &subset, &mut at, None, &noise.variance_factors);
+        let readings = ProjectedReadings { observations, subset: &subset, feet: &feet };
+        let noise = SensorNoise::estimate(readings, gate, &unknown, true)?;
         let border = self.border(&surface, observations, &subset, &feet, spacing)?;
         let weight = weight.unwrap_or(0.0);
-        let prior = self.prior(&held, &surface, border, weight, MOST_ITERATIONS)?;
+        let prior = self.prior(&fixed, &surface, border, weight, MAX_ITERATIONS)?;
         let beyond = (subset.iter().zip(&feet))
             .filter(|(i, foot)| beyond_by(&surface, observations, **i, foot).is_some_and(|d| d > spacing))
             .count();
-        let information = weights(observations, &subset, &feet, &noise, gate, false);
+        let information = weights(readings, &noise, gate, false);
         let held = leaves_with_feet(&surface, &feet, &information, |_| true);
-        let settled = Settled {
+        let converged = ConvergedFit {
             surface,
             system: system.clone(),
             subset,
@@ -149,25 +160,25 @@ impl Sheet<'_> {
             reached_limit: !resting,
             reached_tolerance: false,
             refined: RefinementLog::default(),
-            fused: None,
+            filtered: None,
             moves_freely: true,
         };
-        Ok(Laid { settled, beyond, held })
+        Ok(LaidSheet { converged, beyond, held })
     }
 
-    fn held(&self) -> Result<Held> {
+    fn fixed_prior(&self) -> Result<FixedPrior> {
         let mut smooth = self.system.thin_plate(self.previous)?.expanded(3)?;
         let x: Vec<f64> = self.previous.vertices().iter().flatten().copied().collect();
         let mut pull = vec![0.0; x.len()];
         smooth.multiply(&x, &mut pull)?;
         smooth.vector_mut().copy_from_slice(&pull);
-        Ok(Held { smooth, sliding: self.system.tangential_hold(self.previous, SLIDING)? })
+        Ok(FixedPrior { smooth, sliding: self.system.tangential_hold(self.previous, SLIDING)? })
     }
 
-    /// All that is known beside the readings' heights, linearised at a surface.
+    /// All information besides the heights of the readings, linearised at a surface.
     fn prior(
         &self,
-        held: &Held,
+        fixed: &FixedPrior,
         surface: &Surface,
         border: BlockInformation,
         weight: f64,
@@ -178,13 +189,13 @@ impl Sheet<'_> {
         let softness = if left > 0.0 { softness } else { 0.0 };
         let sigma: Vec<f64> = self.lengths.sigma.iter().map(|s| s.hypot(softness)).collect();
         let mut prior = self.system.isometry(surface, &self.lengths.metric, &sigma)?;
-        prior.add_scaled(&held.smooth, weight)?;
-        prior.add_scaled(&held.sliding, 1.0)?;
+        prior.add_scaled(&fixed.smooth, weight)?;
+        prior.add_scaled(&fixed.sliding, 1.0)?;
         prior.add_scaled(&border, 1.0)?;
         Ok(prior)
     }
 
-    /// Readings beyond the border: the border lies where they are, to within their spacing.
+    /// Equations of readings beyond the border: the border lies at each of them to within their spacing.
     fn border(
         &self,
         surface: &Surface,
@@ -194,7 +205,7 @@ impl Sheet<'_> {
         spacing: f64,
     ) -> Result<BlockInformation> {
         let (start, order) = by_leaf(feet, surface.space().leaves().len());
-        let reach = BORDER_REACH * extent_of(surface);
+        let reach = BORDER_REACH * surface_extent(surface);
         self.system.accumulate(|leaf, cell| {
             let mut any = false;
             for k in order[start[leaf] as usize..start[leaf + 1] as usize].iter().map(|&k| k as usize) {
@@ -203,6 +214,7 @@ impl Sheet<'_> {
                 else {
                     continue;
                 };
+                // Huber's weight: a reading far beyond the border must not tear it out.
                 let w = spacing.powi(-2) * (BOUNDED * spacing / distance).min(1.0);
                 let z = observations.points[subset[k] as usize];
                 cell.add_vector(&leaf_weights(foot.local[0], foot.local[1]), z, &[w, 0.0, 0.0, w, 0.0, w]);
@@ -213,7 +225,7 @@ impl Sheet<'_> {
     }
 }
 
-/// How far along the sheet a position lies beyond the border; none where it does not.
+/// Distance of a position beyond the border, along the sheet; none if it is not beyond.
 fn beyond_by(surface: &Surface, observations: &Observations, reading: u32, foot: &Foot) -> Option<f64> {
     if foot.state != FootState::BeyondBorder || foot.quantity != Quantity::Position {
         return None;
@@ -223,9 +235,9 @@ fn beyond_by(surface: &Surface, observations: &Observations, reading: u32, foot:
     Some(norm(add_scaled(off, -dot(off, foot.normal), foot.normal)))
 }
 
-/// The next weight of the thin plate, by marginal likelihood.
-fn likeliest(
-    held: &Held,
+/// The next weight of the thin plate by marginal likelihood (Wood & Fasiolo 2017, eq. 6).
+fn likeliest_weight(
+    fixed: &FixedPrior,
     solution: &[f64],
     previous: &Surface,
     covariance: &SelectedInverse,
@@ -233,8 +245,8 @@ fn likeliest(
 ) -> Result<f64> {
     let displacement: Vec<f64> =
         solution.iter().zip(previous.vertices().iter().flatten()).map(|(new, old)| new - old).collect();
-    // A plate lets three functions of each coordinate go free.
+    // A plate leaves three functions of each coordinate free.
     let rank = displacement.len() as f64 - 9.0;
-    let taken = rank - weight * covariance.trace_with(&held.smooth)?;
-    Ok(taken.max(1.0) / held.smooth.quadratic_form(&displacement)?.max(f64::MIN_POSITIVE))
+    let determined = rank - weight * covariance.trace_with(&fixed.smooth)?;
+    Ok(determined.max(1.0) / fixed.smooth.quadratic_form(&displacement)?.max(f64::MIN_POSITIVE))
 }

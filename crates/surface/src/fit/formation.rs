@@ -1,20 +1,21 @@
-//! How a model forms, reading by reading.
+//! Formation of a model with a growing number of readings, for animations.
 //!
-//! Comes in: a settled surface with its readings. Goes out: [`Snapshot`]s of what was known after the first
-//! `n` of them, in an order that the seed draws, `n` growing by a constant factor.
+//! Input: a converged surface with its readings. Output: [`Snapshot`]s of the posterior after the first `n`
+//! readings, in a random order by the seed, with `n` growing by a constant factor.
 //!
-//! Of the global filter a snapshot is the posterior of the first `n` readings over the final hierarchy, with
-//! the final weight of the prior and the final feet: as information adds, each is one factorisation of
-//! `Λ_prior + Λ_n`. Of the patch filter the snapshots are those of the filter itself as it runs; up to the
-//! readings that found its first surface they are those of that fit.
+//! For the global filter, a snapshot is the posterior of the first `n` readings over the final hierarchy,
+//! with the final prior and feet. Information adds, so each takes one factorisation of `Λ_prior + Λ_n`. For
+//! the patch filter, snapshots are states of the filter as it runs, preceded by those of the fit of its first
+//! readings.
 //!
-//! Not guaranteed: that a fit of the first `n` readings alone would have chosen the same shape, hierarchy and
-//! prior: those are of all readings.
+//! Not guaranteed: that a fit of the first `n` readings alone would choose the same shape, hierarchy and
+//! prior. Those come from all readings.
 
 use super::FitOptions;
 use super::patch::shuffled;
-use super::stages::{Settled, weights};
-use crate::model::{Motion, NodeCovariance, Posterior};
+use super::refine::ConvergedFit;
+use super::weights::weights;
+use crate::model::{NodeCovariance, Posterior, VertexMotion};
 use crate::observe::Observations;
 use crate::observe::{FootState, by_leaf};
 use planish_core::Progress;
@@ -24,32 +25,32 @@ use planish_estimate::vector3::{add, add_scaled, dot};
 use planish_spline::{PatchFilter, Surface};
 use std::sync::Arc;
 
-/// Readings of the first snapshot, at least.
+/// Readings of the first snapshot.
 const FIRST_READINGS: usize = 16;
-/// Trace of the equations that keeps what few readings leave open where it is at the end, as a share of their
-/// mean.
+/// Share of the mean diagonal that is added to it. It keeps directions that few readings leave open at their
+/// final place.
 const HOLD: f64 = 1e-7;
 
-/// What was known after some readings.
+/// The posterior after a number of readings.
 pub struct Snapshot {
-    /// How many.
+    /// Number of readings.
     pub readings: usize,
-    /// The surface then.
+    /// The surface at that moment.
     pub surface: Surface,
     covariance: Arc<NodeCovariance>,
 }
 
-/// How a model formed.
+/// The formation of a model.
 #[derive(Default)]
-pub struct Forming {
-    /// From few readings to all of them.
+pub struct Formation {
+    /// Snapshots, from few readings to all of them.
     pub snapshots: Vec<Snapshot>,
-    /// Where the readings lie, in the order in which they came.
+    /// Positions of the readings, in their order.
     pub places: Vec<[f64; 3]>,
 }
 
 impl Snapshot {
-    /// What is known of the surface.
+    /// The covariance of the surface at that moment.
     #[must_use]
     pub fn posterior(&self) -> Posterior<'_> {
         Posterior::new(&self.surface, Arc::clone(&self.covariance))
@@ -70,7 +71,7 @@ impl Snapshot {
     }
 }
 
-impl Forming {
+impl Formation {
     /// The same with every point moved.
     pub(super) fn translated(mut self, by: [f64; 3]) -> Result<Self> {
         if by == [0.0; 3] {
@@ -85,7 +86,7 @@ impl Forming {
     }
 }
 
-/// From `first` to `all` by a constant factor, so many at most.
+/// At most `frames` numbers from `first` to `all`, growing by a constant factor.
 pub(super) fn counts(first: usize, all: usize, frames: usize) -> Vec<usize> {
     let first = first.min(all).max(1);
     let steps = frames.saturating_sub(1).max(1) as f64;
@@ -96,23 +97,23 @@ pub(super) fn counts(first: usize, all: usize, frames: usize) -> Vec<usize> {
     counts
 }
 
-/// Snapshots of a fit of the global filter.
-pub(super) fn formed(
+/// Snapshots of a fit by the global filter.
+pub(super) fn formation_of_global_fit(
     observations: &Observations,
-    settled: &Settled,
+    converged: &ConvergedFit,
     options: &FitOptions,
     frames: usize,
     progress: &dyn Progress,
-) -> Result<Forming> {
-    let Settled { surface, system, subset, feet, noise, prior, .. } = settled;
-    let information = weights(observations, subset, feet, noise, options.gate, false);
+) -> Result<Formation> {
+    let ConvergedFit { surface, system, subset, feet, noise, prior, .. } = converged;
+    let information = weights(converged.readings(observations), noise, options.gate, false);
     let numbers: Vec<u32> = (0..subset.len() as u32).collect();
     let order: Vec<u32> = shuffled(&numbers, options.seed)
         .into_iter()
         .filter(|&k| information[k as usize] > 0.0 && feet[k as usize].state == FootState::Good)
-        .filter(|&k| observations.invented(subset[k as usize] as usize).is_none())
+        .filter(|&k| observations.inferred(subset[k as usize] as usize).is_none())
         .collect();
-    // What was concluded from readings comes with the last of them; what was set aside has no information.
+    // Inferred readings come with the last real one; rejected ones have no information.
     let mut rank = vec![order.len().saturating_sub(1); subset.len()];
     for (place, &k) in order.iter().enumerate() {
         rank[k as usize] = place;
@@ -127,7 +128,7 @@ pub(super) fn formed(
         .collect();
     let (start, by_place) = by_leaf(feet, surface.space().leaves().len());
     let counts = counts(FIRST_READINGS, order.len(), frames);
-    let mut forming = Forming {
+    let mut formation = Formation {
         snapshots: Vec::with_capacity(counts.len()),
         places: order.iter().map(|&k| observations.points[subset[k as usize] as usize]).collect(),
     };
@@ -144,8 +145,11 @@ pub(super) fn formed(
                 }
             }
         })?;
+        // The step is taken from the final surface: its prior pulls by `η − K x`, the first readings by
+        // theirs.
         let mut step: Vec<f64> = total.vector().iter().zip(&pull).map(|(a, b)| a + b).collect();
         total.add_scaled(&of_prior, 1.0)?;
+        // Few readings leave directions open that the prior does not hold either.
         let hold = HOLD * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
         total.add_diagonal(hold.max(f64::MIN_POSITIVE));
         let factor = system.factorize_scalar(&total)?;
@@ -153,9 +157,9 @@ pub(super) fn formed(
         let moved = (surface.vertices().iter().zip(&step).zip(&directions))
             .map(|((p, step), d)| add_scaled(*p, *step, *d))
             .collect();
-        let motion = Motion::Along(directions.clone());
+        let motion = VertexMotion::Along(directions.clone());
         let covariance = NodeCovariance::of_motion(SelectedInverse::new(&factor), motion);
-        forming.snapshots.push(Snapshot::new(count, surface.with_vertices(moved)?, covariance));
+        formation.snapshots.push(Snapshot::new(count, surface.with_vertices(moved)?, covariance));
     }
-    Ok(forming)
+    Ok(formation)
 }

@@ -1,23 +1,24 @@
-//! What the leaves leave out of the shape, as a part of σ.
+//! Unresolved shape: shape smaller than the leaves, as a part of σ.
 //!
-//! A posterior covariance knows the noise of readings and how smooth the prior holds surfaces to be, not that
-//! a leaf is too large to follow them. Where a limit of depth or of coefficients, or an update over a fixed
-//! hierarchy, leaves shape out, readings near each other lie on the same side of the surface. Over the bins
-//! `b` of a leaf
+//! A posterior covariance contains the noise of readings and the smoothness of the prior, but not the error
+//! of a leaf that is too large for the shape. Limits of depth or coefficients, or an update over a fixed
+//! hierarchy, cause such errors. Readings near each other then lie on the same side of the surface. Over the
+//! bins `b` of a leaf
 //!
 //! ```text
 //! Σ_b ((Σ w h)² − Σ (w h)²)/Σ w  =  m² Σ_b (Σ w − Σ w²/Σ w) − s² Σ_b (…)   on average,
 //! ```
 //!
-//! `m²` the mean square of what is left out, and `s²` the surface's own variance, which the fit has taken out
-//! of the residuals. Products of one reading with itself do not occur, so the noise of the readings needs not
-//! be known. `m²` is stated where it is more than noise makes.
+//! where `m²` is the mean square of the unresolved shape and `s²` the surface's own variance, which the fit
+//! has removed from the residuals. Products of one reading with itself do not occur, so the noise of the
+//! readings need not be known. `m²` is reported if it is significant.
 //!
-//! Not guaranteed: errors that readings near each other share (a scan's own bias, stereo near silhouettes)
-//! cannot be told from shape, and count as such.
+//! Not guaranteed: correlated errors of neighbouring readings (a scan's own bias, stereo near silhouettes)
+//! cannot be separated from shape, and count as such.
 
+use super::leaves::neighbourhood;
+use super::misfit::{BINS, MAX_GROSS, bin_of};
 use super::noise::SensorNoise;
-use super::stages::{BINS, MOST_GROSS, bin_of, neighbourhood};
 use crate::model::Posterior;
 use crate::observe::Quantity;
 use crate::observe::{Foot, FootChannels, FootState, by_leaf};
@@ -25,22 +26,24 @@ use planish_estimate::Result;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// So many standard deviations of what noise makes, of a leaf alone, and of a leaf and those around it.
+/// Significance in standard deviations of noise: of a single leaf, and of a leaf with its neighbours. Lower
+/// values enlarge σ by chance on some of the thousands of leaves; higher ones miss shape that makes σ too
+/// small.
 const SIGNIFICANT_ALONE: f64 = 4.0;
 const SIGNIFICANT_TOGETHER: f64 = 3.0;
 
-/// Shape that cells are too large to follow.
+/// Shape smaller than the cells.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct ShapeLeft {
-    /// Its root mean square along the normal, where there is any.
+pub struct UnresolvedShape {
+    /// Root mean square along the normal, over the leaves that have any.
     pub rms: f64,
-    /// The share of the surface's area where there is.
+    /// Share of the surface's area with unresolved shape.
     pub area_fraction: f64,
 }
 
-impl ShapeLeft {
-    /// By the mean squares and areas of leaves.
-    pub(super) fn of(squares: &[f64], areas: &[f64]) -> Option<Self> {
+impl UnresolvedShape {
+    /// From mean squares and areas of the leaves; none if all are zero.
+    pub(super) fn from_leaves(squares: &[f64], areas: &[f64]) -> Option<Self> {
         let there = || squares.iter().zip(areas).filter(|(square, _)| **square > 0.0);
         let area: f64 = there().map(|(_, area)| area).sum();
         (area > 0.0).then(|| Self {
@@ -57,10 +60,9 @@ struct Shared {
     shape: f64,
     /// `Σ_b (Σ w − Σ w²/Σ w)`.
     precision: f64,
-    /// Twice the number of pairs in the bins, in which a bin of n has n − 1 over n: the variance of `shape`
-    /// under noise.
+    /// Variance of `shape` under noise: `2 Σ_b (1 − 1/n_b)` for bins of `n_b` readings.
     spread: f64,
-    /// The surface's own variance where the readings lie, times `precision`.
+    /// Variance of the surface at the readings, times `precision`.
     of_surface: f64,
 }
 
@@ -72,9 +74,11 @@ impl Shared {
         self.of_surface += other.of_surface;
     }
 
-    /// `m²` where it is significant. With `ν = spread/2` degrees of freedom `shape + ν` is χ² under noise,
-    /// far from normal for a few of them: the cube root of `χ²/ν` is normal with mean `1 − 2/9ν` and variance
-    /// `2/9ν` (E. Wilson, M. Hilferty 1931).
+    /// `m²`, if it is significant.
+    ///
+    /// With `ν = spread/2` degrees of freedom, `shape + ν` is χ² under noise, which is far from normal for
+    /// small `ν`. The cube root of `χ²/ν` is nearly normal with mean `1 − 2/9ν` and variance `2/9ν` (Wilson &
+    /// Hilferty 1931).
     fn mean_square(&self, significant: f64) -> Option<f64> {
         let shape = self.shape + self.of_surface;
         let degrees = 0.5 * self.spread;
@@ -84,8 +88,8 @@ impl Shared {
     }
 }
 
-/// For each leaf the mean square of the shape that it leaves out along its normal, 0 where none is seen.
-pub(super) fn shape_left(
+/// For each leaf the mean square of its unresolved shape along the normal; 0 if none is significant.
+pub(super) fn unresolved_shape(
     posterior: &Posterior<'_>,
     channels: &FootChannels<'_>,
     feet: &[Foot],
@@ -104,13 +108,13 @@ pub(super) fn shape_left(
         for k in near() {
             *(if information[k] > 0.0 { &mut inside } else { &mut outside }) += 1;
         }
-        let is_shape = outside as f64 > MOST_GROSS * (inside + outside) as f64;
+        let is_shape = outside as f64 > MAX_GROSS * (inside + outside) as f64;
         // Σ w h, Σ (w h)², Σ w, Σ w² and the number of each bin.
         let mut bins = [[0.0; 5]; BINS * BINS];
         let (mut all, mut middle) = (0.0, [0.0; 2]);
         for k in near().filter(|&k| is_shape || information[k] > 0.0) {
             let foot = &feet[k];
-            let w = 1.0 / (noise.used[channels.of(k)] * foot.variance);
+            let w = 1.0 / (noise.variance_factors[channels.channel(k)] * foot.variance);
             let pull = w * foot.height();
             all += w;
             middle = [0, 1].map(|d| middle[d] + w * foot.local[d]);
@@ -128,7 +132,7 @@ pub(super) fn shape_left(
             });
         }
         if shared.precision > 0.0 {
-            // Readings may lie in one corner of a leaf whose middle nobody saw.
+            // Readings may lie in one corner of a leaf, so the variance is taken at their centre.
             let variance = posterior.variance_in(leaf, middle.map(|x| x / all))?;
             shared.of_surface = variance.max(0.0) * shared.precision;
         }

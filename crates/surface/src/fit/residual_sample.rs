@@ -1,98 +1,95 @@
-//! What a report shows of the readings: some of them with their residuals, and what every scan amounts to.
+//! A sample of readings with their residuals for reports, and a summary of every scan.
 //!
-//! Comes in: the readings that a fit ends with. Goes out: [`ShownReadings`]. Nothing is computed anew: these
-//! are the residuals that the fit judged.
+//! Input: the readings of a finished fit. Output: a [`ResidualSample`] with the residuals that the fit itself
+//! used.
 //!
-//! Not guaranteed: readings of a large cloud beyond those that found the surface; readings of other things
-//! than positions.
+//! Not guaranteed: readings of further batches of a large cloud; readings of normals and curvatures.
 
+use super::leaves::with_neighbours;
 use super::noise::SensorNoise;
-use super::stages::with_neighbours;
-use crate::observe::Foot;
-use crate::observe::{Observations, Quantity};
+use crate::observe::{ProjectedReadings, Quantity};
 use planish_estimate::vector3::add;
 use planish_exchange::ScanSet;
 use planish_spline::Surface;
 
-/// So many readings are shown at most: dots that lie apart on a screen.
-const MOST_SHOWN: usize = 20_000;
+/// Largest size of the sample: more dots would overlap on a screen.
+const MAX_SAMPLE: usize = 20_000;
 
-/// What a scan amounts to.
+/// The figures of one scan.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct ScanFigures {
-    /// Its name.
+pub struct ScanSummary {
+    /// Name of the scan.
     pub name: String,
-    /// Its sensor.
+    /// Name of its sensor.
     pub sensor: String,
-    /// Positions that took part.
+    /// Positions used.
     pub used: usize,
-    /// Positions that were found to be of something else, or wrong.
-    pub set_aside: usize,
-    /// Root mean square of the residuals of those that took part.
+    /// Positions rejected by the fit.
+    pub rejected: usize,
+    /// Root mean square of the residuals of positions used.
     pub rms: f64,
-    /// Their mean: how far the scan lies from all others together.
+    /// Mean of these residuals: the offset of the scan from all others.
     pub mean: f64,
     /// Root mean square of residual over σ.
     pub rms_normalised: f64,
 }
 
-/// Some readings of position, as the fit judged them.
+/// A sample of the positions, as the fit judged them.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct ShownReadings {
-    /// Where.
+pub struct ResidualSample {
+    /// Position of each reading.
     pub places: Vec<[f64; 3]>,
     /// Signed distance from the surface.
     pub residuals: Vec<f64>,
-    /// The same over its σ.
+    /// Residual over its σ.
     pub normalised: Vec<f64>,
     /// Index of the scan.
     pub scan: Vec<u16>,
-    /// Whether the reading took part.
+    /// True if the reading was used.
     pub used: Vec<bool>,
-    /// Scan by scan, in the order of the scans.
-    pub scans: Vec<ScanFigures>,
-    /// For each leaf, the scans that have a reading in it or in a neighbour of it.
+    /// One entry for each scan, in their order.
+    pub scans: Vec<ScanSummary>,
+    /// For each leaf, the scans with a reading in it or in one of its neighbours.
     pub seen_by: Vec<Vec<u16>>,
 }
 
-impl ShownReadings {
-    /// From feet and the information that each was given.
+impl ResidualSample {
+    /// From projected readings and the information of each.
     pub(super) fn new(
         set: &ScanSet,
-        observations: &Observations,
         surface: &Surface,
-        subset: &[u32],
-        feet: &[Foot],
+        readings: ProjectedReadings<'_>,
         information: &[f64],
         noise: &SensorNoise,
     ) -> Self {
-        let mut shown = Self {
+        let ProjectedReadings { observations, subset, feet } = readings;
+        let mut sample = Self {
             scans: (set.scans.iter())
-                .map(|posed| ScanFigures {
+                .map(|posed| ScanSummary {
                     name: posed.scan.name.clone(),
                     sensor: set.sensors[posed.sensor].name.clone(),
-                    ..ScanFigures::default()
+                    ..ScanSummary::default()
                 })
                 .collect(),
             ..Self::default()
         };
         let leaves = surface.space().leaves().len();
-        let mut holds: Vec<Vec<bool>> = vec![Vec::new(); shown.scans.len()];
+        let mut holds: Vec<Vec<bool>> = vec![Vec::new(); sample.scans.len()];
         let positions: Vec<usize> = (0..feet.len())
             .filter(|&k| {
                 let channel = &observations.channels[observations.channel(subset[k] as usize)];
-                feet[k].quantity == Quantity::Position && !channel.invented
+                feet[k].quantity == Quantity::Position && !channel.inferred
             })
             .collect();
-        let step = positions.len().div_ceil(MOST_SHOWN).max(1);
+        let step = positions.len().div_ceil(MAX_SAMPLE).max(1);
         for (n, &k) in positions.iter().enumerate() {
             let (i, foot) = (subset[k] as usize, &feet[k]);
             let scan = observations.scan[i] as usize;
-            let (Some(figures), Some(holds)) = (shown.scans.get_mut(scan), holds.get_mut(scan)) else {
+            let (Some(figures), Some(holds)) = (sample.scans.get_mut(scan), holds.get_mut(scan)) else {
                 continue;
             };
             let residual = foot.height();
-            let normalised = residual / (noise.used[observations.channel(i)] * foot.variance).sqrt();
+            let normalised = residual / noise.variance(readings, k).sqrt();
             let used = information[k] > 0.0;
             if used {
                 figures.used += 1;
@@ -104,34 +101,34 @@ impl ShownReadings {
                 }
                 holds[foot.leaf as usize] = true;
             } else {
-                figures.set_aside += 1;
+                figures.rejected += 1;
             }
             if n % step == 0 {
-                shown.places.push(observations.points[i]);
-                shown.residuals.push(residual);
-                shown.normalised.push(normalised);
-                shown.scan.push(scan as u16);
-                shown.used.push(used);
+                sample.places.push(observations.points[i]);
+                sample.residuals.push(residual);
+                sample.normalised.push(normalised);
+                sample.scan.push(scan as u16);
+                sample.used.push(used);
             }
         }
-        for figures in &mut shown.scans {
+        for figures in &mut sample.scans {
             let n = figures.used.max(1) as f64;
             figures.rms = (figures.rms / n).sqrt();
             figures.mean /= n;
             figures.rms_normalised = (figures.rms_normalised / n).sqrt();
         }
-        shown.seen_by = vec![Vec::new(); leaves];
+        sample.seen_by = vec![Vec::new(); leaves];
         for (scan, holds) in holds.iter().enumerate().filter(|(_, holds)| !holds.is_empty()) {
             for (leaf, seen) in with_neighbours(surface.space(), holds).into_iter().enumerate() {
                 if seen {
-                    shown.seen_by[leaf].push(scan as u16);
+                    sample.seen_by[leaf].push(scan as u16);
                 }
             }
         }
-        shown
+        sample
     }
 
-    /// The same with every place moved.
+    /// The same with every position moved.
     pub(super) fn translated(mut self, by: [f64; 3]) -> Self {
         for place in &mut self.places {
             *place = add(*place, by);

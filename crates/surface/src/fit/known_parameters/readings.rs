@@ -1,8 +1,7 @@
-//! Readings with known parameters, by their numbers: which are fitted, which are held out, gated or written
-//! twice.
+//! Readings with known parameters: which of them are fitted, held out, gated or duplicates.
 //!
-//! Comes in: scans with `u` and `v`. Goes out: sums over cells, and what a surface leaves of the readings.
-//! Nothing is kept of a reading but marks.
+//! Input: scans with `u` and `v`. Output: sums over cells, and the residuals of a surface. Only marks are
+//! kept for each reading.
 
 use crate::fit::FitOptions;
 use crate::fit::noise::ResidualSums;
@@ -18,65 +17,67 @@ use std::hash::Hasher;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Readings that one task looks at.
+/// Readings of one parallel task.
 pub(super) const TASK: usize = 1 << 13;
-/// So many held-out readings judge any fit.
+/// Held-out readings that are enough to judge a fit.
 const ENOUGH_HELD_OUT: f64 = 3_000.0;
-/// Residuals that are enough to find the scale of a sensor.
+/// Residuals that are enough to estimate the scale of a sensor.
 const ENOUGH_FOR_SCALE: usize = 50_000;
-/// Fewer readings say nothing of a surface and its noise.
-const LEAST_READINGS: usize = 10;
-/// While gross errors are looked for, readings farther than so many σ are softened.
+/// Fewest readings of a fit.
+const MIN_READINGS: usize = 10;
+/// Readings farther than this many σ are softened while gross errors are searched for.
 const BOUNDED: f64 = 2.5;
-/// Noise puts nothing farther out than the gate, or than the farthest of so many draws, and so many σ more.
+/// Margin in σ beyond the gate, or beyond the farthest expected draw of noise, up to which distant readings
+/// can be noise.
 const BEYOND_NOISE: f64 = 2.0;
-/// Readings for each bin in which neighbours are compared; how many standard deviations of what noise makes
-/// they have to share, and which share of their variance is worth telling.
+/// Readings for each bin in which neighbours are compared.
 const READINGS_PER_BIN: f64 = 8.0;
+/// Unresolved shape is reported if it is this many standard deviations of noise, and at least this share of
+/// the residuals' variance.
 const SIGNIFICANT_SHAPE: f64 = 5.0;
-const WORTH_TELLING: f64 = 0.05;
-/// Rounding, as a share of the size of the surface.
+const MIN_REPORTED_SHARE: f64 = 0.05;
+/// Rounding error, as a share of the size of the surface.
 const ROUNDING: f64 = 1e-12;
 
-/// Readings of a set of scans and which of them are fitted.
+/// The readings of a set of scans, with marks of those that are not fitted.
 pub(super) struct Readings<'a> {
     pub(super) set: &'a ScanSet,
     pub(super) cells: [f64; 2],
     pub(super) options: &'a FitOptions,
-    /// How many there are.
+    /// Number of readings.
     pub(super) total: usize,
     /// Numbers of held-out readings of each scan, ascending.
     pub(super) held_out: Vec<Vec<u32>>,
     /// Numbers of gated readings of each scan, ascending.
     pub(super) gated: Vec<Vec<u32>>,
-    /// Numbers of readings that repeat an earlier one, ascending.
+    /// Numbers of readings that repeat an earlier one of their scan, ascending.
     pub(super) repeated: Vec<Vec<u32>>,
-    /// What far readings are softened by, where they are.
+    /// The surface and variances by which distant readings are softened, if they are.
     pub(super) softening: Option<Softening>,
-    /// For each scan, those that are held out or repeated, and those that are gated as well.
+    /// For each scan, marks of readings that are held out or repeated; and of these and the gated ones.
     pub(super) is_held_out: Vec<Marks>,
     pub(super) is_left_out: Vec<Marks>,
-    /// Whether a sensor's σ was stated.
+    /// For each sensor, true if σ was stated.
     pub(super) stated: Vec<bool>,
-    /// Each sensor's 1/variance where its scans state no σ: 1 where nobody does.
+    /// Each sensor's 1/variance for scans without σ; 1 if none is stated.
     pub(super) information: Vec<f64>,
-    /// Whether a scan has a pose to be carried along by.
+    /// For each scan, true if its pose is not the identity.
     pub(super) is_moved: Vec<bool>,
 }
 
-/// Readings farther than so many σ from a surface pull the less the farther they are: each adds as much to
-/// the sum of squares as one there.
+/// Softening of distant readings: beyond [`BOUNDED`] σ from a surface, each adds as much to the sum of
+/// squares as a reading at that distance.
 pub(super) struct Softening {
     pub(super) surface: Evaluation,
     /// Each sensor's variance over that stated.
     pub(super) variances: Vec<f64>,
 }
 
-/// One mark a reading.
+/// One mark for each reading.
 pub(super) struct Marks(Vec<u64>);
 
 impl Marks {
-    /// Marks on some of so many numbers.
+    /// `size` marks, of which those in `numbers` are set.
     pub(super) fn on<'n>(size: usize, numbers: impl IntoIterator<Item = &'n u32>) -> Self {
         let mut words = vec![0; size.div_ceil(64)];
         for &k in numbers {
@@ -91,28 +92,28 @@ impl Marks {
     }
 }
 
-/// One reading in the world.
+/// One reading in the world frame.
 #[derive(Clone, Copy)]
 pub(super) struct Reading {
     pub(super) at: [f64; 2],
     pub(super) point: [f64; 3],
-    /// 1/variance as stated; 1 where it was not.
+    /// Stated 1/variance; 1 if none was stated.
     pub(super) information: f64,
 }
 
-/// Readings of one scan, by their numbers.
+/// The readings of one scan.
 #[derive(Clone, Copy)]
 pub(super) struct OfScan<'a> {
     pub(super) parameters: &'a [[f64; 2]],
     pub(super) points: &'a [[f64; 3]],
     pub(super) sigma: Option<&'a [f64]>,
-    /// Where none is stated with the readings.
+    /// 1/variance of readings without a σ of their own.
     pub(super) information: f64,
     pub(super) pose: Option<&'a Pose>,
     pub(super) cells: [f64; 2],
     pub(super) is_left_out: &'a Marks,
     pub(super) is_held_out: &'a Marks,
-    /// A surface, and how far from it a reading of unit information pulls with all its weight.
+    /// A surface, and the distance up to which a reading of unit information keeps its full weight.
     pub(super) softened: Option<(&'a Evaluation, f64)>,
 }
 
@@ -133,7 +134,7 @@ impl OfScan<'_> {
         }
     }
 
-    /// A reading that takes part in the fit.
+    /// Reading `k`; none if it takes no part in the fit.
     #[inline(always)]
     pub(super) fn fitted(&self, k: usize) -> Option<PositionReading> {
         (!self.is_left_out.has(k)).then(|| {
@@ -154,13 +155,13 @@ impl OfScan<'_> {
 impl<'a> Readings<'a> {
     pub(super) fn new(set: &'a ScanSet, cells: [usize; 2], options: &'a FitOptions) -> Result<Self> {
         let total: usize = set.scans.iter().map(|posed| posed.scan.points.len()).sum();
-        if total < LEAST_READINGS {
+        if total < MIN_READINGS {
             return Err(Error::undetermined(format!(
-                "needed at least {LEAST_READINGS} readings, found {total} in all"
+                "needed at least {MIN_READINGS} readings, found {total} in all"
             )));
         }
         let mut stated = vec![true; set.sensors.len()];
-        // A file that is alone is named by who reads it.
+        // The caller adds the name of a single file.
         let named = |name: &str| {
             if set.scans.len() > 1 { format!("{name}: ") } else { String::new() }
         };
@@ -173,7 +174,8 @@ impl<'a> Readings<'a> {
             }
             if posed.scan.covariance.is_some() {
                 return Err(Error::unsupported(format!(
-                    "{name}needed one σ a reading (the column sigma) where parameters are known, found covariances cxx … czz"
+                    "{name}needed one σ a reading (the column sigma) where parameters are known, found \
+                     covariances cxx … czz"
                 )));
             }
             if posed.scan.sigma.is_none() {
@@ -182,7 +184,8 @@ impl<'a> Readings<'a> {
                     Some(Noise::Isotropic { .. }) => {}
                     Some(Noise::Ray { .. }) => {
                         return Err(Error::unsupported(format!(
-                            "{name}needed one σ for all directions where parameters are known, found sigma_along and sigma_across of the sensor \"{}\"",
+                            "{name}needed one σ for all directions where parameters are known, found \
+                             sigma_along and sigma_across of the sensor \"{}\"",
                             set.sensors[posed.sensor].name
                         )));
                     }
@@ -256,12 +259,12 @@ impl<'a> Readings<'a> {
         }
     }
 
-    /// Softens what is far from a surface.
+    /// Softens readings that are far from a surface.
     pub(super) fn soften(&mut self, surface: Evaluation, variances: Vec<f64>) {
         self.softening = Some(Softening { surface, variances });
     }
 
-    /// Leaves out other readings by the gate.
+    /// Rejects the readings in `gated` instead of those before.
     pub(super) fn set_gated(&mut self, gated: Vec<Vec<u32>>) {
         self.softening = None;
         let left_out = gated.iter().zip(&self.held_out).zip(&self.repeated);
@@ -273,7 +276,7 @@ impl<'a> Readings<'a> {
         self.gated = gated;
     }
 
-    /// Every reading's part in something, task by task in their order: `work(scan, numbers)`.
+    /// The results of `work(scan, numbers)` for all readings, in the order of tasks.
     pub(super) fn in_tasks<T: Send>(&self, work: impl Fn(usize, Range<usize>) -> T + Sync) -> Vec<T> {
         let tasks: Vec<(usize, Range<usize>)> = (self.set.scans.iter().enumerate())
             .flat_map(|(s, posed)| {
@@ -284,7 +287,7 @@ impl<'a> Readings<'a> {
         tasks.into_par_iter().map(|(s, range)| work(s, range)).collect()
     }
 
-    /// The sums of each sensor's readings that are fitted.
+    /// The sums of each sensor's fitted readings.
     pub(super) fn sum(&self, space: &Arc<Hierarchy>, progress: &dyn Progress) -> Result<Vec<PositionSums>> {
         let mut sums = vec![PositionSums::new(space); self.set.sensors.len()];
         for (s, posed) in self.set.scans.iter().enumerate() {
@@ -299,8 +302,8 @@ impl<'a> Readings<'a> {
         Ok(sums)
     }
 
-    /// Sorts the readings by the gate, given each sensor's variance over that stated; and what the residuals
-    /// of those inside sum up to.
+    /// The readings outside the gate, given each sensor's variance over that stated, and residual sums of
+    /// those inside.
     pub(super) fn examine(&self, surface: &Evaluation, variances: &[f64]) -> Result<Examined> {
         let gate2 = self.options.gate * self.options.gate;
         let parts = self.in_tasks(|s, range| {
@@ -324,7 +327,7 @@ impl<'a> Readings<'a> {
                     variance: 1.0 / reading.information,
                 };
                 let normalised = largest * reading.information / variance;
-                // What rounding leaves is no error of a sensor.
+                // Residuals of rounding size are no errors of a sensor.
                 if normalised > gate2 && largest > surface.rounding {
                     part.farthest = part.farthest.max(normalised);
                     if !scan.is_left_out.has(k) {
@@ -350,10 +353,12 @@ impl<'a> Readings<'a> {
             farthest = farthest.max(part.farthest.sqrt());
             farthest_new = farthest_new.max(part.farthest_new.sqrt());
         }
-        // What noise alone puts there, and no farther, is not put there by anything else.
+        // If noise alone explains the number of readings outside and their distance, none of them is gross.
         let beyond = 1.0 - TruncatedNormal::new(self.options.gate)?.share_kept();
         let count: usize = inside.iter().chain(&outside).map(|r| r.count).sum();
         let numbers = (surface.coordinates.len() * count).max(1) as f64;
+        // The number outside is compared with its Poisson spread, the farthest with the extreme of normal
+        // draws.
         let expected = beyond * numbers;
         let found: usize = outside.iter().map(|r| r.count).sum();
         let far = self.options.gate.max((2.0 * numbers.ln()).sqrt()) + BEYOND_NOISE;
@@ -366,11 +371,12 @@ impl<'a> Readings<'a> {
         Ok(Examined { gated, residuals: inside, farthest_new })
     }
 
-    /// The share of the residuals' variance that neighbours share, where it is more than noise makes: shape
-    /// that the grid cannot follow.
+    /// Share of the residuals' variance that is common to neighbours, if it is more than noise: shape that
+    /// the grid cannot follow.
     ///
-    /// `Σ_b ((Σ r)² − Σ r²)/n_b` over small bins, by a sample, far residuals cut off.
-    pub(super) fn shape_left(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
+    /// It is `Σ_b ((Σ r)² − Σ r²)/n_b` over small bins of a sample, with residuals clamped to the gate.
+    pub(super) fn unresolved_share(&self, surface: &Evaluation, variances: &[f64]) -> Option<f64> {
+        // A sample is enough, and keeps the cost independent of the number of readings.
         let step = (self.total / ENOUGH_FOR_SCALE).max(1);
         let side = ((self.total / step) as f64 / READINGS_PER_BIN).sqrt().floor().max(1.0);
         let coordinates = surface.coordinates.len();
@@ -397,11 +403,11 @@ impl<'a> Readings<'a> {
             pairs += 1.0 - 1.0 / n;
         }
         let share = shared / whole.max(f64::MIN_POSITIVE);
-        (shared > SIGNIFICANT_SHAPE * f64::sqrt(2.0 * pairs) && share > WORTH_TELLING).then_some(share)
+        (shared > SIGNIFICANT_SHAPE * f64::sqrt(2.0 * pairs) && share > MIN_REPORTED_SHARE).then_some(share)
     }
 
-    /// Each sensor's variance over that stated as a sample of its residuals says, whatever is outside the
-    /// gate.
+    /// Each sensor's variance over that stated, from a sample of its residuals. Readings beyond the gate do
+    /// not matter.
     pub(super) fn robust_variances(&self, surface: &Evaluation) -> Result<Vec<f64>> {
         let mut residuals = vec![Vec::new(); self.set.sensors.len()];
         let step = (self.total / ENOUGH_FOR_SCALE).max(1);
@@ -427,36 +433,36 @@ impl<'a> Readings<'a> {
     }
 }
 
-/// What the gate makes of the readings.
+/// The outcome of [`Readings::examine`].
 pub(super) struct Examined {
-    /// Numbers of those outside, scan by scan, ascending.
+    /// Numbers of readings outside the gate, by scan, ascending.
     pub(super) gated: Vec<Vec<u32>>,
-    /// Sums over those inside, sensor by sensor.
+    /// Residual sums of those inside, by sensor.
     pub(super) residuals: Vec<ResidualSums>,
-    /// How far outside, in σ, the farthest is that was inside before.
+    /// Distance in σ of the farthest reading outside that was inside before.
     pub(super) farthest_new: f64,
 }
 
-/// What a task finds.
+/// The outcome of one task.
 #[derive(Default)]
 pub(super) struct ExaminedPart {
     pub(super) scan: usize,
     pub(super) gated: Vec<u32>,
     pub(super) inside: ResidualSums,
     pub(super) outside: ResidualSums,
-    /// Squares of the farthest, and of the farthest that was not outside before, over their variance.
+    /// Squared distance over variance of the farthest reading, and of the farthest that was inside before.
     pub(super) farthest: f64,
     pub(super) farthest_new: f64,
 }
 
-/// The measured coordinates of a surface as polynomials on every leaf: a surface that is quick to ask.
+/// The measured coordinates of a surface as polynomials on every leaf, for fast evaluation.
 pub(super) struct Evaluation {
     pub(super) space: Arc<Hierarchy>,
-    /// Which coordinates are measured.
+    /// Measured coordinates.
     pub(super) coordinates: Vec<usize>,
     /// For each leaf and measured coordinate, coefficient of `xⁱ yʲ` at `[j][i]`.
     pub(super) polynomials: Vec<[[f64; 4]; 4]>,
-    /// The square of a residual that is rounding and no more.
+    /// Square of a residual of rounding size.
     pub(super) rounding: f64,
 }
 
@@ -504,8 +510,8 @@ impl Evaluation {
     }
 }
 
-/// Numbers of readings that are held out of each scan: one at random of as many as the share wants, as few as
-/// judge the fit.
+/// Numbers of the held-out readings of each scan: one at random from each stratum of `1/share` readings, and
+/// no more than are needed.
 pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec<Vec<u32>> {
     let share = options.held_out_share.min(ENOUGH_HELD_OUT / total as f64);
     (set.scans.iter().enumerate())
@@ -518,11 +524,10 @@ pub(super) fn held_out(set: &ScanSet, options: &FitOptions, total: usize) -> Vec
         .collect()
 }
 
-/// Numbers of readings that repeat an earlier one of their scan to the last digit, ascending: one reading
-/// that was written twice.
+/// Numbers of readings that repeat an earlier one of their scan to the last digit, ascending.
 ///
-/// Copies have one hash, so a sample by the hash has all copies of a reading or none: only where it has any,
-/// all readings are looked at.
+/// Copies have the same hash, so a sample by hash contains all copies of a reading or none. All readings are
+/// examined only if the sample contains copies.
 pub(super) fn repeated(set: &ScanSet) -> Vec<Vec<u32>> {
     (set.scans.iter())
         .map(|posed| {

@@ -1,24 +1,27 @@
-//! Where the smoothness that was found leaves shape finer than the cells.
+//! Subdivision by roughness: cells wider than the length over which the prior smooths.
 //!
-//! Residuals that say nothing are no proof that a cell holds all there is: of a surface as rough as its thin
-//! plate allows, most of the error is then detail below the cells, each piece of it too weak to be seen. What
-//! the readings determine ends at the length `ℓ` over which the prior smooths; a grid of cells far wider than
-//! that is the stiffer of the two, and the stated σ knows nothing of what it leaves out.
+//! Residuals without structure do not prove that cells are small enough. On a surface as rough as its thin
+//! plate allows, most of the error is detail below the cells, each piece too weak to be detected. The
+//! readings determine shape down to the length `ℓ` over which the prior smooths. A grid of much wider cells
+//! is stiffer than the prior, and σ does not contain what it cannot represent.
 
-use super::stages::{Misfit, leaf_areas, smoothing_information};
+use super::division::Misfit;
+use super::leaves::leaf_areas;
+use super::weights::smoothing_information;
 use crate::observe::{Foot, FootState};
 use crate::subdivision::Cause;
 use planish_spline::Surface;
 
-/// Widest cell, in smoothing lengths. Of surfaces drawn from a thin plate over cells far finer than the
-/// fit's, 95 % intervals of positions cover 81 % without this rule and 95 % with it; those of surfaces
-/// without such detail cover 99 %, which is why it has to be asked for.
+/// Widest cell, in smoothing lengths.
+///
+/// For surfaces drawn from a thin plate over much finer cells, 95 % intervals of positions cover 81 % without
+/// this rule and 95 % with it. For surfaces without such detail they cover 99 %, so the rule is optional.
 const WIDEST: f64 = 3.0;
-/// A leaf is divided for its readings' sake: each quarter wants one.
-const LEAST_READINGS: usize = 4;
+/// Fewest readings of a leaf that is divided: one for each quarter.
+const MIN_READINGS: usize = 4;
 
-/// The leaves wider than three smoothing lengths, widest first; every corner of each.
-pub(super) fn too_coarse(
+/// All corners of the leaves wider than [`WIDEST`] smoothing lengths, widest first.
+pub(super) fn leaves_coarser_than_smoothing(
     surface: &Surface,
     feet: &[Foot],
     information: &[f64],
@@ -38,7 +41,7 @@ pub(super) fn too_coarse(
     }
     let mut wide: Vec<(usize, f64)> = (sums.iter().enumerate())
         .filter(|(leaf, (stiffness, readings))| {
-            *stiffness > weight && *readings >= LEAST_READINGS && space.leaves()[*leaf].level < deepest
+            *stiffness > weight && *readings >= MIN_READINGS && space.leaves()[*leaf].level < deepest
         })
         .map(|(leaf, (stiffness, _))| (leaf, stiffness / weight))
         .collect();

@@ -1,20 +1,20 @@
-//! The paper's criterion for subdivision, of the global filter: leaves about which Gaussian curvature varies.
+//! Subdivision by curvature, for the global filter: leaves around which Gaussian curvature varies.
 //!
-//! Comes in: a surface at rest on its readings, with the factor of its information. Goes out: leaves where
-//! `sd(K)/max(|K̄|, σ_K) > 0.5`, K at the middles of the leaf and its neighbours; from `sd(K)²` what σ_K
-//! explains is taken off first.
+//! Input: a surface at rest on its readings, with the factor of its information. Output: the leaves with
+//! `sd(K)/max(|K̄|, σ_K) > 0.5`, where K is taken at the middles of the leaf and its neighbours. The part of
+//! `sd(K)²` that σ_K explains is subtracted first.
 //!
-//! Not guaranteed: that more cells lower the error. A surface that its leaves follow to within the noise may
-//! well be bent unevenly.
+//! Not guaranteed: that more cells reduce the error. A surface may follow its readings to within the noise
+//! and still be curved unevenly.
 //!
 //! # References
 //! Wang, Wang 1994, eq. 11–13, with the correction in `DESIGN.md`.
 
+use super::division::{MIN_LEAF_SIGMAS, MIN_READINGS, Misfit};
+use super::leaves::{leaf_areas, neighbourhood};
 use super::noise::SensorNoise;
-use super::stages::{LEAST_LEAF_SIGMAS, LEAST_READINGS, Misfit, leaf_areas, neighbourhood};
-use crate::model::{Motion, NodeCovariance, Posterior};
-use crate::observe::{Foot, FootState, by_leaf};
-use crate::observe::{Observations, Quantity};
+use crate::model::{NodeCovariance, Posterior, VertexMotion};
+use crate::observe::{FootState, ProjectedReadings, Quantity, by_leaf};
 use crate::subdivision::Cause;
 use planish_estimate::Result;
 use planish_estimate::sparse::{CholeskyFactor, SelectedInverse};
@@ -22,22 +22,23 @@ use planish_spline::{Surface, SurfaceSystem, curvature_variation};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// The most variation of a leaf that is left whole.
-const MOST_VARIATION: f64 = 0.5;
+/// Largest variation of a leaf that is not divided (Wang & Wang 1994, eq. 13, made free of units).
+const MAX_VARIATION: f64 = 0.5;
 
-/// Leaves about which curvature varies, those at the deepest level, too small for their readings or with too
-/// few of them left out.
-pub(super) fn unevenly_bent(
+/// Leaves around which curvature varies, most variable first. Leaves at the deepest level are excluded, and
+/// those that are too small or have too few readings.
+pub(super) fn leaves_of_varying_curvature(
     surface: &Surface,
     system: &SurfaceSystem,
     factor: &CholeskyFactor,
-    (observations, subset, feet): (&Observations, &[u32], &[Foot]),
+    readings: ProjectedReadings<'_>,
     noise: &SensorNoise,
     deepest: u8,
 ) -> Result<Vec<Misfit>> {
+    let feet = readings.feet;
     let space = surface.space();
     let leaves = space.leaves().len();
-    let motion = Motion::Along(system.node_normals(surface));
+    let motion = VertexMotion::Along(system.node_normals(surface));
     let covariance = Arc::new(NodeCovariance::of_motion(SelectedInverse::new(factor), motion));
     let posterior = Posterior::new(surface, covariance);
     let curvatures: Vec<Option<[f64; 2]>> = (0..leaves)
@@ -52,21 +53,21 @@ pub(super) fn unevenly_bent(
         let own = &order[start[leaf] as usize..start[leaf + 1] as usize];
         let variances: Vec<f64> = (own.iter().map(|&k| k as usize))
             .filter(|&k| feet[k].state == FootState::Good && feet[k].quantity == Quantity::Position)
-            .map(|k| noise.used[observations.channel(subset[k] as usize)] * feet[k].variance)
+            .map(|k| noise.variance(readings, k))
             .collect();
         let mean = variances.iter().sum::<f64>() / variances.len().max(1) as f64;
-        if own.len() < LEAST_READINGS as usize || areas[leaf] < LEAST_LEAF_SIGMAS.powi(2) * mean {
+        if own.len() < MIN_READINGS as usize || areas[leaf] < MIN_LEAF_SIGMAS.powi(2) * mean {
             continue;
         }
         let around: Vec<[f64; 2]> =
             (neighbourhood(space, leaf).into_iter()).filter_map(|other| curvatures[other]).collect();
         let variation = curvature_variation(&around, true);
-        if variation > MOST_VARIATION {
+        if variation > MAX_VARIATION {
             found.push(Misfit {
                 leaf,
                 cause: Cause::Curvature,
                 severity: variation,
-                corner: most_unlike(surface, leaf, &around),
+                corner: most_deviating_corner(surface, leaf, &around),
             });
         }
     }
@@ -91,8 +92,8 @@ fn curvature_with_sigma(
     Ok(Some([a * c - b * b, variance.max(0.0).sqrt()]))
 }
 
-/// The signs of the corner of a leaf whose curvature is farthest from the mean around it.
-fn most_unlike(surface: &Surface, leaf: usize, around: &[[f64; 2]]) -> [f64; 2] {
+/// Signs of the corner of a leaf whose curvature deviates most from the mean around it.
+fn most_deviating_corner(surface: &Surface, leaf: usize, around: &[[f64; 2]]) -> [f64; 2] {
     let mean = around.iter().map(|[k, _]| k).sum::<f64>() / around.len() as f64;
     let off = |[s, t]: [f64; 2]| {
         let curvature = surface.leaf_jet(leaf, 0.5 + 0.25 * s, 0.5 + 0.25 * t).curvature();

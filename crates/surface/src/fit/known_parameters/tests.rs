@@ -65,7 +65,7 @@ fn options(cells: [usize; 2]) -> FitOptions {
 
 /// The textbook's ridge regression on a dense matrix, with the weight and σ that the fit has found.
 #[test]
-fn vertices_and_sigmas_are_those_of_dense_normal_equations() {
+fn vertices_and_sigmas_match_dense_normal_equations() {
     let scan = heights(400, 0.01, 1);
     let set = set_of(vec![(scan.clone(), None)]);
     let options = FitOptions { held_out_share: 0.0, ..options([5, 4]) };
@@ -121,7 +121,7 @@ fn vertices_and_sigmas_are_those_of_dense_normal_equations() {
 }
 
 #[test]
-fn the_stated_sigma_of_the_surface_is_true() {
+fn sigma_of_the_surface_is_calibrated() {
     let mut squares = Vec::new();
     for seed in 0..4 {
         let fitted =
@@ -146,7 +146,7 @@ fn the_stated_sigma_of_the_surface_is_true() {
 }
 
 #[test]
-fn gross_errors_are_set_aside_and_change_little() {
+fn gross_errors_are_rejected_and_change_little() {
     let clean = heights(20_000, 0.01, 7);
     let mut dirty = clean.clone();
     for p in dirty.points.iter_mut().step_by(20) {
@@ -174,7 +174,7 @@ fn gross_errors_are_set_aside_and_change_little() {
 }
 
 #[test]
-fn a_sensor_that_understates_its_sigma_is_found_out() {
+fn a_sensor_that_understates_its_sigma_is_detected() {
     let set = set_of(vec![(heights(8_000, 0.01, 1), Some(0.01)), (heights(8_000, 0.06, 2), Some(0.02))]);
     let report = fit(&set, &options([16, 16]), &Silent).unwrap().report;
     let [good, bad] = &report.sensors[..] else { panic!("{:?}", report.sensors) };
@@ -214,7 +214,7 @@ fn closed_shapes_with_known_parameters_are_fitted() {
 }
 
 #[test]
-fn what_known_parameters_cannot_do_is_said() {
+fn unsupported_input_with_known_parameters_is_refused() {
     let message = |scan: Scan, cells| {
         let error = fit(&set_of(vec![(scan, None)]), &options(cells), &Silent).err().unwrap();
         (error.kind(), error.to_string())
@@ -247,7 +247,7 @@ fn what_known_parameters_cannot_do_is_said() {
 
 /// Whatever one gross error says, it is found out, and every reading is accounted for.
 #[test]
-fn one_wild_reading_of_any_size_is_set_aside() {
+fn one_gross_error_of_any_size_is_rejected() {
     for size in [0.5, 30.0, 1e4] {
         let mut scan = heights(6_000, 0.01, 21);
         scan.points[1_234][2] += size;
@@ -262,7 +262,7 @@ fn one_wild_reading_of_any_size_is_set_aside() {
 }
 
 #[test]
-fn a_tenth_of_gross_errors_on_one_side_is_found() {
+fn a_tenth_of_gross_errors_on_one_side_is_rejected() {
     let mut scan = heights(6_000, 0.01, 22);
     for (k, p) in scan.points.iter_mut().enumerate().step_by(10) {
         p[2] += 0.05 + (k as f64 * 0.618_034).fract() * 3.0;
@@ -290,7 +290,7 @@ fn readings_written_twice_count_once() {
 }
 
 #[test]
-fn too_few_readings_for_their_noise_are_told_so_and_a_stated_one_is_believed() {
+fn too_few_readings_need_a_stated_sigma() {
     let few = || heights(24, 0.01, 24);
     let error = fit(&set_of(vec![(few(), None)]), &options([20, 20]), &Silent).err().unwrap();
     assert!(error.to_string().contains("do not tell noise from shape"), "{error}");
@@ -300,7 +300,7 @@ fn too_few_readings_for_their_noise_are_told_so_and_a_stated_one_is_believed() {
 }
 
 #[test]
-fn a_grid_that_is_too_coarse_is_told_so() {
+fn a_grid_that_is_too_coarse_is_reported() {
     let report = |cells| {
         fit(&set_of(vec![(heights(8_000, 0.01, 25), None)]), &options(cells), &Silent).unwrap().report
     };

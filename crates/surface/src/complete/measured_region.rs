@@ -1,21 +1,21 @@
-//! Where something was measured: readings that are concluded from others stay away from there.
+//! The measured region: no readings are inferred there.
 
 use crate::observe::Observations;
 use planish_estimate::vector3::{dot, sub};
 use std::collections::HashMap;
 
-/// Cosine between normals from which a reading is of another side.
+/// Smallest cosine between normals on the same side of an object.
 const SAME_SIDE: f64 = 0.3;
 
-/// The readings of a cloud by their places.
-pub(crate) struct Seen<'a> {
+/// The readings of a cloud in a grid of cells.
+pub(crate) struct MeasuredRegion<'a> {
     observations: &'a Observations,
     reach: f64,
     cells: HashMap<[i64; 3], Vec<u32>>,
 }
 
-impl<'a> Seen<'a> {
-    /// What lies within `reach` of a reading counts as seen.
+impl<'a> MeasuredRegion<'a> {
+    /// Points within `reach` of a reading count as measured.
     pub(crate) fn new(observations: &'a Observations, reach: f64) -> Self {
         let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
         for (i, p) in (0..).zip(&observations.points) {
@@ -24,8 +24,8 @@ impl<'a> Seen<'a> {
         Self { observations, reach, cells }
     }
 
-    /// Whether a reading lies near a place and faces its way.
-    pub(crate) fn near(&self, p: [f64; 3], normal: [f64; 3]) -> bool {
+    /// True if a reading lies within reach of `p` on the same side.
+    pub(crate) fn contains(&self, p: [f64; 3], normal: [f64; 3]) -> bool {
         let [x, y, z] = cell(p, self.reach);
         (0..27).any(|k| {
             let there = [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1];

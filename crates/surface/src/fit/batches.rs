@@ -1,21 +1,22 @@
-//! Clouds that are too large to be looked at in every iteration.
+//! Fits of clouds that are too large to be used in every iteration.
 //!
-//! Comes in: scans with more points than the search for a shape has use for. Goes out: a first part, a sample
-//! of them all, by which the surface is found; and what the other parts add to it, one after the other: each
-//! is projected once, weighed and summed up, and then forgotten. Information adds, so the surface that is
-//! solved from all of them knows every reading, but memory holds no more than a part.
+//! Input: scans with more points than the search for a shape needs. A first batch, a sample of them all,
+//! gives the surface. Every other batch is projected once, weighed, summed up and forgotten: information
+//! adds, so the final surface includes every reading, but memory holds one batch only.
 //!
-//! Points are dealt out by a hash of their coordinates: every part is a sample of the whole, and readings
-//! that are written twice meet in one part, where they are found.
+//! A hash of its coordinates decides the batch of a point. Every batch is therefore a sample of the whole,
+//! and readings that were written twice meet in one batch, where they are found.
 //!
-//! Not guaranteed: normals of neighbours for what is added. Where a file states none, a reading belongs to
-//! the nearest side of the surface.
+//! Not guaranteed: normals from neighbours for the batches that are added. If a file states no normals, such
+//! a reading belongs to the nearest side of the surface.
 
+use super::leaves::observed_leaves;
 use super::noise::{ResidualSums, SensorNoise};
-use super::stages::{Settled, observed_leaves, weights};
+use super::refine::ConvergedFit;
+use super::weights::weights;
 use super::{FitOptions, observation_options, observe};
-use crate::observe::{FootChannels, accumulate, add_up, normal_step, project};
-use crate::observe::{ObservationOptions, Observations, Quantity, Rejection, has_ground};
+use crate::observe::{FootChannels, ProjectedReadings, StepInput, accumulate, add_up, normal_step, project};
+use crate::observe::{ObservationOptions, Observations, Quantity, RejectionCause, has_ground};
 use planish_core::Progress;
 use planish_estimate::Result;
 use planish_estimate::sparse::BlockInformation;
@@ -26,33 +27,33 @@ use planish_spline::{DirectedSums, FootPointSearch, Surface, SurfaceSystem};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Readings for each control vertex that may be used, from which on more of them find no other shape.
+/// Readings for each allowed control vertex; more of them do not change the shape that is found.
 const READINGS_PER_COEFFICIENT: usize = 64;
-/// The smallest part that is worth its overhead, and the most parts.
-const LEAST_PART: usize = 100_000;
-const MOST_PARTS: usize = 255;
+/// Fewest readings of a batch that is worth its overhead, and the largest number of batches.
+const MIN_BATCH: usize = 100_000;
+const MAX_BATCHES: usize = 255;
 
-/// What is dealt to no part.
+/// Batch number of points that are rejected before any batch is used.
 const LEFT_OUT: u8 = u8::MAX;
 
-/// Scans dealt out into parts.
-pub(super) struct Parts<'a> {
+/// Scans divided into batches.
+pub(super) struct Batches<'a> {
     set: &'a ScanSet,
-    /// For each point of each scan its part.
-    part: Vec<Vec<u8>>,
-    /// How many parts there are.
+    /// For each point of each scan its batch.
+    batch: Vec<Vec<u8>>,
+    /// Number of batches.
     pub count: usize,
-    /// Left out before any part was looked at, by cause.
-    pub rejected: BTreeMap<Rejection, usize>,
+    /// Points rejected before any batch was used, by cause.
+    pub rejected: BTreeMap<RejectionCause, usize>,
 }
 
-impl<'a> Parts<'a> {
-    /// Deals the points of large scans out; none where one part is enough. With `ground` only those on the
-    /// ground are.
+impl<'a> Batches<'a> {
+    /// Divides the points of large scans into batches; none if one batch is enough. With `ground`, only
+    /// points on the ground are used.
     ///
     /// # Errors
     /// Those of [`classify_ground`].
-    pub(super) fn deal(
+    pub(super) fn divide(
         set: &'a ScanSet,
         options: &FitOptions,
         ground: Option<&GroundOptions>,
@@ -61,14 +62,15 @@ impl<'a> Parts<'a> {
             .filter(|posed| posed.scan.grid.is_none())
             .map(|posed| posed.scan.points.len())
             .sum();
-        let size = (READINGS_PER_COEFFICIENT * options.max_coefficients).max(LEAST_PART);
-        let count = loose.div_ceil(size).min(MOST_PARTS);
+        // Fewer than three batches would save little memory beside one fit of all readings.
+        let size = (READINGS_PER_COEFFICIENT * options.max_coefficients).max(MIN_BATCH);
+        let count = loose.div_ceil(size).min(MAX_BATCHES);
         if count < 3 {
             return Ok(None);
         }
-        let mut part: Vec<Vec<u8>> = (set.scans.iter())
+        let mut batch: Vec<Vec<u8>> = (set.scans.iter())
             .map(|posed| match posed.scan.grid {
-                // A grid is what tells its neighbours: it stays whole.
+                // Neighbours in a grid are known by its cells, so a grid stays in one batch.
                 Some(_) => vec![0; posed.scan.points.len()],
                 None => (posed.scan.points.par_iter())
                     .with_min_len(4096)
@@ -78,31 +80,32 @@ impl<'a> Parts<'a> {
             .collect();
         let mut rejected = BTreeMap::new();
         if let Some(ground) = ground {
-            for (posed, part) in set.scans.iter().zip(&mut part).filter(|(posed, _)| !has_ground(&posed.scan))
+            for (posed, batch) in
+                set.scans.iter().zip(&mut batch).filter(|(posed, _)| !has_ground(&posed.scan))
             {
                 let points: Vec<[f64; 3]> = (posed.scan.points.par_iter())
                     .with_min_len(4096)
                     .map(|p| posed.scan.world_from_scanner.apply(*p))
                     .collect();
-                for (what, part) in classify_ground(&points, ground)?.into_iter().zip(part) {
-                    let cause = match what {
+                for (kind, batch) in classify_ground(&points, ground)?.into_iter().zip(batch) {
+                    let cause = match kind {
                         Ground::Bare => continue,
-                        Ground::Above => Rejection::AboveGround,
-                        Ground::Below => Rejection::BelowGround,
+                        Ground::Above => RejectionCause::AboveGround,
+                        Ground::Below => RejectionCause::BelowGround,
                     };
-                    *part = LEFT_OUT;
+                    *batch = LEFT_OUT;
                     *rejected.entry(cause).or_insert(0) += 1;
                 }
             }
         }
-        Ok(Some(Self { set, part, count, rejected }))
+        Ok(Some(Self { set, batch, count, rejected }))
     }
 
-    /// The scans of one part; those of which it has nothing are empty.
-    pub(super) fn part(&self, number: usize) -> ScanSet {
-        let scans = (self.set.scans.iter().zip(&self.part))
-            .map(|(posed, part)| PosedScan {
-                scan: kept(&posed.scan, part, number as u8),
+    /// The scans of one batch; those without a point in it are empty.
+    pub(super) fn batch(&self, number: usize) -> ScanSet {
+        let scans = (self.set.scans.iter().zip(&self.batch))
+            .map(|(posed, batch)| PosedScan {
+                scan: scan_of_batch(&posed.scan, batch, number as u8),
                 sensor: posed.sensor,
                 sigma_translation: posed.sigma_translation,
                 sigma_rotation_deg: posed.sigma_rotation_deg,
@@ -112,8 +115,8 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// The points of a scan that are of a part.
-fn kept(scan: &Scan, part: &[u8], number: u8) -> Scan {
+/// The points of a scan that belong to a batch.
+fn scan_of_batch(scan: &Scan, part: &[u8], number: u8) -> Scan {
     fn pick<T: Copy>(values: &[T], part: &[u8], number: u8) -> Vec<T> {
         let own = values.iter().zip(part).filter(|(_, p)| **p == number);
         own.map(|(value, _)| *value).collect()
@@ -145,8 +148,8 @@ fn kept(scan: &Scan, part: &[u8], number: u8) -> Scan {
     }
 }
 
-/// The numbers of points, ordered so that what is near in space is near in memory: by cells of a coarse grid,
-/// along a curve.
+/// The numbers of points in the order of a space-filling curve, so that points that are near in space are
+/// near in memory.
 fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
     let Some(bounds) = BoundingBox::of(points) else {
         return Vec::new();
@@ -157,6 +160,7 @@ fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
         .enumerate()
         .map(|(k, p)| {
             let [x, y, z] = std::array::from_fn(|d| spread(((p[d] - bounds.min[d]) * scale) as u32));
+            // Interleaved bits of the three coordinates give the Morton order.
             (x | y << 1 | z << 2, k as u32)
         })
         .collect();
@@ -183,24 +187,23 @@ fn hash(p: &[f64; 3], seed: u64) -> u64 {
     x
 }
 
-/// What parts have added.
-pub(super) struct Absorbed {
+/// What further batches have added.
+pub(super) struct AddedBatches {
     /// Their information.
     pub data: BlockInformation,
-    /// Which leaves they have seen.
+    /// The leaves that hold their readings.
     pub observed: Vec<bool>,
-    /// What was left out of them, by cause.
-    pub rejected: BTreeMap<Rejection, usize>,
-    /// What there was, before anything was left out.
+    /// Their rejected readings, by cause.
+    pub rejected: BTreeMap<RejectionCause, usize>,
+    /// Their readings before any rejection.
     pub total: usize,
-    /// Readings used, `Σ h²` of their heights, `Σ w h²`, and the sum of their stated variances: sensor by
-    /// sensor.
+    /// Residual sums of the readings used, by channel.
     pub used: Vec<ResidualSums>,
 }
 
-/// The readings of a part, and an order in which neighbours follow each other.
+/// The readings of a batch, and an order in which neighbours follow each other.
 fn prepared(
-    parts: &Parts<'_>,
+    batches: &Batches<'_>,
     number: usize,
     first: &Observations,
     origin: [f64; 3],
@@ -209,34 +212,44 @@ fn prepared(
     let options = ObservationOptions {
         held_out_share: 0.0,
         ground: None,
-        as_they_are: true,
-        ..observation_options(parts.set, options)
+        unprocessed: true,
+        ..observation_options(batches.set, options)
     };
-    let set = parts.part(number);
+    let set = batches.batch(number);
     let mut observations = observe(&set, &options)?;
     observations.move_origin(origin);
-    observations.shared = first.shared.clone();
-    let motions = observations.shared.motions();
+    observations.scan_errors = first.scan_errors.clone();
+    let motions = observations.scan_errors.motions();
     observations.move_scans(&motions);
     let order = neighbours_together(&observations.points);
     Ok((observations, order))
 }
 
-impl Absorbed {
+/// The converged surface to which batches are added.
+struct Target<'a> {
+    surface: &'a Surface,
+    system: &'a SurfaceSystem,
+    noise: &'a SensorNoise,
+    search: &'a FootPointSearch,
+    gate: f64,
+}
+
+impl AddedBatches {
+    /// Projects the readings of one batch on the converged surface, weighs them, and adds them to the sums.
     fn add(
         &mut self,
-        surface: &Surface,
-        system: &SurfaceSystem,
+        to: &Target<'_>,
         sums: &mut DirectedSums,
-        noise: &SensorNoise,
-        (observations, subset): (&Observations, &[u32]),
-        search: &FootPointSearch,
-        gate: f64,
+        observations: &Observations,
+        subset: &[u32],
     ) -> Result<()> {
+        let Target { surface, system, noise, search, gate } = *to;
         let mut at = vec![[f64::NAN; 2]; observations.len()];
-        let feet = project(surface, observations, subset, &mut at, Some(search), &noise.used);
-        let information = weights(observations, subset, &feet, noise, gate, false);
+        let feet = project(surface, observations, subset, &mut at, Some(search), &noise.variance_factors);
+        let information =
+            weights(ProjectedReadings { observations, subset, feet: &feet }, noise, gate, false);
         add_up(sums, surface, &feet, &information);
+        // Normals and curvatures have rows of their own, which directed sums of positions cannot hold.
         if feet.iter().any(|foot| foot.quantity != Quantity::Position) {
             let others: Vec<f64> = (feet.iter().zip(&information))
                 .map(|(foot, &w)| if foot.quantity == Quantity::Position { 0.0 } else { w })
@@ -265,58 +278,67 @@ impl Absorbed {
     }
 }
 
-/// Adds all parts but the first to a settled surface, and moves the surface to where all readings want it.
-pub(super) fn absorb(
-    parts: &Parts<'_>,
+/// Adds all batches but the first to a converged surface, and moves the surface by one step of all readings.
+pub(super) fn add_batches(
+    batches: &Batches<'_>,
     first: &Observations,
     origin: [f64; 3],
-    settled: &mut Settled,
+    converged: &mut ConvergedFit,
     options: &FitOptions,
     progress: &dyn Progress,
-) -> Result<Absorbed> {
-    let Settled { surface, system, noise, .. } = &*settled;
-    let mut absorbed = Absorbed {
+) -> Result<AddedBatches> {
+    let ConvergedFit { surface, system, noise, .. } = &*converged;
+    let mut added = AddedBatches {
         data: system.nothing()?,
         observed: vec![false; surface.space().leaves().len()],
-        rejected: parts.rejected.clone(),
+        rejected: batches.rejected.clone(),
         total: 0,
         used: vec![ResidualSums::default(); first.stated.len()],
     };
     let search = FootPointSearch::new(surface, 2, 0.0)?;
+    let target = Target { surface, system, noise, search: &search, gate: options.gate };
     let mut sums = DirectedSums::new(surface.space());
-    // While one part is projected the next is dealt out, which one thread does.
-    let mut coming = Some(prepared(parts, 1, first, origin, options));
-    for number in 1..parts.count {
-        progress.check("adding", 0.6 + 0.25 * number as f64 / parts.count as f64)?;
-        progress.items(absorbed.total, "readings");
-        let Some(part) = coming.take() else { break };
-        let (observations, subset) = part?;
-        let next = || (number + 1 < parts.count).then(|| prepared(parts, number + 1, first, origin, options));
-        let add = || {
-            absorbed.add(surface, system, &mut sums, noise, (&observations, &subset), &search, options.gate)
-        };
+    // The next batch is prepared by one thread while this one is projected by the others.
+    let mut coming = Some(prepared(batches, 1, first, origin, options));
+    for number in 1..batches.count {
+        progress.check("adding", 0.6 + 0.25 * number as f64 / batches.count as f64)?;
+        progress.items(added.total, "readings");
+        let Some(batch) = coming.take() else { break };
+        let (observations, subset) = batch?;
+        let next =
+            || (number + 1 < batches.count).then(|| prepared(batches, number + 1, first, origin, options));
+        let add = || added.add(&target, &mut sums, &observations, &subset);
         let (added, next) = rayon::join(add, next);
         added?;
         coming = next;
     }
-    absorbed.data.add_scaled(&sums.information(system)?, 1.0)?;
+    added.data.add_scaled(&sums.information(system)?, 1.0)?;
     progress.check("settling", 0.86)?;
-    let information = weights(first, &settled.subset, &settled.feet, &settled.noise, options.gate, false);
+    let information = weights(converged.readings(first), &converged.noise, options.gate, false);
+    // Poses stay where the first batch put them: the sums of the other batches were made with them.
     let step = normal_step(
-        &settled.system,
-        &settled.surface,
-        &settled.feet,
-        &information,
-        &FootChannels::new(first, &settled.subset).in_place(),
-        &settled.prior,
-        1.0,
-        Some(&absorbed.data),
+        &StepInput {
+            system: &converged.system,
+            surface: &converged.surface,
+            feet: &converged.feet,
+            information: &information,
+            channels: &FootChannels::new(first, &converged.subset).in_place(),
+            prior: &converged.prior,
+            weight: 1.0,
+            earlier: Some(&added.data),
+        },
         &mut None,
     )?;
-    settled.surface = step.surface;
-    settled.feet =
-        project(&settled.surface, first, &settled.subset, &mut settled.at, None, &settled.noise.used);
-    Ok(absorbed)
+    converged.surface = step.surface;
+    converged.feet = project(
+        &converged.surface,
+        first,
+        &converged.subset,
+        &mut converged.at,
+        None,
+        &converged.noise.variance_factors,
+    );
+    Ok(added)
 }
 
 #[cfg(test)]
@@ -367,10 +389,10 @@ mod tests {
         }
     }
 
-    /// Four parts must know what one would: every reading counts once, and σ is as small and as true as all
+    /// Four batches must give what one would: every reading counts once, and σ is as small and as true as all
     /// of them make it.
     #[test]
-    fn a_cloud_in_parts_is_fitted_as_if_it_were_whole() {
+    fn a_cloud_in_batches_is_fitted_as_if_it_were_whole() {
         let set = set();
         let fitted = |max_coefficients, threads| {
             let options = FitOptions { shape: Some(Shape::Sheet), max_coefficients, ..FitOptions::default() };

@@ -1,0 +1,172 @@
+//! The first stage of a fit: a starting surface from the cloud alone.
+//!
+//! Input: [`Observations`] and the options. Output: a surface of the right topology near the points, over a
+//! base grid that is coarse for sheets, tubes and tori, and as fine as it has grown for balls.
+//!
+//! Not guaranteed: that the surface is within the noise of its readings; [`super::refine`] sees to that.
+
+use super::FitOptions;
+use super::division::MIN_LEAF_SIGMAS;
+use super::growth::{MAX_LEVELS, grow};
+use super::indicator::Indicator;
+use crate::observe::{Observations, Quantity};
+use planish_core::Progress;
+use planish_estimate::{Error, Result};
+use planish_spline::{BaseShape, Hierarchy, Shape, Surface, SurfaceSystem, choose_base_shape, leaf_weights};
+use std::sync::Arc;
+
+/// Approximate number of cells of the base grid.
+///
+/// More cells would follow noise before refinement can judge it; fewer cost a round of refinement.
+const BASE_CELLS: usize = 128;
+/// Points from which the base shape is chosen: more only take longer.
+const SHAPE_SAMPLE: usize = 30_000;
+/// A ball grows no leaves that would hold fewer readings than this on average: emptier ones would follow
+/// the indicator's noise.
+const READINGS_PER_GROWN_LEAF: usize = 6;
+
+/// The starting surface, over a base grid whose sides are multiples of `multiple`.
+///
+/// A ball grows into the solid that the points enclose and is refined on the way; other shapes are draped
+/// over the points once.
+///
+/// # Errors
+/// `Undetermined` if the readings determine no shape; `Input` if the shape takes more coefficients than
+/// allowed.
+pub(super) fn first_surface(
+    observations: &Observations,
+    options: &FitOptions,
+    multiple: usize,
+    progress: &dyn Progress,
+) -> Result<Surface> {
+    let size = observations.len();
+    let sample = shape_sample(observations);
+    let (points, normals) = positions_and_normals(observations, &sample);
+    let base = choose_base_shape(&points, &normals, options.shape)?;
+    // A small cloud cannot pay for many cells, whatever their prior.
+    let grid = base_grid(&base, BASE_CELLS.min((size / 6).max(32)), multiple, options.max_coefficients)?;
+    progress.check("first shape", 0.02)?;
+    if base.shape == Shape::Ball {
+        let indicator = Indicator::new(&points, &normals);
+        let cells = |level: usize| (grid[0] * grid[1]) << (2 * level);
+        let area = 4.0 * std::f64::consts::PI * base.size.iter().map(|s| s * s).sum::<f64>() / 3.0;
+        let least_area = (MIN_LEAF_SIGMAS * typical_sigma(observations, &sample)).powi(2);
+        let deepest = options.max_depth.map_or(MAX_LEVELS, |depth| MAX_LEVELS.min(depth.into()));
+        let levels = (1..=deepest)
+            .take_while(|&level| {
+                cells(level) * READINGS_PER_GROWN_LEAF <= size
+                    && area >= least_area * cells(level) as f64
+                    && cells(level) <= options.max_coefficients
+            })
+            .count();
+        grow(&base, grid, levels, &points, &indicator, &|share| {
+            progress.check("growing", 0.05 + 0.35 * share)
+        })
+    } else {
+        drape(&base, grid, &points)
+    }
+}
+
+/// The base shape of the starting surface alone.
+///
+/// # Errors
+/// `Undetermined` if the readings determine no shape.
+pub(super) fn base_shape(observations: &Observations, shape: Option<Shape>) -> Result<BaseShape> {
+    let (points, normals) = positions_and_normals(observations, &shape_sample(observations));
+    choose_base_shape(&points, &normals, shape)
+}
+
+/// A sample of the readings that is large enough to find the shape.
+fn shape_sample(observations: &Observations) -> Vec<u32> {
+    let size = observations.len();
+    (0..size as u32).step_by(size.div_ceil(SHAPE_SAMPLE).max(1)).collect()
+}
+
+/// Positions and normals of the readings in `sample`.
+fn positions_and_normals(observations: &Observations, sample: &[u32]) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    sample.iter().map(|&i| (observations.points[i as usize], observations.normal(i as usize))).unzip()
+}
+
+/// A base grid of about `cells` cells whose sides are multiples of `multiple`; fewer cells if it would have
+/// more than `most` nodes.
+fn base_grid(base: &BaseShape, cells: usize, multiple: usize, most: usize) -> Result<[usize; 2]> {
+    let mut cells = cells;
+    loop {
+        let grid = (base.grid(cells)).map(|n| (n + multiple / 2).max(multiple) / multiple * multiple);
+        let nodes = Hierarchy::uniform(base.shape, grid)?.node_count();
+        if nodes <= most {
+            return Ok(grid);
+        }
+        if cells == 1 {
+            return Err(Error::input(format!(
+                "a {} takes at least {nodes} coefficients, but only {most} are allowed",
+                base.shape.name()
+            )));
+        }
+        cells = (cells * 4 / 5).max(1);
+    }
+}
+
+/// Root mean square of the stated σ of positions; zero if none is stated.
+fn typical_sigma(observations: &Observations, sample: &[u32]) -> f64 {
+    let sum: f64 = sample
+        .iter()
+        .map(|&i| i as usize)
+        .filter(|&i| {
+            observations.quantity(i) == Quantity::Position && observations.stated[observations.channel(i)]
+        })
+        .map(|i| {
+            let [xx, _, _, yy, _, zz] = observations.covariance(i);
+            (xx + yy + zz) / 3.0
+        })
+        .sum();
+    (sum / sample.len().max(1) as f64).sqrt()
+}
+
+/// A smooth surface over the base grid, fitted to the points with their parameters on the base shape held.
+fn drape(base: &BaseShape, grid: [usize; 2], points: &[[f64; 3]]) -> Result<Surface> {
+    let reference = base.surface(grid)?;
+    let space = Arc::clone(reference.space());
+    let extent = space.extent();
+    let system = SurfaceSystem::new(&space)?;
+    let mut lists: Vec<Vec<(u32, [f64; 2])>> = vec![Vec::new(); space.leaves().len()];
+    for (i, p) in points.iter().enumerate() {
+        let q = base.parameters(*p);
+        let (leaf, local) = space.locate(q[0] * extent[0], q[1] * extent[1]);
+        lists[leaf].push((i as u32, local));
+    }
+    let data = system.accumulate(|leaf, cell| {
+        for &(i, local) in &lists[leaf] {
+            cell.add_vector(
+                &leaf_weights(local[0], local[1]),
+                points[i as usize],
+                &[1.0, 0.0, 0.0, 1.0, 0.0, 1.0],
+            );
+        }
+        !lists[leaf].is_empty()
+    })?;
+    // Smooth over one cell: finer shape is found by refinement. The energy is that of the departure from
+    // the base, so that unseen parts of a tube stay round.
+    let area: f64 = reference.thin_plate(&space).iter().map(|l| l.area).sum();
+    let cell = (area / space.leaves().len() as f64).sqrt();
+    let weight = points.len() as f64 / area * cell.powi(4) * 0.05;
+    let energy = system.thin_plate(&reference)?.expanded(3)?;
+    let x: Vec<f64> = reference.vertices().iter().flatten().copied().collect();
+    let mut pull = vec![0.0; x.len()];
+    energy.multiply(&x, &mut pull)?;
+    let mut total = data;
+    total.add_scaled(&energy, weight)?;
+    for (v, p) in total.vector_mut().iter_mut().zip(&pull) {
+        *v += weight * p;
+    }
+    // A trace of the base keeps the matrix regular where neither data nor energy reach.
+    let hold = 1e-6 * total.diagonal().iter().sum::<f64>() / total.dimension() as f64;
+    total.add_diagonal(hold);
+    for (v, c) in total.vector_mut().iter_mut().zip(&x) {
+        *v += hold * c;
+    }
+    let factor = system.factorize(&total)?;
+    let mut solution = total.vector().to_vec();
+    factor.solve_in_place(&mut solution)?;
+    system.surface(&solution)
+}

@@ -1,0 +1,62 @@
+//! Leaves of a hierarchy: neighbourhoods, areas, and which of them hold readings.
+
+use crate::observe::Foot;
+use planish_spline::{Hierarchy, Surface};
+use rayon::prelude::*;
+
+/// A leaf and those around it, each once.
+pub(super) fn neighbourhood(space: &Hierarchy, leaf: usize) -> Vec<usize> {
+    let mut found: Vec<usize> = [-0.5, 0.5, 1.5]
+        .into_iter()
+        .flat_map(|dv| [-0.5, 0.5, 1.5].map(|du| [du, dv]))
+        .map(|local| {
+            let [u, v] = space.parameters(leaf, local);
+            space.locate(u, v).0
+        })
+        .collect();
+    found.sort_unstable();
+    found.dedup();
+    found
+}
+
+/// For each leaf, whether it holds an ungated foot of those that count, by their number.
+pub(super) fn leaves_with_feet(
+    surface: &Surface,
+    feet: &[Foot],
+    information: &[f64],
+    counts: impl Fn(usize) -> bool,
+) -> Vec<bool> {
+    let space = surface.space();
+    let mut own = vec![false; space.leaves().len()];
+    for (k, (foot, &w)) in feet.iter().zip(information).enumerate() {
+        own[foot.leaf as usize] |= w > 0.0 && counts(k);
+    }
+    own
+}
+
+/// For each leaf, whether it or one of its eight neighbours holds an ungated foot.
+pub(super) fn observed_leaves(surface: &Surface, feet: &[Foot], information: &[f64]) -> Vec<bool> {
+    with_neighbours(surface.space(), &leaves_with_feet(surface, feet, information, |_| true))
+}
+
+/// The marked leaves and the neighbours of each.
+pub(crate) fn with_neighbours(space: &Hierarchy, own: &[bool]) -> Vec<bool> {
+    let mut observed = own.to_vec();
+    for leaf in 0..own.len() {
+        if own[leaf] {
+            for other in neighbourhood(space, leaf) {
+                observed[other] = true;
+            }
+        }
+    }
+    observed
+}
+
+/// Area of each leaf.
+pub(super) fn leaf_areas(surface: &Surface) -> Vec<f64> {
+    (0..surface.space().leaves().len())
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|leaf| surface.leaf_area(leaf))
+        .collect()
+}

@@ -1,0 +1,192 @@
+//! The report of a motion, and the poses that the fit of all scans found.
+
+use super::tracker::{RigidTracker, about_origin, log};
+use crate::model::ScanPoseReport;
+use nalgebra::{Matrix6, Vector6};
+use planish_estimate::vector3::{add, cross, dot, norm, scale, sub};
+use planish_estimate::{Error, Result};
+use planish_exchange::ScanSet;
+use planish_sense::Pose;
+use serde::Serialize;
+
+/// Factor by which σ of the tracked poses is enlarged as a prior of the fit of all scans.
+///
+/// The readings of a scan count in both steps. With a weak prior they count little more than once.
+const PRIOR_SIGMA_FACTOR: f64 = 4.0;
+
+/// The motion of an object during scanning.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MotionReport {
+    /// Always `rigid`.
+    pub kind: String,
+    /// Angular velocity about the coordinate axes of the object's frame, in degrees per second.
+    pub angular_velocity_deg_per_s: [f64; 3],
+    /// σ of each.
+    pub sigma_angular_velocity_deg_per_s: [f64; 3],
+    /// Velocity of the point `middle`, per second, in the object's frame.
+    pub velocity: [f64; 3],
+    /// σ of each.
+    pub sigma_velocity: [f64; 3],
+    /// Magnitude of the angular velocity, in degrees per second, and its σ.
+    pub rate_deg_per_s: [f64; 2],
+    /// Speed of the point `middle`, per second, and its σ.
+    pub speed: [f64; 2],
+    /// The point whose velocity is reported: the middle of the part that the first scan measured.
+    pub middle: [f64; 3],
+    /// A point of the axis of rotation; none if the object does not turn significantly.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub axis_point: Option<[f64; 3]>,
+    /// One pose for each scan, in the order of time.
+    pub poses: Vec<MotionPose>,
+}
+
+/// The pose of the object at the time of a scan.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MotionPose {
+    /// Name of the scan.
+    pub scan: String,
+    /// Time, in seconds.
+    pub time_s: f64,
+    /// Translation, world from object.
+    pub translation: [f64; 3],
+    /// Rotation, world from object.
+    pub quaternion_xyzw: [f64; 4],
+    /// σ of the position of the middle along the axes of the object's frame.
+    pub sigma_translation: [f64; 3],
+    /// σ of the rotation about these axes, in degrees.
+    pub sigma_rotation_deg: [f64; 3],
+    /// Readings that matched the surface of the first scan.
+    pub readings: usize,
+    /// Distance from the pose that the earlier scans predict for a steady motion: `√(dᵀ C⁻¹ d / 6)` with
+    /// the covariance `C` of that prediction. It is about 1 or less for a steady motion, and 0 for the first
+    /// two scans, before which no motion is known.
+    pub innovation: f64,
+}
+
+impl RigidTracker<'_> {
+    /// The pose of the object in the world at the time of a scan.
+    pub(crate) fn pose(&self, scan: usize) -> Option<Pose> {
+        let tracked = self.tracked.iter().find(|pose| pose.scan == scan)?;
+        Some(about_origin(&tracked.pose, self.middle))
+    }
+
+    /// σ of a scanner's position in the object's frame, and of its rotation: the largest along any axis. The
+    /// lever arm from the middle is taken into account.
+    pub(crate) fn sigmas(&self, scan: usize, scanner: [f64; 3]) -> [f64; 2] {
+        let tracked = self.tracked.iter().find(|pose| pose.scan == scan);
+        let largest = |from: usize| {
+            let variances =
+                tracked.map_or([0.0; 3], |pose| [0, 1, 2].map(|k| pose.covariance[(from + k, from + k)]));
+            PRIOR_SIGMA_FACTOR * variances.into_iter().fold(0.0, f64::max).sqrt()
+        };
+        let (turn, shift) = (largest(0), largest(3));
+        let arm = norm(sub(scanner, self.middle));
+        [(shift * shift + (arm * turn).powi(2)).sqrt(), turn]
+    }
+
+    /// Adopts the poses that the fit of all scans found, and the steady motion `T(t) = exp(ξ t)` nearest to
+    /// them: `ξ = (Σ t² W)⁻¹ Σ t W log T(t)`, with `W` the inverse of a pose's covariance.
+    ///
+    /// The errors of the poses are correlated, since all refer to one surface. The correlation is not known
+    /// from the single covariances, so the covariance of `ξ` assumes wholly common errors: an upper bound but
+    /// for the rotations of their axes.
+    ///
+    /// # Errors
+    /// `Undetermined` if a covariance has no inverse.
+    pub(crate) fn adopt_poses(&mut self, set: &ScanSet, poses: &[ScanPoseReport]) -> Result<()> {
+        let start = self.times[0];
+        let (mut information, mut pull) = (Matrix6::zeros(), Vector6::zeros());
+        let (mut roots, mut found) = (Matrix6::zeros(), 0);
+        for (tracked, &time) in self.tracked.iter_mut().zip(&self.times).skip(1) {
+            let report = &poses[tracked.scan];
+            let Some((covariance, object_from_scanner)) =
+                report.covariance.zip(Pose::from_quaternion_xyzw(report.quaternion_xyzw, report.translation))
+            else {
+                continue;
+            };
+            let world_from_object =
+                set.scans[tracked.scan].scan.world_from_scanner.after(&object_from_scanner.inverse());
+            tracked.pose = about_origin(&world_from_object, scale(-1.0, self.middle));
+            // A motion E of the scanner in the object's frame moves the object by E⁻¹: −ω, and −(τ + ω × arm)
+            // at the middle.
+            let arm = sub(self.middle, object_from_scanner.translation);
+            let mut by = Matrix6::zeros();
+            for axis in 0..3 {
+                by[(axis, 3 + axis)] = -1.0;
+                by[(3 + axis, axis)] = -1.0;
+                let mut turn = [0.0; 3];
+                turn[axis] = 1.0;
+                for (k, moved) in cross(turn, arm).into_iter().enumerate() {
+                    by[(3 + k, 3 + axis)] = -moved;
+                }
+            }
+            tracked.covariance = by * Matrix6::from_fn(|a, b| covariance[a][b]) * by.transpose();
+            let symmetric = 0.5 * (tracked.covariance + tracked.covariance.transpose());
+            let weight = (symmetric.cholesky())
+                .ok_or_else(|| Error::undetermined(format!("{}: its pose has no covariance", report.scan)))?
+                .inverse();
+            let eigen = symmetric.symmetric_eigen();
+            let root = eigen.eigenvectors
+                * Matrix6::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()))
+                * eigen.eigenvectors.transpose();
+            let since = time - start;
+            information += weight * (since * since);
+            pull += weight * log(&tracked.pose) * since;
+            roots += weight * root * since;
+            found += 1;
+        }
+        let Some(inverse) = information.cholesky().filter(|_| found > 0).map(|c| c.inverse()) else {
+            return Ok(());
+        };
+        self.twist = inverse * pull;
+        let common = inverse * roots;
+        self.covariance.fixed_view_mut::<6, 6>(6, 6).copy_from(&(common * common.transpose()));
+        Ok(())
+    }
+
+    /// The report of the motion.
+    pub(crate) fn report(&self, set: &ScanSet) -> Result<MotionReport> {
+        let sigma = |k: usize| self.covariance[(k, k)].max(0.0).sqrt();
+        let turn = [0, 1, 2].map(|k| self.twist[k]);
+        let velocity = [3, 4, 5].map(|k| self.twist[k]);
+        // σ of the length of a vector is its σ along the vector.
+        let length = |first: usize, v: [f64; 3]| {
+            let size = norm(v);
+            let along = if size > 0.0 { scale(1.0 / size, v) } else { [1.0, 0.0, 0.0] };
+            let variance: f64 = (0..9)
+                .map(|k| along[k / 3] * along[k % 3] * self.covariance[(first + k / 3, first + k % 3)])
+                .sum();
+            [size, variance.max(0.0).sqrt()]
+        };
+        let rate = length(6, turn);
+        let is_turning = rate[0] > 3.0 * rate[1];
+        Ok(MotionReport {
+            kind: "rigid".to_owned(),
+            angular_velocity_deg_per_s: turn.map(f64::to_degrees),
+            sigma_angular_velocity_deg_per_s: [6, 7, 8].map(|k| sigma(k).to_degrees()),
+            velocity,
+            sigma_velocity: [9, 10, 11].map(sigma),
+            rate_deg_per_s: rate.map(f64::to_degrees),
+            speed: length(9, velocity),
+            middle: self.middle,
+            axis_point: is_turning
+                .then(|| add(self.middle, scale(1.0 / dot(turn, turn), cross(turn, velocity)))),
+            poses: (self.tracked.iter().zip(&self.times))
+                .map(|(known, &time_s)| {
+                    let pose = about_origin(&known.pose, self.middle);
+                    let sigma = |k: usize| known.covariance[(k, k)].max(0.0).sqrt();
+                    MotionPose {
+                        scan: set.scans[known.scan].scan.name.clone(),
+                        time_s,
+                        translation: pose.translation,
+                        quaternion_xyzw: pose.quaternion_xyzw(),
+                        sigma_translation: [3, 4, 5].map(sigma),
+                        sigma_rotation_deg: [0, 1, 2].map(|k| sigma(k).to_degrees()),
+                        readings: known.readings,
+                        innovation: known.innovation,
+                    }
+                })
+                .collect(),
+        })
+    }
+}

@@ -1,0 +1,423 @@
+//! The second stage of a fit: iterations and refinements until the residuals contain only noise.
+//!
+//! Input: a starting surface and the [`Observations`]. Output: a [`ConvergedFit`] with feet, noise and
+//! smoothness weight. The information and its inverse are made from it once, by [`super::finish`].
+//!
+//! A round iterates the surface over one hierarchy. Early rounds use a sample of the readings and end with
+//! the division of leaves that cannot follow them. The last round uses all readings and iterates to rest.
+
+use super::FitOptions;
+use super::bending_energy::BendingEnergy;
+use super::division::{Misfit, chance_misfits, deepest, divided_within_budget, growth_log, log_divisions};
+use super::inferred::share_errors;
+use super::leaves::leaf_areas;
+use super::misfit::misfit;
+use super::noise::SensorNoise;
+use super::patch::PatchFilterOutcome;
+use super::refine_by_curvature::leaves_of_varying_curvature;
+use super::refine_by_roughness::leaves_coarser_than_smoothing;
+use super::weights::{weight_of_length, weights};
+use crate::observe::{
+    Foot, FootChannels, Observations, ProjectedReadings, Quantity, StepInput, normal_step, project,
+    surface_extent,
+};
+use crate::subdivision::{RefineBy, RefinementLog};
+use planish_core::Progress;
+use planish_estimate::sparse::{BlockInformation, CholeskyFactor};
+use planish_estimate::{Error, Result};
+use planish_spline::{FootPointSearch, Surface, SurfaceSystem};
+use std::collections::HashSet;
+
+/// Iterations of an early round: at least, and at most.
+const FINDING_ITERATIONS: usize = 2;
+const MAX_FINDING_ITERATIONS: usize = 8;
+/// An early round ends once the mean square step is below this many variances of the surface. The next
+/// round changes the surface by more than that, so further iterations would be wasted.
+const FOUND: f64 = 30.0;
+/// Most iterations of the last round, without and with unknown poses of scans.
+const LAST_ITERATIONS: usize = 7;
+const LAST_ITERATIONS_WITH_POSES: usize = 14;
+/// The surface is at rest when the mean square step that readings see is this share of its variance.
+/// Smaller values cost iterations for changes well within σ.
+const AT_REST: f64 = 0.1;
+/// The same bound where only the prior holds the surface, which has a longer way to go there.
+const UNSEEN_AT_REST: f64 = 4.0;
+/// The same bound for poses and biases of scans. Scans slide along the surface with the feet of their
+/// readings and come nearer by about half in each iteration, so the bound is tighter.
+const SCAN_ERRORS_AT_REST: f64 = 0.02;
+/// Relative change of the smoothness weight below which it has converged.
+const WEIGHT_AT_REST: f64 = 0.02;
+/// Readings of each leaf that an early round uses, on average, and fewest in all.
+const SAMPLE_PER_LEAF: usize = 12;
+const MIN_SAMPLE: usize = 40_000;
+/// Shortest length over which the prior smooths at the start, in leaves.
+///
+/// A stiffer start would undo what growth has found; a softer one would follow few readings anywhere.
+const FIRST_SMOOTHING: f64 = 0.15;
+/// Longest length over which the prior smooths, in square roots of the surface's area. A stiffer plate would
+/// be no flatter, but the information of the readings about its place would be lost in rounding.
+const STIFFEST: f64 = 2.0;
+/// Largest change of the smoothness weight in one iteration.
+const MAX_WEIGHT_CHANGE: f64 = 5.0;
+/// σ of tangential motion, as a share of a leaf's size. It names points of the surface without a measurable
+/// effect on its shape.
+const TANGENTIAL_HOLD: f64 = 0.5;
+
+/// A surface at rest on its observations.
+pub(super) struct ConvergedFit {
+    pub surface: Surface,
+    pub system: SurfaceSystem,
+    /// The readings that take part, and their feet.
+    pub subset: Vec<u32>,
+    pub feet: Vec<Foot>,
+    pub noise: SensorNoise,
+    pub weight: f64,
+    /// The prior's information of all three coordinates.
+    pub prior: BlockInformation,
+    /// Parameters of every observation.
+    pub at: Vec<[f64; 2]>,
+    pub reached_limit: bool,
+    pub reached_tolerance: bool,
+    /// The divisions made on the way.
+    pub refined: RefinementLog,
+    /// Of the patch filter: its state, which then holds all that is known.
+    pub filtered: Option<PatchFilterOutcome>,
+    /// True if vertices move in every direction: see [`crate::model::SurfaceModel::moves_freely`].
+    pub moves_freely: bool,
+}
+
+impl ConvergedFit {
+    /// The readings that take part, with their feet.
+    pub(super) fn readings<'a>(&'a self, observations: &'a Observations) -> ProjectedReadings<'a> {
+        ProjectedReadings { observations, subset: &self.subset, feet: &self.feet }
+    }
+}
+
+/// The state of a refinement.
+struct Refinement<'a> {
+    observations: &'a mut Observations,
+    options: &'a FitOptions,
+    /// The readings that take part.
+    subset: Vec<u32>,
+    surface: Surface,
+    /// Parameters of every observation; not a number where none has been searched yet.
+    at: Vec<[f64; 2]>,
+    noise: SensorNoise,
+    /// Weight of the thin plate, once there is one.
+    weight: Option<f64>,
+    /// Area of the first surface.
+    area: Option<f64>,
+    /// Degrees of freedom that the readings of each channel determine.
+    degrees: Option<Vec<f64>>,
+    /// Readings outside the gate in the last early round: they are searched for anew in the last round.
+    outside: Vec<u32>,
+    /// Readings projected so far, for the display of progress.
+    projected: usize,
+}
+
+/// A round of a refinement.
+#[derive(Clone, Copy)]
+struct Round {
+    number: usize,
+    /// True for the last round, which uses all readings.
+    is_last: bool,
+}
+
+/// Iterates and refines until the residuals contain only noise.
+///
+/// # Errors
+/// `Undetermined` if no reading is near the surface, or the readings near it leave its shape open.
+pub(super) fn refine_to_noise(
+    observations: &mut Observations,
+    surface: Surface,
+    subset: Vec<u32>,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<ConvergedFit> {
+    let mut refined = growth_log(surface.space(), 1);
+    let (mut reached_limit, mut reached_tolerance) = (false, false);
+    let mut is_last = false;
+    let mut state = Refinement {
+        at: vec![[f64::NAN; 2]; observations.len()],
+        noise: SensorNoise::stated(observations),
+        observations,
+        options,
+        subset,
+        surface,
+        weight: None,
+        area: None,
+        degrees: None,
+        outside: Vec::new(),
+        projected: 0,
+    };
+    for number in 0.. {
+        let round = Round { number, is_last };
+        let system = SurfaceSystem::new(state.surface.space())?;
+        let sample = state.sample(round);
+        state.find_parameters(&sample, round)?;
+        let factor = state.iterate(&system, &sample, round, progress)?;
+        if is_last {
+            let fit = state.converged(system)?;
+            return Ok(ConvergedFit { reached_limit, reached_tolerance, refined, ..fit });
+        }
+        let verdict = state.leaves_to_divide(&system, &sample, factor.as_ref())?;
+        let space = state.surface.space();
+        reached_tolerance |= options.tolerance.is_some() && verdict.by_residuals == 0;
+        if verdict.misfits.len() < chance_misfits(space) {
+            is_last = true;
+            continue;
+        }
+        // Worst first: if the limit of coefficients stops the division, the next round is the last.
+        let (finer, divided) = divided_within_budget(space, &verdict.misfits, options.max_coefficients);
+        let all = divided == verdict.misfits.len();
+        log_divisions(&mut refined, space, &finer, &verdict.misfits[..divided]);
+        reached_limit = !all;
+        is_last = !all || finer.node_count() == space.node_count();
+        state.surface = state.surface.refined(finer.into())?;
+    }
+    unreachable!("the loop ends by returning")
+}
+
+/// Leaves that should be divided.
+struct Verdict {
+    misfits: Vec<Misfit>,
+    /// How many there were before roughness was considered.
+    by_residuals: usize,
+}
+
+impl Refinement<'_> {
+    /// The readings of a round. An early round needs a few dozen for each leaf only.
+    fn sample(&mut self, round: Round) -> Vec<u32> {
+        if round.is_last {
+            self.projected = 0;
+            return self.subset.clone();
+        }
+        let wanted = (SAMPLE_PER_LEAF * self.surface.space().leaves().len()).max(MIN_SAMPLE);
+        self.subset.iter().copied().step_by((self.subset.len() / wanted).max(1)).collect()
+    }
+
+    /// Searches for the parameters of new readings, with their normals.
+    ///
+    /// Later a foot is followed from where it was. In the last round, readings outside the gate are searched
+    /// for anew: their feet may have been caught on another part of the surface.
+    fn find_parameters(&mut self, sample: &[u32], round: Round) -> Result<()> {
+        let again = if round.is_last { std::mem::take(&mut self.outside) } else { Vec::new() };
+        let new = sample.iter().copied().filter(|&i| self.at[i as usize][0].is_nan());
+        let sought: Vec<u32> = new.chain(again).collect();
+        if !sought.is_empty() {
+            let search = FootPointSearch::new(&self.surface, 2, 0.1 * surface_extent(&self.surface))?;
+            let factors = &self.noise.variance_factors;
+            project(&self.surface, self.observations, &sought, &mut self.at, Some(&search), factors);
+        }
+        Ok(())
+    }
+
+    /// Projects readings, from the parameters that they have.
+    fn project(&mut self, readings: &[u32]) -> Vec<Foot> {
+        let factors = &self.noise.variance_factors;
+        let mut feet = project(&self.surface, self.observations, readings, &mut self.at, None, factors);
+        share_errors(self.observations, readings, &mut feet, &self.surface, self.weight);
+        feet
+    }
+
+    /// Iterates over one hierarchy; returns the last factor.
+    fn iterate(
+        &mut self,
+        system: &SurfaceSystem,
+        sample: &[u32],
+        round: Round,
+        progress: &dyn Progress,
+    ) -> Result<Option<CholeskyFactor>> {
+        let iterations = if round.is_last && !self.observations.scan_errors.is_empty() {
+            LAST_ITERATIONS_WITH_POSES
+        } else if round.is_last {
+            LAST_ITERATIONS
+        } else {
+            MAX_FINDING_ITERATIONS
+        };
+        let mut factor = None;
+        // The metric stays that of the surface at the start of the round.
+        let mut energy = BendingEnergy::new(system, &self.surface)?;
+        for iteration in 0..iterations {
+            let rounds = round.number as f64 + iteration as f64 / iterations as f64;
+            let share = 0.4 + 0.5 * (1.0 - 0.6_f64.powf(rounds));
+            progress.check(if round.is_last { "settling" } else { "refining" }, share)?;
+            progress.items(self.projected, "readings");
+            self.projected += sample.len();
+            let rest = self.step(system, sample, round, &mut energy, &mut factor, progress)?;
+            let is_found = !round.is_last && iteration + 1 >= FINDING_ITERATIONS && rest.decrement < FOUND;
+            if rest.is_at_rest || is_found {
+                break;
+            }
+        }
+        Ok(factor)
+    }
+
+    /// One iteration: project, weigh, solve, and update the smoothness weight.
+    fn step(
+        &mut self,
+        system: &SurfaceSystem,
+        sample: &[u32],
+        round: Round,
+        energy: &mut BendingEnergy,
+        factor: &mut Option<CholeskyFactor>,
+        progress: &dyn Progress,
+    ) -> Result<StepOutcome> {
+        let gate = self.options.gate;
+        let feet = self.project(sample);
+        let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
+        let channels = FootChannels::new(self.observations, sample);
+        let degrees = self.degrees.get_or_insert_with(|| first_degrees(&self.surface, &channels));
+        self.noise = SensorNoise::estimate(readings, gate, degrees, round.is_last)?;
+        let information = weights(readings, &self.noise, gate, !round.is_last);
+        if !information.iter().any(|&w| w > 0.0) {
+            return Err(Error::undetermined(
+                "no reading lies near the surface: do the scans share one frame and unit?",
+            ));
+        }
+        progress.rms(rms_of_positions(&feet, &information));
+        let surface = &self.surface;
+        let area = *self.area.get_or_insert_with(|| leaf_areas(surface).iter().sum());
+        // The first iteration starts from a weight by the density of readings; later ones from the estimate.
+        let weight = self.weight.unwrap_or_else(|| first_weight(surface, area, &feet, &information));
+        let step = normal_step(
+            &StepInput {
+                system,
+                surface,
+                feet: &feet,
+                information: &information,
+                channels: &channels,
+                prior: &energy.matrix,
+                weight,
+                earlier: None,
+            },
+            factor,
+        )?;
+        self.observations.apply_scan_error_step(&step.scan_errors);
+        self.surface = step.surface;
+        energy.measure(&self.surface);
+        // Generalised Fellner–Schall (Wood & Fasiolo 2017): w ← (degrees that the data determine) / xᵀKx.
+        let next = (step.degrees.iter().sum::<f64>() - 1.0).max(1.0) / energy.total.max(f64::MIN_POSITIVE);
+        let stiffest = weight_of_length(&feet, &information, area, STIFFEST * area.sqrt());
+        let next = next.clamp(0.2 * weight, MAX_WEIGHT_CHANGE * weight).min(stiffest);
+        self.weight = Some(next);
+        self.degrees = Some(step.degrees);
+        Ok(StepOutcome {
+            is_at_rest: step.seen < AT_REST
+                && step.scan_error_decrement < SCAN_ERRORS_AT_REST
+                && step.decrement < UNSEEN_AT_REST
+                && (next / weight - 1.0).abs() < WEIGHT_AT_REST,
+            decrement: step.decrement,
+        })
+    }
+
+    /// The leaves that cannot follow their readings, or whose shape asks for smaller cells.
+    fn leaves_to_divide(
+        &mut self,
+        system: &SurfaceSystem,
+        sample: &[u32],
+        factor: Option<&CholeskyFactor>,
+    ) -> Result<Verdict> {
+        let options = self.options;
+        let feet = self.project(sample);
+        let readings = ProjectedReadings { observations: self.observations, subset: sample, feet: &feet };
+        let kept = weights(readings, &self.noise, options.gate, false);
+        self.outside = sample.iter().zip(&kept).filter(|(_, w)| **w == 0.0).map(|(i, _)| *i).collect();
+        let mut misfits = if options.refine_by.residuals() {
+            let degrees = self.degrees.iter().flatten().sum();
+            misfit(&self.surface, readings, &self.noise, degrees, options)
+        } else {
+            Vec::new()
+        };
+        if let (true, Some(factor)) = (options.refine_by.curvature(), factor) {
+            // A leaf is divided once, for the first cause that finds it.
+            let known: HashSet<usize> = misfits.iter().map(|m| m.leaf).collect();
+            let curved = leaves_of_varying_curvature(
+                &self.surface,
+                system,
+                factor,
+                readings,
+                &self.noise,
+                deepest(options),
+            )?;
+            misfits.extend(curved.into_iter().filter(|m| !known.contains(&m.leaf)));
+        }
+        let by_residuals = misfits.len();
+        // Shape that the readings show comes first, so roughness is considered once that is resolved.
+        if options.refine_by == RefineBy::Roughness && by_residuals < chance_misfits(self.surface.space()) {
+            let weight = self.weight.unwrap_or(0.0);
+            misfits.extend(leaves_coarser_than_smoothing(
+                &self.surface,
+                &feet,
+                &kept,
+                weight,
+                deepest(options),
+            ));
+        }
+        Ok(Verdict { misfits, by_residuals })
+    }
+
+    /// The fit of the last round, with the feet, the noise and the prior of the final surface.
+    fn converged(mut self, system: SurfaceSystem) -> Result<ConvergedFit> {
+        let subset = std::mem::take(&mut self.subset);
+        let feet = self.project(&subset);
+        let readings = ProjectedReadings { observations: self.observations, subset: &subset, feet: &feet };
+        let degrees = self.degrees.as_deref().unwrap_or(&[]);
+        let noise = SensorNoise::estimate(readings, self.options.gate, degrees, true)?;
+        // The prior of the model is that of its own metric.
+        let energy = BendingEnergy::new(&system, &self.surface)?;
+        let weight = self.weight.unwrap_or(0.0);
+        let mut prior = system.tangential_hold(&self.surface, TANGENTIAL_HOLD)?;
+        prior.add_scaled(&energy.matrix.expanded(3)?, weight)?;
+        Ok(ConvergedFit {
+            surface: self.surface,
+            system,
+            subset,
+            feet,
+            noise,
+            weight,
+            prior,
+            at: self.at,
+            reached_limit: false,
+            reached_tolerance: false,
+            refined: RefinementLog::default(),
+            filtered: None,
+            moves_freely: false,
+        })
+    }
+}
+
+/// How far one iteration moved the surface.
+struct StepOutcome {
+    is_at_rest: bool,
+    /// Mean square of the step in variances of the surface.
+    decrement: f64,
+}
+
+/// Degrees of freedom before any are known: half the nodes, or a quarter of the readings, whichever is less.
+fn first_degrees(surface: &Surface, channels: &FootChannels<'_>) -> Vec<f64> {
+    let rows = |k: usize| channels.observations.channels[channels.channel(k)].quantity.rows() as f64;
+    let numbers: f64 = (0..channels.subset.len()).map(rows).sum();
+    let share = 0.5 * (surface.space().node_count() as f64 / numbers).min(0.5);
+    let mut degrees = vec![0.0; channels.count];
+    for k in 0..channels.subset.len() {
+        degrees[channels.channel(k)] += share * rows(k);
+    }
+    degrees
+}
+
+/// The weight from which the search starts: see [`FIRST_SMOOTHING`]. Few readings start stiffer.
+fn first_weight(surface: &Surface, area: f64, feet: &[Foot], information: &[f64]) -> f64 {
+    let leaves = surface.space().leaves().len() as f64;
+    let readings = information.iter().filter(|&&w| w > 0.0).count() as f64;
+    weight_of_length(feet, information, area, (area / leaves).sqrt() * FIRST_SMOOTHING.max(leaves / readings))
+}
+
+/// Root mean square of the distances of positions with a weight; not finite if there are none.
+fn rms_of_positions(feet: &[Foot], information: &[f64]) -> f64 {
+    let counting = feet.iter().zip(information);
+    let (squares, n) = counting
+        .filter(|(foot, weight)| foot.quantity == Quantity::Position && **weight > 0.0)
+        .fold((0.0, 0.0), |(squares, n), (foot, _)| (squares + foot.height() * foot.height(), n + 1.0));
+    (squares / n).sqrt()
+}

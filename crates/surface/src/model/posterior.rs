@@ -1,0 +1,311 @@
+//! The posterior covariance of a surface.
+
+use super::Observed;
+use super::reports::SigmaSummary;
+use planish_estimate::sparse::{BlockInformation, Bordered, SelectedInverse};
+use planish_estimate::vector3::dot;
+use planish_estimate::{Error, Result};
+use planish_spline::{PatchFilter, StateLayout, Surface, SurfaceSystem, leaf_weights};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// The posterior covariance of a model's shape.
+///
+/// Every vertex moves along the surface's normal at its node, the one coordinate that measurements of
+/// position determine. Motion along the surface only changes the parameters of its points, so it is held; see
+/// `DESIGN.md`. If parameters were known, every coordinate moves.
+pub struct Posterior<'a> {
+    surface: &'a Surface,
+    covariance: Arc<NodeCovariance>,
+    /// True if poses and biases of scans count as known.
+    given_scan_errors: bool,
+    /// For each leaf the mean square of its unresolved shape; none if empty.
+    unresolved_shape: &'a [f64],
+}
+
+/// The covariance of vertices of a surface that share a leaf.
+pub enum NodeCovariance {
+    /// Of the nodes, from the information of the whole surface.
+    Nodes(WholeCovariance),
+    /// Of the coefficients of each patch of a patch filter.
+    Patches(Arc<PatchFilter>),
+}
+
+/// The covariance of nodes that share a leaf, from the information of the whole surface.
+pub struct WholeCovariance {
+    pub(super) inverse: SelectedInverse,
+    pub(super) motion: VertexMotion,
+    /// What poses and biases of scans add: `G Gᵀ`, with a row of `G` for each node.
+    pub(super) shared: Option<ScanErrorRows>,
+}
+
+/// The rows of `G`: see [`WholeCovariance`].
+pub(super) struct ScanErrorRows {
+    pub(super) bordered: Bordered,
+    pub(super) rows: Vec<f64>,
+}
+
+/// The directions in which vertices move.
+pub enum VertexMotion {
+    /// One unknown for each node, along these directions.
+    Along(Vec<[f64; 3]>),
+    /// Independent coordinates, each with this multiple of the covariance.
+    Coordinates([f64; 3]),
+    /// Three unknowns for each node.
+    Freely,
+}
+
+/// The covariance of one leaf's nodes, from which σ of any of its points follows.
+pub struct LeafCovariance<'a> {
+    weights: &'a [[f64; 16]],
+    motion: VertexMotion,
+    covariance: Vec<f64>,
+    /// Mean square of the unresolved shape of the leaf.
+    unresolved_shape: f64,
+}
+
+/// Identity: the weights of a leaf's sixteen coefficients on themselves.
+const IDENTITY_WEIGHTS: [[f64; 16]; 16] = {
+    let mut weights = [[0.0; 16]; 16];
+    let mut k = 0;
+    while k < 16 {
+        weights[k][k] = 1.0;
+        k += 1;
+    }
+    weights
+};
+
+impl ScanErrorRows {
+    /// Adds the covariance that poses and biases cause, for each pair of `nodes`.
+    fn add_to(&self, covariance: &mut [f64], nodes: &[u32]) {
+        let width = self.bordered.shared();
+        let row = |node: u32| &self.rows[node as usize * width..][..width];
+        for (line, &a) in covariance.chunks_exact_mut(nodes.len()).zip(nodes) {
+            for (entry, &b) in line.iter_mut().zip(nodes) {
+                *entry += row(a).iter().zip(row(b)).map(|(a, b)| a * b).sum::<f64>();
+            }
+        }
+    }
+}
+
+impl NodeCovariance {
+    /// From the inverse of one coordinate's information: `scale` times that for each measured coordinate,
+    /// zero for the others.
+    pub(crate) fn of_coordinates(inverse: SelectedInverse, measured: [bool; 3], scale: f64) -> Self {
+        let motion = VertexMotion::Coordinates(measured.map(|m| if m { scale } else { 0.0 }));
+        Self::of_motion(inverse, motion)
+    }
+
+    /// From the inverse of the information of vertices with the given motion.
+    pub(crate) fn of_motion(inverse: SelectedInverse, motion: VertexMotion) -> Self {
+        Self::Nodes(WholeCovariance { inverse, motion, shared: None })
+    }
+
+    /// The equations of poses and biases, with the vertices eliminated.
+    pub(crate) fn scan_errors(&self) -> Option<&Bordered> {
+        match self {
+            Self::Nodes(whole) => whole.shared.as_ref().map(|shared| &shared.bordered),
+            Self::Patches(_) => None,
+        }
+    }
+
+    /// Removes spurious information about poses and biases, but keeps at least `stated`; returns the change
+    /// of their information, too.
+    pub(crate) fn without_spurious_information(
+        self,
+        noise: &[f64],
+        stated: &[f64],
+    ) -> Result<(Self, Vec<f64>)> {
+        match self {
+            Self::Nodes(WholeCovariance { inverse, motion, shared: Some(shared) }) => {
+                let (bordered, change) = shared.bordered.without_noise(noise, stated)?;
+                let shared = Some(ScanErrorRows { rows: bordered.shared_rows(), bordered });
+                let whole = WholeCovariance { inverse, motion, shared };
+                Ok((Self::Nodes(whole), change))
+            }
+            other => Ok((other, Vec::new())),
+        }
+    }
+
+    /// `tr(Σ Λ)` for information `Λ` of three coordinates: the degrees of freedom that it determines.
+    pub(crate) fn trace_with(&self, information: &BlockInformation, system: &SurfaceSystem) -> Result<f64> {
+        let directions = |axis| vec![axis; system.space().node_count()];
+        let Self::Nodes(WholeCovariance { inverse, motion, .. }) = self else {
+            return Err(Error::unsupported("patches know nothing of vertices far from each other"));
+        };
+        match motion {
+            VertexMotion::Along(directions) => inverse.trace_with(&system.contract(information, directions)?),
+            VertexMotion::Freely => inverse.trace_with(information),
+            VertexMotion::Coordinates(scales) => (0..3)
+                .filter(|&d| scales[d] > 0.0)
+                .map(|d| {
+                    let mut axis = [0.0; 3];
+                    axis[d] = 1.0;
+                    Ok(scales[d] * inverse.trace_with(&system.contract(information, &directions(axis))?)?)
+                })
+                .sum(),
+        }
+    }
+}
+
+impl<'a> Posterior<'a> {
+    /// A surface with the covariance of its control vertices.
+    #[must_use]
+    pub fn new(surface: &'a Surface, covariance: Arc<NodeCovariance>) -> Self {
+        Self { surface, covariance, given_scan_errors: false, unresolved_shape: &[] }
+    }
+
+    /// The same with the unresolved shape of each leaf.
+    pub(crate) fn with_unresolved_shape(self, unresolved_shape: &'a [f64]) -> Self {
+        Self { unresolved_shape, ..self }
+    }
+
+    /// The same as if poses and biases of all scans were known. This is the surface as seen from the scans.
+    pub(crate) fn given_scan_errors(&self) -> Self {
+        Self {
+            surface: self.surface,
+            covariance: Arc::clone(&self.covariance),
+            given_scan_errors: true,
+            unresolved_shape: self.unresolved_shape,
+        }
+    }
+
+    /// The covariance of a leaf's nodes.
+    ///
+    /// # Errors
+    /// `Undetermined` if the leaf's nodes are not coupled, which does not happen for models of this crate.
+    pub fn leaf(&self, leaf: usize) -> Result<LeafCovariance<'a>> {
+        let unresolved_shape = self.unresolved_shape.get(leaf).copied().unwrap_or(0.0);
+        let unknown = || Error::undetermined(format!("leaf {leaf} has no covariance"));
+        let WholeCovariance { inverse, motion, shared } = match &*self.covariance {
+            NodeCovariance::Nodes(whole) => whole,
+            NodeCovariance::Patches(filter) => {
+                return Ok(LeafCovariance {
+                    weights: &IDENTITY_WEIGHTS,
+                    // A patch filter knows coefficients of leaves directly, so the weights are the identity.
+                    motion: VertexMotion::Coordinates(match filter.options().layout {
+                        StateLayout::Height => [0.0, 0.0, 1.0],
+                        _ => [1.0; 3],
+                    }),
+                    covariance: filter.leaf_covariance(leaf).ok_or_else(unknown)?,
+                    unresolved_shape,
+                });
+            }
+        };
+        let (nodes, weights) = self.surface.space().extraction(leaf);
+        let mut covariance = inverse.dense(nodes).ok_or_else(unknown)?;
+        if let Some(shared) = shared.as_ref().filter(|_| !self.given_scan_errors) {
+            shared.add_to(&mut covariance, nodes);
+        }
+        Ok(LeafCovariance {
+            weights,
+            motion: match motion {
+                VertexMotion::Along(directions) => {
+                    VertexMotion::Along(nodes.iter().map(|&n| directions[n as usize]).collect())
+                }
+                VertexMotion::Coordinates(scales) => VertexMotion::Coordinates(*scales),
+                VertexMotion::Freely => VertexMotion::Freely,
+            },
+            covariance,
+            unresolved_shape,
+        })
+    }
+
+    /// Variance of the surface along its normal, at the middle of a leaf.
+    pub(crate) fn variance_at_middle(&self, leaf: usize) -> Result<f64> {
+        self.variance_in(leaf, [0.5; 2])
+    }
+
+    /// Variance of the surface along its normal, at leaf-local coordinates.
+    pub(crate) fn variance_in(&self, leaf: usize, [s, t]: [f64; 2]) -> Result<f64> {
+        let normal = self.surface.leaf_jet(leaf, s, t).normal().unwrap_or_default();
+        Ok(self.leaf(leaf)?.variance_along(&leaf_weights(s, t), normal))
+    }
+
+    /// The surface.
+    #[must_use]
+    pub fn surface(&self) -> &'a Surface {
+        self.surface
+    }
+
+    /// Quantiles, by area, of σ along the normal at the middle of every measured leaf (of every leaf if none
+    /// was measured).
+    ///
+    /// # Errors
+    /// `Undetermined` if the surface has no area there.
+    pub fn sigma_summary(&self, observed: &[Observed]) -> Result<SigmaSummary> {
+        let any = observed.contains(&Observed::Measured);
+        let surface = self.surface();
+        let mut by_area: Vec<(f64, f64)> = (0..observed.len())
+            .into_par_iter()
+            .with_min_len(64)
+            .filter(|&leaf| observed[leaf].is_measured() || !any)
+            .map(|leaf| {
+                let jet = surface.leaf_jet(leaf, 0.5, 0.5);
+                let sigma =
+                    Self::sigma_along(&self.leaf(leaf)?, [0.5, 0.5], jet.normal().unwrap_or([0.0; 3]));
+                // Leaves have different sizes, so quantiles are weighted by area.
+                let side = surface.space().leaves()[leaf].side();
+                Ok((sigma, jet.area_element() * side * side))
+            })
+            .collect::<Result<_>>()?;
+        by_area.retain(|(sigma, area)| *sigma > 0.0 && *area > 0.0);
+        by_area.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let Some(&(max, _)) = by_area.last() else {
+            return Err(Error::undetermined("the surface has no area whose σ could be told"));
+        };
+        let total: f64 = by_area.iter().map(|(_, area)| area).sum();
+        let quantile = |share: f64| {
+            let mut sum = 0.0;
+            let found = by_area.iter().find(|(_, area)| {
+                sum += area;
+                sum >= share * total
+            });
+            found.map_or(max, |(sigma, _)| *sigma)
+        };
+        Ok(SigmaSummary { median: quantile(0.5), p95: quantile(0.95), max })
+    }
+
+    /// σ of the surface point at leaf-local coordinates along a unit direction.
+    #[must_use]
+    pub fn sigma_along(cell: &LeafCovariance<'_>, local: [f64; 2], direction: [f64; 3]) -> f64 {
+        cell.variance_along(&leaf_weights(local[0], local[1]), direction).max(0.0).sqrt()
+    }
+}
+
+impl LeafCovariance<'_> {
+    /// Variance of `a · Σ_k c_k P_k` for the leaf's sixteen coefficients `P_k`. Unresolved shape is included
+    /// for points (weights `c` with sum 1), not for differences of points.
+    #[must_use]
+    pub fn variance_along(&self, c: &[f64; 16], a: [f64; 3]) -> f64 {
+        // Four partial sums: a plain sum would wait for each of its additions.
+        let at_point = |w: &[f64; 16]| {
+            let mut sums = [0.0; 4];
+            for k in 0..16 {
+                sums[k % 4] += w[k] * c[k];
+            }
+            (sums[0] + sums[1]) + (sums[2] + sums[3])
+        };
+        let (row, scale): (Vec<f64>, f64) = match &self.motion {
+            VertexMotion::Along(directions) => {
+                ((self.weights.iter().zip(directions)).map(|(w, d)| dot(a, *d) * at_point(w)).collect(), 1.0)
+            }
+            VertexMotion::Coordinates(scales) => {
+                (self.weights.iter().map(at_point).collect(), (0..3).map(|d| scales[d] * a[d] * a[d]).sum())
+            }
+            VertexMotion::Freely => {
+                ((self.weights.iter().map(at_point)).flat_map(|w| a.map(|c| w * c)).collect(), 1.0)
+            }
+        };
+        // rᵀ Σ r, with Σ row by row in memory order.
+        let mut along = vec![0.0; row.len()];
+        for (r, line) in row.iter().zip(self.covariance.chunks_exact(row.len())) {
+            for (y, s) in along.iter_mut().zip(line) {
+                *y += r * s;
+            }
+        }
+        let sum_of_weights: f64 = c.iter().sum();
+        scale * along.iter().zip(&row).map(|(y, r)| y * r).sum::<f64>()
+            + self.unresolved_shape * sum_of_weights * sum_of_weights * dot(a, a)
+    }
+}

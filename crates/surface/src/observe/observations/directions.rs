@@ -1,0 +1,161 @@
+//! Normals and curvatures of scans as readings of their own.
+
+use super::{Observations, ScanNoise};
+use crate::observe::{Channel, Quantity, RejectionCause};
+use planish_estimate::vector3::{cross, dot, norm, scale, unit};
+use planish_estimate::{Error, Result};
+use planish_sense::{Scan, Sensor, SensorKind};
+use planish_spline::curvature_tensor;
+
+/// Smallest sine of the angle between a normal and the direction of a curvature, which should be a right
+/// angle. Below it only rounding decides the direction.
+const MIN_ACROSS: f64 = 1e-6;
+
+/// The quantities besides positions that a scan measures: those with a σ from the scan or its sensor, or
+/// those that the sensor's kind names.
+#[derive(Clone, Copy)]
+pub(super) struct Directions {
+    normals: bool,
+    curvatures: bool,
+}
+
+impl Directions {
+    pub(super) fn requested(scan: &Scan, sensor: &Sensor) -> Self {
+        let (normals, curvatures) = (scan.normals.is_some(), scan.curvatures.is_some());
+        Self {
+            normals: sensor.kind == SensorKind::Normal
+                || normals && (scan.sigma_normal_deg.is_some() || sensor.sigma_normal_deg.is_some()),
+            curvatures: sensor.kind == SensorKind::Curvature
+                || curvatures && (scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some()),
+        }
+    }
+
+    pub(super) fn any(self) -> bool {
+        self.normals || self.curvatures
+    }
+
+    fn check(self, scan: &Scan, sensor: &Sensor) -> Result<()> {
+        let needed = |columns: &str| {
+            Error::input(format!(
+                "{}: needed the columns {columns} of the sensor \"{}\" of the kind \"{}\", found none",
+                scan.name,
+                sensor.name,
+                sensor.kind.name()
+            ))
+        };
+        if self.curvatures && scan.curvatures.is_none() {
+            return Err(needed("k1 k2 d1x d1y d1z"));
+        }
+        if self.any() && scan.normals.is_none() {
+            return Err(needed("nx ny nz"));
+        }
+        Ok(())
+    }
+}
+
+impl Observations {
+    /// Adds each normal and each curvature as an observation of its own, at the same place. Sensors that
+    /// measure no positions lose theirs.
+    pub(super) fn add_directions(
+        &mut self,
+        scans: &[&Scan],
+        sensor_of_scan: &[usize],
+        sensors: &[Sensor],
+    ) -> Result<()> {
+        let placed = self.len();
+        for (s, scan) in scans.iter().enumerate() {
+            let sensor = &sensors[sensor_of_scan[s]];
+            let wanted = Directions::requested(scan, sensor);
+            wanted.check(scan, sensor)?;
+            if !wanted.any() {
+                continue;
+            }
+            let turn = &scan.world_from_scanner;
+            // For each reading: its index, its point in the scan, its normal, and −1 if that points away from
+            // the side that was found for it.
+            let known: Vec<(usize, usize, [f64; 3], f64)> = (0..placed)
+                .filter(|&k| self.scan[k] as usize == s)
+                .filter_map(|k| {
+                    let i = self.source[k] as usize;
+                    let normal = unit(turn.rotate(scan.normals.as_ref().map_or([0.0; 3], |all| all[i])))?;
+                    let side = dot(normal, self.normals[k].map(f64::from));
+                    Some((k, i, normal, if side < 0.0 { -1.0 } else { 1.0 }))
+                })
+                .collect();
+            if wanted.normals {
+                let deg = |i: usize| {
+                    let own = scan.sigma_normal_deg.as_ref().map(|all| all[i]);
+                    own.or(sensor.sigma_normal_deg).map(f64::to_radians)
+                };
+                let stated = scan.sigma_normal_deg.is_some() || sensor.sigma_normal_deg.is_some();
+                let at: Vec<usize> = known.iter().map(|(k, ..)| *k).collect();
+                let readings = known.iter().map(|&(_, i, normal, side)| {
+                    let variance = deg(i).unwrap_or(1.0).powi(2);
+                    (scale(side, normal), variance)
+                });
+                let noise = ScanNoise::Normals(readings.collect());
+                self.add_scan(sensor_of_scan[s], Quantity::Normal, stated, &at, noise);
+            }
+            if let (true, Some(curvatures)) = (wanted.curvatures, &scan.curvatures) {
+                let mut along_normal = 0;
+                let readings = known.iter().filter_map(|&(k, i, normal, side)| {
+                    let direction = turn.rotate(curvatures[i].direction);
+                    // A direction of zero means that nothing is known.
+                    if norm(cross(direction, normal)) <= MIN_ACROSS * norm(direction) {
+                        along_normal += usize::from(norm(direction) > 0.0);
+                        return None;
+                    }
+                    let tensor = curvature_tensor(curvatures[i].values, direction, normal)?.map(|c| side * c);
+                    let own = scan.sigma_curvature.as_ref().map(|all| all[i]);
+                    Some((k, (tensor, own.or(sensor.sigma_curvature).unwrap_or(1.0).powi(2))))
+                });
+                let (at, readings): (Vec<usize>, Vec<_>) = readings.unzip();
+                if along_normal > 0 {
+                    *self.rejected.entry(RejectionCause::DirectionAlongNormal).or_insert(0) += along_normal;
+                    self.total += along_normal;
+                }
+                let stated = scan.sigma_curvature.is_some() || sensor.sigma_curvature.is_some();
+                let noise = ScanNoise::Curvatures(readings);
+                self.add_scan(sensor_of_scan[s], Quantity::Curvature, stated, &at, noise);
+            }
+            let silent = (0..placed).filter(|&k| self.scan[k] as usize == s).count() - known.len();
+            if silent > 0 && !sensor.kind.measures_positions() {
+                *self.rejected.entry(RejectionCause::NoDirection).or_insert(0) += silent;
+            }
+        }
+        self.source = Vec::new();
+        let gone: Vec<bool> = (0..self.len())
+            .map(|k| k < placed && !sensors[sensor_of_scan[self.scan[k] as usize]].kind.measures_positions())
+            .collect();
+        self.total -= gone.iter().filter(|&&g| g).count();
+        self.drop_marked(&gone);
+        Ok(())
+    }
+
+    /// Adds a scan of another quantity at the places `at` of existing readings.
+    fn add_scan(&mut self, sensor: usize, quantity: Quantity, stated: bool, at: &[usize], noise: ScanNoise) {
+        let channel = Channel { sensor, quantity, inferred: false };
+        let number = self.channels.iter().position(|c| *c == channel).unwrap_or_else(|| {
+            self.channels.push(channel);
+            self.stated.push(true);
+            if !self.roughness.is_empty() {
+                self.roughness.push(None);
+            }
+            self.channels.len() - 1
+        });
+        self.stated[number] &= stated;
+        let scan = self.channel_of_scan.len() as u32;
+        self.channel_of_scan.push(number);
+        self.base.push(at.first().map_or(0, |&k| self.scan[k]));
+        self.noise.push(noise);
+        for (index, &k) in (0..).zip(at) {
+            self.points.push(self.points[k]);
+            self.normals.push(self.normals[k]);
+            self.scan.push(scan);
+            self.index.push(index);
+            self.held_out.push(self.held_out[k]);
+            self.oriented.push(self.oriented[k]);
+        }
+        self.total += at.len();
+    }
+}

@@ -1,0 +1,130 @@
+//! Missing normals, their orientation, and the separation of the ground.
+
+use super::Observations;
+use super::intake::{MIN_POINTS, has_ground};
+use crate::observe::RejectionCause;
+use planish_estimate::vector3::dot;
+use planish_estimate::{Error, Result};
+use planish_mesh::BoundingBox;
+use planish_sense::{
+    Ground, GroundOptions, Scan, classify_ground, cloud_geometry, local_roughness, orient_normals,
+    variance_along,
+};
+use planish_spline::principal_axes;
+
+impl Observations {
+    /// Estimates missing normals and rejects isolated points among them; with `orient`, normals of unknown
+    /// side get a consistent orientation.
+    ///
+    /// Touches (`touched`, by sensor) are few and placed on purpose, so they are rejected only if they are
+    /// isolated among touches, too.
+    pub(super) fn complete_normals(
+        &mut self,
+        neighbours: usize,
+        orient: bool,
+        touched: impl Fn(usize) -> bool,
+    ) -> Result<()> {
+        if self.oriented.iter().all(|&o| o) {
+            return Ok(());
+        }
+        let unknown = |made: &Self, i: usize| !made.oriented[i] && made.normals[i] == [0.0; 3];
+        if (0..self.len()).any(|i| unknown(self, i)) {
+            let cloud = cloud_geometry(&self.points, neighbours)?;
+            let touch = |i: usize| touched(self.channels[self.channel(i)].sensor);
+            let mut gone: Vec<bool> =
+                (0..self.len()).map(|i| unknown(self, i) && cloud.isolated[i]).collect();
+            if (0..self.len()).any(|i| gone[i] && touch(i)) {
+                let touches: Vec<usize> = (0..self.len()).filter(|&i| touch(i)).collect();
+                let points: Vec<[f64; 3]> = touches.iter().map(|&i| self.points[i]).collect();
+                let among_touches = match points.len() {
+                    0..MIN_POINTS => vec![false; points.len()],
+                    _ => cloud_geometry(&points, neighbours)?.isolated,
+                };
+                for (i, isolated) in touches.into_iter().zip(among_touches) {
+                    gone[i] &= isolated;
+                }
+            }
+            for i in (0..self.len()).filter(|&i| !gone[i]) {
+                if unknown(self, i) {
+                    self.normals[i] = cloud.normals[i].map(|c| c as f32);
+                }
+            }
+            self.reject(&gone, RejectionCause::Isolated);
+        }
+        if !orient {
+            return Ok(());
+        }
+        let mut normals: Vec<[f64; 3]> = (0..self.len()).map(|i| self.normal(i)).collect();
+        orient_normals(&self.points, &mut normals, &self.oriented, neighbours)?;
+        self.normals = normals.iter().map(|n| n.map(|c| c as f32)).collect();
+        Ok(())
+    }
+
+    /// Rejects points above the ground or far below it, except in scans whose classes mark the ground.
+    pub(super) fn keep_ground(&mut self, scans: &[&Scan], options: &GroundOptions) -> Result<()> {
+        self.ground = true;
+        let mut found = classify_ground(&self.points, options)?;
+        let is_classified: Vec<bool> = scans.iter().map(|scan| has_ground(scan)).collect();
+        for (what, &scan) in found.iter_mut().zip(&self.scan) {
+            if is_classified[scan as usize] {
+                *what = Ground::Bare;
+            }
+        }
+        let left = found.iter().filter(|&&what| what == Ground::Bare).count();
+        if left < MIN_POINTS {
+            return Err(Error::undetermined(format!(
+                "of {} readings only {left} are on the ground: at least {MIN_POINTS} are needed",
+                found.len()
+            )));
+        }
+        let below: Vec<bool> = found.iter().map(|&what| what == Ground::Below).collect();
+        self.reject(&below, RejectionCause::BelowGround);
+        found.retain(|&what| what != Ground::Below);
+        let above: Vec<bool> = found.iter().map(|&what| what == Ground::Above).collect();
+        self.reject(&above, RejectionCause::AboveGround);
+        Ok(())
+    }
+
+    /// Turns normals of unknown side to the upper side of the best plane, where the largest coordinate of its
+    /// normal is positive.
+    ///
+    /// Normals that are steep against that plane are dropped: where readings are few or lie in rows, planes
+    /// of neighbours can be vertical without any vertical surface.
+    pub(super) fn turn_upwards(&mut self) {
+        /// Cosine of sixty degrees.
+        const STEEP: f64 = 0.5;
+        let (_, axes, _) = principal_axes(&self.points);
+        let flat = axes[2];
+        let largest = flat.into_iter().fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
+        for i in (0..self.len()).filter(|&i| !self.oriented[i]) {
+            let up = dot(self.normal(i), flat) * largest.signum();
+            if up < -STEEP {
+                self.normals[i] = self.normals[i].map(|c| -c);
+            } else if up < STEEP {
+                self.normals[i] = [0.0; 3];
+            }
+        }
+    }
+
+    /// Computes [`Self::roughness`] and [`Self::min_variance`].
+    pub(super) fn measure_roughness(&mut self, scans: &[&Scan], sensors: usize, neighbours: usize) {
+        let size = BoundingBox::of(&self.points).map_or(0.0, |b| b.diagonal());
+        self.min_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
+        self.roughness = (0..sensors)
+            .map(|sensor| {
+                let largest = (0..scans.len())
+                    .filter(|&s| self.channel_of_scan[s] == sensor)
+                    .max_by_key(|&s| scans[s].points.len())?;
+                let known = |i: usize| self.normals[i] != [0.0; 3];
+                let own: Vec<usize> =
+                    (0..self.len()).filter(|&i| self.scan[i] as usize == largest && known(i)).collect();
+                let points: Vec<[f64; 3]> = own.iter().map(|&i| self.points[i]).collect();
+                let variance = |&i: &usize| variance_along(&self.covariance(i), self.normal(i));
+                let stated = own.iter().map(variance).sum::<f64>() / own.len().max(1) as f64;
+                local_roughness(&points, neighbours)
+                    .filter(|_| stated > 0.0)
+                    .map(|roughness| (roughness * roughness).max(self.min_variance) / stated)
+            })
+            .collect();
+    }
+}

@@ -1,0 +1,126 @@
+use super::*;
+use crate::test_support::{assert_same_model, small_model};
+use planish_estimate::ErrorKind;
+use serde_json::json;
+
+fn session() -> Session {
+    Session {
+        version: "0.1.0".to_owned(),
+        arguments: ["fit", "a.ply", "--seed", "3"].map(str::to_owned).to_vec(),
+        seed: 3,
+        inputs: vec![SessionInput { name: "a.ply".to_owned(), points: 1234 }],
+    }
+}
+
+#[test]
+fn save_load_save_gives_the_same_model_and_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    for shape in [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus] {
+        let model = small_model(shape);
+        let (first, second) = (folder.path().join("first.planish"), folder.path().join("second.planish"));
+        save(&model, &[session()], &first).unwrap();
+        let loaded = load_with_provenance(&first).unwrap();
+        assert_eq!(loaded.provenance, [session()]);
+        assert_same_model(&loaded.model, &model);
+        save(&loaded.model, &loaded.provenance, &second).unwrap();
+        assert_eq!(std::fs::read(&first).unwrap(), std::fs::read(&second).unwrap());
+    }
+}
+
+#[test]
+fn a_loaded_model_has_the_same_covariance() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.planish");
+    let model = small_model(Shape::Ball);
+    save(&model, &[], &path).unwrap();
+    let loaded = load(&path).unwrap();
+    let c = planish_spline::leaf_weights(0.3, 0.6);
+    let variance = |model: &SurfaceModel| {
+        model.posterior().unwrap().leaf(5).unwrap().variance_along(&c, [0.0, 0.6, 0.8])
+    };
+    assert_eq!(variance(&model).to_bits(), variance(&loaded).to_bits());
+}
+
+/// What loading says of a file after a change.
+fn complaint(change: impl FnOnce(&mut ModelFile)) -> String {
+    let mut file = to_file(&small_model(Shape::Ball), &[session()]).unwrap();
+    change(&mut file);
+    let e = from_file(file).expect_err("the change is damage");
+    assert_eq!(e.kind(), ErrorKind::Input, "{e}");
+    e.to_string()
+}
+
+#[test]
+fn every_kind_of_damage_is_named() {
+    fn f64s<'a>(file: &'a mut ModelFile, name: &str) -> &'a mut Vec<f64> {
+        match &mut file.tensors.get_mut(name).unwrap().data {
+            TensorData::F64(values) => values,
+            _ => panic!("{name} holds no f64"),
+        }
+    }
+    fn u32s<'a>(file: &'a mut ModelFile, name: &str) -> &'a mut Vec<u32> {
+        match &mut file.tensors.get_mut(name).unwrap().data {
+            TensorData::U32(values) => values,
+            _ => panic!("{name} holds no u32"),
+        }
+    }
+    for name in to_file(&small_model(Shape::Ball), &[]).unwrap().tensors.into_keys() {
+        assert!(complaint(|file| drop(file.tensors.remove(&name))).contains(&name), "{name}");
+    }
+    for (name, words) in [("unit", "needed `mm`"), ("shape", "needed sheet")] {
+        assert!(complaint(|file| file.metadata[name] = json!("other")).contains(words));
+    }
+    assert!(complaint(|file| file.metadata["base"] = json!([1_u64 << 40, 1_u64 << 40])).contains("knots_u"));
+    assert!(complaint(|file| file.metadata["poses"] = json!([])).contains("poses"));
+    assert!(
+        complaint(|file| drop(file.metadata.as_object_mut().unwrap().remove("sensors"))).contains("sensors")
+    );
+    assert!(complaint(|file| file.metadata["smoothness_weight"] = json!(-1.0)).contains("smoothness_weight"));
+    assert!(complaint(|file| f64s(file, "knots_u")[1] = 0.5).contains("knots_u"));
+    assert!(complaint(|file| f64s(file, "vertices")[7] = f64::NAN).contains("vertices"));
+    assert!(
+        complaint(|file| f64s(file, "information_prior_values")[3] = f64::INFINITY).contains("prior_values")
+    );
+    assert!(complaint(|file| u32s(file, "information_data_indices")[3] += 1).contains("other nodes"));
+    assert!(complaint(|file| u32s(file, "cells")[0] = 13).contains("levels up to"));
+    assert!(complaint(|file| u32s(file, "cells")[1] = 1000).contains("outside"));
+    assert!(complaint(|file| u32s(file, "cells").copy_within(3..6, 0)).contains("tile"));
+    assert!(
+        complaint(|file| {
+            file.tensors.insert("observed".to_owned(), tensor(&[2], TensorData::U8(vec![1, 1])));
+        })
+        .contains("observed")
+    );
+    assert!(
+        complaint(|file| {
+            let tensor = file.tensors.get_mut("vertices").unwrap();
+            tensor.shape = vec![tensor.shape[0] * 3];
+        })
+        .contains("needed the shape [n, 3]")
+    );
+}
+
+#[test]
+fn cells_in_another_order_keep_their_marks() {
+    let model = small_model(Shape::Sheet);
+    let mut file = to_file(&model, &[]).unwrap();
+    let count = model.observed.len();
+    let reversed = |data: &TensorData, width: usize| match data {
+        TensorData::U32(v) => TensorData::U32(v.chunks(width).rev().flatten().copied().collect()),
+        TensorData::U8(v) => TensorData::U8(v.iter().rev().copied().collect()),
+        other => other.clone(),
+    };
+    for (name, width) in [("cells", 3), ("observed", 1)] {
+        let tensor = file.tensors.get_mut(name).unwrap();
+        tensor.data = reversed(&tensor.data, width);
+    }
+    let loaded = from_file(file).unwrap().model;
+    assert_eq!((loaded.observed.len(), &loaded.observed), (count, &model.observed));
+}
+
+#[test]
+fn a_number_that_is_not_finite_is_not_saved() {
+    let mut model = small_model(Shape::Sheet);
+    model.data.values_mut()[0] = f64::NAN;
+    assert!(to_file(&model, &[]).unwrap_err().to_string().contains("information_data_values"));
+}
