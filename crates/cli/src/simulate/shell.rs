@@ -1,8 +1,10 @@
 //! `planish simulate scene shell`.
 
-use crate::args::{CommonArgs, positive, share, whole};
+use crate::common::{CommonArgs, short_help};
+use crate::lines::Lines;
 use crate::numbers::count;
-use crate::report::{self, Lines, Summary};
+use crate::summary::{self, Summary};
+use crate::values::{self, positive, share};
 use clap::{Args, ValueHint};
 use planish::simulate::{ShellSceneOptions, write_shell_scene};
 use planish::{Result, Unit};
@@ -14,42 +16,49 @@ Examples:
   planish simulate scene shell --out bent
   planish simulate scene shell --mesh head.obj --controls 40 --points 20000 --outliers 0.1 --views 8 --out bent
 
-The folder then holds mesh.obj (at rest), points.ply with σ, views.toml with a mask for each view, truth.ply (the deformed mesh) and truth.json (controls and their displacements).";
+The folder then has mesh.obj (at rest), points.ply with σ, views.toml with a mask for each view, truth.ply (the
+deformed mesh) and truth.json (controls and their displacements).";
 
 /// Arguments of `planish simulate scene shell`.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = short_help!("planish simulate scene shell --out bent"), after_long_help = EXAMPLES)]
 pub struct ShellSceneArgs {
-    /// Folder to write to; made where it is missing
+    /// Output folder; it is created if necessary
     #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]
-    pub out: PathBuf,
-    /// The mesh to deform [default: a ball of 100 mm]
+    out: PathBuf,
+    /// Mesh to deform [default: a ball of 100 mm]
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
-    pub mesh: Option<PathBuf>,
-    /// Controls, chosen on the mesh
-    #[arg(long, value_name = "N", default_value_t = 30, value_parser = whole, allow_negative_numbers = true)]
-    pub controls: usize,
-    /// σ of their displacements, as a share of the mesh's size
-    #[arg(long, value_name = "SHARE", default_value_t = 0.03, value_parser = positive, allow_negative_numbers = true)]
-    pub deformation: f64,
-    /// Points
-    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = whole, allow_negative_numbers = true)]
-    pub points: usize,
-    /// σ of points, as a share of the mesh's size
-    #[arg(long, value_name = "SHARE", default_value_t = 0.002, value_parser = positive, allow_negative_numbers = true)]
-    pub noise: f64,
-    /// Share of points that are anywhere
-    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = share, allow_negative_numbers = true)]
-    pub outliers: f64,
-    /// Views around the thing, each with a mask
-    #[arg(long, value_name = "N", default_value_t = 6, value_parser = whole, allow_negative_numbers = true)]
-    pub views: usize,
-    /// Options that every command has.
+    mesh: Option<PathBuf>,
+    /// Number of controls, chosen on the mesh
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = values::count,
+          allow_negative_numbers = true)]
+    controls: usize,
+    /// σ of the displacements of the controls, as a share of the mesh's size
+    #[arg(long, value_name = "SHARE", default_value_t = 0.03, value_parser = positive,
+          allow_negative_numbers = true)]
+    deformation: f64,
+    /// Number of points
+    #[arg(long, value_name = "N", default_value_t = 20_000, value_parser = values::count,
+          allow_negative_numbers = true)]
+    points: usize,
+    /// σ of the points, as a share of the mesh's size
+    #[arg(long, value_name = "SHARE", default_value_t = 0.002, value_parser = positive,
+          allow_negative_numbers = true)]
+    noise: f64,
+    /// Share of points that are outliers at random positions
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = share,
+          allow_negative_numbers = true)]
+    outliers: f64,
+    /// Number of views around the object, each with a mask
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = values::count,
+          allow_negative_numbers = true)]
+    views: usize,
+    /// Common options.
     #[command(flatten)]
-    pub common: CommonArgs,
+    common: CommonArgs,
 }
 
-/// The keys of the scene beside the common ones.
+/// JSON keys of the scene.
 #[derive(Serialize)]
 struct Body {
     rows: usize,
@@ -61,7 +70,7 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &ShellSceneArgs) -> u8 {
-    report::run("simulate scene shell", &args.common, |_| work(args))
+    summary::run("simulate scene shell", &args.common, |_| work(args))
 }
 
 fn work(args: &ShellSceneArgs) -> Result<Summary<Body>> {
@@ -81,7 +90,7 @@ fn work(args: &ShellSceneArgs) -> Result<Summary<Body>> {
     )?;
     let mut lines = Lines::default();
     lines.line(format!(
-        "Deformed a mesh by {} controls: {} points, and masks of {} views.",
+        "Deformed a mesh with {} controls: {} points and masks of {} views.",
         count(made.controls),
         count(made.points),
         count(args.views)
