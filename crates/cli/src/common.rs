@@ -29,14 +29,15 @@ pub struct CommonArgs {
     #[arg(long, value_name = "HOW", value_enum, default_value_t = ProgressName::Auto, hide_short_help = true)]
     pub progress: ProgressName,
     /// Number of threads [default: one per core]. The result does not depend on it
-    #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true, hide_short_help = true)]
+    #[arg(long, value_name = "N", value_parser = threads, allow_negative_numbers = true,
+          hide_short_help = true)]
     pub threads: Option<usize>,
     /// Seed of the random numbers; equal seeds give identical output files
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = seed, allow_negative_numbers = true,
           hide_short_help = true)]
     pub seed: u64,
-    /// Unit of lengths in files that specify none [default: mm]
-    #[arg(long, value_name = "UNIT", value_enum)]
+    /// Unit of lengths in files that specify none: mm, m, in or ft [default: mm]
+    #[arg(long, value_name = "UNIT", value_enum, hide_possible_values = true)]
     pub unit: Option<UnitName>,
 }
 

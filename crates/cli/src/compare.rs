@@ -18,10 +18,10 @@ Examples:
   planish compare part.planish examples/data/pebble/truth.ply
   planish compare part.ply other-scan.xyz --unit mm
 
-Deviations are signed: positive if the model lies on the side that the normal of the reference points to.
-Only the part of the model selected by --part is compared. Points beyond a boundary are not compared.
-Coverage is the share of the reference points that lie within 1.96 √(σ_model² + σ_reference²); it is 0.95
-if the stated σ is correct.";
+Deviations are signed: positive if the model lies on the side that the normal of the reference points to. \
+Only the part of the model selected by --part is compared. Points beyond a boundary are not compared. \
+Coverage is the share of the reference points that lie within 1.96 √(σ_model² + σ_reference²); it is 0.95 if \
+the stated σ is correct.";
 
 /// Arguments of `planish compare`.
 #[derive(Debug, Args)]

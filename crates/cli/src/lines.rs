@@ -96,7 +96,7 @@ impl Lines {
                     (&format!("σ of translation / {unit}"), Align::Right),
                     ("σ of rotation / °", Align::Right),
                     (&format!("moved / {unit}"), Align::Right),
-                    ("turned / °", Align::Right),
+                    ("rotated / °", Align::Right),
                 ],
                 &rows,
             );

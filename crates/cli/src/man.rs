@@ -13,9 +13,8 @@ Examples:
   planish man simulate scene scans
   planish man --out man1
 
-A page goes to stdout in roff; `planish man fit | man -l -` shows it.
-With --out, each command gets a file: planish.1, planish-fit.1 and so on.
-The command `man` finds them in ~/.local/share/man/man1.";
+A page goes to stdout in roff; `planish man fit | man -l -` shows it. With --out, each command gets a file: \
+planish.1, planish-fit.1 and so on. The command `man` finds them in ~/.local/share/man/man1.";
 
 /// Arguments of `planish man`.
 #[derive(Debug, Args)]

@@ -130,8 +130,9 @@ fn choose_views(
 fn unresolved_shape_warning(left: Option<UnmeasurableSigma>, unit: planish::Unit) -> Option<String> {
     let left = left?;
     Some(format!(
-        "unresolved shape of up to {2} {unit} on {0} of the area is not included: readings do not reduce it; with \
-         it, the largest σ is {1} {unit} at the end; fit again with a larger --max-depth or --max-coefficients",
+        "unresolved shape of up to {2} {unit} on {0} of the area is not included: readings do not reduce it; \
+         with it, the largest σ is {1} {unit} at the end; fit again with a larger --max-depth or \
+         --max-coefficients",
         percent(left.area_fraction),
         significant(left.worst_sigma_after, 3),
         significant(left.largest, 3)

@@ -15,7 +15,8 @@ use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
 Examples:
-  planish solid examples/data/bracket/front.dxf examples/data/bracket/top.dxf examples/data/bracket/side.dxf -o bracket.step
+  planish solid examples/data/bracket/front.dxf examples/data/bracket/top.dxf examples/data/bracket/side.dxf \
+-o bracket.step
   planish solid front.dxf top.dxf -o part.step --all --json
   planish solid sheet.dxf --projection third -o part.step
   planish solid front.svg top.svg side.svg -o part.glb --mesh-tolerance 0.01
@@ -25,17 +26,17 @@ Views:
   front  seen from -y, shows x and z
   top    seen from +z, shows x and y
   side   seen from +x, shows y and z
-All views share one frame and one scale. On a sheet with all views, the views are separated and aligned with
+All views share one frame and one scale. On a sheet with all views, the views are separated and aligned with \
 the front view; the lower left corner of each view becomes its origin. The same holds for SVG files.
 
-Hidden lines are dashed (SVG), or on layers or of line types named HIDDEN or DASHED (DXF). Centre lines are
-ignored. Faces are planes parallel to a line of sight and cylinders along an axis. Smooth edges may be drawn
+Hidden lines are dashed (SVG), or on layers or of line types named HIDDEN or DASHED (DXF). Centre lines are \
+ignored. Faces are planes parallel to a line of sight and cylinders along an axis. Smooth edges may be drawn \
 or omitted. A solid is written only if its visible and hidden lines are those of the drawing.
 
-Contours written by `planish contour` (.json) are also views. Relations in each contour are found by χ² tests,
-or read from the file if it was made with --constrain or --given. Coordinates of different views are matched
-by χ² tests and fused into one geometry, weighted by their information. part.json then has vertices and
-dimensions in space with their σ.";
+Contours written by `planish contour` (.json) are also views. Relations in each contour are found by χ² \
+tests, or read from the file if it was made with --constrain or --given. Coordinates of different views are \
+matched by χ² tests and fused into one geometry, weighted by their information. part.json then has vertices \
+and dimensions in space with their σ.";
 
 /// Arguments of `planish solid`.
 #[derive(Debug, Args)]
@@ -125,7 +126,8 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &SolidArgs) -> u8 {
-    // A drawing without a solution is a result (exit code 1), not an error: the summary lists what does not fit.
+    // A drawing without a solution is a result with exit code 1, not an error: the summary lists the lines
+    // that do not fit.
     let is_solved = Cell::new(true);
     let code = summary::run("solid", &args.common, |progress| work(args, progress, &is_solved));
     match code {

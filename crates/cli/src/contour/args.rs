@@ -23,19 +23,19 @@ Readings are CSV files with a header:
   ranges in space       x,y,z,azimuth_deg,elevation_deg,range; optional sigma_x,sigma_y,sigma_z,
                         sigma_azimuth_deg,sigma_elevation_deg,sigma_range
   points in space       x,y,z,sigma
-Headings and azimuths are counter-clockwise from +x, elevations upwards. Rows with the same pose_id share one
-pose error. Each level is a separate contour. The readings of an image are its edges, with x to the right and
-y upwards. CARMEN logs (FLASER) are in metres.
+Headings and azimuths are counter-clockwise from +x, elevations upwards. Rows with the same pose_id share \
+one pose error. Each level is a separate contour. The readings of an image are its edges, with x to the \
+right and y upwards. CARMEN logs (FLASER) are in metres.
 
-The .json output has the kind, the parameters with σ and covariance, the margin by which the kind was chosen,
-and all parts and holes.";
+The .json output has the kind, the parameters with σ and covariance, the margin by which the kind was \
+chosen, and all parts and holes.";
 
 /// Arguments of `planish contour`.
 #[derive(Debug, Args)]
 #[command(after_help = short_help!("planish contour seen/readings.csv -o contour.dxf"),
           after_long_help = EXAMPLES)]
 pub struct ContourArgs {
-    /// CSV of readings, CARMEN log (either may be gzipped), or image of the object (.png, .jpg)
+    /// CSV of readings, CARMEN log (either may be gzipped), or image of the object
     #[arg(value_name = "READINGS", value_hint = ValueHint::FilePath)]
     pub readings: PathBuf,
     /// Output file: .json, .dxf or .svg; repeatable
@@ -43,8 +43,9 @@ pub struct ContourArgs {
     pub output: Vec<PathBuf>,
     /// Kind of the contour; repeatable: the best of the given kinds is chosen
     ///
-    /// Kinds are auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain (lines and arcs, closed
-    /// or open), regular-polygon-N and polygon-N with N corners; in space plane3, sphere, cylinder and box.
+    /// Kinds are auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain (lines and arcs,
+    /// closed or open), regular-polygon-N and polygon-N with N corners; in space plane3, sphere, cylinder and
+    /// box.
     #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind)]
     pub kind: Vec<KindChoice>,
     /// Estimation method
@@ -73,8 +74,8 @@ pub struct ContourArgs {
     pub product: bool,
     /// Find relations between parts by χ² tests and impose them
     ///
-    /// Relations are parallel, perpendicular, horizontal, equal, tangent, concentric and others. The tests use
-    /// the estimated covariance.
+    /// Relations are parallel, perpendicular, horizontal, equal, tangent, concentric and others. The tests
+    /// use the estimated covariance.
     #[arg(long, help_heading = "Constraints")]
     pub constrain: bool,
     /// Snap lengths and diameters to multiples of this, as `0.5mm`; implies --constrain

@@ -26,7 +26,7 @@ Inputs:
   depth images   .png .tif, with the camera's calibration in a .toml file of the same name
   lists of scans .conf (VRIP) or .toml (a job, which can also specify the sensors and their σ)
 
-If no σ is given, it is estimated from the data. A stated σ that the data contradict is reported and
+If no σ is given, it is estimated from the data. A stated σ that the data contradict is reported and \
 replaced. All lengths are in the unit of the files.
 
 Outputs:
@@ -64,7 +64,7 @@ pub struct FitArgs {
     #[arg(long, value_name = "MODEL.planish", help_heading = "Surface", value_hint = ValueHint::FilePath,
           conflicts_with_all = ["shape", "tolerance", "max_coefficients", "max_depth"])]
     pub update: Option<PathBuf>,
-    /// Topology [default: sheet, tube or ball, detected from the points]
+    /// Topology [default: detected from the points: sheet, tube or ball]
     #[arg(long, value_name = "SHAPE", value_enum, help_heading = "Surface")]
     pub shape: Option<ShapeName>,
     /// Fit a fixed grid of NxM cells; columns u and v of the files give the parameters
@@ -111,25 +111,25 @@ pub struct FitArgs {
           help_heading = "Readings")]
     #[allow(clippy::option_option, reason = "clap's type of an option whose value is optional")]
     pub ground: Option<Option<f64>>,
-    /// Estimate scan poses (corrects errors of a few percent of the object's size)
+    /// Estimate scan poses (corrects errors of a few percent of the size)
     ///
     /// The first scan stays fixed. The other scans may be off by a few percent of the object's size and by a
     /// few degrees. A pose whose σ the job specifies is estimated without this option.
     #[arg(long, help_heading = "Readings", conflicts_with = "known_uv")]
     pub align: bool,
     /// Reject readings more than this many σ from the surface
-    #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = gate, allow_negative_numbers = true,
-          help_heading = "Readings")]
+    #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = gate,
+          allow_negative_numbers = true, help_heading = "Readings")]
     pub gate: f64,
     /// Share of the readings that is held out to validate the fit, from 0 to below 0.9
     #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = held_out,
           allow_negative_numbers = true, help_heading = "Readings", hide_short_help = true)]
     pub held_out: f64,
 
-    /// Complete unobserved parts by symmetry: auto, mirror, rotation:full, rotation:N
+    /// Complete unobserved parts: auto, mirror, rotation:full or rotation:N
     ///
-    /// The axis or plane is fitted to the readings. `rotation:full` is a surface of revolution; `auto` selects
-    /// the symmetry that the readings support, if any. An approximate direction may follow, as in
+    /// The axis or plane is fitted to the readings. `rotation:full` is a surface of revolution; `auto`
+    /// selects the symmetry that the readings support, if any. An approximate direction may follow, as in
     /// rotation:full:z or mirror:0,1,0.2. Completed parts have `observed` = 2. Measurements take precedence.
     #[arg(long, value_name = "SYMMETRY", value_parser = symmetry, help_heading = "Completion",
           conflicts_with_all = ["update", "known_uv"])]

@@ -10,8 +10,8 @@ const MAX_DEPTH: u8 = 7;
 
 /// `auto`, `rotation:ORDER[:DIRECTION]` or `mirror[:DIRECTION]`; a direction is an axis or three numbers.
 pub fn symmetry(text: &str) -> Result<SymmetryChoice, String> {
-    const NEEDED: &str = "needed auto, rotation:full, rotation:N (N from 2) or mirror, optionally with a direction \
-                          after it (rotation:full:z, mirror:0,1,0.2)";
+    const NEEDED: &str = "needed auto, rotation:full, rotation:N (N from 2) or mirror, optionally with a \
+                          direction after it (rotation:full:z, mirror:0,1,0.2)";
     let mut parts = text.split(':');
     let kind = parts.next().unwrap_or_default();
     let order = match kind {

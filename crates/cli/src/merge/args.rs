@@ -16,16 +16,16 @@ Examples:
   planish merge part.step scan.ply -o whole.ply
   planish merge a.ply b.stl c.obj --epsilon 0.2 --theta 40 -o whole.glb
 
-Patches are saved models, meshes with faces, CAD faces (connected faces form one patch), and organised scans
+Patches are saved models, meshes with faces, CAD faces (connected faces form one patch), and organised scans \
 or lists of them. All patches are in one frame.
 
-Points of two patches correspond if their distance is below ε and their normals differ by less than θ. Both
-limits follow from σ by default. A mesh gives σ in a column `sigma`; if no σ is given, it is estimated from
-the differences between patches. Corresponding points are fused, weighted by their information. Each region
+Points of two patches correspond if their distance is below ε and their normals differ by less than θ. Both \
+limits follow from σ by default. A mesh gives σ in a column `sigma`; if no σ is given, it is estimated from \
+the differences between patches. Corresponding points are fused, weighted by their information. Each region \
 is then assigned to one patch and the gaps are closed. In the result no edge has more than two triangles.
 
-A result without handles can also be written as one spline (.step, .planish): a sheet, a tube or a ball
-fitted to the mesh, with the σ of the mesh. With --align, the other patches are first registered to the
+A result without handles can also be written as one spline (.step, .planish): a sheet, a tube or a ball \
+fitted to the mesh, with the σ of the mesh. With --align, the other patches are first registered to the \
 first patch; the JSON object has the covariance of each motion.";
 
 /// Value of `--method`.
@@ -51,7 +51,8 @@ impl From<MethodName> for MergeMethod {
 
 /// Arguments of `planish merge`.
 #[derive(Debug, Args)]
-#[command(after_help = short_help!("planish merge left.ply right.ply -o whole.ply"), after_long_help = EXAMPLES)]
+#[command(after_help = short_help!("planish merge left.ply right.ply -o whole.ply"),
+          after_long_help = EXAMPLES)]
 pub struct MergeArgs {
     /// Patches: models, meshes, CAD faces (.step), organised scans or lists of scans
     ///
@@ -81,7 +82,8 @@ pub struct MergeArgs {
     ///
     /// New vertices are marked as completed; their σ is a rough estimate. The outer rim of a sheet is not
     /// filled.
-    #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = count, allow_negative_numbers = true)]
+    #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = count,
+          allow_negative_numbers = true)]
     pub fill: usize,
     /// Write curvatures and a boundary flag for each vertex
     ///

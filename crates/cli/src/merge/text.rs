@@ -26,8 +26,8 @@ pub fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport
     if let Some(completed) = &report.completed {
         lines.gap();
         lines.line(format!(
-            "{} vertices are from {}, where there is no patch (`observed` 2); {} triangles outside of it were \
-             removed.",
+            "{} vertices are from {}, where there is no patch (`observed` 2); {} triangles outside of it \
+             were removed.",
             count(completed.vertices),
             completed.name,
             count(completed.carved)
@@ -51,8 +51,8 @@ pub fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport
     lines.gap();
     if let Some(spline) = spline {
         lines.line(format!(
-            "Spline: a {} with {} control vertices ({} levels), {} {unit} rms from the vertices of the mesh; σ \
-             median {} {unit}",
+            "Spline: a {} with {} control vertices ({} levels), {} {unit} rms from the vertices of the mesh; \
+             median σ {} {unit}",
             spline.shape,
             count(spline.coefficients),
             spline.levels,
@@ -83,11 +83,7 @@ fn facts(lines: &mut Lines, report: &MergeReport) {
                 significant(sigma.median, 3),
                 significant(sigma.p95, 3),
                 significant(sigma.max, 3),
-                if report.sigma_estimated {
-                    " (estimated from the differences between patches)"
-                } else {
-                    ""
-                }
+                if report.sigma_estimated { " (estimated from the differences between patches)" } else { "" }
             ),
         ),
         (
@@ -114,8 +110,8 @@ fn facts(lines: &mut Lines, report: &MergeReport) {
             "triangles",
             report.quality.as_ref().map_or_else(String::new, |q| {
                 format!(
-                    "smallest angle: median {:.1}°, 99 % above {:.1}°; longest edge / height: median {:.2}, 99 % \
-                     below {}",
+                    "smallest angle: median {:.1}°, 99 % above {:.1}°; longest edge / height: median {:.2}, \
+                     99 % below {}",
                     q.smallest_angle_median_deg,
                     q.smallest_angle_p1_deg,
                     q.aspect_median,

@@ -13,14 +13,14 @@ Examples:
   planish next pebble.planish --goal 0.02mm --count 200
   planish next pebble.planish --views 3 --sensor examples/data/camera.toml -o views.toml
 
-Points are chosen one after the other; each is the best one, given that the previous ones are measured. The
+Points are chosen one after the other; each is the best one, given that the previous ones are measured. The \
 effect of a reading on σ does not depend on its value, so it can be computed in advance.
 
-σ as reported by `info` and `fit` includes unresolved shape, which readings do not reduce; only a fit with
-smaller cells does. Here it counts neither in σ nor for --goal; a warning reports its size. The model must
+σ as reported by `info` and `fit` includes unresolved shape, which readings do not reduce; only a fit with \
+smaller cells does. Here it counts neither in σ nor for --goal; a warning reports its size. The model must \
 come from the global filter. Models of patches and of bending sheets lack the necessary covariance.
 
-With --views, poses of a range sensor are chosen in the same way. A pose gets all readings in the field of
+With --views, poses of a range sensor are chosen in the same way. A pose gets all readings in the field of \
 view and range, up to the maximum incidence angle, that the model does not occlude. Normals point to the
 outer side of the surface. The file of the sensor:
 
@@ -53,8 +53,8 @@ pub struct NextArgs {
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
     pub sigma: Option<Length>,
     /// Compare the chosen points with this many random sets of points
-    #[arg(long, value_name = "DRAWS", default_value_t = 0, value_parser = count, allow_negative_numbers = true,
-          hide_default_value = true, hide_short_help = true)]
+    #[arg(long, value_name = "DRAWS", default_value_t = 0, value_parser = count,
+          allow_negative_numbers = true, hide_default_value = true, hide_short_help = true)]
     pub against_random: usize,
     /// Propose at most this many poses of a sensor instead of points
     #[arg(long, value_name = "N", value_parser = positive_count, allow_negative_numbers = true,

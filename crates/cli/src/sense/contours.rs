@@ -17,16 +17,17 @@ Examples:
   planish sense contours views.toml -o points.ply
   planish sense contours views.toml --patch patch.ply --patch patch.planish --hull hull.ply --json
 
-views.toml has a table [[view]] for each view, in the order of the camera's path. It has a mask (or contours, a
-CSV of x,y,sigma_px,contour), and K R t or P. A view with held_out = true is used only for validation.
+views.toml has a table [[view]] for each view, in the order of the camera's path. It has a mask (or \
+contours, a CSV of x,y,sigma_px,contour), and K R t or P. A view with held_out = true is used only for \
+validation.
 
-A contour point is matched in the previous and the next view along epipolar planes. The circle that is tangent
-to the three lines of sight gives its depth. Its normal needs only one view. Points that are inconsistent, or
-that the camera's motion does not determine, are counted and rejected.
+A contour point is matched in the previous and the next view along epipolar planes. The circle that is \
+tangent to the three lines of sight gives its depth. Its normal needs only one view. Points that are \
+inconsistent, or that the camera's motion does not determine, are counted and rejected.
 
-Connected points of neighbouring views form a strip, and --patch writes a surface for each strip: patch.1.ply,
-patch.2.ply and so on. These are meshes between the contours of consecutive views, with σ, for `planish
-merge`. For splines (.planish, .step) a sheet is fitted.";
+Connected points of neighbouring views form a strip, and --patch writes a surface for each strip: \
+patch.1.ply, patch.2.ply and so on. These are meshes between the contours of consecutive views, with σ, for \
+`planish merge`. For splines (.planish, .step) a sheet is fitted.";
 
 /// Arguments of `planish sense contours`.
 #[derive(Debug, Args)]
@@ -41,8 +42,8 @@ pub struct ContoursArgs {
     output: Vec<PathBuf>,
     /// Write a surface patch of each strip; repeatable
     ///
-    /// A number is inserted before the extension. Formats: .ply (with σ and `observed`), .planish, .step, .glb,
-    /// .obj and .stl.
+    /// A number is inserted before the extension. Formats: .ply (with σ and `observed`), .planish, .step,
+    /// .glb, .obj and .stl.
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     patch: Vec<PathBuf>,
     /// Write the visual hull of the masks (.ply, .glb, .obj, .stl)

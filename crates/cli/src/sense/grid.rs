@@ -12,16 +12,17 @@ Examples:
   planish simulate scene grid --out s --views 1 --size 640x480
   planish sense grid s/stripes-1.png --plain s/plain-1.png --calib s/grid.toml -o normals.ply
 
-The image shows two crossing sets of bright stripes on a darker object. The calibration is TOML: [camera] and
-[projector] with K, R and t (x ~ K (R X + t)), and [stripes] with directions_deg, spacing, origin and range in
-the projector's image; sigma_px is the accuracy of the calibration. Stripes are identified by their crossings.
-They must not be parallel to the line between camera and projector, nor at 45° to it.
+The image shows two crossing sets of bright stripes on a darker object. The calibration is TOML: [camera] \
+and [projector] with K, R and t (x ~ K (R X + t)), and [stripes] with directions_deg, spacing, origin and \
+range in the projector's image; sigma_px is the accuracy of the calibration. Stripes are identified by their \
+crossings. They must not be parallel to the line between camera and projector, nor at 45° to it.
 
-Each crossing gives a point with covariance and a normal with sigma_n_deg. If its neighbours are visible, it
-also gives the curvatures k1 k2 with sigma_k; otherwise their direction is 0. Curvatures are computed from the
-points of neighbours. In a job, set kind = \"curvature\" to use normals and curvatures, set kind = \"normal\",
-or fit the points; points and curvatures together would count the same measurements twice. Normals and
-curvatures alone do not determine a position: fit them with points, for example those of `sense stereo`.";
+Each crossing gives a point with covariance and a normal with sigma_n_deg. If its neighbours are visible, it \
+also gives the curvatures k1 k2 with sigma_k; otherwise their direction is 0. Curvatures are computed from \
+the points of neighbours. In a job, set kind = \"curvature\" to use normals and curvatures, set kind = \
+\"normal\", or fit the points; points and curvatures together would count the same measurements twice. \
+Normals and curvatures alone do not determine a position: fit them with points, for example those of `sense \
+stereo`.";
 
 /// Arguments of `planish sense grid`.
 #[derive(Debug, Args)]

@@ -12,16 +12,16 @@ Examples:
   planish sense photometric a.png b.png c.png d.png --calib lights.toml -o normals.ply
   planish sense photometric normals.png --normal-map 3 -o normals.ply
 
-The calibration is TOML with pixel_size, sigma_brightness, sigma_light_deg, and the lights: `lights` has the
-direction towards each light in the order of the images (x right, y down, z away from the camera; or with
+The calibration is TOML with pixel_size, sigma_brightness, sigma_light_deg, and the lights: `lights` has the \
+direction towards each light in the order of the images (x right, y down, z away from the camera; or with \
 frame = \"viewer\" y up, z towards it). Alternatively, [ball] has images and mask of a mirror ball.
 
-A point of the .ply file is the position of a normal. Its z is 0 with a σ as large as the image, because depth
-is not measured. A .tif or .npy file has nx, ny, nz and σ in degrees.";
+A point of the .ply file is the position of a normal. Its z is 0 with a σ as large as the image, because \
+depth is not measured. A .tif or .npy file has nx, ny, nz and σ in degrees.";
 
 /// Arguments of `planish sense photometric`.
 #[derive(Debug, Args)]
-#[command(after_help = short_help!("planish sense photometric a.png b.png c.png --calib lights.toml -o n.ply"),
+#[command(after_help = short_help!("planish sense photometric a.png b.png c.png --calib l.toml -o n.ply"),
           after_long_help = EXAMPLES)]
 pub struct PhotometricArgs {
     /// One image per light, or a normal map

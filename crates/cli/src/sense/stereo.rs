@@ -12,20 +12,20 @@ Examples:
   planish sense stereo left.png right.png --calib cameras.toml -o points.ply
   planish sense stereo left.png right.png --disparities 0..127 -o disparity.tif
 
-Images are .png, .tif, .jpg, .tga, .pgm or .ppm. They are rectified: rows correspond, and x_right = x_left - d.
-The calibration is TOML: f, cx, cy in pixels and baseline, and doffs and sigma_disparity_px unless they are 0.
-It may name the unit.
+Images are .png, .tif, .jpg, .tga, .pgm or .ppm. They are rectified: rows correspond, and x_right = x_left - \
+d. The calibration is TOML: f, cx, cy in pixels and baseline, and doffs and sigma_disparity_px unless they \
+are 0. It may name the unit.
 
-Images of cameras in general position are rectified first. Their calibration has two [[view]] with K, R and t
-(x ~ K (R X + t)), and distortion = [k1, k2, p1, p2, k3] if the lenses distort. Points are then in the frame
-of R and t, and disparities are those of the rectified images. They are about 0 where the optical axes meet,
-so negative disparities occur, too (--disparities=-64..63).
+Images of cameras in general position are rectified first. Their calibration has two [[view]] with K, R and \
+t (x ~ K (R X + t)), and distortion = [k1, k2, p1, p2, k3] if the lenses distort. Points are then in the \
+frame of R and t, and disparities are those of the rectified images. They are about 0 where the optical axes \
+meet, so negative disparities occur, too (--disparities=-64..63).
 
 A .tif or .npy file has the disparity of each pixel of the left image and its σ, or NaN without a match.";
 
 /// Arguments of `planish sense stereo`.
 #[derive(Debug, Args)]
-#[command(after_help = short_help!("planish sense stereo left.png right.png --calib cameras.toml -o points.ply"),
+#[command(after_help = short_help!("planish sense stereo left.png right.png --calib cameras.toml -o p.ply"),
           after_long_help = EXAMPLES)]
 pub struct StereoArgs {
     /// Left image; its pixels get points

@@ -38,9 +38,9 @@ Keys of one view or of all views:
                      the pose of the view is estimated, too
   tracks             CSV (track,view,x,y) of features tracked over views; for all views only
 
-Meshes may be open and non-manifold. For silhouettes, their faces need consistent orientation. PLY and GLB
-have sigma along the normal, and observed: 1 if more than half of the information comes from the readings.
-OBJ and GLB keep the texture and the texture coordinates of an OBJ or GLB. Rigid parts rotate only by small
+Meshes may be open and non-manifold. For silhouettes, their faces need consistent orientation. PLY and GLB \
+have sigma along the normal, and observed: 1 if more than half of the information comes from the readings. \
+OBJ and GLB keep the texture and the texture coordinates of an OBJ or GLB. Rigid parts rotate only by small \
 angles, because the fit is linear in them.";
 
 /// Arguments of `planish shell fit`.

@@ -19,9 +19,9 @@ Examples:
   planish shell mesh mesh.obj --surface offset --offset -1.5 --cell 0.5 -o inner.stl
   planish shell mesh mesh.obj --surface offset --offset 0 -o clean.ply
 
-The input mesh may be open, non-manifold and uneven. The field of all metaballs is sum exp(-k (r - d0)).
-`outer` and `offset` need a closed mesh. Its inside is determined by winding numbers, so faces may intersect or
-coincide. The result is closed and manifold; its distance from the exact surface is reported.";
+The input mesh may be open, non-manifold and uneven. The field of all metaballs is sum exp(-k (r - d0)). \
+`outer` and `offset` need a closed mesh. Its inside is determined by winding numbers, so faces may intersect \
+or coincide. The result is closed and manifold; its distance from the exact surface is reported.";
 
 /// Arguments of `planish shell mesh`.
 #[derive(Debug, Args)]

@@ -16,16 +16,16 @@ Examples:
   planish shell texture fitted.obj --views views.toml -o textured.obj -o textured.glb
   planish shell texture fitted.ply --views v.toml --colours texture -o t.glb
 
-views.toml is that of `planish shell fit`: a table [[view]] for each image with K, R and t or P, and
-image = \"a.png\". A mask excludes the background. A view with held_out = true is used only for validation.
+views.toml is that of `planish shell fit`: a table [[view]] for each image with K, R and t or P, and image = \
+\"a.png\". A mask excludes the background. A view with held_out = true is used only for validation.
 
-A view has more weight if it is perpendicular and has a high resolution. Hidden points and points at an outline
-get no colour from a view. A view that differs from the others is rejected. Points that no view sees are
-filled smoothly from their surroundings. The JSON object counts them. In PLY, `views` is the number of views
-of each vertex, 0 if it was filled.
+A view has more weight if it is perpendicular and has a high resolution. Hidden points and points at an \
+outline get no colour from a view. A view that differs from the others is rejected. Points that no view sees \
+are filled smoothly from their surroundings. The JSON object counts them. In PLY, `views` is the number of \
+views of each vertex, 0 if it was filled.
 
-PLY has red green blue from 0 to 255 as in the images; GLB has vertex colours in linear light. A texture uses
-the texture coordinates of the mesh, or an atlas of its triangles. sigma and observed are kept.";
+PLY has red green blue from 0 to 255 as in the images; GLB has vertex colours in linear light. A texture \
+uses the texture coordinates of the mesh, or an atlas of its triangles. sigma and observed are kept.";
 
 /// Arguments of `planish shell texture`.
 #[derive(Debug, Args)]
@@ -42,7 +42,8 @@ pub struct ShellTextureArgs {
     #[arg(long, value_enum, default_value_t = ColourPlaceName::Auto)]
     colours: ColourPlaceName,
     /// Width and height of the texture, in pixels [default: resolution of the images, at most 4096]
-    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u64).range(1..=LARGEST_TEXTURE as u64))]
+    #[arg(long, value_name = "PIXELS",
+          value_parser = clap::value_parser!(u64).range(1..=LARGEST_TEXTURE as u64))]
     texture_size: Option<u64>,
     /// Output file: .ply (vertices), .glb, .obj (texture); repeatable
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]

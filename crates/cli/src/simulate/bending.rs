@@ -17,13 +17,14 @@ Examples:
   planish compare sheet.planish bending/truth.ply
   planish compare sheet.planish bending/truth.ply --part completed
 
-The folder then has job.toml (with the time of each scan), a .ply file for each scan, truth.ply (the sheet at
-the last time), truth-1.ply and so on (at each time) and truth.json (the formulas). The last scan misses a disc
-of the sheet that the other scans show. With --stretch the sheet stretches, and `fit` reports it.";
+The folder then has job.toml (with the time of each scan), a .ply file for each scan, truth.ply (the sheet \
+at the last time), truth-1.ply and so on (at each time) and truth.json (the formulas). The last scan misses \
+a disc of the sheet that the other scans show. With --stretch the sheet stretches, and `fit` reports it.";
 
 /// Arguments of `planish simulate scene bending`.
 #[derive(Debug, Args)]
-#[command(after_help = short_help!("planish simulate scene bending --out bending"), after_long_help = EXAMPLES)]
+#[command(after_help = short_help!("planish simulate scene bending --out bending"),
+          after_long_help = EXAMPLES)]
 pub struct BendingArgs {
     /// Output folder; it is created if necessary
     #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]

@@ -16,9 +16,9 @@ Examples:
   planish simulate scene contours --out hyperboloid
   planish simulate scene contours --shape carafe --sigma-px 0.1 --views 61 --out carafe
 
-The folder then has motion-1.toml and motion-2.toml with a mask and measured contours for each view, truth.ply
-and truth.json. Each motion sees the left and right side of the object. The result is four overlapping patches
-that cover all sides.";
+The folder then has motion-1.toml and motion-2.toml with a mask and measured contours for each view, \
+truth.ply and truth.json. Each motion sees the left and right side of the object. The result is four \
+overlapping patches that cover all sides.";
 
 // The variants have no doc comments: the names are the shapes, and a doc comment would become help.
 /// Value of `--shape`.

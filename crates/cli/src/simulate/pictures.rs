@@ -20,11 +20,11 @@ Examples:
   planish simulate scene stereo --out scene --views 1 --size 640x480
   planish simulate scene grid --out stripes --shape tube --views 1 --size 640x480
 
-The folder then has for each view the images (left-1.png and right-1.png, or stripes-1.png and plain-1.png) and
-view-1.toml, the job of this view alone. It also has the calibration (cameras.toml or grid.toml), truth.ply and
-truth.json. job.toml has the poses of stereo-1.ply or grid-1.ply and so on; write these files there with
-`planish sense`. Both scenes show the same object from the same views, so `planish fit scene/job.toml
-stripes/job.toml` fuses them.";
+The folder then has for each view the images (left-1.png and right-1.png, or stripes-1.png and plain-1.png) \
+and view-1.toml, the job of this view alone. It also has the calibration (cameras.toml or grid.toml), \
+truth.ply and truth.json. job.toml has the poses of stereo-1.ply or grid-1.ply and so on; write these files \
+there with `planish sense`. Both scenes show the same object from the same views, so `planish fit \
+scene/job.toml stripes/job.toml` fuses them.";
 
 /// Arguments of `planish simulate scene stereo` and `grid`.
 #[derive(Debug, Args)]
@@ -63,7 +63,8 @@ pub struct PictureArgs {
           allow_negative_numbers = true, help_heading = "Cameras")]
     views: usize,
     /// Columns and rows of the images
-    #[arg(long, value_name = "NxM", default_value = "960x720", value_parser = pixels, help_heading = "Cameras")]
+    #[arg(long, value_name = "NxM", default_value = "960x720", value_parser = pixels,
+          help_heading = "Cameras")]
     size: [usize; 2],
     /// σ of the brightness of a pixel, of 255
     #[arg(long, value_name = "GREYS", default_value_t = 1.0, value_parser = not_negative,
@@ -154,8 +155,8 @@ fn text(scene: PictureScene, args: &PictureArgs, made: &PictureSceneSummary) -> 
     let (then, other_job) = match scene {
         PictureScene::Stereo => ("and then:", ""),
         PictureScene::Grid => (
-            "and then, with the positions that `simulate scene stereo --out stereo` and `sense stereo` give for the \
-             same views:",
+            "and then, with the positions of the same views from `simulate scene stereo --out stereo` and \
+             `sense stereo`:",
             "stereo/job.toml ",
         ),
     };

@@ -17,8 +17,8 @@ Examples:
   planish simulate scene readings --shape ellipse --readings 300 --out seen
   planish contour seen/readings.csv -o contour.json
 
-The folder then has readings.csv, exact.csv (the same without errors) and truth.json (kind and parameters as in
-contour.json). Objects are about 100 mm large. By default the sensor is 300 mm away; σ is 2 mm for its
+The folder then has readings.csv, exact.csv (the same without errors) and truth.json (kind and parameters as \
+in contour.json). Objects are about 100 mm large. By default the sensor is 300 mm away; σ is 2 mm for its \
 position, 2° for its heading and 1 % for ranges.";
 
 /// Arguments of `planish simulate scene readings`.
@@ -31,7 +31,8 @@ pub struct ReadingsArgs {
     out: PathBuf,
     /// Shape of the object
     ///
-    /// Shapes are circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N and polygon-6 (an L).
+    /// Shapes are circle, ellipse, rectangle, rounded-rectangle, slot, regular-polygon-N and polygon-6 (an
+    /// L).
     #[arg(long, value_name = "KIND", default_value = "rectangle", value_parser = kind)]
     shape: KindChoice,
     /// Number of readings

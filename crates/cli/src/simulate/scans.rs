@@ -16,9 +16,9 @@ Examples:
   planish simulate scene scans --out scene
   planish simulate scene scans --shape tube --seed 7 --readings 12000 --outliers 0.05 --out pipe
 
-The folder then has job.toml (for `planish fit`), a .ply file for each scan, truth.ply (a mesh of the true
-surface, for `planish compare`) and truth.json (true σ, outliers, and the formula of the surface). The object
-is 100 mm long; --unit selects the unit of the files.";
+The folder then has job.toml (for `planish fit`), a .ply file for each scan, truth.ply (a mesh of the true \
+surface, for `planish compare`) and truth.json (true σ, outliers, and the formula of the surface). The \
+object is 100 mm long; --unit selects the unit of the files.";
 
 /// Arguments of `planish simulate scene scans`.
 #[derive(Debug, Args)]

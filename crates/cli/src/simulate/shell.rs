@@ -14,10 +14,10 @@ use std::path::PathBuf;
 const EXAMPLES: &str = "\
 Examples:
   planish simulate scene shell --out bent
-  planish simulate scene shell --mesh head.obj --controls 40 --points 20000 --outliers 0.1 --views 8 --out bent
+  planish simulate scene shell --mesh head.obj --controls 40 --points 20000 --views 8 --out bent
 
-The folder then has mesh.obj (at rest), points.ply with σ, views.toml with a mask for each view, truth.ply (the
-deformed mesh) and truth.json (controls and their displacements).";
+The folder then has mesh.obj (at rest), points.ply with σ, views.toml with a mask for each view, truth.ply \
+(the deformed mesh) and truth.json (controls and their displacements).";
 
 /// Arguments of `planish simulate scene shell`.
 #[derive(Debug, Args)]

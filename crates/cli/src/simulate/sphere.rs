@@ -17,10 +17,10 @@ Examples:
   planish simulate sphere -o figure2.svg -o figure2.csv --sets 1 --depth 1
   planish simulate sphere --sets 1 --depth 0 --readings 100 --orientation-deg 5 -o normals.csv
 
-The front of the sphere is measured at 50, 100 and 150 points with known parameters and with noise along the
-normal of up to 12 % of the radius. Then orientations are added. Curves are means over the sets: the patch
-filter for each subdivision depth, the global filter, and the error expected from the posterior. All of the 20
-sets at depth 3 take some minutes.";
+The front of the sphere is measured at 50, 100 and 150 points with known parameters and with noise along the \
+normal of up to 12 % of the radius. Then orientations are added. Curves are means over the sets: the patch \
+filter for each subdivision depth, the global filter, and the error expected from the posterior. All of the \
+20 sets at depth 3 take some minutes.";
 
 /// Arguments of `planish simulate sphere`.
 #[derive(Debug, Args)]

@@ -16,12 +16,13 @@ Examples:
   planish fit turning/job.toml --motion rigid -o part.planish
   planish compare part.planish turning/truth.ply
 
-The folder then has job.toml (with the time of each scan), a .ply file for each scan, truth.ply (the object at
-the first scan) and truth.json (axis and rate).";
+The folder then has job.toml (with the time of each scan), a .ply file for each scan, truth.ply (the object \
+at the first scan) and truth.json (axis and rate).";
 
 /// Arguments of `planish simulate scene turning`.
 #[derive(Debug, Args)]
-#[command(after_help = short_help!("planish simulate scene turning --out turning"), after_long_help = EXAMPLES)]
+#[command(after_help = short_help!("planish simulate scene turning --out turning"),
+          after_long_help = EXAMPLES)]
 pub struct TurningArgs {
     /// Output folder; it is created if necessary
     #[arg(long, short, value_name = "DIR", value_hint = ValueHint::DirPath)]

@@ -16,7 +16,7 @@ Examples:
   planish fit vessel/job.toml --symmetry rotation:full -o vessel.planish
   planish compare vessel.planish vessel/truth.ply --part completed
 
-The folder then has job.toml (for `planish fit`), laser-1.ply, truth.ply (a mesh of the whole vessel, for
+The folder then has job.toml (for `planish fit`), laser-1.ply, truth.ply (a mesh of the whole vessel, for \
 `planish compare`) and truth.json.";
 
 /// Arguments of `planish simulate scene vessel`.

@@ -17,10 +17,11 @@ Examples:
   planish contour prism/front/readings.csv -o front.json
   planish solid front.json top.json side.json -o prism.step -o prism.json
 
-The folders front, top and side then have readings.csv, exact.csv (the same without errors) and truth.json (as
-contour.json). The upper truth.json has the vertices of the prism. The prism is 80 mm wide (x), 100 mm deep (y)
-and 60 mm high (z), with its right angle at the origin: figure 3 of Weiss-Cohen, Bondarenko and Halevi 2009.
-The sensor is 300 mm away; σ is 0.2 mm for its position, 0.2° for its heading and 0.1 % for ranges.";
+The folders front, top and side then have readings.csv, exact.csv (the same without errors) and truth.json \
+(as contour.json). The upper truth.json has the vertices of the prism. The prism is 80 mm wide (x), 100 mm \
+deep (y) and 60 mm high (z), with its right angle at the origin: figure 3 of Weiss-Cohen, Bondarenko and \
+Halevi 2009. The sensor is 300 mm away; σ is 0.2 mm for its position, 0.2° for its heading and 0.1 % for \
+ranges.";
 
 /// Arguments of `planish simulate scene views`.
 #[derive(Debug, Args)]

@@ -47,13 +47,13 @@ Examples:
   planish view examples/data/pebble/job.toml -o scans.png --color scan
   planish view part.planish
 
-Without -o, the browser shows an interactive page. The command serves it on this computer only, until Ctrl-C.
-Rendering an image needs neither a window nor a graphics card. Colours are those of reports; a legend names
-the quantity and its unit.";
+Without -o, the browser shows an interactive page. The command serves it on this computer only, until \
+Ctrl-C. Rendering an image needs neither a window nor a graphics card. Colours are those of reports; a \
+legend names the quantity and its unit.";
 
 /// Arguments of `planish view`.
 #[derive(Debug, Args)]
-#[command(after_help = short_help!("planish view examples/data/pebble/truth.ply -o pebble.png --camera 30,20"),
+#[command(after_help = short_help!("planish view examples/data/pebble/truth.ply -o pebble.png"),
           after_long_help = EXAMPLES)]
 pub struct ViewArgs {
     /// Saved model, mesh, CAD faces (.step), points, or scans as for `planish fit`

@@ -40,7 +40,7 @@ fn candidates_that_only_touch_themselves_are_counted_and_not_written() {
     let said = planish(folder.path(), &["solid", "front.dxf", "top.dxf", "--all", "-o", "dome.step"]).ok();
     assert!(said.stdout.contains("4 solids have these views, best first."), "{}", said.stdout);
     assert!(
-        said.stdout.contains("1 more candidate is no solid: two bodies only touch along a line through"),
+        said.stdout.contains("1 more candidate is invalid: two bodies only touch along a line through"),
         "{}",
         said.stdout
     );

@@ -8,7 +8,7 @@ fn fit_then_info_then_compare() {
     let run = |args: &[&str]| planish(folder.path(), args).ok();
     let job = pebble("job.toml");
     let said = run(&["fit", &job, "-o", "p.step", "-o", "p.ply", "-o", "p.planish"]);
-    for words in ["Fitted a ball", "set aside", "outlier", "laser", "held out", "Wrote p.step", "Wrote p.ply"]
+    for words in ["Fitted a ball", "rejected", "outlier", "laser", "held out", "Wrote p.step", "Wrote p.ply"]
     {
         assert!(said.stdout.contains(words), "{words}: {}", said.stdout);
     }
