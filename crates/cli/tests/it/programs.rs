@@ -61,6 +61,12 @@ fn completions_and_manual_name_every_command() {
     }
     let page = planish(folder.path(), &["man"]).ok().stdout;
     assert!(page.contains(".TH planish 1") && page.contains("planish\\-fit(1)"), "{page}");
+    let fit_page = planish(folder.path(), &["man", "fit"]).ok().stdout;
+    assert!(fit_page.contains(".TH planish-fit 1") && fit_page.contains("max\\-coefficients"), "{fit_page}");
+    let scene_page = planish(folder.path(), &["man", "simulate", "scene", "scans"]).ok().stdout;
+    assert!(scene_page.contains(".TH planish-simulate-scene-scans 1"), "{scene_page}");
+    let unknown = planish(folder.path(), &["man", "frobnicate"]);
+    assert!(unknown.code == 2 && unknown.stderr.contains("found `frobnicate`"), "{}", unknown.stderr);
     planish(folder.path(), &["man", "--out", "man1"]).ok();
     let pages = names(&folder.path().join("man1"));
     for name in ["planish.1", "planish-fit.1", "planish-simulate-scene-scans.1", "planish-view.1"] {
