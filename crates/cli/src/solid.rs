@@ -27,7 +27,7 @@ Views:
   top    seen from +z, shows x and y
   side   seen from +x, shows y and z
 All views share one frame and one scale. On a sheet with all views, the views are separated and aligned with \
-the front view; the lower left corner of each view becomes its origin. The same holds for SVG files.
+the front view. The lower left corner of each view becomes its origin, on such a sheet and in SVG files.
 
 Hidden lines are dashed (SVG), or on layers or of line types named HIDDEN or DASHED (DXF). Centre lines are \
 ignored. Faces are planes parallel to a line of sight and cylinders along an axis. Smooth edges may be drawn \
@@ -49,16 +49,18 @@ pub struct SolidArgs {
     #[arg(value_name = "VIEW", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
     views: Vec<PathBuf>,
     /// Kinds of the views, such as `front,side` [default: front, top and side]
-    #[arg(long = "as", value_name = "VIEWS", value_delimiter = ',', value_enum)]
+    #[arg(long = "as", value_name = "VIEWS", value_delimiter = ',', value_enum, help_heading = "Views")]
     kinds: Vec<ViewName>,
     /// For contours: probability that a true relation or match is rejected
     #[arg(long, value_name = "PROBABILITY", default_value_t = planish::contour::DEFAULT_LEVEL,
-          value_parser = probability, allow_negative_numbers = true, hide_short_help = true)]
+          value_parser = probability, allow_negative_numbers = true, hide_short_help = true,
+          help_heading = "Contours")]
     level: f64,
     /// For contours: write the constraint graphs of the views and their composite graph
     ///
     /// Formats: .json and .dot; repeatable.
-    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, hide_short_help = true)]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, hide_short_help = true,
+          help_heading = "Contours")]
     graphs: Vec<PathBuf>,
     /// Write the best solid (.step), its mesh (.ply, .stl, .glb, .obj), or its σ (.json); repeatable
     ///
@@ -72,13 +74,14 @@ pub struct SolidArgs {
     /// Maximum distance of coordinates that are treated as equal
     ///
     /// This joins lines with small gaps between their ends, and views whose scales differ slightly.
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+          help_heading = "Views")]
     tolerance: Option<f64>,
     /// Write all solids with these views, best first: NAME.1.step, NAME.2.step, ...
     #[arg(long)]
     all: bool,
     /// Arrangement of the views of one file
-    #[arg(long, value_enum, default_value_t = ProjectionName::First)]
+    #[arg(long, value_enum, default_value_t = ProjectionName::First, help_heading = "Views")]
     projection: ProjectionName,
     /// The report.
     #[command(flatten)]

@@ -69,7 +69,7 @@ pub fn run<B: Serialize>(
     let begun = Instant::now();
     let progress = Terminal::new(common.audience());
     let outcome = set_threads(common).and_then(|()| work(&progress));
-    // The event `finished` is the last line of stderr; programs stop reading there. Warnings come before it.
+    // Programs take the event `finished` as the end of stderr, so warnings are printed before it.
     let code = print_outcome(name, common, begun, outcome, &progress);
     progress.finished(code);
     code

@@ -46,31 +46,34 @@ pub struct ContourArgs {
     /// Kinds are auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain (lines and arcs,
     /// closed or open), regular-polygon-N and polygon-N with N corners; in space plane3, sphere, cylinder and
     /// box.
-    #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind)]
+    #[arg(long, value_name = "KIND", default_value = "auto", value_parser = kind,
+          help_heading = "Estimation")]
     pub kind: Vec<KindChoice>,
     /// Estimation method
-    #[arg(long, value_enum, default_value_t = ContourFilter::Auto, hide_short_help = true)]
+    #[arg(long, value_enum, default_value_t = ContourFilter::Auto, hide_short_help = true,
+          help_heading = "Estimation")]
     pub filter: ContourFilter,
     /// Reject readings more than this many σ from the contour; 0 keeps all
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = not_negative,
-          allow_negative_numbers = true)]
+          allow_negative_numbers = true, help_heading = "Estimation")]
     pub gate: f64,
     /// Ignore readings within this many σ of a corner; 0 keeps all
     ///
     /// Near a corner it is uncertain which side was hit. Applies to rectangles and polygons, for `batch` and
     /// the filters.
     #[arg(long, value_name = "SIGMAS", default_value_t = 2.0, value_parser = not_negative,
-          allow_negative_numbers = true, hide_short_help = true)]
+          allow_negative_numbers = true, hide_short_help = true, help_heading = "Estimation")]
     pub corner_margin: f64,
     /// Minimum distance between different parts [default: from the number of readings and their extent]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
-          hide_short_help = true)]
+          hide_short_help = true, help_heading = "Estimation")]
     pub gap: Option<f64>,
     /// Motion of the object; its velocity is estimated from the column `time`
-    #[arg(long, value_enum, default_value_t = ContourMotion::None, hide_short_help = true)]
+    #[arg(long, value_enum, default_value_t = ContourMotion::None, hide_short_help = true,
+          help_heading = "Estimation")]
     pub motion: ContourMotion,
     /// Use one equation for all sides (their product) instead of the equation of the side that was hit
-    #[arg(long, hide_short_help = true)]
+    #[arg(long, hide_short_help = true, help_heading = "Estimation")]
     pub product: bool,
     /// Find relations between parts by χ² tests and impose them
     ///

@@ -33,7 +33,8 @@ pub fn kind(text: &str) -> Result<KindChoice, String> {
     Kind::of_name(text, MAX_CORNERS).map(KindChoice::Plane).ok_or_else(|| {
         format!(
             "needed auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain, \
-             regular-polygon-N or polygon-N with N from 3 to {MAX_CORNERS}; or in space plane3, sphere, cylinder, box"
+             regular-polygon-N or polygon-N with N from 3 to {MAX_CORNERS}; or in space plane3, \
+             sphere, cylinder, box"
         )
     })
 }

@@ -65,41 +65,44 @@ pub struct MergeArgs {
     #[arg(short, long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: Vec<PathBuf>,
     /// How corresponding points are fused [default: information if all patches have σ, else refit]
-    #[arg(long, value_name = "METHOD", value_enum, hide_short_help = true)]
+    #[arg(long, value_name = "METHOD", value_enum, hide_short_help = true, help_heading = "Fusion")]
     pub method: Option<MethodName>,
     /// ε: maximum distance of corresponding points [default: 2.58 σ of their difference, 99 %]
-    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
+          help_heading = "Fusion")]
     pub epsilon: Option<Length>,
     /// θ: maximum angle between normals of corresponding points, in degrees [default: from σ]
     ///
     /// The default follows from σ and the length of the edges and is at most 69°.
-    #[arg(long, value_name = "DEGREES", value_parser = right_angle, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", value_parser = right_angle, allow_negative_numbers = true,
+          help_heading = "Fusion")]
     pub theta: Option<f64>,
     /// Register the patches to the first one (corrects 1 % of their size and 1°)
-    #[arg(long)]
+    #[arg(long, help_heading = "Fusion")]
     pub align: bool,
     /// Fill holes of at most this many edges
     ///
     /// New vertices are marked as completed; their σ is a rough estimate. The outer rim of a sheet is not
     /// filled.
     #[arg(long, value_name = "EDGES", default_value_t = 0, value_parser = count,
-          allow_negative_numbers = true)]
+          allow_negative_numbers = true, help_heading = "Result")]
     pub fill: usize,
     /// Write curvatures and a boundary flag for each vertex
     ///
     /// Columns `mean_curvature`, `gaussian_curvature`, `sigma_mean_curvature` and `border` in .ply and .glb.
-    #[arg(long, hide_short_help = true)]
+    #[arg(long, hide_short_help = true, help_heading = "Result")]
     pub curvature: bool,
     /// Closed mesh that bounds the object; it fills the parts without patches
     ///
     /// An example is the visual hull of `sense contours --hull`. The filled parts are marked as completed.
-    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, hide_short_help = true)]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, hide_short_help = true,
+          help_heading = "Result")]
     pub complete: Option<PathBuf>,
     /// Maximum chord error when models or CAD faces are meshed, as a length
     ///
     /// Default: half the median σ of a model, or 1/10000 of the size of CAD faces.
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
-          hide_short_help = true)]
+          hide_short_help = true, help_heading = "Result")]
     pub mesh_tolerance: Option<Length>,
     /// The report.
     #[command(flatten)]

@@ -54,29 +54,33 @@ pub struct NextArgs {
     pub sigma: Option<Length>,
     /// Compare the chosen points with this many random sets of points
     #[arg(long, value_name = "DRAWS", default_value_t = 0, value_parser = count,
-          allow_negative_numbers = true, hide_default_value = true, hide_short_help = true)]
+          allow_negative_numbers = true, hide_default_value = true, hide_short_help = true,
+          help_heading = "Criterion")]
     pub against_random: usize,
     /// Propose at most this many poses of a sensor instead of points
     #[arg(long, value_name = "N", value_parser = positive_count, allow_negative_numbers = true,
-          requires = "sensor", conflicts_with_all = ["count", "sigma", "against_random"])]
+          requires = "sensor", conflicts_with_all = ["count", "sigma", "against_random"],
+          help_heading = "Sensor poses")]
     pub views: Option<usize>,
     /// With --views: field of view, range and σ of the sensor
-    #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath, requires = "views")]
+    #[arg(long, value_name = "FILE.toml", value_hint = ValueHint::FilePath, requires = "views",
+          help_heading = "Sensor poses")]
     pub sensor: Option<PathBuf>,
     /// Stop when the largest σ of the region is at most this length
     ///
     /// Unresolved shape does not count.
-    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
+          help_heading = "Criterion")]
     pub goal: Option<Length>,
     /// Consider only this box, in the model's unit [default: everything]
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = corners, allow_hyphen_values = true,
-          hide_short_help = true)]
+          hide_short_help = true, help_heading = "Criterion")]
     pub region: Option<[[f64; 3]; 2]>,
     /// Consider only parts that are already measured
-    #[arg(long, hide_short_help = true)]
+    #[arg(long, hide_short_help = true, help_heading = "Criterion")]
     pub measured_only: bool,
     /// Minimise the mean variance instead of the largest σ
-    #[arg(long, hide_short_help = true)]
+    #[arg(long, hide_short_help = true, help_heading = "Criterion")]
     pub mean: bool,
     /// The report.
     #[command(flatten)]

@@ -54,15 +54,15 @@ pub struct ContoursArgs {
     judge: Option<PathBuf>,
     /// Minimum number of points of a strip with a patch
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = values::count,
-          allow_negative_numbers = true, hide_short_help = true)]
+          allow_negative_numbers = true, hide_short_help = true, help_heading = "Estimation")]
     least_points: usize,
     /// Half width of the window that gives position and tangent of a contour, in pixels
     #[arg(long, value_name = "PIXELS", default_value_t = 6.0, value_parser = positive,
-          allow_negative_numbers = true, hide_short_help = true)]
+          allow_negative_numbers = true, hide_short_help = true, help_heading = "Estimation")]
     window: f64,
     /// Angle to the epipolar line below which a contour point is a frontier point, in degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 15.0, value_parser = positive,
-          allow_negative_numbers = true, hide_short_help = true)]
+          allow_negative_numbers = true, hide_short_help = true, help_heading = "Estimation")]
     frontier: f64,
     /// Common options.
     #[command(flatten)]

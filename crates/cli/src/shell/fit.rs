@@ -69,47 +69,49 @@ pub struct ShellFitArgs {
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     output: Vec<PathBuf>,
     /// How the mesh is deformed
-    #[arg(long, value_enum, default_value_t = DeformationName::Dirichlet)]
+    #[arg(long, value_enum, default_value_t = DeformationName::Dirichlet, help_heading = "Deformation")]
     deformation: DeformationName,
     /// Number of controls
     ///
     /// Controls are chosen on the mesh, denser where it is curved. For a lattice it is the total number of
     /// points, rounded to a cube of at least 8. For modes it is the maximum number of modes.
     #[arg(long, value_name = "N", default_value_t = 60,
-          value_parser = clap::value_parser!(u64).range(1..=MAX_CONTROLS))]
+          value_parser = clap::value_parser!(u64).range(1..=MAX_CONTROLS), help_heading = "Deformation")]
     controls: u64,
     /// File of points to use as controls, on or off the mesh
-    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, hide_short_help = true)]
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, hide_short_help = true,
+          help_heading = "Deformation")]
     controls_file: Option<PathBuf>,
     /// With --deformation modes: a mesh of the family, with the same vertices; give at least two
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, hide_short_help = true,
-          required_if_eq("deformation", "modes"))]
+          required_if_eq("deformation", "modes"), help_heading = "Deformation")]
     family: Vec<PathBuf>,
     /// A rigid part: a group, object or material of the OBJ, or a file of vertex indices; repeatable
-    #[arg(long, value_name = "PART", hide_short_help = true)]
+    #[arg(long, value_name = "PART", hide_short_help = true, help_heading = "Deformation")]
     rigid: Vec<String>,
     /// Width of the transition around rigid parts [default: 1/10 of the mesh's size]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
-          requires = "rigid", hide_short_help = true)]
+          requires = "rigid", hide_short_help = true, help_heading = "Deformation")]
     blend: Option<f64>,
     /// Kind of metaballs that form the shell
-    #[arg(long, value_enum, default_value_t = MetaballName::Triangular, hide_short_help = true)]
+    #[arg(long, value_enum, default_value_t = MetaballName::Triangular, hide_short_help = true,
+          help_heading = "Fit")]
     metaball: MetaballName,
     /// Minimum distance of points on the outline of a mask
     #[arg(long, value_name = "PIXELS", default_value_t = 5.0, value_parser = positive,
-          allow_negative_numbers = true, hide_short_help = true)]
+          allow_negative_numbers = true, hide_short_help = true, help_heading = "Fit")]
     outline_step: f64,
     /// Use each stated σ unchanged
     ///
     /// Otherwise one factor for σ of the points and one for σ of the outlines are estimated.
-    #[arg(long, hide_short_help = true)]
+    #[arg(long, hide_short_help = true, help_heading = "Fit")]
     believe_sigma: bool,
     /// The mesh is only a rough initial shape, such as an ellipsoid
     ///
     /// Before the fit the mesh grows into uncovered parts of the masks, is cut outside of the masks, and is
     /// remeshed. The mesh must be closed; its texture is lost.
     #[arg(long, requires = "silhouettes", conflicts_with_all = ["rigid", "controls_file", "family"],
-          hide_short_help = true)]
+          hide_short_help = true, help_heading = "Fit")]
     rough_start: bool,
     /// The report.
     #[command(flatten)]

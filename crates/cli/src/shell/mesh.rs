@@ -40,17 +40,20 @@ pub struct ShellMeshArgs {
     #[arg(long, value_name = "LENGTH", default_value_t = 0.0, allow_negative_numbers = true)]
     offset: f64,
     /// Kind of metaballs
-    #[arg(long, value_enum, default_value_t = MetaballName::Triangular, hide_short_help = true)]
+    #[arg(long, value_enum, default_value_t = MetaballName::Triangular, hide_short_help = true,
+          help_heading = "Field")]
     metaball: MetaballName,
     /// Thickness d0 of triangular metaballs, in the mesh's unit [default: 1/100 of the mesh's size]
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+          help_heading = "Field")]
     thickness: Option<f64>,
     /// Decay length 1/k of the field; nearer parts blend [default: 1/500 of the mesh's size]
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+          help_heading = "Field")]
     softness: Option<f64>,
     /// Value T of the field at the shell
     #[arg(long, value_name = "VALUE", default_value_t = 1.0, value_parser = positive,
-          allow_negative_numbers = true, hide_short_help = true)]
+          allow_negative_numbers = true, hide_short_help = true, help_heading = "Field")]
     threshold: f64,
     /// Cell size, in the mesh's unit; smaller details are lost [default: 1/150 of the mesh's size]
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]

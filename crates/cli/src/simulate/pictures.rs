@@ -143,7 +143,7 @@ fn text(scene: PictureScene, args: &PictureArgs, made: &PictureSceneSummary) -> 
     let at = |name: &str| args.out.join(name).display().to_string();
     let [first, second] = scene.pictures(1).map(|name| at(&name));
     let between = if scene == PictureScene::Grid { " --plain " } else { " " };
-    // Disparities of neighbours have correlated errors. Points 8 pixels apart are nearly independent.
+    // Disparities of neighbours have correlated errors. Points some pixels apart are nearly independent.
     let apart = if scene == PictureScene::Stereo { " --step 8" } else { "" };
     lines.line(format!(
         "  planish sense {} {first}{between}{second} --calib {}{apart} -o {}",
