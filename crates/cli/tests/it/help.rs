@@ -58,8 +58,8 @@ fn version_is_the_version_of_the_package() {
 
 #[test]
 fn examples_in_help_parse() {
-    // A missing input or a blocked output gives exit code 3, a command line that does not parse gives 2. So all
-    // outputs are blocked, and no example does any work.
+    // A missing input or a blocked output gives exit code 3, a command line that does not parse gives 2. So
+    // all outputs are blocked, and no example does any work.
     for command in [
         "fit",
         "compare",

@@ -1,10 +1,10 @@
-//! What programs are told: progress a line, completions for shells, pages for the manual.
+//! Output for programs: progress events, shell completions and pages of the manual.
 
 use crate::support::{names, pebble, planish};
 use serde_json::Value;
 
 #[test]
-fn progress_for_programs_is_an_object_a_line() {
+fn json_progress_has_one_object_per_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let said = planish(
         folder.path(),
@@ -40,7 +40,7 @@ fn progress_for_programs_is_an_object_a_line() {
 }
 
 #[test]
-fn into_pipes_no_progress_is_written_unless_asked_for() {
+fn pipes_get_no_progress_unless_requested() {
     let folder = tempfile::tempdir().expect("a folder");
     let said = planish(folder.path(), &["info", &pebble("job.toml")]).ok();
     assert_eq!(said.stderr, "");
@@ -51,7 +51,7 @@ fn into_pipes_no_progress_is_written_unless_asked_for() {
 }
 
 #[test]
-fn completions_and_manual_name_every_command() {
+fn completions_and_manual_cover_all_commands() {
     let folder = tempfile::tempdir().expect("a folder");
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let script = planish(folder.path(), &["completions", shell]).ok().stdout;
