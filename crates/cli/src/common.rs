@@ -89,6 +89,7 @@ impl ReportArgs {
 
 /// The command line of this process, quoted for a POSIX shell.
 pub fn command_line() -> String {
+    // A report shows this line, and people paste it into a shell.
     let quoted = |word: String| {
         let plain = |c: char| c.is_alphanumeric() || "-_./=:,+@%".contains(c);
         if !word.is_empty() && word.chars().all(plain) {

@@ -54,6 +54,7 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
             KindChoice::Space(shape) => shapes.push(*shape),
         }
     }
+    // `auto` includes all kinds, so kinds beside it are redundant.
     let all = args.kind.contains(&KindChoice::Auto);
     if !shapes.is_empty() && shapes.len() < args.kind.len() {
         return Err(Error::input(

@@ -64,6 +64,7 @@ fn hint(kind: ErrorKind, command: &str) -> Option<String> {
         }),
         ErrorKind::Unsupported => Some(format!("`planish {command} --help` says what this version can do")),
         ErrorKind::Io => Some("check the path, and that it may be read or written".to_owned()),
+        // The user pressed Ctrl-C and knows why.
         ErrorKind::Interrupted => None,
         _ => Some(format!(
             "correct what is named above; `planish {command} --help` has options, units and examples"

@@ -115,6 +115,7 @@ fn deciding_arguments(args: &FitArgs) -> Vec<String> {
         }
     };
     let defaults = FitOptions::default();
+    // Default values are left out, so that stating a default does not change the record.
     let differs = |value: f64, usual: f64| (value != usual).then(|| value.to_string());
     option("--update", args.update.as_ref().map(|path| path.display().to_string()));
     option("--shape", args.shape.map(|s| planish::Shape::from(s).name().to_owned()));

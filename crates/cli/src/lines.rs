@@ -113,6 +113,7 @@ impl Lines {
     }
 
     fn rows(&mut self, align: &[Align], rows: &[Vec<String>]) {
+        // Characters, not bytes: `σ` and `χ²` take several bytes.
         let width = |column: usize| rows.iter().map(|r| r[column].chars().count()).max().unwrap_or(0);
         let widths: Vec<usize> = (0..align.len()).map(width).collect();
         for row in rows {

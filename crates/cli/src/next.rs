@@ -108,6 +108,7 @@ fn choose_views(
         report: args.page.output(&args.common),
     };
     let report = job.run(progress)?;
+    // Fewer views than requested are no error: further views may have nothing to add.
     let found = report.next.views.len();
     let mut warnings = Vec::new();
     if report.next.reached_goal == Some(false) {

@@ -232,6 +232,7 @@ impl Progress for Terminal {
         state.share = share.clamp(0.0, 1.0);
         match self.audience {
             Audience::Nobody => {}
+            // A served page has no end to wait for, so the bar is removed.
             _ if stage == SHOWING_STAGE => self.clear(),
             Audience::People if elapsed < BAR_DELAY => {}
             Audience::People => self.show(&state, elapsed),

@@ -30,6 +30,7 @@ impl Server {
     pub fn on(port: Option<u16>) -> Result<Self> {
         let wanted = SocketAddr::from((Ipv4Addr::LOCALHOST, port.unwrap_or(0)));
         let made = TcpListener::bind(wanted).and_then(|listener| {
+            // `accept` must not block: the loop in `serve` also has to look at `stop`.
             listener.set_nonblocking(true)?;
             let address = listener.local_addr()?;
             Ok(Self { listener, address })
@@ -74,6 +75,7 @@ impl Server {
 
 /// Answers one request; returns whether it was for the page.
 fn answer(mut stream: TcpStream, page: &str, port: u16) -> std::io::Result<bool> {
+    // On some systems a stream inherits the mode of its listener. Reads with a timeout need blocking mode.
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
@@ -82,6 +84,7 @@ fn answer(mut stream: TcpStream, page: &str, port: u16) -> std::io::Result<bool>
     while !request.windows(4).any(|end| end == b"\r\n\r\n") {
         let n = stream.read(&mut part)?;
         request.extend_from_slice(&part[..n]);
+        // A closed connection or an oversized request gets no answer.
         if n == 0 || request.len() > MAX_REQUEST {
             return Ok(false);
         }
@@ -110,6 +113,8 @@ fn response<'a>(request: &str, page: &'a str, port: u16) -> (&'static str, &'a s
         .filter_map(|line| line.split_once(':'))
         .find(|(name, _)| name.eq_ignore_ascii_case("host"))
         .map(|(_, host)| host.trim().to_ascii_lowercase());
+    // A page of another site can reach this port from the same browser, but it cannot change the header
+    // `Host`.
     let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
     if !host.is_some_and(|host| own.contains(&host)) {
         return ("403 Forbidden", "This page is for this computer only.");

@@ -99,6 +99,7 @@ fn print_outcome<B: Serialize>(
             } else {
                 print(&summary.text)
             };
+            // Warnings go to stderr, so that they do not mix with JSON on stdout.
             if !common.quiet {
                 warn(&summary.warnings);
             }

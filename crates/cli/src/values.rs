@@ -45,6 +45,7 @@ pub fn right_angle(text: &str) -> Result<f64, String> {
 
 /// A length above 0, with or without its unit.
 pub fn length(text: &str) -> Result<Length, String> {
+    // Only trailing letters are the unit, so that `1e-3mm` keeps its exponent.
     let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit = match text[number.len()..].trim() {
         "" => None,

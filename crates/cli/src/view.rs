@@ -63,6 +63,7 @@ fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     match &args.output {
         Some(path) if is_page(path) => {
             refuse_picture_options(args, path)?;
+            // Outputs are checked before the work: an error should not come after minutes of computation.
             check_outputs(&[page.file()?], &inputs)?;
             let made = view_page(&viewed, &page, progress)?;
             page.write_text(&made.html)?;

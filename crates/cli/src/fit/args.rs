@@ -107,6 +107,7 @@ pub struct FitArgs {
     /// Keep only bare earth below objects up to WIDTH [default width: 36 m]
     ///
     /// The points are seen from above (z up). Ground classes in the file are used.
+    // `require_equals`: otherwise `--ground scan.laz` would take the scan as the width.
     #[arg(long, value_name = "WIDTH", value_parser = positive, num_args = 0..=1, require_equals = true,
           help_heading = "Readings")]
     #[allow(clippy::option_option, reason = "clap's type of an option whose value is optional")]

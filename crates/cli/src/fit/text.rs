@@ -148,6 +148,7 @@ fn completion(lines: &mut Lines, fit: &FitReport, unit: Unit) {
             pair(motion.speed),
             counted(motion.poses.len(), "scan")
         ));
+        // Without a symmetry and without gaps, nothing was completed.
         if found.symmetry.is_none() && found.gaps.is_empty() {
             return;
         }

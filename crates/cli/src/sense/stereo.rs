@@ -103,6 +103,7 @@ pub struct StereoArgs {
 /// The job of these arguments.
 pub fn kind(args: &StereoArgs) -> Result<SenseKind> {
     let [first, last] = args.disparities;
+    // The difference of two i32 can overflow i32.
     let disparities = usize::try_from(i64::from(last) - i64::from(first) + 1);
     let disparities = disparities
         .map_err(|_| Error::input(format!("needed disparities from low to high, found {first}..{last}")))?;

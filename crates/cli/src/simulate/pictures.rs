@@ -106,6 +106,7 @@ pub fn work(
     let options = PictureSceneOptions {
         mesh: args.mesh.clone(),
         subdivide: args.subdivide,
+        // The order of the variants is the order of the coordinates.
         up: args.up as usize,
         shape: args.shape.into(),
         views: args.views,

@@ -109,6 +109,7 @@ fn work(args: &ReadingsArgs) -> Result<Summary<Body>> {
     lines.line(format!("Simulated {} readings of a {}.", count(made.rows), options.kind));
     lines.gap();
     lines.line(format!("Wrote {} files to {}. Next:", made.files.len(), args.out.display()));
+    // The option of `contour` that matches the simulated motion.
     let motion = match args.velocity {
         None => "",
         Some([_, _, 0.0]) => " --motion linear",

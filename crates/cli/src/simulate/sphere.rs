@@ -112,6 +112,7 @@ fn text(args: &SphereArgs, options: &SphereOptions, rows: &[SphereRow]) -> Strin
     lines.gap();
     let table: Vec<Vec<String>> = rows
         .iter()
+        // The table has the finest depth only; the files have all depths.
         .filter(|row| row.depth == options.depth)
         .map(|row| {
             vec![

@@ -121,6 +121,7 @@ fn geometry_text(lines: &mut Lines, geometry: &NoisyGeometry) {
     let rows: Vec<Vec<String>> = geometry
         .matches
         .iter()
+        // Implied matches follow from the others and carry no information of their own.
         .filter(|found| found.outcome != "implied")
         .map(|found| {
             vec![
