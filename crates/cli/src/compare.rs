@@ -1,15 +1,79 @@
-//! `planish compare`.
+//! `planish compare`: deviations of a model from a reference.
 
-use crate::args::{CompareArgs, PartName};
-use crate::numbers::{count, percent, significant};
-use crate::report::{self, Align, Lines, Summary};
+mod text;
+
+use crate::common::{CommonArgs, ReportArgs, short_help};
+use crate::summary::{self, Summary};
+use crate::values::positive;
+use clap::{Args, ValueEnum, ValueHint};
 use planish::Job;
-use planish::compare::{CompareJob, CompareOptions, ComparisonReport, Deviations};
+use planish::compare::{CompareJob, CompareOptions, ComparedPart, ComparisonReport};
 use planish::progress::Progress;
 use planish::{Result, Unit};
 use serde::Serialize;
+use std::path::PathBuf;
 
-/// The keys of `compare` beside the common ones.
+const EXAMPLES: &str = "\
+Examples:
+  planish compare part.planish examples/data/pebble/truth.ply
+  planish compare part.ply other-scan.xyz --unit mm
+
+Deviations are signed: positive if the model lies on the side that the normal of the reference points to. \
+Only the part of the model selected by --part is compared. Points beyond a boundary are not compared. \
+Coverage is the share of the reference points that lie within 1.96 √(σ_model² + σ_reference²); it is 0.95 if \
+the stated σ is correct.";
+
+/// Arguments of `planish compare`.
+#[derive(Debug, Args)]
+#[command(after_help = short_help!("planish compare part.planish examples/data/pebble/truth.ply"),
+          after_long_help = EXAMPLES)]
+pub struct CompareArgs {
+    /// Saved model (.planish), mesh (.ply, .obj, .stl, .off, .glb) or CAD faces (.step)
+    #[arg(value_name = "MODEL", value_hint = ValueHint::FilePath)]
+    model: PathBuf,
+    /// Mesh, points, or scans as for `planish fit`
+    #[arg(value_name = "REFERENCE", value_hint = ValueHint::FilePath)]
+    reference: PathBuf,
+    /// Part of the model that is compared
+    #[arg(long, value_name = "PART", value_enum, default_value_t = PartName::Measured)]
+    part: PartName,
+    /// Maximum chord error of the model's mesh, as a length [default: half the median σ]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+          hide_short_help = true)]
+    mesh_tolerance: Option<f64>,
+    /// The report.
+    #[command(flatten)]
+    page: ReportArgs,
+    /// Common options.
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// Value of `--part`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PartName {
+    /// The measured part
+    Measured,
+    /// The part that `fit` completed by symmetry or smoothness
+    Completed,
+    /// The measured and the completed part
+    Known,
+    /// The whole model
+    All,
+}
+
+impl From<PartName> for ComparedPart {
+    fn from(name: PartName) -> Self {
+        match name {
+            PartName::Measured => Self::Measured,
+            PartName::Completed => Self::Completed,
+            PartName::Known => Self::Known,
+            PartName::All => Self::All,
+        }
+    }
+}
+
+/// JSON keys of `compare`.
 #[derive(Serialize)]
 struct Body {
     #[serde(flatten)]
@@ -19,7 +83,7 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &CompareArgs) -> u8 {
-    report::run("compare", &args.common, |progress| work(args, progress))
+    summary::run("compare", &args.common, |progress| work(args, progress))
 }
 
 fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
@@ -36,78 +100,11 @@ fn work(args: &CompareArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     };
     let report = job.run(progress)?;
     Ok(Summary {
-        text: text(args, &report),
+        text: text::text(args, &report),
         unit: Some(report.unit),
         inputs: vec![args.model.clone(), args.reference.clone()],
         outputs: args.page.report.iter().cloned().collect(),
         warnings: report.warnings.clone(),
         body: Body { report, termination: "converged" },
     })
-}
-
-fn text(args: &CompareArgs, report: &ComparisonReport) -> String {
-    let mut lines = Lines::default();
-    lines.line(format!(
-        "Deviations of {} from {} in {}, positive on the side that normals point to.",
-        args.model.display(),
-        args.reference.display(),
-        report.unit
-    ));
-    lines.gap();
-    let row = |name: &str, found: &Option<Deviations>| {
-        let mut row = vec![name.to_owned()];
-        match found {
-            Some(d) => row.extend(
-                [d.rms, d.mean, d.p50, d.p95, d.max]
-                    .map(|value| significant(value, 3))
-                    .into_iter()
-                    .chain([count(d.n)]),
-            ),
-            None => row.extend(["–"; 6].map(str::to_owned)),
-        }
-        row
-    };
-    lines.table(
-        &[
-            ("", Align::Left),
-            ("rms", Align::Right),
-            ("mean", Align::Right),
-            ("median |d|", Align::Right),
-            ("95 % |d|", Align::Right),
-            ("largest |d|", Align::Right),
-            ("points", Align::Right),
-        ],
-        &[row("model to reference", &report.forward), row("reference to model", &report.backward)],
-    );
-    lines.gap();
-    lines.line(match report.coverage95 {
-        Some(share) => {
-            format!("Within 1.96 σ: {} of the reference's points (95 % where σ is true).", percent(share))
-        }
-        None => "The model states no σ: its coverage cannot be told.".to_owned(),
-    });
-    let skipped = report.skipped;
-    let (of_model, of_reference) = match args.part {
-        PartName::Measured => (
-            "points of the model were never measured",
-            "points of the reference face a part of the model that was never measured",
-        ),
-        PartName::Completed | PartName::Known | PartName::All => (
-            "points of the model are of another part",
-            "points of the reference face another part of the model",
-        ),
-    };
-    let causes = [
-        (skipped.model_not_observed, of_model),
-        (skipped.model_beyond_border, "points of the model lie beyond a border of the reference"),
-        (skipped.reference_not_observed, of_reference),
-        (skipped.reference_beyond_border, "points of the reference lie beyond a border of the model"),
-    ];
-    for (n, cause) in causes.into_iter().filter(|(n, _)| *n > 0) {
-        lines.line(format!("Left out: {} {cause}.", count(n)));
-    }
-    if let Some(written) = args.page.written() {
-        lines.line(written);
-    }
-    lines.into_text()
 }

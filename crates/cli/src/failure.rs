@@ -1,67 +1,70 @@
-//! What a user sees when something goes wrong.
+//! Error output: the message, its causes and a hint.
 
 use planish::{Error, ErrorKind};
 use std::error::Error as _;
 use std::io::Write;
 
-/// Says of every panic that it is a bug of ours; the exit code is then 101.
+/// Adds a request for a bug report to the message of a panic. The exit code of a panic is 101.
 pub fn announce_bugs() {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
         usual(info);
         let _ = writeln!(
             std::io::stderr(),
-            "planish: this is a bug in planish {}; please report it with the command line and, if you can, the input",
+            "planish: this is a bug in planish {}; please report it with the command line and, if possible, \
+             the input",
             env!("CARGO_PKG_VERSION")
         );
     }));
 }
 
-/// Prints an error with its causes, and what to do.
+/// Prints an error with its causes and a hint to stderr.
 pub fn print(error: &Error, command: &str) {
-    // Nothing can be done where stderr itself is closed.
+    // If stderr is closed, there is nowhere to report that.
     let _ = write!(std::io::stderr().lock(), "{}", text(error, command));
 }
 
-/// The lines that are printed.
+/// The printed lines.
 fn text(error: &Error, command: &str) -> String {
-    let mut said = format!("planish: {error}");
-    // An error's own words quote its direct cause; deeper ones are added where they say more.
+    let mut text = format!("planish: {error}");
+    // The message of an error quotes its direct cause. Deeper causes are added unless they repeat it.
     let mut cause = error.source();
     while let Some(inner) = cause {
         let words = inner.to_string();
-        if !said.contains(&words) {
-            said.push_str(&format!("\n  because {words}"));
+        if !text.contains(&words) {
+            text.push_str(&format!("\n  because {words}"));
         }
         cause = inner.source();
     }
-    said.push('\n');
+    text.push('\n');
     if let Some(hint) = hint(error.kind(), command) {
-        said.push_str(&format!("  hint: {hint}\n"));
+        text.push_str(&format!("  hint: {hint}\n"));
     }
-    said
+    text
 }
 
 fn hint(kind: ErrorKind, command: &str) -> Option<String> {
     match kind {
         ErrorKind::Undetermined => Some(match command {
-            "fit" => "give more readings, or from more sides; check that the scans share one frame and unit".to_owned(),
+            "fit" => "give more readings, or from more sides; check that the scans share one frame and unit"
+                .to_owned(),
             "solid" => {
-                "look at the drawing where a place is named; a view or line that is missing may tell what is meant"
+                "check the drawing at the named places; a missing view or line may resolve the ambiguity"
                     .to_owned()
             }
             "contour" => "give readings from more sides, or name a simpler --kind".to_owned(),
             _ if command.starts_with("sense") => {
-                "check the order of the pictures, the mask and the calibration; the picture may show too little"
+                "check the order of the images, the mask and the calibration; the images may lack detail"
                     .to_owned()
             }
             "merge" | "compare" | "next" | "shell fit" | "shell texture" => {
-                "check that the files are of the same thing, in one frame and unit".to_owned()
+                "check that the files show the same object, in one frame and unit".to_owned()
             }
-            _ => "`planish info FILE` and `planish view FILE` show what there is".to_owned(),
+            _ => "`planish info FILE` and `planish view FILE` show the contents of a file".to_owned(),
         }),
         ErrorKind::Unsupported => Some(format!("`planish {command} --help` says what this version can do")),
         ErrorKind::Io => Some("check the path, and that it may be read or written".to_owned()),
+        // The user pressed Ctrl-C and knows why.
         ErrorKind::Interrupted => None,
         _ => Some(format!(
             "correct what is named above; `planish {command} --help` has options, units and examples"

@@ -1,14 +1,37 @@
-//! `planish info`.
+//! `planish info`: describes the contents of a file.
 
-use crate::args::InfoArgs;
-use crate::numbers::{count, counted, percent, significant};
-use crate::report::{self, Align, Lines, Summary, sensor_cells};
-use planish::info::{BoxInfo, Contents, FileInfo, MeshInfo, ModelInfo, ScanInfo, ScanListInfo, info};
+mod text;
+
+use crate::common::{CommonArgs, short_help};
+use crate::summary::{self, Summary};
+use clap::{Args, ValueHint};
+use planish::info::{FileInfo, info};
 use planish::progress::Progress;
 use planish::{Result, Unit};
 use serde::Serialize;
+use std::path::PathBuf;
 
-/// The keys of `info` beside the common ones.
+const EXAMPLES: &str = "\
+Examples:
+  planish info examples/data/pebble/job.toml
+  planish info examples/data/pebble/truth.ply
+  planish info part.planish --json
+
+Reads scans, lists of scans, meshes and saved models. Lengths are in the unit of the file.";
+
+/// Arguments of `planish info`.
+#[derive(Debug, Args)]
+#[command(after_help = short_help!("planish info examples/data/pebble/job.toml"), after_long_help = EXAMPLES)]
+pub struct InfoArgs {
+    /// Scan, list of scans, mesh or saved model
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    file: PathBuf,
+    /// Common options.
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// JSON keys of `info`.
 #[derive(Serialize)]
 struct Body {
     #[serde(flatten)]
@@ -18,268 +41,18 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &InfoArgs) -> u8 {
-    report::run("info", &args.common, |progress| work(args, progress))
+    summary::run("info", &args.common, |progress| work(args, progress))
 }
 
 fn work(args: &InfoArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     progress.check("reading", 0.0)?;
     let found = info(&args.file, args.common.unit.map(Unit::from))?;
     Ok(Summary {
-        text: text(args, &found),
+        text: text::text(&args.file, &found),
         unit: found.unit,
         inputs: found.files.clone(),
         outputs: Vec::new(),
         warnings: found.warnings.clone(),
         body: Body { info: found, termination: "converged" },
     })
-}
-
-/// Lengths and boxes in the file's unit.
-struct Lengths(Option<Unit>);
-
-impl Lengths {
-    fn name(&self) -> &'static str {
-        self.0.map_or("", Unit::name)
-    }
-
-    fn of(&self, value: f64) -> String {
-        format!("{} {}", significant(value, 4), self.name()).trim_end().to_owned()
-    }
-
-    fn bounds(&self, found: &Option<BoxInfo>) -> String {
-        let Some(BoxInfo { min, max }) = found else {
-            return String::new();
-        };
-        let size = [0, 1, 2].map(|d| significant(max[d] - min[d], 4)).join(" × ");
-        let corner = |p: &[f64; 3]| p.map(|c| significant(c, 4)).join(", ");
-        format!("{size} {} from ({}) to ({})", self.name(), corner(min), corner(max)).replace("  ", " ")
-    }
-}
-
-fn text(args: &InfoArgs, found: &FileInfo) -> String {
-    let mut lines = Lines::default();
-    let lengths = Lengths(found.unit);
-    let file = args.file.display();
-    match &found.contents {
-        Contents::Scan(scan) => {
-            lines.line(format!("{file}: a scan of {}.", counted(scan.points, "point")));
-            lines.gap();
-            of_scan(&mut lines, scan, &lengths);
-        }
-        Contents::Scans(list) => {
-            lines.line(format!(
-                "{file}: a list of {} with {}.",
-                counted(list.scans.len(), "scan"),
-                counted(list.points, "point")
-            ));
-            lines.gap();
-            of_list(&mut lines, list, &lengths);
-        }
-        Contents::Mesh(mesh) => {
-            lines.line(format!(
-                "{file}: a mesh of {} and {} vertices.",
-                counted(mesh.triangles, "triangle"),
-                count(mesh.vertices)
-            ));
-            lines.gap();
-            of_mesh(&mut lines, mesh, &lengths);
-        }
-        Contents::Model(model) => {
-            lines.line(format!(
-                "{file}: a model of a {} with {} control vertices.",
-                model.shape,
-                count(model.coefficients)
-            ));
-            lines.gap();
-            of_model(&mut lines, model, &lengths);
-        }
-    }
-    lines.into_text()
-}
-
-fn unit_or_unknown(lengths: &Lengths) -> String {
-    lengths.0.map_or("not named in the file".to_owned(), |u| u.name().to_owned())
-}
-
-fn of_scan(lines: &mut Lines, scan: &ScanInfo, lengths: &Lengths) {
-    lines.facts([
-        ("unit", unit_or_unknown(lengths)),
-        ("columns", scan.columns.join(" ")),
-        ("box", lengths.bounds(&scan.bounds)),
-        ("grid", grid(scan)),
-        ("sensor looks", scan.viewing.clone()),
-        (
-            "not finite",
-            match scan.dropped_not_finite {
-                0 => String::new(),
-                n => counted(n, "record"),
-            },
-        ),
-    ]);
-}
-
-fn grid(scan: &ScanInfo) -> String {
-    scan.grid.map_or("none".to_owned(), |grid| {
-        let cells = (grid.columns * grid.rows).max(1) as f64;
-        format!("{} × {}, {} filled", grid.columns, grid.rows, percent(grid.filled as f64 / cells))
-    })
-}
-
-fn of_list(lines: &mut Lines, list: &ScanListInfo, lengths: &Lengths) {
-    lines.facts([("unit", unit_or_unknown(lengths)), ("box", lengths.bounds(&list.bounds))]);
-    lines.gap();
-    let sigma = |value: Option<f64>, of_points: bool| match value {
-        _ if of_points => "of each point".to_owned(),
-        None => "to be estimated".to_owned(),
-        Some(value) => lengths.of(value),
-    };
-    let rows: Vec<Vec<String>> = list
-        .sensors
-        .iter()
-        .map(|s| {
-            vec![
-                s.name.clone(),
-                s.kind.clone(),
-                sigma(s.sigma_along, s.sigma_of_points),
-                sigma(s.sigma_across, s.sigma_of_points),
-                count(s.scans),
-            ]
-        })
-        .collect();
-    lines.table(
-        &[
-            ("sensor", Align::Left),
-            ("kind", Align::Left),
-            ("σ along", Align::Right),
-            ("across", Align::Right),
-            ("scans", Align::Right),
-        ],
-        &rows,
-    );
-    lines.gap();
-    let rows: Vec<Vec<String>> = list
-        .scans
-        .iter()
-        .map(|s| {
-            vec![
-                s.scan.name.clone(),
-                s.sensor.clone(),
-                count(s.scan.points),
-                grid(&s.scan),
-                s.translation.map(|c| significant(c, 4)).join(", "),
-                s.sigma_translation.map_or("exact".to_owned(), |s| lengths.of(s)),
-            ]
-        })
-        .collect();
-    lines.table(
-        &[
-            ("scan", Align::Left),
-            ("sensor", Align::Left),
-            ("points", Align::Right),
-            ("grid", Align::Left),
-            ("stands at", Align::Left),
-            ("σ of pose", Align::Right),
-        ],
-        &rows,
-    );
-}
-
-fn of_mesh(lines: &mut Lines, mesh: &MeshInfo, lengths: &Lengths) {
-    let kind = if mesh.watertight {
-        "watertight".to_owned()
-    } else {
-        format!("open, {}", counted(mesh.boundary_edges, "boundary edge"))
-    };
-    lines.facts([
-        ("unit", unit_or_unknown(lengths)),
-        ("columns", mesh.columns.join(" ")),
-        ("box", lengths.bounds(&mesh.bounds)),
-        (
-            "topology",
-            format!(
-                "{kind}, {}, {}",
-                if mesh.manifold { "manifold" } else { "not manifold" },
-                counted(mesh.components, "part")
-            ),
-        ),
-        ("area", format!("{}²", lengths.of(mesh.area))),
-        ("volume", mesh.volume.map_or(String::new(), |v| format!("{}³", lengths.of(v)))),
-        (
-            "σ",
-            mesh.sigma.map_or(String::new(), |s| {
-                format!(
-                    "median {}, 95 % below {}, largest {}",
-                    lengths.of(s.median),
-                    lengths.of(s.p95),
-                    lengths.of(s.max)
-                )
-            }),
-        ),
-        (
-            "measured",
-            mesh.observed_vertex_fraction
-                .map_or(String::new(), |f| format!("{} of the vertices", percent(f))),
-        ),
-    ]);
-}
-
-fn of_model(lines: &mut Lines, model: &ModelInfo, lengths: &Lengths) {
-    lines.facts([
-        ("unit", unit_or_unknown(lengths)),
-        (
-            "grid",
-            format!(
-                "{} × {} cells, refined to {} in {}",
-                model.base[0],
-                model.base[1],
-                count(model.cells),
-                counted(model.levels, "level")
-            ),
-        ),
-        ("box", lengths.bounds(&model.bounds)),
-        ("area", format!("{}²", lengths.of(model.area))),
-        ("measured", format!("{} of the area", percent(model.observed_area_fraction))),
-        (
-            "completed",
-            match model.invented_area_fraction {
-                0.0 => String::new(),
-                share => format!("{} of the area, by what was measured elsewhere", percent(share)),
-            },
-        ),
-        (
-            "σ",
-            format!(
-                "median {}, 95 % below {}, largest {}",
-                lengths.of(model.sigma.median),
-                lengths.of(model.sigma.p95),
-                lengths.of(model.sigma.max)
-            ),
-        ),
-        ("readings", count(model.observations)),
-    ]);
-    lines.gap();
-    let rows: Vec<Vec<String>> = model.sensors.iter().map(|sensor| sensor_cells(sensor).to_vec()).collect();
-    lines.table(
-        &[
-            ("sensor", Align::Left),
-            ("readings", Align::Right),
-            ("σ stated", Align::Right),
-            ("estimated", Align::Right),
-            ("used", Align::Left),
-        ],
-        &rows,
-    );
-    for (k, session) in model.sessions.iter().enumerate() {
-        lines.gap();
-        lines.line(format!(
-            "Session {}: planish {} (version {}, seed {})",
-            k + 1,
-            session.arguments.join(" "),
-            session.version,
-            session.seed
-        ));
-        for input in session.inputs.iter().filter(|input| input.points > 0) {
-            lines.line(format!("  {}: {}", input.name, counted(input.points, "point")));
-        }
-    }
 }

@@ -1,50 +1,100 @@
-//! The `planish` command: parse, call the façade, print.
+//! The program `planish`: parses the command line, runs a job of the library and prints its result.
 //!
-//! Comes in: a command line. Goes out: files, a summary on stdout, warnings and errors on stderr, and an exit
-//! code: 0 done, 1 ran but the data do not determine the answer, 2 wrong use or input, 3 file trouble, 130
-//! interrupted, 101 a bug of ours.
+//! In: a command line. Out: files, a summary on stdout, warnings and errors on stderr, and an exit code.
+//! The exit codes are listed in [`EXIT_CODES`]. Each command has a module with its options and its call; its
+//! text output and the parsers of its values are submodules. Commands do not import each other, except for
+//! option values that they share.
 
-mod args;
+mod common;
 mod compare;
-mod constrained_text;
+mod completions;
 mod contour;
-mod contour_args;
 mod failure;
 mod fit;
 mod info;
-mod manual;
+mod lines;
+mod man;
 mod merge;
-mod merge_args;
 mod next;
 mod numbers;
-mod occluding;
 mod progress;
-mod report;
 mod sense;
 mod serve;
 mod shell;
-mod shell_args;
-mod shell_fit;
-mod shell_mesh;
-mod shell_pose;
-mod shell_scene;
-mod shell_texture;
 mod simulate;
 mod solid;
+mod summary;
+mod values;
 mod view;
-mod view_args;
 
-use args::{Cli, Command};
-use clap::Parser;
+use clap::builder::styling::{AnsiColor, Styles};
+use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
+
+const STYLES: Styles = Styles::styled()
+    .header(AnsiColor::Green.on_default().bold())
+    .usage(AnsiColor::Green.on_default().bold())
+    .literal(AnsiColor::Cyan.on_default());
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    success
+  1    the data do not determine the result
+  2    wrong use or invalid input
+  3    a file could not be read or written
+  101  a bug in planish
+  130  interrupted; nothing was written
+
+Run a command with -h for its main options, or with --help for all of them.
+Example: planish fit scan.ply -o part.step";
+
+/// Fit surfaces and solids to measurements, and report how accurate the result is.
+#[derive(Debug, Parser)]
+#[command(name = "planish", version, styles = STYLES, arg_required_else_help = true, after_help = EXIT_CODES)]
+struct Cli {
+    /// The command to run.
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Fit a surface to scans and report its uncertainty
+    Fit(fit::FitArgs),
+    /// Measure deviations of a model from a reference, and check its σ
+    Compare(compare::CompareArgs),
+    /// Convert sensor data into points with covariance
+    Sense(sense::SenseArgs),
+    /// Identify a contour from range readings; report its dimensions and their σ
+    Contour(contour::ContourArgs),
+    /// Describe the contents of a file
+    Info(info::InfoArgs),
+    /// Merge overlapping surface patches into one mesh
+    Merge(merge::MergeArgs),
+    /// Plan the next measurements: where they reduce σ most
+    Next(next::NextArgs),
+    /// Deform a mesh to points and silhouettes, and mesh, pose or colour it
+    Shell(shell::ShellArgs),
+    /// Reconstruct solids from two or three views of a drawing
+    Solid(solid::SolidArgs),
+    /// Simulate measurements with known ground truth
+    Simulate(simulate::SimulateArgs),
+    /// Show a file in the browser, or render an image of it
+    View(view::ViewArgs),
+    /// Print a script for shell completion
+    Completions(completions::CompletionsArgs),
+    /// Print a page of the manual, or write all pages
+    Man(man::ManArgs),
+}
 
 fn main() -> ExitCode {
     failure::announce_bugs();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(e) => return ExitCode::from(report::not_understood(&e)),
+        Err(e) => return ExitCode::from(summary::print_parse_error(&e, Cli::command())),
     };
-    let outcome = match cli.command {
+    let code = match cli.command {
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Sense(args) => sense::run(&args),
@@ -56,8 +106,32 @@ fn main() -> ExitCode {
         Command::Solid(args) => solid::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::View(args) => view::run(&args),
-        Command::Completions(args) => manual::completions(&args),
-        Command::Man(args) => manual::man(&args),
+        Command::Completions(args) => completions::run(&args, Cli::command()),
+        Command::Man(args) => man::run(&args, Cli::command()),
     };
-    ExitCode::from(outcome)
+    ExitCode::from(code)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Cli;
+    use clap::CommandFactory;
+
+    #[test]
+    fn option_definitions_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    /// The first screen of help is for people who look for one option.
+    #[test]
+    fn short_help_fits_one_screen() {
+        let mut commands = vec![Cli::command()];
+        while let Some(mut command) = commands.pop() {
+            commands.extend(command.get_subcommands().cloned());
+            let help = command.render_help().to_string();
+            assert!(help.lines().count() <= 40, "{}", help);
+            let hides = command.get_arguments().any(|arg| arg.is_hide_short_help_set());
+            assert_eq!(hides, help.contains("Run with --help for all options."), "{help}");
+        }
+    }
 }

@@ -1,20 +1,19 @@
-//! `planish merge`.
+//! `planish merge`: merges overlapping patches into one mesh.
 
-use crate::merge_args::MergeArgs;
-use crate::numbers::{count, counted, significant};
-use crate::report::{self, Align, Lines, Summary};
+mod args;
+mod text;
+
+use crate::summary::{self, Summary};
+pub use args::MergeArgs;
 use clap::ValueEnum;
 use planish::Job;
-use planish::merge::{FillReport, MergeJob, MergeJobReport, MergeOptions, MergeReport, SplineReport};
+use planish::merge::{MergeJob, MergeJobReport, MergeOptions, MergeReport, SplineReport};
 use planish::next::Length;
 use planish::progress::Progress;
 use planish::{Result, Unit};
 use serde::Serialize;
 
-/// So many regions are shown.
-const SHOWN: usize = 10;
-
-/// The keys of `merge` beside the common ones.
+/// JSON keys of `merge`.
 #[derive(Serialize)]
 struct Body {
     #[serde(flatten)]
@@ -26,7 +25,7 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &MergeArgs) -> u8 {
-    report::run("merge", &args.common, |progress| work(args, progress))
+    summary::run("merge", &args.common, |progress| work(args, progress))
 }
 
 fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
@@ -52,7 +51,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     let MergeJobReport { merge: report, spline } = job.run(progress)?;
     let warnings = report.warnings.clone();
     Ok(Summary {
-        text: text(args, &report, spline.as_ref()),
+        text: text::text(args, &report, spline.as_ref()),
         unit: Some(report.unit),
         inputs: report.inputs.clone(),
         outputs: args.output.iter().chain(&args.page.report).cloned().collect(),
@@ -61,7 +60,7 @@ fn work(args: &MergeArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     })
 }
 
-/// The arguments that decide the answer, as on the command line.
+/// The arguments that decide the result; a saved model records them.
 fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
     let mut all = vec!["merge".to_owned()];
     all.extend(args.patches.iter().map(|path| path.display().to_string()));
@@ -89,166 +88,4 @@ fn deciding_arguments(args: &MergeArgs) -> Vec<String> {
         all.push("--curvature".to_owned());
     }
     all
-}
-
-/// What fills holes, and what was left open.
-fn filled_in_words(filled: &FillReport) -> String {
-    let mut words = format!(
-        "{} filled with {} vertices (`observed` 2, σ a guess)",
-        counted(filled.holes, "hole"),
-        count(filled.vertices)
-    );
-    if filled.left_open > 0 {
-        words +=
-            &format!("; {} left open, with more edges than --fill allows", counted(filled.left_open, "hole"));
-    }
-    if filled.outer_rims > 0 {
-        words += &format!("; {} left open, as that of a sheet is", counted(filled.outer_rims, "outer rim"));
-    }
-    words + "."
-}
-
-fn text(args: &MergeArgs, report: &MergeReport, spline: Option<&SplineReport>) -> String {
-    let mut lines = Lines::default();
-    let unit = report.unit;
-    lines.line(format!(
-        "Merged {} patches into {} triangles and {} vertices{}.",
-        report.patches.len(),
-        count(report.triangles),
-        count(report.vertices),
-        if report.watertight { ", watertight" } else { "" }
-    ));
-    lines.gap();
-    let sigma = &report.sigma;
-    let most = report.valence.iter().skip(7).sum::<usize>();
-    lines.facts([
-        (
-            "σ",
-            format!(
-                "median {} {unit}, 95 % below {} {unit}, largest {} {unit}{}",
-                significant(sigma.median, 3),
-                significant(sigma.p95, 3),
-                significant(sigma.max, 3),
-                if report.sigma_estimated {
-                    " (told from how patches differ)"
-                } else {
-                    ""
-                }
-            ),
-        ),
-        (
-            "topology",
-            format!(
-                "{} {}, {} open edges, {} edges of three triangles and more",
-                report.parts,
-                if report.parts == 1 { "part" } else { "parts" },
-                count(report.boundary_edges),
-                report.nonmanifold_edges
-            ),
-        ),
-        (
-            "seams",
-            format!(
-                "{} triangles, {} holes closed; {} of {} vertices have more than six edges",
-                count(report.stitched_triangles),
-                count(report.holes_closed),
-                count(most),
-                count(report.valence.iter().sum())
-            ),
-        ),
-        (
-            "triangles",
-            report.quality.as_ref().map_or_else(String::new, |q| {
-                format!(
-                    "smallest angle {:.1}° in the median, 99 % above {:.1}°; longest edge over height {:.2} in the median, 99 % below {}",
-                    q.smallest_angle_median_deg,
-                    q.smallest_angle_p1_deg,
-                    q.aspect_median,
-                    significant(q.aspect_p99, 3)
-                )
-            }),
-        ),
-    ]);
-    lines.gap();
-    let rows: Vec<Vec<String>> = report
-        .patches
-        .iter()
-        .enumerate()
-        .map(|(k, p)| {
-            vec![
-                k.to_string(),
-                p.name.clone(),
-                count(p.triangles),
-                count(p.vertices_kept),
-                significant(p.sigma, 3),
-            ]
-        })
-        .collect();
-    lines.table(
-        &[
-            ("patch", Align::Right),
-            ("from", Align::Left),
-            ("triangles", Align::Right),
-            ("vertices kept", Align::Right),
-            ("σ", Align::Right),
-        ],
-        &rows,
-    );
-    if let Some(completed) = &report.completed {
-        lines.gap();
-        lines.line(format!(
-            "{} vertices are of {}, where no patch is (`observed` 2); {} triangles reached out of it and were carved away.",
-            count(completed.vertices),
-            completed.name,
-            count(completed.carved)
-        ));
-    }
-    if let Some(filled) = &report.filled {
-        lines.gap();
-        lines.line(filled_in_words(filled));
-    }
-    if report.fragments_left_out > 0 {
-        lines.gap();
-        lines.line(format!(
-            "{} of a few triangles that were left over {} left out.",
-            counted(report.fragments_left_out, "part"),
-            if report.fragments_left_out == 1 { "was" } else { "were" }
-        ));
-    }
-    lines.poses(&report.poses, unit);
-    lines.gap();
-    let rows: Vec<Vec<String>> = report
-        .regions
-        .iter()
-        .take(SHOWN)
-        .map(|r| {
-            vec![format!("{} and {}", r.patches[0], r.patches[1]), count(r.points), significant(r.rms, 3)]
-        })
-        .collect();
-    lines.table(
-        &[("common regions of", Align::Left), ("points", Align::Right), ("rms between them", Align::Right)],
-        &rows,
-    );
-    if report.regions.len() > SHOWN {
-        lines.line(format!("and {} smaller ones (--json names all)", count(report.regions.len() - SHOWN)));
-    }
-    lines.gap();
-    if let Some(spline) = spline {
-        lines.line(format!(
-            "As a spline: a {} of {} control vertices ({} levels), {} {unit} rms from the vertices of the mesh; σ median {} {unit}",
-            spline.shape,
-            count(spline.coefficients),
-            spline.levels,
-            significant(spline.rms, 3),
-            significant(spline.sigma.median, 3)
-        ));
-        lines.gap();
-    }
-    if args.output.is_empty() {
-        lines.line("Nothing was written: give -o FILE.");
-    }
-    for path in &args.output {
-        lines.line(format!("Wrote {}", path.display()));
-    }
-    lines.into_text()
 }

@@ -1,3 +1,3 @@
-//! Numbers as people read them: those of reports.
+//! Formatting of numbers for people, shared with the HTML reports.
 
 pub use planish_report::numbers::{count, counted, percent, significant};

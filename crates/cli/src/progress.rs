@@ -1,8 +1,7 @@
-//! How far the work is, for people who wait and for programs; and Ctrl-C for those who do not.
+//! Progress reports on stderr, and the handling of Ctrl-C.
 //!
-//! Comes in: stages, shares, counts and residuals of a job. Goes out, on stderr: one bar that all jobs share,
-//! where that is a terminal; or, with `--progress json`, an object a line. Into pipes and files nothing is
-//! written unless it was asked for.
+//! In: stages, shares, counts and residuals of a job. Out: a progress bar if stderr is a terminal; or, with
+//! `--progress json`, one JSON object per line. Pipes and files get nothing unless it was requested.
 
 use crate::numbers::significant;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -14,27 +13,28 @@ use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Work that is over sooner shows no bar.
-const PATIENCE: Duration = Duration::from_secs(1);
-/// Events of one stage are no closer than this.
-const PAUSE: Duration = Duration::from_millis(200);
-/// Before this share is done nobody knows how long the rest takes.
-const LEAST_SHARE: f64 = 0.05;
-/// Steps of the bar.
+/// The bar appears after this time; shorter jobs show none.
+const BAR_DELAY: Duration = Duration::from_secs(1);
+/// Minimum time between two events of one stage.
+const EVENT_INTERVAL: Duration = Duration::from_millis(200);
+/// Minimum share before the remaining time is extrapolated; earlier estimates fluctuate.
+const MIN_SHARE_FOR_ESTIMATE: f64 = 0.05;
+/// Number of steps of the bar.
 const STEPS: u64 = 1000;
 
 /// Set by Ctrl-C.
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
-/// Set while files are written: it takes a moment, and they are to be whole.
+/// Set while files are written. Then Ctrl-C does not end the process, so that no file is incomplete.
 static WRITING: AtomicBool = AtomicBool::new(false);
-/// Set while a result is shown: there is no step to wait for.
+/// Set while a result is shown. Then Ctrl-C is the normal way to stop, without a message.
 static SHOWING: AtomicBool = AtomicBool::new(false);
 
-/// Turns Ctrl-C into a request that the work looks at between its steps, so that no file is left
-/// half-written. Who presses it again does not wait for the step.
+/// Makes Ctrl-C a request to stop, which jobs check between their steps; no file is left half-written.
+///
+/// A second Ctrl-C ends the process at once.
 fn listen_for_ctrl_c() {
-    // A second handler in one process, or a system without signals, leaves the default: the process ends at
-    // once.
+    // If a handler exists already, or the system has no signals, the default remains: the process
+    // ends at once.
     let _ = ctrlc::set_handler(|| {
         if !INTERRUPTED.swap(true, Ordering::Relaxed) {
             if !SHOWING.load(Ordering::Relaxed) {
@@ -49,10 +49,10 @@ fn listen_for_ctrl_c() {
     });
 }
 
-/// Who is told.
+/// The reader of progress reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Audience {
-    /// Who looks at a terminal.
+    /// A person at a terminal.
     People,
     /// A program that reads stderr.
     Program,
@@ -60,32 +60,33 @@ pub enum Audience {
     Nobody,
 }
 
-/// Where a job stands.
+/// The progress of a job.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct State {
     stage: String,
     share: f64,
-    /// When the stage began, after the job did.
+    /// Start of the stage, measured from the start of the job.
     stage_begun: Duration,
-    /// What the stage works through: how many are done, and what they are.
+    /// Number of items that are done, and their name.
     items: Option<(usize, &'static str)>,
     rms: Option<f64>,
 }
 
 impl State {
-    /// Things done a second in this stage.
+    /// Items per second in this stage.
     fn rate(&self, elapsed: Duration) -> Option<f64> {
         let (done, _) = self.items?;
         let seconds = elapsed.saturating_sub(self.stage_begun).as_secs_f64();
         (done > 0 && seconds > 0.0).then(|| done as f64 / seconds)
     }
 
-    /// Seconds that the rest takes if it goes on as so far.
+    /// Remaining time in seconds, extrapolated from the elapsed time.
     fn seconds_left(&self, elapsed: Duration) -> Option<f64> {
-        (self.share >= LEAST_SHARE).then(|| elapsed.as_secs_f64() * (1.0 - self.share.min(1.0)) / self.share)
+        (self.share >= MIN_SHARE_FOR_ESTIMATE)
+            .then(|| elapsed.as_secs_f64() * (1.0 - self.share.min(1.0)) / self.share)
     }
 
-    /// What stands beside the bar.
+    /// The text beside the bar.
     fn text(&self, elapsed: Duration) -> String {
         let mut parts = vec![self.stage.clone()];
         if let (Some(rate), Some((_, what))) = (self.rate(elapsed), self.items) {
@@ -134,30 +135,30 @@ impl Event<'_> {
     fn print(&self) {
         if let Ok(mut line) = serde_json::to_string(self) {
             line.push('\n');
-            // Where stderr is closed nobody wants to know. One write a line: lines of several processes do
-            // not mix.
+            // If stderr is closed, there is nowhere to report that. One write per line keeps the lines of
+            // several processes apart.
             let _ = std::io::stderr().lock().write_all(line.as_bytes());
         }
     }
 }
 
-/// Milliseconds are exact enough.
+/// Rounds to milliseconds.
 fn rounded(seconds: f64) -> f64 {
     (1000.0 * seconds).round() / 1000.0
 }
 
-/// Listens to long work.
+/// Reports the progress of a job to the terminal.
 pub struct Terminal {
     begun: Instant,
     audience: Audience,
     state: RefCell<State>,
     bar: RefCell<Option<ProgressBar>>,
-    /// When the last event was printed, after the job began.
-    told: RefCell<Option<Duration>>,
+    /// Time of the last event, measured from the start of the job.
+    last_event: RefCell<Option<Duration>>,
 }
 
 impl Terminal {
-    /// A listener; people are told where stderr is a terminal only.
+    /// Starts the clock and handles Ctrl-C. `People` get reports only if stderr is a terminal.
     pub fn new(audience: Audience) -> Self {
         listen_for_ctrl_c();
         Self {
@@ -168,11 +169,11 @@ impl Terminal {
             },
             state: RefCell::default(),
             bar: RefCell::new(None),
-            told: RefCell::new(None),
+            last_event: RefCell::new(None),
         }
     }
 
-    /// Tells programs how it ended.
+    /// Prints the event `finished` for programs.
     pub fn finished(&self, exit_code: u8) {
         self.clear();
         if self.audience == Audience::Program {
@@ -181,7 +182,7 @@ impl Terminal {
         }
     }
 
-    /// Takes the bar away, so that something else can be printed.
+    /// Removes the bar, so that other text can be printed.
     pub fn clear(&self) {
         if let Some(bar) = self.bar.borrow_mut().take() {
             bar.finish_and_clear();
@@ -202,7 +203,7 @@ impl Terminal {
     }
 
     fn print(&self, state: &State, elapsed: Duration) {
-        *self.told.borrow_mut() = Some(elapsed);
+        *self.last_event.borrow_mut() = Some(elapsed);
         Event::Progress {
             seconds: rounded(elapsed.as_secs_f64()),
             stage: &state.stage,
@@ -231,11 +232,12 @@ impl Progress for Terminal {
         state.share = share.clamp(0.0, 1.0);
         match self.audience {
             Audience::Nobody => {}
+            // A served page has no end to wait for, so the bar is removed.
             _ if stage == SHOWING_STAGE => self.clear(),
-            Audience::People if elapsed < PATIENCE => {}
+            Audience::People if elapsed < BAR_DELAY => {}
             Audience::People => self.show(&state, elapsed),
             Audience::Program => {
-                let waited = self.told.borrow().is_none_or(|told| elapsed >= told + PAUSE);
+                let waited = self.last_event.borrow().is_none_or(|last| elapsed >= last + EVENT_INTERVAL);
                 if is_new || waited {
                     self.print(&state, elapsed);
                 }
@@ -267,7 +269,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_says_stage_rate_time_left_and_rms() {
+    fn the_text_has_stage_rate_remaining_time_and_rms() {
         let state = State {
             stage: "streaming".to_owned(),
             share: 0.25,
@@ -278,7 +280,7 @@ mod tests {
         let at = Duration::from_secs(30);
         assert_eq!(state.text(at), "streaming · 200 readings/s · 1:30 min left · rms 0.157");
         assert_eq!(state.seconds_left(at), Some(90.0));
-        // What is not known is not said.
+        // Unknown values are left out.
         let first = State { stage: "reading".to_owned(), share: 0.01, ..State::default() };
         assert_eq!(first.text(at), "reading");
         assert_eq!([clock(59.4), clock(60.0), clock(7260.0)], ["59 s", "1:00 min", "2:01 h"]);

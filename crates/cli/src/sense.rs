@@ -1,16 +1,46 @@
-//! `planish sense`.
+//! `planish sense`: converts sensor data into points with covariance.
 
-use crate::args::{CommonArgs, DepthArgs, GridArgs, PhotometricArgs, SenseArgs, Sensed, StereoArgs};
+mod contours;
+mod depth;
+mod grid;
+mod photometric;
+mod stereo;
+
+use crate::common::CommonArgs;
+use crate::lines::{Lines, sigma_quantiles};
 use crate::numbers::{count, percent, significant};
-use crate::report::{self, Lines, Summary};
-use planish::Job;
+use crate::summary::{self, Summary};
+use clap::{Args, Subcommand};
 use planish::progress::Progress;
 use planish::sense::{SenseJob, SenseKind, SenseReport};
-use planish::{Error, GridOptions, Result, StereoOptions, StereoPoints, Unit};
+use planish::{Job, Result, Unit};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// The keys of `sense` beside the common ones.
+/// Arguments of `planish sense`.
+#[derive(Debug, Args)]
+pub struct SenseArgs {
+    /// The sensor.
+    #[command(subcommand)]
+    sensor: SenseCommand,
+}
+
+/// The sensors.
+#[derive(Debug, Subcommand)]
+enum SenseCommand {
+    /// Stereo images, matched densely: points with covariance, or disparities with σ
+    Stereo(stereo::StereoArgs),
+    /// An image of crossed projected stripes: points, normals and curvatures with σ
+    Grid(grid::GridArgs),
+    /// Images of one view under at least three lights, or a normal map: normals with σ
+    Photometric(photometric::PhotometricArgs),
+    /// A depth image: points with covariance
+    Depth(depth::DepthArgs),
+    /// Views from a camera that moves around an object: points and patches from its occluding contours
+    Contours(contours::ContoursArgs),
+}
+
+/// JSON keys of `sense`.
 #[derive(Serialize)]
 struct Body {
     #[serde(flatten)]
@@ -20,14 +50,16 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &SenseArgs) -> u8 {
-    let (name, kind, output, common) = match &args.kind {
-        Sensed::Stereo(args) => ("sense stereo", stereo(args), &args.output, &args.common),
-        Sensed::Grid(args) => ("sense grid", Ok(grid(args)), &args.output, &args.common),
-        Sensed::Photometric(args) => ("sense photometric", photometric(args), &args.output, &args.common),
-        Sensed::Depth(args) => ("sense depth", Ok(depth(args)), &args.output, &args.common),
-        Sensed::Contours(args) => return crate::occluding::run(args),
+    let (name, kind, output, common) = match &args.sensor {
+        SenseCommand::Stereo(args) => ("sense stereo", stereo::kind(args), &args.output, &args.common),
+        SenseCommand::Grid(args) => ("sense grid", Ok(grid::kind(args)), &args.output, &args.common),
+        SenseCommand::Photometric(args) => {
+            ("sense photometric", photometric::kind(args), &args.output, &args.common)
+        }
+        SenseCommand::Depth(args) => ("sense depth", Ok(depth::kind(args)), &args.output, &args.common),
+        SenseCommand::Contours(args) => return contours::run(args),
     };
-    report::run(name, common, |progress| work(kind?, output, common, progress))
+    summary::run(name, common, |progress| work(kind?, output, common, progress))
 }
 
 fn work(
@@ -48,68 +80,15 @@ fn work(
     })
 }
 
-fn stereo(args: &StereoArgs) -> Result<SenseKind> {
-    let [first, last] = args.disparities;
-    let disparities = usize::try_from(i64::from(last) - i64::from(first) + 1);
-    let disparities = disparities
-        .map_err(|_| Error::input(format!("needed disparities from low to high, found {first}..{last}")))?;
-    Ok(SenseKind::Stereo {
-        left: args.left.clone(),
-        right: args.right.clone(),
-        calibration: args.calib.clone(),
-        options: StereoOptions {
-            least_disparity: first,
-            disparities,
-            small_step: args.p1,
-            large_step: args.p2,
-            uniqueness: args.uniqueness,
-            left_right: args.left_right,
-            speckle: args.speckle,
-        },
-        points: StereoPoints { step: args.step, max_sigma_px: args.max_sigma.unwrap_or(f64::INFINITY) },
-    })
-}
-
-fn grid(args: &GridArgs) -> SenseKind {
-    SenseKind::Grid {
-        image: args.image.clone(),
-        plain: args.plain.clone(),
-        calibration: args.calib.clone(),
-        options: GridOptions { scale_px: args.scale },
-    }
-}
-
-fn photometric(args: &PhotometricArgs) -> Result<SenseKind> {
-    match (&args.calib, args.normal_map, &args.images[..]) {
-        (Some(calibration), None, images) => Ok(SenseKind::Photometric {
-            images: images.to_vec(),
-            mask: args.mask.clone(),
-            calibration: calibration.clone(),
-        }),
-        (None, Some(sigma_deg), [image]) => Ok(SenseKind::NormalMap { image: image.clone(), sigma_deg }),
-        (None, Some(_), images) => Err(Error::input(format!(
-            "needed one picture of normals with --normal-map, found {}",
-            images.len()
-        ))),
-        _ => Err(Error::input(
-            "needed --calib with the lights, or --normal-map with the σ of a picture of normals",
-        )),
-    }
-}
-
-fn depth(args: &DepthArgs) -> SenseKind {
-    SenseKind::Depth { image: args.image.clone(), calibration: args.calib.clone() }
-}
-
 fn text(done: &SenseReport) -> String {
     let mut lines = Lines::default();
     let share = percent(done.observations as f64 / done.pixels.max(1) as f64);
     let found = count(done.observations);
     let pixels = count(done.pixels);
     lines.line(match done.kind {
-        "photometric" => format!("Sensed {found} normals of {pixels} pixels ({share})."),
-        "grid" => format!("Sensed {found} places where stripes cross, in {pixels} pixels."),
-        _ => format!("Sensed {found} points of {pixels} pixels ({share})."),
+        "photometric" => format!("Computed {found} normals from {pixels} pixels ({share})."),
+        "grid" => format!("Found {found} stripe crossings in {pixels} pixels."),
+        _ => format!("Computed {found} points from {pixels} pixels ({share})."),
     });
     lines.gap();
     let unit = done.unit.map_or("", Unit::name);
@@ -117,15 +96,15 @@ fn text(done: &SenseReport) -> String {
     let rejected: Vec<String> =
         done.rejected.iter().map(|(cause, n)| format!("{} {}", count(*n), cause.replace('_', "-"))).collect();
     lines.facts([
-        ("left out", rejected.join(", ")),
+        ("rejected", rejected.join(", ")),
         (
             if done.kind == "grid" { "σ of crossings" } else { "σ of disparity" },
-            report::sigma_quantiles(done.sigma_px, "px"),
+            sigma_quantiles(done.sigma_px, "px"),
         ),
-        ("σ along rays", report::sigma_quantiles(done.sigma, unit)),
-        ("σ of normals", report::sigma_quantiles(done.sigma_n_deg, "°")),
-        ("σ of curvatures", report::sigma_quantiles(done.sigma_k, &per_unit)),
-        ("light from everywhere", done.ambient.map_or(String::new(), percent)),
+        ("σ along rays", sigma_quantiles(done.sigma, unit)),
+        ("σ of normals", sigma_quantiles(done.sigma_n_deg, "°")),
+        ("σ of curvatures", sigma_quantiles(done.sigma_k, &per_unit)),
+        ("ambient light", done.ambient.map_or(String::new(), percent)),
         ("σ of brightness", done.sigma_brightness.map_or(String::new(), |s| significant(s, 3))),
     ]);
     for file in &done.written {

@@ -1,35 +1,36 @@
-//! A page for the browsers of this computer, until somebody presses Ctrl-C.
+//! A small web server that shows one page to browsers on this computer.
 //!
 //! Comes in: a page of HTML. Goes out: answers to `GET /` (HTTP/1.1, RFC 9112) on a port of the loopback
-//! address, which no other computer reaches. Requests that name another host are refused, so that no page
-//! from elsewhere reads this one under a name of its own.
+//! address, which other computers cannot reach. Requests with another host name are refused: this stops
+//! web sites that point their own name at this address (DNS rebinding).
 
 use planish::{Error, Result};
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::time::Duration;
 
-/// How often is looked whether to stop.
+/// Interval between checks for a stop.
 const PAUSE: Duration = Duration::from_millis(30);
-/// A browser that says nothing for so long is not waited for.
+/// Timeout of a connection.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// No request of a browser is longer.
-const LONGEST: usize = 16 * 1024;
+/// Maximum size of a request, in bytes; a longer one is dropped.
+const MAX_REQUEST: usize = 16 * 1024;
 
-/// A page that is served.
+/// A server for one page.
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
 }
 
 impl Server {
-    /// Takes a port of the loopback address; one that is free where none is given.
+    /// Binds a port of the loopback address; without `port`, a free one.
     ///
     /// # Errors
-    /// `Io` where the port is taken.
+    /// `Io` if the port is in use.
     pub fn on(port: Option<u16>) -> Result<Self> {
         let wanted = SocketAddr::from((Ipv4Addr::LOCALHOST, port.unwrap_or(0)));
         let made = TcpListener::bind(wanted).and_then(|listener| {
+            // `accept` must not block: the loop in `serve` also has to look at `stop`.
             listener.set_nonblocking(true)?;
             let address = listener.local_addr()?;
             Ok(Self { listener, address })
@@ -37,7 +38,8 @@ impl Server {
         made.map_err(|e| {
             Error::io(match port {
                 Some(port) => format!(
-                    "port {port} of this computer could not be used: another program may have it; leave --port out"
+                    "port {port} of this computer could not be used: another program may use it; omit --port \
+                     to use a free port"
                 ),
                 None => "no port of this computer could be used".to_owned(),
             })
@@ -45,34 +47,35 @@ impl Server {
         })
     }
 
-    /// Where the page is.
+    /// The address of the page.
     pub fn url(&self) -> String {
         format!("http://{}/", self.address)
     }
 
-    /// Answers until `stop` says so; how often the page was asked for.
+    /// Answers requests until `stop` returns true; returns the number of requests for the page.
     ///
     /// # Errors
-    /// `Io` where the port is lost.
+    /// `Io` if the port is lost.
     pub fn serve(&self, page: &str, stop: impl Fn() -> bool) -> Result<usize> {
-        let mut asked = 0;
+        let mut requests = 0;
         while !stop() {
             match self.listener.accept() {
-                // A browser that goes away in the middle harms only itself.
+                // A broken connection is the browser's problem; the server goes on.
                 Ok((stream, _)) => {
-                    asked += usize::from(answer(stream, page, self.address.port()).unwrap_or(false))
+                    requests += usize::from(answer(stream, page, self.address.port()).unwrap_or(false))
                 }
                 Err(e) if e.kind() == ErrorKind::WouldBlock => std::thread::sleep(PAUSE),
                 Err(e) if e.kind() == ErrorKind::Interrupted || e.kind() == ErrorKind::ConnectionAborted => {}
                 Err(e) => return Err(Error::io("the page can no longer be served").with_source(e)),
             }
         }
-        Ok(asked)
+        Ok(requests)
     }
 }
 
-/// Answers one request; whether it was for the page.
+/// Answers one request; returns whether it was for the page.
 fn answer(mut stream: TcpStream, page: &str, port: u16) -> std::io::Result<bool> {
+    // On some systems a stream inherits the mode of its listener. Reads with a timeout need blocking mode.
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
@@ -81,7 +84,8 @@ fn answer(mut stream: TcpStream, page: &str, port: u16) -> std::io::Result<bool>
     while !request.windows(4).any(|end| end == b"\r\n\r\n") {
         let n = stream.read(&mut part)?;
         request.extend_from_slice(&part[..n]);
-        if n == 0 || request.len() > LONGEST {
+        // A closed connection or an oversized request gets no answer.
+        if n == 0 || request.len() > MAX_REQUEST {
             return Ok(false);
         }
     }
@@ -89,8 +93,8 @@ fn answer(mut stream: TcpStream, page: &str, port: u16) -> std::io::Result<bool>
     let (status, body) = response(&request, page, port);
     let method = request.split(' ').next().unwrap_or_default();
     let head = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: text/html; charset=utf-8\r\nContent-Length: {}\r\nCache-Control: no-store\r\n\
-         X-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n",
+        "HTTP/1.1 {status}\r\nContent-Type: text/html; charset=utf-8\r\nContent-Length: {}\r\n\
+         Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n",
         body.len()
     );
     stream.write_all(head.as_bytes())?;
@@ -101,7 +105,7 @@ fn answer(mut stream: TcpStream, page: &str, port: u16) -> std::io::Result<bool>
     Ok(status.starts_with("200"))
 }
 
-/// The status and the body for a request.
+/// The status and the body of the response.
 fn response<'a>(request: &str, page: &'a str, port: u16) -> (&'static str, &'a str) {
     let mut words = request.lines().next().unwrap_or_default().split(' ');
     let (method, path) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
@@ -109,6 +113,8 @@ fn response<'a>(request: &str, page: &'a str, port: u16) -> (&'static str, &'a s
         .filter_map(|line| line.split_once(':'))
         .find(|(name, _)| name.eq_ignore_ascii_case("host"))
         .map(|(_, host)| host.trim().to_ascii_lowercase());
+    // A page of another site can reach this port from the same browser, but it cannot change the header
+    // `Host`.
     let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
     if !host.is_some_and(|host| own.contains(&host)) {
         return ("403 Forbidden", "This page is for this computer only.");
@@ -125,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_page_and_only_for_this_computer() {
+    fn only_requests_for_the_page_on_this_host_are_answered() {
         let status = |request: &str| response(request, "page", 80).0.split(' ').next().unwrap().to_owned();
         assert_eq!(status("GET / HTTP/1.1\r\nHost: 127.0.0.1:80\r\n\r\n"), "200");
         assert_eq!(status("GET /?a HTTP/1.1\r\nhost: LOCALHOST:80\r\n\r\n"), "200");

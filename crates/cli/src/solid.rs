@@ -1,21 +1,125 @@
-//! `planish solid`.
+//! `planish solid`: reconstructs solids from views.
 
-use crate::args::{ProjectionName, SolidArgs};
-use crate::numbers::{count, significant};
-use crate::report::{self, Align, Lines, Summary};
-use planish::Job;
+mod text;
+
+use crate::common::{CommonArgs, ReportArgs, short_help};
+use crate::summary::{self, Summary};
+use crate::values::{positive, probability};
+use clap::{Args, ValueEnum, ValueHint};
 use planish::progress::Progress;
-use planish::solid::{
-    DimensionKind, FaceCounts, NoisyGeometry, Projection, SolidJob, SolidReport, UnexplainedLine,
-};
-use planish::{ErrorKind, Result};
+use planish::solid::{Projection, SolidJob, SolidReport, ViewKind};
+use planish::{ErrorKind, Job, Result};
 use serde::Serialize;
 use std::cell::Cell;
+use std::path::PathBuf;
 
-/// So many lines are named in the summary.
-const NAMED: usize = 20;
+const EXAMPLES: &str = "\
+Examples:
+  planish solid examples/data/bracket/front.dxf examples/data/bracket/top.dxf examples/data/bracket/side.dxf \
+-o bracket.step
+  planish solid front.dxf top.dxf -o part.step --all --json
+  planish solid sheet.dxf --projection third -o part.step
+  planish solid front.svg top.svg side.svg -o part.glb --mesh-tolerance 0.01
+  planish solid front.json side.json --as front,side -o part.step -o part.json --graphs graphs.json
 
-/// The keys of `solid` beside the common ones.
+Views:
+  front  seen from -y, shows x and z
+  top    seen from +z, shows x and y
+  side   seen from +x, shows y and z
+All views share one frame and one scale. On a sheet with all views, the views are separated and aligned with \
+the front view. The lower left corner of each view becomes its origin, on such a sheet and in SVG files.
+
+Hidden lines are dashed (SVG), or on layers or of line types named HIDDEN or DASHED (DXF). Centre lines are \
+ignored. Faces are planes parallel to a line of sight and cylinders along an axis. Smooth edges may be drawn \
+or omitted. A solid is written only if its visible and hidden lines are those of the drawing.
+
+Contours written by `planish contour` (.json) are also views. Relations in each contour are found by χ² \
+tests, or read from the file if it was made with --constrain or --given. Coordinates of different views are \
+matched by χ² tests and fused into one geometry, weighted by their information. part.json then has vertices \
+and dimensions in space with their σ.";
+
+/// Arguments of `planish solid`.
+#[derive(Debug, Args)]
+#[command(after_help = short_help!("planish solid front.dxf top.dxf side.dxf -o part.step"),
+          after_long_help = EXAMPLES)]
+pub struct SolidArgs {
+    /// Front, top and optional side view (.dxf, .svg, .json), or one drawing with all views
+    ///
+    /// Views are drawings (.dxf, .svg) or contours (.json).
+    #[arg(value_name = "VIEW", value_hint = ValueHint::FilePath, num_args = 1..=3, required = true)]
+    views: Vec<PathBuf>,
+    /// Kinds of the views, such as `front,side` [default: front, top and side]
+    #[arg(long = "as", value_name = "VIEWS", value_delimiter = ',', value_enum, help_heading = "Views")]
+    kinds: Vec<ViewName>,
+    /// For contours: probability that a true relation or match is rejected
+    #[arg(long, value_name = "PROBABILITY", default_value_t = planish::contour::DEFAULT_LEVEL,
+          value_parser = probability, allow_negative_numbers = true, hide_short_help = true,
+          help_heading = "Contours")]
+    level: f64,
+    /// For contours: write the constraint graphs of the views and their composite graph
+    ///
+    /// Formats: .json and .dot; repeatable.
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, hide_short_help = true,
+          help_heading = "Contours")]
+    graphs: Vec<PathBuf>,
+    /// Write the best solid (.step), its mesh (.ply, .stl, .glb, .obj), or its σ (.json); repeatable
+    ///
+    /// A .json file has the vertices and dimensions with σ; it needs views that are contours.
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    output: Vec<PathBuf>,
+    /// Maximum distance of a mesh from the solid [default: 1/2000 of the drawing's size]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+          hide_short_help = true)]
+    mesh_tolerance: Option<f64>,
+    /// Maximum distance of coordinates that are treated as equal
+    ///
+    /// This joins lines with small gaps between their ends, and views whose scales differ slightly.
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true,
+          help_heading = "Views")]
+    tolerance: Option<f64>,
+    /// Write all solids with these views, best first: NAME.1.step, NAME.2.step, ...
+    #[arg(long)]
+    all: bool,
+    /// Arrangement of the views of one file
+    #[arg(long, value_enum, default_value_t = ProjectionName::First, help_heading = "Views")]
+    projection: ProjectionName,
+    /// The report.
+    #[command(flatten)]
+    page: ReportArgs,
+    /// Common options.
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+/// Value of `--projection`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ProjectionName {
+    /// First angle (Europe): the top view is below the front view
+    First,
+    /// Third angle (America): the top view is above the front view
+    Third,
+}
+
+// The variants have no doc comments: the names are the views, and a doc comment would become help.
+/// One value of `--as`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ViewName {
+    Front,
+    Top,
+    Side,
+}
+
+impl From<ViewName> for ViewKind {
+    fn from(name: ViewName) -> Self {
+        match name {
+            ViewName::Front => Self::Front,
+            ViewName::Top => Self::Top,
+            ViewName::Side => Self::Side,
+        }
+    }
+}
+
+/// JSON keys of `solid`.
 #[derive(Serialize)]
 struct Body {
     #[serde(flatten)]
@@ -25,8 +129,10 @@ struct Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &SolidArgs) -> u8 {
+    // A drawing without a solution is a result with exit code 1, not an error: the summary lists the lines
+    // that do not fit.
     let is_solved = Cell::new(true);
-    let code = report::run("solid", &args.common, |progress| work(args, progress, &is_solved));
+    let code = summary::run("solid", &args.common, |progress| work(args, progress, &is_solved));
     match code {
         0 if !is_solved.get() => ErrorKind::Undetermined.exit_code(),
         code => code,
@@ -53,7 +159,7 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
     let report = job.run(progress)?;
     is_solved.set(!report.solutions.is_empty());
     Ok(Summary {
-        text: text(&report),
+        text: text::text(&report),
         unit: Some(report.unit),
         inputs: args.views.clone(),
         outputs: report.written.clone(),
@@ -67,160 +173,4 @@ fn work(args: &SolidArgs, progress: &dyn Progress, is_solved: &Cell<bool>) -> Re
             report,
         },
     })
-}
-
-fn text(report: &SolidReport) -> String {
-    let mut lines = Lines::default();
-    let n = report.solutions.len();
-    if n == 0 {
-        lines.line(match report.refused.is_empty() {
-            true => "No solid has these views. What none explains:",
-            false => "No solid has these views. In what the nearest one differs (it is not written):",
-        });
-        lines.gap();
-        let named = |u: &UnexplainedLine| {
-            let entity = u.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
-            vec![u.view.to_owned(), entity, u.why.clone()]
-        };
-        let rows: Vec<Vec<String>> = report.unexplained.iter().take(NAMED).map(named).collect();
-        let columns = [("view", Align::Left), ("entity", Align::Left), ("why", Align::Left)];
-        lines.table(&columns, &rows);
-        if report.unexplained.len() > NAMED {
-            lines.line(format!("and {} more (--json names all)", report.unexplained.len() - NAMED));
-        }
-        return lines.into_text();
-    }
-    lines.line(match n {
-        1 => "One solid has these views.".to_owned(),
-        _ => format!("{} solids have these views, best first.", count(n)),
-    });
-    if !report.refused.is_empty() {
-        let others = report.refused.len();
-        lines.line(format!(
-            "{} more {} found by the search, and show{} other lines than the drawing (--json names them).",
-            count(others),
-            if others == 1 { "was" } else { "were" },
-            if others == 1 { "s" } else { "" },
-        ));
-    }
-    for dropped in &report.dropped {
-        lines.line(match dropped.count {
-            1 => format!("1 more candidate is no solid: {}.", dropped.first),
-            n => format!("{} more candidates are no solids; of the first, {}.", count(n), dropped.first),
-        });
-    }
-    lines.gap();
-    let rows: Vec<Vec<String>> = report
-        .solutions
-        .iter()
-        .map(|s| {
-            vec![
-                s.rank.to_string(),
-                significant(s.volume, 8),
-                significant(s.area, 8),
-                faces_by_kind(&s.faces),
-                s.file.clone().unwrap_or_default(),
-            ]
-        })
-        .collect();
-    let [volume, area] = [("volume", '³'), ("area", '²')]
-        .map(|(what, power)| format!("{what} / {}{power}", report.unit.name()));
-    lines.table(
-        &[
-            ("", Align::Right),
-            (volume.as_str(), Align::Right),
-            (area.as_str(), Align::Right),
-            ("faces", Align::Left),
-            ("file", Align::Left),
-        ],
-        &rows,
-    );
-    if let Some(geometry) = &report.geometry {
-        lines.gap();
-        geometry_text(&mut lines, geometry);
-    }
-    lines.into_text()
-}
-
-/// `6 planes, 1 cylinder, 2 spheres`: the kinds that there are.
-fn faces_by_kind(faces: &FaceCounts) -> String {
-    let kinds = [
-        (faces.plane, "plane", "planes"),
-        (faces.cylinder, "cylinder", "cylinders"),
-        (faces.cone, "cone", "cones"),
-        (faces.sphere, "sphere", "spheres"),
-        (faces.torus, "torus", "tori"),
-        (faces.freeform, "freeform", "freeform"),
-    ];
-    let told = kinds.into_iter().filter(|(n, ..)| *n > 0);
-    told.map(|(n, one, many)| format!("{n} {}", if n == 1 { one } else { many }))
-        .collect::<Vec<_>>()
-        .join(", ")
-}
-
-/// How noisy views became one, and what is known of the best solid.
-fn geometry_text(lines: &mut Lines, geometry: &NoisyGeometry) {
-    for view in &geometry.views {
-        lines.line(format!(
-            "{}: {}; {} parameters, rank {}; {}.",
-            view.view,
-            view.contours.join(", "),
-            view.parameters,
-            view.rank,
-            match view.constraints.len() {
-                0 => "nothing else holds".to_owned(),
-                _ => view.constraints.join(", "),
-            }
-        ));
-    }
-    lines.gap();
-    let rows: Vec<Vec<String>> = geometry
-        .matches
-        .iter()
-        .filter(|found| found.outcome != "implied")
-        .map(|found| {
-            vec![
-                found.axis.to_owned(),
-                found.text.clone(),
-                significant(found.chi_square, 3),
-                significant(found.p_value, 2),
-                found.outcome.to_owned(),
-            ]
-        })
-        .collect();
-    lines.table(
-        &[
-            ("", Align::Left),
-            ("the same in two views", Align::Left),
-            ("χ²", Align::Right),
-            ("p", Align::Right),
-            ("", Align::Left),
-        ],
-        &rows,
-    );
-    lines.gap();
-    lines.line(format!(
-        "One geometry costs the views χ² {} of {} degrees, p = {}.",
-        significant(geometry.chi_square, 3),
-        geometry.degrees,
-        significant(geometry.p_value, 2)
-    ));
-    lines.gap();
-    let rows: Vec<Vec<String>> = geometry
-        .dimensions
-        .iter()
-        .map(|size| {
-            let kind = match size.kind {
-                DimensionKind::Extent => "extent along",
-                DimensionKind::Length => "length of",
-                DimensionKind::Diameter => "diameter of",
-            };
-            vec![
-                format!("{kind} {}", size.name),
-                significant(size.value, 6),
-                size.sigma.map_or_else(|| "unknown".to_owned(), |sigma| significant(sigma, 2)),
-            ]
-        })
-        .collect();
-    lines.table(&[("size", Align::Left), ("value", Align::Right), ("σ", Align::Right)], &rows);
 }

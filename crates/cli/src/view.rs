@@ -1,10 +1,13 @@
-//! `planish view`.
+//! `planish view`: renders an image of a file, or shows it in the browser.
 
-use crate::args::command_line;
+mod args;
+
+use crate::common::command_line;
+use crate::lines::Lines;
 use crate::numbers::{percent, significant};
-use crate::report::{self, Lines, Summary};
 use crate::serve::Server;
-use crate::view_args::ViewArgs;
+use crate::summary::{self, Summary};
+pub use args::ViewArgs;
 use planish::Job;
 use planish::compare::CompareOptions;
 use planish::output::check_outputs;
@@ -16,7 +19,7 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The keys of `view` beside the common ones.
+/// JSON keys of `view`.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Body {
@@ -27,8 +30,9 @@ enum Body {
     },
     Page {
         what: String,
-        /// Where the page was served, and how often it was asked for.
+        /// Address at which the page was served.
         address: Option<String>,
+        /// Number of requests for the page.
         requests: usize,
         warnings: Vec<String>,
         termination: &'static str,
@@ -37,7 +41,7 @@ enum Body {
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &ViewArgs) -> u8 {
-    report::run("view", &args.common, |progress| work(args, progress))
+    summary::run("view", &args.common, |progress| work(args, progress))
 }
 
 fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
@@ -59,38 +63,47 @@ fn work(args: &ViewArgs, progress: &dyn Progress) -> Result<Summary<Body>> {
     match &args.output {
         Some(path) if is_page(path) => {
             refuse_picture_options(args, path)?;
+            // Outputs are checked before the work: an error should not come after minutes of computation.
             check_outputs(&[page.file()?], &inputs)?;
             let made = view_page(&viewed, &page, progress)?;
             page.write_text(&made.html)?;
             let mut lines = Lines::default();
             lines.line(format!("{}: {}", args.file.display(), made.what));
-            lines.line(format!("Wrote {}: the page, for any browser", path.display()));
-            Ok(of_page(made, None, 0, lines, vec![path.clone()]))
+            lines.line(format!("Wrote {}: HTML page", path.display()));
+            Ok(page_summary(made, None, 0, lines, vec![path.clone()]))
         }
         Some(path) => picture(args, &viewed, path, progress),
-        None => {
-            let server = Server::on(args.port)?;
-            let made = view_page(&viewed, &page, progress)?;
-            let url = server.url();
-            progress.advance(SHOWING_STAGE, 1.0);
-            if !args.common.quiet {
-                // Where stderr is closed nobody wants to know.
-                let _ =
-                    writeln!(std::io::stderr(), "planish: {url} shows {}; Ctrl-C ends", args.file.display());
-            }
-            if !args.no_open && open::that_detached(&url).is_err() && !args.common.quiet {
-                let _ = writeln!(
-                    std::io::stderr(),
-                    "planish: no browser could be started: open that address in one"
-                );
-            }
-            let asked = server.serve(&made.html, || progress.interrupted())?;
-            Ok(of_page(made, Some(url), asked, Lines::default(), Vec::new()))
-        }
+        None => show(args, &viewed, &page, progress),
     }
 }
 
-/// A page is turned and coloured by who looks at it.
+/// Serves the page and opens the browser, until Ctrl-C.
+fn show(
+    args: &ViewArgs,
+    viewed: &ViewedFile,
+    page: &ReportOutput,
+    progress: &dyn Progress,
+) -> Result<Summary<Body>> {
+    let server = Server::on(args.port)?;
+    let made = view_page(viewed, page, progress)?;
+    let url = server.url();
+    progress.advance(SHOWING_STAGE, 1.0);
+    if !args.common.quiet {
+        // If stderr is closed, there is nowhere to report that.
+        let _ =
+            writeln!(std::io::stderr(), "planish: {url} shows {}; press Ctrl-C to stop", args.file.display());
+    }
+    if !args.no_open && open::that_detached(&url).is_err() && !args.common.quiet {
+        let _ = writeln!(
+            std::io::stderr(),
+            "planish: no browser could be started: open the address above in a browser"
+        );
+    }
+    let requests = server.serve(&made.html, || progress.interrupted())?;
+    Ok(page_summary(made, Some(url), requests, Lines::default(), Vec::new()))
+}
+
+/// Refuses options of images for a page: its viewer has controls for them.
 fn refuse_picture_options(args: &ViewArgs, path: &Path) -> Result<()> {
     let given = [
         ("--color", args.color.is_some()),
@@ -100,7 +113,7 @@ fn refuse_picture_options(args: &ViewArgs, path: &Path) -> Result<()> {
     ];
     match given.into_iter().find(|(_, is_given)| *is_given) {
         Some((option, _)) => Err(Error::unsupported(format!(
-            "{}: {option} is for pictures (.png); a page is turned and coloured by who looks at it",
+            "{}: {option} applies only to images (.png); the page has its own controls",
             path.display()
         ))),
         None => Ok(()),
@@ -111,7 +124,7 @@ fn is_page(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("html") || e.eq_ignore_ascii_case("htm"))
 }
 
-fn of_page(
+fn page_summary(
     made: planish::view::ViewedPage,
     address: Option<String>,
     requests: usize,
@@ -154,14 +167,14 @@ fn picture(
     let colours = match report.color_range {
         Some([low, high]) => format!(
             "{} from {} to {} {unit}",
-            words(&report.color),
+            quantity_name(&report.color),
             significant(low, 3),
             significant(high, 3)
         ),
-        None => words(&report.color),
+        None => quantity_name(&report.color),
     };
     lines.line(format!(
-        "Wrote {}: {} × {} pixels, {} of them covered; colours: {}",
+        "Wrote {}: {} × {} pixels, {} covered by the object; colours: {}",
         path.display(),
         report.size[0],
         report.size[1],
@@ -178,11 +191,11 @@ fn picture(
     })
 }
 
-/// The key of what a picture is coloured by, in words.
-fn words(key: &str) -> String {
+/// The name of a quantity that is shown by colour.
+fn quantity_name(key: &str) -> String {
     match key {
         "sigma" => "σ".to_owned(),
-        "observed" => "what it is known by".to_owned(),
+        "observed" => "measured or completed".to_owned(),
         other => other.replace('_', " "),
     }
 }

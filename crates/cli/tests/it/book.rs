@@ -1,20 +1,19 @@
-//! The book (`docs/`, built by mdBook): every command of its chapters runs, prints what the chapter shows,
-//! and makes the pictures that it shows; no link is broken.
+//! Tests of the book (`docs/`, built by mdBook): commands run and print what the book shows, and links work.
 //!
-//! A block that begins with ```` ```console ```` holds commands (`$ planish
-//! …`) and lines of what they print, in their order; `…` stands for any lines. Words have to be the same, numbers within a fifth: a change of the figures in the last digits is none of the reader's concern. A block ```` ```toml
-//! file=NAME ```` is written to that file. Each chapter has a folder of its own, with the repository's
-//! `examples` in it.
+//! A block ```` ```console ```` has commands (`$ planish …`) and lines of their output, in order; `…` stands
+//! for any lines. Words must be equal and numbers must agree within a fifth, because the last digits depend on
+//! the machine. A block ```` ```toml file=NAME ```` is written to that file. Each chapter runs in its own
+//! folder, with the repository's `examples` in it.
 //!
-//! `PLANISH_WRITE_DOCS=1 cargo test --release -p planish-cli --test it book` writes shown lines and pictures
-//! anew.
+//! `PLANISH_WRITE_DOCS=1 cargo test --release -p planish-cli --test it book` rewrites the shown lines and the
+//! images.
 
 use crate::support::{Said, command, repository};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Numbers agree within this share.
-const AGREE: f64 = 0.2;
+/// Maximum relative difference of numbers.
+const MAX_DIFFERENCE: f64 = 0.2;
 
 /// A chapter: its file and text.
 struct Chapter {
@@ -37,7 +36,7 @@ fn chapters() -> Vec<Chapter> {
         .collect()
 }
 
-/// Where the links and pictures of a page lead.
+/// Targets of the links and images of a page.
 fn links(text: &str) -> Vec<&str> {
     let mut found = Vec::new();
     let mut fenced = false;
@@ -57,7 +56,7 @@ fn links(text: &str) -> Vec<&str> {
     found
 }
 
-/// The name by which a heading is linked to.
+/// The anchor of a heading.
 fn anchor(heading: &str) -> String {
     let plain = heading.trim_start_matches('#').trim().to_lowercase();
     plain
@@ -68,7 +67,7 @@ fn anchor(heading: &str) -> String {
 }
 
 #[test]
-fn every_page_is_in_the_book_and_no_link_is_broken() {
+fn every_page_is_in_the_book_and_links_work() {
     let chapters = chapters();
     let docs = repository().join("docs");
     for entry in std::fs::read_dir(&docs).expect("docs") {
@@ -104,7 +103,7 @@ fn every_page_is_in_the_book_and_no_link_is_broken() {
 }
 
 #[test]
-fn every_command_of_the_book_does_what_the_book_shows() {
+fn commands_of_the_book_print_what_it_shows() {
     let writing = std::env::var_os("PLANISH_WRITE_DOCS").is_some();
     let wrong: Vec<String> = chapters()
         .par_iter()
@@ -120,7 +119,7 @@ fn every_command_of_the_book_does_what_the_book_shows() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// What came of a chapter's commands.
+/// The result of a chapter's commands.
 struct Run {
     text: String,
     wrong: Vec<String>,
@@ -158,7 +157,7 @@ fn run_chapter(chapter: &Chapter, writing: bool) -> Run {
             });
         }
     }
-    // Pictures that a command of the chapter made.
+    // Images that commands of the chapter wrote.
     for picture in links(&chapter.text).into_iter().filter_map(|l| l.strip_prefix("images/")) {
         let made = folder.path().join(picture);
         if writing && made.exists() {
@@ -169,7 +168,7 @@ fn run_chapter(chapter: &Chapter, writing: bool) -> Run {
     run
 }
 
-/// A command and the lines that are shown of what it prints.
+/// A command and the shown lines of its output.
 struct Part<'a> {
     command: &'a str,
     shown: Vec<&'a str>,
@@ -224,12 +223,12 @@ fn agree(shown: &str, printed: &str) -> bool {
     let writing = std::env::var_os("PLANISH_WRITE_DOCS").is_some();
     shown.len() == printed.len()
         && shown.iter().zip(&printed).all(|(a, b)| match (number(a), number(b)) {
-            (Some(x), Some(y)) => writing || (x - y).abs() <= AGREE * x.abs().max(y.abs()),
+            (Some(x), Some(y)) => writing || (x - y).abs() <= MAX_DIFFERENCE * x.abs().max(y.abs()),
             _ => a == b,
         })
 }
 
-/// Words; blanks within numbers are taken out of them.
+/// Words; spaces between groups of digits are removed.
 fn tokens(line: &str) -> Vec<String> {
     let mut all: Vec<String> = Vec::new();
     for word in line.split_whitespace() {

@@ -1,4 +1,4 @@
-//! What holds between the parts of contours: found, given, put on a grid, counted, written as graphs.
+//! Constraints of contours: detection, given constraints, snapping, degrees of freedom and graphs.
 
 use crate::support::planish;
 use serde_json::Value;
@@ -34,7 +34,7 @@ fn texts(list: &Value, keep: impl Fn(&Value) -> bool) -> Vec<&str> {
 }
 
 #[test]
-fn relations_are_imposed_sizes_snapped_and_the_rest_counted() {
+fn relations_are_imposed_and_sizes_snapped() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     readings(at, "0.1");
@@ -100,7 +100,7 @@ fn relations_are_imposed_sizes_snapped_and_the_rest_counted() {
 }
 
 #[test]
-fn a_grid_that_is_too_fine_or_wrong_is_not_imposed() {
+fn unsupported_grid_is_not_imposed() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     readings(at, "0.1");
@@ -114,7 +114,7 @@ fn a_grid_that_is_too_fine_or_wrong_is_not_imposed() {
 }
 
 #[test]
-fn what_is_known_beforehand_is_imposed_and_judged() {
+fn given_constraints_are_imposed_and_tested() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     readings(at, "0.1");
@@ -142,7 +142,7 @@ fn what_is_known_beforehand_is_imposed_and_judged() {
 }
 
 #[test]
-fn wrong_constraints_are_told_by_name() {
+fn invalid_constraints_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     readings(at, "0.1");

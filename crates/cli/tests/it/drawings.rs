@@ -1,5 +1,5 @@
-//! `planish solid` on drawings that mean bodies that touch, nearly fit, or are asked for too finely; and
-//! options that readings cannot use.
+//! `planish solid` on difficult drawings: touching bodies, small gaps, very small tolerances; and options of
+//! `planish contour` that do not apply.
 
 use crate::support::planish;
 use std::fmt::Write;
@@ -34,13 +34,13 @@ fn dome(folder: &Path) {
 }
 
 #[test]
-fn candidates_that_only_touch_themselves_are_counted_and_not_written() {
+fn candidates_touching_along_a_line_are_not_written() {
     let folder = tempfile::tempdir().expect("a folder");
     dome(folder.path());
     let said = planish(folder.path(), &["solid", "front.dxf", "top.dxf", "--all", "-o", "dome.step"]).ok();
     assert!(said.stdout.contains("4 solids have these views, best first."), "{}", said.stdout);
     assert!(
-        said.stdout.contains("1 more candidate is no solid: two bodies only touch along a line through"),
+        said.stdout.contains("1 more candidate is invalid: two bodies only touch along a line through"),
         "{}",
         said.stdout
     );
@@ -48,7 +48,7 @@ fn candidates_that_only_touch_themselves_are_counted_and_not_written() {
 }
 
 #[test]
-fn bodies_that_are_apart_are_several_solids_of_one_step_file() {
+fn separate_bodies_share_one_step_file() {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, second) in [("front.dxf", [20.0, 0.0]), ("top.dxf", [20.0, 15.0]), ("side.dxf", [15.0, 0.0])] {
         let mut lines = rectangle([0.0, 0.0], [10.0, 10.0]);
@@ -62,7 +62,7 @@ fn bodies_that_are_apart_are_several_solids_of_one_step_file() {
 }
 
 #[test]
-fn a_mesh_tolerance_that_is_too_fine_is_refused_with_one_that_works() {
+fn too_fine_mesh_tolerance_suggests_a_larger_one() {
     let folder = tempfile::tempdir().expect("a folder");
     dome(folder.path());
     let mesh = |tolerance: &str| {
@@ -77,7 +77,7 @@ fn a_mesh_tolerance_that_is_too_fine_is_refused_with_one_that_works() {
 }
 
 #[test]
-fn ends_and_sizes_that_nearly_fit_are_named_and_joined_on_demand() {
+fn small_gaps_are_named_and_joined_with_tolerance() {
     let folder = tempfile::tempdir().expect("a folder");
     let views = ["solid", "front.dxf", "top.dxf", "side.dxf", "-o", "block.step"];
     let solve = |more: &[&str]| planish(folder.path(), &[&views, more].concat());
@@ -104,7 +104,7 @@ fn ends_and_sizes_that_nearly_fit_are_named_and_joined_on_demand() {
 }
 
 #[test]
-fn options_that_the_readings_cannot_use_are_refused_by_name() {
+fn options_that_do_not_apply_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let points: String = (0..60)
         .map(|k| {
@@ -124,7 +124,7 @@ fn options_that_the_readings_cannot_use_are_refused_by_name() {
 }
 
 #[test]
-fn lengths_that_are_given_may_have_units_and_impossible_ones_are_named() {
+fn given_lengths_accept_units_and_impossible_ones_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     planish(folder.path(), &["simulate", "scene", "readings", "--shape", "rectangle", "--out", "seen"]).ok();
     let given = |sentence: &str| {

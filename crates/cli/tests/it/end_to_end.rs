@@ -1,4 +1,4 @@
-//! From scans to files and back, on the data that ships with the repository.
+//! Fits from scans to output files, with the example data of the repository.
 
 use crate::support::{names, part_of_pebble, pebble, planish, repository};
 
@@ -8,7 +8,7 @@ fn fit_then_info_then_compare() {
     let run = |args: &[&str]| planish(folder.path(), args).ok();
     let job = pebble("job.toml");
     let said = run(&["fit", &job, "-o", "p.step", "-o", "p.ply", "-o", "p.planish"]);
-    for words in ["Fitted a ball", "set aside", "outlier", "laser", "held out", "Wrote p.step", "Wrote p.ply"]
+    for words in ["Fitted a ball", "rejected", "outlier", "laser", "held out", "Wrote p.step", "Wrote p.ply"]
     {
         assert!(said.stdout.contains(words), "{words}: {}", said.stdout);
     }
@@ -38,7 +38,7 @@ fn fit_then_info_then_compare() {
 }
 
 #[test]
-fn a_second_session_adds_to_the_first() {
+fn second_session_is_added_to_the_first() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, scans: &[&str]| {
         std::fs::write(folder.path().join(name), part_of_pebble(scans)).expect("a job");
@@ -68,7 +68,7 @@ fn a_second_session_adds_to_the_first() {
 }
 
 #[test]
-fn readings_far_from_the_model_are_no_update() {
+fn readings_far_from_the_model_are_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("first.toml"), part_of_pebble(&["laser-1.ply"])).expect("a job");
     std::fs::write(folder.path().join("far.xyz"), far_points()).expect("points");
@@ -108,7 +108,7 @@ fn runs_and_threads_give_the_same_bytes() {
 }
 
 #[test]
-fn simulated_scenes_are_the_same_bytes_at_any_number_of_threads() {
+fn simulated_scenes_do_not_depend_on_threads() {
     let runs = ["1", "2"].map(|threads| {
         let folder = tempfile::tempdir().expect("a folder");
         let args = ["simulate", "scene", "scans", "--readings", "500", "--out", "s", "--threads", threads];
@@ -124,7 +124,7 @@ fn simulated_scenes_are_the_same_bytes_at_any_number_of_threads() {
 // Other systems round sines in the last digit.
 #[cfg(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu"))]
 #[test]
-fn the_pebble_is_what_its_command_writes() {
+fn pebble_data_matches_its_command() {
     let folder = tempfile::tempdir().expect("a folder");
     let args = "simulate scene scans --shape ball --seed 7 --readings 12000 --out pebble".split(' ');
     planish(folder.path(), &args.collect::<Vec<_>>()).ok();
@@ -135,7 +135,7 @@ fn the_pebble_is_what_its_command_writes() {
 }
 
 #[test]
-fn without_an_output_the_summary_says_so() {
+fn summary_reports_a_missing_output() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("job.toml"), part_of_pebble(&["laser-1.ply"])).expect("a job");
     let said = planish(folder.path(), &["fit", "job.toml"]).ok();
@@ -145,7 +145,7 @@ fn without_an_output_the_summary_says_so() {
 
 #[cfg(unix)]
 #[test]
-fn ctrl_c_leaves_nothing_behind() {
+fn ctrl_c_leaves_no_files() {
     use std::process::Stdio;
     use std::time::Duration;
     let folder = tempfile::tempdir().expect("a folder");
@@ -169,7 +169,7 @@ fn ctrl_c_leaves_nothing_behind() {
 
 #[cfg(unix)]
 #[test]
-fn a_reader_that_has_seen_enough_is_no_error() {
+fn closed_pipe_is_no_error() {
     use std::process::Stdio;
     let mut child =
         crate::support::command(&repository(), &["info", "examples/data/pebble/job.toml", "--json"])
@@ -183,7 +183,7 @@ fn a_reader_that_has_seen_enough_is_no_error() {
 }
 
 #[test]
-fn a_vessel_seen_from_one_side_is_completed_and_says_so() {
+fn vessel_scanned_from_one_side_is_completed() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| planish(folder.path(), args).ok();
     let said = run(&["simulate", "scene", "vessel", "--readings", "8000", "--out", "v"]);
@@ -215,7 +215,7 @@ fn a_vessel_seen_from_one_side_is_completed_and_says_so() {
 }
 
 #[test]
-fn a_turning_thing_is_followed() {
+fn motion_of_a_turning_object_is_estimated() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| planish(folder.path(), args).ok();
     run(&["simulate", "scene", "turning", "--readings", "16000", "--views", "4", "--out", "t"]);
@@ -226,7 +226,7 @@ fn a_turning_thing_is_followed() {
 }
 
 #[test]
-fn a_bending_sheet_is_followed_and_its_forming_is_drawn() {
+fn bending_sheet_is_followed_and_animated() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| planish(folder.path(), args).ok();
     run(&["simulate", "scene", "bending", "--readings", "8000", "--states", "3", "--out", "b"]);

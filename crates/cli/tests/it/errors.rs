@@ -1,5 +1,4 @@
-//! Hostile inputs and wrong use: a message that names what is wrong, the right exit code, and nothing
-//! half-written.
+//! Damaged inputs and wrong use: the message, the exit code, and no incomplete output.
 
 use crate::support::{names, part_of_pebble, pebble, planish};
 use std::path::Path;
@@ -53,7 +52,8 @@ fn hostile(folder: &Path) {
     }
     write(
         "promises.ply",
-        b"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000000\nproperty float x\nproperty float y\n\
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000000\nproperty float x\n\
+         property float y\n\
           property float z\nend_header\nabc",
     );
     write(
@@ -162,7 +162,7 @@ fn outputs_are_checked_before_the_work() {
 }
 
 #[test]
-fn a_scan_that_a_job_names_is_not_overwritten() {
+fn scan_of_a_job_is_not_overwritten() {
     let folder = tempfile::tempdir().expect("a folder");
     let scan = std::fs::read(pebble("laser-1.ply")).expect("a scan");
     std::fs::write(folder.path().join("a.ply"), &scan).expect("a file");
@@ -251,7 +251,7 @@ fn files_that_info_and_compare_cannot_use() {
 }
 
 #[test]
-fn a_model_cut_anywhere_is_refused() {
+fn truncated_model_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("job.toml"), part_of_pebble(&["laser-1.ply"])).expect("a job");
     planish(folder.path(), &["fit", "job.toml", "-o", "a.planish", "--quiet"]).ok();

@@ -1,4 +1,4 @@
-//! What the command says of itself.
+//! Help, version and the examples in the help.
 
 use crate::support::planish;
 
@@ -11,6 +11,7 @@ fn help(args: &[&str]) -> String {
 fn help_of_every_command() {
     for (name, args) in [
         ("planish", &["--help"][..]),
+        ("fit_short", &["fit", "-h"]),
         ("fit", &["fit", "--help"]),
         ("compare", &["compare", "--help"]),
         ("contour", &["contour", "--help"]),
@@ -51,14 +52,14 @@ fn help_of_every_command() {
 }
 
 #[test]
-fn the_version_is_that_of_the_package() {
+fn version_is_the_version_of_the_package() {
     assert_eq!(help(&["--version"]), format!("planish {}\n", env!("CARGO_PKG_VERSION")));
 }
 
 #[test]
-fn examples_of_the_help_are_commands_that_parse() {
-    // Files that do not exist are file trouble (3), and so is what stands in the way of what would be
-    // written; what does not parse is wrong use (2).
+fn examples_in_help_parse() {
+    // A missing input or a blocked output gives exit code 3, a command line that does not parse gives 2. So
+    // all outputs are blocked, and no example does any work.
     for command in [
         "fit",
         "compare",

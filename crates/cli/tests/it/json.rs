@@ -1,4 +1,4 @@
-//! The keys that other programs rely on, against the contract.
+//! JSON keys that other programs rely on.
 
 use crate::support::{part_of_pebble, pebble, planish, repository};
 use serde_json::Value;
@@ -131,7 +131,7 @@ fn every_command_prints_one_object_with_the_keys_of_the_contract() {
 }
 
 #[test]
-fn json_stands_alone_on_stdout_and_stderr_keeps_the_warnings() {
+fn json_is_alone_on_stdout_and_warnings_on_stderr() {
     let folder = tempfile::tempdir().expect("a folder");
     let xyz: String = (0..400).map(|k| format!("{} {} 0.0{}\n", k % 20, k / 20, (7 * k) % 10)).collect();
     std::fs::write(folder.path().join("a.xyz"), xyz).expect("points");
@@ -145,7 +145,7 @@ fn json_stands_alone_on_stdout_and_stderr_keeps_the_warnings() {
 }
 
 #[test]
-fn a_command_line_that_is_not_understood_is_an_object_too() {
+fn parse_error_prints_an_object() {
     let folder = tempfile::tempdir().expect("a folder");
     for (line, command, words) in [
         ("fit --json", "fit", "required arguments were not provided: <SCAN>..."),
@@ -168,7 +168,7 @@ fn a_command_line_that_is_not_understood_is_an_object_too() {
 }
 
 #[test]
-fn a_failure_is_an_object_too() {
+fn failure_prints_an_object() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("three.xyz"), "0 0 0\n1 0 0\n0 1 0\n").expect("points");
     let said = planish(folder.path(), &["fit", "three.xyz", "--json"]);

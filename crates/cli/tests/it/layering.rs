@@ -69,7 +69,7 @@ fn crates_use_only_what_lies_below_them() {
 }
 
 #[test]
-fn an_arrow_that_points_up_or_sideways_is_found() {
+fn forbidden_dependency_is_found() {
     for (user, used) in [
         ("planish-estimate", "planish-spline"),
         ("planish-mesh", "planish-spline"),
@@ -149,7 +149,7 @@ fn no_two_top_level_modules_of_a_crate_import_each_other() {
 }
 
 #[test]
-fn modules_that_import_each_other_are_found() {
+fn mutual_imports_are_found() {
     let source = |path: &str, text: &str| Source {
         krate: "mesh".to_owned(),
         path: format!("src/{path}"),

@@ -1,4 +1,5 @@
-//! The command from outside: one program for all, as each would be linked with the whole of it.
+//! Tests of the built program. They form one executable; separate ones would each be
+//! linked with the whole workspace.
 
 mod sources;
 mod support;

@@ -1,4 +1,4 @@
-//! `planish merge`, from files to files.
+//! `planish merge`.
 
 use crate::support::planish;
 use std::fmt::Write;
@@ -34,7 +34,7 @@ fn zone(path: &Path, from_deg: f64, to_deg: f64, turn_deg: f64, scale: f64, inwa
 }
 
 #[test]
-fn two_zones_of_a_ball_become_one_whichever_way_they_face() {
+fn two_zones_of_a_ball_merge_for_any_orientation() {
     let folder = tempfile::tempdir().expect("a folder");
     zone(&folder.path().join("low.obj"), -80.0, 20.0, 0.0, 1.0, false);
     zone(&folder.path().join("high.obj"), -10.0, 80.0, 2.3, 1.0, true);
@@ -73,7 +73,7 @@ fn two_zones_of_a_ball_become_one_whichever_way_they_face() {
 }
 
 #[test]
-fn sigma_of_a_column_is_believed_and_less_where_two_patches_say_the_same() {
+fn sigma_column_is_used_and_smaller_in_overlaps() {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, from, to) in [("a", -60.0, 30.0), ("b", -30.0, 60.0)] {
         zone(&folder.path().join("zone.obj"), from, to, 0.7, 1.0, false);
@@ -85,7 +85,9 @@ fn sigma_of_a_column_is_believed_and_less_where_two_patches_say_the_same() {
             .map(|l| l.split(' ').map(|k| k.parse::<usize>().expect("a number") - 1).collect())
             .collect();
         let mut ply = format!(
-            "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nproperty double sigma\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\n\
+             property double z\nproperty double sigma\nelement face {}\n\
+             property list uchar int vertex_indices\nend_header\n",
             vertices.len(),
             faces.len()
         );
@@ -106,7 +108,7 @@ fn sigma_of_a_column_is_believed_and_less_where_two_patches_say_the_same() {
 }
 
 #[test]
-fn a_whole_is_written_as_a_spline() {
+fn merged_mesh_is_written_as_a_spline() {
     let folder = tempfile::tempdir().expect("a folder");
     zone(&folder.path().join("low.obj"), -60.0, 20.0, 0.0, 1.0, false);
     zone(&folder.path().join("high.obj"), -10.0, 60.0, 2.3, 1.0, false);
@@ -126,7 +128,7 @@ fn a_whole_is_written_as_a_spline() {
 }
 
 #[test]
-fn what_cannot_be_merged_is_named() {
+fn inputs_that_cannot_be_merged_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     zone(&path("a.obj"), -60.0, 10.0, 0.0, 1.0, false);
@@ -139,7 +141,9 @@ fn what_cannot_be_merged_is_named() {
         ("line.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"),
         (
             "zero.ply",
-            "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\nproperty double sigma\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0.1\n1 0 0 0\n0 1 0 0.1\n3 0 1 2\n",
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\n\
+             property double z\nproperty double sigma\nelement face 1\n\
+             property list uchar int vertex_indices\nend_header\n0 0 0 0.1\n1 0 0 0\n0 1 0 0.1\n3 0 1 2\n",
         ),
         ("part.step", "ISO-10303-21;\n"),
         ("part.iges", "an older part\n"),
@@ -176,7 +180,7 @@ fn what_cannot_be_merged_is_named() {
 /// Surfaces that pass one another by chance are merged where they are near, as nothing says how well they are
 /// known: it is said, and --epsilon keeps them apart.
 #[test]
-fn patches_that_are_not_of_one_thing_are_named() {
+fn patches_of_different_objects_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let sheet = |name: &str, slope: f64| {
         let mut text = String::new();
@@ -244,7 +248,7 @@ fn faces_of_step_files_are_patches() {
 
 /// Of two files with the same places, one counts, and both are named.
 #[test]
-fn a_copy_is_left_out() {
+fn duplicate_patch_is_ignored() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
@@ -265,7 +269,7 @@ fn a_copy_is_left_out() {
 /// The same surface with numbers that differ by rounding: nothing is left between the patches, and that is no
 /// failure.
 #[test]
-fn what_differs_by_rounding_is_aligned() {
+fn patches_with_rounded_coordinates_are_aligned() {
     let folder = tempfile::tempdir().expect("a folder");
     zone(&folder.path().join("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
     // Turned by one of 72 columns.
@@ -286,7 +290,7 @@ fn what_differs_by_rounding_is_aligned() {
 
 /// `--unit` is that of a file that names none, beside one that names its own; ε may name its unit, too.
 #[test]
-fn units_of_files_and_lengths_are_kept_apart() {
+fn units_of_files_and_of_options_are_independent() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     zone(&path("zone.obj"), -60.0, 20.0, 0.0, 1.0, false);
@@ -305,7 +309,7 @@ fn units_of_files_and_lengths_are_kept_apart() {
 
 /// A patch that crosses itself is named with the triangles of its file that do.
 #[test]
-fn a_patch_that_crosses_itself_is_named() {
+fn self_intersecting_patch_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
@@ -324,7 +328,7 @@ fn a_patch_that_crosses_itself_is_named() {
 
 /// A thing of kilometres, and one of nanometres, is merged as one of millimetres.
 #[test]
-fn the_scale_of_a_thing_does_not_matter() {
+fn scale_of_the_object_does_not_matter() {
     let folder = tempfile::tempdir().expect("a folder");
     let merged = [1.0, 1e6, 1e-6].map(|scale| {
         zone(&folder.path().join("a.obj"), -60.0, 20.0, 0.0, scale, false);
@@ -342,7 +346,7 @@ fn the_scale_of_a_thing_does_not_matter() {
 
 /// What no patch covers is the bound's, flagged as completed.
 #[test]
-fn a_bound_stands_where_no_patch_is() {
+fn bounding_mesh_fills_parts_without_patches() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     zone(&path("a.obj"), -60.0, 20.0, 0.0, 1.0, false);

@@ -1,10 +1,10 @@
-//! `planish sense contours` and `simulate scene contours`, from files to files.
+//! `planish sense contours` and `planish simulate scene contours`.
 
 use crate::support::planish;
 
 /// The commands that the scene prints run as they are printed, and end with a whole that is the thing.
 #[test]
-fn the_commands_that_the_scene_prints_make_the_whole_thing() {
+fn commands_printed_by_the_scene_reconstruct_the_object() {
     let folder = tempfile::tempdir().expect("a folder");
     let said =
         planish(folder.path(), &["simulate", "scene", "contours", "--views", "21", "--out", "scene"]).ok();
@@ -43,12 +43,13 @@ fn the_commands_that_the_scene_prints_make_the_whole_thing() {
 
 /// What views must hold is said, with the file and the view.
 #[test]
-fn views_that_say_too_little_are_refused() {
+fn insufficient_views_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |text: &str| std::fs::write(folder.path().join("views.toml"), text).expect("a file");
     let view = |k: i32| {
         format!(
-            "[[view]]\nname = \"v{k}\"\nK = [[900, 0, 320], [0, 900, 240], [0, 0, 1]]\nR = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt = [{k}, 0, 5]\n"
+            "[[view]]\nname = \"v{k}\"\nK = [[900, 0, 320], [0, 900, 240], [0, 0, 1]]\n\
+             R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nt = [{k}, 0, 5]\n"
         )
     };
     write(&(0..3).map(view).collect::<String>());

@@ -1,5 +1,4 @@
-//! The paper's prism from readings to STEP: contours, constraints, graphs, one geometry, a solid with sizes
-//! and σ.
+//! The prism of the paper from readings to STEP: contours, constraints, graphs, and a solid with σ.
 
 use crate::support::planish;
 use serde_json::Value;
@@ -24,7 +23,7 @@ fn json(path: &Path) -> Value {
 }
 
 #[test]
-fn readings_of_the_prisms_views_become_a_solid_with_sizes_that_cover_the_truth() {
+fn prism_views_give_a_solid_whose_intervals_cover_the_true_sizes() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     contours(at, 2);
@@ -57,7 +56,7 @@ fn readings_of_the_prisms_views_become_a_solid_with_sizes_that_cover_the_truth()
 }
 
 #[test]
-fn the_prisms_graphs_are_those_of_the_paper() {
+fn prism_graphs_match_the_paper() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     contours(at, 2);
@@ -108,7 +107,7 @@ fn the_prisms_graphs_are_those_of_the_paper() {
 }
 
 #[test]
-fn views_that_cannot_be_put_together_are_told_by_name() {
+fn inconsistent_views_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     contours(at, 2);

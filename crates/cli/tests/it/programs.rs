@@ -1,10 +1,10 @@
-//! What programs are told: progress a line, completions for shells, pages for the manual.
+//! Output for programs: progress events, shell completions and pages of the manual.
 
 use crate::support::{names, pebble, planish};
 use serde_json::Value;
 
 #[test]
-fn progress_for_programs_is_an_object_a_line() {
+fn json_progress_has_one_object_per_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let said = planish(
         folder.path(),
@@ -40,7 +40,7 @@ fn progress_for_programs_is_an_object_a_line() {
 }
 
 #[test]
-fn into_pipes_no_progress_is_written_unless_asked_for() {
+fn pipes_get_no_progress_unless_requested() {
     let folder = tempfile::tempdir().expect("a folder");
     let said = planish(folder.path(), &["info", &pebble("job.toml")]).ok();
     assert_eq!(said.stderr, "");
@@ -51,7 +51,7 @@ fn into_pipes_no_progress_is_written_unless_asked_for() {
 }
 
 #[test]
-fn completions_and_manual_name_every_command() {
+fn completions_and_manual_cover_all_commands() {
     let folder = tempfile::tempdir().expect("a folder");
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let script = planish(folder.path(), &["completions", shell]).ok().stdout;
@@ -61,6 +61,12 @@ fn completions_and_manual_name_every_command() {
     }
     let page = planish(folder.path(), &["man"]).ok().stdout;
     assert!(page.contains(".TH planish 1") && page.contains("planish\\-fit(1)"), "{page}");
+    let fit_page = planish(folder.path(), &["man", "fit"]).ok().stdout;
+    assert!(fit_page.contains(".TH planish-fit 1") && fit_page.contains("max\\-coefficients"), "{fit_page}");
+    let scene_page = planish(folder.path(), &["man", "simulate", "scene", "scans"]).ok().stdout;
+    assert!(scene_page.contains(".TH planish-simulate-scene-scans 1"), "{scene_page}");
+    let unknown = planish(folder.path(), &["man", "frobnicate"]);
+    assert!(unknown.code == 2 && unknown.stderr.contains("found `frobnicate`"), "{}", unknown.stderr);
     planish(folder.path(), &["man", "--out", "man1"]).ok();
     let pages = names(&folder.path().join("man1"));
     for name in ["planish.1", "planish-fit.1", "planish-simulate-scene-scans.1", "planish-view.1"] {

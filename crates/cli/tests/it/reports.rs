@@ -1,5 +1,4 @@
-//! Reports of the jobs that move meshes, plan views, and find shapes in space: each opens alone and shows
-//! what the command says.
+//! HTML reports: each is self-contained and shows the results of its command.
 
 use crate::support::{pebble, planish, repository};
 use serde_json::Value;
@@ -29,7 +28,7 @@ fn ball(radius: f64, stretch: f64) -> String {
 }
 
 #[test]
-fn views_to_take_are_marked_on_the_model() {
+fn planned_views_are_marked_on_the_model() {
     let folder = tempfile::tempdir().expect("a folder");
     planish(
         folder.path(),
@@ -64,7 +63,7 @@ fn views_to_take_are_marked_on_the_model() {
 }
 
 #[test]
-fn a_shape_in_space_is_drawn_on_its_readings() {
+fn report_shows_a_shape_in_space_with_its_readings() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut readings = "x,y,z,sigma\n".to_owned();
     for line in ball(2.0, 1.0).lines() {
@@ -84,7 +83,7 @@ fn a_shape_in_space_is_drawn_on_its_readings() {
 }
 
 #[test]
-fn a_fitted_shell_shows_how_far_it_was_moved() {
+fn report_shows_displacements_of_a_fitted_mesh() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("points.xyz"), ball(10.0, 1.1)).expect("a file");
     let octahedron = "v 10 0 0\nv -10 0 0\nv 0 10 0\nv 0 -10 0\nv 0 0 10\nv 0 0 -10\n\
@@ -119,7 +118,7 @@ fn a_fitted_shell_shows_how_far_it_was_moved() {
 }
 
 #[test]
-fn a_simulated_sphere_shows_its_curves() {
+fn report_shows_curves_of_a_simulated_sphere() {
     let folder = tempfile::tempdir().expect("a folder");
     let said = planish(
         folder.path(),

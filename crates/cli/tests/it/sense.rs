@@ -1,4 +1,4 @@
-//! Raw data of sensors to points, by the command.
+//! `planish sense`: from sensor data to points.
 
 use crate::support::{names, planish};
 use std::path::Path;
@@ -34,12 +34,13 @@ fn pair(folder: &Path) {
 }
 
 #[test]
-fn a_stereo_pair_becomes_points_and_disparities() {
+fn stereo_pair_gives_points_and_disparities() {
     let folder = tempfile::tempdir().expect("a folder");
     pair(folder.path());
     let run = |threads: &str, points: &str| {
         let line = format!(
-            "sense stereo left.pgm right.pgm --calib cameras.toml --disparities 0..15 -o {points} -o d.npy --json --threads {threads}"
+            "sense stereo left.pgm right.pgm --calib cameras.toml --disparities 0..15 -o {points} -o d.npy \
+             --json --threads {threads}"
         );
         planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok().json()
     };
@@ -66,7 +67,7 @@ fn a_stereo_pair_becomes_points_and_disparities() {
 }
 
 #[test]
-fn a_picture_of_normals_and_a_depth_image_become_points() {
+fn normal_map_and_depth_image_give_points() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).expect("a file");
     write("n.ppm", b"P3 2 1 255 128 128 255 0 0 0");
@@ -90,7 +91,7 @@ fn a_picture_of_normals_and_a_depth_image_become_points() {
 }
 
 #[test]
-fn a_simulated_grid_becomes_points_normals_and_curvatures() {
+fn simulated_grid_gives_points_normals_and_curvatures() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |line: &str| planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
     let scene = run("simulate scene grid --out s --views 1 --size 320x240 --stripe-spacing 14 --json").json();
@@ -118,7 +119,7 @@ fn a_simulated_grid_becomes_points_normals_and_curvatures() {
 }
 
 #[test]
-fn mistakes_are_told_before_anything_is_written() {
+fn errors_are_reported_before_anything_is_written() {
     let folder = tempfile::tempdir().expect("a folder");
     pair(folder.path());
     std::fs::write(folder.path().join("misspelt.toml"), "f = 400\ncx = 1\ncy = 1\nbase = 70\n")
@@ -143,7 +144,7 @@ fn mistakes_are_told_before_anything_is_written() {
 }
 
 #[test]
-fn two_views_become_points_in_the_frame_of_their_calibration() {
+fn points_are_in_the_frame_of_the_calibration() {
     let folder = tempfile::tempdir().expect("a folder");
     pair(folder.path());
     // The same rectified pair, stated as two views, the first of which stands at (1000, 0, 0).

@@ -1,4 +1,4 @@
-//! `planish shell mesh`, `planish shell pose` and the scene that makes things for them, from files to files.
+//! `planish shell` and `planish simulate scene shell`.
 
 use crate::support::planish;
 use std::path::Path;
@@ -16,10 +16,11 @@ fn numbers(folder: &Path, name: &str, word: &str) -> Vec<Vec<f64>> {
 }
 
 /// A tetrahedron in two parts, with texture coordinates, and one face missing.
-const OPEN: &str = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nvt 0 0\nvt 1 0\nvt 0 1\ng bottom\nf 1/1 3/3 2/2\ng sides\nf 1/1 2/2 4/3\nf 2/1 3/2 4/3\n";
+const OPEN: &str = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nvt 0 0\nvt 1 0\nvt 0 1\ng bottom\n\
+    f 1/1 3/3 2/2\ng sides\nf 1/1 2/2 4/3\nf 2/1 3/2 4/3\n";
 
 #[test]
-fn an_open_mesh_has_a_closed_shell_and_no_offset() {
+fn open_mesh_has_a_closed_shell_and_no_offset() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("a.obj"), OPEN).expect("written");
     let args = [
@@ -60,7 +61,8 @@ fn poses_keep_texture_coordinates_and_rigid_parts() {
     write("a.obj", OPEN);
     write(
         "p.toml",
-        "controls = 4\nblend = 0\n[[pose]]\nname = \"up\"\nmove = [{ near = [0, 0, 10], by = [0, 0, 5] }]\n[[keyframe]]\nseconds = 0\nweights = { up = 1 }\n",
+        "controls = 4\nblend = 0\n[[pose]]\nname = \"up\"\nmove = [{ near = [0, 0, 10], by = [0, 0, 5] }]\n\
+         [[keyframe]]\nseconds = 0\nweights = { up = 1 }\n",
     );
     let args = [
         "shell", "pose", "a.obj", "--poses", "p.toml", "--rigid", "bottom", "-o", "b.obj", "-o", "b.glb",
@@ -97,7 +99,7 @@ fn poses_keep_texture_coordinates_and_rigid_parts() {
 }
 
 #[test]
-fn the_scene_has_what_shells_are_fitted_to() {
+fn shell_scene_has_all_inputs_of_shell_fit() {
     let folder = tempfile::tempdir().expect("a folder");
     let args = ["simulate", "scene", "shell", "--out", "bent", "--points", "500", "--views", "2", "--json"];
     let said = planish(folder.path(), &args).ok().json();
@@ -110,7 +112,7 @@ fn the_scene_has_what_shells_are_fitted_to() {
 }
 
 #[test]
-fn a_sequence_is_followed_frame_by_frame() {
+fn sequence_is_fitted_frame_by_frame() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::create_dir(folder.path().join("frames")).expect("a folder");
     for (name, seed) in [("a", "1"), ("b", "2")] {
@@ -167,7 +169,7 @@ fn a_sequence_is_followed_frame_by_frame() {
 }
 
 #[test]
-fn a_mesh_is_coloured_from_pictures() {
+fn mesh_is_coloured_from_images() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
     // Two sheets that are seen from above and from below; the picture is red to the left and blue to the
@@ -190,7 +192,8 @@ fn a_mesh_is_coloured_from_pictures() {
     // From above: x to the right, y downwards.
     write(
         "views.toml",
-        "unit = \"mm\"\n[[view]]\nimage = \"p.ppm\"\nK = [[80, 0, 20], [0, 80, 20], [0, 0, 1]]\nR = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]\nt = [-4, 4, 20]\n",
+        "unit = \"mm\"\n[[view]]\nimage = \"p.ppm\"\nK = [[80, 0, 20], [0, 80, 20], [0, 0, 1]]\n\
+         R = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]\nt = [-4, 4, 20]\n",
     );
     let args = [
         "shell",
@@ -234,7 +237,7 @@ fn placed(folder: &Path, from: &str, to: &str, by: f64, shift: f64) {
 /// Meshes in another unit or far away are refused; what is odd of a view is named; and what no one meant
 /// changes little: a vertex far away that no face has, faces that are there twice.
 #[test]
-fn what_cannot_be_meant_is_said() {
+fn implausible_inputs_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     planish(at, &["simulate", "scene", "shell", "--out", "bent", "--points", "3000", "--views", "3"]).ok();

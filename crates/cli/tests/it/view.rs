@@ -1,4 +1,4 @@
-//! Pictures and pages of files, as a user and a browser ask for them.
+//! `planish view`: images and pages of files.
 
 use crate::support::{command, names, pebble, planish};
 use serde_json::Value;
@@ -7,7 +7,7 @@ use std::net::TcpStream;
 use std::process::{Child, Stdio};
 
 #[test]
-fn a_picture_is_written_and_described() {
+fn image_is_written_and_described() {
     let folder = tempfile::tempdir().expect("a folder");
     let said = planish(
         folder.path(),
@@ -41,7 +41,7 @@ fn a_picture_is_written_and_described() {
 }
 
 #[test]
-fn a_page_is_written_where_that_is_asked_for() {
+fn page_is_written_on_request() {
     let folder = tempfile::tempdir().expect("a folder");
     planish(folder.path(), &["view", &pebble("truth.ply"), "-o", "a.html", "--quiet"]).ok();
     let page = std::fs::read_to_string(folder.path().join("a.html")).expect("a page");
@@ -90,7 +90,7 @@ fn ask(address: &str, request: &str) -> String {
 }
 
 #[test]
-fn the_page_is_served_on_this_computer_until_ctrl_c() {
+fn page_is_served_locally_until_ctrl_c() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut child = command(folder.path(), &["view", &pebble("truth.ply"), "--no-open", "--json"])
         .stdout(Stdio::piped())
@@ -132,7 +132,7 @@ fn the_page_is_served_on_this_computer_until_ctrl_c() {
 }
 
 #[test]
-fn a_port_that_is_taken_is_named() {
+fn port_in_use_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let port = taken.local_addr().expect("a port").port().to_string();

@@ -1,13 +1,13 @@
 //! `planish shell pose`.
 
-use crate::args::CommonArgs;
+use crate::common::{CommonArgs, short_help};
+use crate::lines::{Align, Lines};
 use crate::numbers::{count, counted, significant};
-use crate::report::{self, Align, Lines, Summary};
+use crate::summary::{self, Summary};
 use clap::{Args, ValueHint};
-use planish::Job;
-use planish::Result;
 use planish::progress::Progress;
 use planish::shell::pose::{ShellPoseJob, ShellPoseReport};
+use planish::{Job, Result};
 use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
@@ -17,14 +17,18 @@ Examples:
 
 poses.toml:
 
-  controls = 60                     # chosen on the mesh; or their places: controls = [[x, y, z], ...]
-  blend = 2.0                       # over which length rigid parts fade into the rest
+  controls = 60                     # chosen on the mesh; or positions: controls = [[x, y, z], ...]
+  blend = 2.0                       # width of the transition around rigid parts
   [[rigid]]
   part = \"head\"                     # a group, object or material of the OBJ, or a file of vertex indices
   motion = \"follow\"                 # or \"held\"
   [[pose]]
   name = \"shoulders up\"
-  move = [{ near = [10, 0, 2], by = [0, 3, 0] }, { near = [0, 0, 0], within = 6, by = [0, 1, 0] }, { control = 7, by = [0, 3, 0] }]
+  move = [
+    { near = [10, 0, 2], by = [0, 3, 0] },
+    { near = [0, 0, 0], within = 6, by = [0, 1, 0] },
+    { control = 7, by = [0, 3, 0] },
+  ]
   [[keyframe]]
   seconds = 0
   weights = { \"shoulders up\" = 0 }
@@ -32,34 +36,35 @@ poses.toml:
   seconds = 1.5
   weights = { \"shoulders up\" = 1 }
 
-.glb holds the mesh at rest with its texture, a morph target for each pose, and an animation where there are keyframes; other formats hold the first pose. Controls that are not moved stay; a rigid part goes along \
-with the controls around it, as nearly as a rigid motion can.";
+A .glb file has the mesh at rest with its texture, a morph target for each pose, and an animation if there \
+are keyframes. Other formats have the first pose. Controls that are not moved stay fixed. A rigid part \
+follows the controls around it with the nearest rigid motion.";
 
 /// Arguments of `planish shell pose`.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = short_help!("planish shell pose person.obj --poses poses.toml -o posed.glb"),
+          after_long_help = EXAMPLES)]
 pub struct ShellPoseArgs {
-    /// The mesh: .obj (with texture coordinates, parts and materials), .ply, .stl, .off or .glb
+    /// Mesh: .obj (with texture coordinates, parts and materials), .ply, .stl, .off or .glb
     #[arg(value_name = "MESH", value_hint = ValueHint::FilePath)]
-    pub mesh: PathBuf,
-    /// Poses and keyframes: poses.toml, see below
+    mesh: PathBuf,
+    /// Poses and keyframes (poses.toml)
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
-    pub poses: PathBuf,
-    /// A part that stays rigid: a group, object or material of the OBJ, or a file of vertex indices
-    /// (repeatable)
+    poses: PathBuf,
+    /// A rigid part: a group, object or material of the OBJ, or a file of vertex indices; repeatable
     #[arg(long, value_name = "PART")]
-    pub rigid: Vec<String>,
-    /// File to write; may be repeated: .glb with all poses, .obj, .ply, .stl or .off with the first
+    rigid: Vec<String>,
+    /// Output file: .glb has all poses; .obj, .ply, .stl and .off have the first pose; repeatable
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
-    pub output: Vec<PathBuf>,
-    /// Options that every command has.
+    output: Vec<PathBuf>,
+    /// Common options.
     #[command(flatten)]
-    pub common: CommonArgs,
+    common: CommonArgs,
 }
 
 /// Runs the command; returns the exit code.
 pub fn run(args: &ShellPoseArgs) -> u8 {
-    report::run("shell pose", &args.common, |progress| work(args, progress))
+    summary::run("shell pose", &args.common, |progress| work(args, progress))
 }
 
 fn work(args: &ShellPoseArgs, progress: &dyn Progress) -> Result<Summary<ShellPoseReport>> {
@@ -84,7 +89,7 @@ fn work(args: &ShellPoseArgs, progress: &dyn Progress) -> Result<Summary<ShellPo
 fn text(report: &ShellPoseReport) -> String {
     let mut lines = Lines::default();
     lines.line(format!(
-        "Posed {} by {}.",
+        "Posed {} with {}.",
         counted(report.vertices, "vertex"),
         counted(report.controls, "control")
     ));
@@ -97,10 +102,10 @@ fn text(report: &ShellPoseReport) -> String {
     lines.table(&[("pose", Align::Left), ("controls moved", Align::Right), (&farthest, Align::Right)], &rows);
     for part in &report.rigid {
         lines.line(format!(
-            "{} stays rigid: {} vertices{}.",
+            "{} is rigid: {} vertices{}.",
             part.part,
             count(part.vertices),
-            if part.held { ", held" } else { "" }
+            if part.held { ", fixed" } else { "" }
         ));
     }
     lines.into_text()

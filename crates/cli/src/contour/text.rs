@@ -1,0 +1,64 @@
+//! The summary of `planish contour`.
+
+use super::constraints_text::constraints_text;
+use crate::lines::{Align, Lines};
+use crate::numbers::{count, significant};
+use planish::contour::{ContourReport, PartReport, Relation};
+use std::path::PathBuf;
+
+/// The summary of the contours.
+pub fn text(report: &ContourReport, outputs: &[PathBuf]) -> String {
+    let mut lines = Lines::default();
+    for (i, part) in report.contours.iter().enumerate() {
+        if i > 0 {
+            lines.gap();
+        }
+        part_text(&mut lines, part, i, report);
+    }
+    if let Some(levels) = &report.levels {
+        lines.gap();
+        let what = match levels.relation {
+            Relation::Prism => "agree: a prism",
+            Relation::Revolution => "are circles with one axis: a surface of revolution",
+            Relation::None => "do not agree",
+        };
+        lines.line(format!(
+            "The contours of {} levels {what} (χ² {} with {} degrees of freedom).",
+            levels.levels.len(),
+            significant(levels.chi_square, 3),
+            levels.degrees
+        ));
+    }
+    if let Some(constrained) = &report.constrained {
+        lines.gap();
+        lines.line("The values above use only the readings. With the given and detected constraints:");
+        lines.gap();
+        constraints_text(&mut lines, constrained);
+    }
+    if !outputs.is_empty() {
+        lines.gap();
+        let names: Vec<String> = outputs.iter().map(|path| path.display().to_string()).collect();
+        lines.line(format!("Wrote {}.", names.join(", ")));
+    }
+    lines.into_text()
+}
+
+fn part_text(lines: &mut Lines, part: &PartReport, index: usize, report: &ContourReport) {
+    let level = part.level.map_or_else(String::new, |level| format!(" at level {level}"));
+    let hole = part.hole_of.map_or_else(String::new, |of| format!(", a hole of contour {}", of + 1));
+    let name = if report.contours.len() > 1 { format!("Contour {}: ", index + 1) } else { String::new() };
+    lines.line(format!(
+        "{name}{}{level}{hole}, from {} readings ({} rejected by the gate).",
+        part.kind,
+        count(part.readings),
+        count(part.rejected)
+    ));
+    if let (Some(margin), Some(other)) = (part.bic_margin, part.alternatives.first()) {
+        lines.line(format!("Next best: {} (BIC larger by {}).", other.kind, significant(margin, 3)));
+    }
+    lines.gap();
+    let rows: Vec<Vec<String>> = (part.parameters.iter().chain(&part.sides))
+        .map(|(name, value)| vec![name.clone(), significant(value.value, 6), significant(value.sigma, 2)])
+        .collect();
+    lines.table(&[("parameter", Align::Left), ("value", Align::Right), ("σ", Align::Right)], &rows);
+}

@@ -1,0 +1,51 @@
+//! Parsers of option values of `planish contour`.
+
+use crate::values::numbers;
+use planish::contour::{Kind, Shape};
+
+/// Maximum number of corners of a polygon.
+const MAX_CORNERS: usize = 40;
+
+/// Value of `--kind`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum KindChoice {
+    /// The best of all kinds.
+    Auto,
+    /// One kind of contour in the plane.
+    Plane(Kind),
+    /// A chain of lines and arcs, closed or open.
+    Chain,
+    /// One kind of shape in space.
+    Space(Shape),
+}
+
+/// A kind of contour by its name.
+pub fn kind(text: &str) -> Result<KindChoice, String> {
+    if text == "auto" {
+        return Ok(KindChoice::Auto);
+    }
+    if text == "chain" {
+        return Ok(KindChoice::Chain);
+    }
+    if let Some(shape) = Shape::ALL.into_iter().find(|shape| shape.to_string() == text) {
+        return Ok(KindChoice::Space(shape));
+    }
+    Kind::of_name(text, MAX_CORNERS).map(KindChoice::Plane).ok_or_else(|| {
+        format!(
+            "needed auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain, \
+             regular-polygon-N or polygon-N with N from 3 to {MAX_CORNERS}; or in space plane3, \
+             sphere, cylinder, box"
+        )
+    })
+}
+
+/// Two numbers.
+pub fn pair(text: &str) -> Result<[f64; 2], String> {
+    numbers(text, "0.05,20")
+}
+
+/// Two opposite corners of a rectangle, returned as minimum and maximum: x0, y0, x1, y1.
+pub fn rectangle(text: &str) -> Result<[f64; 4], String> {
+    let [a, b, c, d] = numbers(text, "0,0,4,3")?;
+    Ok([f64::min(a, c), f64::min(b, d), f64::max(a, c), f64::max(b, d)])
+}

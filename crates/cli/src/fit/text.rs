@@ -1,0 +1,318 @@
+//! The summary of `planish fit`.
+
+use super::args::FitArgs;
+use crate::lines::{Align, Lines, sensor_cells};
+use crate::numbers::{count, counted, percent, significant};
+use planish::Unit;
+use planish::animation::AnimationReport;
+use planish::complete::{GapReport, SymmetryReport};
+use planish::fit::{BendingReport, Filter, FitReport, FitTermination};
+use planish::fit_files::FitJobReport;
+use planish::output::{OutputFormat, WrittenFile};
+
+/// The summary of a fit.
+pub fn text(args: &FitArgs, done: &FitJobReport) -> String {
+    let FitJobReport { fit, unit, .. } = done;
+    let mut lines = Lines::default();
+    let verb = match args.update {
+        None => "Fitted",
+        Some(_) => "Updated",
+    };
+    lines.line(format!(
+        "{verb} a {} of {} ({}, {}) with {}.",
+        fit.shape,
+        counted(fit.coefficients, "control vertex"),
+        counted(fit.levels, "level"),
+        counted(fit.cells, "cell"),
+        counted(fit.observations, "reading"),
+    ));
+    lines.gap();
+    facts(&mut lines, args, done);
+    if let Some(left) = &fit.unresolved_shape {
+        lines.line(format!(
+            "Unresolved shape: on {} of the area the cells are too large ({} {unit} rms, included in σ)",
+            percent(left.area_fraction),
+            significant(left.rms, 3)
+        ));
+    }
+    completion(&mut lines, fit, *unit);
+    rejected(&mut lines, fit);
+    sensors(&mut lines, fit, *unit);
+    lines.poses(&fit.poses, *unit);
+    lines.gap();
+    written(&mut lines, args, done);
+    lines.into_text()
+}
+
+/// Residuals, σ and the end of the fit.
+fn facts(lines: &mut Lines, args: &FitArgs, done: &FitJobReport) {
+    let FitJobReport { fit, unit, .. } = done;
+    let length = |value: f64| format!("{} {unit}", significant(value, 3));
+    let all_readings =
+        args.update.as_ref().map_or(String::new(), |_| count(done.observations_of_all_sessions));
+    let residuals = format!(
+        "rms {}; normalised rms {} (reduced χ² {})",
+        length(fit.rms),
+        significant(fit.rms_normalised, 3),
+        significant(fit.reduced_chi_square, 3)
+    );
+    let held_out = match fit.held_out.n {
+        0 => "none".to_owned(),
+        n => format!(
+            "{}; normalised rms {} (1 if σ is correct)",
+            counted(n, "reading"),
+            significant(fit.held_out.rms_normalised, 3)
+        ),
+    };
+    let sigma = format!(
+        "median {}, 95 % below {}, largest {}",
+        length(fit.sigma.median),
+        length(fit.sigma.p95),
+        length(fit.sigma.max)
+    );
+    lines.facts([
+        ("readings of all sessions", all_readings),
+        ("residuals", residuals),
+        ("held out", held_out),
+        ("σ of the surface", sigma),
+        ("measured", format!("{} of the area", percent(fit.observed_area_fraction))),
+        ("subdivided", subdivided(fit)),
+        ("termination", termination(fit).to_owned()),
+    ]);
+}
+
+/// The files that were written.
+fn written(lines: &mut Lines, args: &FitArgs, done: &FitJobReport) {
+    if done.written.is_empty() && done.animation.is_none() && args.page.report.is_none() {
+        lines.line(
+            "Nothing was written: add -o part.step, -o part.ply or -o part.planish to keep the result.",
+        );
+    }
+    for file in &done.written {
+        lines.line(format!("Wrote {}: {}", file.file.display(), contents(file, done.unit)));
+    }
+    if let Some(AnimationReport { file, readings, .. }) = &done.animation {
+        let [first, last] = [readings.first(), readings.last()].map(|n| count(n.copied().unwrap_or(0)));
+        lines.line(format!(
+            "Wrote {}: {} of the model forming, from {first} to {last} readings",
+            file.display(),
+            counted(readings.len(), "frame")
+        ));
+    }
+    if let Some(written) = args.page.written() {
+        lines.line(written);
+    }
+}
+
+/// The cells that were subdivided, by level and cause.
+fn subdivided(fit: &FitReport) -> String {
+    let what = match fit.filter {
+        Filter::Global => "cell",
+        Filter::Patch => "patch",
+    };
+    let levels: Vec<String> = (fit.refined.iter())
+        .map(|level| {
+            let causes: Vec<String> = level.causes.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
+            let number = counted(level.divided, what);
+            format!("{number} of level {} ({})", level.level, causes.join(", "))
+        })
+        .collect();
+    if levels.is_empty() { "nothing".to_owned() } else { levels.join("; ") }
+}
+
+/// The reason why the fit ended.
+fn termination(fit: &FitReport) -> &'static str {
+    match fit.termination {
+        FitTermination::Converged if fit.rejected_readings() * 20 > fit.observations => {
+            "converged, but many readings were rejected"
+        }
+        FitTermination::Converged => "converged: only noise remains",
+        FitTermination::ReachedTolerance => "reached the tolerance",
+        FitTermination::Limit => "limit of control vertices or iterations reached",
+    }
+}
+
+/// What was completed, and how.
+fn completion(lines: &mut Lines, fit: &FitReport, unit: Unit) {
+    let Some(found) = &fit.propagation else { return };
+    lines.gap();
+    if let Some(symmetry) = &found.symmetry {
+        lines.line(symmetry_line(symmetry, unit));
+    }
+    if let Some(motion) = &found.motion {
+        let pair =
+            |[value, sigma]: [f64; 2]| format!("{} ± {}", significant(value, 5), significant(sigma, 2));
+        lines.line(format!(
+            "Motion: rotation {}°/s, velocity of the centre {} {unit}/s, from {}.",
+            pair(motion.rate_deg_per_s),
+            pair(motion.speed),
+            counted(motion.poses.len(), "scan")
+        ));
+        // Without a symmetry and without gaps, nothing was completed.
+        if found.symmetry.is_none() && found.gaps.is_empty() {
+            return;
+        }
+    }
+    if let Some(bending) = &found.bending {
+        return bending_states(lines, bending, unit);
+    }
+    for gap in found.gaps.iter().take(GAPS_SHOWN) {
+        lines.line(gap_line(gap, unit));
+    }
+    if found.gaps.len() > GAPS_SHOWN {
+        lines.line(format!("Gaps: {} more, see --json.", found.gaps.len() - GAPS_SHOWN));
+    }
+    lines.line(format!(
+        "Completed: {} of the area, from {} inferred from others.",
+        percent(found.inferred_area_fraction),
+        counted(found.pseudo_readings, "reading")
+    ));
+}
+
+/// A table of the states of a bending sheet: residuals, and how well lengths were kept.
+fn bending_states(lines: &mut Lines, bending: &BendingReport, unit: Unit) {
+    let rows: Vec<Vec<String>> = (bending.states.iter().enumerate())
+        .map(|(k, state)| {
+            let [e, f, g] = state.largest_change.map(|change| significant(100.0 * change, 2));
+            vec![
+                state.time_s.map_or((k + 1).to_string(), |time| format!("{time} s")),
+                count(state.observations),
+                significant(state.rms, 3),
+                significant(state.sigma, 3),
+                if k == 0 { "reference".to_owned() } else { format!("{e}, {f}, {g}") },
+                percent(state.carried_area_fraction),
+                if state.isometric { "yes" } else { "no" }.to_owned(),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[
+            ("state", Align::Left),
+            ("readings", Align::Right),
+            (&format!("rms / {unit}"), Align::Right),
+            ("σ", Align::Right),
+            ("max change of E, F, G / %", Align::Right),
+            ("transferred", Align::Right),
+            ("isometric", Align::Left),
+        ],
+        &rows,
+    );
+}
+
+/// Number of gaps that are listed; the JSON object has all.
+const GAPS_SHOWN: usize = 6;
+
+fn gap_line(gap: &GapReport, unit: Unit) -> String {
+    let area = format!("Gap of {} {unit}²", significant(gap.area, 3));
+    let shape = match (gap.kind.as_str(), gap.radius) {
+        ("none", _) => {
+            return format!(
+                "{area}: its surroundings fit no plane, sphere or cylinder; filled by the smoothness prior."
+            );
+        }
+        (kind, Some([r, sigma])) => {
+            format!("a {kind} of radius {} ± {} {unit}", significant(r, 4), significant(sigma, 2))
+        }
+        (kind, None) => format!("a {kind}"),
+    };
+    format!(
+        "{area}: {shape}, from {} around it (reduced χ² {}, probability {}).",
+        counted(gap.readings, "reading"),
+        significant(gap.reduced_chi_square.unwrap_or(f64::NAN), 3),
+        significant(gap.probability.unwrap_or(f64::NAN), 2)
+    )
+}
+
+fn symmetry_line(found: &SymmetryReport, unit: Unit) -> String {
+    if !found.is_found() {
+        return "Symmetry: none supported by the readings.".to_owned();
+    }
+    let what = match (found.kind.as_str(), found.order) {
+        ("mirror", _) => "a mirror plane".to_owned(),
+        (_, Some(order)) => format!("a rotation of order {order}"),
+        (_, None) => "a surface of revolution".to_owned(),
+    };
+    let proposed = if found.proposed { ", proposed" } else { "" };
+    let largest = |values: &[f64]| values.iter().fold(0.0, |a: f64, b| a.max(*b));
+    format!(
+        "Symmetry: {what}{proposed}; {} of {} pieces of the cloud agree; σ of its position {} {unit}, of its \
+         direction {}°.",
+        count(found.agreeing),
+        count(found.compared),
+        significant(largest(&found.sigma_point), 2),
+        significant(largest(&found.sigma_direction_deg), 2)
+    )
+}
+
+/// A table of the rejected readings by cause.
+fn rejected(lines: &mut Lines, fit: &FitReport) {
+    let total: usize = fit.rejected.values().sum();
+    lines.gap();
+    if total == 0 {
+        lines.line("Rejected: no readings.");
+        return;
+    }
+    let all = (total + fit.observations + fit.held_out.n) as f64;
+    let mut causes: Vec<(&String, usize)> = fit.rejected.iter().map(|(cause, n)| (cause, *n)).collect();
+    causes.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
+    let rows: Vec<Vec<String>> = causes
+        .into_iter()
+        .map(|(cause, n)| vec![cause.replace('_', " "), count(n), percent(n as f64 / all)])
+        .collect();
+    lines.table(&[("rejected", Align::Left), ("readings", Align::Right), ("share", Align::Right)], &rows);
+}
+
+/// A table of the sensors and their σ.
+fn sensors(lines: &mut Lines, fit: &FitReport, unit: Unit) {
+    lines.gap();
+    lines.line(format!("Sensors, along the surface normals, in {unit}:"));
+    let rows: Vec<Vec<String>> = fit
+        .sensors
+        .iter()
+        .map(|sensor| {
+            let mut cells = sensor_cells(sensor).to_vec();
+            cells.push(significant(sensor.rms, 3));
+            cells
+        })
+        .collect();
+    lines.table(
+        &[
+            ("sensor", Align::Left),
+            ("readings", Align::Right),
+            ("σ stated", Align::Right),
+            ("estimated", Align::Right),
+            ("used", Align::Left),
+            ("rms residual", Align::Right),
+        ],
+        &rows,
+    );
+}
+
+/// A description of a written file.
+fn contents(file: &WrittenFile, unit: Unit) -> String {
+    match file.format {
+        OutputFormat::Step => {
+            format!("the exact surface in {}", counted(file.faces.unwrap_or(0), "B-spline face"))
+        }
+        OutputFormat::Ply | OutputFormat::Obj | OutputFormat::Stl | OutputFormat::Glb => {
+            let with = match file.format {
+                OutputFormat::Ply | OutputFormat::Glb => ", with σ",
+                _ => "",
+            };
+            format!(
+                "{} within {} {unit} of the surface{with}",
+                counted(file.triangles.unwrap_or(0), "triangle"),
+                significant(file.tolerance.unwrap_or(f64::NAN), 2)
+            )
+        }
+        OutputFormat::Tiff => {
+            let [columns, rows, known] = file.cells.unwrap_or_default();
+            format!(
+                "heights and their σ in {columns} × {rows} cells of {} {unit}, {} known",
+                significant(file.cell_size.unwrap_or(f64::NAN), 3),
+                percent(known as f64 / (columns * rows).max(1) as f64)
+            )
+        }
+        OutputFormat::Planish => "the model with its covariance".to_owned(),
+    }
+}

@@ -1,0 +1,80 @@
+//! Parsers of option values of `planish fit`.
+
+use crate::values::within;
+use planish::SymmetryKind;
+use planish::complete::SymmetryChoice;
+
+/// Largest subdivision depth that is accepted. At depth 7 a cell is 1/128 of a base cell, smaller than the
+/// spacing of readings in practice.
+const MAX_DEPTH: u8 = 7;
+
+/// `auto`, `rotation:ORDER[:DIRECTION]` or `mirror[:DIRECTION]`; a direction is an axis or three numbers.
+pub fn symmetry(text: &str) -> Result<SymmetryChoice, String> {
+    const NEEDED: &str = "needed auto, rotation:full, rotation:N (N from 2) or mirror, optionally with a \
+                          direction after it (rotation:full:z, mirror:0,1,0.2)";
+    let mut parts = text.split(':');
+    let kind = parts.next().unwrap_or_default();
+    let order = match kind {
+        "rotation" => Some(match parts.next().ok_or(NEEDED)? {
+            "full" => None,
+            number => match number.parse::<u32>() {
+                Ok(order) if (2..=1000).contains(&order) => Some(order),
+                _ => return Err(format!("{NEEDED}; found the order {number:?}")),
+            },
+        }),
+        _ => None,
+    };
+    let towards = parts.next().map(direction).transpose()?;
+    match (kind, order, parts.next()) {
+        ("rotation", Some(order), None) => Ok(SymmetryChoice::Of(SymmetryKind::Rotation { order, towards })),
+        ("mirror", None, None) => Ok(SymmetryChoice::Of(SymmetryKind::Mirror { towards })),
+        ("auto", None, None) if towards.is_none() => Ok(SymmetryChoice::Auto),
+        _ => Err(NEEDED.to_owned()),
+    }
+}
+
+/// `x`, `y`, `z`, or three numbers separated by commas.
+fn direction(text: &str) -> Result<[f64; 3], String> {
+    let needed = || format!("needed a direction: x, y, z or three numbers like 0,0.1,1; found {text:?}");
+    match text {
+        "x" => return Ok([1.0, 0.0, 0.0]),
+        "y" => return Ok([0.0, 1.0, 0.0]),
+        "z" => return Ok([0.0, 0.0, 1.0]),
+        _ => {}
+    }
+    let numbers: Vec<f64> =
+        (text.split(',').map(|n| n.trim().parse().map_err(|_| needed()))).collect::<Result<_, _>>()?;
+    let all: [f64; 3] = numbers.try_into().map_err(|_| needed())?;
+    if all.iter().all(|c: &f64| c.is_finite()) && all.iter().any(|c| *c != 0.0) {
+        Ok(all)
+    } else {
+        Err(needed())
+    }
+}
+
+/// The share of held-out readings.
+pub fn held_out(text: &str) -> Result<f64, String> {
+    within(text, "a share from 0 to below 0.9", |v| (0.0..0.9).contains(&v))
+}
+
+/// A gate in multiples of σ.
+pub fn gate(text: &str) -> Result<f64, String> {
+    within(text, "at least 1 σ (4 is usual)", |v| v >= 1.0)
+}
+
+/// A subdivision depth.
+pub fn depth(text: &str) -> Result<u8, String> {
+    match text.parse() {
+        Ok(depth) if depth <= MAX_DEPTH => Ok(depth),
+        _ => Err(format!("needed a whole number of levels from 0 to {MAX_DEPTH}")),
+    }
+}
+
+/// A maximum number of control vertices.
+pub fn max_coefficients(text: &str) -> Result<usize, String> {
+    let min = planish::fit_files::LEAST_COEFFICIENTS;
+    match text.parse() {
+        Ok(n) if n >= min => Ok(n),
+        _ => Err(format!("needed a whole number of at least {min}")),
+    }
+}

@@ -1,0 +1,87 @@
+//! JSON keys and text output that scenes of scans share.
+
+use crate::lines::{Align, Lines};
+use crate::numbers::{count, significant};
+use crate::summary::Summary;
+use planish::Unit;
+use planish::simulate::{ScanSceneSummary, TruthSummary};
+use serde::Serialize;
+use std::path::Path;
+
+/// JSON keys of a scene of scans.
+#[derive(Serialize)]
+pub struct Body {
+    rows: usize,
+    columns: Vec<String>,
+    truth: TruthSummary,
+    warnings: [String; 0],
+    termination: &'static str,
+}
+
+/// The summary of a scene. `next_options` are options of `fit` and of `compare` that suit the scene.
+pub fn summary(out: &Path, made: ScanSceneSummary, unit: Unit, next_options: [&str; 2]) -> Summary<Body> {
+    Summary {
+        text: text(out, &made, unit, next_options),
+        unit: Some(unit),
+        inputs: Vec::new(),
+        outputs: made.files.clone(),
+        warnings: Vec::new(),
+        body: Body {
+            rows: made.rows,
+            columns: made.columns,
+            truth: made.truth,
+            warnings: [],
+            termination: "converged",
+        },
+    }
+}
+
+fn text(out: &Path, made: &ScanSceneSummary, unit: Unit, [fit, compare]: [&str; 2]) -> String {
+    let mut lines = Lines::default();
+    lines.line(format!("Simulated {} readings of a {}.", count(made.rows), made.truth.shape));
+    lines.gap();
+    let rows: Vec<Vec<String>> = made
+        .truth
+        .scans
+        .iter()
+        .map(|scan| vec![scan.file.clone(), scan.sensor.clone(), count(scan.readings), count(scan.outliers)])
+        .collect();
+    lines.table(
+        &[
+            ("scan", Align::Left),
+            ("sensor", Align::Left),
+            ("readings", Align::Right),
+            ("outliers", Align::Right),
+        ],
+        &rows,
+    );
+    lines.gap();
+    let rows: Vec<Vec<String>> = made
+        .truth
+        .sensors
+        .iter()
+        .map(|s| {
+            vec![
+                s.name.clone(),
+                significant(s.sigma_along, 3),
+                significant(s.sigma_across, 3),
+                significant(s.sigma_along / s.misstatement, 3),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[
+            ("sensor", Align::Left),
+            (&format!("true σ along / {unit}"), Align::Right),
+            ("across", Align::Right),
+            ("stated along", Align::Right),
+        ],
+        &rows,
+    );
+    lines.gap();
+    let job = out.join("job.toml");
+    lines.line(format!("Wrote {} files to {}. Next:", made.files.len(), out.display()));
+    lines.line(format!("  planish fit {}{fit} -o part.planish", job.display()));
+    lines.line(format!("  planish compare part.planish {}{compare}", out.join("truth.ply").display()));
+    lines.into_text()
+}

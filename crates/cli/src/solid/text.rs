@@ -1,0 +1,171 @@
+//! The summary of `planish solid`.
+
+use crate::lines::{Align, Lines};
+use crate::numbers::{count, counted, significant};
+use planish::solid::{DimensionKind, FaceCounts, NoisyGeometry, SolidReport, UnexplainedLine};
+
+/// Number of unexplained lines that are listed; the JSON object has all.
+const LINES_SHOWN: usize = 20;
+
+/// The summary of a reconstruction.
+pub fn text(report: &SolidReport) -> String {
+    let mut lines = Lines::default();
+    let n = report.solutions.len();
+    if n == 0 {
+        unexplained(&mut lines, report);
+        return lines.into_text();
+    }
+    lines.line(match n {
+        1 => "One solid has these views.".to_owned(),
+        _ => format!("{} solids have these views, best first.", count(n)),
+    });
+    if !report.refused.is_empty() {
+        let others = report.refused.len();
+        lines.line(format!(
+            "{} rejected: {} lines differ from the drawing (--json lists them).",
+            counted(others, "more solid"),
+            if others == 1 { "its" } else { "their" },
+        ));
+    }
+    for dropped in &report.dropped {
+        lines.line(match dropped.count {
+            1 => format!("1 more candidate is invalid: {}.", dropped.first),
+            n => format!("{} more candidates are invalid; the first: {}.", count(n), dropped.first),
+        });
+    }
+    lines.gap();
+    let rows: Vec<Vec<String>> = report
+        .solutions
+        .iter()
+        .map(|s| {
+            vec![
+                s.rank.to_string(),
+                significant(s.volume, 8),
+                significant(s.area, 8),
+                faces_by_kind(&s.faces),
+                s.file.clone().unwrap_or_default(),
+            ]
+        })
+        .collect();
+    let [volume, area] = [("volume", '³'), ("area", '²')]
+        .map(|(what, power)| format!("{what} / {}{power}", report.unit.name()));
+    lines.table(
+        &[
+            ("", Align::Right),
+            (volume.as_str(), Align::Right),
+            (area.as_str(), Align::Right),
+            ("faces", Align::Left),
+            ("file", Align::Left),
+        ],
+        &rows,
+    );
+    if let Some(geometry) = &report.geometry {
+        lines.gap();
+        geometry_text(&mut lines, geometry);
+    }
+    lines.into_text()
+}
+
+/// The lines that no solid, or not the nearest one, explains.
+fn unexplained(lines: &mut Lines, report: &SolidReport) {
+    lines.line(match report.refused.is_empty() {
+        true => "No solid has these views. Lines that cannot be explained:",
+        false => "No solid has these views. Differences of the nearest solid (not written):",
+    });
+    lines.gap();
+    let cells = |u: &UnexplainedLine| {
+        let entity = u.entity.clone().unwrap_or_else(|| "a missing line".to_owned());
+        vec![u.view.to_owned(), entity, u.why.clone()]
+    };
+    let rows: Vec<Vec<String>> = report.unexplained.iter().take(LINES_SHOWN).map(cells).collect();
+    let columns = [("view", Align::Left), ("entity", Align::Left), ("why", Align::Left)];
+    lines.table(&columns, &rows);
+    if report.unexplained.len() > LINES_SHOWN {
+        lines.line(format!("and {} more (--json lists all)", report.unexplained.len() - LINES_SHOWN));
+    }
+}
+
+/// The number of faces of each kind, such as `6 planes, 1 cylinder, 2 spheres`.
+fn faces_by_kind(faces: &FaceCounts) -> String {
+    let kinds = [
+        (faces.plane, "plane", "planes"),
+        (faces.cylinder, "cylinder", "cylinders"),
+        (faces.cone, "cone", "cones"),
+        (faces.sphere, "sphere", "spheres"),
+        (faces.torus, "torus", "tori"),
+        (faces.freeform, "freeform", "freeform"),
+    ];
+    let present = kinds.into_iter().filter(|(n, ..)| *n > 0);
+    present
+        .map(|(n, one, many)| format!("{n} {}", if n == 1 { one } else { many }))
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+/// How noisy views were fused, and the dimensions of the best solid.
+fn geometry_text(lines: &mut Lines, geometry: &NoisyGeometry) {
+    for view in &geometry.views {
+        lines.line(format!(
+            "{}: {}; {} parameters, rank {}; {}.",
+            view.view,
+            view.contours.join(", "),
+            view.parameters,
+            view.rank,
+            match view.constraints.len() {
+                0 => "no constraints".to_owned(),
+                _ => view.constraints.join(", "),
+            }
+        ));
+    }
+    lines.gap();
+    let rows: Vec<Vec<String>> = geometry
+        .matches
+        .iter()
+        // Implied matches follow from the others and carry no information of their own.
+        .filter(|found| found.outcome != "implied")
+        .map(|found| {
+            vec![
+                found.axis.to_owned(),
+                found.text.clone(),
+                significant(found.chi_square, 3),
+                significant(found.p_value, 2),
+                found.outcome.to_owned(),
+            ]
+        })
+        .collect();
+    lines.table(
+        &[
+            ("", Align::Left),
+            ("equal in two views", Align::Left),
+            ("χ²", Align::Right),
+            ("p", Align::Right),
+            ("", Align::Left),
+        ],
+        &rows,
+    );
+    lines.gap();
+    lines.line(format!(
+        "Fusing the views: χ² {} with {} degrees of freedom, p = {}.",
+        significant(geometry.chi_square, 3),
+        geometry.degrees,
+        significant(geometry.p_value, 2)
+    ));
+    lines.gap();
+    let rows: Vec<Vec<String>> = geometry
+        .dimensions
+        .iter()
+        .map(|size| {
+            let kind = match size.kind {
+                DimensionKind::Extent => "extent along",
+                DimensionKind::Length => "length of",
+                DimensionKind::Diameter => "diameter of",
+            };
+            vec![
+                format!("{kind} {}", size.name),
+                significant(size.value, 6),
+                size.sigma.map_or_else(|| "unknown".to_owned(), |sigma| significant(sigma, 2)),
+            ]
+        })
+        .collect();
+    lines.table(&[("size", Align::Left), ("value", Align::Right), ("σ", Align::Right)], &rows);
+}
