@@ -25,8 +25,12 @@ the stated σ is correct.";
 
 /// Arguments of `planish compare`.
 #[derive(Debug, Args)]
-#[command(after_help = short_help!("planish compare part.planish examples/data/pebble/truth.ply"),
-          after_long_help = EXAMPLES)]
+#[command(
+    after_help = short_help!(
+        "planish compare examples/data/pebble/truth.ply examples/data/pebble/probe.ply --unit mm"
+    ),
+    after_long_help = EXAMPLES
+)]
 pub struct CompareArgs {
     /// Saved model (.planish), mesh (.ply, .obj, .stl, .off, .glb) or CAD faces (.step)
     #[arg(value_name = "MODEL", value_hint = ValueHint::FilePath)]

@@ -46,7 +46,7 @@ Exit codes:
   130  interrupted; nothing was written
 
 Run a command with -h for its main options, or with --help for all of them.
-Example: planish fit scan.ply -o part.step";
+Example: planish fit examples/data/pebble/job.toml -o part.step";
 
 /// Fit surfaces and solids to measurements, and report how accurate the result is.
 #[derive(Debug, Parser)]

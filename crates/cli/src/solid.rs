@@ -40,8 +40,12 @@ and dimensions in space with their σ.";
 
 /// Arguments of `planish solid`.
 #[derive(Debug, Args)]
-#[command(after_help = short_help!("planish solid front.dxf top.dxf side.dxf -o part.step"),
-          after_long_help = EXAMPLES)]
+#[command(
+    after_help = short_help!(
+        "planish solid examples/data/bracket/*.dxf --as front,side,top -o bracket.step"
+    ),
+    after_long_help = EXAMPLES
+)]
 pub struct SolidArgs {
     /// Front, top and optional side view (.dxf, .svg, .json), or one drawing with all views
     ///

@@ -17,8 +17,8 @@ Examples:
   planish contour robot.log.gz --scan 40 --region 0,0,4,3 --gap 0.3 -o room.dxf
 
 Readings are CSV files with a header:
-  ranges in the plane   x,y,heading_deg,range; optional sigma_x,sigma_y,sigma_heading_deg,sigma_range,
-                        pose_id,time,level
+  ranges in the plane   x,y,heading_deg,range; optional sigma_x,sigma_y,sigma_heading_deg,
+                        sigma_range,pose_id,time,level
   points in the plane   x,y,sigma
   ranges in space       x,y,z,azimuth_deg,elevation_deg,range; optional sigma_x,sigma_y,sigma_z,
                         sigma_azimuth_deg,sigma_elevation_deg,sigma_range

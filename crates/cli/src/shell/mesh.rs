@@ -25,7 +25,8 @@ or coincide. The result is closed and manifold; its distance from the exact surf
 
 /// Arguments of `planish shell mesh`.
 #[derive(Debug, Args)]
-#[command(after_help = short_help!("planish shell mesh mesh.obj -o shell.ply"), after_long_help = EXAMPLES)]
+#[command(after_help = short_help!("planish shell mesh examples/data/pebble/truth.ply -o shell.ply"),
+          after_long_help = EXAMPLES)]
 pub struct ShellMeshArgs {
     /// Input mesh: .ply, .obj, .stl, .off, .glb, or the faces of a .step
     #[arg(value_name = "MESH", value_hint = ValueHint::FilePath)]

@@ -20,7 +20,7 @@ poses.toml:
   controls = 60                     # chosen on the mesh; or positions: controls = [[x, y, z], ...]
   blend = 2.0                       # width of the transition around rigid parts
   [[rigid]]
-  part = \"head\"                     # a group, object or material of the OBJ, or a file of vertex indices
+  part = \"head\"                     # group, object or material of the OBJ, or a file of indices
   motion = \"follow\"                 # or \"held\"
   [[pose]]
   name = \"shoulders up\"

@@ -1,8 +1,8 @@
 //! Tests of the book (`docs/`, built by mdBook): commands run and print what the book shows, and links work.
 //!
 //! A block ```` ```console ```` has commands (`$ planish …`) and lines of their output, in order; `…` stands
-//! for any lines. Words must be equal and numbers must agree within a fifth, because the last digits depend on
-//! the machine. A block ```` ```toml file=NAME ```` is written to that file. Each chapter runs in its own
+//! for any lines. Words must be equal and numbers must agree within a fifth, because the last digits depend
+//! on the machine. A block ```` ```toml file=NAME ```` is written to that file. Each chapter runs in its own
 //! folder, with the repository's `examples` in it.
 //!
 //! `PLANISH_WRITE_DOCS=1 cargo test --release -p planish-cli --test it book` rewrites the shown lines and the

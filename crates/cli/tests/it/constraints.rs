@@ -4,7 +4,7 @@ use crate::support::planish;
 use serde_json::Value;
 use std::path::Path;
 
-/// A turned rectangle of 90 × 55, ranged with little noise.
+/// Readings of a rotated rectangle of 90 × 55 with low noise.
 fn readings(folder: &Path, noise: &str) {
     let args = [
         "simulate",
@@ -57,7 +57,7 @@ fn relations_are_imposed_and_sizes_snapped() {
     let imposed = texts(&found["relations"], |r| r["outcome"] == "imposed");
     assert_eq!(imposed.len(), 3, "{imposed:?}");
     assert!(found["relations"].as_array().expect("a list").iter().all(|r| r["p_value"].as_f64().is_some()));
-    // A rectangle: nothing holds that is not true of it.
+    // The detected relations are those of a rectangle.
     for text in texts(&found["relations"], |r| r["outcome"] == "imposed" || r["outcome"] == "implied") {
         assert!(!text.contains("horizontal") && !text.contains("vertical"), "{text}");
     }
@@ -84,16 +84,16 @@ fn relations_are_imposed_and_sizes_snapped() {
         (&free["parameters"], &free["rank"], &free["free"], &free["rigid_motions"]),
         (&8.into(), &5.into(), &3.into(), &3.into())
     );
-    // Everything implied names a smallest set it follows from.
+    // Each implied relation names a minimal set of relations that implies it.
     assert!(found["redundant"].as_array().is_some_and(|sets| {
         !sets.is_empty() && sets.iter().all(|s| !s["with"].as_array().expect("a set").is_empty())
     }));
-    // With the dimensions, nothing is free, and the graphs match every parameter.
+    // With the dimensions there are no free parameters, and the graphs match all parameters.
     let graphs: Value =
         serde_json::from_str(&std::fs::read_to_string(at.join("g.json")).expect("a file")).expect("JSON");
     assert_eq!(graphs["views"][0]["matching"].as_array().map(Vec::len), Some(8));
     assert!(std::fs::read_to_string(at.join("g.dot")).expect("DOT").contains("graph contour_bipartite {"));
-    // The drawing is that of the constrained contour.
+    // The drawing shows the constrained contour.
     let corner = &found["contours"][0]["parameters"]["x0"]["value"];
     let dxf = std::fs::read_to_string(at.join("c.dxf")).expect("DXF");
     assert!(dxf.contains(&format!("\n{corner}\n")), "{corner}");
@@ -126,13 +126,13 @@ fn given_constraints_are_imposed_and_tested() {
             && said["contours"][0]["parameters"]["width"]["sigma"].as_f64() > Some(0.01)
     );
     assert_eq!(said["warnings"].as_array().map(Vec::len), Some(0), "{said}");
-    // The readings contradict it: told, not hidden.
+    // A constraint that contradicts the readings gives a warning.
     let said = contour(at, &["--kind", "rectangle", "--given", "P1P2 is 85 long"]);
     assert!(
         said["warnings"][0].as_str().is_some_and(|w| w.contains("disagrees with the readings")),
         "{said}"
     );
-    // What says nothing new, by what it follows from.
+    // A redundant constraint names the constraints that imply it.
     let said = contour(at, &["--kind", "rectangle", "--given", "P1P2 parallel to P3P4"]);
     let redundant = &said["constrained"]["redundant"][0];
     assert_eq!(

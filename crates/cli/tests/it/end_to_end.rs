@@ -26,7 +26,7 @@ fn fit_then_info_then_compare() {
         (model["area"].as_f64().expect("a number"), mesh["area"].as_f64().expect("a number"));
     assert!((area / of_mesh - 1.0).abs() < 1e-3, "{area} {of_mesh}");
 
-    // True σ: 0.1 mm and less; the facets of the truth leave it by 0.12 mm.
+    // The true σ is at most 0.1 mm; the chord error of the reference mesh is 0.12 mm.
     for model in ["p.planish", "p.ply"] {
         let found = run(&["compare", model, &pebble("truth.ply"), "--json"]).json();
         let backward = &found["backward"];
@@ -61,7 +61,7 @@ fn second_session_is_added_to_the_first() {
     assert!(rms(&truth("both.planish")) < rms(&truth("first.planish")));
     let info = run(&["info", "both.planish", "--json"]);
     assert_eq!(info["sessions"].as_array().map(Vec::len), Some(2));
-    // The same scan twice is likely a mistake.
+    // The same scan twice is probably a mistake, so a warning is expected.
     let again = run(&["fit", "second.toml", "--update", "both.planish", "--json"]);
     let warnings = again["warnings"].as_array().expect("a list");
     assert!(warnings.iter().any(|w| w.as_str().is_some_and(|w| w.contains("count twice"))));
@@ -80,7 +80,7 @@ fn readings_far_from_the_model_are_rejected() {
     assert!(!folder.path().join("second.planish").exists());
 }
 
-/// A plane beside everything.
+/// A plane far from the model.
 fn far_points() -> String {
     (0..400).map(|k| format!("{} {} 9000\n", 9000 + k % 20, 9000 + k / 20)).collect()
 }
@@ -121,7 +121,7 @@ fn simulated_scenes_do_not_depend_on_threads() {
     assert_eq!(runs[0].len(), 8);
 }
 
-// Other systems round sines in the last digit.
+// Other systems round the last digit of sines differently.
 #[cfg(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu"))]
 #[test]
 fn pebble_data_matches_its_command() {
@@ -239,7 +239,7 @@ fn bending_sheet_is_followed_and_animated() {
     assert!(folder.path().join("states/state-2.ply").is_file());
     let judged = run(&["compare", "states/state-2.planish", "b/truth-2.ply", "--json"]).json();
     assert!(judged["coverage95"].as_f64().expect("a share") > 0.85, "{judged:#}");
-    // The model goes on only together with its states.
+    // A model of a bending sheet cannot be updated without its states.
     let refused = planish(folder.path(), &["fit", "b/laser-1.ply", "--update", "b.planish"]);
     assert_eq!(refused.code, 2);
     assert!(refused.stderr.contains("--motion bend"), "{}", refused.stderr);

@@ -3,7 +3,7 @@
 use crate::support::{names, part_of_pebble, pebble, planish};
 use std::path::Path;
 
-/// Bytes that look like no format, the same in every run.
+/// Bytes of no file format; the same in every run.
 fn garbage(length: usize) -> Vec<u8> {
     let mut state = 0x2545_F491_4F6C_DD1D_u64;
     let next = |_| {
@@ -15,7 +15,7 @@ fn garbage(length: usize) -> Vec<u8> {
     (0..length).map(next).collect()
 }
 
-/// Fills a folder with everything that a user could get wrong.
+/// Fills a folder with invalid inputs.
 fn hostile(folder: &Path) {
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).expect("a file");
     let laser = std::fs::read(pebble("laser-1.ply")).expect("a scan");
@@ -64,7 +64,7 @@ fn hostile(folder: &Path) {
     std::fs::create_dir(folder.join("folder.ply")).expect("a folder");
 }
 
-/// Runs a command that must fail; returns what it said, after checking that it left no trace.
+/// Runs a command that must fail and write nothing; returns its exit code and stderr.
 #[track_caller]
 fn refused(folder: &Path, line: &str) -> (i32, String) {
     let before = names(folder);
@@ -75,7 +75,7 @@ fn refused(folder: &Path, line: &str) -> (i32, String) {
     (said.code, said.stderr)
 }
 
-/// Everything that these commands say, for a snapshot.
+/// The messages and exit codes of these commands, for a snapshot.
 fn refusals(folder: &Path, lines: &[&str]) -> String {
     let say = |line: &&str| {
         let (code, stderr) = refused(folder, line);
@@ -88,7 +88,7 @@ fn refusals(folder: &Path, lines: &[&str]) -> String {
 fn hostile_scans() {
     let folder = tempfile::tempdir().expect("a folder");
     hostile(folder.path());
-    // An output is named each time: it must not appear.
+    // Each command names outputs, which must not be created.
     let fit = |name: &str| format!("fit {name} -o out.step -o out.ply -o out.planish");
     let lines: Vec<String> = [
         "empty.ply",
@@ -142,7 +142,8 @@ fn outputs_are_checked_before_the_work() {
         std::fs::set_permissions(&path, permissions).expect("permissions");
     };
     protect(true);
-    // The input does not exist: whoever complains of it has begun the work.
+    // The input does not exist. A message about it would show that the work began before the check of the
+    // outputs.
     let lines = [
         "fit gone.xyz -o a.3mf",
         "fit gone.xyz -o a",
@@ -153,7 +154,7 @@ fn outputs_are_checked_before_the_work() {
         "fit gone.xyz --animate a.glb -o a.glb",
         "fit gone.ply -o gone.ply",
         "fit good.xyz --update good.planish -o good.planish",
-        // Only the job says that this is an input.
+        // Only the job names this file as an input.
         "fit unit.toml -o a.ply -o unit.toml",
     ];
     insta::assert_snapshot!(refusals(folder.path(), &lines));

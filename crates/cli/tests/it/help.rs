@@ -88,11 +88,12 @@ fn examples_in_help_parse() {
         "simulate sphere",
         "view",
     ] {
-        let mut args: Vec<&str> = command.split(' ').collect();
-        args.push("--help");
-        let text = help(&args);
-        let examples: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("  planish ")).collect();
-        assert!(!examples.is_empty(), "{command} shows no example");
+        let words: Vec<&str> = command.split(' ').collect();
+        let [long, short] = ["--help", "-h"].map(|flag| help(&[&words[..], &[flag]].concat()));
+        let mut examples: Vec<&str> =
+            long.lines().filter_map(|line| line.strip_prefix("  planish ")).collect();
+        assert!(!examples.is_empty(), "{command} --help shows no example");
+        examples.push(short.lines().find_map(|line| line.strip_prefix("Example: planish ")).expect(command));
         for example in examples {
             let folder = tempfile::tempdir().expect("a folder");
             let args: Vec<&str> = example.split(' ').chain(["--quiet"]).collect();

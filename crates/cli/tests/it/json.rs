@@ -36,7 +36,7 @@ fn has_common(object: &Value, command: &str) {
     assert!(endings.contains(&object["termination"].as_str().unwrap_or_default()));
 }
 
-/// `next` on `p.planish`: the keys, and poses that `fit` reads as soon as scans are there.
+/// `next` on `p.planish`: its keys, and poses that `fit` accepts once the scans exist.
 #[track_caller]
 fn proposes_points_and_views(folder: &std::path::Path) {
     let run = |args: &[&str]| planish(folder, args).ok().json();

@@ -4,8 +4,8 @@ use crate::support::planish;
 use std::fmt::Write;
 use std::path::Path;
 
-/// A part of a ball of radius 10 between two latitudes as OBJ, its rows turned by some degrees, facing
-/// inwards where asked for.
+/// A zone of a ball of radius 10 between two latitudes as OBJ, with its rows rotated, optionally facing
+/// inwards.
 fn zone(path: &Path, from_deg: f64, to_deg: f64, turn_deg: f64, scale: f64, inwards: bool) {
     const AROUND: usize = 72;
     const ROWS: usize = 30;
@@ -40,7 +40,7 @@ fn two_zones_of_a_ball_merge_for_any_orientation() {
     zone(&folder.path().join("high.obj"), -10.0, 80.0, 2.3, 1.0, true);
     let said = planish(folder.path(), &["merge", "low.obj", "high.obj", "-o", "whole.ply", "--json"]).ok();
     let found = said.json();
-    // The two poles stay open: nobody saw them.
+    // The poles are not covered by a patch and stay open.
     assert_eq!(found["boundary_edges"], 144, "{found:#}");
     assert_eq!((&found["nonmanifold_edges"], &found["parts"]), (&0.into(), &1.into()));
     assert_eq!(found["regions"].as_array().map(Vec::len), Some(1));
@@ -50,7 +50,7 @@ fn two_zones_of_a_ball_merge_for_any_orientation() {
     let area = read["area"].as_f64().expect("a number");
     let exact = 2.0 * std::f64::consts::PI * 100.0 * 2.0 * 80_f64.to_radians().sin();
     assert!((area / exact - 1.0).abs() < 0.01, "{area}, {exact}");
-    // Asked for, the poles are filled as the ball goes on, flagged; holes with more edges stay.
+    // With --fill, the poles are filled smoothly and marked; larger holes stay open.
     let filled = planish(
         folder.path(),
         &["merge", "low.obj", "high.obj", "--fill", "72", "--curvature", "-o", "filled.ply", "--json"],
@@ -177,8 +177,7 @@ fn inputs_that_cannot_be_merged_are_named() {
     }
 }
 
-/// Surfaces that pass one another by chance are merged where they are near, as nothing says how well they are
-/// known: it is said, and --epsilon keeps them apart.
+/// Without σ, unrelated surfaces are merged where they are close. A warning reports it; --epsilon prevents it.
 #[test]
 fn patches_of_different_objects_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -208,7 +207,7 @@ fn patches_of_different_objects_are_named() {
 /// Faces of a STEP file are merged with those of another, and with a mesh.
 #[test]
 fn faces_of_step_files_are_patches() {
-    // A bent sheet as a mesh over one half and as CAD faces over the other, by way of a fit of points.
+    // One half of a bent sheet is a mesh; the other half is fitted to points and written as CAD faces.
     let folder = tempfile::tempdir().expect("a folder");
     let height = |x: f64, y: f64| 3.0 * (0.09 * x).sin() * (0.07 * y).cos();
     for (name, from) in [("left", 0.0), ("right", 25.0)] {
@@ -240,13 +239,13 @@ fn faces_of_step_files_are_patches() {
         }
         assert!(n > 1000.0 && (square / n).sqrt() < 0.01, "{pair}: {}", (square / n).sqrt());
     }
-    // The same file as what readings are compared with.
+    // The same file as a reference of `compare`.
     let compared = run("compare left.step left.xyz --json").json();
     let rms = compared["backward"]["rms"].as_f64().expect("a number");
     assert!(rms < 0.01, "{rms}");
 }
 
-/// Of two files with the same places, one counts, and both are named.
+/// Of two files with the same vertices one is used, and both are named.
 #[test]
 fn duplicate_patch_is_ignored() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -266,13 +265,12 @@ fn duplicate_patch_is_ignored() {
     assert_eq!(read("two.ply"), read("three.ply"));
 }
 
-/// The same surface with numbers that differ by rounding: nothing is left between the patches, and that is no
-/// failure.
+/// The same surface with rounded numbers: zero residuals between the patches are no failure.
 #[test]
 fn patches_with_rounded_coordinates_are_aligned() {
     let folder = tempfile::tempdir().expect("a folder");
     zone(&folder.path().join("a.obj"), -60.0, 20.0, 0.0, 1.0, false);
-    // Turned by one of 72 columns.
+    // Rotated by one of 72 columns.
     zone(&folder.path().join("b.obj"), -60.0, 20.0, 5.0, 1.0, true);
     let line = "merge a.obj b.obj --align --report page.html --json";
     let said = planish(folder.path(), &line.split(' ').collect::<Vec<_>>()).ok();
@@ -283,12 +281,12 @@ fn patches_with_rounded_coordinates_are_aligned() {
     assert_eq!((&found["parts"], &found["nonmanifold_edges"]), (&1.into(), &0.into()));
     let moved = found["poses"][1]["moved"].as_f64().expect("a length");
     assert!(moved < 1e-6, "{moved}");
-    // Of two that are as large the second is turned.
+    // Of two patches of equal size, the second is flipped.
     let turned = |k: usize| found["patches"][k]["turned_over"].as_bool();
     assert_eq!((turned(0), turned(1)), (Some(false), Some(true)));
 }
 
-/// `--unit` is that of a file that names none, beside one that names its own; ε may name its unit, too.
+/// `--unit` applies to files without a unit, also beside files with a unit; ε may have its own unit.
 #[test]
 fn units_of_files_and_of_options_are_independent() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -307,7 +305,7 @@ fn units_of_files_and_of_options_are_independent() {
     assert_eq!(left.code, 1, "{}", left.stderr);
 }
 
-/// A patch that crosses itself is named with the triangles of its file that do.
+/// A patch that intersects itself is named, with the intersecting triangles of its file.
 #[test]
 fn self_intersecting_patch_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -326,7 +324,7 @@ fn self_intersecting_patch_is_named() {
     assert!(said.stderr.contains("the merged mesh crosses itself"), "{}", said.stderr);
 }
 
-/// A thing of kilometres, and one of nanometres, is merged as one of millimetres.
+/// Objects of kilometres and of nanometres are merged like objects of millimetres.
 #[test]
 fn scale_of_the_object_does_not_matter() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -338,13 +336,13 @@ fn scale_of_the_object_does_not_matter() {
         assert_eq!(found["boundary_edges"], 144, "{found:#}");
         found["triangles"].as_f64().expect("a number")
     });
-    // Rounding decides which patch has places that both have equally.
+    // Rounding decides which patch gets vertices that both have equally.
     for other in &merged[1..] {
         assert!((other / merged[0] - 1.0).abs() < 0.02, "{merged:?}");
     }
 }
 
-/// What no patch covers is the bound's, flagged as completed.
+/// Parts without a patch come from the bounding mesh and are marked as completed.
 #[test]
 fn bounding_mesh_fills_parts_without_patches() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -356,11 +354,11 @@ fn bounding_mesh_fills_parts_without_patches() {
     let found = run("merge a.obj b.obj --complete bound.obj -o w.ply --json").ok().json();
     let of_bound = found["completed"]["vertices"].as_u64().expect("a number");
     assert!(of_bound > 100 && found["nonmanifold_edges"] == 0 && found["parts"] == 1, "{found:#}");
-    // Two holes at the poles of the bound.
+    // The bounding mesh has two holes at its poles.
     assert_eq!(found["boundary_edges"], 144, "{found:#}");
     let read = run("info w.ply --json").ok().json();
     assert!(read["area"].as_f64().expect("a number") > 0.99 * 400.0 * std::f64::consts::PI, "{read:#}");
-    // Patches that face inwards are turned over.
+    // Patches that face inwards are flipped.
     zone(&path("a_in.obj"), -60.0, 20.0, 0.0, 1.0, true);
     zone(&path("b_in.obj"), -20.0, 60.0, 2.3, 1.0, true);
     let inwards = run("merge a_in.obj b_in.obj --complete bound.obj -o in.ply --json").ok();

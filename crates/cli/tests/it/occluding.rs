@@ -2,7 +2,7 @@
 
 use crate::support::planish;
 
-/// The commands that the scene prints run as they are printed, and end with a whole that is the thing.
+/// The commands that the scene prints run unchanged and reconstruct the object.
 #[test]
 fn commands_printed_by_the_scene_reconstruct_the_object() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -41,7 +41,7 @@ fn commands_printed_by_the_scene_reconstruct_the_object() {
     assert!(rms < 0.1, "{compared:#}");
 }
 
-/// What views must hold is said, with the file and the view.
+/// Missing data of a view are reported with the file and the view.
 #[test]
 fn insufficient_views_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -48,7 +48,7 @@ fn prism_views_give_a_solid_whose_intervals_cover_the_true_sizes() {
             "{vertex}"
         );
     }
-    // Every view that shows an axis sharpens it.
+    // Each view that shows an axis reduces its σ.
     let front = json(&at.join("front.json"));
     let bars = front["constrained"]["bars"].as_array().expect("bars");
     let extent = dimensions[2]["sigma"].as_f64().expect("σ");
@@ -76,7 +76,7 @@ fn prism_graphs_match_the_paper() {
     ];
     planish(at, &args).ok();
     let graphs = json(&at.join("g.json"));
-    // Ranks 6 and 8, with matchings as large: the paper's eq. 4.1 and 4.2.
+    // Ranks 6 and 8, with matchings of the same size: eq. 4.1 and 4.2 of the paper.
     for (i, rank) in [6, 8].into_iter().enumerate() {
         let view = &graphs["views"][i];
         assert_eq!(
@@ -91,7 +91,7 @@ fn prism_graphs_match_the_paper() {
     let composite = &graphs["composite"];
     assert_eq!(composite["vertices"].as_array().map(Vec::len), Some(6));
     assert!(composite["unmatched"].as_array().is_some_and(Vec::is_empty));
-    // Nine edges, and a diagonal of each face that both views see on edge.
+    // Nine edges, and a diagonal of each face that both views see edge-on.
     assert!(composite["edges"].as_array().map(Vec::len) >= Some(9));
     assert_eq!(composite["tour"]["vertices"][0], "V1");
     let dot = std::fs::read_to_string(at.join("g.dot")).expect("DOT");

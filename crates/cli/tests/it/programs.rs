@@ -32,10 +32,10 @@ fn json_progress_has_one_object_per_line() {
     let seconds: Vec<f64> = events.iter().filter_map(|event| event["seconds"].as_f64()).collect();
     assert!(seconds.is_sorted() && seconds.len() == events.len());
     assert!(progress.iter().all(|event| event["share"].as_f64().is_some_and(|s| (0.0..=1.0).contains(&s))));
-    // The residuals of the pebble's readings, in the unit of the job: 0.157 mm in the end.
+    // The final rms of the pebble's residuals is 0.157 mm.
     let rms = progress.iter().filter_map(|event| event["rms"].as_f64()).next_back();
     assert!(rms.is_some_and(|rms| (0.1..0.4).contains(&rms)), "{rms:?}");
-    // Stdout is for the result alone.
+    // Stdout has only the result.
     assert_eq!(said.json()["command"], "fit");
 }
 

@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
 
-/// A report and the scene in it; null where it has none.
+/// A report and its scene; null if it has none.
 fn read(folder: &Path, name: &str) -> (String, Value) {
     let page = std::fs::read_to_string(folder.join(name)).expect("a report");
     assert!(page.contains("default-src 'none'"), "{name} may load from elsewhere");
@@ -46,8 +46,7 @@ fn planned_views_are_marked_on_the_model() {
     let views = said["views"].as_array().expect("views");
     assert_eq!(scene["marks"].as_array().map(Vec::len), Some(views.len()));
     assert!(page.contains("fields of view") && page.contains("Views to take, in this order"));
-    // Each line of sight begins on the surface and leads to the sensor: both ends and the sensor are in one
-    // line.
+    // Each line of sight goes from the surface to the sensor, so its ends and the sensor are collinear.
     let lines = scene["lines"].as_array().expect("lines");
     assert!(lines.iter().any(|line| line["name"] == "towards the sensor" && line["hidden"] == false));
     let number = |value: &Value| value.as_f64().expect("a number");

@@ -5,10 +5,10 @@ use std::path::Path;
 
 const COLUMNS: usize = 96;
 const ROWS: usize = 48;
-/// How far the right picture is shifted.
+/// Shift of the right image, in pixels.
 const SHIFT: usize = 7;
 
-/// A picture with a texture that does not repeat, from a column on.
+/// An image with a non-repeating texture, starting at a column.
 fn pgm(from: usize) -> Vec<u8> {
     let mut bytes = format!("P5 {COLUMNS} {ROWS} 255\n").into_bytes();
     for y in 0..ROWS {
@@ -61,7 +61,7 @@ fn stereo_pair_gives_points_and_disparities() {
     let errors = (0..COLUMNS * ROWS).map(|k| value(8 * k) - SHIFT as f32).filter(|e| e.is_finite());
     let far = errors.filter(|e| e.abs() > 0.2).count();
     assert!(far * 25 < points, "{far} of {points} are off");
-    // What it writes is what `fit` reads.
+    // `fit` can read the output.
     let info = planish(folder.path(), &["info", "a.ply"]).ok().stdout;
     assert!(info.contains("cxx cxy cxz cyy cyz czz"), "{info}");
 }
@@ -107,10 +107,10 @@ fn simulated_grid_gives_points_normals_and_curvatures() {
     assert!(said["sigma_px"]["median"].as_f64().expect("a number") < 0.3);
     let info = run("info s/grid-1.ply").stdout;
     assert!(info.contains("sigma_n_deg") && info.contains("k1 k2"), "{info}");
-    // Points and the curvatures that are made of them would count the same light twice.
+    // Points and the curvatures computed from them would count the same measurements twice.
     let job = std::fs::read_to_string(folder.path().join("s/job.toml")).expect("a job");
     assert!(job.contains("kind = \"curvature\""), "{job}");
-    // The job that the scene wrote names what was sensed, in the frame of the truth.
+    // The job of the scene names the sensed points, in the frame of the reference.
     let near = run("compare s/truth.ply s/job.toml --json").json();
     assert!(near["backward"]["p95"].as_f64().expect("a number").abs() < 1.0, "{near}");
     let wrong =
@@ -147,7 +147,7 @@ fn errors_are_reported_before_anything_is_written() {
 fn points_are_in_the_frame_of_the_calibration() {
     let folder = tempfile::tempdir().expect("a folder");
     pair(folder.path());
-    // The same rectified pair, stated as two views, the first of which stands at (1000, 0, 0).
+    // The same rectified pair as two views; the first camera is at (1000, 0, 0).
     let view = "[[view]]\nK = [[400, 0, 47.5], [0, 400, 23.5], [0, 0, 1]]\n";
     let text = format!(
         "unit = \"mm\"\nsigma_disparity_px = 0.05\n{view}t = [-1000, 0, 0]\n{view}t = [-1070, 0, 0]\n"
@@ -163,7 +163,7 @@ fn points_are_in_the_frame_of_the_calibration() {
         of(&views).as_f64().expect("a number") / of(&level).as_f64().expect("a number")
     };
     let (n, sigma) = (share(|v| &v["observations"]), share(|v| &v["sigma"]["median"]));
-    // Disparities that end beside the right picture are left out of two views: the worst of few.
+    // With two views, disparities outside the right image are rejected, which includes the worst ones.
     assert!((n - 1.0).abs() < 0.02 && (sigma - 1.0).abs() < 0.05, "{n} {sigma}");
     let x = |file: &str| {
         let info = planish(folder.path(), &["info", file, "--json"]).ok().json();

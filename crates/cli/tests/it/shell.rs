@@ -158,7 +158,7 @@ fn sequence_is_fitted_frame_by_frame() {
         assert!(frame["iou"].as_f64().expect("a number") > 0.95, "{frame}");
         assert!(folder.path().join(format!("moved.{name}.ply")).is_file());
     }
-    // The first has nothing before it that could surprise.
+    // The first frame has no predecessor, so it has no surprise value.
     assert!(frames[0]["surprise"].is_null() && frames[1]["surprise"].as_f64().is_some_and(|s| s > 0.0));
     std::fs::create_dir(folder.path().join("frames/c")).expect("a folder");
     let said = planish(folder.path(), &args);
@@ -172,8 +172,7 @@ fn sequence_is_fitted_frame_by_frame() {
 fn mesh_is_coloured_from_images() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
-    // Two sheets that are seen from above and from below; the picture is red to the left and blue to the
-    // right.
+    // Two sheets seen from above and from below; the left half of the image is red, the right half blue.
     let mut sheet = String::from("# unit mm\n");
     for y in 0..9 {
         for x in 0..9 {
@@ -208,7 +207,7 @@ fn mesh_is_coloured_from_images() {
         "--json",
     ];
     let said = planish(folder.path(), &args).ok().json();
-    // The border of the sheet lies at a jump of the depth.
+    // The boundary of the sheet is at a depth edge.
     assert!(
         said["vertices"] == 81 && said["seen"] == 49 && said["filled"] == 32 && said["texture"].is_null(),
         "{said}"
@@ -220,7 +219,7 @@ fn mesh_is_coloured_from_images() {
     assert!(said.code == 2 && said.stderr.contains(".obj (with a texture)"), "{}", said.stderr);
 }
 
-/// A text of a file with its vertices scaled and moved.
+/// Writes an OBJ file with its vertices scaled and moved.
 fn placed(folder: &Path, from: &str, to: &str, by: f64, shift: f64) {
     let text = std::fs::read_to_string(folder.join(from)).expect("a file");
     let place = |line: &str| match line.strip_prefix("v ") {
@@ -234,8 +233,8 @@ fn placed(folder: &Path, from: &str, to: &str, by: f64, shift: f64) {
     std::fs::write(folder.join(to), lines.join("\n")).expect("written");
 }
 
-/// Meshes in another unit or far away are refused; what is odd of a view is named; and what no one meant
-/// changes little: a vertex far away that no face has, faces that are there twice.
+/// Meshes in another unit or far away are refused, and odd views are named. An unused vertex far away and
+/// duplicate faces change little.
 #[test]
 fn implausible_inputs_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -265,7 +264,7 @@ fn implausible_inputs_are_named() {
     assert!((stray / wanted - 1.0).abs() < 0.1, "{stray}, {wanted}");
     let double = rms(&fit("double.obj", &[]).ok().json());
     assert!((double / wanted - 1.0).abs() < 1e-6, "{double}, {wanted}");
-    // A camera of a picture that is four times as large, and masks of one another.
+    // A camera of an image four times as large, and exchanged masks.
     let views = std::fs::read_to_string(at.join("bent/views.toml")).expect("a file");
     let larger = views.replacen(
         "K = [[768.0, 0.0, 319.5], [0.0, 768.0, 239.5]",

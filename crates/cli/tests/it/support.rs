@@ -9,12 +9,12 @@ pub fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().expect("the repository")
 }
 
-/// A file of the data that ships with the repository.
+/// Path of a file of the example data.
 pub fn pebble(name: &str) -> String {
     repository().join("examples/data/pebble").join(name).display().to_string()
 }
 
-/// What a command said.
+/// The output of a command.
 pub struct Said {
     pub code: i32,
     pub stdout: String,
@@ -44,7 +44,7 @@ impl Said {
     }
 }
 
-/// The command, in a folder, with a fixed width of text and no colours.
+/// A command that runs in a folder, with a fixed text width and without colours.
 pub fn command<S: AsRef<std::ffi::OsStr>>(folder: &Path, args: &[S]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_planish"));
     command.args(args).current_dir(folder).env("COLUMNS", "100").env("NO_COLOR", "1");
@@ -56,7 +56,7 @@ pub fn planish<S: AsRef<std::ffi::OsStr>>(folder: &Path, args: &[S]) -> Said {
     Said::new(command(folder, args).output().expect("planish runs"))
 }
 
-/// Names of everything in a folder, sorted.
+/// Sorted names of all files in a folder.
 pub fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).expect("a folder");
     let mut names: Vec<String> =
@@ -65,7 +65,7 @@ pub fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// The pebble's job with some of its scans only, its paths made absolute.
+/// The pebble's job with some of its scans and with absolute paths.
 pub fn part_of_pebble(scans: &[&str]) -> String {
     let text = std::fs::read_to_string(pebble("job.toml")).expect("the job");
     let mut parts = text.split("[[scan]]");

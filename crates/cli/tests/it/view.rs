@@ -69,18 +69,18 @@ fn wrong_use_is_named() {
     assert!(names(folder.path()).is_empty());
 }
 
-/// A process that is ended whatever happens.
+/// A process that is killed when the test ends.
 struct Served(Child);
 
 impl Drop for Served {
     fn drop(&mut self) {
-        // It may have ended already.
+        // The process may have ended already.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// What the page's server answers to a request.
+/// The response of the server to a request.
 fn ask(address: &str, request: &str) -> String {
     let mut stream = TcpStream::connect(address).expect("a server");
     stream.write_all(request.as_bytes()).expect("a request");
@@ -112,7 +112,7 @@ fn page_is_served_locally_until_ctrl_c() {
     assert!(
         ask(address, &format!("GET /other HTTP/1.1\r\nHost: {address}\r\n\r\n")).starts_with("HTTP/1.1 404")
     );
-    // A page from elsewhere that has this computer's address under its own name reads nothing.
+    // A web site that points its own name at this address gets no data.
     assert!(ask(address, "GET / HTTP/1.1\r\nHost: elsewhere.example\r\n\r\n").starts_with("HTTP/1.1 403"));
     #[cfg(unix)]
     {
