@@ -175,7 +175,9 @@ impl Information {
 ///
 /// let (one, zero) = (DMatrix::identity(1, 1), DVector::zeros(1));
 /// let prior = Belief::from_covariance(zero.clone(), one.clone())?;
-/// let read = |value: f64| Linear::new(one.clone(), DVector::from_element(1, value))?.linearized(&zero, &zero);
+/// let read = |value: f64| {
+///     Linear::new(one.clone(), DVector::from_element(1, value))?.linearized(&zero, &zero)
+/// };
 /// let (mut monday, mut tuesday) = (prior.clone(), prior);
 /// monday.update(&read(3.0)?, &one)?;
 /// tuesday.update(&read(6.0)?, &one)?;

@@ -113,7 +113,9 @@ pub struct LeastSquaresFit {
 /// implicit.
 /// ```
 /// use nalgebra::{DMatrix, DVector};
-/// use planish_estimate::{Dimensions, Implicit, Information, LeastSquaresOptions, Measurement, least_squares};
+/// use planish_estimate::{
+///     Dimensions, Implicit, Information, LeastSquaresOptions, Measurement, least_squares,
+/// };
 ///
 /// let dimensions = Dimensions { state: 1, noise: 2, equations: 1 };
 /// let points = [[1.1, 0.0], [0.0, 0.9], [-1.0, 0.0]].map(|z: [f64; 2]| {
@@ -125,8 +127,10 @@ pub struct LeastSquaresFit {
 ///         out.noise_jacobian[(0, 1)] = -p[1] / p[0].hypot(p[1]);
 ///     })
 /// });
-/// let readings: Vec<_> = points.iter().map(|z| Measurement::new(z, DMatrix::identity(2, 2) * 0.01)).collect();
-/// let fit = least_squares(&readings, &Information::zero(1), &DVector::from_element(1, 0.5), &LeastSquaresOptions::default())?;
+/// let noise = DMatrix::identity(2, 2) * 0.01;
+/// let readings: Vec<_> = points.iter().map(|z| Measurement::new(z, noise.clone())).collect();
+/// let (prior, start) = (Information::zero(1), DVector::from_element(1, 0.5));
+/// let fit = least_squares(&readings, &prior, &start, &LeastSquaresOptions::default())?;
 /// assert!((fit.state[0] - 1.0).abs() < 1e-9);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```

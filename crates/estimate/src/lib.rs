@@ -5,9 +5,9 @@
 //!
 //! ```text
 //! MeasurementEquation ─► Linearization ─┬─► Information ─► Belief            merge, update, marginals
-//!                                       ├─► KalmanFilter                     one at a time, EKF, IEKF, NUIEKF
+//!                                       ├─► KalmanFilter             one at a time, EKF, IEKF, NUIEKF
 //!                                       └─► least_squares                    a batch, with robust losses
-//! residuals ─► Loss, TruncatedNormal, VarianceComponents, SmoothnessModel    how far the σ are to be believed
+//! residuals ─► Loss, TruncatedNormal, VarianceComponents, SmoothnessModel    checks of the stated σ
 //! deviations ─► ChiSquareMean, Coverage, whiteness                           whether they were
 //! ```
 //!

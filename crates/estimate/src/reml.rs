@@ -201,9 +201,17 @@ pub struct SmoothnessWeight {
 /// # Examples
 /// One unknown with prior `N(0, 1/w)`, read once as 3 with σ = 1: the most likely prior variance is `3² − 1`.
 /// ```
-/// use planish_estimate::{Dispersion, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, maximize_restricted_likelihood};
+/// use planish_estimate::{
+///     Dispersion, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, maximize_restricted_likelihood,
+/// };
 ///
-/// let model = SmoothnessModel { rank: 1, unknowns: 1, equations: 1, log_pseudo_determinant: 0.0, dispersion: Dispersion::Known(1.0) };
+/// let model = SmoothnessModel {
+///     rank: 1,
+///     unknowns: 1,
+///     equations: 1,
+///     log_pseudo_determinant: 0.0,
+///     dispersion: Dispersion::Known(1.0),
+/// };
 /// let search = SmoothnessSearch { tolerance: 1e-6, ..SmoothnessSearch::from_start(1.0) };
 /// let found = maximize_restricted_likelihood(&model, &search, |w| {
 ///     let x = 3.0 / (1.0 + w);

@@ -7,7 +7,7 @@
 //! |---|---|---|
 //! | stereo | two pictures, rectified or not | disparities and their σ (`.tif`, `.npy`) |
 //! | grid | a picture of crossed stripes | |
-//! | photometric | pictures under known lights, or a picture of normals | normals and their σ (`.tif`, `.npy`) |
+//! | photometric | images under known lights, or an image of normals | normals, their σ (`.tif`, `.npy`) |
 //! | depth | a depth image | |
 //!
 //! Not guaranteed: an undistorted lens; pictures are taken to be so, but for two views of stereo whose

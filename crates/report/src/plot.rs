@@ -51,7 +51,8 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
         let at = x(tick);
         let _ = write!(
             svg,
-            r#"<line class="axis-line" x1="{at:.1}" x2="{at:.1}" y1="6" y2="{bottom:.1}"/><text class="plot-text" x="{at:.1}" y="{:.1}" text-anchor="middle">{}</text>"#,
+            "<line class=\"axis-line\" x1=\"{at:.1}\" x2=\"{at:.1}\" y1=\"6\" y2=\"{bottom:.1}\"/><text \
+             class=\"plot-text\" x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
             bottom + 16.0,
             trimmed(tick),
         );
@@ -69,7 +70,8 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
         if let (Some(s), Some(f)) = (stated, found) {
             let _ = write!(
                 svg,
-                r#"<line x1="{:.1}" x2="{:.1}" y1="{y}" y2="{y}" stroke="{SECOND}" stroke-width="3" opacity=".55"/>"#,
+                "<line x1=\"{:.1}\" x2=\"{:.1}\" y1=\"{y}\" y2=\"{y}\" stroke=\"{SECOND}\" \
+                 stroke-width=\"3\" opacity=\".55\"/>",
                 x(s),
                 x(f)
             );
@@ -89,7 +91,10 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
     let y = bottom + 38.0;
     let _ = write!(
         svg,
-        r#"<rect x="{left}" y="{:.1}" width="4" height="14" fill="{FIRST}"/><text class="plot-text" x="{}" y="{y}">σ as stated</text><circle cx="{}" cy="{:.1}" r="5.5" fill="{SECOND}"/><text class="plot-text" x="{}" y="{y}">σ as the residuals say / {}</text></svg>"#,
+        "<rect x=\"{left}\" y=\"{:.1}\" width=\"4\" height=\"14\" fill=\"{FIRST}\"/><text \
+         class=\"plot-text\" x=\"{}\" y=\"{y}\">σ as stated</text><circle cx=\"{}\" cy=\"{:.1}\" r=\"5.5\" \
+         fill=\"{SECOND}\"/><text class=\"plot-text\" x=\"{}\" y=\"{y}\">σ as the residuals say / \
+         {}</text></svg>",
         y - 11.0,
         left + 10.0,
         left + 112.0,
@@ -144,7 +149,8 @@ pub fn normalised_residuals(values: &[f64]) -> String {
         .collect();
     let _ = write!(
         svg,
-        r#"<polyline points="{}" fill="none" stroke="{SECOND}" stroke-width="2"/><line class="axis-line" x1="{left}" x2="{right}" y1="{bottom}" y2="{bottom}"/>"#,
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"{SECOND}\" stroke-width=\"2\"/><line \
+         class=\"axis-line\" x1=\"{left}\" x2=\"{right}\" y1=\"{bottom}\" y2=\"{bottom}\"/>",
         path.join(" ")
     );
     for tick in [-4, -2, 0, 2, 4] {
@@ -157,7 +163,8 @@ pub fn normalised_residuals(values: &[f64]) -> String {
     }
     let _ = write!(
         svg,
-        r#"<text class="plot-text" x="{:.1}" y="{:.1}" text-anchor="middle">residual over its σ</text></svg>"#,
+        "<text class=\"plot-text\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">residual over its \
+         σ</text></svg>",
         0.5 * (left + right),
         bottom + 33.0
     );
@@ -185,7 +192,8 @@ pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
     let height = (scale * (high[1] - low[1])).max(1.0) + 2.0 * MARGIN;
     let left = 0.5 * (ROOM[0] - scale * (high[0] - low[0]));
     let mut svg = format!(
-        r#"<svg viewBox="0 0 {} {height:.1}" role="img" fill="none" stroke="currentColor" stroke-width="1.4" stroke-linecap="round">"#,
+        "<svg viewBox=\"0 0 {} {height:.1}\" role=\"img\" fill=\"none\" stroke=\"currentColor\" \
+         stroke-width=\"1.4\" stroke-linecap=\"round\">",
         ROOM[0]
     );
     for (points, is_hidden) in lines {
@@ -215,7 +223,9 @@ pub fn shares(parts: &[(&str, f64, String)]) -> String {
         let width = WIDTH * share / whole;
         let _ = write!(
             svg,
-            r#"<rect x="{at:.1}" y="0" width="{width:.1}" height="14" fill="{colour}"/><rect x="{text:.1}" y="27" width="11" height="11" rx="3" fill="{colour}"/><text class="plot-text" x="{:.1}" y="37">{} {} %</text>"#,
+            "<rect x=\"{at:.1}\" y=\"0\" width=\"{width:.1}\" height=\"14\" fill=\"{colour}\"/><rect \
+             x=\"{text:.1}\" y=\"27\" width=\"11\" height=\"11\" rx=\"3\" fill=\"{colour}\"/><text \
+             class=\"plot-text\" x=\"{:.1}\" y=\"37\">{} {} %</text>",
             text + 16.0,
             escaped(name),
             significant(100.0 * share / whole, 3)

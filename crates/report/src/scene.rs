@@ -144,7 +144,7 @@ impl Scene {
                 let mut made = json!({
                     "name": surface.name,
                     "positions": floats(places),
-                    "triangles": packed("u32", surface.triangles.as_flattened().iter().flat_map(|k| k.to_le_bytes())),
+                    "triangles": packed("u32", bytes_of(&surface.triangles)),
                     "fields": surface.fields.iter().map(Field::packed).collect::<Vec<_>>(),
                     "hidden": surface.hidden,
                     "flat": surface.flat,
@@ -183,12 +183,15 @@ impl Scene {
             })
             .collect();
         let marks: Vec<Value> = (self.marks.iter())
-            .map(|mark| json!({"at": about(&mark.at), "label": mark.label, "text": mark.text, "normal": mark.normal}))
+            .map(|mark| {
+                let Mark { at, label, text, normal } = mark;
+                json!({"at": about(at), "label": label, "text": text, "normal": normal})
+            })
             .collect();
         let (from, up) = self.view();
         Some(json!({
             "unit": self.unit,
-            "maps": Map::ALL.iter().map(|map| (map.name().to_owned(), json!(map.colours().map(|c| format!("{c:06x}"))))).collect::<serde_json::Map<_, _>>(),
+            "maps": colour_maps(),
             "centre": centre,
             // What is looked at, and the box that steps divide: readings may lie far outside.
             "low": about(&inner[0]),
@@ -299,6 +302,16 @@ impl Field {
 
 fn floats(values: impl Iterator<Item = f32>) -> Value {
     packed("f32", values.flat_map(f32::to_le_bytes))
+}
+
+fn bytes_of(triangles: &[[u32; 3]]) -> impl Iterator<Item = u8> + '_ {
+    triangles.as_flattened().iter().flat_map(|k| k.to_le_bytes())
+}
+
+/// Colours of every map, by its name.
+fn colour_maps() -> serde_json::Map<String, Value> {
+    let colours = |map: &Map| json!(map.colours().map(|c| format!("{c:06x}")));
+    Map::ALL.iter().map(|map| (map.name().to_owned(), colours(map))).collect()
 }
 
 fn packed(kind: &str, bytes: impl Iterator<Item = u8>) -> Value {

@@ -11,8 +11,8 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// Two rectified cameras: rows correspond, and `x_right = x_left − d`.
 ///
 /// The point of pixel (u, v) of the left image, centres at integers, with the disparity d is at
-/// `z = f B / (d + doffs)` and `p = z ((u − cx)/f, (v − cy)/f, 1)`: x right, y down, z forward, from the left camera's
-/// centre.
+/// `z = f B / (d + doffs)` and `p = z ((u − cx)/f, (v − cy)/f, 1)`: x right, y down, z forward, from the left
+/// camera's centre.
 ///
 /// # Examples
 /// ```

@@ -13,8 +13,8 @@
 //!
 //! A curve on the surface passes from a neighbour through a junction to the opposite neighbour. By Meusnier's
 //! theorem the normal component of its curvature is the normal curvature in its direction,
-//! `κ(φ) = Δ₊·n/|Δ₊|² + Δ₋·n/|Δ₋|²` with the steps Δ to both. By Euler's theorem `κ(φ) = κ₁ cos²(φ−φ₁) + κ₂ sin²(φ−φ₁)`, which
-//! three directions determine.
+//! `κ(φ) = Δ₊·n/|Δ₊|² + Δ₋·n/|Δ₋|²` with the steps Δ to both. By Euler's theorem
+//! `κ(φ) = κ₁ cos²(φ−φ₁) + κ₂ sin²(φ−φ₁)`, which three directions determine.
 //!
 //! Not guaranteed: curvature is an average over the spacing of the stripes, not that of a point.
 //!

@@ -281,7 +281,8 @@ impl ShellFit {
 
 fn undetermined() -> Error {
     Error::undetermined(
-        "neither the readings nor the smoothness determine some controls: add readings all over the object, or use \
+        "neither the readings nor the smoothness determine some controls: add readings all over the object, \
+         or use \
          fewer controls",
     )
 }

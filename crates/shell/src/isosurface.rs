@@ -6,8 +6,8 @@
 //! - [`IsoLevel::Shell`]: the zero of the paper's field. It has two sheets, one on either side of the mesh,
 //!   which meet around its boundaries.
 //! - [`IsoLevel::Outer`]: the outer sheet of that field, for closed meshes.
-//! - [`IsoLevel::Offset`]: the smooth distance minus an offset, with the sign of the winding number (G. Barill
-//!   et al. 2018). An offset of 0 is the mesh itself, made manifold.
+//! - [`IsoLevel::Offset`]: the smooth distance minus an offset, with the sign of the winding number (G.
+//!   Barill et al. 2018). An offset of 0 is the mesh itself, made manifold.
 //!
 //! The distance of the nearest facet shows which cells cannot contain the surface; these are not evaluated.
 //!
@@ -134,7 +134,8 @@ pub fn iso_surface(shell: &Shell<'_>, options: &IsoOptions) -> Result<IsoSurface
     let mesh = isosurface(&bounds, cell, value, may_pass)?;
     if mesh.triangles.is_empty() {
         return Err(Error::undetermined(
-            "the surface is empty: a shell needs a thickness above ln(T)/k, an inner offset below half the thickness \
+            "the surface is empty: a shell needs a thickness above ln(T)/k, an inner offset below half the \
+             thickness \
              of the object, and cells smaller than either",
         ));
     }

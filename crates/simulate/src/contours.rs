@@ -192,7 +192,10 @@ pub fn write_contours_scene(options: &ContoursOptions, folder: &Path) -> Result<
     }
     let truth = json!({
         "shape": shape.name(),
-        "profile": (0..=100).map(|k| { let z = f64::from(k) - HALF; [size * z, size * shape.profile(z)[0]] }).collect::<Vec<_>>(),
+        "profile": (0..=100)
+            .map(|k| f64::from(k) - HALF)
+            .map(|z| [size * z, size * shape.profile(z)[0]])
+            .collect::<Vec<_>>(),
         "sigma_px": options.sigma_px,
         "unit": options.unit.name(),
     });

@@ -57,7 +57,7 @@ pub struct SheetBump {
 /// from the material's `x` and `y`,
 ///
 /// ```text
-/// P = x(s) e + t f + z(s) k,    x = asinh(κs)/κ,    z = (√(1 + κ²s²) − 1)/κ,    s, t measured from the middle of the rectangle
+/// P = x(s) e + t f + z(s) k,    x = asinh(κs)/κ,    z = (√(1 + κ²s²) − 1)/κ,    s, t from the middle
 /// ```
 ///
 /// `s` is the length of the catenary, whose curvature is `κ/(1 + κ²s²)`: `E, F, G` are those of the flat

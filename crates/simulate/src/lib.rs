@@ -14,7 +14,7 @@
 //! | pictures | the scenes `stereo` and `grid`: such pictures from several views |
 //! | scans | the scene `scans`: several sensors, outliers, a misstated σ |
 //! | bending | the scene `bending`: a sheet that bends without stretch between scans |
-//! | contours | the scene `contours`: occluding contours of a hyperboloid or a carafe from two motions of a camera |
+//! | contours | the scene `contours`: occluding contours of a hyperboloid or a carafe, two camera motions |
 //! | readings | the scene `readings`: a contour, ranged from uncertain poses |
 //! | views | the scene `views`: the outlines of a prism in three views, ranged so |
 //! | shell | the scene `shell`: a mesh deformed by known controls, points, masks |

@@ -113,14 +113,16 @@ fn fill(folder: &Path) {
         text(
             name,
             &format!(
-                "unit = \"mm\"\n[sensor.a]\nkind = \"range\"\n{sensor}\n[[scan]]\nfile = \"good.xyz\"\n{scan}\n"
+                "unit = \"mm\"\n[sensor.a]\nkind = \"range\"\n{sensor}\n[[scan]]\nfile \
+                 = \"good.xyz\"\n{scan}\n"
             ),
         );
     };
     let spaced = |scale: f64| plane(|x, y, z| format!("{:e} {:e} {:e}", scale * x, scale * y, scale * z));
     let ply = |vertices: u64, body: &str| {
         format!(
-            "ply\nformat ascii 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\nend_header\n{body}"
+            "ply\nformat ascii 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty \
+             float z\nend_header\n{body}"
         )
     };
     let good = spaced(1.0);
@@ -129,7 +131,8 @@ fn fill(folder: &Path) {
     text("bomb.ply", &ply(1_000_000_000, "0 0 0\n").replace("ascii", "binary_little_endian"));
     text(
         "bomb.pcd",
-        "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1000000000\nHEIGHT 1\nPOINTS 1000000000\nDATA binary\nabc",
+        "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1000000000\nHEIGHT 1\nPOINTS \
+         1000000000\nDATA binary\nabc",
     );
     // As `cat` joins compressed files.
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
@@ -195,7 +198,8 @@ fn fill_shells(folder: &Path) {
     let text = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file");
     text(
         "ball.obj",
-        "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\nf 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n",
+        "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\nf 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 \
+         6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n",
     );
     let row = |values: [&str; 4]| format!("P2 4 4 255\n{}\n", values.join("\n"));
     text("mask.pgm", &row(["0 0 0 0", "0 255 255 0", "0 255 255 0", "0 0 0 0"]));
@@ -248,7 +252,8 @@ fn fill_drawings(folder: &Path) {
     dxf("double.dxf", "", &rectangle(80.0, 40.0));
     dxf("open.dxf", "", &sides(40.0, 20.0)[..3].concat());
     let messy = format!(
-        "{}{}0 LINE 5 7A 10 5 20 20 11 5 21 20 0 TEXT 5 7B 1 hello 0 HATCH 5 7C 0 DIMENSION 5 7D 70 32 13 0 23 0 14 40 24 0 1 45 ",
+        "{}{}0 LINE 5 7A 10 5 20 20 11 5 21 20 0 TEXT 5 7B 1 hello 0 HATCH 5 7C 0 DIMENSION 5 7D 70 32 13 0 \
+         23 0 14 40 24 0 1 45 ",
         rectangle(40.0, 20.0),
         line([0.0, 0.0, 40.0, 0.0])
     );
@@ -276,7 +281,8 @@ fn fill_drawings(folder: &Path) {
 fn steps(folder: &Path) {
     let step = |name: &str, lines: &str| {
         let text = format!(
-            "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nENDSEC;\nDATA;\n{lines}ENDSEC;\nEND-ISO-10303-21;\n"
+            "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\n\
+             ENDSEC;\nDATA;\n{lines}ENDSEC;\nEND-ISO-10303-21;\n"
         );
         std::fs::write(folder.join(name), text).expect("a file");
     };
@@ -297,7 +303,9 @@ fn steps(folder: &Path) {
     step(
         "knots.step",
         &format!(
-            "{whole}{shape}#7=ADVANCED_FACE('',(),#10,.T.);\n#10=B_SPLINE_SURFACE_WITH_KNOTS('',3,3,((#3,#3),(#3,#3)),.UNSPECIFIED.,.F.,.F.,.F.,(1000000000,4),(4,4),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
+            "{whole}{shape}#7=ADVANCED_FACE('',(),#10,.T.);\n\
+             #10=B_SPLINE_SURFACE_WITH_KNOTS('',3,3,((#3,#3),(#3,#3)),.UNSPECIFIED.,\
+             .F.,.F.,.F.,(1000000000,4),(4,4),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
         ),
     );
     let mut parts = format!(
@@ -354,7 +362,8 @@ fn every_hostile_input_has_its_message_and_leaves_files_as_they_were() {
     let kept: Vec<_> = ["old.ply", "old.planish", "old.step"].map(|name| folder.path().join(name)).to_vec();
     let mut page = String::from(
         "# Errors on damaged input\n\n\
-         This page lists damaged and unusual inputs, the messages that `planish` prints for them, and its exit code.\n\
+         This page lists damaged and unusual inputs, the messages that `planish` prints for them, and its \
+         exit code.\n\
          If a command fails, it writes no output, and existing files stay unchanged. The test\n\
          `crates/cli/tests/it/hostile.rs` runs every command of this page.\n\n\
          | Exit code | Meaning |\n|---|---|\n| 0 | success |\n| 1 | the data do not determine the answer |\n\

@@ -177,7 +177,8 @@ fn inputs_that_cannot_be_merged_are_named() {
     }
 }
 
-/// Without σ, unrelated surfaces are merged where they are close. A warning reports it; --epsilon prevents it.
+/// Without σ, unrelated surfaces are merged where they are close. A warning reports it; --epsilon prevents
+/// it.
 #[test]
 fn patches_of_different_objects_are_named() {
     let folder = tempfile::tempdir().expect("a folder");

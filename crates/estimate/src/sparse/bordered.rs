@@ -46,7 +46,9 @@ impl Bordered {
     /// One unknown read as 3 with information 4, by a sensor whose offset has information 4, too: half of the
     /// information is left.
     /// ```
-    /// use planish_estimate::sparse::{BlockInformation, BlockPattern, Bordered, CholeskyFactor, NodeOrdering, SymbolicFactor};
+    /// use planish_estimate::sparse::{
+    ///     BlockInformation, BlockPattern, Bordered, CholeskyFactor, NodeOrdering, SymbolicFactor,
+    /// };
     /// use std::sync::Arc;
     ///
     /// let pattern = Arc::new(BlockPattern::from_elements(1, [[0]])?);

@@ -31,7 +31,9 @@ const LEAST_PIVOT: f64 = 128.0 * f64::EPSILON;
 /// # Examples
 /// ```
 /// use std::sync::Arc;
-/// use planish_estimate::sparse::{BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SymbolicFactor};
+/// use planish_estimate::sparse::{
+///     BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SymbolicFactor,
+/// };
 /// let pattern = Arc::new(BlockPattern::from_elements(2, [[0, 1]])?);
 /// let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &NodeOrdering::natural(2), 1)?);
 /// let mut information = BlockInformation::zeros(pattern, 1, 1)?;

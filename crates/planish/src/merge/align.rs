@@ -7,7 +7,8 @@
 //! there (Y. Chen, G. Medioni 1992: point to plane),
 //!
 //! ```text
-//! r = n · (p − q),   ∂r/∂ξ_i = (n, (p − c_i) × n),   ∂r/∂ξ_j = −(n, (p − c_j) × n),   ξ = (translation, rotation vector) about the patch's middle c
+//! r = n · (p − q),   ∂r/∂ξ_i = (n, (p − c_i) × n),   ∂r/∂ξ_j = −(n, (p − c_j) × n),
+//! ξ = (translation, rotation vector) about the patch's centroid c
 //! ```
 //!
 //! and all pairs are brought to rest together, as K. Pulli (1999) asks, by Gauss-Newton steps with a

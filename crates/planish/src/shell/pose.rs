@@ -4,7 +4,7 @@
 //!
 //! ```toml
 //! controls = 60                       # chosen on the mesh; or a list of places [[x, y, z], ...]
-//! blend = 2.0                         # over which length rigid parts fade into the rest; a tenth of the mesh's size where it is left out
+//! blend = 2.0                         # length over which rigid parts blend (default: size / 10)
 //!
 //! [[rigid]]
 //! part = "head"                       # a group, object or material of the OBJ

@@ -127,7 +127,8 @@ fn is_oriented(mesh: &TriangleMesh, needed: bool) -> Result<bool> {
     let check = mesh.welded().check();
     if needed && check.misoriented_edges * MISORIENTED_EDGES > check.edges {
         return Err(Error::input(format!(
-            "outlines need a mesh whose facets all face outwards, but at {} of its {} edges the two facets are \
+            "outlines need a mesh whose facets all face outwards, but at {} of its {} edges the two facets \
+             are \
              oriented inconsistently: make the normals consistent first",
             check.misoriented_edges, check.edges
         )));

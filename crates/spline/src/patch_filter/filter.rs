@@ -125,7 +125,10 @@ pub(super) struct Member {
 ///
 /// # Examples
 /// ```
-/// use planish_spline::{Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SurfaceReading, parameter_plane};
+/// use planish_spline::{
+///     Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SurfaceReading,
+///     parameter_plane,
+/// };
 /// # fn main() -> planish_spline::Result<()> {
 /// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?.into();
 /// let plane = parameter_plane(&space)?;
@@ -133,7 +136,8 @@ pub(super) struct Member {
 /// let options = PatchFilterOptions { layout: StateLayout::Height, ..PatchFilterOptions::default() };
 /// let mut filter = PatchFilter::new(&plane, &plane, prior, options)?;
 /// let before = filter.variance_along(2.0, 2.0, [0.0, 0.0, 1.0]);
-/// filter.observe(&SurfaceReading::Position { parameters: [2.0, 2.0], point: [2.0, 2.0, 0.3], variance: 1e-4 })?;
+/// let (parameters, point) = ([2.0, 2.0], [2.0, 2.0, 0.3]);
+/// filter.observe(&SurfaceReading::Position { parameters, point, variance: 1e-4 })?;
 /// assert!((filter.surface()?.point(2.0, 2.0)[2] - 0.3).abs() < 0.01);
 /// assert!(filter.variance_along(2.0, 2.0, [0.0, 0.0, 1.0]) < 1e-3 * before);
 /// # Ok(())
