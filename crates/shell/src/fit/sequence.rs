@@ -147,6 +147,37 @@ impl<'a> ShellTracker<'a> {
         self.follow_with_progress(readings, &mut |_| Ok(()))
     }
 
+    /// Fits the first frame, without a prediction.
+    fn begin(
+        &mut self,
+        readings: &ShellReadings<'_>,
+        watch: &mut dyn FnMut(ShellProgress) -> Result<()>,
+    ) -> Result<FrameFit> {
+        let parameters = self.deformation.parameters();
+        let identity = DMatrix::<f64>::identity(parameters, parameters);
+        let fit = fit_shell_with_progress(self.mesh, self.deformation, readings, &self.options, watch)?;
+        let shape = fit.smoothness_weight * &self.stiffness;
+        // The information of the readings alone may be singular; a prior of half the mesh's size makes it
+        // regular.
+        let least = (0.5 * self.size).powi(-2);
+        let n = &fit.data_information;
+        let covariance = (n + least * &identity).cholesky().ok_or_else(undetermined)?.inverse();
+        let mut joint = DMatrix::zeros(2 * parameters, 2 * parameters);
+        joint.view_mut((0, 0), (parameters, parameters)).copy_from(&covariance);
+        let mut mean = DVector::zeros(2 * parameters);
+        let own = &covariance * (n * &fit.parameters + &shape * &fit.parameters);
+        mean.rows_mut(0, parameters).copy_from(&own);
+        self.state = Some(Motion {
+            mean,
+            covariance: joint,
+            found: fit.parameters.clone(),
+            shape,
+            moves: false,
+            evidence: Evidence::default(),
+        });
+        Ok(FrameFit { fit, predicted: None, acceleration: 0.0 })
+    }
+
     /// [`ShellTracker::follow`] that calls `watch` before each iteration. An error returned by `watch` stops
     /// the fit.
     ///
@@ -160,27 +191,7 @@ impl<'a> ShellTracker<'a> {
         let parameters = self.deformation.parameters();
         let identity = DMatrix::<f64>::identity(parameters, parameters);
         let Some(last) = &self.state else {
-            let fit = fit_shell_with_progress(self.mesh, self.deformation, readings, &self.options, watch)?;
-            let shape = fit.smoothness_weight * &self.stiffness;
-            // The information of the readings alone may be singular; a prior of half the mesh's size makes it
-            // regular.
-            let least = (0.5 * self.size).powi(-2);
-            let n = &fit.data_information;
-            let covariance = (n + least * &identity).cholesky().ok_or_else(undetermined)?.inverse();
-            let mut joint = DMatrix::zeros(2 * parameters, 2 * parameters);
-            joint.view_mut((0, 0), (parameters, parameters)).copy_from(&covariance);
-            let mut mean = DVector::zeros(2 * parameters);
-            let own = &covariance * (n * &fit.parameters + &shape * &fit.parameters);
-            mean.rows_mut(0, parameters).copy_from(&own);
-            self.state = Some(Motion {
-                mean,
-                covariance: joint,
-                found: fit.parameters.clone(),
-                shape,
-                moves: false,
-                evidence: Evidence::default(),
-            });
-            return Ok(FrameFit { fit, predicted: None, acceleration: 0.0 });
+            return self.begin(readings, watch);
         };
         let step = DMatrix::from_fn(2 * parameters, 2 * parameters, |i, j| {
             f64::from(u8::from(i == j || j == i + parameters))
