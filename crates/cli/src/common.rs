@@ -36,7 +36,7 @@ pub struct CommonArgs {
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = seed, allow_negative_numbers = true,
           hide_short_help = true)]
     pub seed: u64,
-    /// Unit of lengths in files that specify none: mm, m, in or ft [default: mm]
+    /// Unit of lengths in files without a unit: mm, m, in, ft [default: mm]
     #[arg(long, value_name = "UNIT", value_enum, hide_possible_values = true)]
     pub unit: Option<UnitName>,
 }

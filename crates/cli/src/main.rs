@@ -129,7 +129,7 @@ mod tests {
         while let Some(mut command) = commands.pop() {
             commands.extend(command.get_subcommands().cloned());
             let help = command.render_help().to_string();
-            assert!(help.lines().count() <= 40, "{}", help);
+            assert!(help.lines().count() <= 34, "{}", help);
             let hides = command.get_arguments().any(|arg| arg.is_hide_short_help_set());
             assert_eq!(hides, help.contains("Run with --help for all options."), "{help}");
         }

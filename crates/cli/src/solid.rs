@@ -42,7 +42,7 @@ and dimensions in space with their σ.";
 #[derive(Debug, Args)]
 #[command(
     after_help = short_help!(
-        "planish solid examples/data/bracket/*.dxf --as front,side,top -o bracket.step"
+        "planish solid examples/data/bracket/front.dxf examples/data/bracket/top.dxf -o part.step"
     ),
     after_long_help = EXAMPLES
 )]

@@ -53,7 +53,7 @@ pub struct ContourArgs {
     #[arg(long, value_enum, default_value_t = ContourFilter::Auto, hide_short_help = true,
           help_heading = "Estimation")]
     pub filter: ContourFilter,
-    /// Reject readings more than this many σ from the contour; 0 keeps all
+    /// Reject readings more than this many σ from the contour (0: none)
     #[arg(long, value_name = "SIGMAS", default_value_t = 4.0, value_parser = not_negative,
           allow_negative_numbers = true, help_heading = "Estimation")]
     pub gate: f64,

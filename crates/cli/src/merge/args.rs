@@ -67,11 +67,13 @@ pub struct MergeArgs {
     /// How corresponding points are fused [default: information if all patches have σ, else refit]
     #[arg(long, value_name = "METHOD", value_enum, hide_short_help = true, help_heading = "Fusion")]
     pub method: Option<MethodName>,
-    /// ε: maximum distance of corresponding points [default: 2.58 σ of their difference, 99 %]
+    /// ε: maximum distance of corresponding points [default: from σ]
+    ///
+    /// The default is 2.58 σ of the difference of the points (99 %).
     #[arg(long, value_name = "LENGTH", value_parser = length, allow_negative_numbers = true,
           help_heading = "Fusion")]
     pub epsilon: Option<Length>,
-    /// θ: maximum angle between normals of corresponding points, in degrees [default: from σ]
+    /// θ: maximum angle between corresponding normals [default: from σ]
     ///
     /// The default follows from σ and the length of the edges and is at most 69°.
     #[arg(long, value_name = "DEGREES", value_parser = right_angle, allow_negative_numbers = true,

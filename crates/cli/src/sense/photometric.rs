@@ -58,6 +58,6 @@ pub fn kind(args: &PhotometricArgs) -> Result<SenseKind> {
             "needed one normal map with --normal-map, found {} images",
             images.len()
         ))),
-        _ => Err(Error::input("needed --calib for the lights, or --normal-map with the σ of a normal map")),
+        _ => Err(Error::input("needed --calib with the lights, or --normal-map with the σ of a normal map")),
     }
 }
