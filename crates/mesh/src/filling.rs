@@ -198,7 +198,7 @@ fn fill(
     }
     let mut around: Vec<[u32; 3]> = ring.iter().map(|t| t.map(|v| number[&v])).collect();
     around.sort_unstable();
-    let guess = Guess::of(hole, filled, normals);
+    let guess = Guess::new(hole, filled, normals);
     smooth(&mut lid, hole.len(), &others, positions, &around, guess.mean_curvature)?;
     let start = filled.mesh.positions.len() as u32;
     let inner = &lid.positions[hole.len()..];
@@ -280,7 +280,7 @@ struct Guess {
 }
 
 impl Guess {
-    fn of(hole: &[u32], filled: &Filled, normals: &[[f64; 3]]) -> Self {
+    fn new(hole: &[u32], filled: &Filled, normals: &[[f64; 3]]) -> Self {
         let n = hole.len();
         let at = |k: usize| filled.mesh.positions[hole[k % n] as usize];
         let (mut squares, mut sum, mut count) = (0.0, 0.0, 0);

@@ -100,7 +100,7 @@ pub fn screen_brightness(light: f64) -> f64 {
 
 /// A kind with its colour.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Kind {
+pub struct ColourKind {
     /// Its number.
     pub value: u16,
     /// Its name.
@@ -152,13 +152,13 @@ pub enum Scale {
     /// Quantities.
     Range(Range),
     /// Kinds.
-    Kinds(Vec<Kind>),
+    Kinds(Vec<ColourKind>),
 }
 
 impl Scale {
     /// The scale of a field.
     #[must_use]
-    pub fn of(field: &Field) -> Self {
+    pub fn from_field(field: &Field) -> Self {
         let factor = field.shown.as_ref().map_or(1.0, |(_, factor)| *factor);
         match (&field.kind, &field.values) {
             (FieldKind::Categories(kinds), _) => {
@@ -213,8 +213,8 @@ impl Scale {
     }
 }
 
-fn kinds_of(kinds: &[(u16, String)], colour: impl Fn(u16) -> Colour) -> Vec<Kind> {
-    let made = kinds.iter().map(|(value, label)| Kind {
+fn kinds_of(kinds: &[(u16, String)], colour: impl Fn(u16) -> Colour) -> Vec<ColourKind> {
+    let made = kinds.iter().map(|(value, label)| ColourKind {
         value: *value,
         label: label.clone(),
         colour: colour(*value),
@@ -307,7 +307,7 @@ mod tests {
     }
 
     fn range(field: &Field) -> Range {
-        match Scale::of(field) {
+        match Scale::from_field(field) {
             Scale::Range(range) => range,
             Scale::Kinds(_) => panic!("kinds"),
         }
@@ -363,7 +363,7 @@ mod tests {
         let constant = range(&field(FieldKind::Sequential, vec![0.5, 0.5], None));
         assert_eq!(labels(&constant), ["0.5"]);
         assert_eq!(constant.colour(f64::NAN), UNKNOWN);
-        let none = Scale::of(&field(FieldKind::Signed(None), vec![f64::NAN], None));
+        let none = Scale::from_field(&field(FieldKind::Signed(None), vec![f64::NAN], None));
         assert_eq!(none.colour(f64::NAN), UNKNOWN);
     }
 
@@ -375,7 +375,7 @@ mod tests {
             values: Values::Kinds(vec![0, 1]),
             ..field(FieldKind::Sequential, Vec::new(), None)
         };
-        let scale = Scale::of(&observed);
+        let scale = Scale::from_field(&observed);
         assert_eq!(hex(scale.colour(1.0)), "0072b2");
         assert_eq!(hex(scale.colour(0.0)), "9e9ea3");
         assert_eq!(scale.colour(2.0), UNKNOWN);

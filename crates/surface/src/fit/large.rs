@@ -148,7 +148,7 @@ fn kept(scan: &Scan, part: &[u8], number: u8) -> Scan {
 /// The numbers of points, ordered so that what is near in space is near in memory: by cells of a coarse grid,
 /// along a curve.
 fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
-    let Some(bounds) = BoundingBox::of(points) else {
+    let Some(bounds) = BoundingBox::from_points(points) else {
         return Vec::new();
     };
     let scale = 1023.0 / bounds.diagonal().max(f64::MIN_POSITIVE);

@@ -36,7 +36,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
         corners.extend(bounds.iter().flat_map(|b| [b.min, b.max]));
         boxes.extend(bounds.map(|b| (b, posed.scan.name.as_str())));
     }
-    let Some(bounds) = BoundingBox::of(&corners) else {
+    let Some(bounds) = BoundingBox::from_points(&corners) else {
         return Ok(Vec::new());
     };
     let size = bounds.diagonal();
@@ -87,7 +87,7 @@ fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<String> {
             let near = gap <= whole.diagonal().max(next.diagonal());
             if near {
                 let corners = [whole.min, whole.max, next.min, next.max];
-                whole = BoundingBox::of(&corners).unwrap_or(whole);
+                whole = BoundingBox::from_points(&corners).unwrap_or(whole);
             }
             !near
         });

@@ -827,7 +827,7 @@ impl Observations {
     /// Coordinates of a map have seven digits before the point: what is left of the sixteen after products of
     /// them is too little for an energy that no translation changes.
     pub fn recentre(&mut self) -> [f64; 3] {
-        let Some(bounds) = BoundingBox::of(&self.points) else {
+        let Some(bounds) = BoundingBox::from_points(&self.points) else {
             return [0.0; 3];
         };
         let (center, size) = (bounds.center(), bounds.diagonal());
@@ -858,7 +858,7 @@ impl Observations {
 
     /// Finds [`Self::roughness`] and [`Self::least_variance`].
     fn measure_roughness(&mut self, scans: &[&Scan], sensors: usize, neighbours: usize) {
-        let size = BoundingBox::of(&self.points).map_or(0.0, |b| b.diagonal());
+        let size = BoundingBox::from_points(&self.points).map_or(0.0, |b| b.diagonal());
         self.least_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
         self.roughness = (0..sensors)
             .map(|sensor| {
