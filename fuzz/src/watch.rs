@@ -72,8 +72,8 @@ pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -
     for (name, bytes) in valid::neighbours().map_err(io::Error::other)? {
         fs::write(folder.join("files").join(name), bytes)?;
     }
-    // Every valid file must be accepted, or the damage tests nothing. Repairs of packed formats also damage, so
-    // several seeds are tried.
+    // Every valid file must be accepted, or the damage tests nothing. Repairs of packed formats also damage,
+    // so several seeds are tried.
     let path = folder.join("files").join(target.file);
     let mut read = Ok(());
     for bytes in &files {

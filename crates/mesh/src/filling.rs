@@ -1,9 +1,10 @@
 //! Fills the holes of a mesh.
 //!
-//! In: a mesh with manifold, oriented edges and vertices, and σ. Out: the same triangles, and new ones over its
-//! holes that continue the surrounding surface. Each hole gets a cover of minimum area ([`cover`]), which is
-//! refined to triangles like those around it ([`refinement`]) and faired ([`fairing`]). σ of the new vertices
-//! is an estimate that grows with the distance to the border. Outer borders, as that of a sheet, stay open.
+//! In: a mesh with manifold, oriented edges and vertices, and σ. Out: the same triangles, and new ones over
+//! its holes that continue the surrounding surface. Each hole gets a cover of minimum area ([`cover`]), which
+//! is refined to triangles like those around it ([`refinement`]) and faired ([`fairing`]). σ of the new
+//! vertices is an estimate that grows with the distance to the border. Outer borders, as that of a sheet,
+//! stay open.
 //!
 //! Not guaranteed: that a cover does not intersect the mesh, or that the real object is as smooth.
 
@@ -56,13 +57,13 @@ pub struct Filled {
 /// quarter of the border apart.
 ///
 /// σ of a new vertex is an estimate: `σ² = σ_r² (1 + d²/ℓ²) + (κ d (d + ℓ) / 2)²`. Here `σ_r` is the mean σ
-/// along the border, `ℓ` the mean edge length, and `d` the distance to the nearest border vertex. `κ` is the root
-/// mean square of `|n_i − n_j| / |p_i − p_j|` over the same pairs. The first term is the uncertainty of the
-/// extrapolated tangent; the second is the deviation from it due to curvature.
+/// along the border, `ℓ` the mean edge length, and `d` the distance to the nearest border vertex. `κ` is the
+/// root mean square of `|n_i − n_j| / |p_i − p_j|` over the same pairs. The first term is the uncertainty of
+/// the extrapolated tangent; the second is the deviation from it due to curvature.
 ///
 /// # Errors
-/// `Input` if the numbers of σ and vertices differ, or if the mesh fails [`TriangleMesh::sanity_check`]; errors
-/// of `watch`.
+/// `Input` if the numbers of σ and vertices differ, or if the mesh fails [`TriangleMesh::sanity_check`];
+/// errors of `watch`.
 ///
 /// # Examples
 /// ```
@@ -231,8 +232,8 @@ fn fill(
     Ok(true)
 }
 
-/// Fairs a cover: first to even triangles, then to the mean curvature of the surroundings, with regular triangles
-/// in between. `others` are the vertices of the border and of the adjacent triangles `around`.
+/// Fairs a cover: first to even triangles, then to the mean curvature of the surroundings, with regular
+/// triangles in between. `others` are the vertices of the border and of the adjacent triangles `around`.
 fn smooth(
     lid: &mut Lid,
     rim: usize,

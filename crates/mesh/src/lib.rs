@@ -1,7 +1,7 @@
 //! Triangle meshes: closest points, rays, sampling, checks, merging and hole filling.
 //!
-//! A [`TriangleMesh`] holds positions in the unit of the model and triangles of vertex indices. It may be open
-//! or closed, manifold or not.
+//! A [`TriangleMesh`] holds positions in the unit of the model and triangles of vertex indices. It may be
+//! open or closed, manifold or not.
 //!
 //! | Task | Entry point |
 //! |---|---|

@@ -1,7 +1,7 @@
 //! Merges overlapping patches into one surface.
 //!
-//! In: triangle meshes in one frame, with or without σ along their normals. Out: one manifold mesh with σ, the
-//! source patch of each vertex, and statistics of the seams.
+//! In: triangle meshes in one frame, with or without σ along their normals. Out: one manifold mesh with σ,
+//! the source patch of each vertex, and statistics of the seams.
 //!
 //! 1. [`Overlap`] finds the regions that patches share.
 //! 2. [`fuse_patches`] moves shared vertices to the mean of all patches, weighted by information.
@@ -181,10 +181,10 @@ pub fn taper(to_border: f64, spacing: f64) -> f64 {
 
 /// Moves shared vertices along their normals to the weighted mean of all patches.
 ///
-/// `h = Σ_k w_k h_k / Σ_k w_k` with `w_k = t_k / σ_k²`, where `h` is the height over the vertex. The factor `t`
-/// ([`taper`]) rises from 0 at the border of a patch to 1 inside, so that no step remains where a patch ends.
-/// Errors of different patches are assumed to be independent: `σ² = Σ w_k² σ_k² / (Σ w_k)²`. The result does
-/// not depend on the order of the patches.
+/// `h = Σ_k w_k h_k / Σ_k w_k` with `w_k = t_k / σ_k²`, where `h` is the height over the vertex. The factor
+/// `t` ([`taper`]) rises from 0 at the border of a patch to 1 inside, so that no step remains where a patch
+/// ends. Errors of different patches are assumed to be independent: `σ² = Σ w_k² σ_k² / (Σ w_k)²`. The result
+/// does not depend on the order of the patches.
 #[must_use]
 pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVertices> {
     patches
@@ -275,7 +275,8 @@ pub fn stitch_patches(
     }
     let patch_of = |v: u32| starts.partition_point(|s| *s <= v) - 1;
     let count: usize = patches.iter().map(|p| p.mesh.positions.len()).sum();
-    // The cut can leave several fans at a vertex. The seams may join them again, so they are split afterwards.
+    // The cut can leave several fans at a vertex. The seams may join them again, so they are split
+    // afterwards.
     let vertex = renumber(&mut triangles, count);
     let source: Vec<(u32, u32)> = vertex
         .iter()

@@ -26,8 +26,8 @@ const STRETCHED: f64 = 4.0;
 /// Folds and spikes after the vertices of a mesh were moved; see [`TriangleMesh::distortion`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Distortion {
-    /// Number of edges whose two triangles enclosed less than 90° (between normals) before, and more than 120°
-    /// now.
+    /// Number of edges whose two triangles enclosed less than 90° (between normals) before, and more than
+    /// 120° now.
     pub folds: usize,
     /// Number of edges that grew by more than four times the growth of the median edge (spikes).
     pub stretched: usize,
@@ -36,8 +36,8 @@ pub struct Distortion {
 /// Triangles over shared vertices.
 ///
 /// Invariants, tested by [`TriangleMesh::sanity_check`]: every position is finite, and every index is below
-/// `positions.len()`. Triangles are counter-clockwise seen from outside. Triangles may contain a vertex twice,
-/// and vertices may be unused.
+/// `positions.len()`. Triangles are counter-clockwise seen from outside. Triangles may contain a vertex
+/// twice, and vertices may be unused.
 ///
 /// # Examples
 /// ```
@@ -136,7 +136,8 @@ impl TriangleMesh {
         let count = self.positions.len();
         if let Some(at) = self.triangles.iter().position(|t| t.iter().any(|&i| i as usize >= count)) {
             return Err(Error::input(format!(
-                "triangle {at} refers to vertices {:?}, but the mesh has only {count} vertices (counted from 0)",
+                "triangle {at} refers to vertices {:?}, but the mesh has only {count} vertices (counted \
+                 from 0)",
                 self.triangles[at]
             )));
         }
@@ -186,8 +187,8 @@ impl TriangleMesh {
     /// 1998.
     #[must_use]
     pub fn vertex_normals(&self) -> Vec<[f64; 3]> {
-        // Angles are the expensive part and computed in parallel. The sums have a fixed order, so that results
-        // do not depend on the number of threads.
+        // Angles are the expensive part and computed in parallel. The sums have a fixed order, so that
+        // results do not depend on the number of threads.
         let of_triangles: Vec<([f64; 3], [f64; 3])> = (0..self.triangles.len())
             .into_par_iter()
             .with_min_len(1024)
@@ -242,8 +243,8 @@ impl TriangleMesh {
         BoundingBox::around(corners.map(|v| self.positions[*v as usize]))
     }
 
-    /// The triangles without duplicates. A duplicate has the same three positions as an earlier triangle, in any
-    /// order.
+    /// The triangles without duplicates. A duplicate has the same three positions as an earlier triangle, in
+    /// any order.
     #[must_use]
     pub fn triangles_once(&self) -> Vec<[u32; 3]> {
         let mut known = HashSet::with_capacity(self.triangles.len());

@@ -1,8 +1,8 @@
 //! Disjoint sets (union-find).
 //!
-//! In: numbers from 0, and pairs that belong together. Out: sets, each identified by its smallest member. Cost:
-//! almost constant for each step (R. Tarjan, *Efficiency of a good but not linear set union algorithm*, 1975,
-//! with path halving).
+//! In: numbers from 0, and pairs that belong together. Out: sets, each identified by its smallest member.
+//! Cost: almost constant for each step (R. Tarjan, *Efficiency of a good but not linear set union algorithm*,
+//! 1975, with path halving).
 
 /// Disjoint sets of numbers; the root of a set is its smallest member.
 ///

@@ -1,9 +1,9 @@
 //! Colour scales and legends, for pages and images.
 //!
-//! In: a [`Field`]. Out: its [`Scale`]: a colour for each value, and ticks or category names for the legend. The
-//! maps are perceptually uniform and distinguishable with every kind of colour vision: viridis (Smith and van der
-//! Walt, 2015), blue to red over grey (ColorBrewer, Harrower and Brewer, 2003), and for categories the colours of
-//! Okabe and Ito (2008).
+//! In: a [`Field`]. Out: its [`Scale`]: a colour for each value, and ticks or category names for the legend.
+//! The maps are perceptually uniform and distinguishable with every kind of colour vision: viridis (Smith and
+//! van der Walt, 2015), blue to red over grey (ColorBrewer, Harrower and Brewer, 2003), and for categories
+//! the colours of Okabe and Ito (2008).
 //!
 //! # Examples
 //! ```

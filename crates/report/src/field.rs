@@ -14,7 +14,8 @@ pub enum Values {
 pub enum FieldKind {
     /// From small to large; on a logarithmic scale if the range is large.
     Sequential,
-    /// Positive and negative values. The limit of the scale is given, or covers all but 2 % of the values at each end.
+    /// Positive and negative values. The limit of the scale is given, or covers all but 2 % of the values at
+    /// each end.
     Signed(Option<f64>),
     /// Categories without an order, each with its name.
     Categories(Vec<(u16, String)>),
@@ -31,8 +32,8 @@ pub struct Field {
     pub label: String,
     /// Its unit; empty for none.
     pub unit: String,
-    /// The displayed unit and its conversion factor, if it differs from [`Self::unit`]: `("mm", 1000.0)` for a
-    /// model in metres.
+    /// The displayed unit and its conversion factor, if it differs from [`Self::unit`]: `("mm", 1000.0)` for
+    /// a model in metres.
     pub shown: Option<(String, f64)>,
     /// Mapping to colours.
     pub kind: FieldKind,

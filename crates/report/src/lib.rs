@@ -1,10 +1,11 @@
 //! HTML reports: a verdict, an interactive 3D view, figures, tables and drawings on one page.
 //!
-//! In: a [`Page`], filled by a job. Out: one self-contained HTML file with style, script and model, which loads
-//! nothing from the network. The 3D view uses three.js (`assets/three.min.js`, MIT, built in `viewer/`) and the
-//! code in `assets/viewer.js`.
+//! In: a [`Page`], filled by a job. Out: one self-contained HTML file with style, script and model, which
+//! loads nothing from the network. The 3D view uses three.js (`assets/three.min.js`, MIT, built in `viewer/`)
+//! and the code in `assets/viewer.js`.
 //!
-//! Not guaranteed: browsers without WebGL do not show the 3D view. They show the rest of the page and a notice.
+//! Not guaranteed: browsers without WebGL do not show the 3D view. They show the rest of the page and a
+//! notice.
 //!
 //! # Examples
 //! ```

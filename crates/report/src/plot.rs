@@ -4,8 +4,8 @@ use crate::numbers::significant;
 use std::fmt::Write;
 
 const WIDTH: f64 = 560.0;
-/// Colours that are distinguishable with every kind of colour vision (Okabe and Ito, 2008), readable on white and
-/// on black.
+/// Colours that are distinguishable with every kind of colour vision (Okabe and Ito, 2008), readable on white
+/// and on black.
 const FIRST: &str = "#2a7fb8";
 const SECOND: &str = "#d9822b";
 
@@ -26,8 +26,8 @@ fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
 
 /// Plots stated and estimated σ of each sensor on a logarithmic axis. A long line is a wrong σ.
 ///
-/// Rows are name, stated σ (if any) and estimated σ. Values that are not positive are omitted; without any value,
-/// the result is empty.
+/// Rows are name, stated σ (if any) and estimated σ. Values that are not positive are omitted; without any
+/// value, the result is empty.
 ///
 /// # Examples
 /// ```

@@ -1,8 +1,8 @@
 //! The content of a 3D view, and its encoding in the page.
 //!
-//! Positions of surfaces are 32-bit floats relative to the centre of the scene, so that maps far from the origin
-//! keep their precision. Positions of points and lines are quantised to 1/65535 of the bounding box, which is
-//! finer than the pixels of a screen. Values are 32-bit floats, as in mesh files, or small integers.
+//! Positions of surfaces are 32-bit floats relative to the centre of the scene, so that maps far from the
+//! origin keep their precision. Positions of points and lines are quantised to 1/65535 of the bounding box,
+//! which is finer than the pixels of a screen. Values are 32-bit floats, as in mesh files, or small integers.
 
 mod thin;
 
@@ -105,7 +105,8 @@ pub struct Scene {
 
 /// Default viewing direction, from the object to the camera (not normalised): oblique from above.
 const OBLIQUE_VIEW: [f64; 3] = [0.55, -0.75, 0.5];
-/// Ratio of |Σ area vectors| to the area above which a surface faces one direction and is shown from the front.
+/// Ratio of |Σ area vectors| to the area above which a surface faces one direction and is shown from the
+/// front.
 ///
 /// It is 0 for a closed surface and 1 for a plane.
 const FACING: f64 = 0.6;
@@ -146,7 +147,8 @@ impl Scene {
                 let mut made = json!({
                     "name": surface.name,
                     "positions": floats(positions),
-                    "triangles": packed("u32", surface.triangles.as_flattened().iter().flat_map(|k| k.to_le_bytes())),
+                    "triangles":
+                        packed("u32", surface.triangles.as_flattened().iter().flat_map(|k| k.to_le_bytes())),
                     "fields": surface.fields.iter().map(Field::packed).collect::<Vec<_>>(),
                     "hidden": surface.hidden,
                     "flat": surface.flat,
@@ -185,15 +187,21 @@ impl Scene {
             })
             .collect();
         let marks: Vec<Value> = (self.marks.iter())
-            .map(|mark| json!({"at": about(&mark.at), "label": mark.label, "text": mark.text, "normal": mark.normal}))
+            .map(|mark| {
+                let at = about(&mark.at);
+                json!({"at": at, "label": mark.label, "text": mark.text, "normal": mark.normal})
+            })
             .collect();
+        let maps = Map::ALL
+            .iter()
+            .map(|map| (map.name().to_owned(), json!(map.colours().map(|c| format!("{c:06x}")))));
         let (from, up) = self.view();
         Some(json!({
             "unit": self.unit,
-            "maps": Map::ALL.iter().map(|map| (map.name().to_owned(), json!(map.colours().map(|c| format!("{c:06x}"))))).collect::<serde_json::Map<_, _>>(),
+            "maps": maps.collect::<serde_json::Map<_, _>>(),
             "centre": centre,
-            // `low` and `high` determine the view; `steps` is the range of quantised positions. They differ, because
-            // outliers can lie far outside.
+            // `low` and `high` determine the view; `steps` is the range of quantised positions. They differ,
+            // because outliers can lie far outside.
             "low": about(&inner[0]),
             "high": about(&inner[1]),
             "steps": [steps.low, steps.high],

@@ -1,9 +1,9 @@
 //! Covers a loop with triangles between its vertices.
 //!
-//! In: a border loop, the normals along it, and the existing edges. Out: triangles of minimum area (G. Barequet,
-//! M. Sharir, *Filling gaps in the boundary of a polyhedron*, 1995), oriented against the loop. Cost O(n³) for up
-//! to [`LONG`] edges; longer loops are first split by short chords. Not guaranteed: that the triangles do not
-//! intersect anything; minimum area for long loops.
+//! In: a border loop, the normals along it, and the existing edges. Out: triangles of minimum area (G.
+//! Barequet, M. Sharir, *Filling gaps in the boundary of a polyhedron*, 1995), oriented against the loop.
+//! Cost O(n³) for up to [`LONG`] edges; longer loops are first split by short chords. Not guaranteed: that
+//! the triangles do not intersect anything; minimum area for long loops.
 
 use crate::edges::edge;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
@@ -24,8 +24,8 @@ pub(super) struct Surroundings<'a> {
     pub edges: &'a HashSet<[u32; 2]>,
 }
 
-/// The triangulation of minimum area without existing inner edges, oriented against the loop; `None` if there is
-/// none.
+/// The triangulation of minimum area without existing inner edges, oriented against the loop; `None` if there
+/// is none.
 pub(super) fn least_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
     let mut cover = Vec::with_capacity(vertices.len());
     let mut parts = vec![vertices.to_vec()];

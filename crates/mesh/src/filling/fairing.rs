@@ -1,15 +1,15 @@
 //! Fairing: moves the vertices of a cover so that it continues the surrounding surface.
 //!
 //! In: triangles of a cover and those around its border. Out: positions of its inner vertices that minimise
-//! `E = Σ_v |Σ_j w_vj (x_j − x_v) − 2 H A_v n_v|² / A_v` over the inner vertices and those of the
-//! border. With `H = 0` it is the bending of a thin plate (M. Botsch, L. Kobbelt, *An intuitive
-//! framework for real-time freeform modeling*, 2004, equation 3 with k = 2), which keeps the tangent planes
-//! of the loop but does not leave a ball a ball; with the mean curvature of what lies around, it does (R.
-//! Schneider, L. Kobbelt, *Geometric fairing of irregular meshes for free-form surface design*, 2001, where
-//! `H` is interpolated). `w_vj` are half the sums of the cotangents across an edge and `A_v` the area nearest
-//! to a vertex (M. Meyer, M. Desbrun, P. Schröder, A. Barr, *Discrete differential-geometry operators for
-//! triangulated 2-manifolds*, 2003, section 3.3); in the first step, all are one.
-//! Normals, weights and areas are those of the previous step, so that the system is linear; it is solved repeatedly.
+//! `E = Σ_v |Σ_j w_vj (x_j − x_v) − 2 H A_v n_v|² / A_v` over the inner vertices and those of the border.
+//! With `H = 0` it is the bending of a thin plate (M. Botsch, L. Kobbelt, *An intuitive framework for
+//! real-time freeform modeling*, 2004, equation 3 with k = 2), which keeps the tangent planes of the loop but
+//! does not leave a ball a ball; with the mean curvature of what lies around, it does (R. Schneider, L.
+//! Kobbelt, *Geometric fairing of irregular meshes for free-form surface design*, 2001, where `H` is
+//! interpolated). `w_vj` are half the sums of the cotangents across an edge and `A_v` the area nearest to a
+//! vertex (M. Meyer, M. Desbrun, P. Schröder, A. Barr, *Discrete differential-geometry operators for
+//! triangulated 2-manifolds*, 2003, section 3.3); in the first step, all are one. Normals, weights and areas
+//! are those of the previous step, so that the system is linear; it is solved repeatedly.
 //!
 //! Not guaranteed: that the cover does not intersect anything.
 
@@ -106,8 +106,8 @@ pub(super) fn fair(
     Ok(())
 }
 
-/// The rows of all vertices with a closed ring of triangles: the inner ones, and border vertices that touch no
-/// other hole.
+/// The rows of all vertices with a closed ring of triangles: the inner ones, and border vertices that touch
+/// no other hole.
 fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usize, goal: Goal) -> Vec<Row> {
     let mut at = vec![usize::MAX; positions.len()];
     let mut rows: Vec<Row> = Vec::new();

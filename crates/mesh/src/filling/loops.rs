@@ -1,7 +1,7 @@
 //! Border loops, and closing of short ones without new vertices.
 //!
-//! In: triangles with manifold edges. Out: the loops of their border, and triangles over those that may be closed
-//! ([`least_cover`]). Not guaranteed: that the new triangles do not intersect anything.
+//! In: triangles with manifold edges. Out: the loops of their border, and triangles over those that may be
+//! closed ([`least_cover`]). Not guaranteed: that the new triangles do not intersect anything.
 
 use super::cover::{Surroundings, least_cover};
 use crate::edges::edge;

@@ -1,10 +1,10 @@
 //! Refines the cover of a hole to triangles like those around it.
 //!
 //! In: triangles between the vertices of a loop, and the edge length at each. Out: triangles with additional
-//! vertices. Edges are as long as those of the border nearby and grow inwards ([`GRADE`]), so that a large hole
-//! needs few triangles. The method divides triangles at their centroid and flips edges (P. Liepa, *Filling holes
-//! in meshes*, 2003, section 4, there without grading). Not guaranteed: that vertices lie on a plausible surface;
-//! fairing moves them.
+//! vertices. Edges are as long as those of the border nearby and grow inwards ([`GRADE`]), so that a large
+//! hole needs few triangles. The method divides triangles at their centroid and flips edges (P. Liepa,
+//! *Filling holes in meshes*, 2003, section 4, there without grading). Not guaranteed: that vertices lie on a
+//! plausible surface; fairing moves them.
 
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, divide, opposites, turn};
@@ -12,7 +12,8 @@ use crate::triangle::{area_vector, smallest_angle};
 use planish_estimate::vector3::{add, add_scaled, distance, dot, scale, sub, unit};
 use std::collections::HashSet;
 
-/// Growth of the edge length per distance from the border. Larger values need fewer triangles but are coarser.
+/// Growth of the edge length per distance from the border. Larger values need fewer triangles but are
+/// coarser.
 const GRADE: f64 = 0.2;
 /// A triangle is divided if its centroid is farther from each corner than this number of edge lengths (Liepa:
 /// √2 times the distance must exceed the length).
@@ -37,7 +38,8 @@ pub(super) struct Lid {
 }
 
 impl Lid {
-    /// Creates a cover with vertices numbered along the border; `existing` are the edges of the mesh between them.
+    /// Creates a cover with vertices numbered along the border; `existing` are the edges of the mesh between
+    /// them.
     pub fn new(triangles: Vec<[u32; 3]>, positions: Vec<[f64; 3]>, existing: HashSet<[u32; 2]>) -> Self {
         let mut edges = existing;
         for t in &triangles {
@@ -75,8 +77,8 @@ impl Lid {
         }
     }
 
-    /// Flips edges while this increases the smallest angle of both triangles. This ends, because the sorted angles
-    /// increase.
+    /// Flips edges while this increases the smallest angle of both triangles. This ends, because the sorted
+    /// angles increase.
     pub fn relax(&mut self) {
         let mut queue: Vec<u32> = (0..self.opposite.len() as u32).rev().collect();
         while let Some(half) = queue.pop() {

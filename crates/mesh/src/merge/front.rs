@@ -1,14 +1,14 @@
 //! Stitches pieces of a surface together with triangles between their borders (advancing front).
 //!
-//! In: pieces with manifold edges and vertices, separated by gaps of a few edges. Out: additional triangles over
-//! the same vertices. The candidate at an open edge `a → b` is the border vertex that sees the edge under the
-//! largest angle, with no other border edge between. This is the Delaunay choice in the plane of the edge: no
-//! other border vertex lies in the circumcircle. The smallest circles come first (F. Bernardini and others, *The
-//! ball-pivoting algorithm*, 1999; here the ball has the size that each triangle needs).
+//! In: pieces with manifold edges and vertices, separated by gaps of a few edges. Out: additional triangles
+//! over the same vertices. The candidate at an open edge `a → b` is the border vertex that sees the edge
+//! under the largest angle, with no other border edge between. This is the Delaunay choice in the plane of
+//! the edge: no other border vertex lies in the circumcircle. The smallest circles come first (F. Bernardini
+//! and others, *The ball-pivoting algorithm*, 1999; here the ball has the size that each triangle needs).
 //!
 //! The border is stored as open edges with their successors, so that a vertex can occur on it twice, once on
-//! each side of a triangle that touches it. Adding a triangle to a manifold with border therefore always gives
-//! a manifold with border, wherever the vertices are.
+//! each side of a triangle that touches it. Adding a triangle to a manifold with border therefore always
+//! gives a manifold with border, wherever the vertices are.
 //!
 //! Not guaranteed: that every gap is closed, or that triangles of pieces that fold over each other do not
 //! intersect.
@@ -294,8 +294,8 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     None
 }
 
-/// Returns true if the directions from a vertex to four others are in counter-clockwise order about its normal.
-/// The first two may coincide, and the last two.
+/// Returns true if the directions from a vertex to four others are in counter-clockwise order about its
+/// normal. The first two may coincide, and the last two.
 fn within(seam: &SeamInput<'_>, vertex: u32, order: [u32; 4]) -> bool {
     let (at, normal) = (seam.positions[vertex as usize], seam.normals[vertex as usize]);
     let direction = |v: u32| sub(seam.positions[v as usize], at);

@@ -1,8 +1,8 @@
 //! Extracts the manifold part of a mesh: at most two triangles at an edge, one fan at a vertex.
 //!
 //! In: any triangles. Out: the triangles that can be kept, in their order, and the source of each vertex. A
-//! vertex with several fans is duplicated, once for each fan. Not guaranteed: that triangles do not intersect,
-//! or that only a small part is removed.
+//! vertex with several fans is duplicated, once for each fan. Not guaranteed: that triangles do not
+//! intersect, or that only a small part is removed.
 
 use crate::edges::{EdgeTable, is_collapsed};
 use crate::half_edges::{NONE, next_in_triangle, opposites, opposites_of, previous_in_triangle};

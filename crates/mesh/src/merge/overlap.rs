@@ -19,9 +19,9 @@ use rayon::prelude::*;
 
 /// Maximum difference of two measurements of one point, in σ of the difference.
 ///
-/// 99 % of the differences are smaller (χ² with one degree of freedom, 6.63). Larger ones rarely affect all three
-/// corners of a triangle, so that almost nothing of them remains. With 99.7 %, scans whose σ is too small are
-/// merged across different sheets.
+/// 99 % of the differences are smaller (χ² with one degree of freedom, 6.63). Larger ones rarely affect all
+/// three corners of a triangle, so that almost nothing of them remains. With 99.7 %, scans whose σ is too
+/// small are merged across different sheets.
 const GATE: f64 = 2.576;
 /// Angle between the normals of two samplings of one surface that is due to shape, without noise.
 ///
@@ -126,8 +126,8 @@ impl Overlap {
     /// Finds the overlaps. Cost O(n log n) for a total of n vertices.
     ///
     /// # Errors
-    /// `Input` for fewer than two patches, a patch without triangles, or σ that is not positive and finite for
-    /// each vertex.
+    /// `Input` for fewer than two patches, a patch without triangles, or σ that is not positive and finite
+    /// for each vertex.
     pub fn find(patches: &[MergePatch], options: &OverlapOptions) -> Result<Self> {
         check(patches, options)?;
         Self::find_with(patches, &searches_of(patches)?, options)
@@ -241,10 +241,9 @@ fn check(patches: &[MergePatch], options: &OverlapOptions) -> Result<()> {
 
 /// Estimates one common σ for each patch without σ, from the heights between patches.
 ///
-/// A foot point interpolates three corners with weights `b`, so that the variance of a height is
-/// `σ² + Σ b² σ_k²`. σ_k is that of the other patch if known, otherwise the same as σ. The estimate is the σ for
-/// which the median of the normalised heights is 0.6745, as for a normal distribution; outliers hardly
-/// affect it.
+/// A foot point interpolates three corners with weights `b`, so that the variance of a height is `σ² + Σ b²
+/// σ_k²`. σ_k is that of the other patch if known, otherwise the same as σ. The estimate is the σ for which
+/// the median of the normalised heights is 0.6745, as for a normal distribution; outliers hardly affect it.
 fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [PatchOverlap]) {
     // More samples cost time and hardly change the median.
     const MAX_SAMPLES: usize = 20_000;
@@ -285,8 +284,8 @@ fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [
             })
             .collect();
         let size = patches[i].mesh.bounding_box().map_or(1.0, |b| b.diagonal());
-        // Lower limits keep σ positive: 1e-8 of the size (rounding of single precision), and a tenth of the known
-        // σ of the others.
+        // Lower limits keep σ positive: 1e-8 of the size (rounding of single precision), and a tenth of the
+        // known σ of the others.
         let of_others: Vec<f64> = heights.iter().map(|[.., known]| known.sqrt()).collect();
         let least = (1e-8 * size).max(if heights.is_empty() { 0.0 } else { 0.1 * median(&of_others) });
         let sigma = if heights.is_empty() {
@@ -379,8 +378,8 @@ fn feet_of(
 
 /// Regions shared by two patches, connected along edges of the first patch.
 ///
-/// The region contains the vertices of the first patch that lie on the second, and the corners of triangles on
-/// which vertices of the second lie.
+/// The region contains the vertices of the first patch that lie on the second, and the corners of triangles
+/// on which vertices of the second lie.
 fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonRegion> {
     let mut regions = Vec::new();
     for i in 0..patches.len() {

@@ -1,14 +1,14 @@
 //! Assigns every region of an overlap to one patch.
 //!
-//! In: patches and their overlap. Out: the triangles of each patch that are kept. These are the triangles whose
-//! corners have a higher score than the other patches at the same point, unless they lie on or beside a kept
-//! triangle of an earlier patch. This leaves a gap of one or two edges along every seam.
+//! In: patches and their overlap. Out: the triangles of each patch that are kept. These are the triangles
+//! whose corners have a higher score than the other patches at the same point, unless they lie on or beside a
+//! kept triangle of an earlier patch. This leaves a gap of one or two edges along every seam.
 //!
-//! The score is the distance to the border of the patch, in its edges and at most [`FAR`], so that a seam runs
-//! at equal distances from both borders. A patch that is finer than another by the factor [`FINER`] wins from
-//! [`TAPER`] edges inside its border on, because it shows detail between the vertices of the other. Among
-//! almost equal scores the earlier patch wins by a fraction of an edge. The score of a point does not depend on
-//! the patch that it is compared with, so that one of any three patches always wins.
+//! The score is the distance to the border of the patch, in its edges and at most [`FAR`], so that a seam
+//! runs at equal distances from both borders. A patch that is finer than another by the factor [`FINER`] wins
+//! from [`TAPER`] edges inside its border on, because it shows detail between the vertices of the other.
+//! Among almost equal scores the earlier patch wins by a fraction of an edge. The score of a point does not
+//! depend on the patch that it is compared with, so that one of any three patches always wins.
 
 use super::overlap::{FAR, median};
 use super::{MergePatch, Overlap, TAPER};

@@ -3,10 +3,10 @@
 //! In: patches and their overlap. Out: for each patch, the correlation by the number of neighbours.
 //!
 //! σ of a vertex does not state whether the errors of its neighbours are correlated. They are in a smoothed
-//! model, and all of them are in a scan with a pose error. The difference of two patches contains the noise of
-//! both, so that products of differences at neighbouring points show the correlation: with `h = n_j − n_i`,
-//! `E[h_a h_b] = ρ (σ_i² + σ_j²)` ([`NestedBatches`]). A mean of `m` values has the variance
-//! `σ² (1/m + (1 − 1/m) ρ)`.
+//! model, and all of them are in a scan with a pose error. The difference of two patches contains the noise
+//! of both, so that products of differences at neighbouring points show the correlation: with `h = n_j −
+//! n_i`, `E[h_a h_b] = ρ (σ_i² + σ_j²)` ([`NestedBatches`]). A mean of `m` values has the variance `σ² (1/m +
+//! (1 − 1/m) ρ)`.
 //!
 //! The height of a foot point interpolates three corners. Feet that share corners are therefore correlated
 //! even for white noise; this part is known from the weights and subtracted. Batches are formed from the
@@ -213,8 +213,8 @@ mod tests {
             .collect()
     }
 
-    /// White noise is found to be uncorrelated although feet share corners. The smooth share is found in small
-    /// batches, and less of it in batches that are larger than the waves.
+    /// White noise is found to be uncorrelated although feet share corners. The smooth share is found in
+    /// small batches, and less of it in batches that are larger than the waves.
     #[test]
     fn the_smooth_share_of_noise_is_found() {
         for smooth in [0.0, 0.3, 1.0] {

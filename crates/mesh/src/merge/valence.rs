@@ -1,8 +1,8 @@
 //! Flips edges so that most vertices have six neighbours.
 //!
-//! In: a surface and the vertices that may change. Out: the same vertices with the same number of triangles. The
-//! sum `Σ (valence − 6)²` (4 on the border) decreases with each flip or sequence of flips, without folding the
-//! surface. Not guaranteed: six neighbours everywhere, which the topology does not permit.
+//! In: a surface and the vertices that may change. Out: the same vertices with the same number of triangles.
+//! The sum `Σ (valence − 6)²` (4 on the border) decreases with each flip or sequence of flips, without
+//! folding the surface. Not guaranteed: six neighbours everywhere, which the topology does not permit.
 
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, next_in_triangle, opposites, previous_in_triangle, turn};
@@ -53,8 +53,8 @@ fn valences(triangles: &[[u32; 3]], opposite: &[u32], vertices: usize) -> Vec<u3
     valence
 }
 
-/// Flips edges up to `steps` edges away from the `wanted` vertices. These get at most six edges, the others as
-/// close to six as possible. Returns the number of flips and the valence of every vertex.
+/// Flips edges up to `steps` edges away from the `wanted` vertices. These get at most six edges, the others
+/// as close to six as possible. Returns the number of flips and the valence of every vertex.
 pub(super) fn even_out(
     positions: &[[f64; 3]],
     triangles: &mut [[u32; 3]],
@@ -71,8 +71,8 @@ pub(super) fn even_out(
             queue.extend([3 * t, 3 * t + 1, 3 * t + 2, 3 * s, 3 * s + 1, 3 * s + 2]);
         }
     }
-    // Where no single flip improves the sum, a sequence can. A failed vertex is tried again only after a change
-    // nearby.
+    // Where no single flip improves the sum, a sequence can. A failed vertex is tried again only after a
+    // change nearby.
     for limits in LIMITS {
         net.limits = limits;
         let mut changes = 1;
@@ -188,8 +188,9 @@ impl<'a> Net<'a> {
         self.corner(next_in_triangle(half))
     }
 
-    /// Change of the sum by a flip, and the vertices of the two triangles ([`around`]); `None` if the topology does
-    /// not permit the flip. Geometry is checked separately by [`Self::may_flip`], which is slower.
+    /// Change of the sum by a flip, and the vertices of the two triangles ([`around`]); `None` if the
+    /// topology does not permit the flip. Geometry is checked separately by [`Self::may_flip`], which is
+    /// slower.
     fn change(&self, half: u32) -> Option<(i64, [u32; 4])> {
         let over = self.opposite[half as usize];
         if over == NONE {
@@ -332,8 +333,8 @@ impl<'a> Net<'a> {
 
     /// Ends of the edges of a vertex that are worth flipping, the most promising first.
     ///
-    /// `others` also have too many edges. Flips that leave few such vertices, close to vertices with room, come
-    /// first.
+    /// `others` also have too many edges. Flips that leave few such vertices, close to vertices with room,
+    /// come first.
     fn promising(&self, vertex: u32, others: &[u32], turns: usize, change: i64) -> Vec<u32> {
         let mut ends: Vec<(usize, usize, u32)> = (self.leaving(vertex).into_iter())
             .filter_map(|half| {
@@ -354,8 +355,8 @@ impl<'a> Net<'a> {
         ends.into_iter().map(|(.., end)| end).collect()
     }
 
-    /// Flips an edge of the last vertex with too many edges, then edges of the vertices that have too many as a
-    /// result, until the sum has decreased. Undoes all flips if this number of them does not suffice.
+    /// Flips an edge of the last vertex with too many edges, then edges of the vertices that have too many as
+    /// a result, until the sum has decreased. Undoes all flips if this number of them does not suffice.
     fn relieve(&mut self, too_many: &[u32], turns: usize, change: i64) -> bool {
         let Some((vertex, others)) = too_many.split_last() else {
             return false;

@@ -1,7 +1,7 @@
 //! Reduces surfaces that have too many triangles for a fluent 3D view.
 //!
-//! In: a surface. Out: a surface over a subset of its vertices, with their values. Not guaranteed: that the result
-//! is manifold; it is for display only.
+//! In: a surface. Out: a surface over a subset of its vertices, with their values. Not guaranteed: that the
+//! result is manifold; it is for display only.
 
 use super::{SeenBy, SurfaceShown};
 use crate::field::{Field, Values};
@@ -19,9 +19,10 @@ const GROWTH: f64 = 1.15;
 
 /// Reduces a surface to at most `max_triangles`; `None` if it has no more, or is flat-shaded (a solid).
 ///
-/// Vertices are clustered in the cells of a grid (Rossignac and Borrel 1993). Vertices with different directions
-/// of their normals form separate clusters, so that both sides of a thin wall remain. The vertex closest to the
-/// centre of a cluster represents it. Positions and values that a reader clicks are therefore those of the file.
+/// Vertices are clustered in the cells of a grid (Rossignac and Borrel 1993). Vertices with different
+/// directions of their normals form separate clusters, so that both sides of a thin wall remain. The vertex
+/// closest to the centre of a cluster represents it. Positions and values that a reader clicks are therefore
+/// those of the file.
 pub(crate) fn thinned(surface: &SurfaceShown, max_triangles: usize) -> Option<SurfaceShown> {
     if surface.triangles.len() <= max_triangles || surface.flat {
         return None;
