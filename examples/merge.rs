@@ -7,7 +7,7 @@
 use planish::merge::{MergeOptions, NamedPatch, PatchSet, merge, write_merged};
 use planish::progress::Silent;
 use planish::{Result, Unit};
-use planish_mesh::{Patch, grid_sheet};
+use planish_mesh::{MergePatch, grid_sheet};
 use planish_sense::Pose;
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -33,7 +33,7 @@ fn main() -> Result<()> {
         let sigma = vec![SIGMA; mesh.positions.len()];
         patches.push(NamedPatch {
             name: name.to_owned(),
-            tidied: Patch::tidy(&mesh, &sigma)?,
+            tidied: MergePatch::make_manifold(&mesh, &sigma)?,
             observed: Vec::new(),
         });
     }

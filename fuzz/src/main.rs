@@ -1,12 +1,13 @@
-//! Damaged files by the million, for every reader: none may panic, stand still, or take the memory.
+//! Tests every reader with millions of damaged files: none may panic, hang or exhaust the memory.
 //!
-//! Comes in: a number of cases and a seed; the same seed gives the same files. Goes out: a line for each
-//! reader (how many files it took and refused, the slowest, the most memory), and for every failure the
-//! smallest file that still fails. The exit code is 1 when there was any.
+//! In: a number of cases and a seed; the same seed gives the same files. Out: one line per reader (numbers of
+//! accepted and rejected files, longest time, maximum memory), and for every failure the smallest file that
+//! still fails. The exit code is 1 if a reader failed.
 //!
-//! Not guaranteed: that every line of the readers was reached. The damage knows formats, not code.
+//! Not guaranteed: that every line of the readers is reached. The damage knows formats, not code.
 
 mod mutate;
+mod processor_time;
 mod targets;
 mod valid;
 mod watch;
@@ -20,31 +21,31 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 use targets::{TARGETS, Target};
-use worker::{MOST_MEMORY, Outcome};
+use worker::{MAX_MEMORY, Outcome};
 
-/// Counts what is allocated, and gives no more than the limit.
+/// Counts allocations and enforces the memory limit.
 #[global_allocator]
 static ALLOCATOR: Cap<System> = Cap::new(System, usize::MAX);
 
-/// Feed every reader with damaged files.
+/// Test every reader with damaged files
 #[derive(Debug, Parser)]
 #[command(name = "planish-fuzz")]
 struct Arguments {
-    /// Readers to feed [default: all]
+    /// Readers to test [default: all]
     target: Vec<String>,
-    /// Files for each of them
+    /// Number of damaged files per reader
     #[arg(long, default_value_t = 10_000)]
     cases: u64,
     /// Seed of the damage
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Folder for files that break a reader
+    /// Folder for files that make a reader fail
     #[arg(long, default_value = "target/fuzz")]
     out: PathBuf,
-    /// Read this one file instead, and say what came of it
+    /// Read only this file and print the result
     #[arg(long)]
     input: Option<PathBuf>,
-    /// Work on the cases from `--from` on in this folder
+    /// Run as a worker in this folder, from case `--from` on
     #[arg(long, hide = true)]
     worker: Option<PathBuf>,
     #[arg(long, hide = true, default_value_t = 0)]
@@ -62,12 +63,12 @@ fn main() -> ExitCode {
     }
 }
 
-/// Whether nothing failed.
+/// Runs the command; returns true if no reader failed.
 fn run(arguments: &Arguments) -> io::Result<bool> {
     let mut targets: Vec<&Target> = Vec::new();
     for name in &arguments.target {
         let found = TARGETS.iter().find(|t| t.name == name);
-        targets.push(found.ok_or_else(|| io::Error::other(format!("no reader is called `{name}`")))?);
+        targets.push(found.ok_or_else(|| io::Error::other(format!("unknown reader `{name}`")))?);
     }
     if targets.is_empty() {
         targets.extend(TARGETS);
@@ -85,27 +86,28 @@ fn run(arguments: &Arguments) -> io::Result<bool> {
     all_cases(&targets, arguments)
 }
 
-/// Says what the readers do with a file.
+/// Prints what the readers do with a file; returns true if none panicked.
 fn one_file(targets: &[&Target], path: &Path) -> io::Result<bool> {
     worker::keep_panics();
-    let _ = ALLOCATOR.set_limit(ALLOCATOR.allocated() + MOST_MEMORY);
+    let _ = ALLOCATOR.set_limit(ALLOCATOR.allocated() + MAX_MEMORY);
     let mut good = true;
     for target in targets {
-        let said = match worker::outcome(target, path) {
+        let result = match worker::outcome(target, path) {
             Outcome::Accepted => "accepted".to_owned(),
-            Outcome::Refused(message) => format!("refused: {message}"),
+            Outcome::Rejected(message) => format!("rejected: {message}"),
             Outcome::Panicked(message) => {
                 good = false;
                 format!("panicked: {message}")
             }
         };
-        writeln!(io::stdout(), "{}: {said}", target.name)?;
+        writeln!(io::stdout(), "{}: {result}", target.name)?;
     }
     Ok(good)
 }
 
+/// Runs all cases of the targets and prints the table; returns true if none failed.
 fn all_cases(targets: &[&Target], arguments: &Arguments) -> io::Result<bool> {
-    // Memory is the fastest disk.
+    // Millions of small files are written: a file system in memory is fastest.
     let memory = Path::new("/dev/shm");
     let scratch = match memory.is_dir() {
         true => tempfile::tempdir_in(memory)?,
@@ -115,7 +117,7 @@ fn all_cases(targets: &[&Target], arguments: &Arguments) -> io::Result<bool> {
     writeln!(
         out,
         "{:<10} {:>9} {:>9} {:>9} {:>7} {:>12} {:>11} {:>8}",
-        "reader", "cases", "accepted", "refused", "failed", "slowest (ms)", "most memory", "time (s)"
+        "reader", "cases", "accepted", "rejected", "failed", "slowest (ms)", "max. memory", "time (s)"
     )?;
     let mut good = true;
     for target in targets {
@@ -132,9 +134,9 @@ fn all_cases(targets: &[&Target], arguments: &Arguments) -> io::Result<bool> {
             out,
             "{:<10} {:>9} {:>9} {:>9} {:>7} {:>12.1} {:>7.1} MiB {:>8.1}",
             target.name,
-            tally.accepted + tally.refused + tally.failed,
+            tally.accepted + tally.rejected + tally.failed,
             tally.accepted,
-            tally.refused,
+            tally.rejected,
             tally.failed,
             tally.slowest.0 as f64 / 1e3,
             tally.memory as f64 / f64::from(1 << 20),

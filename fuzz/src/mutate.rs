@@ -1,15 +1,15 @@
-//! Damage: valid files changed as disks, editors, other programs and ill will change them.
+//! Damages valid files the way that disks, editors, other programs and attackers do.
 //!
-//! Comes in: valid files of one format, the words of its header, and a random generator. Goes out: bytes that
-//! are mostly such a file. Not guaranteed: that anything was changed that matters.
+//! In: valid files of one format, words of that format, and a random generator. Out: the bytes of a mostly
+//! valid file. Not guaranteed: that a change matters to the reader.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// No file grows by more than this: what breaks a reader breaks it when it is small.
-const MOST_GROWTH: usize = 1 << 16;
+/// Maximum growth of a file in bytes. Larger files cost time, and bugs of readers show in small files, too.
+const MAX_GROWTH: usize = 1 << 16;
 
-/// What people, programs and overflows put in place of a number.
+/// Numbers in text that are special to parsers: limits of integer types, NaN, infinities, decimal commas.
 const NUMBERS: [&str; 26] = [
     "0",
     "1",
@@ -39,7 +39,7 @@ const NUMBERS: [&str; 26] = [
     "1,5",
 ];
 
-/// The same in binary.
+/// Integers in binary, at and beside the limits of their types.
 const INTEGERS: [u64; 20] = [
     0,
     1,
@@ -63,14 +63,14 @@ const INTEGERS: [u64; 20] = [
     u64::MAX,
 ];
 
-/// Floating point as sensors do not give it.
+/// Floating point values that no sensor reports.
 const FLOATS: [f64; 10] =
     [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0, 1e308, -1e308, 1e-320, -1.0, 0.5];
 
-/// A damaged file: one of the `valid` ones, changed one to eight times.
+/// One of the `valid` files, changed one, two, four or eight times.
 pub fn damaged(valid: &[Vec<u8>], words: &[&str], random: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = valid[random.random_range(0..valid.len())].clone();
-    let longest = bytes.len() + MOST_GROWTH;
+    let longest = bytes.len() + MAX_GROWTH;
     for _ in 0..1 << random.random_range(0..4) {
         change(&mut bytes, valid, words, random);
         bytes.truncate(longest);
@@ -78,7 +78,7 @@ pub fn damaged(valid: &[Vec<u8>], words: &[&str], random: &mut ChaCha8Rng) -> Ve
     bytes
 }
 
-/// A place in `0..=length`; headers are short, so every second one is near the beginning.
+/// A random position in `0..=length`. Half of them are near the beginning, because headers are short.
 fn place(length: usize, random: &mut ChaCha8Rng) -> usize {
     let most = match random.random_range(0..4) {
         0 => length.min(64),
@@ -88,14 +88,14 @@ fn place(length: usize, random: &mut ChaCha8Rng) -> usize {
     random.random_range(0..=most)
 }
 
-/// A run of bytes, short ones more often.
+/// A random range of bytes; short ranges are more frequent.
 fn run(length: usize, random: &mut ChaCha8Rng) -> std::ops::Range<usize> {
     let start = place(length, random);
     let longest = 1_usize << random.random_range(0..12);
     start..length.min(start + random.random_range(0..=longest))
 }
 
-/// The run of bytes between blanks, commas and brackets around a place.
+/// The range of the word at a position: between blanks, separators, quotes and brackets.
 fn token(bytes: &[u8], at: usize) -> std::ops::Range<usize> {
     let ends = |b: &u8| b.is_ascii_whitespace() || b",;=:\"[]{}".contains(b);
     let at = at.min(bytes.len());
@@ -104,12 +104,14 @@ fn token(bytes: &[u8], at: usize) -> std::ops::Range<usize> {
     start..end
 }
 
+/// Overwrites bytes from a position on, as far as the file reaches.
 fn overwrite(bytes: &mut [u8], at: usize, with: &[u8]) {
     for (to, from) in bytes.iter_mut().skip(at).zip(with) {
         *to = *from;
     }
 }
 
+/// Applies one random change. The weights of the kinds of damage are the numbers of their cases.
 fn change(bytes: &mut Vec<u8>, valid: &[Vec<u8>], words: &[&str], random: &mut ChaCha8Rng) {
     let length = bytes.len();
     match random.random_range(0..16) {
@@ -130,7 +132,7 @@ fn change(bytes: &mut Vec<u8>, valid: &[Vec<u8>], words: &[&str], random: &mut C
             if random.random_range(0..4) == 0 {
                 written.reverse();
             }
-            // Fields of binary headers lie at even places.
+            // Fields of binary headers mostly start at even offsets.
             let at = place(length, random) & !random.random_range(0..2_usize);
             overwrite(bytes, at, &written);
         }
@@ -157,7 +159,7 @@ fn change(bytes: &mut Vec<u8>, valid: &[Vec<u8>], words: &[&str], random: &mut C
             bytes.splice(replaced, taken);
         }
         9 => {
-            // The head of one file, the tail of another.
+            // Joins the head of one file to the tail of another.
             let other = &valid[random.random_range(0..valid.len())];
             let (head, tail) = (place(length, random), place(other.len(), random));
             bytes.truncate(head);
@@ -172,7 +174,7 @@ fn change(bytes: &mut Vec<u8>, valid: &[Vec<u8>], words: &[&str], random: &mut C
             }
         }
         12 => {
-            // A digit for a digit: lengths and offsets elsewhere still hold.
+            // Replacing a digit by a digit keeps the lengths and offsets in the rest of the file valid.
             let digits: Vec<usize> = (0..length.min(8192)).filter(|&k| bytes[k].is_ascii_digit()).collect();
             if !digits.is_empty() {
                 bytes[digits[random.random_range(0..digits.len())]] = b'0' + random.random_range(0..10_u8);

@@ -1,37 +1,46 @@
-//! Watching a worker: what it found, and the case at which it died or stood still.
+//! Watches a worker process and restarts it after the case at which it died or hung.
 //!
-//! Comes in: a target and a number of cases. Goes out: a [`Report`], and for every failure the smallest input
-//! found that still fails.
+//! In: a target and a number of cases. Out: a [`Report`], and for every failure the smallest input found that
+//! still fails.
 
+use crate::processor_time::Stopwatch;
 use crate::targets::Target;
 use crate::valid;
-use crate::worker::{MOST_TIME, Tally, case_bytes};
+use crate::worker::{MAX_TIME, Tally, case_bytes};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Workers that die more often than this are one bug.
-const MOST_DEATHS: usize = 20;
-/// Attempts at mending a valid file so that it is one.
-const MOST_MENDED: u64 = 64;
-/// Attempts at a smaller input.
-const MOST_ATTEMPTS: usize = 400;
+/// Number of deaths after which a target is given up; more are rarely different bugs.
+const MAX_DEATHS: usize = 20;
+/// Attempts at a repair that leaves a valid file valid.
+const MAX_REPAIRS: u64 = 64;
+/// Attempts to shorten a failing input.
+const MAX_ATTEMPTS: usize = 400;
 
-/// What came of a target's cases.
+/// Results of all cases of a target.
 pub struct Report {
-    /// The sums.
+    /// The sums over all workers.
     pub tally: Tally,
-    /// A message and a file for every way to fail.
+    /// A message and an input file for every different failure.
     pub failures: Vec<(String, PathBuf)>,
 }
 
-/// Waits for a process; after `most` without a change of what `watched` gives it is ended, and said to hang.
-fn wait(child: &mut Child, most: Duration, mut watched: impl FnMut() -> u64) -> io::Result<Option<String>> {
-    let (mut last, mut changed) = (watched(), Instant::now());
+/// Wall time limit, in multiples of the limit on processor time: ends processes that wait forever.
+///
+/// A busy machine must not end a healthy process, and a deadlock uses no processor time.
+const WALL_TIME_FACTOR: u32 = 12;
+
+/// Waits for a process and returns why it failed.
+///
+/// The process is ended as hung if `progress` does not change for `limit` of processor time, or for
+/// [`WALL_TIME_FACTOR`] times that of wall time.
+fn wait(child: &mut Child, limit: Duration, mut progress: impl FnMut() -> u64) -> io::Result<Option<String>> {
+    let (mut last, mut since_change) = (progress(), Stopwatch::for_process(child.id()));
     let mut pause = Duration::from_millis(1);
     loop {
         if let Some(status) = child.try_wait()? {
@@ -39,13 +48,13 @@ fn wait(child: &mut Child, most: Duration, mut watched: impl FnMut() -> u64) -> 
         }
         std::thread::sleep(pause);
         pause = (2 * pause).min(Duration::from_millis(50));
-        let now = watched();
+        let now = progress();
         if now != last {
-            (last, changed) = (now, Instant::now());
-        } else if changed.elapsed() > most {
+            (last, since_change) = (now, Stopwatch::for_process(child.id()));
+        } else if since_change.elapsed() > limit || since_change.wall_time() > WALL_TIME_FACTOR * limit {
             child.kill()?;
             child.wait()?;
-            return Ok(Some(format!("took more than {most:?}")));
+            return Ok(Some(format!("no progress for {limit:?} of processor time")));
         }
     }
 }
@@ -53,7 +62,7 @@ fn wait(child: &mut Child, most: Duration, mut watched: impl FnMut() -> u64) -> 
 /// Runs a target's cases in `folder`, and keeps failing inputs under `kept`.
 ///
 /// # Errors
-/// When a process cannot be started or a file of ours cannot be written.
+/// When a process cannot be started or a file cannot be written.
 pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -> io::Result<Report> {
     let files = (target.valid)().map_err(io::Error::other)?;
     fs::create_dir_all(folder.join("files"))?;
@@ -63,13 +72,14 @@ pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -
     for (name, bytes) in valid::neighbours().map_err(io::Error::other)? {
         fs::write(folder.join("files").join(name), bytes)?;
     }
-    // What is mended is packed too, and may be damaged on the way.
+    // Every valid file must be accepted, or the damage tests nothing. Repairs of packed formats also damage,
+    // so several seeds are tried.
     let path = folder.join("files").join(target.file);
     let mut read = Ok(());
     for bytes in &files {
-        for seed in 0..MOST_MENDED {
+        for seed in 0..MAX_REPAIRS {
             let mut bytes = bytes.clone();
-            (target.mend)(&mut bytes, &mut ChaCha8Rng::seed_from_u64(seed));
+            (target.repair)(&mut bytes, &mut ChaCha8Rng::seed_from_u64(seed));
             fs::write(&path, bytes)?;
             read = (target.read)(&path);
             if read.is_ok() {
@@ -81,7 +91,7 @@ pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -
     let mut tally = Tally::default();
     let mut deaths: Vec<(u64, String)> = Vec::new();
     let mut from = 0;
-    while from < cases && deaths.len() < MOST_DEATHS {
+    while from < cases && deaths.len() < MAX_DEATHS {
         let mut child = Command::new(std::env::current_exe()?)
             .args(["--seed", &seed.to_string(), "--cases", &cases.to_string(), "--from", &from.to_string()])
             .arg("--worker")
@@ -90,9 +100,9 @@ pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -
             .stderr(Stdio::null())
             .spawn()?;
         let file = folder.join("tally");
-        let death = wait(&mut child, 2 * MOST_TIME, || Tally::read(&file).case)?;
+        let death = wait(&mut child, 2 * MAX_TIME, || Tally::read(&file).case)?;
         let found = Tally::read(&file);
-        tally = tally.and(found);
+        tally = tally.plus(found);
         match death {
             None => break,
             Some(death) => {
@@ -124,7 +134,7 @@ pub fn run(target: &Target, seed: u64, cases: u64, folder: &Path, kept: &Path) -
     Ok(Report { tally, failures })
 }
 
-/// Whether a process that reads this input fails.
+/// Returns true if a process that reads this input fails.
 fn fails(target: &Target, bytes: &[u8], folder: &Path) -> io::Result<bool> {
     let path = folder.join("files").join(target.file);
     fs::write(&path, bytes)?;
@@ -135,26 +145,26 @@ fn fails(target: &Target, bytes: &[u8], folder: &Path) -> io::Result<bool> {
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()?;
-    Ok(wait(&mut child, MOST_TIME, || 0)?.is_some())
+    Ok(wait(&mut child, MAX_TIME, || 0)?.is_some())
 }
 
-/// Leaves out whatever need not be there, in ever smaller pieces.
+/// Removes parts that are not needed for the failure, in ever smaller pieces.
 fn smallest(target: &Target, mut bytes: Vec<u8>, folder: &Path) -> io::Result<Vec<u8>> {
     let mut attempts = 0;
-    let mut piece = bytes.len() / 2;
-    while piece > 0 && attempts < MOST_ATTEMPTS {
+    let mut length = bytes.len() / 2;
+    while length > 0 && attempts < MAX_ATTEMPTS {
         let mut at = 0;
-        while at < bytes.len() && attempts < MOST_ATTEMPTS {
+        while at < bytes.len() && attempts < MAX_ATTEMPTS {
             let mut shorter = bytes.clone();
-            shorter.drain(at..bytes.len().min(at + piece));
+            shorter.drain(at..bytes.len().min(at + length));
             attempts += 1;
             if fails(target, &shorter, folder)? {
                 bytes = shorter;
             } else {
-                at += piece;
+                at += length;
             }
         }
-        piece /= 2;
+        length /= 2;
     }
     Ok(bytes)
 }

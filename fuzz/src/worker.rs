@@ -1,12 +1,12 @@
-//! The cases of one target, in a process of their own: what runs out of memory or stack takes nobody else
-//! along.
+//! Runs the cases of one target in a separate process, which may run out of memory or stack.
 //!
-//! Comes in: a target, a seed and a range of cases. Goes out: a [`Tally`] in a file, renewed before every
-//! case, so that whoever watches knows the case that was the last one; and a file for every input that made a
-//! reader panic.
+//! In: a target, a seed and a range of cases. Out: a [`Tally`] in a file, and one file for every input that
+//! made a reader panic. The tally is written before every case, so that the watching process knows which case
+//! ended the worker.
 
 use crate::ALLOCATOR;
 use crate::mutate::damaged;
+use crate::processor_time::Stopwatch;
 use crate::targets::Target;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -17,55 +17,59 @@ use std::io;
 use std::os::unix::fs::FileExt;
 use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Memory that a case may take beyond what the process has when it begins.
-pub const MOST_MEMORY: usize = 256 << 20;
-/// Time that a case may take.
-pub const MOST_TIME: Duration = Duration::from_secs(5);
-/// Panics at more places than this are one bug.
-const MOST_PANICS: usize = 20;
+/// Memory limit of a case, in bytes, in addition to that of the idle process.
+///
+/// The test files have some kilobytes. A reader that needs more memory trusts a length in the file.
+pub const MAX_MEMORY: usize = 256 << 20;
+/// Limit on the processor time of a case.
+///
+/// Wall time is not limited here: it depends on the load of the machine.
+pub const MAX_TIME: Duration = Duration::from_secs(5);
+/// Number of panics at different places that are kept as files; more are rarely different bugs.
+const MAX_PANICS: usize = 20;
 
-/// Where a worker stands.
+/// Progress and results of a worker.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// The case that is being read.
+    /// Number of the current case.
     pub case: u64,
-    /// How many were read to their end.
+    /// Number of files that were read completely.
     pub accepted: u64,
-    /// How many were refused with a message.
-    pub refused: u64,
-    /// The longest time, in microseconds, and the case that took it.
+    /// Number of files that were rejected with an error.
+    pub rejected: u64,
+    /// Longest processor time, in microseconds, and the number of its case.
     pub slowest: (u64, u64),
-    /// The most memory that was ever taken, in bytes, beyond that of an idle process.
+    /// Maximum allocated memory, in bytes, in addition to that of the idle process.
     pub memory: u64,
-    /// How many cases made a reader panic, or took too long.
+    /// Number of cases that panicked or exceeded the time limit.
     pub failed: u64,
 }
 
 impl Tally {
     fn words(&self) -> [u64; 7] {
         let (time, at) = self.slowest;
-        [self.case, self.accepted, self.refused, time, at, self.memory, self.failed]
+        [self.case, self.accepted, self.rejected, time, at, self.memory, self.failed]
     }
 
-    /// Where a worker stood last.
+    /// The last tally that a worker wrote; zeros if there is none.
     pub fn read(path: &Path) -> Self {
         let bytes = fs::read(path).unwrap_or_default();
         let mut words = [0; 7];
         for (word, bytes) in words.iter_mut().zip(bytes.as_chunks::<8>().0) {
             *word = u64::from_le_bytes(*bytes);
         }
-        let [case, accepted, refused, time, at, memory, failed] = words;
-        Self { case, accepted, refused, slowest: (time, at), memory, failed }
+        let [case, accepted, rejected, time, at, memory, failed] = words;
+        Self { case, accepted, rejected, slowest: (time, at), memory, failed }
     }
 
-    /// Both together; the case is the later one.
-    pub fn and(self, later: Self) -> Self {
+    /// The sums of both; the case of the later one.
+    pub fn plus(self, later: Self) -> Self {
         Self {
             case: later.case,
             accepted: self.accepted + later.accepted,
-            refused: self.refused + later.refused,
+            rejected: self.rejected + later.rejected,
             slowest: self.slowest.max(later.slowest),
             memory: self.memory.max(later.memory),
             failed: self.failed + later.failed,
@@ -73,22 +77,22 @@ impl Tally {
     }
 }
 
-/// The bytes of a case: the same in every run.
+/// The bytes of a case. They depend only on the target, the seed and the case number.
 pub fn case_bytes(target: &Target, valid: &[Vec<u8>], seed: u64, case: u64) -> Vec<u8> {
     let name = target.name.bytes().fold(seed, |h, b| h.wrapping_mul(0x100_0000_01b3) ^ u64::from(b));
     let mut random = ChaCha8Rng::seed_from_u64(name ^ case.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let mut bytes = damaged(valid, target.words, &mut random);
-    (target.mend)(&mut bytes, &mut random);
+    (target.repair)(&mut bytes, &mut random);
     bytes
 }
 
-/// What a reader did with a file.
+/// Result of reading a file.
 pub enum Outcome {
-    /// It was read.
+    /// The file was read.
     Accepted,
-    /// It was refused, in these words.
-    Refused(String),
-    /// The reader panicked: the message and its place.
+    /// The file was rejected with this error message.
+    Rejected(String),
+    /// The reader panicked; the message includes the source location.
     Panicked(String),
 }
 
@@ -96,25 +100,26 @@ thread_local! {
     static PANIC: RefCell<String> = const { RefCell::new(String::new()) };
 }
 
-/// Keeps panics' messages instead of printing them.
+/// Stores the messages of panics instead of printing them.
 pub fn keep_panics() {
     panic::set_hook(Box::new(|info| PANIC.set(info.to_string())));
 }
 
-/// Reads a file.
+/// Reads a file with the reader of the target.
 pub fn outcome(target: &Target, path: &Path) -> Outcome {
     match panic::catch_unwind(AssertUnwindSafe(|| (target.read)(path))) {
         Ok(Ok(())) => Outcome::Accepted,
-        Ok(Err(e)) => Outcome::Refused(e.to_string()),
+        Ok(Err(e)) => Outcome::Rejected(e.to_string()),
         Err(_) => Outcome::Panicked(PANIC.take()),
     }
 }
 
-/// Reads the cases `from..to`; `folder` holds the tally, the valid files (`valid-N`) and a folder `files` to
-/// work in.
+/// Reads the cases `from..to`.
+///
+/// `folder` holds the tally, the valid files (`valid-N`) and the working folder `files`.
 ///
 /// # Errors
-/// When a file of its own cannot be read or written, which is no case's fault.
+/// When a file in `folder` cannot be read or written.
 pub fn work(target: &Target, seed: u64, (from, to): (u64, u64), folder: &Path) -> io::Result<()> {
     let mut valid = Vec::new();
     while let Ok(bytes) = fs::read(folder.join(format!("valid-{}", valid.len()))) {
@@ -125,38 +130,37 @@ pub fn work(target: &Target, seed: u64, (from, to): (u64, u64), folder: &Path) -
     let mut tally = Tally::default();
     let mut places = BTreeSet::new();
     let idle = ALLOCATOR.allocated();
-    // Whoever asks for more is killed by the allocator: a limit that cannot be set is one that was set
-    // before.
-    let _ = ALLOCATOR.set_limit(idle + MOST_MEMORY);
+    // The allocator aborts the process beyond the limit. Setting it fails only if it is set already.
+    let _ = ALLOCATOR.set_limit(idle + MAX_MEMORY);
     for case in from..to {
         tally.case = case;
         tally.memory = ALLOCATOR.max_allocated().saturating_sub(idle) as u64;
         kept.write_all_at(tally.words().map(u64::to_le_bytes).as_flattened(), 0)?;
         let bytes = case_bytes(target, &valid, seed, case);
         fs::write(&path, &bytes)?;
-        let begun = Instant::now();
+        let stopwatch = Stopwatch::for_this_thread();
         let outcome = outcome(target, &path);
-        let time = begun.elapsed();
+        let time = stopwatch.elapsed();
         tally.slowest = tally.slowest.max((time.as_micros() as u64, case));
-        let complaint = match outcome {
+        let failure = match outcome {
             Outcome::Accepted => {
                 tally.accepted += 1;
                 None
             }
-            Outcome::Refused(_) => {
-                tally.refused += 1;
+            Outcome::Rejected(_) => {
+                tally.rejected += 1;
                 None
             }
             Outcome::Panicked(message) => Some(message),
         };
-        let slow = (time > MOST_TIME).then(|| format!("took {time:?}"));
-        if let Some(complaint) = complaint.or(slow) {
+        let slow = (time > MAX_TIME).then(|| format!("took {time:?} of processor time"));
+        if let Some(failure) = failure.or(slow) {
             tally.failed += 1;
-            // The place is enough to tell one bug from another.
-            let place = complaint.lines().next().unwrap_or_default().to_owned();
-            if places.len() < MOST_PANICS && places.insert(place) {
+            // The first line names the source location: one file per location is enough.
+            let place = failure.lines().next().unwrap_or_default().to_owned();
+            if places.len() < MAX_PANICS && places.insert(place) {
                 fs::write(folder.join(format!("case-{case}")), &bytes)?;
-                fs::write(folder.join(format!("case-{case}.txt")), &complaint)?;
+                fs::write(folder.join(format!("case-{case}.txt")), &failure)?;
             }
         }
     }

@@ -51,7 +51,7 @@ impl Item {
 
 impl Bvh {
     /// The tree over at least one triangle.
-    pub fn of(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) -> Self {
+    pub fn new(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) -> Self {
         let mut items: Vec<Item> = (0..count)
             .map(|t| {
                 let [a, b, c] = corners(t);
@@ -260,7 +260,7 @@ mod tests {
     }
 
     fn check_all(count: usize, corners: impl Fn(usize) -> [[f64; 3]; 3]) {
-        let bvh = Bvh::of(count, &corners);
+        let bvh = Bvh::new(count, &corners);
         let mut seen = vec![false; count];
         check(&bvh, 0, 0, &mut seen);
         assert!(seen.iter().all(|&s| s));

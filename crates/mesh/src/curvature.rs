@@ -68,7 +68,7 @@ pub fn vertex_curvature(mesh: &TriangleMesh, normals: &[[f64; 3]], sigma: &[f64]
             sigma.len()
         )));
     }
-    let neighbours = Neighbours::of(mesh);
+    let neighbours = Neighbours::from_mesh(mesh);
     let mut mean = vec![0.0; count];
     let mut gaussian = vec![0.0; count];
     let mut sigma_mean = vec![0.0; count];

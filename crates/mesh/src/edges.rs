@@ -19,7 +19,7 @@ pub(crate) struct EdgeTable {
 impl EdgeTable {
     /// Cost O(n + v) for n triangles over vertices numbered up to v: half-edges are counted at their lesser
     /// ends, and only those at one vertex are compared.
-    pub fn of(triangles: &[[u32; 3]]) -> Self {
+    pub fn new(triangles: &[[u32; 3]]) -> Self {
         let (mut keyed, at_vertex) = by_lesser_end(triangles);
         sort_at_each_vertex(&mut keyed, &at_vertex);
         let mut table = Self {
@@ -129,7 +129,7 @@ mod tests {
                 let (a, b) = (t[half % 3], t[(half % 3 + 1) % 3]);
                 sorted.entry([a.min(b), a.max(b)]).or_default().push(half as u32);
             }
-            let table = EdgeTable::of(&triangles);
+            let table = EdgeTable::new(&triangles);
             assert!(table.ends.iter().eq(sorted.keys()));
             for (edge, halves) in sorted.values().enumerate() {
                 assert_eq!(table.half_edges(edge), halves);

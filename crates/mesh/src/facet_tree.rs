@@ -50,7 +50,7 @@ impl FacetTree {
             let [a, b, c] = corners(t);
             a == b && b == c
         });
-        let Bvh { mut nodes, corners, triangles } = Bvh::of(count, corners);
+        let Bvh { mut nodes, corners, triangles } = Bvh::new(count, corners);
         let packets = if are_points {
             Packets::Points(in_packets(&mut nodes, &corners, &triangles))
         } else {
@@ -82,7 +82,7 @@ fn in_packets<P: Packet>(nodes: &mut [Node], corners: &[[[f64; 3]; 3]], triangle
     for leaf in nodes.iter_mut().filter(|node| node.count > 0) {
         let own = leaf.first as usize..(leaf.first + leaf.count) as usize;
         leaf.first = packets.len() as u32;
-        packets.push(P::of(&corners[own.clone()], &triangles[own]));
+        packets.push(P::new(&corners[own.clone()], &triangles[own]));
     }
     packets
 }

@@ -1,12 +1,12 @@
-//! Holes filled.
+//! Fills the holes of a mesh.
 //!
-//! Comes in: a mesh whose edges and vertices are manifold and oriented, with σ. Goes out: the same triangles
-//! and more over its holes, which carry on the surface around them: a cover of least area ([`cover`]), cut
-//! into triangles like those beside it ([`refinement`]), faired ([`fairing`]); and σ of the new vertices, a
-//! guess that grows with the way from the border. Borders that look outwards, as that of a sheet does, are no
-//! holes and stay.
+//! In: a mesh with manifold, oriented edges and vertices, and σ. Out: the same triangles, and new ones over
+//! its holes that continue the surrounding surface. Each hole gets a cover of minimum area ([`cover`]), which
+//! is refined to triangles like those around it ([`refinement`]) and faired ([`fairing`]). σ of the new
+//! vertices is an estimate that grows with the distance to the border. Outer borders, as that of a sheet,
+//! stay open.
 //!
-//! Not guaranteed: that a lid crosses nothing; that the thing is as smooth as the lid.
+//! Not guaranteed: that a cover does not intersect the mesh, or that the real object is as smooth.
 
 mod cover;
 mod fairing;
@@ -25,44 +25,57 @@ use planish_estimate::{Error, Result};
 use refinement::Lid;
 use std::collections::{HashMap, HashSet};
 
-/// A border looks outwards where its area, times the mean of the normals along it, is more than this: that of
-/// a dome up to 75° from its top.
+/// Cosine between the area vector of a border and its mean normal above which the border is an outer one.
+///
+/// It is positive for the rim of a dome up to 75° from its top. Rims beyond that are treated as holes.
 const OUTWARDS: f64 = 0.25;
 
-/// Times that a lid is solved for by its own shape.
-const BENT: usize = 6;
+/// Number of fairing steps with the mean curvature of the surroundings; each uses the shape of the last.
+const FAIRING_STEPS: usize = 6;
 
-/// A mesh whose holes are filled.
+/// A mesh with filled holes.
 #[derive(Debug, Clone)]
 pub struct Filled {
-    /// The mesh: vertices and triangles as they were, then those of the lids.
+    /// The mesh: the original vertices and triangles, then the new ones.
     pub mesh: TriangleMesh,
-    /// σ along the normal.
+    /// σ of each vertex along its normal.
     pub sigma: Vec<f64>,
-    /// Holes that were filled.
+    /// Number of filled holes.
     pub holes: usize,
-    /// Borders that look outwards, which were left open.
+    /// Number of outer borders, which stay open.
     pub rims: usize,
-    /// Holes with more edges than were allowed, which were left open.
+    /// Number of holes with too many edges, which stay open.
     pub larger: usize,
-    /// Holes that could not be covered without an edge of three triangles.
+    /// Number of holes that cannot be covered without a non-manifold edge.
     pub uncovered: usize,
 }
 
-/// Fills the holes of up to `longest` edges. `watch` is told the share that is done, and may say to stop.
+/// Fills holes of up to `longest` edges. `watch` receives the completed fraction and may cancel by an error.
 ///
-/// The lid's mean curvature is to be that across the hole, the mean of
-/// `−(n_i − n_j)·(p_i − p_j) / |p_i − p_j|²` over vertices half and a quarter of the way round from one
-/// another.
+/// The cover gets the mean curvature across the hole, which is the mean of
+/// `−(n_i − n_j)·(p_i − p_j) / |p_i − p_j|²` over pairs of border vertices that are half or a
+/// quarter of the border apart.
 ///
-/// σ of a new vertex is a guess: `σ² = σ_r² (1 + d²/ℓ²) + (κ d (d + ℓ) / 2)²` with `σ_r` the mean σ along the
-/// hole and `ℓ` that of its edges, `d` the distance to the nearest vertex of its border, and `κ` the root
-/// mean square of `|n_i − n_j| / |p_i − p_j|` over the same pairs: how well the tangent is known that is
-/// carried on, and what a surface that bends as this one does leaves it by.
+/// σ of a new vertex is an estimate: `σ² = σ_r² (1 + d²/ℓ²) + (κ d (d + ℓ) / 2)²`. Here `σ_r` is the mean σ
+/// along the border, `ℓ` the mean edge length, and `d` the distance to the nearest border vertex. `κ` is the
+/// root mean square of `|n_i − n_j| / |p_i − p_j|` over the same pairs. The first term is the uncertainty of
+/// the extrapolated tangent; the second is the deviation from it due to curvature.
 ///
 /// # Errors
-/// `Input` for σ of another number than vertices, or a mesh that fails [`TriangleMesh::sanity_check`]; what
-/// `watch` says.
+/// `Input` if the numbers of σ and vertices differ, or if the mesh fails [`TriangleMesh::sanity_check`];
+/// errors of `watch`.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::{fill_holes, icosphere};
+/// let mut ball = icosphere(1.0, 2);
+/// ball.triangles.pop();
+/// let sigma = vec![0.01; ball.positions.len()];
+/// let filled = fill_holes(&ball, &sigma, 10, &mut |_| Ok(()))?;
+/// assert_eq!(filled.holes, 1);
+/// assert!(filled.mesh.check().watertight);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
 /// P. Liepa, *Filling holes in meshes*, Symposium on Geometry Processing 2003.
@@ -75,7 +88,7 @@ pub fn fill_holes(
     mesh.sanity_check()?;
     if sigma.len() != mesh.positions.len() {
         return Err(Error::input(format!(
-            "{} vertices and {} values of sigma: one for each is needed",
+            "expected one value of sigma for each of the {} vertices, found {}",
             mesh.positions.len(),
             sigma.len()
         )));
@@ -85,7 +98,7 @@ pub fn fill_holes(
         Filled { mesh: mesh.clone(), sigma: sigma.to_vec(), holes: 0, rims: 0, larger: 0, uncovered: 0 };
     let mut loops = Vec::new();
     for border in border_loops(&mesh.triangles) {
-        if looks_outwards(&border, &mesh.positions, &normals) {
+        if is_outer_border(&border, &mesh.positions, &normals) {
             filled.rims += 1;
         } else if border.len() > longest {
             filled.larger += 1;
@@ -108,7 +121,7 @@ pub fn fill_holes(
     Ok(filled)
 }
 
-/// What of a mesh meets its holes.
+/// The edges and triangles of a mesh at its holes.
 struct HoleNeighbourhood {
     /// Edges between vertices of loops.
     edges: HashSet<[u32; 2]>,
@@ -142,7 +155,7 @@ impl HoleNeighbourhood {
         }
     }
 
-    /// The mean length of the edges at a vertex.
+    /// Mean length of the edges at a vertex.
     fn length_at(&self, v: u32, positions: &[[f64; 3]]) -> f64 {
         let (mut sum, mut count) = (0.0, 0);
         for t in self.triangles.get(&v).into_iter().flatten() {
@@ -155,7 +168,7 @@ impl HoleNeighbourhood {
     }
 }
 
-/// Fills one hole; whether it could be covered.
+/// Fills one hole; returns false if it cannot be covered.
 fn fill(
     filled: &mut Filled,
     hole: &[u32],
@@ -171,16 +184,17 @@ fn fill(
     let Some(cover) = least_cover(&surroundings, hole).filter(|_| !lone) else {
         return Ok(false);
     };
-    // Of the loop first, then what meets it, so that lids are small problems of their own.
+    // Local numbers: the border first, then the vertices of adjacent triangles. Each hole is then a small
+    // problem of its own.
     let mut number: HashMap<u32, u32> = (0..).zip(hole).map(|(k, v)| (*v, k)).collect();
     let local = |t: &[u32; 3]| t.map(|v| number[&v]);
-    let taken = (neighbourhood.edges.iter())
+    let existing_edges = (neighbourhood.edges.iter())
         .filter_map(|[a, b]| Some(edge(*number.get(a)?, *number.get(b)?)))
         .collect();
     let mut lid = Lid::new(
         cover.iter().map(local).collect(),
         hole.iter().map(|v| positions[*v as usize]).collect(),
-        taken,
+        existing_edges,
     );
     let lengths: Vec<f64> = hole.iter().map(|v| neighbourhood.length_at(*v, positions)).collect();
     lid.refine(&lengths);
@@ -198,11 +212,11 @@ fn fill(
     }
     let mut around: Vec<[u32; 3]> = ring.iter().map(|t| t.map(|v| number[&v])).collect();
     around.sort_unstable();
-    let guess = Guess::of(hole, filled, normals);
-    smooth(&mut lid, hole.len(), &others, positions, &around, guess.mean_curvature)?;
+    let extrapolation = Extrapolation::new(hole, filled, normals);
+    smooth(&mut lid, hole.len(), &others, positions, &around, extrapolation.mean_curvature)?;
     let start = filled.mesh.positions.len() as u32;
     let inner = &lid.positions[hole.len()..];
-    let sigmas: Vec<f64> = inner.iter().map(|p| guess.sigma(*p)).collect();
+    let sigmas: Vec<f64> = inner.iter().map(|p| extrapolation.sigma(*p)).collect();
     filled.sigma.extend(sigmas);
     filled.mesh.positions.extend_from_slice(inner);
     let global = |v: u32| hole.get(v as usize).copied().unwrap_or_else(|| start + v - hole.len() as u32);
@@ -218,8 +232,8 @@ fn fill(
     Ok(true)
 }
 
-/// Fairs a lid: first to be even, then to bend as what lies around it, its triangles made even in between.
-/// `others` are the vertices of the loop and of the triangles that meet it, `around`.
+/// Fairs a cover: first to even triangles, then to the mean curvature of the surroundings, with regular
+/// triangles in between. `others` are the vertices of the border and of the adjacent triangles `around`.
 fn smooth(
     lid: &mut Lid,
     rim: usize,
@@ -230,8 +244,8 @@ fn smooth(
 ) -> Result<()> {
     let first = others.len();
     let vertices: Vec<u32> = (0..rim as u32).collect();
-    let bent = std::iter::repeat_n(Goal::MeanCurvature(mean_curvature), BENT);
-    for (step, goal) in std::iter::once(Goal::Even).chain(bent).enumerate() {
+    let curved = std::iter::repeat_n(Goal::MeanCurvature(mean_curvature), FAIRING_STEPS);
+    for (step, goal) in std::iter::once(Goal::Even).chain(curved).enumerate() {
         let mut all: Vec<[f64; 3]> = others.iter().map(|v| positions[*v as usize]).collect();
         all.extend_from_slice(&lid.positions[rim..]);
         let shifted = |v: u32| {
@@ -241,7 +255,7 @@ fn smooth(
         triangles.extend_from_slice(around);
         fair(&mut all, &triangles, &vertices, first, goal)?;
         lid.positions[rim..].copy_from_slice(&all[first..]);
-        if step < BENT {
+        if step < FAIRING_STEPS {
             lid.spread(rim);
             lid.relax();
         }
@@ -249,9 +263,9 @@ fn smooth(
     Ok(())
 }
 
-/// Whether a border is the outer one of a sheet: it goes round counter-clockwise, seen from where the normals
-/// along it point to.
-fn looks_outwards(border: &[u32], positions: &[[f64; 3]], normals: &[[f64; 3]]) -> bool {
+/// Returns true if a border is the outer border of a sheet: it is counter-clockwise, seen against the normals
+/// along it.
+fn is_outer_border(border: &[u32], positions: &[[f64; 3]], normals: &[[f64; 3]]) -> bool {
     let at = |k: usize| positions[border[k % border.len()] as usize];
     let middle = scale(
         1.0 / border.len() as f64,
@@ -267,20 +281,20 @@ fn looks_outwards(border: &[u32], positions: &[[f64; 3]], normals: &[[f64; 3]]) 
     dot(area, normal) > OUTWARDS * norm(area) * length
 }
 
-/// How well a lid is known.
-struct Guess {
+/// Parameters of the estimated σ and curvature of a cover.
+struct Extrapolation {
     border: Vec<[f64; 3]>,
     sigma: f64,
-    /// The mean length of its edges.
+    /// Mean edge length of the border.
     edge: f64,
-    /// Root mean square of how normals turn across the hole.
+    /// Root mean square change of normals per length across the hole.
     curvature: f64,
-    /// The mean of the same with its sign, negative on a ball.
+    /// Mean of the same with its sign: negative on a ball.
     mean_curvature: f64,
 }
 
-impl Guess {
-    fn of(hole: &[u32], filled: &Filled, normals: &[[f64; 3]]) -> Self {
+impl Extrapolation {
+    fn new(hole: &[u32], filled: &Filled, normals: &[[f64; 3]]) -> Self {
         let n = hole.len();
         let at = |k: usize| filled.mesh.positions[hole[k % n] as usize];
         let (mut squares, mut sum, mut count) = (0.0, 0.0, 0);

@@ -12,7 +12,7 @@ pub(crate) const NONE: u32 = u32::MAX;
 /// The half-edge that runs the other way, of triangles whose edges are manifold and oriented; [`NONE`] on the
 /// border.
 pub(crate) fn opposites(triangles: &[[u32; 3]]) -> Vec<u32> {
-    opposites_of(&EdgeTable::of(triangles), triangles.len())
+    opposites_of(&EdgeTable::new(triangles), triangles.len())
 }
 
 /// [`opposites`] of edges that are known.

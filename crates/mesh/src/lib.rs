@@ -1,15 +1,28 @@
-//! Triangle meshes: closest points, rays, sampling, checks and deviations.
+//! Triangle meshes: closest points, rays, sampling, checks, merging and hole filling.
 //!
-//! Comes in: a [`TriangleMesh`], plain positions and triangles in the model's unit, open or closed, manifold
-//! or not. Goes out: distances and foot points ([`MeshSearch`]), points spread over the surface
-//! ([`sample_points`]), what kind of mesh it is ([`MeshCheck`]), where it crosses itself ([`SelfCrossings`]),
-//! whether a place is inside ([`WindingNumbers`]), surfaces of functions ([`isosurface()`]), the summary of a
-//! comparison ([`DeviationStatistics`]), and what a camera sees of it ([`DepthBuffer`]).
+//! A [`TriangleMesh`] holds positions in the unit of the model and triangles of vertex indices. It may be
+//! open or closed, manifold or not.
 //!
-//! Not guaranteed: nothing here repairs a mesh. The sign of a distance is
-//! right for a closed, consistently oriented mesh that does not cross itself; elsewhere it is the side of the
-//! nearest piece of surface.
+//! | Task | Entry point |
+//! |---|---|
+//! | Distances and closest points | [`MeshSearch`], [`FacetTree`] |
+//! | First hit of a ray | [`MeshSearch::first_hit`] |
+//! | Topology: open, closed, manifold, genus | [`TriangleMesh::check`] |
+//! | Self-intersections | [`SelfCrossings`] |
+//! | Inside or outside | [`WindingNumbers`] |
+//! | Random points on the surface | [`sample_points`] |
+//! | Curvature | [`vertex_curvature`] |
+//! | Comparison of two surfaces | [`DeviationStatistics`] |
+//! | Zero surface of a function | [`isosurface()`] |
+//! | Merging of overlapping patches | [`Overlap`], [`fuse_patches`], [`stitch_patches`] |
+//! | Hole filling | [`fill_holes`] |
+//! | Visibility in an image | [`DepthBuffer`] |
 //!
+//! Not guaranteed: the sign of a distance is correct for a closed, consistently oriented mesh that does not
+//! intersect itself. For other meshes, it is the side of the nearest triangle.
+//!
+//! # Examples
+//! The signed distance of a point from a ball:
 //! ```
 //! use planish_mesh::{MeshSearch, icosphere};
 //!
@@ -21,6 +34,14 @@
 //! assert!((foot.signed_distance - 2.0).abs() < 0.05);
 //! # Ok(())
 //! # }
+//! ```
+//!
+//! A check that reports why a mesh has no volume:
+//! ```
+//! let sheet = planish_mesh::grid_sheet(2.0, 3.0, 4, 4);
+//! let check = sheet.check();
+//! assert!(!check.watertight && check.boundary_loops == 1);
+//! assert_eq!(sheet.signed_volume(), None);
 //! ```
 
 mod bvh;
@@ -53,8 +74,9 @@ pub use facet_tree::{FacetTree, NearFacet};
 pub use filling::{Filled, fill_holes};
 pub use isosurface::isosurface;
 pub use merge::{
-    CommonRegion, Fused, NoiseLikeness, Overlap, OverlapFoot, OverlapOptions, Patch, PatchOverlap, Tidied,
-    ZipOptions, Zipped, fused, noise_likeness, searches_of, taper, zipped,
+    CommonRegion, FusedVertices, ManifoldPatch, MergePatch, NoiseCorrelation, Overlap, OverlapFoot,
+    OverlapOptions, PatchOverlap, StitchOptions, StitchedMesh, fuse_patches, noise_correlation, searches_of,
+    stitch_patches, taper,
 };
 pub use mesh::{BoundingBox, Distortion, MeshCheck, TriangleMesh};
 pub use neighbours::Neighbours;
@@ -64,5 +86,5 @@ pub use sampling::{SurfacePoint, SurfaceSampler, sample_points};
 pub use search::{ClosestPoint, MeshSearch};
 pub use sets::DisjointSets;
 pub use triangle::{Feature, triangle_shape};
-pub use visibility::{DepthBuffer, Projected, Seen};
+pub use visibility::{DepthBuffer, DepthVisibility, Projected};
 pub use winding::WindingNumbers;

@@ -1,15 +1,17 @@
-//! Patches that overlap, merged into one surface.
+//! Merges overlapping patches into one surface.
 //!
-//! Comes in: triangle meshes in one frame, with σ along their normals or without. Goes out: one mesh,
-//! manifold whatever came in, with σ, the patch each vertex is of, and how it was sewn.
+//! In: triangle meshes in one frame, with or without σ along their normals. Out: one manifold mesh with σ,
+//! the source patch of each vertex, and statistics of the seams.
 //!
-//! Places that patches share ([`Overlap`]) are put where all of them say, weighed with their information
-//! ([`fused`]); then every place is given to one patch ([`zipped`]), what lies under it is cut away, and the
-//! gaps are sewn with the vertices that are there, which is the zipper of R. Mohr, C. Zhao, G. Koscielny
-//! (*Fusion of 3D B-spline surface patches*, 1994) and of G. Turk, M. Levoy (*Zippered polygon meshes*,
-//! 1994), without their clipping.
+//! 1. [`Overlap`] finds the regions that patches share.
+//! 2. [`fuse_patches`] moves shared vertices to the mean of all patches, weighted by information.
+//! 3. [`stitch_patches`] assigns every region to one patch, removes the other triangles there, and closes the
+//!    gaps with triangles between existing vertices.
 //!
-//! Not guaranteed: watertightness where no patch is; that patches that differ by more than ε become one.
+//! The last step is the zippering of R. Mohr, C. Zhao, G. Koscielny (*Fusion of 3D B-spline surface patches*,
+//! 1994) and of G. Turk, M. Levoy (*Zippered polygon meshes*, 1994), without their clipping.
+//!
+//! Not guaranteed: watertightness where there is no patch. Patches that differ by more than ε stay separate.
 
 mod border;
 mod front;
@@ -20,62 +22,82 @@ mod shared_noise;
 mod valence;
 
 pub use overlap::{CommonRegion, Overlap, OverlapFoot, OverlapOptions, PatchOverlap, searches_of};
-pub use shared_noise::{NoiseLikeness, noise_likeness};
+pub use shared_noise::{NoiseCorrelation, noise_correlation};
 
 use crate::filling::close_loops;
 use crate::mesh::TriangleMesh;
 use crate::sets::DisjointSets;
-use front::{SeamInput, sew};
+use front::{SeamInput, stitch};
 use manifold::{manifold, one_fan_each};
 use planish_estimate::vector3::{add_scaled, distance};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Over so many edges from its border a patch gains its whole weight in a mean. Over more of them scans that
-/// see a place at a slant, and end soon behind it, count for too little there.
+/// Distance from its border, in edges, at which a patch has its full weight in a mean.
+///
+/// A smaller distance leaves steps where a patch ends. With a larger one, scans that see a place at a grazing
+/// angle, and end close behind it, have too little weight there.
 pub(crate) const TAPER: f64 = 2.5;
-/// Vertices are sewn to others up to so many edges away.
+/// Maximum distance, in edges, between vertices that are joined across a gap.
+///
+/// A seam is one or two edges wide. A smaller reach leaves holes; a larger one bridges real gaps.
 const REACH: f64 = 3.5;
-/// Edges so many steps from the seams may be turned.
-const BESIDE_SEAMS: usize = 3;
-/// Parts of no more triangles are left out.
-const SMALLEST_PART: usize = 12;
-/// Holes of the seam with more edges are not closed.
-const LONGEST_SEAM_HOLE: usize = 60;
+/// Distance from the seams, in edges, up to which edges may be flipped.
+///
+/// More rings even out the valence better but change more of the measured triangles.
+const FLIP_RINGS: usize = 3;
+/// Components with at most this number of triangles are removed: they are remains of the cut or outliers.
+const MAX_FRAGMENT: usize = 12;
+/// Maximum number of edges of a hole in a seam that is closed.
+///
+/// Covers cost the cube of this number, and longer holes are rarely artefacts of the seam.
+const MAX_SEAM_HOLE: usize = 60;
 
-/// A patch made manifold, and what it is of.
+/// The manifold part of a mesh, with the origin of its vertices and triangles.
 #[derive(Debug, Clone)]
-pub struct Tidied {
+pub struct ManifoldPatch {
     /// The patch.
-    pub patch: Patch,
-    /// The vertex that each of its vertices was.
+    pub patch: MergePatch,
+    /// For each vertex, its index in the original mesh.
     pub vertices: Vec<u32>,
-    /// The triangle that each of its triangles was.
+    /// For each triangle, its index in the original mesh.
     pub triangles: Vec<u32>,
-    /// Triangles left out.
+    /// Number of triangles that were removed.
     pub dropped: usize,
 }
 
-/// A patch to be merged.
+/// A patch to be merged: a mesh in the common frame, and its σ.
 #[derive(Debug, Clone, Default)]
-pub struct Patch {
-    /// Its surface.
+pub struct MergePatch {
+    /// The surface, in the unit of the model.
     pub mesh: TriangleMesh,
-    /// σ along the normal, one of each vertex; none where it is not known.
+    /// σ of each vertex along its normal; empty if it is not known.
     pub sigma: Vec<f64>,
 }
 
-impl Patch {
-    /// A patch whose edges and vertices are manifold: triangles beyond the second at an edge are left out,
-    /// and fans taken apart.
+impl MergePatch {
+    /// Makes a mesh manifold: removes triangles beyond the second at an edge and splits vertices with several
+    /// fans.
     ///
     /// # Errors
-    /// `Input` for σ of another number than vertices, or a mesh that fails [`TriangleMesh::sanity_check`].
-    pub fn tidy(mesh: &TriangleMesh, sigma: &[f64]) -> Result<Tidied> {
+    /// `Input` if the numbers of σ and vertices differ, or if the mesh fails [`TriangleMesh::sanity_check`].
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_mesh::{MergePatch, icosphere};
+    /// let mut mesh = icosphere(1.0, 1);
+    /// // A third triangle at an edge.
+    /// mesh.triangles.push(mesh.triangles[0]);
+    /// let patch = MergePatch::make_manifold(&mesh, &[])?;
+    /// assert_eq!(patch.dropped, 1);
+    /// assert!(patch.patch.mesh.check().manifold);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
+    pub fn make_manifold(mesh: &TriangleMesh, sigma: &[f64]) -> Result<ManifoldPatch> {
         mesh.sanity_check()?;
         if !sigma.is_empty() && sigma.len() != mesh.positions.len() {
             return Err(Error::input(format!(
-                "{} vertices and {} values of sigma: one for each is needed",
+                "expected one value of sigma for each of the {} vertices, found {}",
                 mesh.positions.len(),
                 sigma.len()
             )));
@@ -86,7 +108,7 @@ impl Patch {
         } else {
             kept.source.iter().map(|v| sigma[*v as usize]).collect()
         };
-        Ok(Tidied {
+        Ok(ManifoldPatch {
             patch: Self { mesh: kept.mesh, sigma },
             dropped: mesh.triangles.len() - kept.triangles.len(),
             vertices: kept.source,
@@ -95,51 +117,61 @@ impl Patch {
     }
 }
 
-/// Where the vertices of a patch come to lie, and σ there.
+/// Fused positions of the vertices of a patch, and their σ.
 #[derive(Debug, Clone, Default)]
-pub struct Fused {
-    /// New places.
+pub struct FusedVertices {
+    /// New position of each vertex.
     pub positions: Vec<[f64; 3]>,
-    /// σ along the normals.
+    /// σ of each vertex along its normal.
     pub sigma: Vec<f64>,
 }
 
-/// How patches are sewn.
+/// Options of [`stitch_patches`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct ZipOptions {
-    /// Holes of up to so many edges are closed without new vertices, those of the patches too. None are where
-    /// it is zero.
+pub struct StitchOptions {
+    /// Maximum number of edges of holes that are closed without new vertices, including holes of the patches.
+    ///
+    /// Default: 0, which closes only holes of the seams.
     pub notches: usize,
 }
 
-/// Patches sewn into one mesh.
+/// Patches stitched into one mesh.
 #[derive(Debug, Clone)]
-pub struct Zipped {
+pub struct StitchedMesh {
     /// The mesh.
     pub mesh: TriangleMesh,
-    /// σ along the normal.
+    /// σ of each vertex along its normal.
     pub sigma: Vec<f64>,
-    /// The patch each vertex is of, and its number there.
+    /// For each vertex, its patch and its index there.
     pub source: Vec<(u32, u32)>,
-    /// Whether a triangle of the seams meets the vertex.
+    /// For each vertex, true if it belongs to a triangle of a seam.
     pub stitched: Vec<bool>,
-    /// Triangles of the patches that were kept; the others are the seams'.
+    /// Number of triangles from the patches; they come first. The others belong to the seams.
     pub kept: usize,
-    /// Holes of the seams, and of the patches where asked for, that were closed.
+    /// Number of closed holes, in seams and (if requested) in patches.
     pub holes_closed: usize,
-    /// Parts of a few triangles that were left out.
+    /// Number of small components that were removed.
     pub fragments: usize,
-    /// Edges that were turned to even out how many meet at a vertex.
+    /// Number of edges that were flipped to even out the valence.
     pub turned: usize,
-    /// How many vertices of the seams have how many edges.
+    /// Histogram of the valence of seam vertices: entry `n` counts vertices with `n` edges.
     pub valence: Vec<usize>,
 }
 
-/// The weight of a place of a patch: nothing at the border, one from 2.5 edges on, smooth between; one where
-/// there is no border.
+/// Weight of a point of a patch, by its distance to the border: 0 at the border, 1 from 2.5 edges on, and
+/// smooth (3t² − 2t³) between. A patch without a border (NaN or infinite distance) has the weight 1.
+///
+/// `to_border` and `spacing` (mean edge length) are in the unit of the model.
+///
+/// # Examples
+/// ```
+/// assert_eq!(planish_mesh::taper(0.0, 1.0), 0.0);
+/// assert_eq!(planish_mesh::taper(2.5, 1.0), 1.0);
+/// assert_eq!(planish_mesh::taper(f64::INFINITY, 1.0), 1.0);
+/// ```
 #[must_use]
 pub fn taper(to_border: f64, spacing: f64) -> f64 {
-    // Infinitely far times no weight of a corner is no number.
+    // Interpolation of infinite distances gives NaN (∞ · 0): no border.
     if to_border.is_nan() {
         return 1.0;
     }
@@ -147,14 +179,14 @@ pub fn taper(to_border: f64, spacing: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Vertices moved along their normals to where all patches together see the surface.
+/// Moves shared vertices along their normals to the weighted mean of all patches.
 ///
-/// `h = Σ_k w_k h_k / Σ_k w_k` with `w_k = t_k / σ_k²`, `h` the height over the vertex, and `t` from nothing
-/// at the border of a patch to one in its middle, so that no step is left where a patch ends. Errors of
-/// different patches are taken as independent: `σ² = Σ w_k² σ_k² / (Σ w_k)²`. The order of the patches does
-/// not matter.
+/// `h = Σ_k w_k h_k / Σ_k w_k` with `w_k = t_k / σ_k²`, where `h` is the height over the vertex. The factor
+/// `t` ([`taper`]) rises from 0 at the border of a patch to 1 inside, so that no step remains where a patch
+/// ends. Errors of different patches are assumed to be independent: `σ² = Σ w_k² σ_k² / (Σ w_k)²`. The result
+/// does not depend on the order of the patches.
 #[must_use]
-pub fn fused(patches: &[Patch], overlap: &Overlap) -> Vec<Fused> {
+pub fn fuse_patches(patches: &[MergePatch], overlap: &Overlap) -> Vec<FusedVertices> {
     patches
         .iter()
         .zip(&overlap.patches)
@@ -179,27 +211,54 @@ pub fn fused(patches: &[Patch], overlap: &Overlap) -> Vec<Fused> {
                 (position, squares.sqrt() / weight)
             };
             let (positions, sigma) = (0..patch.mesh.positions.len()).into_par_iter().map(at).unzip();
-            Fused { positions, sigma }
+            FusedVertices { positions, sigma }
         })
         .collect()
 }
 
-/// Patches whose common places agree, sewn into one mesh.
+/// Stitches fused patches into one mesh with manifold edges and vertices.
 ///
-/// Every place is given to the patch whose border is farthest, the first of several. Edges and vertices of
-/// the result are manifold.
+/// Every region is assigned to the patch whose border is farthest away; among equals, to the first.
 ///
 /// # Errors
-/// `Input` where the vertices of `fused` are not those of the patches.
-pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &ZipOptions) -> Result<Zipped> {
+/// `Input` if `fused` does not have one position and one σ for each vertex of each patch.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::{
+///     MergePatch, Overlap, OverlapOptions, StitchOptions, fuse_patches, grid_sheet, stitch_patches,
+/// };
+///
+/// // Two sheets that overlap by a quarter of their width.
+/// let left = grid_sheet(8.0, 8.0, 16, 16);
+/// let mut right = left.clone();
+/// right.positions.iter_mut().for_each(|p| p[0] += 6.2);
+/// let patches = [left, right].map(|mesh| {
+///     let sigma = vec![0.01; mesh.positions.len()];
+///     MergePatch { mesh, sigma }
+/// });
+/// let overlap = Overlap::find(&patches, &OverlapOptions::default())?;
+/// let fused = fuse_patches(&patches, &overlap);
+/// let stitched = stitch_patches(&patches, &overlap, &fused, &StitchOptions::default())?;
+/// let check = stitched.mesh.check();
+/// assert!(check.manifold && check.components == 1);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+pub fn stitch_patches(
+    patches: &[MergePatch],
+    overlap: &Overlap,
+    fused: &[FusedVertices],
+    options: &StitchOptions,
+) -> Result<StitchedMesh> {
     let same = fused.len() == patches.len()
         && fused
             .iter()
             .zip(patches)
             .all(|(f, p)| f.positions.len() == p.mesh.positions.len() && f.sigma.len() == f.positions.len());
     if !same {
-        return Err(Error::input("a place and a sigma are needed for each vertex of each patch"));
+        return Err(Error::input("expected one fused position and one sigma for each vertex of each patch"));
     }
+    // Cut: every region keeps the triangles of one patch.
     let kept = ownership::kept_triangles(patches, overlap);
     let starts: Vec<u32> = patches
         .iter()
@@ -216,7 +275,8 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
     }
     let patch_of = |v: u32| starts.partition_point(|s| *s <= v) - 1;
     let count: usize = patches.iter().map(|p| p.mesh.positions.len()).sum();
-    // Fans that meet in a vertex after cutting may be sewn together again: they are taken apart last.
+    // The cut can leave several fans at a vertex. The seams may join them again, so they are split
+    // afterwards.
     let vertex = renumber(&mut triangles, count);
     let source: Vec<(u32, u32)> = vertex
         .iter()
@@ -233,6 +293,7 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
         source.iter().map(read).map(|(p, v)| REACH * overlap.patches[p].spacing[v]).collect();
     let was_border: Vec<bool> =
         source.iter().map(read).map(|(p, v)| overlap.patches[p].to_border[v] == 0.0).collect();
+    // Stitch: triangles between different patches, or along edges that the cut has opened.
     let kept = triangles.len();
     let may_join = |t: [u32; 3]| {
         let [a, b, c] = t.map(|v| v as usize);
@@ -240,7 +301,7 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
             || source[a].0 != source[b].0
             || source[b].0 != source[c].0
     };
-    sew(
+    stitch(
         &SeamInput { positions: &positions, normals: &normals, reach: &reach, may_join: &may_join },
         &mut triangles,
     );
@@ -251,15 +312,16 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
         let edges = (0..hole.len()).map(|k| [hole[k], hole[(k + 1) % hole.len()]]);
         let length: f64 = edges.map(|[a, b]| distance(positions[a as usize], positions[b as usize])).sum();
         let most = hole.iter().map(|v| reach[*v as usize]).fold(0.0, f64::max);
-        // Once round a hole that could have been sewn across.
+        // A hole that could have been stitched across has a circumference of at most four reaches.
         hole.len() <= options.notches || cut && length <= 4.0 * most
     };
-    let longest = LONGEST_SEAM_HOLE.max(options.notches);
+    let longest = MAX_SEAM_HOLE.max(options.notches);
     let holes_closed = close_loops(&positions, &normals, &mut triangles, longest, of_seam);
     let (mut triangles, again) = one_fan_each(triangles, positions.len());
+    // Clean up: remove fragments, then even out the valence near the seams.
     let smallest = patches.iter().map(|p| p.mesh.triangles.len()).min().unwrap_or(0);
     let (kept, fragments) =
-        drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(SMALLEST_PART));
+        drop_fragments(&mut triangles, kept, again.len(), (smallest / 10).min(MAX_FRAGMENT));
     let left = renumber(&mut triangles, again.len());
     let of_old: Vec<u32> = left.into_iter().map(|v| again[v as usize]).collect();
     let positions: Vec<[f64; 3]> = of_old.iter().map(|v| positions[*v as usize]).collect();
@@ -270,7 +332,7 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
             stitched[*v as usize] = true;
         }
     }
-    let (turned, valence) = valence::even_out(&positions, &mut triangles, &stitched, BESIDE_SEAMS);
+    let (turned, valence) = valence::even_out(&positions, &mut triangles, &stitched, FLIP_RINGS);
     let mut histogram = Vec::new();
     for (v, n) in valence.into_iter().enumerate() {
         if stitched[v] {
@@ -279,7 +341,7 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
         }
     }
     let sigma = source.iter().map(read).map(|(p, v)| fused[p].sigma[v]).collect();
-    Ok(Zipped {
+    Ok(StitchedMesh {
         mesh: TriangleMesh::try_new(positions, triangles)?,
         sigma,
         source,
@@ -292,7 +354,7 @@ pub fn zipped(patches: &[Patch], overlap: &Overlap, fused: &[Fused], options: &Z
     })
 }
 
-/// Numbers the vertices in use anew, in their order; gives the old number of each.
+/// Renumbers the used vertices in their order and returns the old index of each.
 fn renumber(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
     let mut used = vec![false; count];
     for v in triangles.iter().flatten() {
@@ -309,8 +371,9 @@ fn renumber(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
     old
 }
 
-/// Leaves out parts of at most `smallest` triangles: what was left over where patches lie on one another, or
-/// single wrong readings. Gives how many of the first `kept` triangles are left, and how many parts are not.
+/// Removes components of at most `smallest` triangles: remains of the cut, or single outliers.
+///
+/// Returns how many of the first `kept` triangles remain, and how many components were removed.
 fn drop_fragments(
     triangles: &mut Vec<[u32; 3]>,
     kept: usize,

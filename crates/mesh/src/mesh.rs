@@ -1,8 +1,6 @@
-//! The triangle mesh.
+//! The triangle mesh: positions and triangles, with normals, area, volume and bounding box.
 //!
-//! Comes in: positions in the model's unit and triangles of indices into them. Goes out: normals, area,
-//! volume, box. Not guaranteed: manifoldness, closedness, or triangles with area; [`TriangleMesh::check`]
-//! tells.
+//! A mesh may be open, non-manifold or have triangles without area; [`TriangleMesh::check`] reports this.
 
 use rayon::prelude::*;
 use std::collections::{HashMap, HashSet};
@@ -16,51 +14,74 @@ use crate::edges::EdgeTable;
 use crate::triangle;
 pub use check::MeshCheck;
 
-/// Triangles beside a fold are turned away from one another by more than 120°.
+/// Cosine between the normals of two neighbouring triangles below which the edge is a fold: 120°.
+///
+/// A smaller angle would report sharp bends of a deformed part as folds.
 const FOLDED_COSINE: f64 = -0.5;
-/// An edge is stretched where it grew by so many times what the median edge did.
+/// Growth of an edge, relative to the median edge, above which it counts as stretched.
+///
+/// A smaller factor reports legitimate stretching as spikes; a larger one misses small spikes.
 const STRETCHED: f64 = 4.0;
 
-/// What became of triangles whose vertices were moved.
+/// Folds and spikes after the vertices of a mesh were moved; see [`TriangleMesh::distortion`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Distortion {
-    /// Edges of two triangles that stood at less than a right angle to one another, and are turned away by
-    /// more than 120° now.
+    /// Number of edges whose two triangles enclosed less than 90° (between normals) before, and more than
+    /// 120° now.
     pub folds: usize,
-    /// Edges that grew by four times what the median edge did, and more: spikes.
+    /// Number of edges that grew by more than four times the growth of the median edge (spikes).
     pub stretched: usize,
 }
 
 /// Triangles over shared vertices.
 ///
-/// Invariants, proved by [`TriangleMesh::sanity_check`]: every position is finite, every index is below
-/// `positions.len()`. A triangle is counter-clockwise seen from outside. Triangles may name a vertex twice
-/// and vertices may be unused.
+/// Invariants, tested by [`TriangleMesh::sanity_check`]: every position is finite, and every index is below
+/// `positions.len()`. Triangles are counter-clockwise seen from outside. Triangles may contain a vertex
+/// twice, and vertices may be unused.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::TriangleMesh;
+/// let corners = vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// let mesh = TriangleMesh::try_new(corners.clone(), vec![[0, 1, 2]])?;
+/// assert_eq!((mesh.area(), mesh.face_normals()[0]), (1.0, [0.0, 0.0, 1.0]));
+/// assert!(TriangleMesh::try_new(corners, vec![[0, 1, 3]]).is_err());
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TriangleMesh {
-    /// Vertex positions in the model's unit.
+    /// Vertex positions in the unit of the model.
     pub positions: Vec<[f64; 3]>,
-    /// Vertex indices, three to a triangle.
+    /// Three vertex indices for each triangle.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// An axis-parallel box.
+/// An axis-aligned box.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::BoundingBox;
+/// let bounds = BoundingBox::from_points(&[[0.0, 1.0, 2.0], [4.0, -1.0, 2.0]]).expect("two points");
+/// assert_eq!((bounds.min, bounds.max), ([0.0, -1.0, 2.0], [4.0, 1.0, 2.0]));
+/// assert_eq!(bounds.center(), [2.0, 0.0, 2.0]);
+/// assert_eq!(BoundingBox::from_points(&[]), None);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoundingBox {
-    /// Least coordinates.
+    /// Minimum coordinates.
     pub min: [f64; 3],
-    /// Greatest coordinates.
+    /// Maximum coordinates.
     pub max: [f64; 3],
 }
 
 impl BoundingBox {
-    /// The box around points, `None` for no points.
+    /// The box around points; `None` without points.
     #[must_use]
-    pub fn of(points: &[[f64; 3]]) -> Option<Self> {
+    pub fn from_points(points: &[[f64; 3]]) -> Option<Self> {
         Self::around(points.iter().copied())
     }
 
-    /// The box around points that come one by one, `None` for no points.
+    /// The box around the points of an iterator; `None` without points.
     pub fn around(mut points: impl Iterator<Item = [f64; 3]>) -> Option<Self> {
         let first = points.next()?;
         Some(points.fold(Self { min: first, max: first }, |b, p| Self {
@@ -69,7 +90,7 @@ impl BoundingBox {
         }))
     }
 
-    /// The middle of the box.
+    /// The centre of the box.
     #[must_use]
     pub fn center(&self) -> [f64; 3] {
         scale(0.5, add(self.min, self.max))
@@ -83,18 +104,18 @@ impl BoundingBox {
 }
 
 impl TriangleMesh {
-    /// A mesh of checked positions and triangles.
+    /// Creates a mesh and checks its invariants.
     ///
     /// # Errors
-    /// `Input` for a position that is not finite, an index beyond the vertices, or more vertices or triangles
-    /// than 32-bit indices (and three half-edges a triangle) can number.
+    /// `Input` for a position that is not finite, an index beyond the vertices, or too many vertices or
+    /// triangles for 32-bit indices (each triangle needs three half-edges).
     pub fn try_new(positions: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self> {
         let mesh = Self { positions, triangles };
         mesh.sanity_check()?;
         Ok(mesh)
     }
 
-    /// Proves the invariants of the type.
+    /// Checks the invariants of the type.
     ///
     /// # Errors
     /// As [`TriangleMesh::try_new`].
@@ -115,7 +136,8 @@ impl TriangleMesh {
         let count = self.positions.len();
         if let Some(at) = self.triangles.iter().position(|t| t.iter().any(|&i| i as usize >= count)) {
             return Err(Error::input(format!(
-                "triangle {at} names vertices {:?}, but there are only {count} vertices (counted from 0)",
+                "triangle {at} refers to vertices {:?}, but the mesh has only {count} vertices (counted \
+                 from 0)",
                 self.triangles[at]
             )));
         }
@@ -125,7 +147,7 @@ impl TriangleMesh {
     /// The corners of triangle `index`.
     ///
     /// # Panics
-    /// Where there is no such triangle.
+    /// If there is no such triangle.
     #[inline]
     #[must_use]
     pub fn corners(&self, index: usize) -> [[f64; 3]; 3] {
@@ -135,37 +157,38 @@ impl TriangleMesh {
     /// The point `Σ b_k corner_k` of triangle `index`.
     ///
     /// # Panics
-    /// Where there is no such triangle.
+    /// If there is no such triangle.
     #[must_use]
     pub fn point_at(&self, index: usize, barycentric: [f64; 3]) -> [f64; 3] {
         triangle::point_at(&self.corners(index), barycentric)
     }
 
-    /// The vertex values `values` interpolated linearly at a point of triangle `index`.
+    /// Interpolates vertex values linearly at a point of triangle `index`.
     ///
     /// # Panics
-    /// Where there is no such triangle, or fewer values than vertices.
+    /// If there is no such triangle, or fewer values than vertices.
     #[must_use]
     pub fn interpolate(&self, values: &[f64], index: usize, barycentric: [f64; 3]) -> f64 {
         dot(self.triangles[index].map(|i| values[i as usize]), barycentric)
     }
 
-    /// The unit normal of each triangle, zero where a triangle has no area.
+    /// The unit normal of each triangle; zero if it has no area.
     #[must_use]
     pub fn face_normals(&self) -> Vec<[f64; 3]> {
         (0..self.triangles.len()).map(|t| triangle::unit_normal(&self.corners(t))).collect()
     }
 
-    /// The unit normal of each vertex: the normals of its triangles weighted by their angle there.
+    /// The unit normal of each vertex: the mean of its triangle normals, weighted by their angles there.
     ///
-    /// Zero for a vertex without triangles, or whose triangles cancel. Cost O(triangles).
+    /// Zero for a vertex without triangles, or if the normals cancel. Cost O(triangles).
     ///
     /// # References
     /// Thürmer and Wüthrich, *Computing vertex normals from polygonal facets*, Journal of Graphics Tools
     /// 1998.
     #[must_use]
     pub fn vertex_normals(&self) -> Vec<[f64; 3]> {
-        // Angles take the time; they are added up in one order.
+        // Angles are the expensive part and computed in parallel. The sums have a fixed order, so that
+        // results do not depend on the number of threads.
         let of_triangles: Vec<([f64; 3], [f64; 3])> = (0..self.triangles.len())
             .into_par_iter()
             .with_min_len(1024)
@@ -190,15 +213,15 @@ impl TriangleMesh {
         (0..self.triangles.len()).map(|t| triangle::area(&self.corners(t))).sum()
     }
 
-    /// The enclosed volume, positive where the triangles face outwards; `None` unless the mesh is watertight
-    /// and consistently oriented. Parts that overlap count twice. Cost: one [`TriangleMesh::check`].
+    /// The enclosed volume, positive if the triangles face outwards; `None` unless the mesh is watertight and
+    /// consistently oriented. Overlapping parts count twice. Cost: one [`TriangleMesh::check`].
     #[must_use]
     pub fn signed_volume(&self) -> Option<f64> {
         let check = self.check();
         if !(check.watertight && check.oriented) {
             return None;
         }
-        // From the middle of the box, so that a far-away origin costs no digits.
+        // Relative to the centre of the box: a far origin would lose digits by cancellation.
         let origin = self.bounding_box()?.center();
         let six_volumes = (0..self.triangles.len()).map(|t| {
             let [a, b, c] = self.corners(t).map(|p| sub(p, origin));
@@ -210,24 +233,23 @@ impl TriangleMesh {
     /// The box around all vertices, used or not; `None` without vertices.
     #[must_use]
     pub fn bounding_box(&self) -> Option<BoundingBox> {
-        BoundingBox::of(&self.positions)
+        BoundingBox::from_points(&self.positions)
     }
 
-    /// The box of the vertices that triangles have: a vertex that none has is no part of the surface, however
-    /// far away it is.
+    /// The box around the vertices of triangles. Unused vertices, which may be far away, are ignored.
     #[must_use]
     pub fn surface_bounds(&self) -> Option<BoundingBox> {
         let corners = self.triangles.iter().flatten();
         BoundingBox::around(corners.map(|v| self.positions[*v as usize]))
     }
 
-    /// The triangles without those that lie on an earlier one: with the same three corners in space,
-    /// whichever way round.
+    /// The triangles without duplicates. A duplicate has the same three positions as an earlier triangle, in
+    /// any order.
     #[must_use]
     pub fn triangles_once(&self) -> Vec<[u32; 3]> {
         let mut known = HashSet::with_capacity(self.triangles.len());
         let key = |t: &[u32; 3]| {
-            // Zero has two signs.
+            // Adding zero turns −0 into 0, so that both have the same key.
             let mut corners = t.map(|v| self.positions[v as usize].map(|x| (x + 0.0).to_bits()));
             corners.sort_unstable();
             corners
@@ -236,15 +258,15 @@ impl TriangleMesh {
         self.triangles.iter().filter(first).copied().collect()
     }
 
-    /// What became of the triangles where the vertices now are.
+    /// Counts the folds and spikes that appear if the vertices move to the positions `now`.
     ///
     /// # Panics
-    /// Where `now` has fewer places than the mesh has vertices.
+    /// If `now` has fewer positions than the mesh has vertices.
     #[must_use]
     pub fn distortion(&self, now: &[[f64; 3]]) -> Distortion {
         let normal =
             |t: usize, at: &[[f64; 3]]| triangle::unit_normal(&self.triangles[t].map(|v| at[v as usize]));
-        let table = EdgeTable::of(&self.triangles);
+        let table = EdgeTable::new(&self.triangles);
         let folded = |edge: usize| {
             let [a, b] = *table.half_edges(edge) else {
                 return false;
@@ -266,14 +288,14 @@ impl TriangleMesh {
         }
     }
 
-    /// What kind of mesh this is: open, closed, manifold, oriented, of how many parts. Cost O(n log n).
+    /// Checks the topology: open or closed, manifold, oriented, number of components. Cost O(n log n).
     #[must_use]
     pub fn check(&self) -> MeshCheck {
         MeshCheck::new(self)
     }
 
-    /// The same triangles over vertices merged where their coordinates are equal, first come first; unused
-    /// vertices stay. Triangle soups (STL) need this before [`TriangleMesh::check`] says anything.
+    /// Merges vertices with equal coordinates; unused vertices stay. Triangle soups (STL) have no shared
+    /// vertices, so that [`TriangleMesh::check`] is meaningful only afterwards.
     #[must_use]
     pub fn welded(&self) -> Self {
         let mut first = HashMap::with_capacity(self.positions.len());
@@ -282,7 +304,7 @@ impl TriangleMesh {
             .positions
             .iter()
             .map(|&p| {
-                // Adding zero makes −0 and 0 one key.
+                // Adding zero turns −0 into 0, so that both have the same key.
                 *first.entry(p.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
                     positions.push(p);
                     (positions.len() - 1) as u32
@@ -302,7 +324,7 @@ mod tests {
     use std::f64::consts::PI;
 
     #[test]
-    fn bad_indices_and_coordinates_are_refused() {
+    fn invalid_indices_and_coordinates_are_rejected() {
         let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
         let beyond = TriangleMesh::try_new(positions.clone(), vec![[0, 1, 2], [0, 1, 3]]).unwrap_err();
         assert_eq!(beyond.kind(), ErrorKind::Input);

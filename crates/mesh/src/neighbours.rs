@@ -1,8 +1,18 @@
-//! Which vertices of a mesh edges join.
+//! Adjacency of the vertices of a mesh.
 
 use crate::mesh::TriangleMesh;
 
 /// The neighbours of every vertex along edges.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::{Neighbours, grid_sheet};
+/// // Two triangles over four vertices; both contain vertices 0 and 3.
+/// let neighbours = Neighbours::from_mesh(&grid_sheet(1.0, 1.0, 1, 1));
+/// let mut around = neighbours.of_vertex(0).to_vec();
+/// around.sort_unstable();
+/// assert_eq!(around, [1, 2, 3, 3]);
+/// ```
 #[derive(Debug, Clone)]
 pub struct Neighbours {
     starts: Vec<u32>,
@@ -10,9 +20,9 @@ pub struct Neighbours {
 }
 
 impl Neighbours {
-    /// Cost O(n).
+    /// Collects the neighbours of a mesh. Cost O(n).
     #[must_use]
-    pub fn of(mesh: &TriangleMesh) -> Self {
+    pub fn from_mesh(mesh: &TriangleMesh) -> Self {
         let mut starts = vec![0_u32; mesh.positions.len() + 1];
         for v in mesh.triangles.iter().flatten() {
             starts[*v as usize + 1] += 2;
@@ -34,10 +44,10 @@ impl Neighbours {
         Self { starts, all }
     }
 
-    /// Those of one vertex. Along an edge of two triangles each comes twice.
+    /// Neighbours of one vertex. A neighbour occurs once for each triangle at the common edge, usually twice.
     ///
     /// # Panics
-    /// Where there is no such vertex.
+    /// If there is no such vertex.
     #[must_use]
     pub fn of_vertex(&self, vertex: u32) -> &[u32] {
         &self.all[self.starts[vertex as usize] as usize..self.starts[vertex as usize + 1] as usize]

@@ -32,7 +32,7 @@ pub(crate) struct Feet {
 /// Facets side by side.
 pub(crate) trait Packet {
     /// One to [`LANES`] facets, and their indices.
-    fn of(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self;
+    fn new(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self;
 
     /// The index of a lane's facet.
     fn facet(&self, lane: usize) -> u32;
@@ -59,7 +59,7 @@ pub(crate) struct TrianglePacket {
 }
 
 impl Packet for TrianglePacket {
-    fn of(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self {
+    fn new(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self {
         let mut made = Self {
             a: [[0.0; LANES]; 3],
             ab: [[0.0; LANES]; 3],
@@ -226,7 +226,7 @@ pub(crate) struct PointPacket {
 }
 
 impl Packet for PointPacket {
-    fn of(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self {
+    fn new(corners: &[[[f64; 3]; 3]], facets: &[u32]) -> Self {
         let of = |lane: usize| if lane < corners.len() { lane } else { 0 };
         Self {
             at: std::array::from_fn(|k| std::array::from_fn(|lane| corners[of(lane)][0][k])),
@@ -294,7 +294,7 @@ mod tests {
                 })
                 .collect();
             let facets: Vec<u32> = (0..count as u32).map(|k| k + 5).collect();
-            let packet = TrianglePacket::of(&corners, &facets);
+            let packet = TrianglePacket::new(&corners, &facets);
             let at: [f64; 3] = match round % 3 {
                 0 => corners[count - 1][1],
                 _ => std::array::from_fn(|_| random.random_range(-2.0..2.0)),

@@ -75,13 +75,13 @@ impl MeshSearch {
                 "a mesh without triangles has no closest points: give one with faces",
             ));
         }
-        let bvh = Bvh::of(mesh.triangles.len(), |t| mesh.corners(t));
+        let bvh = Bvh::new(mesh.triangles.len(), |t| mesh.corners(t));
         let mut slots = vec![0; mesh.triangles.len()];
         for (slot, &t) in bvh.triangles.iter().enumerate() {
             slots[t as usize] = slot as u32;
         }
         let welded = mesh.welded();
-        let table = EdgeTable::of(&welded.triangles);
+        let table = EdgeTable::new(&welded.triangles);
         let face_normals = welded.face_normals();
         let mut edge_normals = vec![[0.0; 3]; table.len()];
         let mut boundary_edges = vec![false; table.len()];

@@ -1,11 +1,10 @@
-//! Disjoint sets.
+//! Disjoint sets (union-find).
 //!
-//! Comes in: numbers from 0, and pairs of them that belong together. Goes out: sets, each named by its least
-//! member. Cost: next to constant for each step (R. Tarjan, *Efficiency of a good but not linear set union
-//! algorithm*, 1975, with paths halved). Not guaranteed: anything for numbers beyond the count, for which
-//! steps panic.
+//! In: numbers from 0, and pairs that belong together. Out: sets, each identified by its smallest member.
+//! Cost: almost constant for each step (R. Tarjan, *Efficiency of a good but not linear set union algorithm*,
+//! 1975, with path halving).
 
-/// Disjoint sets of numbers; the root of a set is its least member.
+/// Disjoint sets of numbers; the root of a set is its smallest member.
 ///
 /// # Examples
 /// ```
@@ -19,31 +18,32 @@ pub struct DisjointSets {
 }
 
 impl DisjointSets {
-    /// Each number alone.
+    /// Creates one set for each number below `count`.
     #[must_use]
     pub fn new(count: usize) -> Self {
         Self { parent: (0..count as u32).collect() }
     }
 
-    /// The least member of a number's set.
+    /// The smallest member of the set of a number.
     ///
     /// # Panics
-    /// Where there is no such number.
-    pub fn root(&mut self, mut of: u32) -> u32 {
-        while self.parent[of as usize] != of {
-            let above = self.parent[self.parent[of as usize] as usize];
-            self.parent[of as usize] = above;
-            of = above;
+    /// If a number is not below the count.
+    pub fn root(&mut self, mut number: u32) -> u32 {
+        while self.parent[number as usize] != number {
+            let above = self.parent[self.parent[number as usize] as usize];
+            self.parent[number as usize] = above;
+            number = above;
         }
-        of
+        number
     }
 
-    /// Makes the sets of two numbers one; whether they were two.
+    /// Joins the sets of two numbers; returns false if they were joined already.
     ///
     /// # Panics
-    /// Where there is no such number.
+    /// If a number is not below the count.
     pub fn join(&mut self, a: u32, b: u32) -> bool {
         let (a, b) = (self.root(a), self.root(b));
+        // The smaller root stays, so that the result does not depend on the order of the pairs.
         self.parent[a.max(b) as usize] = a.min(b);
         a != b
     }

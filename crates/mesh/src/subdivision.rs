@@ -27,7 +27,7 @@ impl TriangleMesh {
         let welded = self.welded();
         let triangles: Vec<[u32; 3]> =
             (welded.triangles.iter().copied()).filter(|t| !is_collapsed(*t)).collect();
-        let table = EdgeTable::of(&triangles);
+        let table = EdgeTable::new(&triangles);
         let old = &welded.positions;
         let inner = |edge: usize| table.half_edges(edge).len() == 2;
         let mut around: Vec<(usize, [f64; 3])> = vec![(0, [0.0; 3]); old.len()];

@@ -1,16 +1,17 @@
-//! One triangle: its normal, its angles, and the point of it that is closest to another point.
+//! Properties of one triangle: normal, angles, area, and its closest point to another point.
 //!
-//! Comes in: three corners, in any position, coincident ones included. Goes out: numbers that stay finite.
-//! Not guaranteed: a direction for a triangle without area; its normal is zero.
+//! In: three corners in any position, which may coincide. Out: finite numbers. A triangle without area has a
+//! zero normal.
 
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
 
-/// Height over longest edge at which a triangle counts as having no area. At this ratio the rounding of
-/// corners of the size of the triangle turns its normal by about 2e-16 / 1e-12 rad, still harmless; ten times
-/// thinner it would not be.
+/// Ratio of height to longest edge at which a triangle counts as having no area.
+///
+/// At this ratio, rounding of the corners turns the normal by about 2e-16 / 1e-12 rad, which is harmless. For
+/// thinner triangles the normal becomes arbitrary.
 const DEGENERATE_RATIO: f64 = 1e-12;
 
-/// The part of a triangle that a point lies on. Corner `k` is the k-th index of the triangle; edge `k` runs
+/// The part of a triangle on which a point lies. Corner `k` is the k-th index of the triangle; edge `k` runs
 /// from corner `k` to corner `(k + 1) % 3`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Feature {
@@ -31,7 +32,7 @@ pub(crate) struct Foot {
     pub feature: Feature,
 }
 
-/// `(b − a) × (c − a)`, with zero for a triangle that has no area worth a direction.
+/// `(b − a) × (c − a)`, or zero for a triangle that is too thin for a reliable direction.
 #[inline]
 pub(crate) fn area_vector(t: &[[f64; 3]; 3]) -> [f64; 3] {
     let (ab, ac) = (sub(t[1], t[0]), sub(t[2], t[0]));
@@ -53,7 +54,7 @@ pub(crate) fn unit_or_zero(a: [f64; 3]) -> [f64; 3] {
 
 /// The three interior angles in radians.
 pub(crate) fn angles(t: &[[f64; 3]; 3]) -> [f64; 3] {
-    // All three have the doubled area as their sine's numerator, and the last is what the others leave.
+    // The sine of each angle has twice the area in its numerator; the third angle is π minus the others.
     let doubled = norm(area_vector(t));
     let [first, second] = [0, 1].map(|k| {
         let (a, b) = (sub(t[(k + 1) % 3], t[k]), sub(t[(k + 2) % 3], t[k]));
@@ -62,8 +63,16 @@ pub(crate) fn angles(t: &[[f64; 3]; 3]) -> [f64; 3] {
     [first, second, (std::f64::consts::PI - first - second).max(0.0)]
 }
 
-/// A triangle's smallest angle, in radians, and its longest edge over the height on it: 1.15 at best,
-/// infinite without area.
+/// Smallest angle of a triangle in radians, and its aspect ratio: longest edge over the height on it.
+///
+/// The aspect ratio is at least 1.15 (equilateral) and infinite without area.
+///
+/// # Examples
+/// ```
+/// let (smallest, aspect) = planish_mesh::triangle_shape(&[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+/// assert!((smallest.to_degrees() - 45.0).abs() < 1e-9);
+/// assert!((aspect - 2.0).abs() < 1e-9);
+/// ```
 #[must_use]
 pub fn triangle_shape(corners: &[[f64; 3]; 3]) -> (f64, f64) {
     let longest = (0..3).map(|k| norm(sub(corners[(k + 1) % 3], corners[k]))).fold(0.0, f64::max);
@@ -71,9 +80,10 @@ pub fn triangle_shape(corners: &[[f64; 3]; 3]) -> (f64, f64) {
     (smallest_angle(corners), longest * longest / doubled)
 }
 
-/// What of a triangle's area a corner has: what is nearest to it, or, where one angle is obtuse, half of the
-/// area for that corner and a quarter for the others, so that the areas of a mesh add up to its own (M.
-/// Meyer, M. Desbrun, P. Schröder, A. Barr, 2003, figure 4).
+/// Mixed Voronoi area of corner `k`: the part of the triangle that is nearest to it.
+///
+/// In an obtuse triangle, the obtuse corner has half of the area and the others a quarter each, so that the
+/// areas add up to that of the mesh (M. Meyer, M. Desbrun, P. Schröder, A. Barr, 2003, figure 4).
 pub(crate) fn mixed_area(corners: &[[f64; 3]; 3], k: usize) -> f64 {
     let whole = area(corners);
     let [p, q, r] = [0, 1, 2].map(|i| corners[(k + i) % 3]);
@@ -84,12 +94,12 @@ pub(crate) fn mixed_area(corners: &[[f64; 3]; 3], k: usize) -> f64 {
     if cosines[1] <= 0.0 || cosines[2] <= 0.0 || whole == 0.0 {
         return 0.25 * whole;
     }
-    // |pq|² cot r + |pr|² cot q, over eight; the cotangent is the cosine over twice the area.
+    // (|pq|² cot r + |pr|² cot q) / 8, where each cotangent is the dot product over twice the area.
     let squared = |a: [f64; 3], b: [f64; 3]| dot(sub(a, b), sub(a, b));
     (squared(p, q) * cosines[2] + squared(p, r) * cosines[1]) / (16.0 * whole)
 }
 
-/// The smallest angle in radians: the one across the shortest edge.
+/// Smallest angle in radians: the one opposite to the shortest edge.
 pub(crate) fn smallest_angle(corners: &[[f64; 3]; 3]) -> f64 {
     let across: [f64; 3] = std::array::from_fn(|k| {
         let edge = sub(corners[(k + 2) % 3], corners[(k + 1) % 3]);
@@ -113,11 +123,11 @@ fn has_area(squared_cross: f64, ab: [f64; 3], ac: [f64; 3]) -> bool {
     squared_cross > (DEGENERATE_RATIO * longest) * (DEGENERATE_RATIO * longest)
 }
 
-/// The closest point of triangle `t` to `p`; `None` where the triangle's plane alone is farther than
+/// The closest point of triangle `t` to `p`; `None` if the plane of the triangle is farther away than
 /// `sqrt(squared_bound)`.
 ///
-/// A point that projects outside some edges has its foot on one of those edges, so only they are looked at.
-/// Without area all three are.
+/// If a point projects outside some edges, its closest point lies on one of them, so only these edges are
+/// tested. Without area, all three are tested.
 #[inline]
 pub(crate) fn closest_on_triangle(p: [f64; 3], t: &[[f64; 3]; 3], squared_bound: f64) -> Option<Foot> {
     let (ab, ac, ap) = (sub(t[1], t[0]), sub(t[2], t[0]), sub(p, t[0]));
@@ -126,7 +136,7 @@ pub(crate) fn closest_on_triangle(p: [f64; 3], t: &[[f64; 3]; 3], squared_bound:
     let mut outside = [true; 3];
     if has_area(nn, ab, ac) {
         let height = dot(n, ap);
-        // The slack keeps rounding from dropping a triangle that ties with the best one.
+        // Without the slack, rounding could reject a triangle at the same distance as the best one.
         if height * height > squared_bound * nn * (1.0 + 1e-12) {
             return None;
         }

@@ -1,39 +1,47 @@
-//! Which triangle is seen through each place of a picture: a depth buffer.
+//! A depth buffer: the visible triangle in each pixel of an image.
 //!
-//! Comes in: corners as a camera projects them, and triangles. Goes out: for each place of a grid the nearest
-//! triangle, where on it, and how deep. Cost: a step for each place that a triangle covers, one band of rows
-//! for each thread.
+//! In: projected corners and triangles. Out: for each pixel, the nearest triangle, the point on it, and its
+//! depth. Cost: one step for each pixel that a triangle covers; threads share the image in bands of rows.
 //!
-//! Not guaranteed: triangles that reach behind the camera are left out whole.
+//! Not guaranteed: triangles that reach behind the camera are not drawn at all.
 
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rows that one thread draws at a time.
+/// Number of rows in one parallel task.
 const BAND: usize = 64;
 const NOTHING: u32 = u32::MAX;
 
-/// A corner as a camera sees it.
+/// A corner, projected into the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projected {
-    /// Column and row, in places of the grid; the middle of the first place is at 0.5, 0.5.
+    /// Column and row in pixels; the centre of the first pixel is (0.5, 0.5).
     pub at: [f64; 2],
-    /// Distance along the camera's axis; nothing at or behind the camera is drawn.
+    /// Distance along the optical axis; triangles with a corner at or behind the camera are not drawn.
     pub depth: f64,
 }
 
-/// What is seen through a place of the picture.
+/// The visible point in a pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
+pub struct DepthVisibility {
     /// Index of the triangle.
     pub triangle: u32,
-    /// Weights of its corners, right for a central projection.
+    /// Barycentric coordinates of the point, correct for a central projection.
     pub barycentric: [f64; 3],
-    /// Distance along the camera's axis.
+    /// Distance along the optical axis.
     pub depth: f64,
 }
 
-/// The nearest triangle in every place of a grid.
+/// The nearest triangle in every pixel.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::{DepthBuffer, Projected};
+/// let corners = [[0.0, 0.0], [8.0, 0.0], [0.0, 8.0]].map(|at| Projected { at, depth: 2.0 });
+/// let buffer = DepthBuffer::draw(8, 8, &corners, &[[0, 1, 2]]);
+/// assert_eq!(buffer.at(1, 1).map(|point| point.triangle), Some(0));
+/// assert_eq!(buffer.at(7, 7), None);
+/// ```
 #[derive(Debug, Clone)]
 pub struct DepthBuffer {
     columns: usize,
@@ -41,25 +49,25 @@ pub struct DepthBuffer {
     places: Vec<Place>,
 }
 
-/// Kept small: large pictures have millions of them.
+/// A pixel. Weights are single precision: large images have millions of pixels.
 #[derive(Debug, Clone, Copy)]
 struct Place {
-    /// One over the depth; what is nearer is larger.
+    /// Inverse depth: larger is nearer.
     nearness: f64,
     triangle: u32,
-    /// Weights of the second and third corner.
+    /// Barycentric weights of the second and third corner.
     weights: [f32; 2],
 }
 
 impl DepthBuffer {
-    /// Draws triangles into a grid of `columns` × `rows` places. Of two triangles at the same depth the one
-    /// named first is seen.
+    /// Draws triangles into an image of `columns` × `rows` pixels. Of two triangles at the same depth, the
+    /// first is visible.
     #[must_use]
     pub fn draw(columns: usize, rows: usize, corners: &[Projected], triangles: &[[u32; 3]]) -> Self {
         Self::draw_rows(columns, 0..rows, corners, triangles)
     }
 
-    /// [`DepthBuffer::draw`] for some rows of a larger grid: large pictures are drawn part by part.
+    /// Draws some rows of a larger image, to draw it part by part; see [`DepthBuffer::draw`].
     #[must_use]
     pub fn draw_rows(
         columns: usize,
@@ -79,12 +87,15 @@ impl DepthBuffer {
         Self { columns, first_row: rows.start, places }
     }
 
-    /// What is seen through the place in this column and row, which have to be among those that were drawn.
+    /// The visible point in a pixel; `None` for the background.
+    ///
+    /// # Panics
+    /// If the row was not drawn or the column is outside the image.
     #[must_use]
-    pub fn at(&self, column: usize, row: usize) -> Option<Seen> {
+    pub fn at(&self, column: usize, row: usize) -> Option<DepthVisibility> {
         let place = self.places[(row - self.first_row) * self.columns + column];
         let [b, c] = place.weights.map(f64::from);
-        (place.triangle != NOTHING).then(|| Seen {
+        (place.triangle != NOTHING).then(|| DepthVisibility {
             triangle: place.triangle,
             barycentric: [1.0 - b - c, b, c],
             depth: 1.0 / place.nearness,
@@ -94,8 +105,8 @@ impl DepthBuffer {
 
 /// Draws one triangle into a band of rows.
 ///
-/// In the picture, one over the depth is an affine function of the place, and so is each weight over the
-/// depth.
+/// In the image, the inverse depth is an affine function of the position. So is each barycentric weight
+/// divided by the depth. Both are interpolated linearly; the weights are divided at the end.
 fn draw_triangle(
     places: &mut [Place],
     columns: usize,
@@ -150,14 +161,14 @@ mod tests {
     use crate::{MeshSearch, icosphere};
     use planish_estimate::vector3::{add_scaled, norm, sub};
 
-    /// The buffer sees what rays see, at the same depth, but for places on the silhouette.
+    /// The buffer shows the triangles that rays hit, at the same depth.
     #[test]
-    fn sees_what_rays_hit() {
+    fn visible_points_match_ray_hits() {
         let ball = icosphere(1.0, 3);
         let search = MeshSearch::try_new(&ball).unwrap();
         let (eye, focal, size) = ([0.1, -0.2, 3.0], 60.0, 101_usize);
         let middle = 0.5 * size as f64;
-        // The camera looks down; rows go up with y, which is as good as any.
+        // The camera looks down; rows increase with y.
         let corners: Vec<Projected> = (ball.positions.iter())
             .map(|p| {
                 let depth = eye[2] - p[2];
@@ -192,9 +203,9 @@ mod tests {
         assert!(seen_by_both > 1000 && other == 0, "{seen_by_both} {other}");
     }
 
-    /// What reaches behind the camera, has no area or is no number is left out and harms nothing.
+    /// Triangles behind the camera, without area, or with NaN coordinates are not drawn.
     #[test]
-    fn odd_triangles_are_left_out() {
+    fn invalid_triangles_are_not_drawn() {
         let at = |x: f64, y: f64, depth: f64| Projected { at: [x, y], depth };
         let corners = [
             at(0.0, 0.0, 1.0),

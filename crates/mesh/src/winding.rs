@@ -50,7 +50,7 @@ impl WindingNumbers {
         if mesh.triangles.is_empty() {
             return Self { bvh: None, dipoles: Vec::new() };
         }
-        let bvh = Bvh::of(mesh.triangles.len(), |t| mesh.corners(t));
+        let bvh = Bvh::new(mesh.triangles.len(), |t| mesh.corners(t));
         let empty = Dipole { middle: [0.0; 3], area: [0.0; 3], radius: 0.0 };
         let mut dipoles = vec![empty; bvh.nodes.len()];
         let mut weights = vec![0.0; bvh.nodes.len()];

@@ -64,7 +64,7 @@ fn main() -> Result<()> {
 
 /// The bounds of a mesh, and which of their sides is the longest.
 fn longest_side(mesh: &TriangleMesh) -> Result<(BoundingBox, usize)> {
-    let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("an empty mesh"))?;
+    let bounds = BoundingBox::from_points(&mesh.positions).ok_or_else(|| Error::input("an empty mesh"))?;
     let sides = sub(bounds.max, bounds.min);
     let axis = (0..3).fold(0, |best, k| if sides[k] > sides[best] { k } else { best });
     Ok((bounds, axis))
@@ -157,7 +157,7 @@ fn one(
     controls: usize,
     (metaball, seed): (Metaball, u64),
 ) -> Result<()> {
-    let size = BoundingBox::of(&mesh.positions).map_or(0.0, |b| b.diagonal());
+    let size = BoundingBox::from_points(&mesh.positions).map_or(0.0, |b| b.diagonal());
     let sigma = 0.002 * size;
     let controls = automatic_controls(mesh, controls)?;
     let deformation = Dirichlet::new(&controls.points, &mesh.positions)?;
@@ -166,7 +166,7 @@ fn one(
     let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
     let affine: [f64; 9] = std::array::from_fn(|_| 0.04 * normal());
     let wave: [f64; 9] = std::array::from_fn(|_| 5.0 / size * normal());
-    let center = BoundingBox::of(&mesh.positions).map_or([0.0; 3], |b| b.center());
+    let center = BoundingBox::from_points(&mesh.positions).map_or([0.0; 3], |b| b.center());
     let q = DVector::from_iterator(
         deformation.parameters(),
         controls.points.iter().flat_map(|p| {
@@ -181,7 +181,7 @@ fn one(
         positions: mesh.positions.iter().zip(by).map(|(p, by)| add(*p, by)).collect(),
         triangles: mesh.triangles.clone(),
     };
-    let bounds = BoundingBox::of(&truth.positions).ok_or_else(|| Error::input("an empty mesh"))?;
+    let bounds = BoundingBox::from_points(&truth.positions).ok_or_else(|| Error::input("an empty mesh"))?;
     let mut places = ChaCha8Rng::seed_from_u64(12);
     let samples = sample_points(&truth, count, || places.random_range(0.0..1.0))?;
     let (mut readings, mut good) = (Vec::new(), Vec::new());

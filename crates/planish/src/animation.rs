@@ -17,7 +17,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::glb::{MeshFrame, ramp, write_animation};
 use planish_exchange::picture::write_colour_png;
 use planish_exchange::{FolderInWork, Unit, extension};
-use planish_mesh::{BoundingBox, DepthBuffer, Projected, Seen};
+use planish_mesh::{BoundingBox, DepthBuffer, DepthVisibility, Projected};
 use planish_report::colour::screen_brightness;
 use planish_spline::{Surface, TessellationOptions, tessellate};
 use planish_surface::export::affordable_tolerance;
@@ -218,7 +218,7 @@ struct Camera {
 
 impl Camera {
     fn of(first: &[[f64; 3]], points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self> {
-        let bounds = BoundingBox::of(points).ok_or_else(|| Error::input("nothing to draw"))?;
+        let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
         let (mut facing, mut area) = ([0.0; 3], 0.0);
         for t in triangles {
             let [a, b, c] = t.map(|k| points[k as usize]);
@@ -283,7 +283,7 @@ impl Camera {
             .into_par_iter()
             .flat_map_iter(|pixel| self.colour(frame, triangles, &buffer, [pixel % columns, pixel / columns]))
             .collect();
-        let size = BoundingBox::of(&frame.points).map_or(0.0, |b| b.diagonal());
+        let size = BoundingBox::from_points(&frame.points).map_or(0.0, |b| b.diagonal());
         for place in places.iter().step_by(places.len().div_ceil(MOST_DOTS).max(1)) {
             let Projected { at: [x, y], depth } = self.on_picture(*place);
             let inside = (1.0..columns as f64 - 1.0).contains(&x) && (1.0..rows as f64 - 1.0).contains(&y);
@@ -331,7 +331,7 @@ impl Camera {
         sum.map(|c| (255.0 * screen_brightness(c / (SAMPLES * SAMPLES) as f64)).round() as u8)
     }
 
-    fn shade(&self, frame: &MeshFrame, triangles: &[[u32; 3]], seen: &Seen) -> [f64; 3] {
+    fn shade(&self, frame: &MeshFrame, triangles: &[[u32; 3]], seen: &DepthVisibility) -> [f64; 3] {
         let corners = triangles[seen.triangle as usize].map(|c| c as usize);
         let mix = |of: &[[f64; 3]]| {
             (corners.iter().zip(seen.barycentric)).fold([0.0; 3], |sum, (&c, w)| add_scaled(sum, w, of[c]))

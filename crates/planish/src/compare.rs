@@ -361,7 +361,7 @@ pub(crate) fn feet_on(
     points: &[[f64; 3]],
     normal: impl Fn(usize) -> [f64; 3] + Sync,
 ) -> Result<Vec<FootPoint>> {
-    let extent = BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal());
+    let extent = BoundingBox::from_points(surface.vertices()).map_or(0.0, |b| b.diagonal());
     let search = FootPointSearch::new(surface, 3, 0.1 * extent)?;
     let options = ProjectionOptions::default();
     Ok((0..points.len())

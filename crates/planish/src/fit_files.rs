@@ -314,7 +314,7 @@ fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
 /// A sensor whose σ is not stated explains any distance by its σ: readings of another object, or in another
 /// frame, are found by size.
 fn refuse_strangers(job: &FitJob, earlier: &SurfaceModel, report: &FitReport) -> Result<()> {
-    let size = BoundingBox::of(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
+    let size = BoundingBox::from_points(earlier.surface.vertices()).map_or(0.0, |b| b.diagonal());
     if report.rms <= MOST_DISTANT * size {
         return Ok(());
     }

@@ -439,5 +439,5 @@ fn points_of_cells(surface: &planish_spline::Surface) -> Vec<[f64; 3]> {
 }
 
 fn bounds(points: &[[f64; 3]]) -> Option<BoxInfo> {
-    BoundingBox::of(points).map(|b| BoxInfo { min: b.min, max: b.max })
+    BoundingBox::from_points(points).map(|b| BoxInfo { min: b.min, max: b.max })
 }

@@ -1,8 +1,8 @@
 //! From noisy measurements to 3D models that state how accurate they are.
 //!
 //! This crate is the front door of Planish: each job is a struct with public fields that implements [`Job`].
-//! The crates below it (`planish-surface`, `planish-contour`, `planish-solid`, …) hold the mathematics and can
-//! be used on their own.
+//! The crates below it (`planish-surface`, `planish-contour`, `planish-solid`, …) hold the mathematics and
+//! can be used on their own.
 //!
 //! | Job | Purpose |
 //! |---|---|

@@ -39,7 +39,8 @@ use planish_core::{Progress, ProgressPart, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
 use planish_mesh::{
-    MeshSearch, TriangleMesh, ZipOptions, Zipped, fill_holes, fused, vertex_curvature, zipped,
+    MeshSearch, StitchOptions, StitchedMesh, TriangleMesh, fill_holes, fuse_patches, stitch_patches,
+    vertex_curvature,
 };
 use planish_surface::export::write_known_mesh;
 use ready::{Done, Ready};
@@ -190,7 +191,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         false => MergeMethod::Information,
         true => MergeMethod::Refit,
     });
-    let mean = fused(&ready.patches, &overlap);
+    let mean = fuse_patches(&ready.patches, &overlap);
     let part = ProgressPart::new(progress, 0.4, 0.7);
     let places = match method {
         MergeMethod::Information => refitted(&ready.patches, &overlap, mean, Refit::Information, &part)?,
@@ -198,7 +199,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
         MergeMethod::Mean => mean,
     };
     progress.check("sewing", 0.7)?;
-    let mut sewn = zipped(&ready.patches, &overlap, &places, &ZipOptions::default())?;
+    let mut sewn = stitch_patches(&ready.patches, &overlap, &places, &StitchOptions::default())?;
     let completed = match &bound {
         Some(bound) => Some(complete(&mut sewn, bound, &mut ready)?),
         None => None,
@@ -231,7 +232,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
 }
 
 /// Sews in what bounds the object, where no patch is.
-fn complete(sewn: &mut Zipped, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
+fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> Result<CompletionReport> {
     let completed = completed(sewn, &bound.tidied.patch)?;
     ready.warnings.extend(facing_in_words(completed.facing, &bound.name));
     *sewn = joined(sewn, completed.whole, ready.patches.len() as u32);
@@ -265,7 +266,7 @@ pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Re
 
 /// A whole that was completed, with the sources of what was merged before; vertices of the bound are of patch
 /// `bound`.
-fn joined(merged: &Zipped, mut whole: Zipped, bound: u32) -> Zipped {
+fn joined(merged: &StitchedMesh, mut whole: StitchedMesh, bound: u32) -> StitchedMesh {
     for source in &mut whole.source {
         *source = match *source {
             (0, v) => merged.source[v as usize],
@@ -285,7 +286,7 @@ fn joined(merged: &Zipped, mut whole: Zipped, bound: u32) -> Zipped {
 }
 
 /// Fills holes of what was sewn; the new vertices are of no patch.
-fn fill(sewn: &mut Zipped, longest: usize, progress: &dyn Progress) -> Result<FillReport> {
+fn fill(sewn: &mut StitchedMesh, longest: usize, progress: &dyn Progress) -> Result<FillReport> {
     let before = sewn.mesh.positions.len();
     let triangles = sewn.mesh.triangles.len();
     let watch = &mut |share: f64| progress.check("filling holes", share);

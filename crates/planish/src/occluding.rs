@@ -350,7 +350,7 @@ fn hull_of(views: &[ContourView], found: &OccludingContours) -> Result<Option<Vi
         return Ok(None);
     }
     let places: Vec<[f64; 3]> = found.points.iter().map(|p| p.position).collect();
-    let Some(mut bounds) = BoundingBox::of(&places) else {
+    let Some(mut bounds) = BoundingBox::from_points(&places) else {
         return Ok(None);
     };
     let wider = WIDER * bounds.diagonal();

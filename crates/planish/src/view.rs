@@ -247,7 +247,7 @@ struct Drawn {
 fn drawn(thing: &Thing, options: &PictureOptions) -> Result<Drawn> {
     let [columns, rows] = options.size;
     let field = chosen_field(thing, options.colour)?;
-    let scale = field.map(Scale::of);
+    let scale = field.map(Scale::from_field);
     let places = thing.places();
     let border = BORDER * rows.min(columns) as f64;
     let frame = Frame {

@@ -1,6 +1,6 @@
-// The 3D view of a report: draws the scene of the page with three.js (`THREE`) and answers clicks.
+// The 3D view of a report: draws the scene of the page with three.js (`THREE`) and shows the values of clicked points.
 //
-// The scene is JSON with arrays in base64, as crates/report/src/scene.rs writes it. Nothing is fetched.
+// The scene is JSON with base64 arrays, written by crates/report/src/scene.rs. Nothing is loaded from the network.
 "use strict";
 (() => {
   const holder = document.getElementById("view");
@@ -20,7 +20,7 @@
     }
     return new ARRAYS[packed.type](bytes.buffer);
   }
-  // Places in steps of the scene's box over 65535.
+  // Quantised positions: steps of 1/65535 of the bounding box.
   function places(packed) {
     const raw = array(packed);
     if (packed.type === "f32") return raw;
@@ -44,7 +44,7 @@
   const UNKNOWN = [0.6, 0.6, 0.6];
 
   function number(value, digits = 4) {
-    if (!Number.isFinite(value)) return "not known";
+    if (!Number.isFinite(value)) return "unknown";
     if (value === 0) return "0";
     const size = Math.abs(value);
     if (size >= 1e6 || size < 1e-4) {
@@ -54,7 +54,7 @@
     }
     return String(Number(value.toPrecision(digits)));
   }
-  // How a field becomes colours: { colour(value), legend }.
+  // The colour scale of a field: { colour(value), legend }.
   function scale(field) {
     if (field.categories) {
       const colours = new Map(field.categories.map(([value, , hex]) => [value, ofHex(hex)]));
@@ -78,7 +78,7 @@
   }
 
   // ---- the scene ----------------------------------------------------------------------------------------------------
-  // Without a graphics card every sample of a pixel costs time: one is enough then.
+  // Software rendering is slow, so it uses one sample per pixel.
   function drawnInSoftware() {
     const gl = document.createElement("canvas").getContext("webgl2");
     const info = gl && gl.getExtension("WEBGL_debug_renderer_info");
@@ -96,7 +96,7 @@
   }
   const canvas = renderer.domElement;
   canvas.tabIndex = 0;
-  canvas.setAttribute("aria-label", "The model in 3D. Drag to turn, wheel or + and − to come nearer, arrow keys to turn, click a point to read its values.");
+  canvas.setAttribute("aria-label", "3D view. Drag or use the arrow keys to rotate, scroll or press + and − to zoom, click a point to see its values.");
   holder.prepend(canvas);
   renderer.setPixelRatio(software ? 1 : Math.min(window.devicePixelRatio || 1, 2));
   renderer.setClearColor(0x000000, 0);
@@ -109,7 +109,7 @@
   const lamp = new THREE.DirectionalLight(0xffffff, 1.7);
   world.add(lamp, lamp.target);
   let controls;
-  // The controls turn about what is up when they are made.
+  // The controls read the up direction only when they are created.
   function rebuild() {
     controls?.dispose();
     controls = new THREE.OrbitControls(camera, canvas);
@@ -190,7 +190,7 @@
   function draw() {
     wanted = false;
     camera.getWorldDirection(towards);
-    // A light over the left shoulder.
+    // The light comes from the upper left, behind the camera.
     const right = new THREE.Vector3().crossVectors(towards, camera.up).normalize();
     lamp.position.copy(camera.position).addScaledVector(right, -0.35 * size).addScaledVector(camera.up, 0.5 * size);
     lamp.target.position.copy(controls.target);
@@ -212,13 +212,13 @@
   }
   rebuild();
   const from = new THREE.Vector3(...scene.from).normalize();
-  // Some places of all that fills the view.
+  // A sample of the positions that must fit into the view.
   const outline = [];
   for (const mesh of surfaces.length ? surfaces : [...clouds, ...lines]) {
     const places = mesh.geometry.getAttribute("position");
     for (let k = 0; k < places.count; k += Math.max(1, Math.floor(places.count / 600))) outline.push(new THREE.Vector3().fromBufferAttribute(places, k));
   }
-  // Looks at the middle from a direction, from where all of it is just seen.
+  // Looks at the centre from a direction, at a distance from which everything is visible.
   function look(direction = from) {
     const forward = direction.clone().normalize().negate();
     const right = new THREE.Vector3().crossVectors(forward, camera.up).normalize();
@@ -322,7 +322,7 @@
   const named = (list) => list.length + clouds.length + lines.length > 1 || list.length > 1;
   for (const thing of all) {
     const { given } = thing.userData;
-    // A single surface needs no name, unless that says how much of it is shown.
+    // A single surface needs no name, unless it was thinned: the name then states by how much.
     if (thing === main && !named(surfaces) && !given.thinned) continue;
     box(given.name, thing.visible, (on) => {
       thing.visible = on;
@@ -336,7 +336,7 @@
   const axis = element("select", { "ariaLabel": "Cut across" });
   for (const [value, label] of [["", "no cut"], ["0", "across x"], ["1", "across y"], ["2", "across z"], ["-1", "across the view"]])
     axis.append(element("option", { value }, label));
-  const depth = element("input", { type: "range", min: 0, max: 1000, value: 500, disabled: true, ariaLabel: "Where the cut is" });
+  const depth = element("input", { type: "range", min: 0, max: 1000, value: 500, disabled: true, ariaLabel: "Position of the cut" });
   function cut() {
     const on = axis.value !== "";
     depth.disabled = !on;
@@ -369,7 +369,7 @@
     look(turned);
   };
   panel.append(element("label", { className: "pick" }, element("span", {}, "Up"), up));
-  const home = element("button", { type: "button", title: "Back to the first view (Home)" }, "Reset view");
+  const home = element("button", { type: "button", title: "Return to the initial view (Home)" }, "Reset view");
   home.onclick = () => look();
   panel.append(home);
 
@@ -449,7 +449,7 @@
     if (pressed && Math.hypot(e.clientX - pressed[0], e.clientY - pressed[1]) < 5) read(e.clientX, e.clientY);
     pressed = null;
   });
-  // Keys: arrows turn, + and − come nearer and go, Home goes back.
+  // Keys: arrows rotate, + and − zoom, Home resets the view.
   function turn(across, upwards) {
     const off = camera.position.clone().sub(controls.target);
     off.applyAxisAngle(camera.up, across);
@@ -478,7 +478,7 @@
   if (offered.length) colourBy(offered[0].key);
   draw();
   holder.classList.add("drawn");
-  // For tests: what a person does with the mouse, and how long a picture takes.
+  // For tests: clicks and frame rate.
   window.planish = {
     read,
     colourBy,

@@ -1,33 +1,50 @@
-//! How values become colours, on pages and in pictures alike, and what a legend says of it.
+//! Colour scales and legends, for pages and images.
 //!
-//! Comes in: a [`Field`]. Goes out: its [`Scale`]: a colour for each value, and ticks or kinds with their
-//! names. Maps are perceptually uniform and told apart by every kind of colour vision: viridis (Smith and van
-//! der Walt, 2015), red to blue about grey (ColorBrewer, Harrower and Brewer, 2003), and for kinds the
-//! colours of Okabe and Ito (2008).
+//! In: a [`Field`]. Out: its [`Scale`]: a colour for each value, and ticks or category names for the legend.
+//! The maps are perceptually uniform and distinguishable with every kind of colour vision: viridis (Smith and
+//! van der Walt, 2015), blue to red over grey (ColorBrewer, Harrower and Brewer, 2003), and for categories
+//! the colours of Okabe and Ito (2008).
+//!
+//! # Examples
+//! ```
+//! use planish_report::colour::{Scale, UNKNOWN, hex};
+//! use planish_report::{Field, FieldKind, Values};
+//! let field = Field {
+//!     key: "deviation".to_owned(),
+//!     label: "deviation".to_owned(),
+//!     unit: "mm".to_owned(),
+//!     shown: None,
+//!     kind: FieldKind::Signed(Some(1.0)),
+//!     values: Values::Numbers(vec![-1.0, 0.0, 1.0]),
+//! };
+//! let scale = Scale::from_field(&field);
+//! assert_eq!(hex(scale.colour(1.0)), "67001f");
+//! assert_eq!(scale.colour(f64::NAN), UNKNOWN);
+//! ```
 
 use crate::field::{Field, FieldKind, Values};
 use crate::numbers::significant;
 
-/// Red, green and blue from 0 to 1, as screens take them (sRGB).
+/// Red, green and blue from 0 to 1 in sRGB.
 pub type Colour = [f64; 3];
 
-/// What has no value.
+/// Colour of values that are not finite or have no category.
 pub const UNKNOWN: Colour = [0.6; 3];
-/// Values at either end that may lie beyond the colours, as a share.
+/// Fraction of the values at each end that lie beyond the scale, so that outliers do not use up its range.
 const BEYOND: f64 = 0.01;
-/// The same where values have a sign.
+/// The same for signed values.
 const BEYOND_SIGNED: f64 = 0.02;
-/// Values whose greatest is so many times the least are coloured by their logarithms.
+/// Ratio of the ends of a positive range above which the scale is logarithmic.
 const LOGARITHMIC: f64 = 4.0;
-/// Ticks are at least so far apart, as a share of the legend's bar.
-const LEAST_APART: f64 = 0.14;
+/// Minimum distance of ticks, as a fraction of the legend, so that labels do not overlap.
+const MIN_TICK_DISTANCE: f64 = 0.14;
 
-/// Places from 0 to 1 as colours.
+/// A colour map of the interval from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Map {
     /// From dark violet to yellow.
     Viridis,
-    /// From blue over grey to red: values about zero.
+    /// From blue over grey to red: for signed values.
     RedBlue,
 }
 
@@ -35,7 +52,7 @@ impl Map {
     /// Every map.
     pub const ALL: [Self; 2] = [Self::Viridis, Self::RedBlue];
 
-    /// Its name in the page's script.
+    /// Name in the script of the page.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -59,7 +76,7 @@ impl Map {
         }
     }
 
-    /// The colour of a place; those below 0 and above 1 have the colours of the ends.
+    /// Interpolated colour at a position; positions below 0 and above 1 have the colours of the ends.
     #[must_use]
     pub fn at(self, place: f64) -> Colour {
         let at = if place.is_nan() { 0.0 } else { 16.0 * place.clamp(0.0, 1.0) };
@@ -69,67 +86,67 @@ impl Map {
     }
 }
 
-/// Colours of kinds: Okabe and Ito's.
+/// Colours of categories (Okabe and Ito).
 const KINDS: [u32; 9] =
     [0x0072b2, 0xe69f00, 0x009e73, 0xcc79a7, 0x56b4e9, 0xd55e00, 0xf0e442, 0x999999, 0x4d4d4d];
-/// Colours of what is known by smoothness alone, measured, and completed: the marks 0, 1 and 2 of `observed`.
+/// Colours of the values 0, 1 and 2 of `observed`: inferred from smoothness, measured, and completed.
 pub const KNOWN_BY: [u32; 3] = [0x9e9ea3, KINDS[0], KINDS[1]];
 
 fn of_hex(hex: u32) -> Colour {
     [16, 8, 0].map(|shift| f64::from((hex >> shift) & 0xff) / 255.0)
 }
 
-/// A colour as six digits, as in CSS without the `#`.
+/// A colour as six hexadecimal digits, as in CSS without `#`.
 #[must_use]
 pub fn hex(colour: Colour) -> String {
     colour.map(|c| format!("{:02x}", (255.0 * c).round().clamp(0.0, 255.0) as u8)).concat()
 }
 
-/// A part of a screen's brightness (sRGB, IEC 61966-2-1) as linear light.
+/// Converts an sRGB component (IEC 61966-2-1) to linear light.
 #[must_use]
 pub fn linear_light(screen: f64) -> f64 {
     if screen <= 0.040_45 { screen / 12.92 } else { ((screen + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Linear light as a part of a screen's brightness: the inverse of [`linear_light`], for lights from 0 to 1.
+/// Converts linear light to an sRGB component: the inverse of [`linear_light`] from 0 to 1.
 #[must_use]
 pub fn screen_brightness(light: f64) -> f64 {
     let c = light.clamp(0.0, 1.0);
     if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// A kind with its colour.
+/// A category with its colour.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Kind {
-    /// Its number.
+pub struct ColourKind {
+    /// Number of the category.
     pub value: u16,
-    /// Its name.
+    /// Name of the category.
     pub label: String,
     /// Its colour.
     pub colour: Colour,
 }
 
-/// A value on a legend's bar.
+/// A tick of the legend.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tick {
-    /// Where, from 0 to 1.
+    /// Position from 0 to 1.
     pub place: f64,
-    /// The value in the unit that people read.
+    /// The value in the displayed unit.
     pub label: String,
 }
 
-/// Quantities from low to high.
+/// A continuous colour scale.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Range {
-    /// The colours.
+    /// The colour map.
     pub map: Map,
     /// The value of the first colour.
     pub low: f64,
-    /// The value of the last.
+    /// The value of the last colour.
     pub high: f64,
-    /// Whether equal steps of colour are equal ratios.
+    /// True if equal steps of colour are equal ratios.
     pub logarithmic: bool,
-    /// What the legend says.
+    /// Ticks of the legend.
     pub ticks: Vec<Tick>,
 }
 
@@ -146,19 +163,19 @@ impl Range {
     }
 }
 
-/// How a field becomes colours.
+/// The mapping of a field to colours.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Scale {
-    /// Quantities.
+    /// A continuous scale.
     Range(Range),
-    /// Kinds.
-    Kinds(Vec<Kind>),
+    /// Categories.
+    Kinds(Vec<ColourKind>),
 }
 
 impl Scale {
     /// The scale of a field.
     #[must_use]
-    pub fn of(field: &Field) -> Self {
+    pub fn from_field(field: &Field) -> Self {
         let factor = field.shown.as_ref().map_or(1.0, |(_, factor)| *factor);
         match (&field.kind, &field.values) {
             (FieldKind::Categories(kinds), _) => {
@@ -201,7 +218,7 @@ impl Scale {
         }
     }
 
-    /// The colour of a quantity or of a kind's number.
+    /// The colour of a value or of the number of a category.
     #[must_use]
     pub fn colour(&self, value: f64) -> Colour {
         match self {
@@ -213,8 +230,8 @@ impl Scale {
     }
 }
 
-fn kinds_of(kinds: &[(u16, String)], colour: impl Fn(u16) -> Colour) -> Vec<Kind> {
-    let made = kinds.iter().map(|(value, label)| Kind {
+fn kinds_of(kinds: &[(u16, String)], colour: impl Fn(u16) -> Colour) -> Vec<ColourKind> {
+    let made = kinds.iter().map(|(value, label)| ColourKind {
         value: *value,
         label: label.clone(),
         colour: colour(*value),
@@ -232,7 +249,7 @@ fn quantiles(values: &[f64], shares: [f64; 2]) -> [f64; 2] {
     })
 }
 
-/// Multiples of 1, 2 or 5 times a power of ten, about four of them, in the unit that people read.
+/// Multiples of 1, 2 or 5 times a power of ten, about four of them, in the displayed unit.
 fn even_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     let [from, to] = [low, high].map(|v| factor * v);
     let rough = (to - from) / 4.0;
@@ -241,7 +258,7 @@ fn even_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     let first = (from / step - 1e-9).ceil() as i64;
     let last = (to / step + 1e-9).floor() as i64;
     let ticks = (first..=last.min(first + 12)).map(|k| {
-        // Digits that the step has, so that 0.30000000000000004 is 0.3.
+        // Rounded to the digits of the step: 0.30000000000000004 becomes 0.3.
         let value = k as f64 * step;
         let decimals = (-step.log10().floor()).clamp(0.0, 15.0) as usize;
         let rounded: f64 = format!("{value:.decimals$}").parse().unwrap_or(value);
@@ -250,7 +267,7 @@ fn even_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     apart(ticks.collect())
 }
 
-/// 1, 2 and 5 times powers of ten, or fewer where they span much.
+/// Ticks at 1, 2 and 5 times powers of ten, or fewer on a large range.
 fn even_ratio_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     let [from, to] = [low, high].map(|v| factor * v);
     let steps: &[f64] = match to / from {
@@ -265,14 +282,14 @@ fn even_ratio_ticks(low: f64, high: f64, factor: f64) -> Vec<Tick> {
     apart(ticks.collect())
 }
 
-/// Every so manieth tick, so that none stand on one another.
+/// Every n-th tick, so that labels do not overlap.
 fn apart(ticks: Vec<Tick>) -> Vec<Tick> {
     let least = ticks.windows(2).map(|pair| pair[1].place - pair[0].place).fold(f64::INFINITY, f64::min);
-    let step = if least < LEAST_APART { (LEAST_APART / least).ceil() as usize } else { 1 };
+    let step = if least < MIN_TICK_DISTANCE { (MIN_TICK_DISTANCE / least).ceil() as usize } else { 1 };
     ticks.into_iter().step_by(step).collect()
 }
 
-/// A number without zeros that say nothing.
+/// A number without trailing zeros, with a typographic minus and exponent.
 fn trimmed(value: f64, digits: usize) -> String {
     let text = significant(value, digits);
     let (mantissa, exponent) = text.split_once('e').map_or((text.as_str(), None), |(m, e)| (m, Some(e)));
@@ -307,7 +324,7 @@ mod tests {
     }
 
     fn range(field: &Field) -> Range {
-        match Scale::of(field) {
+        match Scale::from_field(field) {
             Scale::Range(range) => range,
             Scale::Kinds(_) => panic!("kinds"),
         }
@@ -341,12 +358,12 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_round_in_the_unit_that_people_read() {
+    fn ticks_are_round_in_the_displayed_unit() {
         let values: Vec<f64> = (0..1000).map(|k| 0.001 + 0.001 * f64::from(k) / 1000.0).collect();
         let metres = field(FieldKind::Sequential, values, Some(("mm".to_owned(), 1000.0)));
         let found = range(&metres);
         assert_eq!(labels(&found), ["1.2", "1.4", "1.6", "1.8"]);
-        // Beyond both ends a share of the values takes the colours of the ends.
+        // A fraction of the values lies beyond each end of the scale.
         assert!(found.low > 0.001 && found.high < 0.002);
         let signed = range(&field(FieldKind::Signed(Some(4.0)), vec![0.0], None));
         assert_eq!(labels(&signed), ["−4", "−2", "0", "2", "4"]);
@@ -359,23 +376,23 @@ mod tests {
     }
 
     #[test]
-    fn what_is_constant_or_unknown_has_a_colour() {
+    fn constant_and_unknown_values_have_a_colour() {
         let constant = range(&field(FieldKind::Sequential, vec![0.5, 0.5], None));
         assert_eq!(labels(&constant), ["0.5"]);
         assert_eq!(constant.colour(f64::NAN), UNKNOWN);
-        let none = Scale::of(&field(FieldKind::Signed(None), vec![f64::NAN], None));
+        let none = Scale::from_field(&field(FieldKind::Signed(None), vec![f64::NAN], None));
         assert_eq!(none.colour(f64::NAN), UNKNOWN);
     }
 
     #[test]
-    fn kinds_keep_their_colours() {
+    fn categories_keep_their_colours() {
         let observed = Field {
             key: "observed".to_owned(),
             kind: FieldKind::Categories(vec![(1, "measured".to_owned()), (0, "no".to_owned())]),
             values: Values::Kinds(vec![0, 1]),
             ..field(FieldKind::Sequential, Vec::new(), None)
         };
-        let scale = Scale::of(&observed);
+        let scale = Scale::from_field(&observed);
         assert_eq!(hex(scale.colour(1.0)), "0072b2");
         assert_eq!(hex(scale.colour(0.0)), "9e9ea3");
         assert_eq!(scale.colour(2.0), UNKNOWN);

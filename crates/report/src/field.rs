@@ -1,24 +1,25 @@
-//! Quantities at the vertices of a surface or the points of a cloud.
+//! Quantities at the vertices of a surface or the points of a cloud, and how they are coloured.
 
-/// Values at the vertices of a surface or the dots of a cloud.
+/// Values at the vertices of a surface or the points of a cloud.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Values {
     /// Quantities.
     Numbers(Vec<f64>),
-    /// Kinds, as the field's categories number them.
+    /// Numbers of categories; [`FieldKind`] holds their names.
     Kinds(Vec<u16>),
 }
 
-/// How values become colours.
+/// How values are mapped to colours.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FieldKind {
-    /// From small to large; on a logarithmic scale where they span much.
+    /// From small to large; on a logarithmic scale if the range is large.
     Sequential,
-    /// About zero; the limit of the colours, or what holds most of the values where none is given.
+    /// Positive and negative values. The limit of the scale is given, or covers all but 2 % of the values at
+    /// each end.
     Signed(Option<f64>),
-    /// Kinds without an order, each with its name.
+    /// Categories without an order, each with its name.
     Categories(Vec<(u16, String)>),
-    /// Kinds in an order, each with its name.
+    /// Categories with an order, each with its name.
     Steps(Vec<(u16, String)>),
 }
 
@@ -27,14 +28,14 @@ pub enum FieldKind {
 pub struct Field {
     /// A short name for scripts: `sigma`.
     pub key: String,
-    /// What people read: `σ along the normal`.
+    /// A label for readers: `σ along the normal`.
     pub label: String,
     /// Its unit; empty for none.
     pub unit: String,
-    /// The unit that people read and how many of it are one of [`Self::unit`], where that is another:
-    /// millimetres of a thing in metres.
+    /// The displayed unit and its conversion factor, if it differs from [`Self::unit`]: `("mm", 1000.0)` for
+    /// a model in metres.
     pub shown: Option<(String, f64)>,
-    /// How it becomes colours.
+    /// Mapping to colours.
     pub kind: FieldKind,
     /// The values.
     pub values: Values,

@@ -1,10 +1,34 @@
-//! One page of HTML that shows what a job found: a verdict, a 3D view, figures, tables and drawings.
+//! HTML reports: a verdict, an interactive 3D view, figures, tables and drawings on one page.
 //!
-//! Comes in: a [`Page`], which jobs fill with what they know. Goes out: its HTML, in which everything is:
-//! style, script, model. Opened, it asks the network for nothing. The 3D view is drawn by three.js
-//! (`assets/three.min.js`, MIT; `viewer/` makes it) as `assets/viewer.js` says.
+//! In: a [`Page`], filled by a job. Out: one self-contained HTML file with style, script and model, which
+//! loads nothing from the network. The 3D view uses three.js (`assets/three.min.js`, MIT, built in `viewer/`)
+//! and the code in `assets/viewer.js`.
 //!
-//! Not guaranteed: that browsers without WebGL show the 3D view; they show the rest, and say so.
+//! Not guaranteed: browsers without WebGL do not show the 3D view. They show the rest of the page and a
+//! notice.
+//!
+//! # Examples
+//! ```
+//! use planish_report::{Block, Finding, FindingLevel, Page, Section, Table};
+//!
+//! let mut table = Table::new(["sensor", "σ / mm"]);
+//! table.row(["laser".to_owned(), "0.050".to_owned()], false);
+//! let page = Page {
+//!     job: "fit".to_owned(),
+//!     title: "scan.ply".to_owned(),
+//!     findings: vec![
+//!         Finding::new(FindingLevel::Good, "The fit has converged."),
+//!         Finding::new(FindingLevel::Look, "12 readings were rejected."),
+//!     ],
+//!     sections: vec![Section::new("Sensors", vec![Block::Table(table)])],
+//!     ..Page::default()
+//! };
+//! assert_eq!(page.level(), FindingLevel::Look);
+//! let html = page.html()?;
+//! // The most serious finding comes first.
+//! assert!(html.find("12 readings") < html.find("The fit has"));
+//! # Ok::<(), askama::Error>(())
+//! ```
 
 pub mod colour;
 mod field;
@@ -14,5 +38,5 @@ pub mod plot;
 mod scene;
 
 pub use field::{Field, FieldKind, Values};
-pub use page::{Block, Figure, Finding, Level, Page, Section, Table};
+pub use page::{Block, Figure, Finding, FindingLevel, Page, Section, Table};
 pub use scene::{Cloud, LineSet, Mark, Scene, SeenBy, SurfaceShown};

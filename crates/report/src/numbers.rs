@@ -1,6 +1,16 @@
-//! Numbers as people read them, on the command line and in reports.
+//! Formatting of numbers for the command line and for reports.
 
-/// A number to so many significant digits, without an exponent where it stays short.
+/// Formats a number with the given number of significant digits.
+///
+/// Numbers from 1e-4 to below 1e6 have no exponent. A value that is not finite gives "–".
+///
+/// # Examples
+/// ```
+/// use planish_report::numbers::significant;
+/// assert_eq!(significant(0.012_345, 3), "0.0123");
+/// assert_eq!(significant(3e7, 2), "3.0e7");
+/// assert_eq!(significant(f64::NAN, 3), "–");
+/// ```
 #[must_use]
 pub fn significant(value: f64, digits: usize) -> String {
     if !value.is_finite() {
@@ -17,14 +27,20 @@ pub fn significant(value: f64, digits: usize) -> String {
     format!("{value:.decimals$}")
 }
 
-/// A count with its thousands apart.
+/// Formats a count, with spaces between thousands from five digits on.
+///
+/// # Examples
+/// ```
+/// use planish_report::numbers::count;
+/// assert_eq!([count(1234), count(1_234_567)], ["1234", "1 234 567"]);
+/// ```
 #[must_use]
 pub fn count(n: usize) -> String {
     let digits = n.to_string();
     let mut text = String::with_capacity(digits.len() + digits.len() / 3);
     for (k, digit) in digits.chars().enumerate() {
         if k > 0 && (digits.len() - k).is_multiple_of(3) {
-            // Four digits are read at a glance.
+            // Four digits are readable without a separator.
             if digits.len() > 4 {
                 text.push(' ');
             }
@@ -34,13 +50,25 @@ pub fn count(n: usize) -> String {
     text
 }
 
-/// A share in per cent.
+/// Formats a fraction in per cent, with one decimal.
+///
+/// # Examples
+/// ```
+/// assert_eq!(planish_report::numbers::percent(0.123), "12.3 %");
+/// ```
 #[must_use]
 pub fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
-/// `1 scan`, `2 scans`; `2 patches`, `2 vertices`.
+/// A count with its noun in singular or plural; plurals of nouns in -ch and -ex are formed correctly.
+///
+/// # Examples
+/// ```
+/// use planish_report::numbers::counted;
+/// assert_eq!([counted(1, "scan"), counted(2, "scan")], ["1 scan", "2 scans"]);
+/// assert_eq!([counted(2, "patch"), counted(2, "vertex")], ["2 patches", "2 vertices"]);
+/// ```
 #[must_use]
 pub fn counted(n: usize, what: &str) -> String {
     let many = match what.strip_suffix("ex") {

@@ -1,21 +1,22 @@
-//! A page: its parts, and its HTML.
+//! The parts of a page, and its HTML.
 
 use crate::scene::Scene;
 use askama::Template;
 
-/// How much a finding matters.
+/// Severity of a finding; the larger, the more serious.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub enum Level {
-    /// As it should be.
+pub enum FindingLevel {
+    /// As expected.
     #[default]
     Good,
-    /// Worth a look.
+    /// Needs attention.
     Look,
-    /// The result cannot be trusted until this is settled.
+    /// The result cannot be trusted until this is resolved.
     Bad,
 }
 
-impl Level {
+impl FindingLevel {
+    /// The CSS class of the finding.
     fn class(self) -> &'static str {
         match self {
             Self::Good => "good",
@@ -24,7 +25,7 @@ impl Level {
         }
     }
 
-    /// What stands before the words, so that colour is not needed.
+    /// A symbol before the text, so that the severity does not depend on colour alone.
     fn sign(self) -> &'static str {
         match self {
             Self::Good => "✓",
@@ -34,61 +35,68 @@ impl Level {
     }
 }
 
-/// A sentence of the verdict.
+/// One statement of the verdict.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
-    /// How much it matters.
-    pub level: Level,
-    /// In plain words.
+    /// Its severity.
+    pub level: FindingLevel,
+    /// The statement, in one or two sentences.
     pub text: String,
 }
 
 impl Finding {
-    /// A finding.
+    /// Creates a finding.
     #[must_use]
-    pub fn new(level: Level, text: impl Into<String>) -> Self {
+    pub fn new(level: FindingLevel, text: impl Into<String>) -> Self {
         Self { level, text: text.into() }
     }
 }
 
-/// One of the few figures that stand on top.
+/// One of the key figures at the top of the page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Figure {
-    /// What it is.
+    /// Name of the quantity.
     pub name: String,
-    /// Its value with its unit.
+    /// Value with unit.
     pub value: String,
-    /// What to compare it with; may be empty.
+    /// A reference for comparison; may be empty.
     pub note: String,
 }
 
 impl Figure {
-    /// A figure.
+    /// Creates a figure.
     #[must_use]
     pub fn new(name: impl Into<String>, value: impl Into<String>, note: impl Into<String>) -> Self {
         Self { name: name.into(), value: value.into(), note: note.into() }
     }
 }
 
-/// A table; numbers stand right.
+/// A table; numbers are right-aligned.
+///
+/// # Examples
+/// ```
+/// let mut table = planish_report::Table::new(["name", "value"]);
+/// table.row(["a".to_owned(), "1".to_owned()], true);
+/// assert_eq!((table.head.len(), table.rows.len(), table.marked[0]), (2, 1, true));
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Table {
-    /// Its head.
+    /// Column titles.
     pub head: Vec<String>,
-    /// Its rows, each as long as the head.
+    /// Rows, each with one cell for each column.
     pub rows: Vec<Vec<String>>,
-    /// For each row, whether it is to be noticed; may be shorter.
+    /// For each row, true if it is highlighted; missing entries count as false.
     pub marked: Vec<bool>,
 }
 
 impl Table {
-    /// A table with this head.
+    /// Creates an empty table with these column titles.
     #[must_use]
     pub fn new<const N: usize>(head: [&str; N]) -> Self {
         Self { head: head.map(str::to_owned).to_vec(), ..Self::default() }
     }
 
-    /// Adds a row.
+    /// Adds a row; `marked` highlights it.
     pub fn row<const N: usize>(&mut self, cells: [String; N], marked: bool) {
         self.rows.push(cells.to_vec());
         self.marked.push(marked);
@@ -99,64 +107,66 @@ impl Table {
     }
 }
 
-/// A part of a section.
+/// A block of a section.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Block {
     /// A paragraph.
     Text(String),
     /// A table.
     Table(Table),
-    /// Lines as they are.
+    /// Preformatted lines.
     Lines(String),
-    /// A drawing: SVG that is trusted, made by [`crate::plot`] or by a writer of ours, and what it shows.
+    /// A drawing with a caption.
+    ///
+    /// The SVG is inserted without escaping. It must come from [`crate::plot`] or another writer of Planish.
     Drawing {
         /// The SVG element.
         svg: String,
-        /// What it shows.
+        /// Description below the drawing.
         caption: String,
     },
 }
 
-/// A part of the page under a heading.
+/// A section of the page with a heading.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Section {
     /// The heading.
     pub title: String,
-    /// What stands under it.
+    /// The content.
     pub blocks: Vec<Block>,
 }
 
 impl Section {
-    /// A section.
+    /// Creates a section.
     #[must_use]
     pub fn new(title: impl Into<String>, blocks: Vec<Block>) -> Self {
         Self { title: title.into(), blocks }
     }
 }
 
-/// A page.
+/// A report page.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Page {
-    /// The command: `fit`.
+    /// Name of the command, such as `fit`.
     pub job: String,
-    /// What the page is of: names of files.
+    /// Subject of the page: the names of the files.
     pub title: String,
-    /// One sentence that says it all.
+    /// One sentence that summarises the result.
     pub headline: String,
-    /// The verdict; the worst stand first.
+    /// The verdict; shown with the most serious finding first.
     pub findings: Vec<Finding>,
-    /// Few figures.
+    /// Key figures.
     pub figures: Vec<Figure>,
-    /// What is shown in 3D.
+    /// Content of the 3D view.
     pub scene: Option<Scene>,
-    /// Drawings that stand where the 3D view does, or under it.
+    /// Drawings in place of the 3D view, or below it.
     pub drawings: Vec<Block>,
-    /// Everything else.
+    /// All other content.
     pub sections: Vec<Section>,
 }
 
-/// A text in whose numbers no line breaks: the spaces between thousands become narrow ones that hold.
-pub(crate) fn glued(text: &str) -> String {
+/// Replaces spaces between thousands by narrow no-break spaces, so that numbers are not broken across lines.
+pub(crate) fn with_unbroken_numbers(text: &str) -> String {
     let letters: Vec<char> = text.chars().collect();
     let is_digit = |k: usize| letters.get(k).is_some_and(char::is_ascii_digit);
     (letters.iter().enumerate())
@@ -172,7 +182,7 @@ pub(crate) fn glued(text: &str) -> String {
 #[template(path = "page.html")]
 struct Html<'a> {
     page: &'a Page,
-    level: Level,
+    level: FindingLevel,
     findings: Vec<&'a Finding>,
     scene: Option<String>,
     style: &'static str,
@@ -181,20 +191,20 @@ struct Html<'a> {
 }
 
 impl Page {
-    /// The gravest finding.
+    /// Severity of the most serious finding; [`FindingLevel::Good`] without findings.
     #[must_use]
-    pub fn level(&self) -> Level {
+    pub fn level(&self) -> FindingLevel {
         self.findings.iter().map(|f| f.level).max().unwrap_or_default()
     }
 
-    /// The page as HTML.
+    /// Renders the page as one HTML document.
     ///
     /// # Errors
-    /// What the template reports; nothing, unless memory runs out.
+    /// The error of the template engine; rendering fails only without memory.
     pub fn html(&self) -> Result<String, askama::Error> {
         let mut findings: Vec<&Finding> = self.findings.iter().collect();
         findings.sort_by_key(|finding| std::cmp::Reverse(finding.level));
-        // A name must not end the script that holds it.
+        // `</script>` in a name would end the script element, so `<` is escaped.
         let scene = self.scene.as_ref().and_then(Scene::packed);
         let scene = scene.map(|packed| packed.to_string().replace('<', "\\u003c"));
         Html {
@@ -220,16 +230,16 @@ mod tests {
             job: "fit".to_owned(),
             title: "<b>&\"'".to_owned(),
             findings: vec![
-                Finding::new(Level::Good, "good <i>"),
-                Finding::new(Level::Bad, "bad"),
-                Finding::new(Level::Look, "look"),
+                Finding::new(FindingLevel::Good, "good <i>"),
+                Finding::new(FindingLevel::Bad, "bad"),
+                Finding::new(FindingLevel::Look, "look"),
             ],
             ..Page::default()
         }
     }
 
     #[test]
-    fn names_stay_text_wherever_they_stand() {
+    fn names_are_escaped_everywhere() {
         let mut page = page();
         page.scene = Some(Scene {
             surfaces: vec![SurfaceShown {
@@ -246,24 +256,27 @@ mod tests {
     }
 
     #[test]
-    fn the_gravest_finding_stands_first() {
+    fn the_most_serious_finding_comes_first() {
         let html = page().html().unwrap();
         let at = |text: &str| html.find(&format!("<span>{text}")).unwrap();
         assert!(at("bad") < at("look") && at("look") < at("good"));
-        assert_eq!(page().level(), Level::Bad);
+        assert_eq!(page().level(), FindingLevel::Bad);
         assert!(html.contains("class=\"verdict bad\""));
-        // Nothing to draw: no viewer.
+        // Without a scene, the page has no script.
         assert!(!html.contains("<script"));
     }
 
     #[test]
-    fn thousands_hold_together_and_lists_do_not() {
-        assert_eq!(glued("10 607 readings, 1 of 234 567"), "10\u{202f}607 readings, 1 of 234\u{202f}567");
-        assert_eq!(glued("1, 234 and 12 3456"), "1, 234 and 12 3456");
+    fn thousands_are_joined_but_lists_are_not() {
+        assert_eq!(
+            with_unbroken_numbers("10 607 readings, 1 of 234 567"),
+            "10\u{202f}607 readings, 1 of 234\u{202f}567"
+        );
+        assert_eq!(with_unbroken_numbers("1, 234 and 12 3456"), "1, 234 and 12 3456");
     }
 
     #[test]
-    fn what_lies_far_out_is_packed_and_not_looked_at() {
+    fn outliers_are_packed_but_do_not_determine_the_view() {
         let scene = Scene {
             surfaces: vec![SurfaceShown {
                 positions: vec![[1e6, 0.0, 0.0], [1e6 + 2.0, 0.0, 0.0], [1e6, 4.0, 0.0]],

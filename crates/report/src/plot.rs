@@ -1,20 +1,20 @@
-//! Small drawings of figures, as SVG that follows the page's colours.
+//! Small plots as SVG; texts and axes use the colours of the page.
 
 use crate::numbers::significant;
 use std::fmt::Write;
 
 const WIDTH: f64 = 560.0;
-/// Colours that every kind of colour vision tells apart (Okabe and Ito, 2008), dark enough on paper and light
-/// enough on black.
+/// Colours that are distinguishable with every kind of colour vision (Okabe and Ito, 2008), readable on white
+/// and on black.
 const FIRST: &str = "#2a7fb8";
 const SECOND: &str = "#d9822b";
 
-/// A text with what SVG would read as markup escaped.
+/// Escapes the characters of a text that SVG would interpret as markup.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// Round numbers on a logarithmic axis: 1, 2 and 5 times powers of ten.
+/// Ticks of a logarithmic axis: 1, 2 and 5 times powers of ten, or powers of ten on long axes.
 fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
     let decades = low.log10().floor() as i32..=high.log10().ceil() as i32;
     let steps: &[f64] = if high / low > 300.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
@@ -24,11 +24,18 @@ fn logarithmic_ticks(low: f64, high: f64) -> Vec<f64> {
         .collect()
 }
 
-/// What a sensor states and what its residuals say, a line each, on one logarithmic axis: a line that is long
-/// is a σ that is false.
+/// Plots stated and estimated σ of each sensor on a logarithmic axis. A long line is a wrong σ.
 ///
-/// Rows are name, stated (if any) and found; values that are not positive are left out. Empty where nothing
-/// is left.
+/// Rows are name, stated σ (if any) and estimated σ. Values that are not positive are omitted; without any
+/// value, the result is empty.
+///
+/// # Examples
+/// ```
+/// use planish_report::plot::stated_and_found;
+/// let svg = stated_and_found(&[("laser".to_owned(), Some(0.1), 0.3)], "mm");
+/// assert!(svg.starts_with("<svg") && svg.contains("laser"));
+/// assert_eq!(stated_and_found(&[], "mm"), "");
+/// ```
 #[must_use]
 pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> String {
     let positive = |v: f64| (v > 0.0 && v.is_finite()).then_some(v);
@@ -92,9 +99,8 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
     let _ = write!(
         svg,
         "<rect x=\"{left}\" y=\"{:.1}\" width=\"4\" height=\"14\" fill=\"{FIRST}\"/><text \
-         class=\"plot-text\" x=\"{}\" y=\"{y}\">σ as stated</text><circle cx=\"{}\" cy=\"{:.1}\" r=\"5.5\" \
-         fill=\"{SECOND}\"/><text class=\"plot-text\" x=\"{}\" y=\"{y}\">σ as the residuals say / \
-         {}</text></svg>",
+         class=\"plot-text\" x=\"{}\" y=\"{y}\">stated σ</text><circle cx=\"{}\" cy=\"{:.1}\" r=\"5.5\" \
+         fill=\"{SECOND}\"/><text class=\"plot-text\" x=\"{}\" y=\"{y}\">estimated σ / {}</text></svg>",
         y - 11.0,
         left + 10.0,
         left + 112.0,
@@ -105,10 +111,9 @@ pub fn stated_and_found(rows: &[(String, Option<f64>, f64)], unit: &str) -> Stri
     svg
 }
 
-/// Residuals over their σ beside the normal distribution that they should have; values beyond ±5 are counted
-/// in the outermost bars.
+/// Histogram of normalised residuals with the standard normal distribution for comparison.
 ///
-/// Empty for no values.
+/// Values beyond ±5 are counted in the outermost bars. Empty without values.
 #[must_use]
 pub fn normalised_residuals(values: &[f64]) -> String {
     const BINS: usize = 50;
@@ -163,16 +168,15 @@ pub fn normalised_residuals(values: &[f64]) -> String {
     }
     let _ = write!(
         svg,
-        "<text class=\"plot-text\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">residual over its \
-         σ</text></svg>",
+        "<text class=\"plot-text\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">normalised residual \
+         (residual / σ)</text></svg>",
         0.5 * (left + right),
         bottom + 33.0
     );
     svg
 }
 
-/// Polylines in a plane, y upwards, as large as they fit; those that are hidden are dashed. Empty for no
-/// points.
+/// Polylines in a plane, y upwards, scaled to fit; hidden ones (`true`) are dashed. Empty without points.
 #[must_use]
 pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
     const ROOM: [f64; 2] = [560.0, 320.0];
@@ -210,7 +214,9 @@ pub fn lines(lines: &[(Vec<[f64; 2]>, bool)]) -> String {
     svg + "</svg>"
 }
 
-/// A share of a whole, part after part, in one bar: names, shares and colours, as CSS has them.
+/// A bar of shares of a whole: names, shares and CSS colours.
+///
+/// Shares need not add up to one. Empty if their sum is not positive.
 #[must_use]
 pub fn shares(parts: &[(&str, f64, String)]) -> String {
     let whole: f64 = parts.iter().map(|p| p.1).sum();
@@ -236,7 +242,7 @@ pub fn shares(parts: &[(&str, f64, String)]) -> String {
     svg + "</svg>"
 }
 
-/// A tick without zeros that say nothing.
+/// A tick label without trailing zeros.
 fn trimmed(value: f64) -> String {
     let text = significant(value, 2);
     if text.contains('.') && !text.contains('e') {
@@ -251,7 +257,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_false_sigma_is_a_long_line() {
+    fn a_wrong_sigma_is_a_long_line() {
         let rows = [("old <1>".to_owned(), Some(0.1), 0.3), ("laser".to_owned(), Some(0.1), 0.1)];
         let svg = stated_and_found(&rows, "mm");
         let lengths: Vec<f64> = svg

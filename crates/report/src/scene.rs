@@ -1,8 +1,8 @@
-//! What a 3D view shows, and how it is packed into a page.
+//! The content of a 3D view, and its encoding in the page.
 //!
-//! Places of surfaces are 32-bit floats about the scene's centre, so that maps far from the origin keep their
-//! digits; places of dots and lines are steps of the scene's box over 65535, which no screen tells apart.
-//! Values are 32-bit floats, as in files of meshes, or small integers.
+//! Positions of surfaces are 32-bit floats relative to the centre of the scene, so that maps far from the
+//! origin keep their precision. Positions of points and lines are quantised to 1/65535 of the bounding box,
+//! which is finer than the pixels of a screen. Values are 32-bit floats, as in mesh files, or small integers.
 
 mod thin;
 
@@ -11,105 +11,108 @@ use crate::field::{Field, Values};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
-use thin::{MOST_TRIANGLES, thinned};
+use thin::{MAX_TRIANGLES, thinned};
 
-/// For each vertex, which scans saw it.
+/// For each vertex, the scans that observed it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SeenBy {
-    /// The scans.
+    /// Names of the scans.
     pub names: Vec<String>,
-    /// The sets of scans that occur.
+    /// The sets of scans that occur, as indices into `names`.
     pub sets: Vec<Vec<u16>>,
-    /// For each vertex, its set.
+    /// For each vertex, the index of its set.
     pub of_vertex: Vec<u16>,
 }
 
-/// A surface of triangles.
+/// A triangle surface in the 3D view.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SurfaceShown {
-    /// What it is.
+    /// Name shown to the reader.
     pub name: String,
-    /// Its vertices.
+    /// Vertex positions, in the unit of the scene.
     pub positions: Vec<[f64; 3]>,
-    /// Its triangles.
+    /// Triangles as vertex indices.
     pub triangles: Vec<[u32; 3]>,
-    /// What it may be coloured by, the first at once.
+    /// Quantities for colouring; the first is selected at the start.
     pub fields: Vec<Field>,
-    /// Which scans saw it, where that is known.
+    /// The scans that observed each vertex, if known.
     pub seen_by: Option<SeenBy>,
-    /// Whether it is not shown at first.
+    /// True if it is hidden at the start.
     pub hidden: bool,
-    /// Whether its triangles are flat, as those of solids are.
+    /// True for flat shading, as for solids.
     pub flat: bool,
-    /// Whether what lies behind is seen through it.
+    /// True if it is translucent.
     pub translucent: bool,
 }
 
-/// Dots.
+/// A point cloud in the 3D view.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Cloud {
-    /// What they are.
+    /// Name shown to the reader.
     pub name: String,
-    /// Where.
+    /// Positions, in the unit of the scene.
     pub positions: Vec<[f64; 3]>,
-    /// What they are coloured by, the first at once.
+    /// Quantities for colouring; the first is selected at the start.
     pub fields: Vec<Field>,
-    /// Whether they are not shown at first.
+    /// True if they are hidden at the start.
     pub hidden: bool,
-    /// Width in pixels; 3 where it is 0.
+    /// Width of a point in pixels; 0 means 3.
     pub width: u8,
 }
 
-/// Straight lines.
+/// Line segments in the 3D view.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LineSet {
-    /// What they are.
+    /// Name shown to the reader.
     pub name: String,
-    /// Both ends of each.
+    /// Both ends of each segment.
     pub segments: Vec<[[f64; 3]; 2]>,
-    /// Colour as in CSS; dark where empty.
+    /// CSS colour; dark grey if empty.
     pub colour: String,
-    /// Whether they are not shown at first.
+    /// True if they are hidden at the start.
     pub hidden: bool,
 }
 
-/// A place with a number on it.
+/// A numbered point in the 3D view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mark {
-    /// Where.
+    /// Position.
     pub at: [f64; 3],
-    /// The number.
+    /// The number, as text.
     pub label: String,
-    /// What is to be said of it.
+    /// Description, shown on a click.
     pub text: String,
-    /// The direction from which it is seen.
+    /// Direction from which the mark is visible: the outward normal.
     pub normal: [f64; 3],
 }
 
-/// What is shown in 3D.
+/// The content of a 3D view.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scene {
-    /// Unit of lengths.
+    /// Unit of all lengths.
     pub unit: String,
     /// Surfaces.
     pub surfaces: Vec<SurfaceShown>,
-    /// Dots.
+    /// A point cloud in the 3D view.
     pub clouds: Vec<Cloud>,
-    /// Lines.
+    /// Line sets.
     pub lines: Vec<LineSet>,
-    /// Marked places.
+    /// Numbered points.
     pub marks: Vec<Mark>,
-    /// What the marks are.
+    /// Name of the marks, shown to the reader.
     pub marks_name: String,
 }
 
-/// Directions from which a thing is looked at.
-const FROM: [f64; 3] = [0.55, -0.75, 0.5];
-/// A surface faces one way when its normals add up to more than this share of its area.
+/// Default viewing direction, from the object to the camera (not normalised): oblique from above.
+const OBLIQUE_VIEW: [f64; 3] = [0.55, -0.75, 0.5];
+/// Ratio of |Σ area vectors| to the area above which a surface faces one direction and is shown from the
+/// front.
+///
+/// It is 0 for a closed surface and 1 for a plane.
 const FACING: f64 = 0.6;
 
 impl Scene {
-    /// The smallest box about the surfaces, or about all that is shown where there is none.
+    /// Bounding box of the surfaces, or of everything if there is no surface. It determines the view.
     fn bounds(&self) -> Option<[[f64; 3]; 2]> {
         let surfaces = self.surfaces.iter().flat_map(|s| &s.positions);
         let others = (self.clouds.iter().flat_map(|c| &c.positions))
@@ -118,7 +121,7 @@ impl Scene {
         box_of(surfaces).or_else(|| box_of(others))
     }
 
-    /// The whole box: what is quantised has to lie in it.
+    /// Bounding box of everything: the range of the quantised positions.
     fn outer(&self) -> Option<[[f64; 3]; 2]> {
         box_of(
             (self.surfaces.iter().flat_map(|s| &s.positions))
@@ -128,7 +131,7 @@ impl Scene {
         )
     }
 
-    /// As JSON for `assets/viewer.js`; none where there is nothing to show.
+    /// Encodes the scene as JSON for `assets/viewer.js`; `None` if it is empty.
     pub(crate) fn packed(&self) -> Option<Value> {
         let inner = self.bounds()?;
         let outer = self.outer()?;
@@ -137,14 +140,15 @@ impl Scene {
         let steps = Steps { low: about(&outer[0]), high: about(&outer[1]) };
         let surfaces: Vec<Value> = (self.surfaces.iter())
             .map(|surface| {
-                let fewer = thinned(surface, MOST_TRIANGLES);
+                let fewer = thinned(surface, MAX_TRIANGLES);
                 let thinned = fewer.is_some();
                 let surface = fewer.as_ref().unwrap_or(surface);
-                let places = surface.positions.iter().flat_map(about).map(|x| x as f32);
+                let positions = surface.positions.iter().flat_map(about).map(|x| x as f32);
                 let mut made = json!({
                     "name": surface.name,
-                    "positions": floats(places),
-                    "triangles": packed("u32", bytes_of(&surface.triangles)),
+                    "positions": floats(positions),
+                    "triangles":
+                        packed("u32", surface.triangles.as_flattened().iter().flat_map(|k| k.to_le_bytes())),
                     "fields": surface.fields.iter().map(Field::packed).collect::<Vec<_>>(),
                     "hidden": surface.hidden,
                     "flat": surface.flat,
@@ -184,16 +188,20 @@ impl Scene {
             .collect();
         let marks: Vec<Value> = (self.marks.iter())
             .map(|mark| {
-                let Mark { at, label, text, normal } = mark;
-                json!({"at": about(at), "label": label, "text": text, "normal": normal})
+                let at = about(&mark.at);
+                json!({"at": at, "label": mark.label, "text": mark.text, "normal": mark.normal})
             })
             .collect();
+        let maps = Map::ALL
+            .iter()
+            .map(|map| (map.name().to_owned(), json!(map.colours().map(|c| format!("{c:06x}")))));
         let (from, up) = self.view();
         Some(json!({
             "unit": self.unit,
-            "maps": colour_maps(),
+            "maps": maps.collect::<serde_json::Map<_, _>>(),
             "centre": centre,
-            // What is looked at, and the box that steps divide: readings may lie far outside.
+            // `low` and `high` determine the view; `steps` is the range of quantised positions. They differ,
+            // because outliers can lie far outside.
             "low": about(&inner[0]),
             "high": about(&inner[1]),
             "steps": [steps.low, steps.high],
@@ -207,8 +215,15 @@ impl Scene {
         }))
     }
 
-    /// From where the scene is looked at, and what is up: a sheet from its front, other things from a corner,
-    /// z up.
+    /// Viewing direction (from the object to the camera) and up direction.
+    ///
+    /// A sheet is shown from its front, other objects obliquely with z up.
+    ///
+    /// # Examples
+    /// ```
+    /// let (_, up) = planish_report::Scene::default().view();
+    /// assert_eq!(up, [0.0, 0.0, 1.0]);
+    /// ```
     #[must_use]
     pub fn view(&self) -> ([f64; 3], [f64; 3]) {
         let (mut facing, mut area) = ([0.0; 3], 0.0);
@@ -225,10 +240,10 @@ impl Scene {
         }
         let towards = length(facing);
         if towards <= FACING * area || area == 0.0 {
-            return (FROM, [0.0, 0.0, 1.0]);
+            return (OBLIQUE_VIEW, [0.0, 0.0, 1.0]);
         }
         let n = facing.map(|c| c / towards);
-        // Up is what is nearest to z, else to y, and the view slants a little.
+        // Up is z unless the sheet faces up or down; then it is y. A slight slant shows the relief.
         let up = if n[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
         let from = std::array::from_fn(|d| n[d] + 0.35 * [0.5, -0.8, 0.4][d]);
         (from, up)
@@ -246,7 +261,7 @@ fn box_of<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Option<[[f64; 3]; 2
     })
 }
 
-/// A box in 65535 steps along each side.
+/// A box, divided into 65535 steps along each side.
 struct Steps {
     low: [f64; 3],
     high: [f64; 3],
@@ -274,7 +289,7 @@ impl Field {
         if let Some(shown) = &self.shown {
             made["shown"] = json!(shown);
         }
-        match Scale::of(self) {
+        match Scale::from_field(self) {
             Scale::Range(range) => {
                 let ticks: Vec<(f64, &str)> =
                     (range.ticks.iter()).map(|tick| (tick.place, tick.label.as_str())).collect();
@@ -302,16 +317,6 @@ impl Field {
 
 fn floats(values: impl Iterator<Item = f32>) -> Value {
     packed("f32", values.flat_map(f32::to_le_bytes))
-}
-
-fn bytes_of(triangles: &[[u32; 3]]) -> impl Iterator<Item = u8> + '_ {
-    triangles.as_flattened().iter().flat_map(|k| k.to_le_bytes())
-}
-
-/// Colours of every map, by its name.
-fn colour_maps() -> serde_json::Map<String, Value> {
-    let colours = |map: &Map| json!(map.colours().map(|c| format!("{c:06x}")));
-    Map::ALL.iter().map(|map| (map.name().to_owned(), colours(map))).collect()
 }
 
 fn packed(kind: &str, bytes: impl Iterator<Item = u8>) -> Value {

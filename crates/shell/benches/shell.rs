@@ -48,7 +48,7 @@ fn rates(seconds: [f64; 2]) -> String {
 fn main() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let ball = icosphere(1.0, 5);
-    let size = BoundingBox::of(&ball.positions).unwrap().diagonal();
+    let size = BoundingBox::from_points(&ball.positions).unwrap().diagonal();
     let places: Vec<[f64; 3]> = (0..PLACES)
         .map(|_| {
             let at: [f64; 3] = std::array::from_fn(|_| random.random_range(-1.0..1.0));

@@ -71,7 +71,7 @@ fn main() {
         triangles: mesh.triangles.clone(),
     };
     let truth = moved(&icosphere(1.0, 6), [0.25, 0.4, 0.15]);
-    let size = BoundingBox::of(&truth.positions).unwrap().diagonal();
+    let size = BoundingBox::from_points(&truth.positions).unwrap().diagonal();
     let sigma = 1e-3 * size;
     let places = sample_points(&truth, 20_000, || random.random()).unwrap();
     let points: Vec<PointReading> = (places.iter().enumerate())

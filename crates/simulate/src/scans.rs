@@ -389,7 +389,7 @@ pub(super) fn looking_from(truth: &Truth, z: [f64; 3], roll_rad: f64, size: f64)
     let x = add_scaled(scale(cos, e1), sin, e2);
     let y = cross(z, x);
     let rotation = [0, 1, 2].map(|k| [x[k], y[k], z[k]]);
-    let middle = BoundingBox::of(&truth.mesh(5120).0.positions).map_or([0.0; 3], |b| b.center());
+    let middle = BoundingBox::from_points(&truth.mesh(5120).0.positions).map_or([0.0; 3], |b| b.center());
     let position = add_scaled(middle, 4.0 * size, z);
     let exact = Pose { rotation, translation: position };
     // The pose of the quaternion as it is written, so that memory and file agree.

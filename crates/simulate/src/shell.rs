@@ -95,7 +95,8 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
             (icosphere(radius, 4), options.unit)
         }
     };
-    let bounds = BoundingBox::of(&rest.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
+    let bounds =
+        BoundingBox::from_points(&rest.positions).ok_or_else(|| Error::input("a mesh without vertices"))?;
     let size = bounds.diagonal();
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     // Not those that a fit chooses: a real object does not bend by them.
@@ -109,7 +110,7 @@ pub fn write_shell_scene(options: &ShellSceneOptions, folder: &Path) -> Result<S
         positions: displaced_positions(&rest.positions, &deformation, &q),
         triangles: rest.triangles.clone(),
     };
-    let bounds = BoundingBox::of(&truth.positions).unwrap_or(bounds);
+    let bounds = BoundingBox::from_points(&truth.positions).unwrap_or(bounds);
     let sigma = options.noise * size;
     let points: Vec<[f64; 3]> = sample_points(&truth, options.points, || random.random())?
         .into_iter()

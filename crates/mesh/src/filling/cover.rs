@@ -1,31 +1,31 @@
-//! A loop covered with triangles between its vertices.
+//! Covers a loop with triangles between its vertices.
 //!
-//! Comes in: a loop of a border, the normals beside it, and the edges in use. Goes out: triangles of least
-//! area (G. Barequet, M. Sharir, *Filling gaps in the boundary of a polyhedron*, 1995), turned against the
-//! loop. Cost O(n³) for up to [`LONG`] edges; a longer loop is parted by short chords first. Not guaranteed:
-//! that the triangles cross nothing; least area for long loops.
+//! In: a border loop, the normals along it, and the existing edges. Out: triangles of minimum area (G.
+//! Barequet, M. Sharir, *Filling gaps in the boundary of a polyhedron*, 1995), oriented against the loop.
+//! Cost O(n³) for up to [`LONG`] edges; longer loops are first split by short chords. Not guaranteed: that
+//! the triangles do not intersect anything; minimum area for long loops.
 
 use crate::edges::edge;
 use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use std::collections::HashSet;
 
-/// A triangle that faces the other way than its corners counts so many times its area.
+/// Factor on the area of triangles that face against the normals of their corners, so that folds are avoided.
 const FOLDED: f64 = 4.0;
-/// Loops with more edges are parted by chords.
+/// Maximum number of edges of a loop that is covered at once; longer ones are split, as the cost is cubic.
 const LONG: usize = 300;
-/// Chords are looked for between so many vertices of a loop.
-const LOOKED_AT: usize = 2000;
+/// Maximum number of vertices of a loop between which chords are searched; the cost is quadratic.
+const MAX_CHORD_ENDS: usize = 2000;
 
-/// What a cover must fit.
+/// The mesh around a loop.
 pub(super) struct Surroundings<'a> {
     pub positions: &'a [[f64; 3]],
     pub normals: &'a [[f64; 3]],
-    /// Edges between vertices of loops that are there already.
+    /// Existing edges between vertices of loops.
     pub edges: &'a HashSet<[u32; 2]>,
 }
 
-/// The triangulation of a loop of least area whose inner edges are not in use, turned against the loop; none
-/// where there is none.
+/// The triangulation of minimum area without existing inner edges, oriented against the loop; `None` if there
+/// is none.
 pub(super) fn least_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
     let mut cover = Vec::with_capacity(vertices.len());
     let mut parts = vec![vertices.to_vec()];
@@ -41,10 +41,10 @@ pub(super) fn least_cover(around: &Surroundings<'_>, vertices: &[u32]) -> Option
     Some(cover)
 }
 
-/// The shortest chord with a fourth of a loop on either side at least, of so many as there is time for.
+/// The shortest chord with at least a quarter of the loop on each side, among a sample of chords.
 fn best_chord(around: &Surroundings<'_>, vertices: &[u32]) -> Option<[usize; 2]> {
     let n = vertices.len();
-    let step = n.div_ceil(LOOKED_AT);
+    let step = n.div_ceil(MAX_CHORD_ENDS);
     let at = |k: usize| around.positions[vertices[k] as usize];
     let chords = (0..n).step_by(step).flat_map(|from| {
         let last = (from + 3 * n / 4).min(n - 1);
@@ -58,7 +58,7 @@ fn best_chord(around: &Surroundings<'_>, vertices: &[u32]) -> Option<[usize; 2]>
         .map(|(_, chord)| chord)
 }
 
-/// [`least_cover`] of a loop that is not long.
+/// [`least_cover`] of a short loop, by dynamic programming over spans of the loop.
 fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u32; 3]>> {
     let n = vertices.len();
     if n < 3 {
@@ -66,12 +66,12 @@ fn least_of_short(around: &Surroundings<'_>, vertices: &[u32]) -> Option<Vec<[u3
     }
     let at = |k: usize| around.positions[vertices[k] as usize];
     let cost = |i: usize, j: usize, k: usize| {
-        // Seen against the loop: k, j, i.
+        // The triangle is k, j, i: against the loop.
         let up = cross(sub(at(j), at(k)), sub(at(i), at(k)));
         let facing: f64 = [i, j, k].iter().map(|v| dot(around.normals[vertices[*v] as usize], up)).sum();
         norm(up) * if facing > 0.0 { 1.0 } else { FOLDED }
     };
-    // Fans that were parted have vertices in one place.
+    // Split fans have vertices at equal positions: an edge between them would have no length.
     let free = |i: usize, j: usize| at(i) != at(j) && !around.edges.contains(&edge(vertices[i], vertices[j]));
     let mut best = vec![0.0; n * n];
     let mut split = vec![usize::MAX; n * n];

@@ -1,17 +1,17 @@
-//! The vertices of a hole's cover moved so that it carries on what lies around it.
+//! Fairing: moves the vertices of a cover so that it continues the surrounding surface.
 //!
-//! Comes in: triangles of a cover and those around its loop. Goes out: places of its inner vertices by which
-//! `E = Σ_v |Σ_j w_vj (x_j − x_v) − 2 H A_v n_v|² / A_v` is least, the sum over the inner vertices and those
-//! of the loop. With `H = 0` it is the bending of a thin plate (M. Botsch, L. Kobbelt, *An intuitive
-//! framework for real-time freeform modeling*, 2004, equation 3 with k = 2), which keeps the tangent planes
-//! of the loop but does not leave a ball a ball; with the mean curvature of what lies around, it does (R.
-//! Schneider, L. Kobbelt, *Geometric fairing of irregular meshes for free-form surface design*, 2001, where
-//! `H` is interpolated). `w_vj` are half the sums of the cotangents across an edge and `A_v` the area nearest
-//! to a vertex (M. Meyer, M. Desbrun, P. Schröder, A. Barr, *Discrete differential-geometry operators for
-//! triangulated 2-manifolds*, 2003, section 3.3); before there is a shape to take them from, all are one.
-//! Normals, weights and areas are those before: the places are solved for again until they rest.
+//! In: triangles of a cover and those around its border. Out: positions of its inner vertices that minimise
+//! `E = Σ_v |Σ_j w_vj (x_j − x_v) − 2 H A_v n_v|² / A_v` over the inner vertices and those of the border.
+//! With `H = 0` it is the bending of a thin plate (M. Botsch, L. Kobbelt, *An intuitive framework for
+//! real-time freeform modeling*, 2004, equation 3 with k = 2), which keeps the tangent planes of the loop but
+//! does not leave a ball a ball; with the mean curvature of what lies around, it does (R. Schneider, L.
+//! Kobbelt, *Geometric fairing of irregular meshes for free-form surface design*, 2001, where `H` is
+//! interpolated). `w_vj` are half the sums of the cotangents across an edge and `A_v` the area nearest to a
+//! vertex (M. Meyer, M. Desbrun, P. Schröder, A. Barr, *Discrete differential-geometry operators for
+//! triangulated 2-manifolds*, 2003, section 3.3); in the first step, all are one. Normals, weights and areas
+//! are those of the previous step, so that the system is linear; it is solved repeatedly.
 //!
-//! Not guaranteed: that the cover crosses nothing.
+//! Not guaranteed: that the cover does not intersect anything.
 
 use planish_estimate::Result;
 use planish_estimate::sparse::{
@@ -21,24 +21,24 @@ use planish_estimate::vector3::{add, cross, dot, norm, scale, sub, unit};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Cotangents are taken as no smaller, so that every vertex is held by all its neighbours.
-const LEAST_COTANGENT: f64 = 0.01;
-/// And as no larger: needles have no say of their own.
-const LARGEST_COTANGENT: f64 = 20.0;
+/// Lower clamp of cotangents, so that every neighbour has an influence and the system stays definite.
+const MIN_COTANGENT: f64 = 0.01;
+/// Upper clamp of cotangents, so that sliver triangles do not dominate.
+const MAX_COTANGENT: f64 = 20.0;
 
-/// What a cover is brought to.
+/// The target shape of a cover.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Goal {
-    /// Even triangles without bends: all neighbours weigh alike.
+    /// Even triangles and minimum bending: all neighbours have equal weights.
     Even,
-    /// This mean curvature, negative for a ball: neighbours weigh by cotangents and areas.
+    /// This mean curvature (negative for a ball), with cotangent weights.
     MeanCurvature(f64),
 }
 
-/// What a vertex is to others.
+/// One row of the Laplacian: a vertex and its neighbours.
 struct Row {
     vertex: u32,
-    /// Neighbours with their weights.
+    /// Weights of the neighbours.
     neighbours: BTreeMap<u32, f64>,
     area: f64,
     /// The sum of the area vectors of its triangles.
@@ -106,8 +106,8 @@ pub(super) fn fair(
     Ok(())
 }
 
-/// The rows of all vertices whose triangles go all the way round: the inner ones, and those of the loop that
-/// no other hole meets.
+/// The rows of all vertices with a closed ring of triangles: the inner ones, and border vertices that touch
+/// no other hole.
 fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usize, goal: Goal) -> Vec<Row> {
     let mut at = vec![usize::MAX; positions.len()];
     let mut rows: Vec<Row> = Vec::new();
@@ -128,7 +128,7 @@ fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usiz
             around[at[v as usize]] += 1;
             row.area += crate::triangle::mixed_area(&corner, k);
             row.up = add(row.up, up);
-            // The edge to a neighbour is opposite to the other one.
+            // The edge to one neighbour is opposite to the other neighbour.
             for (to, across) in [(next, (k + 2) % 3), (previous, (k + 1) % 3)] {
                 let weight = match goal {
                     Goal::Even => 0.5,
@@ -136,7 +136,7 @@ fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usiz
                         let sides =
                             [(across + 1) % 3, (across + 2) % 3].map(|s| sub(corner[s], corner[across]));
                         let cotangent = dot(sides[0], sides[1]) / doubled.max(f64::MIN_POSITIVE);
-                        0.5 * cotangent.clamp(LEAST_COTANGENT, LARGEST_COTANGENT)
+                        0.5 * cotangent.clamp(MIN_COTANGENT, MAX_COTANGENT)
                     }
                 };
                 *row.neighbours.entry(to).or_default() += weight;
@@ -147,7 +147,7 @@ fn rows(positions: &[[f64; 3]], triangles: &[[u32; 3]], rim: &[u32], first: usiz
     rows.retain(|row| around.next() == Some(&row.neighbours.len()));
     let mean = rows.iter().map(|row| row.area).sum::<f64>() / rows.len().max(1) as f64;
     for row in &mut rows {
-        // Needles of no area have no infinite say.
+        // Slivers without area must not get infinite weight.
         row.area = row.area.max(1e-3 * mean);
     }
     rows

@@ -1,14 +1,15 @@
-//! Loops of a border, and those of a seam closed without new vertices.
+//! Border loops, and closing of short ones without new vertices.
 //!
-//! Comes in: triangles whose edges are manifold. Goes out: the loops of their border; triangles over those
-//! that may be closed ([`least_cover`]). Not guaranteed: that the new triangles cross nothing.
+//! In: triangles with manifold edges. Out: the loops of their border, and triangles over those that may be
+//! closed ([`least_cover`]). Not guaranteed: that the new triangles do not intersect anything.
 
 use super::cover::{Surroundings, least_cover};
 use crate::edges::edge;
 use crate::half_edges::{NONE, next_in_triangle, opposites};
 use std::collections::HashSet;
 
-/// Loops of a border, none by a vertex twice: the vertices in the direction of the triangles along them.
+/// The loops of the border, as vertices in the direction of the adjacent triangles. No loop contains a vertex
+/// twice.
 pub(crate) fn border_loops(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let opposite = opposites(triangles);
     let corner = |half: u32| triangles[half as usize / 3][half as usize % 3];
@@ -36,7 +37,7 @@ pub(crate) fn border_loops(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     loops
 }
 
-/// A loop that comes by a vertex twice is two loops.
+/// Splits a loop at vertices that it passes twice.
 fn simple_loops(vertices: Vec<u32>, loops: &mut Vec<Vec<u32>>) {
     let mut way: Vec<u32> = Vec::with_capacity(vertices.len());
     let mut on_way: HashSet<u32> = HashSet::new();
@@ -57,7 +58,7 @@ fn simple_loops(vertices: Vec<u32>, loops: &mut Vec<Vec<u32>>) {
     loops.push(way);
 }
 
-/// Closes loops of at most `longest` edges for which `may_close` holds. Gives how many.
+/// Closes loops of at most `longest` edges for which `may_close` is true; returns their number.
 pub(crate) fn close_loops(
     positions: &[[f64; 3]],
     normals: &[[f64; 3]],
@@ -80,7 +81,7 @@ pub(crate) fn close_loops(
             }
         }
     }
-    // The border of a lone triangle is no hole.
+    // The border of a single triangle is not a hole.
     let alone: HashSet<[u32; 3]> =
         triangles.iter().filter(|t| t.iter().all(|v| on_loop[*v as usize])).map(|t| sorted(*t)).collect();
     let mut closed = 0;

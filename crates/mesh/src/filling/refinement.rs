@@ -1,10 +1,10 @@
-//! The cover of a hole cut into triangles like those beside it.
+//! Refines the cover of a hole to triangles like those around it.
 //!
-//! Comes in: triangles between the vertices of a loop, and the length of edges at each. Goes out: triangles
-//! over more vertices, with edges as long as those of the loop beside it and by [`GRADE`] of the way longer
-//! farther in, so that a large hole takes few (P. Liepa, *Filling holes in meshes*, 2003, section 4, without
-//! the grading: triangles are divided in their middle, and edges turned). Not guaranteed: that vertices lie
-//! where a surface would have them.
+//! In: triangles between the vertices of a loop, and the edge length at each. Out: triangles with additional
+//! vertices. Edges are as long as those of the border nearby and grow inwards ([`GRADE`]), so that a large
+//! hole needs few triangles. The method divides triangles at their centroid and flips edges (P. Liepa,
+//! *Filling holes in meshes*, 2003, section 4, there without grading). Not guaranteed: that vertices lie on a
+//! plausible surface; fairing moves them.
 
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, divide, opposites, turn};
@@ -12,45 +12,47 @@ use crate::triangle::{area_vector, smallest_angle};
 use planish_estimate::vector3::{add, add_scaled, distance, dot, scale, sub, unit};
 use std::collections::HashSet;
 
-/// Edges grow by this share of the way from the border.
+/// Growth of the edge length per distance from the border. Larger values need fewer triangles but are
+/// coarser.
 const GRADE: f64 = 0.2;
-/// A triangle is divided where its middle is farther from each corner than so many edges.
+/// A triangle is divided if its centroid is farther from each corner than this number of edge lengths (Liepa:
+/// √2 times the distance must exceed the length).
 const DIVIDED: f64 = std::f64::consts::FRAC_1_SQRT_2;
-/// All triangles are looked at so many times at most; each time the longest edges are about halved.
-const MOST_PASSES: usize = 40;
-/// Steps by which vertices are spread.
-const SPREADS: usize = 10;
-/// An edge is turned where the smallest angle beside it grows by more than this share.
-const GROWS: f64 = 1e-9;
+/// Maximum number of passes; each about halves the longest edges.
+const MAX_PASSES: usize = 40;
+/// Number of smoothing steps along the surface.
+const SMOOTHING_STEPS: usize = 10;
+/// Minimum relative growth of the smallest angle for a flip; above rounding, so that flips cannot cycle.
+const MIN_GAIN: f64 = 1e-9;
 
-/// The triangles of a hole.
+/// The triangles that cover a hole.
 pub(super) struct Lid {
     /// Triangles of the vertices below.
     pub triangles: Vec<[u32; 3]>,
-    /// Where its vertices are: those of the loop first.
+    /// Vertex positions, those of the border first.
     pub positions: Vec<[f64; 3]>,
-    /// The half-edge that runs the other way.
+    /// For each half-edge, its opposite.
     opposite: Vec<u32>,
-    /// Edges within it, and edges in use between vertices of the loop.
+    /// Edges of the cover, and existing edges between border vertices.
     edges: HashSet<[u32; 2]>,
 }
 
 impl Lid {
-    /// A cover with its vertices numbered along the loop; `taken` are the edges between those that are not
-    /// its own.
-    pub fn new(triangles: Vec<[u32; 3]>, positions: Vec<[f64; 3]>, taken: HashSet<[u32; 2]>) -> Self {
-        let mut edges = taken;
+    /// Creates a cover with vertices numbered along the border; `existing` are the edges of the mesh between
+    /// them.
+    pub fn new(triangles: Vec<[u32; 3]>, positions: Vec<[f64; 3]>, existing: HashSet<[u32; 2]>) -> Self {
+        let mut edges = existing;
         for t in &triangles {
             edges.extend([edge(t[0], t[1]), edge(t[1], t[2]), edge(t[2], t[0])]);
         }
         Self { opposite: opposites(&triangles), triangles, positions, edges }
     }
 
-    /// Divides triangles until their edges are so long as `lengths` says at the loop, graded within.
+    /// Divides triangles until edges have the lengths given at the border, graded inwards.
     pub fn refine(&mut self, lengths: &[f64]) {
         let mut lengths = lengths.to_vec();
         self.relax();
-        for _ in 0..MOST_PASSES {
+        for _ in 0..MAX_PASSES {
             let before = self.triangles.len();
             for t in 0..before {
                 let corners = self.triangles[t];
@@ -75,11 +77,12 @@ impl Lid {
         }
     }
 
-    /// Turns edges while the smallest angle beside them grows, which ends, as the angles in order do.
+    /// Flips edges while this increases the smallest angle of both triangles. This ends, because the sorted
+    /// angles increase.
     pub fn relax(&mut self) {
         let mut queue: Vec<u32> = (0..self.opposite.len() as u32).rev().collect();
         while let Some(half) = queue.pop() {
-            if self.may_turn(half) {
+            if self.may_flip(half) {
                 let [a, b, c, d] = around(&self.triangles, half, self.opposite[half as usize]);
                 let [t, s] = turn(&mut self.triangles, &mut self.opposite, half);
                 self.edges.remove(&edge(a, b));
@@ -89,10 +92,9 @@ impl Lid {
         }
     }
 
-    /// Moves inner vertices along the surface towards the middle of their neighbours, so that triangles
-    /// become even.
+    /// Moves inner vertices along the surface towards the centroid of their neighbours, for even triangles.
     pub fn spread(&mut self, rim: usize) {
-        for _ in 0..SPREADS {
+        for _ in 0..SMOOTHING_STEPS {
             let n = self.positions.len();
             let (mut sums, mut counts, mut normals) = (vec![[0.0; 3]; n], vec![0.0; n], vec![[0.0; 3]; n]);
             for t in &self.triangles {
@@ -114,7 +116,7 @@ impl Lid {
         }
     }
 
-    fn may_turn(&self, half: u32) -> bool {
+    fn may_flip(&self, half: u32) -> bool {
         let over = self.opposite[half as usize];
         if over == NONE {
             return false;
@@ -126,7 +128,7 @@ impl Lid {
         let corners = |t: [u32; 3]| t.map(|v| self.positions[v as usize]);
         let (old, new) = ([[a, b, c], [b, a, d]].map(corners), [[c, d, b], [d, c, a]].map(corners));
         let least = |both: &[[[f64; 3]; 3]; 2]| smallest_angle(&both[0]).min(smallest_angle(&both[1]));
-        if least(&new) <= (1.0 + GROWS) * least(&old) {
+        if least(&new) <= (1.0 + MIN_GAIN) * least(&old) {
             return false;
         }
         let (up, turned) = (old.each_ref().map(area_vector), new.each_ref().map(area_vector));

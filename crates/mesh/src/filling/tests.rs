@@ -12,7 +12,7 @@ fn open_ball(below: f64) -> TriangleMesh {
         .map(|t| ball.triangles[t])
         .collect();
     ball.triangles = kept;
-    let used = crate::Patch::tidy(&ball, &[]).unwrap().patch;
+    let used = crate::MergePatch::make_manifold(&ball, &[]).unwrap().patch;
     used.mesh
 }
 
@@ -83,7 +83,7 @@ fn sigma_of_a_lid_covers_noise() {
 fn outer_rims_stay_open() {
     let mut sheet = grid_sheet(2.0, 2.0, 41, 41);
     sheet.triangles.retain(|t| t.iter().any(|v| norm(sheet.positions[*v as usize]) > 0.5));
-    let sheet = crate::Patch::tidy(&sheet, &[]).unwrap().patch.mesh;
+    let sheet = crate::MergePatch::make_manifold(&sheet, &[]).unwrap().patch.mesh;
     let done = filled(&sheet, 10_000);
     assert_eq!((done.holes, done.rims), (1, 1));
     assert!(done.mesh.positions.iter().all(|p| p[2].abs() < 1e-9));

@@ -1,4 +1,4 @@
-//! How far the vertices of a patch are from its border.
+//! Distance from the vertices of a patch to its border.
 
 use crate::half_edges::{NONE, opposites};
 use crate::mesh::TriangleMesh;
@@ -7,8 +7,9 @@ use planish_estimate::vector3::distance;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// For each vertex, the length of the shortest way along edges to an open border; infinite where there is
-/// none. Ways longer than `limit` are not followed: what is farther has `limit`.
+/// For each vertex, the length of the shortest path along edges to the border; infinite without a border.
+///
+/// Paths longer than `limit` are not followed: vertices farther away get `limit`.
 ///
 /// Cost: O(n log n) for the part within the limit (Dijkstra from all border vertices at once).
 pub(super) fn distance_to_border(mesh: &TriangleMesh, limit: f64) -> Vec<f64> {
@@ -27,8 +28,8 @@ pub(super) fn distance_to_border(mesh: &TriangleMesh, limit: f64) -> Vec<f64> {
     if queue.is_empty() {
         return far;
     }
-    let neighbours = Neighbours::of(mesh);
-    // Distances that are not negative compare like their bits.
+    let neighbours = Neighbours::from_mesh(mesh);
+    // The heap needs a total order: non-negative floats compare like their bits.
     while let Some(Reverse((bits, v))) = queue.pop() {
         let here = f64::from_bits(bits);
         if here > far[v as usize] {
@@ -54,7 +55,7 @@ mod tests {
     use crate::primitives::{grid_sheet, icosphere};
 
     #[test]
-    fn the_middle_of_a_sheet_is_farthest_and_a_ball_has_no_border() {
+    fn distances_match_a_flat_sheet_and_are_infinite_on_a_ball() {
         let sheet = grid_sheet(2.0, 4.0, 21, 41);
         let far = distance_to_border(&sheet, 10.0);
         for (p, d) in sheet.positions.iter().zip(&far) {

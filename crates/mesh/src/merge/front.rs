@@ -1,66 +1,70 @@
-//! Sewing pieces of surface together: triangles between their borders, one after the other.
+//! Stitches pieces of a surface together with triangles between their borders (advancing front).
 //!
-//! Comes in: pieces whose edges and vertices are manifold, with gaps of a few edges between them. Goes out:
-//! more triangles over the same vertices. At every open edge `a → b` the candidate is the border vertex that
-//! sees the edge under the largest angle (Delaunay's choice in the plane of the edge: no other border vertex
-//! lies in the circle), with nothing of the border between. The smallest circles come first (F. Bernardini
-//! and others, *The ball-pivoting algorithm*, 1999, with balls as large as each triangle needs).
+//! In: pieces with manifold edges and vertices, separated by gaps of a few edges. Out: additional triangles
+//! over the same vertices. The candidate at an open edge `a → b` is the border vertex that sees the edge
+//! under the largest angle, with no other border edge between. This is the Delaunay choice in the plane of
+//! the edge: no other border vertex lies in the circumcircle. The smallest circles come first (F. Bernardini
+//! and others, *The ball-pivoting algorithm*, 1999; here the ball has the size that each triangle needs).
 //!
-//! The border is kept as corners, each the end of one open edge and the beginning of another; a vertex
-//! touched by a triangle from afar has two corners, one on either side. So every step glues one triangle to a
-//! surface with a border and gives one again, whatever the vertices' places are.
+//! The border is stored as open edges with their successors, so that a vertex can occur on it twice, once on
+//! each side of a triangle that touches it. Adding a triangle to a manifold with border therefore always
+//! gives a manifold with border, wherever the vertices are.
 //!
-//! Not guaranteed: that a gap is closed, or that triangles of pieces which fold over each other do not cross.
+//! Not guaranteed: that every gap is closed, or that triangles of pieces that fold over each other do not
+//! intersect.
 
 use crate::half_edges::{NONE, next_in_triangle, opposites};
 use planish_estimate::vector3::{add, cross, distance, dot, scale, sub, unit};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};
 
-/// Directions of normals of a new triangle and of the surface at its corners: the least cosine.
-const SAME_SIDE: f64 = 0.35;
+/// Minimum cosine between the normal of a new triangle and the vertex normals at its corners.
+///
+/// A larger value leaves gaps at sharp edges; a smaller one allows triangles that fold back.
+const MIN_NORMAL_COSINE: f64 = 0.35;
 
-/// What is known of the vertices that are sewn.
+/// Vertices to be stitched, and which of them may be joined.
 pub(super) struct SeamInput<'a> {
     pub positions: &'a [[f64; 3]],
     /// Unit normals.
     pub normals: &'a [[f64; 3]],
-    /// How far a vertex may be from those it is joined with.
+    /// Maximum distance from each vertex to those that it is joined with.
     pub reach: &'a [f64],
-    /// Whether three border vertices may be joined.
+    /// Returns true if three border vertices may form a triangle.
     pub may_join: &'a (dyn Fn([u32; 3]) -> bool + 'a),
 }
 
-/// The open edges of a surface, each with the next and the previous along its loop.
+/// The open edges of a surface, linked along their loops.
 struct Border {
     from: Vec<u32>,
     to: Vec<u32>,
     next: Vec<u32>,
     previous: Vec<u32>,
     open: Vec<bool>,
-    /// Open edges that begin at a vertex.
+    /// Open edges that start at a vertex.
     leaving: HashMap<u32, Vec<u32>>,
-    /// Edges with both ends on the border, the smaller end first.
+    /// Edges with both ends on the border, the smaller index first.
     edges: HashSet<[u32; 2]>,
 }
 
-/// A triangle that may be added: `edge`, and the corner at the beginning of `leaving`.
+/// A triangle that can be added to an edge: its third corner is the start of `leaving`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Candidate {
     leaving: u32,
     radius: f64,
 }
 
-/// Closes gaps; the new triangles are added at the end.
-pub(super) fn sew(seam: &SeamInput<'_>, triangles: &mut Vec<[u32; 3]>) {
-    let mut border = Border::of(triangles);
-    let grid = Grid::of(seam, border.from.iter().copied());
+/// Closes gaps; new triangles are appended.
+pub(super) fn stitch(seam: &SeamInput<'_>, triangles: &mut Vec<[u32; 3]>) {
+    let mut border = Border::new(triangles);
+    let grid = Grid::new(seam, border.from.iter().copied());
     let mut queue = BinaryHeap::new();
     for edge in 0..border.from.len() as u32 {
         if let Some(best) = candidate(seam, &border, &grid, edge) {
             queue.push(Reverse((best.radius.to_bits(), edge)));
         }
     }
+    // Entries of the queue become stale when the border changes, so the candidate is computed again.
     while let Some(Reverse((bits, edge))) = queue.pop() {
         if !border.open[edge as usize] {
             continue;
@@ -86,7 +90,7 @@ pub(super) fn sew(seam: &SeamInput<'_>, triangles: &mut Vec<[u32; 3]>) {
 }
 
 impl Border {
-    fn of(triangles: &[[u32; 3]]) -> Self {
+    fn new(triangles: &[[u32; 3]]) -> Self {
         let opposite = opposites(triangles);
         let mut number = HashMap::new();
         let mut border = Self {
@@ -132,13 +136,13 @@ impl Border {
         border
     }
 
-    /// Adds the triangle over `edge` with the corner where `leaving` begins. Gives the new open edges.
+    /// Adds the triangle of `edge` and the start of `leaving`. Returns the new open edges.
     fn glue(&mut self, edge: u32, leaving: u32) -> [Option<u32>; 2] {
         let (e, g) = (edge as usize, leaving as usize);
         let (before, after, arriving) = (self.previous[e], self.next[e], self.previous[g]);
         let (a, b, c) = (self.from[e], self.to[e], self.from[g]);
         self.close(edge);
-        // Either side of the triangle closes an edge of the border, or is a new one.
+        // Each of the two other sides closes an edge of the border or becomes a new one.
         let first = if before == leaving {
             self.close(leaving);
             None
@@ -200,7 +204,7 @@ impl Border {
     }
 }
 
-/// The best triangle over an open edge.
+/// The best triangle at an open edge: the one with the smallest circumcircle.
 fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> Option<Candidate> {
     let e = edge as usize;
     let (a, b) = (border.from[e], border.to[e]);
@@ -211,7 +215,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     let outwards = unit(cross(along, up))?;
     let middle = scale(0.5, add(at(a), at(b)));
     let length = distance(at(a), at(b));
-    // Places in the plane of the edge: along it, and outwards.
+    // Coordinates in the plane of the edge: along it and outwards.
     let flat = |p: [f64; 3]| {
         let d = sub(p, middle);
         [dot(d, along), dot(d, outwards)]
@@ -220,12 +224,14 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     let before = border.from[border.previous[e] as usize];
     let after = border.to[border.next[e] as usize];
 
+    // Border vertices in reach, on the same side of the surface.
     let mut near: Vec<(u32, [f64; 2])> = Vec::new();
     grid.visit(middle, grid.reach + 0.5 * length, |v| {
         if dot(normal_at(v), up) > 0.0 && !border.leaving[&v].is_empty() {
             near.push((v, flat(at(v))));
         }
     });
+    // Possible third corners, by the angle under which they see the edge.
     let mut seen: Vec<(f64, u32)> = Vec::new();
     for &(c, place) in &near {
         if c == a || c == b || place[1] < 1e-3 * length {
@@ -239,7 +245,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
         let Some(normal) = unit(cross(sub(at(a), at(b)), sub(at(c), at(b)))) else {
             continue;
         };
-        if [a, b, c].iter().any(|v| dot(normal_at(*v), normal) < SAME_SIDE) {
+        if [a, b, c].iter().any(|v| dot(normal_at(*v), normal) < MIN_NORMAL_COSINE) {
             continue;
         }
         if !(seam.may_join)([a, b, c]) {
@@ -248,6 +254,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
         let cosine = dot(sub(at(a), at(c)), sub(at(b), at(c))) / (to_a * to_b);
         seen.push((cosine, c));
     }
+    // The largest angle (smallest cosine) whose triangle fits between the borders wins.
     seen.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
     for (cosine, c) in seen {
         let place = flat(at(c));
@@ -257,7 +264,7 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
             if !is_next && border.joined(b, c) || !is_previous && border.joined(a, c) {
                 continue;
             }
-            // Within the open sector of all three corners.
+            // The triangle must lie in the open sector of each of its corners.
             let (p, n) = (border.from[arriving as usize], border.to[leaving as usize]);
             let sectors = within(seam, c, [p, b, a, n])
                 && within(seam, a, [before, c, b, b])
@@ -287,8 +294,8 @@ fn candidate(seam: &SeamInput<'_>, border: &Border, grid: &Grid, edge: u32) -> O
     None
 }
 
-/// Whether the directions from a vertex to four others come in this order, counter-clockwise about its
-/// normal; the first two and the last two may be one.
+/// Returns true if the directions from a vertex to four others are in counter-clockwise order about its
+/// normal. The first two may coincide, and the last two.
 fn within(seam: &SeamInput<'_>, vertex: u32, order: [u32; 4]) -> bool {
     let (at, normal) = (seam.positions[vertex as usize], seam.normals[vertex as usize]);
     let direction = |v: u32| sub(seam.positions[v as usize], at);
@@ -303,28 +310,28 @@ fn within(seam: &SeamInput<'_>, vertex: u32, order: [u32; 4]) -> bool {
     };
     let second = if order[1] == order[0] { 0.0 } else { turn(order[1]) };
     let third = turn(order[2]);
-    // A border that turns back on itself leaves all directions open.
+    // A border that turns back on itself leaves the full circle open.
     let last = if order[3] == order[0] { std::f64::consts::TAU } else { turn(order[3]) };
     second < third && third <= last
 }
 
-/// Whether two segments of a plane cross in their insides.
+/// Returns true if two segments in a plane intersect in their interiors.
 fn cross_in_plane(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
     let side =
         |p: [f64; 2], q: [f64; 2], r: [f64; 2]| (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
     side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
 }
 
-/// Border vertices by the cube that they lie in.
+/// Border vertices in a grid of cubes.
 struct Grid {
     cubes: HashMap<[i64; 3], Vec<(u32, [f64; 3])>>,
     size: f64,
-    /// The largest reach of a vertex.
+    /// Maximum reach of a vertex.
     reach: f64,
 }
 
 impl Grid {
-    fn of(seam: &SeamInput<'_>, vertices: impl Iterator<Item = u32>) -> Self {
+    fn new(seam: &SeamInput<'_>, vertices: impl Iterator<Item = u32>) -> Self {
         let mut all: Vec<u32> = vertices.collect();
         all.sort_unstable();
         all.dedup();

@@ -1,8 +1,8 @@
-//! The part of a mesh that is a surface: at most two triangles at an edge, one fan at a vertex.
+//! Extracts the manifold part of a mesh: at most two triangles at an edge, one fan at a vertex.
 //!
-//! Comes in: any triangles. Goes out: those that can be kept, first come first, vertices of several fans once
-//! for each fan, and where each vertex came from. Not guaranteed: that nothing crosses, or that what was left
-//! out is small.
+//! In: any triangles. Out: the triangles that can be kept, in their order, and the source of each vertex. A
+//! vertex with several fans is duplicated, once for each fan. Not guaranteed: that triangles do not
+//! intersect, or that only a small part is removed.
 
 use crate::edges::{EdgeTable, is_collapsed};
 use crate::half_edges::{NONE, next_in_triangle, opposites, opposites_of, previous_in_triangle};
@@ -12,28 +12,28 @@ use crate::mesh::TriangleMesh;
 #[derive(Debug, Clone)]
 pub(super) struct Manifold {
     pub mesh: TriangleMesh,
-    /// The vertex of the mesh before.
+    /// For each vertex, its index in the original mesh.
     pub source: Vec<u32>,
-    /// The triangle of the mesh before.
+    /// For each triangle, its index in the original mesh.
     pub triangles: Vec<u32>,
 }
 
-/// Keeps, at every edge, the first triangle that runs along it each way; then takes fans apart. Unused
-/// vertices are left out.
+/// Keeps the first triangle in each direction of every edge, then splits vertices with several fans. Unused
+/// vertices are removed.
 pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
     let (mut numbers, mut triangles): (Vec<u32>, Vec<[u32; 3]>) =
         (0..).zip(mesh.triangles.iter().copied()).filter(|(_, t)| !is_collapsed(*t)).unzip();
     let table = loop {
-        let table = EdgeTable::of(&triangles);
+        let table = EdgeTable::new(&triangles);
         let mut drop = vec![false; triangles.len()];
         for edge in 0..table.len() {
-            let mut taken = [false; 2];
+            let mut occupied = [false; 2];
             for &half in table.half_edges(edge) {
                 let t = half as usize / 3;
                 let forwards = usize::from(triangles[t][half as usize % 3] == table.ends[edge][0]);
                 if !drop[t] {
-                    drop[t] = taken[forwards];
-                    taken[forwards] = true;
+                    drop[t] = occupied[forwards];
+                    occupied[forwards] = true;
                 }
             }
         }
@@ -46,18 +46,19 @@ pub(super) fn manifold(mesh: &TriangleMesh) -> Manifold {
         numbers.retain(|_| dropped.next() == Some(&false));
     };
     let opposite = opposites_of(&table, triangles.len());
-    let (triangles, source) = parted(triangles, &opposite, mesh.positions.len());
+    let (triangles, source) = split_fans(triangles, &opposite, mesh.positions.len());
     let positions = source.iter().map(|&v| mesh.positions[v as usize]).collect();
     Manifold { mesh: TriangleMesh { positions, triangles }, source, triangles: numbers }
 }
 
-/// Triangles over new vertices, one for each fan, and the old vertex of each.
+/// Splits vertices with several fans. Returns the triangles over the new vertices, and the old index of each
+/// vertex.
 pub(super) fn one_fan_each(triangles: Vec<[u32; 3]>, vertices: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
     let opposite = opposites(&triangles);
-    parted(triangles, &opposite, vertices)
+    split_fans(triangles, &opposite, vertices)
 }
 
-fn parted(mut triangles: Vec<[u32; 3]>, opposite: &[u32], vertices: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
+fn split_fans(mut triangles: Vec<[u32; 3]>, opposite: &[u32], vertices: usize) -> (Vec<[u32; 3]>, Vec<u32>) {
     let mut new_of_corner = vec![u32::MAX; 3 * triangles.len()];
     let mut source: Vec<u32> = Vec::with_capacity(vertices);
     for corner in 0..new_of_corner.len() as u32 {
@@ -66,7 +67,7 @@ fn parted(mut triangles: Vec<[u32; 3]>, opposite: &[u32], vertices: usize) -> (V
         }
         let vertex = source.len() as u32;
         source.push(triangles[corner as usize / 3][corner as usize % 3]);
-        // Round the vertex one way to the border or to where it began, then the other way.
+        // Go around the vertex to the border or back to the start, then in the other direction.
         let mut at = corner;
         loop {
             new_of_corner[at as usize] = vertex;
@@ -101,7 +102,7 @@ mod tests {
     use crate::primitives::{grid_sheet, icosphere};
 
     #[test]
-    fn what_is_a_surface_stays_as_it_is() {
+    fn manifold_meshes_stay_unchanged() {
         for mesh in [icosphere(1.0, 2), grid_sheet(1.0, 1.0, 4, 5)] {
             let kept = manifold(&mesh);
             assert!(kept.triangles.iter().copied().eq(0..mesh.triangles.len() as u32));
@@ -110,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn fins_are_left_out_and_cones_tip_to_tip_are_parted() {
+    fn fins_are_removed_and_fans_at_a_vertex_are_split() {
         let positions = (0..8).map(|i| [f64::from(i), f64::from(i * i), f64::from(i * i * i)]).collect();
         let mesh =
             TriangleMesh::try_new(positions, vec![[0, 1, 2], [1, 0, 3], [0, 1, 4], [2, 5, 6], [6, 6, 7]])

@@ -1,14 +1,14 @@
-//! Where patches lie on one another.
+//! Overlaps between patches.
 //!
-//! Comes in: patches with σ. Goes out: for every vertex, its feet on the other patches that agree in place
-//! and direction (R. Mohr, C. Zhao, G. Koscielny 1994, eq. 1: `|a − b| ≤ ε`, `∠(N_a, N_b) ≤ θ`), and the
-//! common regions. The paper takes the nearest vertex and one ε for all; here it is the nearest point of the
-//! other surface, and ε follows from both σ there, unless it is given.
+//! In: patches with σ. Out: for every vertex, its foot points on other patches that agree in position and
+//! normal (R. Mohr, C. Zhao, G. Koscielny 1994, eq. 1: `|a − b| ≤ ε`, `∠(N_a, N_b) ≤ θ`), and the common
+//! regions. The paper uses the nearest vertex and one ε for all points. Here the foot point is the nearest
+//! point of the other surface, and ε follows from both σ at this point, unless it is given.
 //!
-//! Not guaranteed: that what lies on one another is one surface; two sides of a sheet thinner than ε are told
-//! apart by their normals alone.
+//! Not guaranteed: that overlapping patches belong to the same surface. The two sides of a sheet that is
+//! thinner than ε are distinguished only by their normals.
 
-use super::Patch;
+use super::MergePatch;
 use super::border::distance_to_border;
 use crate::mesh::BoundingBox;
 use crate::search::MeshSearch;
@@ -17,53 +17,60 @@ use planish_estimate::vector3::{cross, distance, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// So many σ: 99 % of two measurements of one place are nearer (χ² of one degree of freedom, 6.63). Farther
-/// ones are rarely three to a triangle, so that next to nothing is left of them; with 99.7 % scans that err
-/// by more than their σ says are drawn together over more than one sheet.
+/// Maximum difference of two measurements of one point, in σ of the difference.
+///
+/// 99 % of the differences are smaller (χ² with one degree of freedom, 6.63). Larger ones rarely affect all
+/// three corners of a triangle, so that almost nothing of them remains. With 99.7 %, scans whose σ is too
+/// small are merged across different sheets.
 const GATE: f64 = 2.576;
-/// The angle that shapes may turn by between two samplings, beside what noise does.
+/// Angle between the normals of two samplings of one surface that is due to shape, without noise.
+///
+/// A smaller angle separates patches at sharp edges; a larger one joins the sides of thin parts.
 const SHAPE_ANGLE_RAD: f64 = 0.5;
-/// No θ is larger than this, so that two sides of a thin part are told apart.
-const LARGEST_ANGLE_RAD: f64 = 1.2;
-/// Borders that are farther, in edges, do not matter: which patch a place is given to is settled before.
+/// Upper limit of θ, so that the two sides of a thin part are distinguished.
+const MAX_ANGLE_RAD: f64 = 1.2;
+/// Maximum distance to a border, in edges, that is computed. Points farther inside are assigned to a patch by
+/// other criteria.
 pub(super) const FAR: f64 = 10.0;
-/// Beyond a border, in edges: nearer vertices are too near to be sewn to it.
-const BESIDE: f64 = 0.5;
+/// Distance beyond a border, in edges, up to which a vertex counts as overlapping.
+///
+/// Triangles between the border and a nearer vertex would be slivers.
+const BEYOND_BORDER: f64 = 0.5;
 
-/// When two places are one.
+/// Conditions for two points to be the same point of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OverlapOptions {
-    /// ε, in the unit of the patches; where none is given, three times the σ of the difference.
+    /// Maximum distance ε in the unit of the patches; by default 2.576 σ of the difference.
     pub epsilon: Option<f64>,
-    /// θ in radians; where none is given, it follows from σ and the length of edges.
+    /// Maximum angle θ between normals in radians; by default derived from σ and the edge length.
     pub theta_rad: Option<f64>,
 }
 
-/// The foot of a vertex on another patch.
+/// The foot point of a vertex on another patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OverlapFoot {
     /// The other patch.
     pub patch: u32,
-    /// Its triangle.
+    /// Triangle of the other patch.
     pub triangle: u32,
-    /// Weights of the triangle's corners.
+    /// Barycentric coordinates in the triangle.
     pub barycentric: [f64; 3],
-    /// How far the foot is along the vertex' own normal.
+    /// Height of the foot point along the normal of the vertex.
     pub height: f64,
-    /// On the border of the other patch: the vertex is beyond it, by less than half an edge.
+    /// True if the vertex lies beyond the border of the other patch, by less than half an edge.
     pub beside: bool,
 }
 
-/// What is known of one patch beside the others.
+/// One patch with its foot points on the others.
 #[derive(Debug, Clone)]
 pub struct PatchOverlap {
     /// Unit normals of the vertices.
     pub normals: Vec<[f64; 3]>,
     /// σ of the vertices.
     pub sigma: Vec<f64>,
-    /// How far vertices are from the border of the patch, as far as it matters.
+    /// Distance of the vertices to the border of the patch, limited to ten edges; infinite without a border.
     pub to_border: Vec<f64>,
-    /// The mean length of the edges at a vertex.
+    /// Mean length of the edges at each vertex.
     pub spacing: Vec<f64>,
     starts: Vec<u32>,
     feet: Vec<OverlapFoot>,
@@ -74,25 +81,41 @@ pub struct PatchOverlap {
 pub struct CommonRegion {
     /// Both patches, the lower number first.
     pub patches: [usize; 2],
-    /// Vertices of either that lie on the other.
+    /// Number of vertices of either patch that lie on the other.
     pub points: usize,
-    /// Root mean square of the heights between both.
+    /// Root mean square distance between both patches in the region, along normals.
     pub rms: f64,
 }
 
-/// Where patches lie on one another.
+/// The overlaps of a set of patches.
+///
+/// # Examples
+/// ```
+/// use planish_mesh::{MergePatch, Overlap, OverlapOptions, grid_sheet};
+/// let below = grid_sheet(4.0, 4.0, 8, 8);
+/// let mut above = below.clone();
+/// above.positions.iter_mut().for_each(|p| p[2] += 0.01);
+/// let patches = [below, above].map(|mesh| {
+///     let sigma = vec![0.01; mesh.positions.len()];
+///     MergePatch { mesh, sigma }
+/// });
+/// let overlap = Overlap::find(&patches, &OverlapOptions::default())?;
+/// assert_eq!(overlap.regions.len(), 1);
+/// assert!((overlap.regions[0].rms - 0.01).abs() < 1e-9);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Overlap {
-    /// One of each patch.
+    /// One entry for each patch.
     pub patches: Vec<PatchOverlap>,
-    /// Connected regions that two patches share, largest first.
+    /// Connected regions shared by two patches, largest first.
     pub regions: Vec<CommonRegion>,
-    /// Whether σ was told from the differences between patches, as none was given.
+    /// True if a patch had no σ, so that it was estimated from the differences between patches.
     pub sigma_estimated: bool,
 }
 
 impl PatchOverlap {
-    /// The feet of a vertex.
+    /// The foot points of a vertex, at most one on each other patch.
     #[must_use]
     pub fn feet(&self, vertex: usize) -> &[OverlapFoot] {
         &self.feet[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
@@ -100,25 +123,29 @@ impl PatchOverlap {
 }
 
 impl Overlap {
-    /// Finds what patches share. Cost O(n log n) for n vertices in all.
+    /// Finds the overlaps. Cost O(n log n) for a total of n vertices.
     ///
     /// # Errors
-    /// `Input` for fewer than two patches, one without triangles, σ of another number than vertices, not
-    /// finite or not positive.
-    pub fn find(patches: &[Patch], options: &OverlapOptions) -> Result<Self> {
+    /// `Input` for fewer than two patches, a patch without triangles, or σ that is not positive and finite
+    /// for each vertex.
+    pub fn find(patches: &[MergePatch], options: &OverlapOptions) -> Result<Self> {
         check(patches, options)?;
         Self::find_with(patches, &searches_of(patches)?, options)
     }
 
-    /// [`Overlap::find`] by searches that are there already, one of each patch.
+    /// [`Overlap::find`] with existing searches, one for each patch.
     ///
     /// # Errors
-    /// As [`Overlap::find`]; `Input` for another number of searches than patches.
-    pub fn find_with(patches: &[Patch], searches: &[MeshSearch], options: &OverlapOptions) -> Result<Self> {
+    /// As [`Overlap::find`]; `Input` if the numbers of searches and patches differ.
+    pub fn find_with(
+        patches: &[MergePatch],
+        searches: &[MeshSearch],
+        options: &OverlapOptions,
+    ) -> Result<Self> {
         check(patches, options)?;
         if searches.len() != patches.len() {
             return Err(Error::input(format!(
-                "{} patches and {} searches: one for each is needed",
+                "expected one search for each of the {} patches, found {}",
                 patches.len(),
                 searches.len()
             )));
@@ -131,7 +158,7 @@ impl Overlap {
         let theta = |of: &PatchOverlap| {
             options.theta_rad.unwrap_or_else(|| {
                 let (sigma, spacing) = (median(&of.sigma), median(&of.spacing));
-                (SHAPE_ANGLE_RAD + GATE * (2.0 * sigma / spacing).atan()).min(LARGEST_ANGLE_RAD)
+                (SHAPE_ANGLE_RAD + GATE * (2.0 * sigma / spacing).atan()).min(MAX_ANGLE_RAD)
             })
         };
         let thetas: Vec<f64> = known.iter().map(theta).collect();
@@ -145,7 +172,7 @@ impl Overlap {
         Ok(Self { patches: known, regions, sigma_estimated: estimated })
     }
 
-    fn alone(patch: &Patch) -> PatchOverlap {
+    fn alone(patch: &MergePatch) -> PatchOverlap {
         let mesh = &patch.mesh;
         let (mut sum, mut count) = (vec![0.0; mesh.positions.len()], vec![0_u32; mesh.positions.len()]);
         for t in &mesh.triangles {
@@ -171,15 +198,15 @@ impl Overlap {
     }
 }
 
-/// A search for each patch.
+/// Prepares the closest-point search of each patch.
 ///
 /// # Errors
 /// As [`MeshSearch::try_new`].
-pub fn searches_of(patches: &[Patch]) -> Result<Vec<MeshSearch>> {
+pub fn searches_of(patches: &[MergePatch]) -> Result<Vec<MeshSearch>> {
     patches.par_iter().map(|p| MeshSearch::try_new(&p.mesh)).collect()
 }
 
-fn check(patches: &[Patch], options: &OverlapOptions) -> Result<()> {
+fn check(patches: &[MergePatch], options: &OverlapOptions) -> Result<()> {
     if patches.len() < 2 {
         return Err(Error::input(format!("merging takes two patches or more, found {}", patches.len())));
     }
@@ -212,21 +239,22 @@ fn check(patches: &[Patch], options: &OverlapOptions) -> Result<()> {
     Ok(())
 }
 
-/// One σ for all vertices of patches without, by what the heights between neighbours show.
+/// Estimates one common σ for each patch without σ, from the heights between patches.
 ///
-/// A height is to a mean of three corners with weights `b`: its variance is `σ² + Σ b² σ_k²`, of which the
-/// other patch's part is taken off where it is known, and has the same σ where it is not. σ is that by which
-/// half of the heights are below their median of 0.6745.
-fn estimate_sigma(patches: &[Patch], searches: &[MeshSearch], known: &mut [PatchOverlap]) {
-    const MOST: usize = 20_000;
+/// A foot point interpolates three corners with weights `b`, so that the variance of a height is `σ² + Σ b²
+/// σ_k²`. σ_k is that of the other patch if known, otherwise the same as σ. The estimate is the σ for which
+/// the median of the normalised heights is 0.6745, as for a normal distribution; outliers hardly affect it.
+fn estimate_sigma(patches: &[MergePatch], searches: &[MeshSearch], known: &mut [PatchOverlap]) {
+    // More samples cost time and hardly change the median.
+    const MAX_SAMPLES: usize = 20_000;
     const MEDIAN: f64 = 0.6745;
     for i in 0..patches.len() {
         if !patches[i].sigma.is_empty() {
             continue;
         }
         let spacing = median(&known[i].spacing);
-        let step = (patches[i].mesh.positions.len() / MOST).max(1);
-        // |h|, the factor of σ², and the variance that is known.
+        let step = (patches[i].mesh.positions.len() / MAX_SAMPLES).max(1);
+        // |h|, the factor of σ², and the known variance.
         let heights: Vec<[f64; 3]> = (0..patches[i].mesh.positions.len())
             .into_par_iter()
             .step_by(step)
@@ -256,8 +284,8 @@ fn estimate_sigma(patches: &[Patch], searches: &[MeshSearch], known: &mut [Patch
             })
             .collect();
         let size = patches[i].mesh.bounding_box().map_or(1.0, |b| b.diagonal());
-        // A hundred millionth of the size, some rounding of a float, keeps σ above nothing; so does a tenth
-        // of what the others are known by.
+        // Lower limits keep σ positive: 1e-8 of the size (rounding of single precision), and a tenth of the
+        // known σ of the others.
         let of_others: Vec<f64> = heights.iter().map(|[.., known]| known.sqrt()).collect();
         let least = (1e-8 * size).max(if heights.is_empty() { 0.0 } else { 0.1 * median(&of_others) });
         let sigma = if heights.is_empty() {
@@ -270,6 +298,7 @@ fn estimate_sigma(patches: &[Patch], searches: &[MeshSearch], known: &mut [Patch
                 median(&normalized) > MEDIAN
             };
             let (mut low, mut high) = (0.0, 4.0 * spacing);
+            // Bisection: 40 halvings reach about 1e-12 of the interval.
             for _ in 0..40 {
                 let middle = 0.5 * (low + high);
                 if too_small(middle) {
@@ -284,9 +313,10 @@ fn estimate_sigma(patches: &[Patch], searches: &[MeshSearch], known: &mut [Patch
     }
 }
 
+/// Foot points of the vertices of patch `i`, as start indices and a flat list.
 fn feet_of(
     i: usize,
-    patches: &[Patch],
+    patches: &[MergePatch],
     searches: &[MeshSearch],
     known: &[PatchOverlap],
     thetas: &[f64],
@@ -299,7 +329,7 @@ fn feet_of(
         let (p, n, sigma) = (patches[i].mesh.positions[v], mine.normals[v], mine.sigma[v]);
         let mut feet = Vec::new();
         for j in (0..patches.len()).filter(|j| *j != i) {
-            let beside = BESIDE * mine.spacing[v];
+            let beside = BEYOND_BORDER * mine.spacing[v];
             let most = options.epsilon.unwrap_or(GATE * sigma.hypot(largest[j]));
             let reach = most.max(beside);
             let inside = boxes[j]
@@ -346,9 +376,11 @@ fn feet_of(
     (starts, feet)
 }
 
-/// Regions that two patches share, connected along the edges of the lower one: between vertices that lie on
-/// the higher one, and corners of triangles that vertices of the higher one lie on.
-fn common_regions(patches: &[Patch], known: &[PatchOverlap]) -> Vec<CommonRegion> {
+/// Regions shared by two patches, connected along edges of the first patch.
+///
+/// The region contains the vertices of the first patch that lie on the second, and the corners of triangles
+/// on which vertices of the second lie.
+fn common_regions(patches: &[MergePatch], known: &[PatchOverlap]) -> Vec<CommonRegion> {
     let mut regions = Vec::new();
     for i in 0..patches.len() {
         for j in i + 1..patches.len() {
@@ -404,7 +436,7 @@ fn common_regions(patches: &[Patch], known: &[PatchOverlap]) -> Vec<CommonRegion
     regions
 }
 
-/// The value in the middle; infinite without values.
+/// Median of the finite values; infinite without values.
 pub(super) fn median(values: &[f64]) -> f64 {
     let mut finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     if finite.is_empty() {

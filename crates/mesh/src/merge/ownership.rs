@@ -1,34 +1,35 @@
-//! Which patch has which place.
+//! Assigns every region of an overlap to one patch.
 //!
-//! Comes in: patches and where they lie on one another. Goes out: the triangles of each that are kept: those
-//! whose corners have a higher score than what they lie on has there, and of these none that lies on a kept
-//! one of an earlier patch or beside it. So a gap of an edge or two is left along every seam.
+//! In: patches and their overlap. Out: the triangles of each patch that are kept. These are the triangles
+//! whose corners have a higher score than the other patches at the same point, unless they lie on or beside a
+//! kept triangle of an earlier patch. This leaves a gap of one or two edges along every seam.
 //!
-//! The score is how far a place is within its patch, in edges of that patch and up to [`FAR`] of them, so
-//! that a seam runs where both are as far within. Where vertices of a patch are nearer together than
-//! another's by [`FINER`] the finer one has what is within it by the edges over which it gains its weight in
-//! a mean: what it shows between the other's vertices stays. Of scores that are all but equal the earlier
-//! patch has the higher one, by a share of an edge; a score is a number of its own, so that of three patches
-//! one always has a place.
+//! The score is the distance to the border of the patch, in its edges and at most [`FAR`], so that a seam
+//! runs at equal distances from both borders. A patch that is finer than another by the factor [`FINER`] wins
+//! from [`TAPER`] edges inside its border on, because it shows detail between the vertices of the other.
+//! Among almost equal scores the earlier patch wins by a fraction of an edge. The score of a point does not
+//! depend on the patch that it is compared with, so that one of any three patches always wins.
 
 use super::overlap::{FAR, median};
-use super::{Overlap, Patch, TAPER};
+use super::{MergePatch, Overlap, TAPER};
 
-/// By so much the edges of a patch are shorter than those of a coarser one.
+/// Ratio of edge lengths from which a patch counts as finer than another.
+///
+/// With a smaller ratio, patches of nearly equal detail would meet at a border instead of in the middle.
 const FINER: f64 = 1.8;
-/// What the earlier of two patches has more, in edges; noise makes borders longer by as much.
+/// Advantage of the earlier of two patches, in edges; noise changes distances to the border by as much.
 const EARLIER: f64 = 0.5;
-/// What the first of many patches has more than the last, at most.
+/// Maximum advantage of the first patch over the last, in edges.
 const FIRST: f64 = 2.0;
 
-/// How a patch scores.
+/// Parameters of the score of a patch.
 #[derive(Debug, Clone, Copy)]
 struct Score {
-    /// One edge.
+    /// Median edge length.
     edge: f64,
-    /// What being earlier is worth.
+    /// Advantage over later patches, in edges.
     earlier: f64,
-    /// What being finer than others is worth, well within.
+    /// Advantage over coarser patches, in edges, away from the border.
     finer: f64,
 }
 
@@ -60,12 +61,12 @@ impl Score {
             .collect()
     }
 
-    /// The score at a distance from the border; that of a patch without a border, at an infinite one, is
-    /// above those of its kind that have one.
+    /// Score at a distance from the border. A patch without a border (infinite distance) wins over patches of
+    /// the same resolution that have one.
     fn at(&self, to_border: f64) -> f64 {
         let within = to_border / self.edge;
         let finer = if within >= TAPER { self.finer } else { 0.0 };
-        // Infinite times nothing is no number.
+        // A separate case: interpolation of infinite distances gives NaN (∞ · 0).
         let without_border = !within.is_finite();
         if without_border {
             FAR + FIRST + 1.0 + self.finer + self.earlier
@@ -75,8 +76,8 @@ impl Score {
     }
 }
 
-/// For each patch, whether its triangles are kept.
-pub(super) fn kept_triangles(patches: &[Patch], overlap: &Overlap) -> Vec<Vec<bool>> {
+/// For each triangle of each patch, true if it is kept.
+pub(super) fn kept_triangles(patches: &[MergePatch], overlap: &Overlap) -> Vec<Vec<bool>> {
     let scores = Score::of_patches(overlap);
     // Vertices of kept triangles, and triangles under vertices of earlier patches that are kept.
     let mut in_kept: Vec<Vec<bool>> = patches.iter().map(|p| vec![false; p.mesh.positions.len()]).collect();

@@ -1,41 +1,40 @@
-//! How alike the noise of neighbours is.
+//! Correlation of the noise of neighbouring vertices, estimated from the differences between patches.
 //!
-//! Comes in: patches and where they lie on one another. Goes out: for each patch, what share of the variance
-//! the mean of some neighbours keeps.
+//! In: patches and their overlap. Out: for each patch, the correlation by the number of neighbours.
 //!
-//! σ of a patch says how far a vertex is off, not whether its neighbours are off with it: those of a smooth
-//! model are, of a scan whose pose is a little wrong all are. What two patches of one place differ by has the
-//! noise of both, so that the products of differences at neighbouring places tell: with `h = n_j − n_i`,
-//! `E[h_a h_b] = ρ (σ_i² + σ_j²)` ([`NestedBatches`]). A mean of `m` of them has the variance
-//! `σ² (1/m + (1 − 1/m) ρ)`.
+//! σ of a vertex does not state whether the errors of its neighbours are correlated. They are in a smoothed
+//! model, and all of them are in a scan with a pose error. The difference of two patches contains the noise
+//! of both, so that products of differences at neighbouring points show the correlation: with `h = n_j −
+//! n_i`, `E[h_a h_b] = ρ (σ_i² + σ_j²)` ([`NestedBatches`]). A mean of `m` values has the variance `σ² (1/m +
+//! (1 − 1/m) ρ)`.
 //!
-//! A difference is to a foot, whose height is a mean of three corners. Feet that share corners are alike of
-//! white noise too; that is known from the weights, and taken off. Places are where both patches together
-//! say, by their information: those errors are independent of the differences.
+//! The height of a foot point interpolates three corners. Feet that share corners are therefore correlated
+//! even for white noise; this part is known from the weights and subtracted. Batches are formed from the
+//! positions of the weighted mean, whose errors are independent of the differences.
 //!
-//! Not guaranteed: which of two patches it is whose neighbours are alike; both are taken to be. What all
-//! patches have in common shows in no difference.
+//! Not guaranteed: the difference does not show which of the two patches has correlated noise; both are
+//! assumed to. Errors common to all patches are not detected.
 
-use super::{Overlap, Patch};
+use super::{MergePatch, Overlap};
 use planish_estimate::NestedBatches;
 use planish_estimate::vector3::add_scaled;
 use rayon::prelude::*;
 
-/// Batches of no more vertices are looked at.
-const LARGEST: usize = 4096;
-/// Vertices that two patches share of which products are made: batches spread over all.
-const LOOKED_AT: usize = 100_000;
-/// Sizes of batches, by powers of two.
+/// Maximum number of vertices in a batch.
+const MAX_BATCH: usize = 4096;
+/// Number of shared vertices above which only every n-th batch is used; bounds the cost.
+const MAX_SAMPLES: usize = 100_000;
+/// Number of batch sizes, in powers of two.
 const SIZES: usize = 14;
 
-/// How alike the noise of neighbours is, by how many there are.
+/// Correlation of the noise of neighbouring vertices, as a function of their number.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct NoiseLikeness {
-    /// `ln` of the number of neighbours, and `ρ`; rising numbers.
+pub struct NoiseCorrelation {
+    /// Pairs of `ln(number of neighbours)` (increasing) and `ρ`.
     curve: Vec<(f64, f64)>,
 }
 
-/// Sums over pairs of one size of batches.
+/// Sums over pairs of vertices in batches of one size.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     products: f64,
@@ -44,20 +43,21 @@ struct Sums {
     members: f64,
 }
 
-/// A vertex that lies on another patch.
+/// A vertex with a foot point on another patch.
 struct Difference {
     at: [f64; 3],
-    /// Over the σ of both.
+    /// Height of the foot point over the vertex, divided by the σ of the difference.
     height: f64,
-    /// Corners of the foot, each with its part of the noise.
+    /// Corners of the triangle of the foot point, each with its share of the noise.
     corners: [(u32, f64); 3],
 }
 
-impl NoiseLikeness {
-    /// `ρ` of the mean of so many neighbours: nothing for white noise, one where all are off together.
-    /// Nothing where nothing tells.
+impl NoiseCorrelation {
+    /// Correlation `ρ` in a mean of this number of neighbours: 0 for white noise, 1 for a common error.
+    ///
+    /// Without overlaps, noise is assumed to be white.
     #[must_use]
-    pub fn of(&self, neighbours: f64) -> f64 {
+    pub fn correlation(&self, neighbours: f64) -> f64 {
         let x = neighbours.max(1.0).ln();
         let next = self.curve.partition_point(|(at, _)| *at < x);
         let (Some(below), Some(above)) =
@@ -71,17 +71,23 @@ impl NoiseLikeness {
         below.1 + (above.1 - below.1) * (x - below.0) / (above.0 - below.0)
     }
 
-    /// The share of the variance of one that a mean of so many neighbours keeps: `1/m + (1 − 1/m) ρ`.
+    /// Variance of a mean of `m` neighbours relative to that of one: `1/m + (1 − 1/m) ρ`.
+    ///
+    /// # Examples
+    /// ```
+    /// // White noise.
+    /// assert_eq!(planish_mesh::NoiseCorrelation::default().share_of_mean(4.0), 0.25);
+    /// ```
     #[must_use]
     pub fn share_of_mean(&self, neighbours: f64) -> f64 {
         let one = 1.0 / neighbours.max(1.0);
-        one + (1.0 - one) * self.of(neighbours)
+        one + (1.0 - one) * self.correlation(neighbours)
     }
 }
 
-/// How alike the noise of neighbours is, of every patch. Cost `n log n`.
+/// Estimates the noise correlation of every patch. Cost O(n log n).
 #[must_use]
-pub fn noise_likeness(patches: &[Patch], overlap: &Overlap) -> Vec<NoiseLikeness> {
+pub fn noise_correlation(patches: &[MergePatch], overlap: &Overlap) -> Vec<NoiseCorrelation> {
     (0..patches.len())
         .into_par_iter()
         .map(|i| {
@@ -96,13 +102,13 @@ pub fn noise_likeness(patches: &[Patch], overlap: &Overlap) -> Vec<NoiseLikeness
                     (size.ln(), alike.clamp(0.0, 1.0))
                 })
                 .collect();
-            NoiseLikeness { curve }
+            NoiseCorrelation { curve }
         })
         .collect()
 }
 
-/// What patch `i` differs by from patch `j`.
-fn differences(patches: &[Patch], overlap: &Overlap, i: usize, j: usize) -> Vec<Difference> {
+/// Differences of patch `j` from patch `i`, at the vertices of `i`.
+fn differences(patches: &[MergePatch], overlap: &Overlap, i: usize, j: usize) -> Vec<Difference> {
     let (mine, theirs) = (&overlap.patches[i], &overlap.patches[j]);
     let (mesh, other) = (&patches[i].mesh, &patches[j].mesh);
     (0..mesh.positions.len())
@@ -125,18 +131,18 @@ fn differences(patches: &[Patch], overlap: &Overlap, i: usize, j: usize) -> Vec<
         .collect()
 }
 
-/// Adds the products of all pairs of every batch.
+/// Adds the products of all pairs within each batch to the sums of its size.
 fn add(differences: &[Difference], sums: &mut [Sums; SIZES]) {
     let places: Vec<[f64; 3]> = differences.iter().map(|d| d.at).collect();
     let batches = NestedBatches::of(&places);
-    let top = (differences.len() / LARGEST).max(1).ilog2();
-    let step = differences.len().div_ceil(LOOKED_AT).max(1);
+    let top = (differences.len() / MAX_BATCH).max(1).ilog2();
+    let step = differences.len().div_ceil(MAX_SAMPLES).max(1);
     for depth in top..batches.depth() {
         let of_level: Vec<&[u32]> = (batches.batches(depth).enumerate())
             .filter(|(k, batch)| (k >> (depth - top)).is_multiple_of(step) && batch.len() > 1)
             .map(|(_, batch)| batch)
             .collect();
-        let found: Vec<Sums> = of_level.par_iter().map(|batch| of_batch(batch, differences)).collect();
+        let found: Vec<Sums> = of_level.par_iter().map(|batch| sums_of_batch(batch, differences)).collect();
         for one in found {
             let size = 1.0 + one.pairs / one.members;
             let sum = &mut sums[(size.log2().round() as usize).min(SIZES - 1)];
@@ -148,7 +154,8 @@ fn add(differences: &[Difference], sums: &mut [Sums; SIZES]) {
     }
 }
 
-fn of_batch(batch: &[u32], differences: &[Difference]) -> Sums {
+/// Sums over the pairs of one batch: `Σ_{a≠b} h_a h_b = (Σ h)² − Σ h²`.
+fn sums_of_batch(batch: &[u32], differences: &[Difference]) -> Sums {
     let (mut all, mut own) = (0.0, 0.0);
     let mut corners: Vec<(u32, f64)> = Vec::with_capacity(3 * batch.len());
     let mut white = 0.0;
@@ -180,9 +187,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// Two sheets with unit edges and noise of the given σ: a share of its variance is waves that are longer
-    /// than the sheet is cut into.
-    fn sheets(smooth: f64) -> Vec<Patch> {
+    /// Two sheets with unit edges and noise of σ = 0.05. The share `smooth` of the variance is in long waves.
+    fn sheets(smooth: f64) -> Vec<MergePatch> {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         [0.0, 0.37]
             .iter()
@@ -202,35 +208,32 @@ mod tests {
                     p[2] = 0.05 * ((1.0 - smooth).sqrt() * white + smooth.sqrt() * wave);
                 }
                 let sigma = vec![0.05; mesh.positions.len()];
-                Patch { mesh, sigma }
+                MergePatch { mesh, sigma }
             })
             .collect()
     }
 
-    /// White noise has nothing in common though feet share corners; the smooth share is found in small
-    /// batches, and less in those that are longer than the waves.
+    /// White noise is found to be uncorrelated although feet share corners. The smooth share is found in
+    /// small batches, and less of it in batches that are larger than the waves.
     #[test]
     fn the_smooth_share_of_noise_is_found() {
         for smooth in [0.0, 0.3, 1.0] {
             let patches = sheets(smooth);
             let overlap = Overlap::find(&patches, &OverlapOptions::default()).unwrap();
-            for likeness in noise_likeness(&patches, &overlap) {
+            for found in noise_correlation(&patches, &overlap) {
                 for neighbours in [6.0, 20.0, 60.0] {
-                    let found = likeness.of(neighbours);
-                    assert!(
-                        (found - smooth).abs() < 0.05 + 0.25 * smooth,
-                        "{neighbours}: {found} for {smooth}"
-                    );
+                    let rho = found.correlation(neighbours);
+                    assert!((rho - smooth).abs() < 0.05 + 0.25 * smooth, "{neighbours}: {rho} for {smooth}");
                 }
-                assert!(likeness.of(3000.0) <= 0.1 + 0.5 * smooth);
+                assert!(found.correlation(3000.0) <= 0.1 + 0.5 * smooth);
             }
         }
     }
 
-    /// Nothing that tells is nothing in common.
+    /// Without overlaps, noise is assumed to be white.
     #[test]
     fn without_differences_noise_is_white() {
-        assert_eq!(NoiseLikeness::default().of(10.0), 0.0);
-        assert_eq!(NoiseLikeness::default().share_of_mean(4.0), 0.25);
+        assert_eq!(NoiseCorrelation::default().correlation(10.0), 0.0);
+        assert_eq!(NoiseCorrelation::default().share_of_mean(4.0), 0.25);
     }
 }

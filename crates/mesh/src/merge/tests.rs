@@ -20,12 +20,14 @@ fn cap(turn: f64, axis: [f64; 3], least: f64, subdivisions: u32) -> TriangleMesh
     ball
 }
 
-fn merge(meshes: &[TriangleMesh], sigma: f64, options: &OverlapOptions) -> (Overlap, Zipped) {
-    let patches: Vec<Patch> =
-        meshes.iter().map(|m| Patch::tidy(m, &vec![sigma; m.positions.len()]).unwrap().patch).collect();
+fn merge(meshes: &[TriangleMesh], sigma: f64, options: &OverlapOptions) -> (Overlap, StitchedMesh) {
+    let patches: Vec<MergePatch> = meshes
+        .iter()
+        .map(|m| MergePatch::make_manifold(m, &vec![sigma; m.positions.len()]).unwrap().patch)
+        .collect();
     let overlap = Overlap::find(&patches, options).unwrap();
-    let fused = fused(&patches, &overlap);
-    let zipped = zipped(&patches, &overlap, &fused, &ZipOptions::default()).unwrap();
+    let fused = fuse_patches(&patches, &overlap);
+    let zipped = stitch_patches(&patches, &overlap, &fused, &StitchOptions::default()).unwrap();
     (overlap, zipped)
 }
 
@@ -112,15 +114,15 @@ fn a_patch_twice_or_inside_another_changes_nothing() {
 
 #[test]
 fn bad_patches_are_named() {
-    let patch = |sigma: Vec<f64>| Patch { mesh: grid_sheet(1.0, 1.0, 3, 3), sigma };
+    let patch = |sigma: Vec<f64>| MergePatch { mesh: grid_sheet(1.0, 1.0, 3, 3), sigma };
     let said =
-        |patches: &[Patch]| Overlap::find(patches, &OverlapOptions::default()).unwrap_err().to_string();
+        |patches: &[MergePatch]| Overlap::find(patches, &OverlapOptions::default()).unwrap_err().to_string();
     assert!(said(&[patch(vec![])]).contains("two patches"));
     assert!(said(&[patch(vec![]), patch(vec![0.1; 3])]).contains("patch 1"));
     let mut sigma = vec![0.1; patch(vec![]).mesh.positions.len()];
     sigma[3] = f64::NAN;
     assert!(said(&[patch(sigma), patch(vec![])]).contains("vertex 3"));
-    assert!(said(&[patch(vec![]), Patch::default()]).contains("no triangles"));
+    assert!(said(&[patch(vec![]), MergePatch::default()]).contains("no triangles"));
 }
 
 /// σ that no file states is what vertices are off by, whether the other patch states its own or not.
@@ -137,8 +139,8 @@ fn an_unstated_sigma_is_told_from_differences() {
     };
     let (exact, rough) = (sheet(0.0, 0.05), sheet(0.4, 0.2));
     let alike = [sheet(0.1, 0.1), sheet(0.55, 0.1)];
-    let patch = |mesh: &TriangleMesh, sigma: &[f64]| Patch { mesh: mesh.clone(), sigma: sigma.to_vec() };
-    let found = |patches: [Patch; 2]| {
+    let patch = |mesh: &TriangleMesh, sigma: &[f64]| MergePatch { mesh: mesh.clone(), sigma: sigma.to_vec() };
+    let found = |patches: [MergePatch; 2]| {
         let overlap = Overlap::find(&patches, &OverlapOptions::default()).unwrap();
         overlap.patches.iter().map(|p| p.sigma[0]).collect::<Vec<_>>()
     };
@@ -203,11 +205,14 @@ fn a_fine_patch_keeps_its_detail_within_a_coarse_one() {
         p[2] = bump(p[0], p[1]);
     }
     for order in [[0, 1], [1, 0]] {
-        let patches = [(&coarse, 0.2), (&fine, 0.02)]
-            .map(|(mesh, sigma)| Patch::tidy(mesh, &vec![sigma; mesh.positions.len()]).unwrap().patch);
+        let patches = [(&coarse, 0.2), (&fine, 0.02)].map(|(mesh, sigma)| {
+            MergePatch::make_manifold(mesh, &vec![sigma; mesh.positions.len()]).unwrap().patch
+        });
         let patches = order.map(|k| patches[k].clone());
         let overlap = Overlap::find(&patches, &OverlapOptions::default()).unwrap();
-        let zipped = zipped(&patches, &overlap, &fused(&patches, &overlap), &ZipOptions::default()).unwrap();
+        let zipped =
+            stitch_patches(&patches, &overlap, &fuse_patches(&patches, &overlap), &StitchOptions::default())
+                .unwrap();
         let check = zipped.mesh.check();
         assert!(check.boundary_loops == 1 && check.manifold, "{check:?}");
         let top = zipped.mesh.positions.iter().map(|p| p[2]).fold(0.0, f64::max);

@@ -1,8 +1,8 @@
-//! Edges turned until vertices have six neighbours.
+//! Flips edges so that most vertices have six neighbours.
 //!
-//! Comes in: a surface and the vertices that may change. Goes out: the same vertices with as many triangles,
-//! each turn of an edge lessening `Σ (valence − 6)²` (4 on the border) without folding the surface. Not
-//! guaranteed: six everywhere, which the topology does not allow.
+//! In: a surface and the vertices that may change. Out: the same vertices with the same number of triangles.
+//! The sum `Σ (valence − 6)²` (4 on the border) decreases with each flip or sequence of flips, without
+//! folding the surface. Not guaranteed: six neighbours everywhere, which the topology does not permit.
 
 use crate::edges::edge;
 use crate::half_edges::{NONE, around, next_in_triangle, opposites, previous_in_triangle, turn};
@@ -10,35 +10,37 @@ use crate::triangle::smallest_angle;
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::collections::{HashMap, HashSet};
 
-/// What turns must leave as it is.
+/// Limits on the change of the surface by flips.
 #[derive(Debug, Clone, Copy)]
 struct Limits {
-    /// The least cosine between the two triangles at an edge, before and after it is turned.
+    /// Minimum cosine between the two triangles at an edge, before and after the flip.
     flat: f64,
-    /// Angles larger than this are good enough, in radians.
+    /// Angles above this are always acceptable, in radians.
     well_shaped_rad: f64,
-    /// The smallest angle of the triangles may shrink to this share by a turn.
+    /// Smallest permitted ratio of the smallest angle after the flip to that before.
     worse: f64,
-    /// Turns in a row that are tried.
-    in_a_row: usize,
+    /// Maximum length of a sequence of flips.
+    sequence: usize,
 }
 
-/// First nothing that would show; where vertices keep too many edges, more; what is left is carried farther
-/// away, at last over what is rough.
+/// Rounds of increasing permission: first flips that are hardly visible, then larger changes of shape, then
+/// longer sequences, and finally flips on rough surfaces.
+///
+/// Strict limits first: most vertices are solved there, so that few triangles get worse shapes.
 const LIMITS: [Limits; 4] = [
-    Limits { flat: 0.7, well_shaped_rad: 0.35, worse: 0.4, in_a_row: 3 },
-    Limits { flat: 0.5, well_shaped_rad: 0.17, worse: 0.3, in_a_row: 4 },
-    Limits { flat: 0.5, well_shaped_rad: 0.17, worse: 0.3, in_a_row: 9 },
-    Limits { flat: 0.2, well_shaped_rad: 0.1, worse: 0.2, in_a_row: 9 },
+    Limits { flat: 0.7, well_shaped_rad: 0.35, worse: 0.4, sequence: 3 },
+    Limits { flat: 0.5, well_shaped_rad: 0.17, worse: 0.3, sequence: 4 },
+    Limits { flat: 0.5, well_shaped_rad: 0.17, worse: 0.3, sequence: 9 },
+    Limits { flat: 0.2, well_shaped_rad: 0.1, worse: 0.2, sequence: 9 },
 ];
-/// What lies so many edges away is near.
+/// Distance in edges within which a change makes another attempt at a vertex worthwhile.
 const NEAR: usize = 3;
-/// So many turns are tried for one vertex.
-const MOST_TRIED: usize = 4_000;
-/// How much more edges beyond six count where they are not wanted.
-const TOO_MANY: i64 = 20;
+/// Maximum number of flips tried for one vertex; bounds the cost of the search.
+const MAX_TRIED: usize = 4_000;
+/// Additional weight of edges beyond six at the vertices that should have six at most.
+const EXCESS_WEIGHT: i64 = 20;
 
-/// How many edges meet in every vertex.
+/// The number of edges at every vertex.
 fn valences(triangles: &[[u32; 3]], opposite: &[u32], vertices: usize) -> Vec<u32> {
     let mut valence = vec![0; vertices];
     for (half, over) in opposite.iter().enumerate() {
@@ -51,9 +53,8 @@ fn valences(triangles: &[[u32; 3]], opposite: &[u32], vertices: usize) -> Vec<u3
     valence
 }
 
-/// Turns edges near vertices for which `wanted` holds, up to so many steps away: those are to have six edges
-/// at most, the others as near six as can be. Gives how many turns were made, and how many edges meet in
-/// every vertex then.
+/// Flips edges up to `steps` edges away from the `wanted` vertices. These get at most six edges, the others
+/// as close to six as possible. Returns the number of flips and the valence of every vertex.
 pub(super) fn even_out(
     positions: &[[f64; 3]],
     triangles: &mut [[u32; 3]],
@@ -64,14 +65,14 @@ pub(super) fn even_out(
     let free = |half: &u32| net.free[net.corner(*half) as usize];
     let mut queue: Vec<u32> = (0..net.opposite.len() as u32).rev().filter(free).collect();
     while let Some(half) = queue.pop() {
-        let better = |(change, around)| change < 0 && net.may_turn(around);
+        let better = |(change, around)| change < 0 && net.may_flip(around);
         if net.change(half).is_some_and(better) {
             let [t, s] = net.turn(half);
             queue.extend([3 * t, 3 * t + 1, 3 * t + 2, 3 * s, 3 * s + 1, 3 * s + 2]);
         }
     }
-    // What no single turn betters, some in a row may. Where they do not, they are tried again once something
-    // near has changed.
+    // Where no single flip improves the sum, a sequence can. A failed vertex is tried again only after a
+    // change nearby.
     for limits in LIMITS {
         net.limits = limits;
         let mut changes = 1;
@@ -89,8 +90,8 @@ pub(super) fn even_out(
                 }
                 (net.tried, tried[at]) = (0, changes);
                 net.trail.clear();
-                net.look_for_room(v, limits.in_a_row);
-                if net.relieve(&[v], limits.in_a_row, 0) {
+                net.find_room(v, limits.sequence);
+                if net.relieve(&[v], limits.sequence, 0) {
                     changes += 1;
                     for w in net.trail.iter().flatten() {
                         changed[*w as usize] = changes;
@@ -105,27 +106,26 @@ pub(super) fn even_out(
     (net.turns, net.valence)
 }
 
-/// Triangles with what is known of their edges and vertices.
+/// Triangles with their adjacency and valences.
 struct Net<'a> {
     positions: &'a [[f64; 3]],
     triangles: &'a mut [[u32; 3]],
     wanted: &'a [bool],
-    /// Vertices between which edges may be turned.
+    /// For each vertex, true if edges around it may be flipped.
     free: Vec<bool>,
     opposite: Vec<u32>,
-    /// A half-edge that leaves each vertex.
+    /// For each vertex, one half-edge that starts there.
     leaves: Vec<u32>,
     valence: Vec<u32>,
     border: Vec<bool>,
     edges: HashSet<[u32; 2]>,
     limits: Limits,
     turns: usize,
-    /// Turns tried since a vertex was begun with.
+    /// Number of flips tried for the current vertex.
     tried: usize,
-    /// The vertices of turns in a row that were not taken back.
+    /// The vertices of the flips in the current sequence.
     trail: Vec<[u32; 4]>,
-    /// How many edges away there is room for one edge more, of the vertices near the one that was begun with,
-    /// before that.
+    /// For vertices near the current one, the distance in edges to a vertex that can take another edge.
     room: HashMap<u32, usize>,
 }
 
@@ -156,7 +156,7 @@ impl<'a> Net<'a> {
                 border[a as usize] = true;
                 border[b as usize] = true;
             }
-            // Only edges between vertices that are free are ever made.
+            // Flips only create edges between free vertices, so others need no entry.
             if free[a as usize] && free[b as usize] {
                 edges.insert(edge(a, b));
             }
@@ -183,13 +183,14 @@ impl<'a> Net<'a> {
         self.triangles[half as usize / 3][half as usize % 3]
     }
 
-    /// The vertex that a half-edge leads to.
+    /// The end of a half-edge.
     fn end(&self, half: u32) -> u32 {
         self.corner(next_in_triangle(half))
     }
 
-    /// How the sum changes when an edge is turned, and the vertices of its triangles ([`around`]); none where
-    /// it cannot be. Whether it may be is for [`Self::may_turn`] to say, which takes longer.
+    /// Change of the sum by a flip, and the vertices of the two triangles ([`around`]); `None` if the
+    /// topology does not permit the flip. Geometry is checked separately by [`Self::may_flip`], which is
+    /// slower.
     fn change(&self, half: u32) -> Option<(i64, [u32; 4])> {
         let over = self.opposite[half as usize];
         if over == NONE {
@@ -209,21 +210,20 @@ impl<'a> Net<'a> {
             let count = i64::from(self.valence[v]) + change;
             let off = count - if self.border[v] { 4 } else { 6 };
             let over = (count - 6).max(0);
-            off * off + if self.wanted[v] { TOO_MANY * over * over } else { 0 }
+            off * off + if self.wanted[v] { EXCESS_WEIGHT * over * over } else { 0 }
         };
         let before = off(a, 0) + off(b, 0) + off(c, 0) + off(d, 0);
         let after = off(a, -1) + off(b, -1) + off(c, 1) + off(d, 1);
         Some((after - before, around))
     }
 
-    /// Whether an edge among such vertices may be turned: there is none yet where it would come to lie, and
-    /// nothing folds.
-    fn may_turn(&self, around: [u32; 4]) -> bool {
+    /// Returns true if a flip neither duplicates an edge nor folds the surface.
+    fn may_flip(&self, around: [u32; 4]) -> bool {
         let [_, _, c, d] = around;
         !self.edges.contains(&edge(c, d)) && self.stays_flat(around)
     }
 
-    /// Whether the triangles (a, b, c) and (b, a, d) may become (c, d, b) and (d, c, a).
+    /// Returns true if the triangles (a, b, c) and (b, a, d) may become (c, d, b) and (d, c, a).
     fn stays_flat(&self, [a, b, c, d]: [u32; 4]) -> bool {
         let at = |v: u32| self.positions[v as usize];
         let normal = |t: [u32; 3]| cross(sub(at(t[1]), at(t[0])), sub(at(t[2]), at(t[0])));
@@ -244,7 +244,7 @@ impl<'a> Net<'a> {
         new >= self.limits.worse * least(old)
     }
 
-    /// Turns an edge, without a question; gives its triangles. The edge is then the first of both.
+    /// Flips an edge without checks and returns its triangles; the edge becomes the first of both.
     fn turn(&mut self, half: u32) -> [u32; 2] {
         let [a, b, c, d] = around(self.triangles, half, self.opposite[half as usize]);
         let [t, s] = turn(self.triangles, &mut self.opposite, half);
@@ -261,7 +261,7 @@ impl<'a> Net<'a> {
         [t, s]
     }
 
-    /// Half-edges that leave a vertex.
+    /// All half-edges that start at a vertex.
     fn leaving(&self, vertex: u32) -> Vec<u32> {
         let first = self.leaves[vertex as usize];
         let mut all = vec![first];
@@ -277,7 +277,7 @@ impl<'a> Net<'a> {
             all.push(over);
             at = over;
         }
-        // A border: round the other way, too.
+        // At a border, continue in the other direction.
         let mut at = first;
         while self.opposite[at as usize] != NONE {
             at = next_in_triangle(self.opposite[at as usize]);
@@ -286,7 +286,7 @@ impl<'a> Net<'a> {
         all
     }
 
-    /// A vertex and those that are so many edges away or fewer, nearest first.
+    /// The vertices up to `steps` edges away, nearest first, starting with the vertex itself.
     fn near(&self, vertex: u32, steps: usize) -> Vec<u32> {
         let mut near = vec![vertex];
         let mut known = HashSet::from([vertex]);
@@ -301,13 +301,13 @@ impl<'a> Net<'a> {
         near
     }
 
-    /// Whether a vertex is to have no edge more.
+    /// Returns true if a vertex must not get another edge.
     fn is_full(&self, vertex: u32) -> bool {
         self.valence[vertex as usize] >= 6 && self.wanted[vertex as usize]
     }
 
-    /// Sets [`Self::room`] around a vertex, as far as so many turns reach.
-    fn look_for_room(&mut self, vertex: u32, turns: usize) {
+    /// Sets [`Self::room`] around a vertex, as far as this number of flips can reach.
+    fn find_room(&mut self, vertex: u32, turns: usize) {
         let mut ring = self.near(vertex, turns);
         let within: HashSet<u32> = ring.iter().copied().collect();
         ring.retain(|v| !self.is_full(*v));
@@ -326,13 +326,15 @@ impl<'a> Net<'a> {
         }
     }
 
-    /// Whether a vertex has more edges than it is to have.
+    /// Returns true if a vertex has more edges than it should have.
     fn has_too_many(&self, vertex: u32) -> bool {
         self.valence[vertex as usize] > 6 && self.wanted[vertex as usize]
     }
 
-    /// Ends of the edges of a vertex that may be worth a turn, the likeliest first, where `others` have too
-    /// many edges as well: those that leave few vertices with too many, near to where there is room.
+    /// Ends of the edges of a vertex that are worth flipping, the most promising first.
+    ///
+    /// `others` also have too many edges. Flips that leave few such vertices, close to vertices with room,
+    /// come first.
     fn promising(&self, vertex: u32, others: &[u32], turns: usize, change: i64) -> Vec<u32> {
         let mut ends: Vec<(usize, usize, u32)> = (self.leaving(vertex).into_iter())
             .filter_map(|half| {
@@ -353,22 +355,22 @@ impl<'a> Net<'a> {
         ends.into_iter().map(|(.., end)| end).collect()
     }
 
-    /// Turns an edge of the last of some vertices with too many, then of those that have too many by that,
-    /// until the sum is less than it was; leaves all as it was where so many turns do not do.
+    /// Flips an edge of the last vertex with too many edges, then edges of the vertices that have too many as
+    /// a result, until the sum has decreased. Undoes all flips if this number of them does not suffice.
     fn relieve(&mut self, too_many: &[u32], turns: usize, change: i64) -> bool {
         let Some((vertex, others)) = too_many.split_last() else {
             return false;
         };
         for end in self.promising(*vertex, others, turns, change) {
-            // Triangles change places when turns are taken back.
+            // Undone flips renumber half-edges, so the edge is found again by its end.
             let edge = self.leaving(*vertex).into_iter().find(|h| self.end(*h) == end);
             let Some((edge, (more, around))) = edge.and_then(|h| Some((h, self.change(h)?))) else {
                 continue;
             };
-            if self.tried >= MOST_TRIED {
+            if self.tried >= MAX_TRIED {
                 return false;
             }
-            if !self.may_turn(around) {
+            if !self.may_flip(around) {
                 continue;
             }
             self.tried += 1;

@@ -1,9 +1,9 @@
-//! What kind of mesh a mesh is.
+//! Topology check of a mesh.
 //!
-//! Comes in: a mesh. Goes out: counts of what is open, shared too often, turned, or unused. Vertices are the
-//! same only where their index is: weld a triangle soup first. Triangles that name a vertex twice are counted
-//! and otherwise ignored. Not guaranteed: that a watertight mesh does not cross itself; that is not looked
-//! at.
+//! In: a mesh. Out: counts of open, non-manifold, misoriented and unused elements. Vertices are equal only if
+//! their indices are: weld a triangle soup first. Triangles that contain a vertex twice are counted and
+//! otherwise ignored. Not guaranteed: self-intersections are not detected here; see
+//! [`SelfCrossings`](crate::SelfCrossings).
 
 use super::TriangleMesh;
 use crate::edges::{EdgeTable, is_collapsed};
@@ -13,33 +13,33 @@ use crate::triangle::area_vector;
 /// Counts that describe a mesh; see [`TriangleMesh::check`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MeshCheck {
-    /// Vertices, used or not.
+    /// Number of vertices, used or not.
     pub vertices: usize,
-    /// Triangles, degenerate ones included.
+    /// Number of triangles, including degenerate ones.
     pub triangles: usize,
-    /// Different edges of triangles.
+    /// Number of different edges.
     pub edges: usize,
-    /// Edges of one triangle.
+    /// Edges with one triangle.
     pub boundary_edges: usize,
-    /// Edges of three or more triangles.
+    /// Edges with three or more triangles.
     pub nonmanifold_edges: usize,
-    /// Edges of two triangles that run along them the same way: one of the two is turned over.
+    /// Edges whose two triangles run along them in the same direction: one of the two is reversed.
     pub misoriented_edges: usize,
     /// Vertices whose triangles form more than one fan (two cones tip to tip).
     pub nonmanifold_vertices: usize,
-    /// Parts connected through edges or vertices; vertices without triangles are not counted.
+    /// Components connected through edges or vertices; unused vertices are not counted.
     pub components: usize,
-    /// Closed curves of the boundary, counted as connected sets of boundary edges.
+    /// Boundary loops, counted as connected sets of boundary edges.
     pub boundary_loops: usize,
     /// Triangles without area.
     pub degenerate_triangles: usize,
     /// Vertices without triangles.
     pub unused_vertices: usize,
-    /// At least one triangle, and two triangles at every edge.
+    /// True if there is a triangle, and every edge has two triangles.
     pub watertight: bool,
-    /// No misoriented and no nonmanifold edges: the sides can be told apart.
+    /// True if there are no misoriented and no non-manifold edges: the sides are well defined.
     pub oriented: bool,
-    /// No nonmanifold edges and no nonmanifold vertices.
+    /// True if there are no non-manifold edges and vertices.
     pub manifold: bool,
     /// Used vertices − edges + triangles; 2 for a ball, 0 for a torus, 1 for a sheet.
     pub euler_characteristic: i64,
@@ -47,7 +47,7 @@ pub struct MeshCheck {
 
 impl MeshCheck {
     pub(super) fn new(mesh: &TriangleMesh) -> Self {
-        let table = EdgeTable::of(&mesh.triangles);
+        let table = EdgeTable::new(&mesh.triangles);
         let (mut edges, mut boundary_edges, mut nonmanifold_edges, mut misoriented_edges) = (0, 0, 0, 0);
         let vertex = |half: u32| mesh.triangles[half as usize / 3][half as usize % 3];
         let mut parts = DisjointSets::new(mesh.positions.len());
@@ -75,7 +75,8 @@ impl MeshCheck {
             edges += 1;
             parts.join(a, b);
             for pair in around.windows(2) {
-                // The corners at the same end of the edge belong to one fan.
+                // Corners at the same end of the edge belong to the same fan. A vertex with several fans is
+                // non-manifold.
                 let ends = |half: u32| {
                     let next = if half % 3 == 2 { half - 2 } else { half + 1 };
                     if vertex(half) == a { (half, next) } else { (next, half) }

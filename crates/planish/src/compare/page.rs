@@ -7,7 +7,8 @@ use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, percent, significant};
 use planish_report::{
-    Block, Cloud, Field, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table, plot,
+    Block, Cloud, Field, FieldKind, Figure, Finding, FindingLevel, Page, Scene, Section, SurfaceShown, Table,
+    plot,
 };
 use planish_surface::model::Observed;
 use std::path::Path;
@@ -189,21 +190,24 @@ fn findings(report: &ComparisonReport, unit: SmallUnit<'_>) -> Vec<Finding> {
     if let Some(share) = report.coverage95 {
         let text = format!("{} of the reference's points lie within 1.96 σ", percent(share));
         found.push(if share < TRUE_SHARES[0] {
-            let level = if share < 0.7 { Level::Bad } else { Level::Look };
+            let level = if share < 0.7 { FindingLevel::Bad } else { FindingLevel::Look };
             Finding::new(level, format!("σ is too small: only {text} (95 % where it is true)."))
         } else if share > TRUE_SHARES[1] {
-            Finding::new(Level::Look, format!("σ is rather large: {text} (95 % where it is true)."))
+            Finding::new(FindingLevel::Look, format!("σ is rather large: {text} (95 % where it is true)."))
         } else {
-            Finding::new(Level::Good, format!("σ is consistent: {text} (expected: 95 %)."))
+            Finding::new(FindingLevel::Good, format!("σ is consistent: {text} (expected: 95 %)."))
         });
     } else {
-        found.push(Finding::new(Level::Look, "The model states no σ: its uncertainty cannot be checked."));
+        found.push(Finding::new(
+            FindingLevel::Look,
+            "The model states no σ: its uncertainty cannot be checked.",
+        ));
     }
     if let Some(d) = report.backward.or(report.forward)
         && d.mean.abs() > MOST_BIAS * d.rms
     {
         found.push(Finding::new(
-            Level::Look,
+            FindingLevel::Look,
             format!(
                 "Most deviations have one sign: {} on average. The frames or the scales of the two may \
                  differ.",

@@ -4,7 +4,7 @@ use crate::contour::{ConstrainedReport, ContourReport, PartReport};
 use crate::report::title_of;
 use crate::report::words::{head, looks, with_article};
 use planish_report::numbers::{count, counted, significant};
-use planish_report::{Block, Figure, Finding, Level, Page, Section, Table};
+use planish_report::{Block, Figure, Finding, FindingLevel, Page, Section, Table};
 use std::path::{Path, PathBuf};
 
 /// A χ² beyond this over its degrees of freedom is no noise of the stated σ.
@@ -131,7 +131,7 @@ pub(crate) fn findings(report: &ContourReport) -> Vec<Finding> {
         let name = format!("Contour {} ({})", k + 1, part.kind);
         if part.reduced_chi_square > MOST_CHI_SQUARE {
             found.push(Finding::new(
-                Level::Look,
+                FindingLevel::Look,
                 format!(
                     "{name}: its readings lie {} times as far from it as their σ says: the σ is too small, \
                      or it is of another kind.",
@@ -143,11 +143,16 @@ pub(crate) fn findings(report: &ContourReport) -> Vec<Finding> {
     if let Some(constrained) = &report.constrained
         && !constrained.conflicting.is_empty()
     {
-        found
-            .push(Finding::new(Level::Bad, "Some of the constraints that were given contradict each other."));
+        found.push(Finding::new(
+            FindingLevel::Bad,
+            "Some of the constraints that were given contradict each other.",
+        ));
     }
     if found.is_empty() {
-        found.push(Finding::new(Level::Good, "The readings agree with what was found, within their σ."));
+        found.push(Finding::new(
+            FindingLevel::Good,
+            "The readings agree with what was found, within their σ.",
+        ));
     }
     found
 }

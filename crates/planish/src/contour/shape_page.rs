@@ -75,7 +75,7 @@ pub(crate) fn shape_page(
 
 /// A shape as triangles, as large as its readings where it has no end.
 fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<TriangleMesh> {
-    let bounds = BoundingBox::of(used).ok_or_else(|| Error::undetermined("no reading counts"))?;
+    let bounds = BoundingBox::from_points(used).ok_or_else(|| Error::undetermined("no reading counts"))?;
     let number = |k: usize| parameters[k];
     let place = |k: usize| [number(k), number(k + 1), number(k + 2)];
     let reach = |along: [f64; 3], from: [f64; 3]| {

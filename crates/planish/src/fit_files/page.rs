@@ -9,7 +9,7 @@ use planish_core::Silent;
 use planish_estimate::{ErrorKind, Result};
 use planish_report::colour::KNOWN_BY;
 use planish_report::numbers::{count, counted, percent, significant};
-use planish_report::{Block, Figure, Finding, Level, Page, Section, Table, plot};
+use planish_report::{Block, Figure, Finding, FindingLevel, Page, Section, Table, plot};
 use planish_surface::fit::{Fit, FitReport, FitTermination, ScanSummary};
 use planish_surface::model::SensorReport;
 use std::path::PathBuf;
@@ -164,7 +164,7 @@ fn findings(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> V
                 format!("{} of it", percent(factor))
             };
             found.push(Finding::new(
-                Level::Look,
+                FindingLevel::Look,
                 format!(
                     "The σ of sensor “{}” is false: it states {}, its residuals say {}, {times}. The \
                      estimate was used.",
@@ -177,13 +177,13 @@ fn findings(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> V
     }
     let share = share_set_aside(scans);
     let misfits = scans.iter().filter_map(|scan| misfit(scan, share, unit));
-    found.extend(misfits.map(|text| Finding::new(Level::Bad, text)));
+    found.extend(misfits.map(|text| Finding::new(FindingLevel::Bad, text)));
     let held = report.held_out;
     if held.n > 0 {
         let ratio = held.rms_normalised;
         let (level, text) = if ratio > TRUE_SIGMA {
             (
-                Level::Look,
+                FindingLevel::Look,
                 format!(
                     "σ is too small: readings that took no part are off by {} times what it predicts.",
                     significant(ratio, 3)
@@ -191,7 +191,7 @@ fn findings(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> V
             )
         } else if ratio < 1.0 / TRUE_SIGMA {
             (
-                Level::Look,
+                FindingLevel::Look,
                 format!(
                     "σ is too large: readings that took no part are off by only {} of what it predicts.",
                     percent(ratio)
@@ -199,7 +199,7 @@ fn findings(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> V
             )
         } else {
             (
-                Level::Good,
+                FindingLevel::Good,
                 format!(
                     "σ holds: {} that took no part are off by {} times what it predicts.",
                     counted(held.n, "reading"),
@@ -212,10 +212,13 @@ fn findings(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> V
     // Sensors whose σ is false have been named already.
     let said = |warning: &str| warning.starts_with("sensor ") && warning.contains("states σ");
     for warning in report.warnings.iter().filter(|w| !said(w)) {
-        found.push(Finding::new(Level::Look, sentence(warning)));
+        found.push(Finding::new(FindingLevel::Look, sentence(warning)));
     }
     if report.termination == FitTermination::Converged {
-        found.push(Finding::new(Level::Good, "The fit converged: only noise is left in the residuals."));
+        found.push(Finding::new(
+            FindingLevel::Good,
+            "The fit converged: only noise is left in the residuals.",
+        ));
     }
     found
 }

@@ -34,7 +34,7 @@ use nalgebra::{DMatrix, Matrix6};
 use planish_core::Progress;
 use planish_estimate::vector3::{add, cross, distance, norm, sub, unit};
 use planish_estimate::{Error, Result, median_magnitude_scale};
-use planish_mesh::{BoundingBox, MeshSearch, Neighbours, Patch, TriangleMesh};
+use planish_mesh::{BoundingBox, MergePatch, MeshSearch, Neighbours, TriangleMesh};
 use planish_sense::Pose;
 use planish_surface::model::ScanPoseReport;
 
@@ -84,7 +84,7 @@ impl Hold {
 
 /// A patch as it takes part.
 struct Side<'a> {
-    patch: &'a Patch,
+    patch: &'a MergePatch,
     search: &'a MeshSearch,
     /// Of the vertices, smoothed.
     normals: Vec<[f64; 3]>,
@@ -115,7 +115,7 @@ impl Side<'_> {
 /// `Undetermined` where nothing lies on anything within reach, or a patch is far from what is near it and
 /// hardly any of its directions is told; `Interrupted` when told to stop.
 pub(super) fn align(
-    patches: &mut [Patch],
+    patches: &mut [MergePatch],
     searches: &mut [MeshSearch],
     names: &[String],
     progress: &dyn Progress,
@@ -164,7 +164,7 @@ pub(super) fn align(
 
 /// Adds to the variance along each vertex's normal what the pose is not known to. Where patches are fused
 /// afterwards it counts like an error of each vertex alone.
-fn add_pose_variance(patch: &mut Patch, covariance: &[[f64; 6]; 6], origin: [f64; 3]) {
+fn add_pose_variance(patch: &mut MergePatch, covariance: &[[f64; 6]; 6], origin: [f64; 3]) {
     if patch.sigma.is_empty() {
         return;
     }
@@ -188,7 +188,7 @@ struct Motion {
 
 /// The motions of all patches, and what a user should know.
 fn motions(
-    patches: &[Patch],
+    patches: &[MergePatch],
     searches: &[MeshSearch],
     names: &[String],
     progress: &dyn Progress,
@@ -345,7 +345,7 @@ fn about(by: [f64; 6], middle: [f64; 3]) -> Pose {
     }
 }
 
-fn side<'a>(patch: &'a Patch, search: &'a MeshSearch) -> Side<'a> {
+fn side<'a>(patch: &'a MergePatch, search: &'a MeshSearch) -> Side<'a> {
     let mesh = &patch.mesh;
     let bounds = mesh.bounding_box();
     let mut areas = vec![0.0; mesh.positions.len()];
@@ -356,7 +356,7 @@ fn side<'a>(patch: &'a Patch, search: &'a MeshSearch) -> Side<'a> {
             areas[*v as usize] += third;
         }
     }
-    let neighbours = Neighbours::of(mesh);
+    let neighbours = Neighbours::from_mesh(mesh);
     Side {
         normals: smooth_normals(mesh, &neighbours),
         within: within_border(mesh, &neighbours),

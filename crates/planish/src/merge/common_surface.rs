@@ -13,7 +13,7 @@
 use planish_core::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub, unit};
 use planish_estimate::{Dispersion, Result};
-use planish_mesh::{Fused, Neighbours, Overlap, Patch, noise_likeness};
+use planish_mesh::{FusedVertices, MergePatch, Neighbours, Overlap, noise_correlation};
 use planish_spline::{HeightField, HeightReading};
 use rayon::prelude::*;
 use std::cmp::Ordering;
@@ -65,13 +65,13 @@ struct Said {
 
 /// Places and σ of all vertices. `mean` are those without a refit, which blend in where patches end.
 pub(super) fn refitted(
-    patches: &[Patch],
+    patches: &[MergePatch],
     overlap: &Overlap,
-    mean: Vec<Fused>,
+    mean: Vec<FusedVertices>,
     how: Refit,
     progress: &dyn Progress,
-) -> Result<Vec<Fused>> {
-    let links: Vec<Neighbours> = patches.iter().map(|p| Neighbours::of(&p.mesh)).collect();
+) -> Result<Vec<FusedVertices>> {
+    let links: Vec<Neighbours> = patches.iter().map(|p| Neighbours::from_mesh(&p.mesh)).collect();
     let shared = |(p, v): Place| overlap.patches[p as usize].feet(v as usize).iter().any(|f| !f.beside);
     let mut weight: Vec<Vec<f64>> = patches.iter().map(|p| vec![0.0; p.mesh.positions.len()]).collect();
     let mut moved: Vec<Vec<[f64; 3]>> =
@@ -124,7 +124,7 @@ pub(super) fn refitted(
             }
         }
     }
-    let likeness = noise_likeness(patches, overlap);
+    let likeness = noise_correlation(patches, overlap);
     let out = mean.into_iter().enumerate().map(|(p, mut fused)| {
         for v in 0..fused.positions.len() {
             let place = (p as u32, v as u32);
@@ -152,14 +152,14 @@ pub(super) fn refitted(
 }
 
 /// The order of places in space, whichever patch they are of.
-fn by_position(patches: &[Patch], a: Place, b: Place) -> Ordering {
+fn by_position(patches: &[MergePatch], a: Place, b: Place) -> Ordering {
     let [p, q] = [a, b].map(|(p, v)| patches[p as usize].mesh.positions[v as usize]);
     let by = |k: usize| p[k].total_cmp(&q[k]);
     by(0).then(by(1)).then(by(2)).then(a.cmp(&b))
 }
 
 /// How far within other patches a place lies: nothing at their borders, one some edges from it.
-fn within_others(patches: &[Patch], overlap: &Overlap, (p, v): Place) -> f64 {
+fn within_others(patches: &[MergePatch], overlap: &Overlap, (p, v): Place) -> f64 {
     overlap.patches[p as usize]
         .feet(v as usize)
         .iter()
@@ -172,7 +172,7 @@ fn within_others(patches: &[Patch], overlap: &Overlap, (p, v): Place) -> f64 {
         .fold(0.0, f64::max)
 }
 
-fn fit(piece: &Piece, patches: &[Patch], overlap: &Overlap, how: Refit) -> Result<Vec<Said>> {
+fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> Result<Vec<Said>> {
     if piece.members.len() < FEWEST {
         return Ok(Vec::new());
     }
@@ -247,7 +247,7 @@ struct Walk {
 }
 
 impl Walk {
-    fn new(patches: &[Patch]) -> Self {
+    fn new(patches: &[MergePatch]) -> Self {
         Self { met: patches.iter().map(|p| vec![0; p.mesh.positions.len()]).collect(), walks: 0 }
     }
 
@@ -256,7 +256,7 @@ impl Walk {
     fn around(
         &mut self,
         first: Place,
-        patches: &[Patch],
+        patches: &[MergePatch],
         overlap: &Overlap,
         links: &[Neighbours],
         belongs: impl Fn(Place) -> bool,

@@ -8,7 +8,8 @@
 use planish_estimate::vector3::{distance, dot};
 use planish_estimate::{Error, Result};
 use planish_mesh::{
-    DisjointSets, Fused, MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, ZipOptions, Zipped, zipped,
+    DisjointSets, FusedVertices, MergePatch, MeshSearch, Overlap, OverlapOptions, StitchOptions,
+    StitchedMesh, TriangleMesh, stitch_patches,
 };
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -47,7 +48,7 @@ pub(super) struct Facing {
 /// A whole and how much of it is the bound's.
 pub(super) struct Completed {
     /// The whole; patch 0 of its sources is what was merged, 1 the bound.
-    pub whole: Zipped,
+    pub whole: StitchedMesh,
     /// Vertices that are the bound's.
     pub vertices: usize,
     /// Triangles that were carved away, as they reached out of the bound.
@@ -60,7 +61,7 @@ pub(super) struct Completed {
 /// edges: how far the object may lie beneath is not in it. Triangles that reach out of a closed bound are
 /// carved away. A bound that is closed faces outwards, whichever way its file has it; parts of the patches
 /// that face against the bound are turned over.
-pub(super) fn completed(merged: &Zipped, bound: &Patch) -> Result<Completed> {
+pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Completed> {
     let mut mesh = bound.mesh.clone();
     // Of an equilateral triangle with the mean area.
     let edge = (mesh.area() / mesh.triangles.len() as f64 * 4.0 / 3.0_f64.sqrt()).sqrt();
@@ -86,10 +87,10 @@ pub(super) fn completed(merged: &Zipped, bound: &Patch) -> Result<Completed> {
         true => vec![edge; mesh.positions.len()],
         false => bound.sigma.clone(),
     };
-    let rest = Patch::tidy(&mesh, &sigma)?.patch;
+    let rest = MergePatch::make_manifold(&mesh, &sigma)?.patch;
     let whole = if rest.mesh.triangles.is_empty() {
         let count = first.mesh.positions.len();
-        Zipped {
+        StitchedMesh {
             kept: first.mesh.triangles.len(),
             source: (0..count as u32).map(|v| (0, v)).collect(),
             stitched: vec![false; count],
@@ -104,15 +105,16 @@ pub(super) fn completed(merged: &Zipped, bound: &Patch) -> Result<Completed> {
         let patches = [first, rest];
         let options = OverlapOptions { epsilon: Some(EPSILON * edge), theta_rad: None };
         let overlap = Overlap::find(&patches, &options)?;
-        let places = patches
-            .each_ref()
-            .map(|patch| Fused { positions: patch.mesh.positions.clone(), sigma: patch.sigma.clone() });
-        zipped(&patches, &overlap, &places, &ZipOptions { notches: NOTCH })?
+        let places = patches.each_ref().map(|patch| FusedVertices {
+            positions: patch.mesh.positions.clone(),
+            sigma: patch.sigma.clone(),
+        });
+        stitch_patches(&patches, &overlap, &places, &StitchOptions { notches: NOTCH })?
     };
     // Holes may have been closed across what is empty.
     let (last, of_whole, again) = within(&whole.mesh, &whole.sigma, limits)?;
     carved += again;
-    let whole = Zipped {
+    let whole = StitchedMesh {
         source: (of_whole.iter().map(|v| whole.source[*v as usize]))
             .map(|(patch, v)| (patch, if patch == 0 { source[v as usize] } else { v }))
             .collect(),
@@ -194,7 +196,7 @@ fn within(
     mesh: &TriangleMesh,
     sigma: &[f64],
     bound: Option<(&MeshSearch, f64)>,
-) -> Result<(Patch, Vec<u32>, usize)> {
+) -> Result<(MergePatch, Vec<u32>, usize)> {
     let stays = |t: usize| {
         let Some((search, edge)) = bound else { return true };
         let [a, b, c] = mesh.corners(t);
@@ -217,7 +219,7 @@ fn within(
         ));
     }
     let mesh = TriangleMesh { positions: mesh.positions.clone(), triangles };
-    let tidied = Patch::tidy(&mesh, sigma)?;
+    let tidied = MergePatch::make_manifold(&mesh, sigma)?;
     Ok((tidied.patch, tidied.vertices, carved))
 }
 
@@ -242,11 +244,11 @@ mod tests {
             if inwards {
                 turn(&mut ball);
             }
-            let patch = Patch::tidy(&ball, &vec![0.02; ball.positions.len()]).unwrap().patch;
+            let patch = MergePatch::make_manifold(&ball, &vec![0.02; ball.positions.len()]).unwrap().patch;
             let mut bound = icosphere(10.3, 4);
             turn(&mut bound);
             let count = patch.mesh.positions.len();
-            let merged = Zipped {
+            let merged = StitchedMesh {
                 source: vec![(0, 0); count],
                 stitched: vec![false; count],
                 kept: patch.mesh.triangles.len(),
@@ -257,7 +259,7 @@ mod tests {
                 mesh: patch.mesh,
                 sigma: patch.sigma,
             };
-            let bound = Patch { mesh: bound, sigma: Vec::new() };
+            let bound = MergePatch { mesh: bound, sigma: Vec::new() };
             let done = completed(&merged, &bound).unwrap();
             let check = done.whole.mesh.check();
             assert!(check.watertight && check.oriented && check.components == 1, "{check:?}");

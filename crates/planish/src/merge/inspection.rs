@@ -8,7 +8,7 @@ use super::patches::NamedPatch;
 use planish_estimate::vector3::dot;
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
-use planish_mesh::{BoundingBox, MeshSearch, Overlap, Patch, searches_of};
+use planish_mesh::{BoundingBox, MergePatch, MeshSearch, Overlap, searches_of};
 use planish_report::numbers::significant;
 use planish_surface::model::SigmaSummary;
 use std::cmp::Reverse;
@@ -96,10 +96,10 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
 /// several; those that are `off` may lie a percent of their size apart, those that state σ as far as it lets
 /// them, so that the two sides of a plate stay as they are. Gives which were turned, and a search for each as
 /// it is then.
-pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
+pub(super) fn turn_alike(patches: &mut [MergePatch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
     let mut searches = searches_of(patches)?;
     let count = patches.len();
-    let stated = |patch: &Patch| {
+    let stated = |patch: &MergePatch| {
         (!patch.sigma.is_empty()).then(|| SigmaSummary::from_values(patch.sigma.clone()).median)
     };
     let sigma: Vec<Option<f64>> = patches.iter().map(stated).collect();
@@ -178,7 +178,12 @@ pub(super) fn turn_alike(patches: &mut [Patch], off: bool) -> Result<(Vec<bool>,
 ///
 /// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is
 /// then as long as an edge.
-pub(super) fn unalike(patches: &[Patch], overlap: &Overlap, names: &[String], unit: Unit) -> Vec<String> {
+pub(super) fn unalike(
+    patches: &[MergePatch],
+    overlap: &Overlap,
+    names: &[String],
+    unit: Unit,
+) -> Vec<String> {
     let told = patches.iter().zip(&overlap.patches).zip(names);
     told.filter(|((patch, _), _)| patch.sigma.is_empty())
         .filter_map(|((_, of), name)| {
@@ -199,7 +204,12 @@ pub(super) fn unalike(patches: &[Patch], overlap: &Overlap, names: &[String], un
 }
 
 /// How near patches come that do not overlap, in words.
-pub(super) fn nearest(patches: &[Patch], searches: &[MeshSearch], names: &[String], unit: Unit) -> String {
+pub(super) fn nearest(
+    patches: &[MergePatch],
+    searches: &[MeshSearch],
+    names: &[String],
+    unit: Unit,
+) -> String {
     let mut best: Option<(f64, usize, usize)> = None;
     for (j, search) in searches.iter().enumerate() {
         for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {

@@ -6,7 +6,9 @@ use crate::report::words::{SmallUnit, looks};
 use crate::report::{ReportOutput, file_name, title_of};
 use planish_estimate::Result;
 use planish_report::numbers::{count, counted, percent, significant};
-use planish_report::{Block, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table};
+use planish_report::{
+    Block, FieldKind, Figure, Finding, FindingLevel, Page, Scene, Section, SurfaceShown, Table,
+};
 use std::path::Path;
 
 /// Writes a page that shows a merged mesh.
@@ -203,13 +205,13 @@ fn findings(report: &MergeReport) -> Vec<Finding> {
     let mut found: Vec<Finding> = looks(&report.warnings);
     if report.nonmanifold_edges > 0 {
         found.push(Finding::new(
-            Level::Bad,
+            FindingLevel::Bad,
             format!("{} of the mesh have more than two faces.", counted(report.nonmanifold_edges, "edge")),
         ));
     }
     if report.parts > 1 {
         found.push(Finding::new(
-            Level::Look,
+            FindingLevel::Look,
             format!(
                 "The result is in {}: see where patches overlap.",
                 counted(report.parts, "separate part")
@@ -217,7 +219,7 @@ fn findings(report: &MergeReport) -> Vec<Finding> {
         ));
     }
     found.push(Finding::new(
-        Level::Good,
+        FindingLevel::Good,
         if report.watertight {
             "The mesh is watertight.".to_owned()
         } else {
@@ -226,7 +228,7 @@ fn findings(report: &MergeReport) -> Vec<Finding> {
     ));
     if report.sigma_estimated {
         found.push(Finding::new(
-            Level::Look,
+            FindingLevel::Look,
             "The patches state no σ: it was estimated from their differences in the overlaps.",
         ));
     }

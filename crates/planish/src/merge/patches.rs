@@ -11,7 +11,7 @@ use planish_estimate::{Error, Result};
 use planish_exchange::mesh::{is_mesh_file, is_step_file, read_mesh};
 use planish_exchange::step::read_step;
 use planish_exchange::{PosedScan, Unit, extension, read_inputs};
-use planish_mesh::{Patch, Tidied, TriangleMesh};
+use planish_mesh::{ManifoldPatch, MergePatch, TriangleMesh};
 use planish_sense::{RangeGrid, Scan, Sensor, Viewing, ray_at, variance_along};
 use planish_surface::export::mesh_from_model;
 use planish_surface::model::Observed;
@@ -26,7 +26,7 @@ pub struct NamedPatch {
     /// The file, and the scan in it where there are several.
     pub name: String,
     /// The surface, and the triangles of the file that it is of.
-    pub tidied: Tidied,
+    pub tidied: ManifoldPatch,
     /// 1 for what was measured, 2 for what was completed; one of each vertex, or none where all were
     /// measured.
     pub observed: Vec<u8>,
@@ -197,7 +197,7 @@ fn of_mesh(
     if seen.triangles.is_empty() {
         return Err(Error::input(format!("{name}: nothing of it was measured: there is nothing to merge")));
     }
-    let mut tidied = Patch::tidy(&seen, sigma).map_err(|e| e.in_context(&name))?;
+    let mut tidied = MergePatch::make_manifold(&seen, sigma).map_err(|e| e.in_context(&name))?;
     for t in &mut tidied.triangles {
         *t = numbers[*t as usize];
     }

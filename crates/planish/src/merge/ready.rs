@@ -12,7 +12,9 @@ use super::{MergeMethod, MergeOptions};
 use planish_core::{Progress, ProgressPart};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
-use planish_mesh::{MeshSearch, Overlap, OverlapOptions, Patch, TriangleMesh, Zipped, quantile_of_sorted};
+use planish_mesh::{
+    MergePatch, MeshSearch, Overlap, OverlapOptions, StitchedMesh, TriangleMesh, quantile_of_sorted,
+};
 use planish_surface::model::{ScanPoseReport, SigmaSummary};
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -20,7 +22,7 @@ use std::path::PathBuf;
 /// Patches in the order of [`order_in_space`], and what is known of them in the order of the files.
 pub(super) struct Ready {
     /// The patches, in space.
-    pub patches: Vec<Patch>,
+    pub patches: Vec<MergePatch>,
     searches: Vec<MeshSearch>,
     /// For each patch in space, its number among the files.
     order: Vec<usize>,
@@ -60,7 +62,7 @@ impl Ready {
         let named = leave_out_copies(named, &mut warnings)?;
         let names: Vec<String> = named.iter().map(|p| p.name.clone()).collect();
         let observed: Vec<Vec<u8>> = named.iter().map(|p| p.observed.clone()).collect();
-        let (mut patches, numbers): (Vec<Patch>, Vec<Vec<u32>>) =
+        let (mut patches, numbers): (Vec<MergePatch>, Vec<Vec<u32>>) =
             named.into_iter().map(|p| (p.tidied.patch, p.tidied.triangles)).unzip();
         let (turned, mut searches) = turn_alike(&mut patches, options.align)?;
         let crossed = crossings(&searches, &names, &numbers);
@@ -127,7 +129,7 @@ impl Ready {
     }
 
     /// How many vertices of the whole are of each patch in space; says which have none.
-    pub fn kept(&mut self, sewn: &Zipped, overlap: &Overlap) -> Vec<usize> {
+    pub fn kept(&mut self, sewn: &StitchedMesh, overlap: &Overlap) -> Vec<usize> {
         let mut kept = vec![0; self.patches.len()];
         for (patch, _) in &sewn.source {
             if let Some(kept) = kept.get_mut(*patch as usize) {
@@ -149,7 +151,7 @@ impl Ready {
     }
 
     /// 1 for vertices that were measured, 2 for those that were completed or fill a hole.
-    pub fn observed(&self, sewn: &Zipped) -> Vec<u8> {
+    pub fn observed(&self, sewn: &StitchedMesh) -> Vec<u8> {
         let of = |(patch, v): &(u32, u32)| {
             let Some(file) = self.order.get(*patch as usize) else {
                 return 2;
@@ -160,7 +162,7 @@ impl Ready {
     }
 
     /// What came of it, in the order of the files.
-    pub fn report(&self, sewn: &Zipped, overlap: &Overlap, done: Done) -> MergeReport {
+    pub fn report(&self, sewn: &StitchedMesh, overlap: &Overlap, done: Done) -> MergeReport {
         let check = sewn.mesh.check();
         // Where each patch of the files stands.
         let mut stands = vec![0; self.order.len()];
@@ -206,12 +208,12 @@ impl Ready {
 }
 
 /// The numbers of patches in the order of their first places in space.
-fn order_in_space(patches: &[Patch]) -> Vec<usize> {
+fn order_in_space(patches: &[MergePatch]) -> Vec<usize> {
     let by = |a: &[f64; 3], b: &[f64; 3]| {
         let by = |k: usize| a[k].total_cmp(&b[k]);
         by(0).then(by(1)).then(by(2))
     };
-    let first = |patch: &Patch| patch.mesh.positions.iter().copied().min_by(by);
+    let first = |patch: &MergePatch| patch.mesh.positions.iter().copied().min_by(by);
     let firsts: Vec<Option<[f64; 3]>> = patches.iter().map(first).collect();
     let sorted = |k: usize| {
         let mut all = patches[k].mesh.positions.clone();

@@ -7,7 +7,7 @@ use planish_estimate::vector3::{add_scaled, distance, scale};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, counted, percent, significant};
-use planish_report::{Block, Figure, Finding, Level, LineSet, Mark, Page, Scene, Section, Table};
+use planish_report::{Block, Figure, Finding, FindingLevel, LineSet, Mark, Page, Scene, Section, Table};
 use planish_sense::{Pose, ViewSensor};
 use planish_surface::model::SurfaceModel;
 use std::path::Path;
@@ -29,16 +29,16 @@ pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) ->
     "where to measure next".clone_into(&mut scene.marks_name);
     let mut findings = Vec::new();
     match next.reached_goal {
-        Some(true) => findings.push(Finding::new(Level::Good, "These points reach the goal.")),
+        Some(true) => findings.push(Finding::new(FindingLevel::Good, "These points reach the goal.")),
         Some(false) => findings.push(Finding::new(
-            Level::Look,
+            FindingLevel::Look,
             "These points do not reach the goal: plan more of them, or measure with a smaller σ.",
         )),
         None => {}
     }
     if let Some(left) = &next.shape_left {
         findings.push(Finding::new(
-            Level::Look,
+            FindingLevel::Look,
             format!(
                 "On {} of the region's area σ holds shape that cells are too large to follow, up to {}: no \
                  reading makes it smaller, finer cells do.",
@@ -98,16 +98,16 @@ pub(crate) fn views_page(
     show_views(&mut scene, next, sensor, unit)?;
     let mut findings = Vec::new();
     match next.reached_goal {
-        Some(true) => findings.push(Finding::new(Level::Good, "These views reach the goal.")),
+        Some(true) => findings.push(Finding::new(FindingLevel::Good, "These views reach the goal.")),
         Some(false) => findings.push(Finding::new(
-            Level::Look,
+            FindingLevel::Look,
             "These views do not reach the goal: plan more of them, or measure with a better sensor.",
         )),
         None => {}
     }
     if let Some(place) = next.worst_unseen.filter(|_| next.unseen > 0.0) {
         findings.push(Finding::new(
-            Level::Look,
+            FindingLevel::Look,
             format!(
                 "{} of the area is seen from none of the {} poses that were compared; the least known of it \
                  lies at {} with σ {}.",
@@ -182,7 +182,8 @@ fn show_views(scene: &mut Scene, next: &ViewsReport, sensor: &ViewSensor, unit: 
         return Ok(());
     };
     let mesh = TriangleMesh::try_new(surface.positions.clone(), surface.triangles.clone())?;
-    let bounds = BoundingBox::of(&mesh.positions).ok_or_else(|| Error::input("a model without area"))?;
+    let bounds =
+        BoundingBox::from_points(&mesh.positions).ok_or_else(|| Error::input("a model without area"))?;
     let search = MeshSearch::try_new(&mesh)?;
     let (mut sights, mut fields) = (Vec::new(), Vec::new());
     for (k, view) in next.views.iter().enumerate() {

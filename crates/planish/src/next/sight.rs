@@ -86,7 +86,7 @@ pub(super) struct Sight<'a> {
 impl<'a> Sight<'a> {
     pub(super) fn new(model: &'a SurfaceModel, sensor: &'a ViewSensor) -> Result<Self> {
         let surface = &model.surface;
-        let bounds = BoundingBox::of(surface.vertices())
+        let bounds = BoundingBox::from_points(surface.vertices())
             .filter(|b| b.diagonal() > 0.0)
             .ok_or_else(|| Error::undetermined("the model's surface has no extent"))?;
         let tolerance = affordable_tolerance(surface, CHORD * bounds.diagonal(), MOST_TRIANGLES)?;

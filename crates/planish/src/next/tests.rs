@@ -248,7 +248,7 @@ fn a_view_from_behind_or_from_too_far_sees_nothing() {
     let model = model_of(refined_surface(Shape::Sheet), |leaf| leaf % 3 == 0);
     let sensor = camera();
     let sight = sight::Sight::new(&model, &sensor).unwrap();
-    let middle = BoundingBox::of(model.surface.vertices()).unwrap().center();
+    let middle = BoundingBox::from_points(model.surface.vertices()).unwrap().center();
     let normal = model.surface.leaf_jet(0, 0.5, 0.5).normal().unwrap();
     let readings = |far: f64| {
         let towards = if far > 0.0 { -1.0 } else { 1.0 };

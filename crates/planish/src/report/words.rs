@@ -1,7 +1,7 @@
 //! Words that all reports share: lengths in a unit that reads well, heads of tables, warnings as sentences.
 
 use planish_report::numbers::significant;
-use planish_report::{Finding, Level};
+use planish_report::{Finding, FindingLevel};
 
 /// With `A` or `An` before it.
 pub(crate) fn with_article(name: &str) -> String {
@@ -52,7 +52,7 @@ pub(crate) fn head(what: &str, unit: &str) -> String {
 
 /// Warnings as findings that are worth a look.
 pub(crate) fn looks(warnings: &[String]) -> Vec<Finding> {
-    warnings.iter().map(|w| Finding::new(Level::Look, sentence(w))).collect()
+    warnings.iter().map(|w| Finding::new(FindingLevel::Look, sentence(w))).collect()
 }
 
 /// A warning as a sentence.

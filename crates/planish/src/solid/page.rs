@@ -7,7 +7,7 @@ use planish_estimate::Result;
 use planish_mesh::BoundingBox;
 use planish_report::numbers::{counted, significant};
 use planish_report::{
-    Block, Figure, Finding, Level, LineSet, Mark, Page, Scene, Section, SurfaceShown, Table, plot,
+    Block, Figure, Finding, FindingLevel, LineSet, Mark, Page, Scene, Section, SurfaceShown, Table, plot,
 };
 use planish_solid::brep::Solid;
 use planish_solid::tessellation::tessellate;
@@ -40,7 +40,7 @@ pub(crate) fn solid_page(
         let Ok(mut mesh) = tessellate(solid, tolerance) else {
             continue;
         };
-        if let Some(bounds) = BoundingBox::of(&mesh.positions)
+        if let Some(bounds) = BoundingBox::from_points(&mesh.positions)
             && across == 0.0
         {
             across = APART * (bounds.max[0] - bounds.min[0]);
@@ -49,7 +49,7 @@ pub(crate) fn solid_page(
             p[0] += across * k as f64;
         }
         let name = format!("solution {}", k + 1);
-        if let Some(bounds) = BoundingBox::of(&mesh.positions).filter(|_| solids.len() > 1) {
+        if let Some(bounds) = BoundingBox::from_points(&mesh.positions).filter(|_| solids.len() > 1) {
             let [x, y, _] = bounds.center();
             let text = (report.solutions.get(k)).map_or(String::new(), |s| {
                 format!("volume {} {unit}³, {}", significant(s.volume, 5), faces(&s.faces))
@@ -150,21 +150,21 @@ fn findings(report: &SolidReport) -> Vec<Finding> {
     let mut found: Vec<Finding> = looks(&report.warnings);
     match report.solutions.len() {
         0 => found.push(Finding::new(
-            Level::Bad,
+            FindingLevel::Bad,
             "No solid explains all lines: those that none explains are named below.",
         )),
         1 if report.complete => found.push(Finding::new(
-            Level::Good,
+            FindingLevel::Good,
             "There is exactly one solid with these views, and it shows the lines of the drawing.",
         )),
         1 => {}
         n => found.push(Finding::new(
-            Level::Look,
+            FindingLevel::Look,
             format!("{n} solids have these views: another view would tell which is meant."),
         )),
     }
     if let Some(geometry) = &report.geometry {
-        let level = if geometry.p_value < 0.001 { Level::Look } else { Level::Good };
+        let level = if geometry.p_value < 0.001 { FindingLevel::Look } else { FindingLevel::Good };
         found.push(Finding::new(
             level,
             format!(

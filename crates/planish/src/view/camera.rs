@@ -162,7 +162,7 @@ pub(super) struct Camera {
 impl Camera {
     /// A camera that sees all points within a frame; a zoom enlarges them about its middle.
     pub(super) fn of(points: &[[f64; 3]], axes: Axes, frame: Frame, zoom: f64) -> Result<Self> {
-        let bounds = BoundingBox::of(points).ok_or_else(|| Error::input("nothing to draw"))?;
+        let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
         let diagonal = bounds.diagonal().max(f64::MIN_POSITIVE);
         let mut camera = Self {
             at: add_scaled(bounds.center(), DISTANCE * diagonal, axes[2]),

@@ -3,7 +3,7 @@
 
 use super::camera::Camera;
 use super::canvas::{Anchor, Canvas};
-use planish_report::colour::{Colour, Kind, Range, Scale};
+use planish_report::colour::{Colour, ColourKind, Range, Scale};
 
 const INK: Colour = [0.11, 0.115, 0.125];
 const SOFT: Colour = [0.36, 0.375, 0.41];
@@ -82,7 +82,7 @@ fn bar(canvas: &mut Canvas, range: &Range, [left, bottom]: [f64; 2], width: f64,
 }
 
 /// Kinds side by side; where the last one ends.
-fn kinds(canvas: &mut Canvas, list: &[Kind], [left, bottom]: [f64; 2], room: f64, em: f64) -> f64 {
+fn kinds(canvas: &mut Canvas, list: &[ColourKind], [left, bottom]: [f64; 2], room: f64, em: f64) -> f64 {
     let size = 0.9 * em;
     let mut x = left;
     for (k, kind) in list.iter().enumerate() {

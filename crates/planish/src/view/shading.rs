@@ -12,7 +12,7 @@
 
 use super::camera::Camera;
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
-use planish_mesh::{DepthBuffer, Projected, Seen};
+use planish_mesh::{DepthBuffer, DepthVisibility, Projected};
 use planish_report::colour::{Colour, linear_light};
 use rayon::prelude::*;
 
@@ -148,7 +148,7 @@ pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usiz
 fn pixel(
     prepared: &[Prepared<'_>],
     camera: &Camera,
-    samples: impl Iterator<Item = Option<Seen>>,
+    samples: impl Iterator<Item = Option<DepthVisibility>>,
     all: f64,
 ) -> Pixel {
     let mut mean = Pixel::default();
@@ -178,7 +178,7 @@ fn pixel(
 }
 
 /// Linear light of a sample, and its normal towards the camera.
-fn lit(of: &Prepared<'_>, camera: &Camera, seen: &Seen) -> ([f64; 3], [f64; 3]) {
+fn lit(of: &Prepared<'_>, camera: &Camera, seen: &DepthVisibility) -> ([f64; 3], [f64; 3]) {
     let index = seen.triangle as usize - of.first;
     match of.shape {
         Shape::Surface { colour, .. } => {

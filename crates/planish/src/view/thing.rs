@@ -208,7 +208,7 @@ impl Thing {
 
     /// The size of its box, with the unit.
     pub(super) fn size(&self) -> String {
-        BoundingBox::of(&self.places()).map_or(String::new(), |b| {
+        BoundingBox::from_points(&self.places()).map_or(String::new(), |b| {
             let size = [0, 1, 2].map(|d| significant(b.max[d] - b.min[d], 3)).join(" × ");
             format!("{size} {}", self.scene.unit).trim_end().to_owned()
         })

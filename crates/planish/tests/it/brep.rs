@@ -276,7 +276,7 @@ fn open_cascade_finds_every_shape_valid_with_our_area_and_box() {
             &TessellationOptions { tolerance: 1e-3 / millimetres, ..TessellationOptions::default() },
         )
         .unwrap();
-        let ours = BoundingBox::of(&mesh.positions).unwrap();
+        let ours = BoundingBox::from_points(&mesh.positions).unwrap();
         for d in 0..3 {
             for (k, bound) in [ours.min[d], ours.max[d]].into_iter().enumerate() {
                 let theirs = result["box"][k][d].as_f64().unwrap();

@@ -5,7 +5,7 @@ use planish::compare::{CompareOptions, Compared, Reference, compare};
 use planish::merge::{MergeMethod, MergeOptions, Merged, NamedPatch, PatchSet, merge, merged_spline};
 use planish::progress::Silent;
 use planish_estimate::vector3::{add_scaled, dot, norm, scale, unit};
-use planish_mesh::{MeshSearch, Patch, icosphere};
+use planish_mesh::{MergePatch, MeshSearch, icosphere};
 use planish_sense::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -48,7 +48,7 @@ fn patch(name: &str, axis: [f64; 3], least: f64, turn: f64, smooth: f64, rng: &m
     let sigma = vec![SIGMA; ball.positions.len()];
     NamedPatch {
         name: name.to_owned(),
-        tidied: Patch::tidy(&ball, &sigma).expect("a patch"),
+        tidied: MergePatch::make_manifold(&ball, &sigma).expect("a patch"),
         observed: Vec::new(),
     }
 }
@@ -129,7 +129,7 @@ fn a_hole_is_filled_as_the_surface_goes_on() {
         let mut mesh = patch.tidied.patch.mesh.clone();
         mesh.triangles.retain(|t| t.iter().all(|v| mesh.positions[*v as usize][2] < 8.5));
         let sigma = vec![SIGMA; mesh.positions.len()];
-        patch.tidied = Patch::tidy(&mesh, &sigma).expect("a patch");
+        patch.tidied = MergePatch::make_manifold(&mesh, &sigma).expect("a patch");
     }
     let set = PatchSet { patches, ..PatchSet::default() };
     let options = MergeOptions { fill: 1000, curvature: true, ..MergeOptions::default() };
@@ -170,7 +170,7 @@ fn the_sides_of_a_thin_plate_are_not_turned_over() {
         let sigma = vec![0.02; mesh.positions.len()];
         NamedPatch {
             name: format!("{from} {height}"),
-            tidied: Patch::tidy(&mesh, &sigma).expect("a patch"),
+            tidied: MergePatch::make_manifold(&mesh, &sigma).expect("a patch"),
             observed: Vec::new(),
         }
     };

@@ -1,28 +1,30 @@
-//! Surfaces of more triangles than a view turns fluently, with fewer.
+//! Reduces surfaces that have too many triangles for a fluent 3D view.
 //!
-//! Comes in: a surface. Goes out: one of some of its own vertices, with their values. Not guaranteed: that it
-//! is manifold; it is for looking at.
+//! In: a surface. Out: a surface over a subset of its vertices, with their values. Not guaranteed: that the
+//! result is manifold; it is for display only.
 
 use super::{SeenBy, SurfaceShown};
 use crate::field::{Field, Values};
 use crate::numbers::count;
 use std::collections::{HashMap, HashSet};
 
-/// Triangles of a surface that a browser without a graphics card opens and turns without waiting.
-pub(crate) const MOST_TRIANGLES: usize = 150_000;
-/// Cells of a surface of one cell² each that it meets; a slanting one meets more.
+/// Maximum number of triangles: a browser without a graphics card can load and rotate them without delay.
+pub(crate) const MAX_TRIANGLES: usize = 150_000;
+/// Estimated number of cells that a surface meets, per cell² of its area; oblique surfaces meet more.
+///
+/// Only a first guess of the cell size: [`GROWTH`] corrects it.
 const CELLS_MET: f64 = 1.5;
-/// Cells grow by this until the triangles are few enough.
+/// Growth of the cells per attempt. Smaller steps come closer to the limit but need more attempts.
 const GROWTH: f64 = 1.15;
 
-/// The surface with at most so many triangles; `None` where it has no more, or where its triangles are flat
-/// as those of solids are.
+/// Reduces a surface to at most `max_triangles`; `None` if it has no more, or is flat-shaded (a solid).
 ///
-/// Vertices are clustered in cells of a grid (Rossignac and Borrel 1993), those that face other ways apart,
-/// so that both sides of a thin wall stay. The vertex that is nearest to the middle of its cluster stands for
-/// it: places and values that are read are those of the file.
-pub(crate) fn thinned(surface: &SurfaceShown, most: usize) -> Option<SurfaceShown> {
-    if surface.triangles.len() <= most || surface.flat {
+/// Vertices are clustered in the cells of a grid (Rossignac and Borrel 1993). Vertices with different
+/// directions of their normals form separate clusters, so that both sides of a thin wall remain. The vertex
+/// closest to the centre of a cluster represents it. Positions and values that a reader clicks are therefore
+/// those of the file.
+pub(crate) fn thinned(surface: &SurfaceShown, max_triangles: usize) -> Option<SurfaceShown> {
+    if surface.triangles.len() <= max_triangles || surface.flat {
         return None;
     }
     let normals = normals(surface);
@@ -30,17 +32,18 @@ pub(crate) fn thinned(surface: &SurfaceShown, most: usize) -> Option<SurfaceShow
     if !(area > 0.0 && area.is_finite()) {
         return None;
     }
-    let mut side = (2.0 * CELLS_MET * area / most as f64).sqrt().max(f64::MIN_POSITIVE);
-    // Each round leaves fewer, down to none: it ends.
+    let mut side = (2.0 * CELLS_MET * area / max_triangles as f64).sqrt().max(f64::MIN_POSITIVE);
+    // The number of triangles decreases to zero with growing cells, so the loop ends.
     loop {
         let (kept, triangles) = clustered(surface, &normals, side);
-        if triangles.len() <= most {
-            return Some(of_kept(surface, &kept, triangles));
+        if triangles.len() <= max_triangles {
+            return Some(with_vertices(surface, &kept, triangles));
         }
         side *= GROWTH;
     }
 }
 
+/// Cross product of two sides: twice the area vector.
 fn cross_of(surface: &SurfaceShown, triangle: &[u32; 3]) -> [f64; 3] {
     let [a, b, c] = triangle.map(|k| surface.positions[k as usize]);
     let (u, v): ([f64; 3], [f64; 3]) =
@@ -52,7 +55,7 @@ fn length(v: &[f64; 3]) -> f64 {
     v[0].hypot(v[1]).hypot(v[2])
 }
 
-/// Normals of vertices, weighted by area.
+/// Vertex normals, weighted by area (not normalised).
 fn normals(surface: &SurfaceShown) -> Vec<[f64; 3]> {
     let mut normals = vec![[0.0; 3]; surface.positions.len()];
     for triangle in &surface.triangles {
@@ -64,13 +67,13 @@ fn normals(surface: &SurfaceShown) -> Vec<[f64; 3]> {
     normals
 }
 
-/// Which of the six axes a normal is nearest to.
+/// Index of the axis direction (±x, ±y, ±z) that is closest to a normal.
 fn facing(normal: &[f64; 3]) -> u8 {
     let axis = (0..3).fold(0, |most, d| if normal[d].abs() > normal[most].abs() { d } else { most });
     2 * axis as u8 + u8::from(normal[axis] < 0.0)
 }
 
-/// The vertices that stand for clusters, and the triangles of three of them, by their places in that list.
+/// The vertices that represent the clusters, and the triangles between three different clusters.
 fn clustered(surface: &SurfaceShown, normals: &[[f64; 3]], side: f64) -> (Vec<u32>, Vec<[u32; 3]>) {
     let mut numbers: HashMap<([i64; 3], u8), u32> = HashMap::new();
     let of_vertex: Vec<u32> = (surface.positions.iter().zip(normals))
@@ -99,7 +102,7 @@ fn clustered(surface: &SurfaceShown, normals: &[[f64; 3]], side: f64) -> (Vec<u3
         .map(|t| t.map(|k| of_vertex[k as usize]))
         .filter(|[a, b, c]| a != b && b != c && c != a)
         .filter(|t| {
-            // The same triangle once, wherever it begins.
+            // Rotated copies of a triangle count as one.
             let first = (0..3).min_by_key(|k| t[*k]).unwrap_or(0);
             seen.insert([t[first], t[(first + 1) % 3], t[(first + 2) % 3]])
         })
@@ -107,7 +110,7 @@ fn clustered(surface: &SurfaceShown, normals: &[[f64; 3]], side: f64) -> (Vec<u3
     (nearest.into_iter().map(|(_, k)| k).collect(), triangles)
 }
 
-fn of_kept(surface: &SurfaceShown, kept: &[u32], triangles: Vec<[u32; 3]>) -> SurfaceShown {
+fn with_vertices(surface: &SurfaceShown, kept: &[u32], triangles: Vec<[u32; 3]>) -> SurfaceShown {
     let at = |k: &u32| *k as usize;
     let field = |field: &Field| Field {
         values: match &field.values {
@@ -139,7 +142,7 @@ mod tests {
     use super::*;
     use crate::field::FieldKind;
 
-    /// Both sides of a plate that is thinner than the cells.
+    /// Both sides of a plate that is thinner than the grid cells.
     fn plate(n: u32) -> SurfaceShown {
         let mut made = SurfaceShown { name: "plate".to_owned(), ..SurfaceShown::default() };
         for (z, up) in [(0.0, false), (1e-4, true)] {
@@ -171,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn both_sides_of_a_thin_plate_stay_and_values_are_those_of_vertices() {
+    fn reduction_keeps_both_sides_of_a_plate_and_values_of_vertices() {
         let whole = plate(100);
         let few = thinned(&whole, 4000).expect("fewer triangles");
         assert!((1000..=4000).contains(&few.triangles.len()), "{}", few.triangles.len());
@@ -180,7 +183,7 @@ mod tests {
                 .filter(|t| t.iter().all(|k| (few.positions[*k as usize][2] > 0.0) == side));
             of.map(|t| 0.5 * cross_of(&few, t)[2]).sum()
         };
-        // The clusters at the border end before it.
+        // Clusters at the border end inside the plate, so some area is lost.
         assert!(area(true) > 0.85 && area(false) < -0.85, "{} {}", area(true), area(false));
         let Values::Numbers(values) = &few.fields[0].values else { panic!("numbers") };
         for (p, value) in few.positions.iter().zip(values) {

@@ -58,7 +58,7 @@ impl Lattice {
                 100000 in all"
             )));
         }
-        let bounds = BoundingBox::of(vertices)
+        let bounds = BoundingBox::from_points(vertices)
             .filter(|b| {
                 b.min.iter().chain(&b.max).all(|x| x.is_finite())
                     && vertices.iter().flatten().all(|x| x.is_finite())

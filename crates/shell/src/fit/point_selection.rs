@@ -63,7 +63,7 @@ mod tests {
     fn all_points_are_chosen_once_where_all_are_wanted() {
         let mut points = readings(500);
         points[7].at = [1e9, -1e9, 0.5];
-        let bounds = BoundingBox::of(&[[0.0; 3], [1.0; 3]]).unwrap();
+        let bounds = BoundingBox::from_points(&[[0.0; 3], [1.0; 3]]).unwrap();
         let mut chosen = chosen_points(&points, 500, &bounds);
         chosen.sort_unstable();
         assert_eq!(chosen, (0..500).collect::<Vec<u32>>());
@@ -74,7 +74,7 @@ mod tests {
     #[test]
     fn a_share_is_spread_evenly_and_follows_space() {
         let points = readings(8000);
-        let bounds = BoundingBox::of(&[[0.0; 3], [1.0; 3]]).unwrap();
+        let bounds = BoundingBox::from_points(&[[0.0; 3], [1.0; 3]]).unwrap();
         let chosen = chosen_points(&points, 2000, &bounds);
         assert!((1800..2200).contains(&chosen.len()), "{}", chosen.len());
         let early = chosen.iter().filter(|i| **i < 4000).count();

@@ -151,7 +151,7 @@ fn scan_of_batch(scan: &Scan, part: &[u8], number: u8) -> Scan {
 /// The numbers of points in the order of a space-filling curve, so that points that are near in space are
 /// near in memory.
 fn neighbours_together(points: &[[f64; 3]]) -> Vec<u32> {
-    let Some(bounds) = BoundingBox::of(points) else {
+    let Some(bounds) = BoundingBox::from_points(points) else {
         return Vec::new();
     };
     let scale = 1023.0 / bounds.diagonal().max(f64::MIN_POSITIVE);

@@ -466,7 +466,7 @@ impl Readings<'_> {
 
 /// Variance of rounding.
 fn min_variance(surface: &Surface, total: &Totals) -> f64 {
-    let size = BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal());
+    let size = BoundingBox::from_points(surface.vertices()).map_or(0.0, |b| b.diagonal());
     let typical = total.sums.count().max(1) as f64 / total.sums.weight();
     ((1e-12 * size).powi(2) / typical).max(f64::MIN_POSITIVE)
 }

@@ -51,7 +51,7 @@ pub fn check_domain(set: &ScanSet, inputs: &str) -> Result<Vec<String>> {
         corners.extend(bounds.iter().flat_map(|b| [b.min, b.max]));
         boxes.extend(bounds.map(|b| (b, posed.scan.name.as_str())));
     }
-    let Some(bounds) = BoundingBox::of(&corners) else {
+    let Some(bounds) = BoundingBox::from_points(&corners) else {
         return Ok(Vec::new());
     };
     let size = bounds.diagonal();
@@ -102,7 +102,7 @@ fn apart(mut boxes: Vec<(BoundingBox, &str)>) -> Option<String> {
             let near = gap <= gathered.diagonal().max(next.diagonal());
             if near {
                 let corners = [gathered.min, gathered.max, next.min, next.max];
-                gathered = BoundingBox::of(&corners).unwrap_or(gathered);
+                gathered = BoundingBox::from_points(&corners).unwrap_or(gathered);
             }
             !near
         });

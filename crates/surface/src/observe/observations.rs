@@ -350,7 +350,7 @@ impl Observations {
     /// Map coordinates have seven digits before the point. Of the sixteen digits of a number, products of
     /// them leave too few for an energy that no translation changes.
     pub fn recentre(&mut self) -> [f64; 3] {
-        let Some(bounds) = BoundingBox::of(&self.points) else {
+        let Some(bounds) = BoundingBox::from_points(&self.points) else {
             return [0.0; 3];
         };
         let (center, size) = (bounds.center(), bounds.diagonal());

@@ -222,7 +222,7 @@ impl ScanErrors {
         align: bool,
         earlier: Option<&SurfaceModel>,
     ) -> Self {
-        let size = BoundingBox::of(&observations.points).map_or(0.0, |b| b.diagonal());
+        let size = BoundingBox::from_points(&observations.points).map_or(0.0, |b| b.diagonal());
         let mut made = Self {
             of_scan: vec![None; observations.channel_of_scan.len()],
             size,

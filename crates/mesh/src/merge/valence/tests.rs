@@ -60,7 +60,7 @@ fn no_vertex_of_a_seam_keeps_seven_edges() {
             let middle = net.positions[net.corner(half) as usize];
             if middle[2].abs() < 0.04
                 && rng.random::<f64>() < 0.3
-                && net.change(half).is_some_and(|(_, around)| net.may_turn(around))
+                && net.change(half).is_some_and(|(_, around)| net.may_flip(around))
             {
                 net.turn(half);
             }

@@ -21,7 +21,7 @@ fn square(
     moved: &Pose,
     height: impl Fn(f64, f64) -> f64,
     mut error: impl FnMut(f64, f64) -> f64,
-) -> Patch {
+) -> MergePatch {
     let mut mesh = grid_sheet(ACROSS, ACROSS, 49, 49);
     let least = mesh.bounding_box().map_or([0.0; 3], |b| b.min);
     for p in &mut mesh.positions {
@@ -30,11 +30,11 @@ fn square(
         let n = unit([-slope([1e-3, 0.0]), -slope([0.0, 1e-3]), 1.0]).unwrap();
         *p = moved.apply(add_scaled([a, b, height(a, b)], error(a, b), n));
     }
-    Patch::tidy(&mesh, &vec![SIGMA; mesh.positions.len()]).unwrap().patch
+    MergePatch::make_manifold(&mesh, &vec![SIGMA; mesh.positions.len()]).unwrap().patch
 }
 
 /// Aligns patches in place.
-fn aligned(patches: &mut [Patch]) -> Result<(Vec<ScanPoseReport>, Vec<String>)> {
+fn aligned(patches: &mut [MergePatch]) -> Result<(Vec<ScanPoseReport>, Vec<String>)> {
     let names: Vec<String> = (0..patches.len()).map(|k| format!("square {k}")).collect();
     let mut searches = planish_mesh::searches_of(patches)?;
     align(patches, &mut searches, &names, &Silent)
@@ -75,7 +75,7 @@ fn covariances_of_poses_are_true() {
     for seed in 0..runs {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let moved = [Pose::identity(), shaken(&mut random), shaken(&mut random)];
-        let mut patches: Vec<Patch> = (moved.iter().enumerate())
+        let mut patches: Vec<MergePatch> = (moved.iter().enumerate())
             .map(|(k, m)| square(22.3 * k as f64, m, rolling, |_, _| SIGMA * normal(&mut random)))
             .collect();
         let (poses, warnings) = aligned(&mut patches).unwrap();

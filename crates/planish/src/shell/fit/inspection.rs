@@ -82,7 +82,7 @@ fn most_of(frame: &Frame) -> Option<BoundingBox> {
         [values[count / WILD], values[count - 1 - count / WILD]]
     };
     let ends = [0, 1, 2].map(along);
-    BoundingBox::of(&[ends.map(|e| e[0]), ends.map(|e| e[1])])
+    BoundingBox::from_points(&[ends.map(|e| e[0]), ends.map(|e| e[1])])
 }
 
 /// What is odd of masks before the fit; whether the mesh shows itself in them is asked where it should (not

@@ -7,7 +7,7 @@ use planish_estimate::vector3::distance;
 use planish_mesh::TriangleMesh;
 use planish_report::numbers::{count, counted, percent, significant};
 use planish_report::{
-    Block, Cloud, FieldKind, Figure, Finding, Level, Page, Scene, Section, SurfaceShown, Table,
+    Block, Cloud, FieldKind, Figure, Finding, FindingLevel, Page, Scene, Section, SurfaceShown, Table,
 };
 use std::path::PathBuf;
 
@@ -92,7 +92,7 @@ fn findings(report: &ShellFitReport) -> Vec<Finding> {
     for (what, of) in kinds(report) {
         if let Some(of) = of.filter(|of| of.sigma_factor > MOST_FACTOR) {
             found.push(Finding::new(
-                Level::Look,
+                FindingLevel::Look,
                 format!(
                     "The σ of {what} is {} times what was stated: the stated one is false, or the controls \
                      are too few for the shape.",
@@ -105,17 +105,17 @@ fn findings(report: &ShellFitReport) -> Vec<Finding> {
         if let Some(share) = report.iou.get(view) {
             let text =
                 format!("View {view}, which took no part, agrees with its mask by {}.", percent(*share));
-            let level = if *share < LEAST_OVERLAP { Level::Look } else { Level::Good };
+            let level = if *share < LEAST_OVERLAP { FindingLevel::Look } else { FindingLevel::Good };
             found.push(Finding::new(level, text));
         }
     }
     found.push(match report.termination {
         "limit" => Finding::new(
-            Level::Look,
+            FindingLevel::Look,
             format!("The fit had not come to rest after {}.", counted(report.iterations, "iteration")),
         ),
         _ => Finding::new(
-            Level::Good,
+            FindingLevel::Good,
             format!("The fit came to rest after {}.", counted(report.iterations, "iteration")),
         ),
     });

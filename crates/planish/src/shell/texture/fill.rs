@@ -20,7 +20,7 @@ pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<[f64; 3]>]) -> Vec<[f
         0 => GREY,
         n => [0, 1, 2].map(|c| seen.iter().map(|v| v[c]).sum::<f64>() / n as f64),
     };
-    let neighbours = Neighbours::of(mesh);
+    let neighbours = Neighbours::from_mesh(mesh);
     let mut colours: Vec<[f64; 3]> = known.iter().map(|c| c.unwrap_or(mean)).collect();
     // What is reached from known vertices begins with the colour it is reached with; the rest stays as it is.
     let mut reached: Vec<u32> = (0..known.len() as u32).filter(|v| known[*v as usize].is_some()).collect();
@@ -140,7 +140,7 @@ mod tests {
             })
             .collect();
         let found = on_mesh(&mesh, &known);
-        let neighbours = Neighbours::of(&mesh);
+        let neighbours = Neighbours::from_mesh(&mesh);
         for (v, colour) in found.iter().enumerate() {
             if v as u32 >= first {
                 assert_eq!(*colour, [50.0, 100.0, 7.0]);

@@ -493,7 +493,8 @@ impl Evaluation {
             space: Arc::clone(surface.space()),
             coordinates,
             polynomials,
-            rounding: (ROUNDING * BoundingBox::of(surface.vertices()).map_or(0.0, |b| b.diagonal())).powi(2),
+            rounding: (ROUNDING * BoundingBox::from_points(surface.vertices()).map_or(0.0, |b| b.diagonal()))
+                .powi(2),
         }
     }
 

@@ -102,7 +102,7 @@ impl<'a> RigidTracker<'a> {
             .filter(|&leaf| first.model.observed[leaf].is_measured())
             .map(|leaf| surface.leaf_point(leaf, 0.5, 0.5))
             .collect();
-        let bounds = BoundingBox::of(&points).ok_or_else(|| {
+        let bounds = BoundingBox::from_points(&points).ok_or_else(|| {
             Error::undetermined("the first scan made no surface that the others could be laid on")
         })?;
         let times: Vec<f64> = order.iter().map(|&k| set.scans[k].scan.time_s.unwrap_or_default()).collect();

@@ -108,7 +108,7 @@ impl Observations {
 
     /// Computes [`Self::roughness`] and [`Self::min_variance`].
     pub(super) fn measure_roughness(&mut self, scans: &[&Scan], sensors: usize, neighbours: usize) {
-        let size = BoundingBox::of(&self.points).map_or(0.0, |b| b.diagonal());
+        let size = BoundingBox::from_points(&self.points).map_or(0.0, |b| b.diagonal());
         self.min_variance = (1e-12 * size).powi(2).max(f64::MIN_POSITIVE);
         self.roughness = (0..sensors)
             .map(|sensor| {
