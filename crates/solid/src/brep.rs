@@ -15,7 +15,7 @@ mod turned;
 pub use bodies::Body;
 pub use contact::Contact;
 pub(crate) use geometry::unit;
-pub use geometry::{Curve, Surface};
+pub use geometry::{EdgeCurve, FaceSurface};
 pub use measures::Measures;
 pub(crate) use planish_estimate::vector3::add_scaled as along;
 pub(crate) use trimmed::TrimmedFace;
@@ -26,7 +26,7 @@ pub(crate) use trimmed::met_by_distance;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Edge {
     /// Where it runs.
-    pub curve: Curve,
+    pub curve: EdgeCurve,
     /// The curve's parameters at its ends, ascending.
     pub range: [f64; 2],
     /// The vertex at the first parameter.
@@ -48,7 +48,7 @@ pub struct Coedge {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Face {
     /// Where it lies.
-    pub surface: Surface,
+    pub surface: FaceSurface,
     /// Whether the surface's normal points out of the solid.
     pub outward: bool,
     /// Its loops, the face to their left as seen from outside. Loops around a cylinder come in pairs; the
@@ -62,7 +62,7 @@ impl Face {
     #[must_use]
     pub fn is_whole(&self) -> bool {
         let edges: Vec<usize> = self.loops.iter().flatten().map(|c| c.edge).collect();
-        let is_closed = matches!(self.surface, Surface::Sphere { .. } | Surface::Torus { .. });
+        let is_closed = matches!(self.surface, FaceSurface::Sphere { .. } | FaceSurface::Torus { .. });
         is_closed && edges.iter().all(|e| edges.iter().filter(|f| *f == e).count() == 2)
     }
 }
@@ -97,26 +97,28 @@ impl Solid {
         solid.vertices.iter_mut().for_each(at);
         for edge in &mut solid.edges {
             match &mut edge.curve {
-                Curve::Line { origin, .. } => {
+                EdgeCurve::Line { origin, .. } => {
                     at(origin);
                     edge.range = edge.range.map(|t| factor * t);
                 }
-                Curve::Ellipse { center, a, b } => [center, a, b].into_iter().for_each(at),
-                Curve::Spline { points, derivatives } => points.iter_mut().chain(derivatives).for_each(at),
+                EdgeCurve::Ellipse { center, a, b } => [center, a, b].into_iter().for_each(at),
+                EdgeCurve::Spline { points, derivatives } => {
+                    points.iter_mut().chain(derivatives).for_each(at)
+                }
             }
         }
         for face in &mut solid.faces {
             match &mut face.surface {
-                Surface::Plane { origin, .. } => at(origin),
-                Surface::Cylinder { origin, radius, .. } | Surface::Cone { origin, radius, .. } => {
+                FaceSurface::Plane { origin, .. } => at(origin),
+                FaceSurface::Cylinder { origin, radius, .. } | FaceSurface::Cone { origin, radius, .. } => {
                     at(origin);
                     *radius *= factor;
                 }
-                Surface::Sphere { center, radius, .. } => {
+                FaceSurface::Sphere { center, radius, .. } => {
                     at(center);
                     *radius *= factor;
                 }
-                Surface::Torus { center, major, minor, .. } => {
+                FaceSurface::Torus { center, major, minor, .. } => {
                     at(center);
                     *major *= factor;
                     *minor *= factor;
@@ -132,11 +134,11 @@ impl Solid {
         let mut count = [0; 5];
         for face in &self.faces {
             count[match face.surface {
-                Surface::Plane { .. } => 0,
-                Surface::Cylinder { .. } => 1,
-                Surface::Cone { .. } => 2,
-                Surface::Sphere { .. } => 3,
-                Surface::Torus { .. } => 4,
+                FaceSurface::Plane { .. } => 0,
+                FaceSurface::Cylinder { .. } => 1,
+                FaceSurface::Cone { .. } => 2,
+                FaceSurface::Sphere { .. } => 3,
+                FaceSurface::Torus { .. } => 4,
             }] += 1;
         }
         count
@@ -179,26 +181,26 @@ impl Solid {
 
     /// Adds the whole of a sphere or torus as a face, with seams where its parameters begin: a meridian of a
     /// sphere, both circles of a torus.
-    pub(crate) fn add_whole(&mut self, surface: Surface, outward: bool) {
+    pub(crate) fn add_whole(&mut self, surface: FaceSurface, outward: bool) {
         use std::f64::consts::{FRAC_PI_2, TAU};
         let arc = |center: [f64; 3], p: [f64; 3], q: [f64; 3]| {
             let [a, b] = [p, q].map(|p| planish_estimate::vector3::sub(p, center));
-            Curve::Ellipse { center, a, b }
+            EdgeCurve::Ellipse { center, a, b }
         };
-        let mut add = |curve: Curve, range: [f64; 2], ends: [usize; 2]| {
+        let mut add = |curve: EdgeCurve, range: [f64; 2], ends: [usize; 2]| {
             self.edges.push(Edge { curve, range, start: ends[0], end: ends[1] });
             self.edges.len() - 1
         };
         let first = self.vertices.len();
         let at = |u: f64, v: f64| surface.point([u, v]);
         let edges = match surface {
-            Surface::Sphere { center, .. } => {
+            FaceSurface::Sphere { center, .. } => {
                 self.vertices.extend([at(0.0, -FRAC_PI_2), at(0.0, FRAC_PI_2)]);
                 let meridian = arc(center, at(0.0, 0.0), at(0.0, FRAC_PI_2));
                 let edge = add(meridian, [-FRAC_PI_2, FRAC_PI_2], [first, first + 1]);
                 vec![(edge, true), (edge, false)]
             }
-            Surface::Torus { center, x, major, .. } => {
+            FaceSurface::Torus { center, x, major, .. } => {
                 self.vertices.push(at(0.0, 0.0));
                 let around = arc(center, at(0.0, 0.0), at(FRAC_PI_2, 0.0));
                 let tube = arc(along(center, major, x), at(0.0, 0.0), at(0.0, FRAC_PI_2));

@@ -1,7 +1,7 @@
 //! What a finished solid shows in its views, compared with a drawing: an independent check.
 //!
 //! Input: a solid by its boundary, and the drawing that it should mean. Output: the lines in which the
-//! two differ, none where they agree within [`CompareOptions`]. Nothing here is shared with the search in
+//! two differ, none where they agree within [`ReprojectionOptions`]. Nothing here is shared with the search in
 //! the module `views`: no cells, no grid, no tidied curves.
 //!
 //! 1. `outlines`: what can be drawn of the solid in a view: edges where faces meet at an angle, smooth
@@ -17,7 +17,7 @@
 //! Optional are edges along which the boundary only touches itself (a cusp, or two edges in one place): some
 //! drawings show them.
 //!
-//! Not guaranteed: differences shorter than [`CompareOptions::shortest`] or between sample points are not
+//! Not guaranteed: differences shorter than [`ReprojectionOptions::shortest`] or between sample points are not
 //! found.
 
 mod compare;
@@ -32,7 +32,7 @@ use crate::drawing::{Drawing, ViewKind};
 
 /// When a solid and a drawing agree; lengths as shares of the drawing's size.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CompareOptions {
+pub struct ReprojectionOptions {
     /// Lines this close to each other are one.
     pub near: f64,
     /// Differences along less than this are none.
@@ -41,7 +41,7 @@ pub struct CompareOptions {
     pub spacing: f64,
 }
 
-impl Default for CompareOptions {
+impl Default for ReprojectionOptions {
     /// Lines within 5e-4 are one: exported curves are polygons that miss their curve by up to 3e-4 of the
     /// size.
     fn default() -> Self {
@@ -67,8 +67,8 @@ pub struct Disagreement {
 /// The lines in which a solid's views differ from a drawing; each drawn entity and each line of the solid
 /// once a view and reason.
 ///
-/// Cost: a ray for every point looked at and side of it; points are [`CompareOptions::spacing`] apart.
+/// Cost: a ray for every point looked at and side of it; points are [`ReprojectionOptions::spacing`] apart.
 #[must_use]
-pub fn disagreements(solid: &Solid, drawing: &Drawing, options: &CompareOptions) -> Vec<Disagreement> {
+pub fn disagreements(solid: &Solid, drawing: &Drawing, options: &ReprojectionOptions) -> Vec<Disagreement> {
     compare::disagreements(solid, drawing, options)
 }

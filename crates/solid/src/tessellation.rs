@@ -20,8 +20,8 @@ pub(crate) mod polygon;
 mod tests;
 mod whole;
 
-use crate::brep::{Coedge, Curve, Edge, Solid};
-pub use effort::{MOST_TRIANGLES, least_tolerance, triangles_needed};
+use crate::brep::{Coedge, Edge, EdgeCurve, Solid};
+pub use effort::{MAX_TRIANGLES, min_tolerance, triangles_needed};
 use planish_estimate::vector3::{norm, scale, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
@@ -41,7 +41,7 @@ struct Points {
 }
 
 impl Points {
-    fn of(solid: &Solid, tolerance: f64) -> Self {
+    fn new(solid: &Solid, tolerance: f64) -> Self {
         let mut positions = solid.vertices.clone();
         // Two straight edges between the same vertices, as where a hole touches a wall, need a point each to
         // be told apart.
@@ -88,14 +88,14 @@ impl Points {
 fn chords(edge: &Edge, tolerance: f64) -> usize {
     let [from, to] = edge.range;
     match &edge.curve {
-        Curve::Line { .. } => 1,
-        Curve::Ellipse { a, .. } => {
+        EdgeCurve::Line { .. } => 1,
+        EdgeCurve::Ellipse { a, .. } => {
             // A chord over an angle θ misses a circle by r (1 − cos θ/2).
             let widest = 2.0 * (1.0 - (tolerance / norm(*a)).min(1.0)).acos();
             let n = ((to - from) / widest.clamp(1e-5, WIDEST_CHORD)).ceil() as usize;
             n.max(if edge.start == edge.end { 3 } else { 2 })
         }
-        Curve::Spline { points, .. } => {
+        EdgeCurve::Spline { points, .. } => {
             let pieces = points.len().max(2) - 1;
             let miss = (0..pieces)
                 .map(|k| {
@@ -120,19 +120,19 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for a tolerance that is not positive, or needs more than
-/// [`MOST_TRIANGLES`]; [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, where a
+/// [`MAX_TRIANGLES`]; [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, where a
 /// face cannot be filled.
 pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     if !(tolerance > 0.0 && tolerance.is_finite()) {
         return Err(Error::input(format!("needed a chord tolerance > 0, found {tolerance}")));
     }
     let needed = triangles_needed(solid, tolerance);
-    if needed > MOST_TRIANGLES {
+    if needed > MAX_TRIANGLES {
         return Err(Error::input(format!(
             "a mesh that misses the solid by {tolerance:e} at most needs about {needed:.1e} triangles: \
-             needed at most {MOST_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
+             needed at most {MAX_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
             // Rounded up, so that it works.
-            1.06 * least_tolerance(solid)
+            1.06 * min_tolerance(solid)
         )));
     }
     let mut finer = tolerance;
@@ -148,7 +148,7 @@ pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
 }
 
 fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
-    let mut points = Points::of(solid, tolerance);
+    let mut points = Points::new(solid, tolerance);
     let mut triangles = Vec::new();
     for (index, face) in solid.faces.iter().enumerate() {
         if face.is_whole() {
@@ -156,7 +156,7 @@ fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
             continue;
         }
         let named = |e: Error| e.in_context(format!("face {index} ({})", face.surface.kind()));
-        let domain = domain::Domain::of(face, &mut points, tolerance).map_err(named)?;
+        let domain = domain::Domain::new(face, &mut points, tolerance).map_err(named)?;
         triangles.extend(fill::triangles(face, &domain, &mut points, tolerance).map_err(named)?);
     }
     // Vertices that no edge uses, as on a circle without corners, are left out.
@@ -195,7 +195,7 @@ fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<Triangle
 }
 
 /// The lengths of a surface's steps along its two parameters, at parameters.
-fn steps(surface: &crate::brep::Surface, [u, v]: [f64; 2]) -> [f64; 2] {
+fn steps(surface: &crate::brep::FaceSurface, [u, v]: [f64; 2]) -> [f64; 2] {
     let h = 1e-6;
     let p = surface.point([u, v]);
     [[u + h, v], [u, v + h]].map(|q| norm(scale(1.0 / h, sub(surface.point(q), p))).max(1e-12))

@@ -5,7 +5,7 @@
 //! explains.
 //!
 //! 0. `tidy`: circles that come in pieces or are fitted roughly become one circle.
-//! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is
+//! 1. `drawing_grid`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is
 //!    seen edge-on as a line or circle. `turned` adds walls: outlines of one view turned about the centre of
 //!    a circle of another, which no view sees edge-on. `oblique` adds planes and cylinders oblique to all
 //!    views, from points and edges that all three show (`wireframe`, `circles`).
@@ -29,17 +29,18 @@
 #[cfg(test)]
 mod body_tests;
 mod boundary;
+mod candidate_surface;
 mod candidates;
 mod cells;
 mod circles;
 mod column;
+mod drawing_grid;
 mod joined;
 mod oblique;
 mod oblique_sight;
 #[cfg(test)]
 mod oblique_tests;
 mod oblique_wall;
-mod plan;
 mod preference;
 mod profile;
 mod quadrics;
@@ -62,7 +63,6 @@ mod turned_rings;
 #[cfg(test)]
 mod turned_tests;
 mod turned_wall;
-mod wall;
 mod wall_sight;
 mod wireframe;
 
@@ -70,7 +70,7 @@ use crate::brep::{Measures, Solid};
 pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
-use crate::reprojection::{CompareOptions, disagreements};
+use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::joined;
 use planish_estimate::{Error, ErrorKind, Result};
 use search::SmoothEdges;
@@ -78,7 +78,7 @@ pub use sheet::{Projection, views_of_sheet};
 use std::cmp::Ordering;
 
 /// Surfaces of revolution are tried where there are so many candidates at most.
-const MOST_WALLS: usize = 24;
+const MAX_WALLS: usize = 24;
 
 /// Drawings of these sizes are looked at as they are; others are brought to a size between 100 and 1000, as
 /// some accuracies are fixed lengths.
@@ -89,7 +89,7 @@ const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
 const TOUCHING: f64 = 2e-5;
 
 /// Solids are made of so many assignments at most.
-pub const MOST_SOLUTIONS: usize = 32;
+pub const MAX_SOLUTIONS: usize = 32;
 
 /// A solid that the views can mean.
 #[derive(Debug, Clone, PartialEq)]
@@ -168,7 +168,7 @@ pub struct Solutions {
 
 /// Why an assignment of cells is no solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Rejection {
+pub enum CandidateRejection {
     /// Its boundary touches itself along a line or at a point, where it is not manifold.
     Touches,
     /// Its boundary does not close, or its faces do not fit together.
@@ -179,7 +179,7 @@ pub enum Rejection {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rejected {
     /// The reason.
-    pub why: Rejection,
+    pub why: CandidateRejection,
     /// What is wrong, and where.
     pub message: String,
 }
@@ -247,16 +247,16 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
 /// [`solve_scaled`] with lines that may be tangent edges or not.
 fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
     let tidy = tidy::tidied(drawing);
-    let plan = plan::Plan::of(&tidy);
+    let plan = drawing_grid::DrawingGrid::new(&tidy);
     let oblique = (!cells::is_too_fine(&plan)).then(|| oblique::oblique(&tidy)).flatten();
     if let Some(found) = oblique {
-        let plan = plan::Plan::without(&tidy, &found.explained).with_walls(found.walls);
-        let solved = solve_plan(&tidy, &plan, smooth_edges, scale);
+        let plan = drawing_grid::DrawingGrid::without(&tidy, &found.explained).with_walls(found.walls);
+        let solved = solve_grid(&tidy, &plan, smooth_edges, scale);
         if best_cost(&solved).is_some() {
             return solved;
         }
     }
-    let mut best = solve_plan(&tidy, &plan, smooth_edges, scale);
+    let mut best = solve_grid(&tidy, &plan, smooth_edges, scale);
     let mut cheapest = best_agreeing(&best, drawing);
     let mut tried = Vec::new();
     for strict in [true, false] {
@@ -268,12 +268,14 @@ fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Resul
         if is_too_large || !strict && !are_tried {
             break;
         }
-        let walls: Vec<wall::Wall> =
-            turned::walls(&plan, strict).into_iter().map(wall::Wall::Turned).collect();
-        if walls == tried || walls.len() > MOST_WALLS {
+        let walls: Vec<candidate_surface::CandidateSurface> = turned::walls(&plan, strict)
+            .into_iter()
+            .map(candidate_surface::CandidateSurface::Turned)
+            .collect();
+        if walls == tried || walls.len() > MAX_WALLS {
             continue;
         }
-        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()), smooth_edges, scale);
+        let found = solve_grid(&tidy, &plan.clone().with_walls(walls.clone()), smooth_edges, scale);
         tried = walls;
         let found_cheapest = best_agreeing(&found, drawing);
         let is_better = match (&found_cheapest, &cheapest) {
@@ -296,27 +298,27 @@ fn best_cost(found: &Result<Solutions>) -> Option<f64> {
 
 /// The best solid that was found and that shows the lines of the drawing.
 fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solution> {
-    let agrees = |s: &&Solution| disagreements(&s.solid, drawing, &CompareOptions::default()).is_empty();
+    let agrees = |s: &&Solution| disagreements(&s.solid, drawing, &ReprojectionOptions::default()).is_empty();
     found.as_ref().ok()?.solutions.iter().find(agrees).cloned()
 }
 
 /// Finds the solids whose faces are candidates of a plan.
-fn solve_plan(
+fn solve_grid(
     drawing: &Drawing,
-    plan: &plan::Plan,
+    plan: &drawing_grid::DrawingGrid,
     smooth_edges: SmoothEdges,
     scale: f64,
 ) -> Result<Solutions> {
-    let cells = cells::Cells::of(plan)?;
-    let looks = sight::Looks::at(&cells, drawing);
+    let cells = cells::Cells::new(plan)?;
+    let sight_tests = sight::SightTests::at(&cells, drawing);
     let mut solutions = Solutions::default();
     let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
     let found = search::search(
         &cells,
-        &looks,
+        &sight_tests,
         smooth_edges,
         &preference::preferences(&cells),
-        MOST_SOLUTIONS,
+        MAX_SOLUTIONS,
         |assignment| {
             let solution = match solution(&cells, assignment, scale) {
                 Ok(solution) => solution,
@@ -358,10 +360,10 @@ fn solve_plan(
 /// Each line that no solid explains once, with the first place and how many others there are.
 fn unexplained(
     drawing: &Drawing,
-    found: &[(Option<LineStyle>, sight::LookPlace)],
+    found: &[(Option<LineStyle>, sight::SightTestPlace)],
     scale: f64,
 ) -> Vec<Unexplained> {
-    let mut places: Vec<(Option<LineStyle>, &sight::LookPlace, usize)> = Vec::new();
+    let mut places: Vec<(Option<LineStyle>, &sight::SightTestPlace, usize)> = Vec::new();
     for (style, place) in found {
         let same =
             places.iter_mut().find(|p| p.0 == *style && p.1.view == place.view && p.1.curve == place.curve);
@@ -410,7 +412,7 @@ fn solution(
     assignment: &search::Assignment,
     scale: f64,
 ) -> std::result::Result<Solution, Rejected> {
-    let does_not_close = |message: String| Rejected { why: Rejection::DoesNotClose, message };
+    let does_not_close = |message: String| Rejected { why: CandidateRejection::DoesNotClose, message };
     let solid = boundary::boundary(cells, assignment)
         .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
         .map_err(|e| does_not_close(e.to_string()))?;
@@ -423,7 +425,10 @@ fn solution(
             (false, false) => "its boundary touches itself at the point",
         };
         let at = contact.at.map(|c| figure(scale * c)).join(" ");
-        Rejected { why: Rejection::Touches, message: format!("{what} {at}, where it is not manifold") }
+        Rejected {
+            why: CandidateRejection::Touches,
+            message: format!("{what} {at}, where it is not manifold"),
+        }
     });
     let measures = solid.measures();
     if measures.volume <= 0.0 {
