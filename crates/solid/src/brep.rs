@@ -1,8 +1,16 @@
-//! Solids as faces on analytic surfaces.
+//! Boundary representation of solids with analytic surfaces.
 //!
-//! Input: vertices, edges with curves, faces with surfaces and loops. Output: whether they fit together
-//! ([`Solid::check`]), and volume, area and centroid by the divergence theorem ([`Solid::measures`]); where
-//! it touches itself ([`Solid::contacts`]), and its bodies ([`Solid::bodies`]).
+//! Input: vertices, edges with curves, faces with surfaces and loops. [`Solid::check`] tests that they fit
+//! together. [`Solid::measures`] computes volume, area and centroid by the divergence theorem.
+//! [`Solid::contacts`] finds places where the boundary touches itself, and [`Solid::bodies`] separates bodies.
+//!
+//! ```
+//! use planish_solid::brep::Solid;
+//!
+//! let empty = Solid::default();
+//! assert_eq!(empty.faces_by_kind(), [0; 5]);
+//! assert!(empty.shells().is_empty());
+//! ```
 
 mod bodies;
 mod check;
@@ -25,7 +33,7 @@ pub(crate) use trimmed::met_by_distance;
 /// An edge between two vertices (or from one back to it).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Edge {
-    /// Where it runs.
+    /// Curve that carries the edge.
     pub curve: EdgeCurve,
     /// The curve's parameters at its ends, ascending.
     pub range: [f64; 2],
@@ -35,7 +43,7 @@ pub struct Edge {
     pub end: usize,
 }
 
-/// A use of an edge by a loop.
+/// An oriented use of an edge by a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Coedge {
     /// The edge's index.
@@ -44,20 +52,20 @@ pub struct Coedge {
     pub forward: bool,
 }
 
-/// A face: a part of a surface within loops.
+/// A part of a surface that is bounded by loops.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Face {
-    /// Where it lies.
+    /// Surface that carries the face.
     pub surface: FaceSurface,
     /// Whether the surface's normal points out of the solid.
     pub outward: bool,
-    /// Its loops, the face to their left as seen from outside. Loops around a cylinder come in pairs; the
-    /// first loop of others is the outer one.
+    /// Boundary loops. Seen from outside, the face lies to their left. Loops around a cylinder come in pairs;
+    /// on other surfaces the first loop is the outer one.
     pub loops: Vec<Vec<Coedge>>,
 }
 
 impl Face {
-    /// Whether it is the whole of its sphere or torus: each of its edges is a seam, which the face itself
+    /// True if the face covers its whole sphere or torus. Each of its edges is then a seam, which the face
     /// uses twice.
     #[must_use]
     pub fn is_whole(&self) -> bool {
@@ -67,7 +75,7 @@ impl Face {
     }
 }
 
-/// A solid by its boundary.
+/// A solid given by its boundary.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solid {
     /// Points where edges meet.
@@ -144,7 +152,7 @@ impl Solid {
         count
     }
 
-    /// Faces that hang together, by index.
+    /// Connected sets of faces, as indices.
     #[must_use]
     pub fn shells(&self) -> Vec<Vec<usize>> {
         let mut faces_of: Vec<Vec<usize>> = vec![Vec::new(); self.edges.len()];
@@ -218,7 +226,7 @@ impl Solid {
         self.faces.push(Face { surface, outward, loops: vec![ring.collect()] });
     }
 
-    /// Takes out edges that no loop uses.
+    /// Removes edges that no loop uses.
     pub(crate) fn drop_unused_edges(&mut self) {
         let mut new_of: Vec<Option<usize>> = vec![None; self.edges.len()];
         let mut edges = Vec::new();
@@ -232,8 +240,9 @@ impl Solid {
         self.edges = edges;
     }
 
-    /// Gives every fan of faces around a point its own vertex: where parts of the boundary only touch, they
-    /// share none.
+    /// Gives each fan of faces around a point its own vertex.
+    ///
+    /// Parts of the boundary that only touch then share no vertex, which keeps the topology manifold.
     pub(crate) fn part_vertices(&mut self) {
         // Each edge has two ends; a loop's corner joins two of them.
         let mut fan: Vec<usize> = (0..2 * self.edges.len()).collect();

@@ -1,12 +1,13 @@
-//! Triangles of a solid: watertight, within a chord tolerance.
+//! Watertight triangle mesh of a solid within a chord tolerance.
 //!
-//! Input: a solid by its boundary. Output: a [`TriangleMesh`] that is closed, oriented outwards and
-//! manifold, whose vertices lie on the solid's edges and faces. Every edge is cut into chords once, and both
-//! its faces use these; each face is filled between its loops by a constrained Delaunay triangulation in
-//! plane coordinates of its surface (`chart`), with points added within it where a chord misses the surface
-//! by more than the tolerance.
+//! Input: a boundary representation. Output: a closed, manifold [`TriangleMesh`] that is oriented outwards. Its
+//! vertices lie on the edges and faces of the solid. Each edge is divided into chords once, and both of its
+//! faces share these chords, which makes the mesh watertight. Each face is filled by a constrained Delaunay
+//! triangulation in plane coordinates of its surface (`chart`). Points are inserted where the chord error
+//! exceeds the tolerance.
 //!
-//! Not guaranteed: shapes of triangles; a torus less a part that goes around neither its axis nor its tube.
+//! Limits: the shape of triangles is not controlled. A torus trimmed by a loop that goes around neither its
+//! axis nor its tube is not supported.
 //!
 //! # References
 //! Chew 1989, *Constrained Delaunay triangulations*; the crate `spade` (exact predicates).
@@ -28,12 +29,16 @@ use planish_mesh::TriangleMesh;
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
-/// Curved edges have a chord for every so many radians at least.
+/// Maximum angle of a chord of a curved edge, in radians.
+///
+/// It keeps the outline recognisable when the tolerance is larger than the radius.
 const WIDEST_CHORD: f64 = PI / 6.0;
-/// How often a finer tolerance is tried where chords of two edges cross.
+/// Maximum number of tolerances that are tried; each is a quarter of the previous one.
+///
+/// Chords of two neighbouring edges can cross at a coarse tolerance.
 const TRIES: usize = 4;
 
-/// Points of the mesh while it is made: those of edges, each made once, and those within faces.
+/// Points of the mesh under construction: first those of the edges, each created once, then those in faces.
 struct Points {
     positions: Vec<[f64; 3]>,
     /// Points along each edge in the direction of its curve, its vertices included.
@@ -159,7 +164,7 @@ fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
         let domain = domain::Domain::new(face, &mut points, tolerance).map_err(named)?;
         triangles.extend(fill::triangles(face, &domain, &mut points, tolerance).map_err(named)?);
     }
-    // Vertices that no edge uses, as on a circle without corners, are left out.
+    // Drop unused vertices, for example those of a circle without corners.
     let mut new_of = vec![u32::MAX; points.positions.len()];
     let mut positions = Vec::new();
     for v in triangles.iter_mut().flatten() {
@@ -173,7 +178,7 @@ fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     TriangleMesh::try_new(positions, triangles)
 }
 
-/// The mesh, if it is closed and holds the solid's volume.
+/// Returns the mesh if it is closed and its volume agrees with that of the solid.
 fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<TriangleMesh> {
     let found = mesh.check();
     if !(found.watertight && found.oriented && found.manifold) {
