@@ -22,9 +22,9 @@ use planish_estimate::{Error, Result};
 use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
-use planish_solid::reprojection::{CompareOptions, Disagreement, disagreements};
+use planish_solid::reprojection::{ReprojectionOptions, Disagreement, disagreements};
 pub use planish_solid::views::{Projection, ViewKind};
-use planish_solid::views::{Rejected, Rejection, Solution, solve};
+use planish_solid::views::{Rejected, CandidateRejection, Solution, solve};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -214,7 +214,7 @@ fn find_solids(job: &SolidJob, progress: &dyn Progress) -> Result<SolidReport> {
     let mut refused = Vec::new();
     let mut accepted: Vec<&Solution> = Vec::new();
     for solution in &found.solutions {
-        let differences = disagreements(&solution.solid, &drawing, &CompareOptions::default());
+        let differences = disagreements(&solution.solid, &drawing, &ReprojectionOptions::default());
         match differences.is_empty() {
             true => accepted.push(solution),
             false => refused.push(RefusedSolid {
@@ -306,8 +306,8 @@ fn is_contours(job: &SolidJob) -> bool {
 
 /// Rejected candidates by reason, each reason with its first.
 fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
-    let reasons = [(Rejection::Touches, "touches"), (Rejection::DoesNotClose, "does_not_close")];
-    let of = |(reason, why): (Rejection, &'static str)| {
+    let reasons = [(CandidateRejection::Touches, "touches"), (CandidateRejection::DoesNotClose, "does_not_close")];
+    let of = |(reason, why): (CandidateRejection, &'static str)| {
         let mut all = rejected.iter().filter(|r| r.why == reason);
         all.next().map(|first| DroppedCandidates {
             why,

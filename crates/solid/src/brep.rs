@@ -1,8 +1,16 @@
-//! Solids as faces on analytic surfaces.
+//! Boundary representation of solids with analytic surfaces.
 //!
-//! Input: vertices, edges with curves, faces with surfaces and loops. Output: whether they fit together
-//! ([`Solid::check`]), and volume, area and centroid by the divergence theorem ([`Solid::measures`]); where
-//! it touches itself ([`Solid::contacts`]), and its bodies ([`Solid::bodies`]).
+//! Input: vertices, edges with curves, faces with surfaces and loops. [`Solid::check`] tests that they fit
+//! together. [`Solid::measures`] computes volume, area and centroid by the divergence theorem.
+//! [`Solid::contacts`] finds places where the boundary touches itself, and [`Solid::bodies`] separates bodies.
+//!
+//! ```
+//! use planish_solid::brep::Solid;
+//!
+//! let empty = Solid::default();
+//! assert_eq!(empty.faces_by_kind(), [0; 5]);
+//! assert!(empty.shells().is_empty());
+//! ```
 
 mod bodies;
 mod check;
@@ -15,7 +23,7 @@ mod turned;
 pub use bodies::Body;
 pub use contact::Contact;
 pub(crate) use geometry::unit;
-pub use geometry::{Curve, Surface};
+pub use geometry::{EdgeCurve, FaceSurface};
 pub use measures::Measures;
 pub(crate) use planish_estimate::vector3::add_scaled as along;
 pub(crate) use trimmed::TrimmedFace;
@@ -25,8 +33,8 @@ pub(crate) use trimmed::met_by_distance;
 /// An edge between two vertices (or from one back to it).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Edge {
-    /// Where it runs.
-    pub curve: Curve,
+    /// Curve that carries the edge.
+    pub curve: EdgeCurve,
     /// The curve's parameters at its ends, ascending.
     pub range: [f64; 2],
     /// The vertex at the first parameter.
@@ -35,7 +43,7 @@ pub struct Edge {
     pub end: usize,
 }
 
-/// A use of an edge by a loop.
+/// An oriented use of an edge by a loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Coedge {
     /// The edge's index.
@@ -44,30 +52,30 @@ pub struct Coedge {
     pub forward: bool,
 }
 
-/// A face: a part of a surface within loops.
+/// A part of a surface that is bounded by loops.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Face {
-    /// Where it lies.
-    pub surface: Surface,
+    /// Surface that carries the face.
+    pub surface: FaceSurface,
     /// Whether the surface's normal points out of the solid.
     pub outward: bool,
-    /// Its loops, the face to their left as seen from outside. Loops around a cylinder come in pairs; the
-    /// first loop of others is the outer one.
+    /// Boundary loops. Seen from outside, the face lies to their left. Loops around a cylinder come in pairs;
+    /// on other surfaces the first loop is the outer one.
     pub loops: Vec<Vec<Coedge>>,
 }
 
 impl Face {
-    /// Whether it is the whole of its sphere or torus: each of its edges is a seam, which the face itself
+    /// True if the face covers its whole sphere or torus. Each of its edges is then a seam, which the face
     /// uses twice.
     #[must_use]
     pub fn is_whole(&self) -> bool {
         let edges: Vec<usize> = self.loops.iter().flatten().map(|c| c.edge).collect();
-        let is_closed = matches!(self.surface, Surface::Sphere { .. } | Surface::Torus { .. });
+        let is_closed = matches!(self.surface, FaceSurface::Sphere { .. } | FaceSurface::Torus { .. });
         is_closed && edges.iter().all(|e| edges.iter().filter(|f| *f == e).count() == 2)
     }
 }
 
-/// A solid by its boundary.
+/// A solid given by its boundary.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solid {
     /// Points where edges meet.
@@ -97,26 +105,28 @@ impl Solid {
         solid.vertices.iter_mut().for_each(at);
         for edge in &mut solid.edges {
             match &mut edge.curve {
-                Curve::Line { origin, .. } => {
+                EdgeCurve::Line { origin, .. } => {
                     at(origin);
                     edge.range = edge.range.map(|t| factor * t);
                 }
-                Curve::Ellipse { center, a, b } => [center, a, b].into_iter().for_each(at),
-                Curve::Spline { points, derivatives } => points.iter_mut().chain(derivatives).for_each(at),
+                EdgeCurve::Ellipse { center, a, b } => [center, a, b].into_iter().for_each(at),
+                EdgeCurve::Spline { points, derivatives } => {
+                    points.iter_mut().chain(derivatives).for_each(at)
+                }
             }
         }
         for face in &mut solid.faces {
             match &mut face.surface {
-                Surface::Plane { origin, .. } => at(origin),
-                Surface::Cylinder { origin, radius, .. } | Surface::Cone { origin, radius, .. } => {
+                FaceSurface::Plane { origin, .. } => at(origin),
+                FaceSurface::Cylinder { origin, radius, .. } | FaceSurface::Cone { origin, radius, .. } => {
                     at(origin);
                     *radius *= factor;
                 }
-                Surface::Sphere { center, radius, .. } => {
+                FaceSurface::Sphere { center, radius, .. } => {
                     at(center);
                     *radius *= factor;
                 }
-                Surface::Torus { center, major, minor, .. } => {
+                FaceSurface::Torus { center, major, minor, .. } => {
                     at(center);
                     *major *= factor;
                     *minor *= factor;
@@ -132,17 +142,17 @@ impl Solid {
         let mut count = [0; 5];
         for face in &self.faces {
             count[match face.surface {
-                Surface::Plane { .. } => 0,
-                Surface::Cylinder { .. } => 1,
-                Surface::Cone { .. } => 2,
-                Surface::Sphere { .. } => 3,
-                Surface::Torus { .. } => 4,
+                FaceSurface::Plane { .. } => 0,
+                FaceSurface::Cylinder { .. } => 1,
+                FaceSurface::Cone { .. } => 2,
+                FaceSurface::Sphere { .. } => 3,
+                FaceSurface::Torus { .. } => 4,
             }] += 1;
         }
         count
     }
 
-    /// Faces that hang together, by index.
+    /// Connected sets of faces, as indices.
     #[must_use]
     pub fn shells(&self) -> Vec<Vec<usize>> {
         let mut faces_of: Vec<Vec<usize>> = vec![Vec::new(); self.edges.len()];
@@ -179,26 +189,26 @@ impl Solid {
 
     /// Adds the whole of a sphere or torus as a face, with seams where its parameters begin: a meridian of a
     /// sphere, both circles of a torus.
-    pub(crate) fn add_whole(&mut self, surface: Surface, outward: bool) {
+    pub(crate) fn add_whole(&mut self, surface: FaceSurface, outward: bool) {
         use std::f64::consts::{FRAC_PI_2, TAU};
         let arc = |center: [f64; 3], p: [f64; 3], q: [f64; 3]| {
             let [a, b] = [p, q].map(|p| planish_estimate::vector3::sub(p, center));
-            Curve::Ellipse { center, a, b }
+            EdgeCurve::Ellipse { center, a, b }
         };
-        let mut add = |curve: Curve, range: [f64; 2], ends: [usize; 2]| {
+        let mut add = |curve: EdgeCurve, range: [f64; 2], ends: [usize; 2]| {
             self.edges.push(Edge { curve, range, start: ends[0], end: ends[1] });
             self.edges.len() - 1
         };
         let first = self.vertices.len();
         let at = |u: f64, v: f64| surface.point([u, v]);
         let edges = match surface {
-            Surface::Sphere { center, .. } => {
+            FaceSurface::Sphere { center, .. } => {
                 self.vertices.extend([at(0.0, -FRAC_PI_2), at(0.0, FRAC_PI_2)]);
                 let meridian = arc(center, at(0.0, 0.0), at(0.0, FRAC_PI_2));
                 let edge = add(meridian, [-FRAC_PI_2, FRAC_PI_2], [first, first + 1]);
                 vec![(edge, true), (edge, false)]
             }
-            Surface::Torus { center, x, major, .. } => {
+            FaceSurface::Torus { center, x, major, .. } => {
                 self.vertices.push(at(0.0, 0.0));
                 let around = arc(center, at(0.0, 0.0), at(FRAC_PI_2, 0.0));
                 let tube = arc(along(center, major, x), at(0.0, 0.0), at(0.0, FRAC_PI_2));
@@ -216,7 +226,7 @@ impl Solid {
         self.faces.push(Face { surface, outward, loops: vec![ring.collect()] });
     }
 
-    /// Takes out edges that no loop uses.
+    /// Removes edges that no loop uses.
     pub(crate) fn drop_unused_edges(&mut self) {
         let mut new_of: Vec<Option<usize>> = vec![None; self.edges.len()];
         let mut edges = Vec::new();
@@ -230,8 +240,9 @@ impl Solid {
         self.edges = edges;
     }
 
-    /// Gives every fan of faces around a point its own vertex: where parts of the boundary only touch, they
-    /// share none.
+    /// Gives each fan of faces around a point its own vertex.
+    ///
+    /// Parts of the boundary that only touch then share no vertex, which keeps the topology manifold.
     pub(crate) fn part_vertices(&mut self) {
         // Each edge has two ends; a loop's corner joins two of them.
         let mut fan: Vec<usize> = (0..2 * self.edges.len()).collect();

@@ -1,14 +1,47 @@
-//! Solids from orthographic views: every solid that two or three views can describe, checked by reprojection.
+//! Reconstruction of solids from two or three orthographic views.
+//!
+//! A drawing can describe several solids. [`views::solve`] lists them, [`reprojection::disagreements`] checks a
+//! solid against the drawing, and [`tessellation::tessellate`] makes a watertight mesh of it:
+//!
+//! ```
+//! use planish_solid::reprojection::{ReprojectionOptions, disagreements};
+//! use planish_solid::tessellation::tessellate;
+//! use planish_solid::views::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, solve};
+//!
+//! let rectangle = |x: f64, y: f64| {
+//!     let corners = [[0.0, 0.0], [x, 0.0], [x, y], [0.0, y]];
+//!     (0..4)
+//!         .map(|k| DrawnCurve {
+//!             curve: Curve2::Segment(corners[k], corners[(k + 1) % 4]),
+//!             style: LineStyle::Visible,
+//!             entity: format!("side {k}"),
+//!         })
+//!         .collect::<Vec<_>>()
+//! };
+//! let views = vec![
+//!     View { kind: ViewKind::Front, curves: rectangle(40.0, 20.0) },
+//!     View { kind: ViewKind::Top, curves: rectangle(40.0, 30.0) },
+//!     View { kind: ViewKind::Side, curves: rectangle(30.0, 20.0) },
+//! ];
+//! let drawing = Drawing { views };
+//! let found = solve(&drawing)?;
+//! let best = &found.solutions[0];
+//! assert_eq!(best.solid.faces.len(), 6);
+//! assert!((best.measures.volume - 24_000.0).abs() < 1e-6);
+//! assert!(disagreements(&best.solid, &drawing, &ReprojectionOptions::default()).is_empty());
+//! assert!(tessellate(&best.solid, 0.1)?.check().watertight);
+//! # Ok::<(), planish_estimate::Error>(())
+//! ```
 //!
 //! | module | purpose |
 //! |---|---|
-//! | [`views`] | every solid that two or three orthographic views can describe, best first |
+//! | [`views`] | all solids that match two or three orthographic views, best first |
 //! | [`noisy_views`] | measured views with covariance, matched by χ² tests and joined into one geometry |
-//! | [`drawing`] | a drawing as curves of a style in up to three views |
-//! | [`brep`] | solids as faces on planes, cylinders, cones, spheres and tori: construction, checks, measures |
-//! | [`reprojection`] | the views of a finished solid, compared with a drawing |
-//! | [`tessellation`] | watertight triangles of a solid |
-//! | [`parametric`] | trimmed faces of CAD files on surfaces of any kind, as triangles |
+//! | [`drawing`] | data model of a drawing: curves with line styles in up to three views |
+//! | [`brep`] | boundary representation (planes, cylinders, cones, spheres, tori): checks, volume, area, centroid |
+//! | [`reprojection`] | projects a solid into its views and compares them with a drawing |
+//! | [`tessellation`] | watertight triangle mesh of a solid |
+//! | [`parametric`] | trimmed parametric faces of CAD files and their triangulation |
 //!
 //! # References
 //! Weiss-Cohen, Bondarenko and Halevi 2009, *Reconstruction of 3D models from measurements obtained by a

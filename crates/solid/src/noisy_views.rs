@@ -22,7 +22,7 @@ mod levels;
 mod measure;
 mod outlines;
 
-pub use levels::{Level, SpaceMatch};
+pub use levels::{AxisCoordinate, SpaceMatch};
 pub use measure::{DimensionKind, SpaceDimension, SpaceVertex};
 
 use crate::views::ViewKind;
@@ -75,7 +75,7 @@ pub struct ConsistentViews {
     /// Which coordinates are one.
     pub matches: Vec<SpaceMatch>,
     /// The coordinates that are known along each axis of space, ascending.
-    pub levels: [Vec<Level>; 3],
+    pub levels: [Vec<AxisCoordinate>; 3],
     /// What agreeing costs the views: χ² of the matches alone.
     pub chi_square: f64,
     /// The degrees of freedom of that χ².

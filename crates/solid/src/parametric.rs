@@ -27,10 +27,10 @@ mod surface;
 mod tests;
 mod weld;
 
-pub use curve::Curve;
-pub use mesh::{LeftOut, Meshed, Part};
-pub use spline::{MOST_DEGREE, SplineCurve, SplineSurface};
-pub use surface::{Pole, Surface};
+pub use curve::ParametricCurve;
+pub use mesh::{Meshed, Part, SkippedFace};
+pub use spline::{MAX_DEGREE, SplineCurve, SplineSurface};
+pub use surface::{ParametricSurface, Pole};
 
 /// How fine triangles are; lengths in the unit of the coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,9 +43,9 @@ pub struct Fineness {
 
 /// An edge between two vertices, or from one back to it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Edge {
+pub struct ParametricEdge {
     /// Where it runs.
-    pub curve: Curve,
+    pub curve: ParametricCurve,
     /// The vertices where it begins and ends.
     pub ends: [usize; 2],
     /// Whether it runs as its curve's parameter grows.
@@ -54,11 +54,11 @@ pub struct Edge {
 
 /// A part of a surface within loops; all of it where there are none.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Face {
+pub struct ParametricFace {
     /// What others call it, for messages.
     pub name: String,
     /// Where it lies.
-    pub surface: Surface,
+    pub surface: ParametricSurface,
     /// Whether its outer side is that of the surface's normal, `S_u × S_v`.
     pub is_outward: bool,
     /// Its loops in any order: edges, each with whether it is run along from its beginning, the face to the
@@ -68,19 +68,19 @@ pub struct Face {
 
 /// Faces that share vertices and edges.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Shape {
+pub struct ParametricShape {
     /// Points where edges meet.
     pub vertices: Vec<[f64; 3]>,
     /// Edges between them.
-    pub edges: Vec<Edge>,
+    pub edges: Vec<ParametricEdge>,
     /// Faces between these.
-    pub faces: Vec<Face>,
+    pub faces: Vec<ParametricFace>,
 }
 
 /// Places along an edge, and along each parameter of a whole surface, that bounds are taken of.
 const PROBES: usize = 8;
 
-impl Shape {
+impl ParametricShape {
     /// Least and largest coordinates of what edges and whole surfaces reach; the least are above the largest
     /// where there is nothing.
     #[must_use]

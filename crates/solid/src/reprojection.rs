@@ -1,24 +1,21 @@
-//! What a finished solid shows in its views, compared with a drawing: an independent check.
+//! Independent check of a solid: its projected views are compared with a drawing.
 //!
-//! Input: a solid by its boundary, and the drawing that it should mean. Output: the lines in which the
-//! two differ, none where they agree within [`CompareOptions`]. Nothing here is shared with the search in
-//! the module `views`: no cells, no grid, no tidied curves.
+//! Input: a boundary representation and a drawing. Output: the lines in which they differ, none if they agree
+//! within [`ReprojectionOptions`]. The check shares no code with the search in `views` (no cells, no grid, no
+//! cleaned curves), so an error of the search cannot hide itself.
 //!
-//! 1. `outlines`: what can be drawn of the solid in a view: edges where faces meet at an angle, smooth
-//!    edges at which the boundary turns away from the eye, and the lines within curved faces along which the
-//!    line of sight touches (`n · e = 0`).
-//! 2. Where a ray meets a face: its surface, and whether the point lies within the face's loops
-//!    (`brep/trimmed`).
+//! 1. `outlines`: the drawable lines of a view: sharp edges, smooth edges where the boundary turns away from the
+//!    viewer, and silhouettes within curved faces (`n · e = 0`).
+//! 2. `brep/trimmed`: intersections of a ray with a face, limited to the loops of the face.
 //! 3. `scene`: a point is visible where the ray from the eye that passes it on one side or the other meets
 //!    no face before it.
 //! 4. `compare`: points along every drawn curve must lie on a line of the solid, a visible one where drawn
 //!    visible; points along every line of the solid must lie on a drawn curve, on a visible one where seen.
 //!
-//! Optional are edges along which the boundary only touches itself (a cusp, or two edges in one place): some
-//! drawings show them.
+//! Edges along which the boundary only touches itself (a cusp, or two coincident edges) are optional, because
+//! drawing conventions differ.
 //!
-//! Not guaranteed: differences shorter than [`CompareOptions::shortest`] or between sample points are not
-//! found.
+//! Limits: differences shorter than [`ReprojectionOptions::shortest`] or between sample points are not found.
 
 mod compare;
 mod nearby;
@@ -30,20 +27,20 @@ mod tests;
 use crate::brep::Solid;
 use crate::drawing::{Drawing, ViewKind};
 
-/// When a solid and a drawing agree; lengths as shares of the drawing's size.
+/// Tolerances of the comparison; lengths are relative to the size of the drawing.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CompareOptions {
-    /// Lines this close to each other are one.
+pub struct ReprojectionOptions {
+    /// Maximum distance of matching lines (default 5e-4).
     pub near: f64,
-    /// Differences along less than this are none.
+    /// Differences shorter than this are ignored (default 4e-3).
     pub shortest: f64,
-    /// Points along curves are this far apart.
+    /// Distance of sample points along curves (default 1e-2).
     pub spacing: f64,
 }
 
-impl Default for CompareOptions {
-    /// Lines within 5e-4 are one: exported curves are polygons that miss their curve by up to 3e-4 of the
-    /// size.
+impl Default for ReprojectionOptions {
+    /// The default distance is 5e-4 because exported curves are often polygons that deviate from their curve
+    /// by up to 3e-4 of the size.
     fn default() -> Self {
         Self { near: 5e-4, shortest: 4e-3, spacing: 1e-2 }
     }
@@ -54,21 +51,30 @@ impl Default for CompareOptions {
 pub struct Disagreement {
     /// The view.
     pub view: ViewKind,
-    /// The entity that the solid does not show; none where the solid shows a line that is not drawn.
+    /// Entity that the solid does not show; `None` if the solid shows a line that is not drawn.
     pub entity: Option<String>,
-    /// Where, in the view: the first such point.
+    /// First differing point, in view coordinates.
     pub at: [f64; 2],
-    /// What differs, in words.
+    /// Description of the difference.
     pub why: &'static str,
-    /// At how many of the points looked at along this line it differs.
+    /// Number of sample points of this line that differ.
     pub places: usize,
 }
 
-/// The lines in which a solid's views differ from a drawing; each drawn entity and each line of the solid
-/// once a view and reason.
+/// Lists the lines in which the views of a solid differ from a drawing.
 ///
-/// Cost: a ray for every point looked at and side of it; points are [`CompareOptions::spacing`] apart.
+/// Each drawn entity and each line of the solid is listed once per view and reason. The cost is two rays per
+/// sample point; sample points are [`ReprojectionOptions::spacing`] apart.
+///
+/// ```
+/// use planish_solid::brep::Solid;
+/// use planish_solid::reprojection::{ReprojectionOptions, disagreements};
+/// use planish_solid::views::Drawing;
+///
+/// let found = disagreements(&Solid::default(), &Drawing::default(), &ReprojectionOptions::default());
+/// assert!(found.is_empty());
+/// ```
 #[must_use]
-pub fn disagreements(solid: &Solid, drawing: &Drawing, options: &CompareOptions) -> Vec<Disagreement> {
+pub fn disagreements(solid: &Solid, drawing: &Drawing, options: &ReprojectionOptions) -> Vec<Disagreement> {
     compare::disagreements(solid, drawing, options)
 }

@@ -1,12 +1,13 @@
-//! Triangles of a solid: watertight, within a chord tolerance.
+//! Watertight triangle mesh of a solid within a chord tolerance.
 //!
-//! Input: a solid by its boundary. Output: a [`TriangleMesh`] that is closed, oriented outwards and
-//! manifold, whose vertices lie on the solid's edges and faces. Every edge is cut into chords once, and both
-//! its faces use these; each face is filled between its loops by a constrained Delaunay triangulation in
-//! plane coordinates of its surface (`chart`), with points added within it where a chord misses the surface
-//! by more than the tolerance.
+//! Input: a boundary representation. Output: a closed, manifold [`TriangleMesh`] that is oriented outwards. Its
+//! vertices lie on the edges and faces of the solid. Each edge is divided into chords once, and both of its
+//! faces share these chords, which makes the mesh watertight. Each face is filled by a constrained Delaunay
+//! triangulation in plane coordinates of its surface (`chart`). Points are inserted where the chord error
+//! exceeds the tolerance.
 //!
-//! Not guaranteed: shapes of triangles; a torus less a part that goes around neither its axis nor its tube.
+//! Limits: the shape of triangles is not controlled. A torus trimmed by a loop that goes around neither its
+//! axis nor its tube is not supported.
 //!
 //! # References
 //! Chew 1989, *Constrained Delaunay triangulations*; the crate `spade` (exact predicates).
@@ -20,20 +21,24 @@ pub(crate) mod polygon;
 mod tests;
 mod whole;
 
-use crate::brep::{Coedge, Curve, Edge, Solid};
-pub use effort::{MOST_TRIANGLES, least_tolerance, triangles_needed};
+use crate::brep::{Coedge, Edge, EdgeCurve, Solid};
+pub use effort::{MAX_TRIANGLES, min_tolerance, triangles_needed};
 use planish_estimate::vector3::{norm, scale, sub};
 use planish_estimate::{Error, Result};
 use planish_mesh::TriangleMesh;
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
-/// Curved edges have a chord for every so many radians at least.
+/// Maximum angle of a chord of a curved edge, in radians.
+///
+/// It keeps the outline recognisable when the tolerance is larger than the radius.
 const WIDEST_CHORD: f64 = PI / 6.0;
-/// How often a finer tolerance is tried where chords of two edges cross.
+/// Maximum number of tolerances that are tried; each is a quarter of the previous one.
+///
+/// Chords of two neighbouring edges can cross at a coarse tolerance.
 const TRIES: usize = 4;
 
-/// Points of the mesh while it is made: those of edges, each made once, and those within faces.
+/// Points of the mesh under construction: first those of the edges, each created once, then those in faces.
 struct Points {
     positions: Vec<[f64; 3]>,
     /// Points along each edge in the direction of its curve, its vertices included.
@@ -41,7 +46,7 @@ struct Points {
 }
 
 impl Points {
-    fn of(solid: &Solid, tolerance: f64) -> Self {
+    fn new(solid: &Solid, tolerance: f64) -> Self {
         let mut positions = solid.vertices.clone();
         // Two straight edges between the same vertices, as where a hole touches a wall, need a point each to
         // be told apart.
@@ -88,14 +93,14 @@ impl Points {
 fn chords(edge: &Edge, tolerance: f64) -> usize {
     let [from, to] = edge.range;
     match &edge.curve {
-        Curve::Line { .. } => 1,
-        Curve::Ellipse { a, .. } => {
+        EdgeCurve::Line { .. } => 1,
+        EdgeCurve::Ellipse { a, .. } => {
             // A chord over an angle θ misses a circle by r (1 − cos θ/2).
             let widest = 2.0 * (1.0 - (tolerance / norm(*a)).min(1.0)).acos();
             let n = ((to - from) / widest.clamp(1e-5, WIDEST_CHORD)).ceil() as usize;
             n.max(if edge.start == edge.end { 3 } else { 2 })
         }
-        Curve::Spline { points, .. } => {
+        EdgeCurve::Spline { points, .. } => {
             let pieces = points.len().max(2) - 1;
             let miss = (0..pieces)
                 .map(|k| {
@@ -120,19 +125,19 @@ fn chords(edge: &Edge, tolerance: f64) -> usize {
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for a tolerance that is not positive, or needs more than
-/// [`MOST_TRIANGLES`]; [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, where a
+/// [`MAX_TRIANGLES`]; [`Unsupported`](planish_estimate::ErrorKind::Unsupported), naming the face, where a
 /// face cannot be filled.
 pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     if !(tolerance > 0.0 && tolerance.is_finite()) {
         return Err(Error::input(format!("needed a chord tolerance > 0, found {tolerance}")));
     }
     let needed = triangles_needed(solid, tolerance);
-    if needed > MOST_TRIANGLES {
+    if needed > MAX_TRIANGLES {
         return Err(Error::input(format!(
             "a mesh that misses the solid by {tolerance:e} at most needs about {needed:.1e} triangles: \
-             needed at most {MOST_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
+             needed at most {MAX_TRIANGLES:.0e}, as with a tolerance of {:.1e}",
             // Rounded up, so that it works.
-            1.06 * least_tolerance(solid)
+            1.06 * min_tolerance(solid)
         )));
     }
     let mut finer = tolerance;
@@ -148,7 +153,7 @@ pub fn tessellate(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
 }
 
 fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
-    let mut points = Points::of(solid, tolerance);
+    let mut points = Points::new(solid, tolerance);
     let mut triangles = Vec::new();
     for (index, face) in solid.faces.iter().enumerate() {
         if face.is_whole() {
@@ -156,10 +161,10 @@ fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
             continue;
         }
         let named = |e: Error| e.in_context(format!("face {index} ({})", face.surface.kind()));
-        let domain = domain::Domain::of(face, &mut points, tolerance).map_err(named)?;
+        let domain = domain::Domain::new(face, &mut points, tolerance).map_err(named)?;
         triangles.extend(fill::triangles(face, &domain, &mut points, tolerance).map_err(named)?);
     }
-    // Vertices that no edge uses, as on a circle without corners, are left out.
+    // Drop unused vertices, for example those of a circle without corners.
     let mut new_of = vec![u32::MAX; points.positions.len()];
     let mut positions = Vec::new();
     for v in triangles.iter_mut().flatten() {
@@ -173,7 +178,7 @@ fn once(solid: &Solid, tolerance: f64) -> Result<TriangleMesh> {
     TriangleMesh::try_new(positions, triangles)
 }
 
-/// The mesh, if it is closed and holds the solid's volume.
+/// Returns the mesh if it is closed and its volume agrees with that of the solid.
 fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<TriangleMesh> {
     let found = mesh.check();
     if !(found.watertight && found.oriented && found.manifold) {
@@ -195,7 +200,7 @@ fn checked(solid: &Solid, mesh: TriangleMesh, tolerance: f64) -> Result<Triangle
 }
 
 /// The lengths of a surface's steps along its two parameters, at parameters.
-fn steps(surface: &crate::brep::Surface, [u, v]: [f64; 2]) -> [f64; 2] {
+fn steps(surface: &crate::brep::FaceSurface, [u, v]: [f64; 2]) -> [f64; 2] {
     let h = 1e-6;
     let p = surface.point([u, v]);
     [[u + h, v], [u, v + h]].map(|q| norm(scale(1.0 / h, sub(surface.point(q), p))).max(1e-12))

@@ -1,27 +1,26 @@
-//! Every solid that two or three orthographic views can mean.
+//! Finds all solids that match two or three orthographic views.
 //!
-//! Input: a [`Drawing`], curves with their style in the model's coordinates. Output: [`Solutions`],
-//! solids with true planes, cylinders, cones, spheres and tori, best first, and the lines that none of them
+//! Input: a [`Drawing`], curves with line styles in model coordinates. Output: [`Solutions`],
+//! solids bounded by exact planes, cylinders, cones, spheres and tori, best first, and the lines that no solid
 //! explains.
 //!
-//! 0. `tidy`: circles that come in pieces or are fitted roughly become one circle.
-//! 1. `plan`: a grid that all views share, and what is drawn on it. A plane or a cylinder along an axis is
-//!    seen edge-on as a line or circle. `turned` adds walls: outlines of one view turned about the centre of
+//! 0. `tidy`: merges the arcs and polygons of a circle into one exact circle.
+//! 1. `drawing_grid`: a grid shared by all views, with the drawn curves on it. A plane or a cylinder along an axis
+//!    appears edge-on, as a line or a circle. `turned` adds walls: outlines of one view turned about the centre of
 //!    a circle of another, which no view sees edge-on. `oblique` adds planes and cylinders oblique to all
 //!    views, from points and edges that all three show (`wireframe`, `circles`).
-//! 2. `cells`: space cut by all of these; cells between which no line is drawn are one.
-//! 3. `sight`: at every line, and where one is missing, what two lines of sight beside it pass through.
+//! 2. `cells`: divides space by all candidate surfaces. Cells not separated by a drawn line are merged.
+//! 3. `sight`: at each drawn line, and where a line could be missing, lists the cells along two adjacent rays.
 //!    `wall_sight` does so along the outlines of walls and the curves in which they cross other candidates.
-//! 4. `search`: satisfiability: which cells are solid, so that visible lines are seen, hidden ones are
-//!    behind something, and others are not there. Smooth (tangent) edges are no edges here, as in drafting;
-//!    where no solid is found so, a drawn line may be one. `preference` says what is tried first.
-//! 5. `boundary`: the faces of what is solid, as large as they can be; `touching` where a hole touches a
-//!    wall.
+//! 4. `search`: a satisfiability problem with one variable per cell (solid or empty). Visible lines must be seen,
+//!    hidden lines occluded, and no other line may appear. As in drafting, tangent edges are not drawn. If no
+//!    solid is found, the search is repeated with tangent edges allowed. `preference` orders the search.
+//! 5. `boundary`: the maximal faces of the solid cells; `touching` handles holes tangent to a face.
 //!
-//! [`views_of_sheet`] finds the views where one file holds all of them.
+//! [`views_of_sheet`] separates the views of a file that holds all of them.
 //!
-//! Not guaranteed: cones, spheres and tori about other axes than lines of sight, or together with faces
-//! oblique to all views; freeform faces.
+//! Limits: cones, spheres and tori must have an axis along a line of sight, and cannot be combined with
+//! faces oblique to all views. Freeform faces are not supported.
 //!
 //! # References
 //! Wesley and Markowsky 1981, *Fleshing out projections*; Eén and Sörensson 2003, *An extensible SAT-solver*.
@@ -29,17 +28,18 @@
 #[cfg(test)]
 mod body_tests;
 mod boundary;
+mod candidate_surface;
 mod candidates;
 mod cells;
 mod circles;
 mod column;
+mod drawing_grid;
 mod joined;
 mod oblique;
 mod oblique_sight;
 #[cfg(test)]
 mod oblique_tests;
 mod oblique_wall;
-mod plan;
 mod preference;
 mod profile;
 mod quadrics;
@@ -62,7 +62,6 @@ mod turned_rings;
 #[cfg(test)]
 mod turned_tests;
 mod turned_wall;
-mod wall;
 mod wall_sight;
 mod wireframe;
 
@@ -70,47 +69,53 @@ use crate::brep::{Measures, Solid};
 pub use crate::drawing::{
     Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, distance, distance_to_segment, nearest_on_curve,
 };
-use crate::reprojection::{CompareOptions, disagreements};
+use crate::reprojection::{ReprojectionOptions, disagreements};
 pub use joined::joined;
 use planish_estimate::{Error, ErrorKind, Result};
 use search::SmoothEdges;
 pub use sheet::{Projection, views_of_sheet};
 use std::cmp::Ordering;
 
-/// Surfaces of revolution are tried where there are so many candidates at most.
-const MOST_WALLS: usize = 24;
+/// Maximum number of candidate surfaces of revolution.
+///
+/// Each candidate divides the cells further, so the limit bounds the run time. With more candidates, surfaces
+/// of revolution are not tried.
+const MAX_WALLS: usize = 24;
 
-/// Drawings of these sizes are looked at as they are; others are brought to a size between 100 and 1000, as
-/// some accuracies are fixed lengths.
+/// Range of drawing sizes that are processed without scaling.
+///
+/// Some tolerances are absolute lengths. Drawings outside of this range are scaled to a size from 100 to 1000.
 const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
 
-/// Edges and vertices nearer to each other than this share of the drawing's size are in one place; vertices
-/// of one place are one within this.
+/// Distance below which edges and vertices touch, relative to the size of the drawing.
+///
+/// A larger value reports narrow gaps as contacts; a smaller one misses contacts of inaccurate drawings.
 const TOUCHING: f64 = 2e-5;
 
-/// Solids are made of so many assignments at most.
-pub const MOST_SOLUTIONS: usize = 32;
+/// Maximum number of cell assignments that are turned into solids.
+///
+/// It bounds the run time of ambiguous drawings. [`Solutions::complete`] is false if it was reached.
+pub const MAX_SOLUTIONS: usize = 32;
 
-/// A solid that the views can mean.
+/// A solid that matches the views.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
     /// The solid.
     pub solid: Solid,
-    /// What it measures.
+    /// Volume, area and centroid.
     pub measures: Measures,
-    /// What it is ranked by: its number of faces, and 1000 for each part that hangs together with no other.
-    /// Of equally cheap ones those with fewer edges come first.
+    /// Cost by which solutions are ranked: the number of faces, plus 1000 for each body after the first.
+    /// Ties are ordered by the number of edges.
     pub cost: f64,
-    /// Where its boundary touches itself, in words: such a solid is among the answers only where none is that
-    /// does not.
+    /// First place where the boundary touches itself. Such a solid is returned only if there is no manifold
+    /// one.
     pub touches: Option<Rejected>,
-    /// Whether two of its bodies touch: no program takes that for a solid, or for two.
+    /// True if two of its bodies touch. CAD programs accept this neither as one solid nor as two.
     bodies_touch: bool,
 }
 
 impl Solution {
-    /// The better first: one that does not touch itself, then the cheaper one, of equally cheap ones that
-    /// with fewer edges.
+    /// Orders solutions: first those without contacts, then by cost, then by the number of edges.
     fn compared(&self, other: &Self) -> Ordering {
         let edges = |s: &Self| s.solid.edges.len();
         let contact = |s: &Self| u8::from(s.touches.is_some()) + u8::from(s.bodies_touch);
@@ -120,7 +125,7 @@ impl Solution {
             .then(edges(self).cmp(&edges(other)))
     }
 
-    /// Whether two solids have one volume, area and centroid, but for slivers.
+    /// True if volume, area and centroid agree to a relative 1e-8, which ignores slivers.
     fn measures_the_same(&self, other: &Self) -> bool {
         let (a, b) = (&self.measures, &other.measures);
         let near = |x: f64, y: f64, size: f64| (x - y).abs() <= 1e-8 * size;
@@ -129,7 +134,7 @@ impl Solution {
             && (0..3).all(|k| near(a.centroid[k], b.centroid[k], a.area.sqrt()))
     }
 
-    /// Whether another solid has as many faces of each kind and vertices in the same places.
+    /// True if the other solid has the same vertices and the same number of faces of each kind.
     fn has_vertices_of(&self, other: &Self) -> bool {
         let near = 1e-6 * self.measures.area.sqrt();
         let has = |solid: &Solid, p: [f64; 3]| {
@@ -142,51 +147,52 @@ impl Solution {
     }
 }
 
-/// A line that no solid explains.
+/// A drawn or missing line that no solid explains.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Unexplained {
     /// The view.
     pub view: ViewKind,
-    /// The entity; none where a line is missing.
+    /// Name of the drawn entity; `None` if a line is missing from the drawing.
     pub entity: Option<String>,
-    /// What is wrong, and where.
+    /// Description of the problem, with its position.
     pub why: String,
 }
 
-/// What a drawing can mean.
+/// The result of [`solve`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Solutions {
     /// Solids, best first.
     pub solutions: Vec<Solution>,
-    /// Whether there are no others.
+    /// True if the list contains all solids.
     pub complete: bool,
-    /// Lines that no solid explains: where there are any, there are no solutions.
+    /// Lines that no solid explains. If there are any, `solutions` is empty.
     pub unexplained: Vec<Unexplained>,
-    /// Assignments of cells that explain all lines and give no solid.
+    /// Assignments of cells that explain all lines but do not bound a valid solid.
     pub rejected: Vec<Rejected>,
 }
 
-/// Why an assignment of cells is no solid.
+/// Reason why an assignment of cells is not a valid solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Rejection {
+pub enum CandidateRejection {
     /// Its boundary touches itself along a line or at a point, where it is not manifold.
     Touches,
     /// Its boundary does not close, or its faces do not fit together.
     DoesNotClose,
 }
 
-/// An assignment of cells that is no solid.
+/// An assignment of cells that is not a valid solid.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rejected {
     /// The reason.
-    pub why: Rejection,
-    /// What is wrong, and where.
+    pub why: CandidateRejection,
+    /// Description of the problem, with its position.
     pub message: String,
 }
 
 impl Solutions {
-    /// Sorts the solutions, and moves those whose boundary touches itself to the rejected ones: all of them
-    /// where there are others, else those of which bodies touch.
+    /// Sorts the solutions and rejects those whose boundary touches itself.
+    ///
+    /// If no solution is manifold, only those with touching bodies are rejected.
     fn keep_manifold(&mut self) {
         self.solutions.sort_by(Solution::compared);
         let any = self.solutions.iter().any(|s| s.touches.is_none());
@@ -198,15 +204,22 @@ impl Solutions {
     }
 }
 
-/// Finds every solid whose views are the drawing, or names lines that none explains.
+/// Finds all solids that match the drawing, or lists the lines that no solid explains.
 ///
-/// Where three views show planes or cylinders oblique to all of them, with these first: if that gives a
-/// solid, it is the answer. Then with planes and cylinders along lines of sight only, then with surfaces of
-/// revolution as well; the answer with the cheapest solid counts.
+/// Candidate surfaces are added in stages. If three views show planes or cylinders oblique to all of them, these
+/// are tried first, and a solid found with them is the result. Next come planes and cylinders along lines of
+/// sight, then surfaces of revolution. The stage with the cheapest solid wins.
+///
+/// ```
+/// use planish_solid::views::{Drawing, solve};
+///
+/// // At least two views are needed.
+/// assert!(solve(&Drawing::default()).is_err());
+/// ```
 ///
 /// # Errors
-/// `Input` where there are less than two views or nothing is drawn; `Unsupported` where the drawing is too
-/// large; `Undetermined` where all lines can be explained, but no boundary of a solid closes.
+/// `Input` if there are fewer than two views or a view is empty; `Unsupported` if the drawing has too many
+/// cells; `Undetermined` if all lines can be explained, but no boundary of a solid closes.
 pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     check(drawing)?;
     let size = drawing.size();
@@ -226,7 +239,7 @@ pub fn solve(drawing: &Drawing) -> Result<Solutions> {
     Ok(found)
 }
 
-/// [`solve`] for a drawing of usual size; places that are named are in units `scale` times smaller.
+/// Runs [`solve`] on a scaled drawing. Positions in messages are multiplied by `scale`.
 fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     let plain = solve_with(drawing, SmoothEdges::NotDrawn, scale);
     let is_too_large = plain.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
@@ -234,7 +247,7 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
         return plain;
     }
     let smooth = solve_with(drawing, SmoothEdges::MayBeDrawn, scale);
-    // Of two refusals the one that names fewer lines.
+    // If both fail, report the result that lists fewer unexplained lines.
     let named = |found: &Result<Solutions>| found.as_ref().map_or(usize::MAX, |f| f.unexplained.len());
     match best_agreeing(&smooth, drawing).is_some()
         || best_cost(&plain).is_none() && named(&smooth) < named(&plain)
@@ -244,36 +257,38 @@ fn solve_scaled(drawing: &Drawing, scale: f64) -> Result<Solutions> {
     }
 }
 
-/// [`solve_scaled`] with lines that may be tangent edges or not.
+/// Solves with tangent edges allowed or excluded.
 fn solve_with(drawing: &Drawing, smooth_edges: SmoothEdges, scale: f64) -> Result<Solutions> {
     let tidy = tidy::tidied(drawing);
-    let plan = plan::Plan::of(&tidy);
+    let plan = drawing_grid::DrawingGrid::new(&tidy);
     let oblique = (!cells::is_too_fine(&plan)).then(|| oblique::oblique(&tidy)).flatten();
     if let Some(found) = oblique {
-        let plan = plan::Plan::without(&tidy, &found.explained).with_walls(found.walls);
-        let solved = solve_plan(&tidy, &plan, smooth_edges, scale);
+        let plan = drawing_grid::DrawingGrid::without(&tidy, &found.explained).with_walls(found.walls);
+        let solved = solve_grid(&tidy, &plan, smooth_edges, scale);
         if best_cost(&solved).is_some() {
             return solved;
         }
     }
-    let mut best = solve_plan(&tidy, &plan, smooth_edges, scale);
+    let mut best = solve_grid(&tidy, &plan, smooth_edges, scale);
     let mut cheapest = best_agreeing(&best, drawing);
     let mut tried = Vec::new();
     for strict in [true, false] {
-        // A refusal with more candidates says more; what is solved is better where it has fewer faces.
-        // Candidates that not all views show are tried last.
+        // Candidates that not all views support are tried last. A failure with more candidates is more
+        // informative; of two solved drawings, the solid with fewer faces is better.
         let is_too_large = best.as_ref().is_err_and(|e| e.kind() == ErrorKind::Unsupported);
-        // With tangent edges they are not tried: freeform parts would take twice as long to be refused.
+        // Not tried with tangent edges: freeform parts would take twice as long to be rejected.
         let are_tried = cheapest.is_none() && smooth_edges == SmoothEdges::NotDrawn;
         if is_too_large || !strict && !are_tried {
             break;
         }
-        let walls: Vec<wall::Wall> =
-            turned::walls(&plan, strict).into_iter().map(wall::Wall::Turned).collect();
-        if walls == tried || walls.len() > MOST_WALLS {
+        let walls: Vec<candidate_surface::CandidateSurface> = turned::walls(&plan, strict)
+            .into_iter()
+            .map(candidate_surface::CandidateSurface::Turned)
+            .collect();
+        if walls == tried || walls.len() > MAX_WALLS {
             continue;
         }
-        let found = solve_plan(&tidy, &plan.clone().with_walls(walls.clone()), smooth_edges, scale);
+        let found = solve_grid(&tidy, &plan.clone().with_walls(walls.clone()), smooth_edges, scale);
         tried = walls;
         let found_cheapest = best_agreeing(&found, drawing);
         let is_better = match (&found_cheapest, &cheapest) {
@@ -294,29 +309,29 @@ fn best_cost(found: &Result<Solutions>) -> Option<f64> {
     found.as_ref().ok()?.solutions.first().map(|s| s.cost)
 }
 
-/// The best solid that was found and that shows the lines of the drawing.
+/// The best solid whose reprojection agrees with the drawing.
 fn best_agreeing(found: &Result<Solutions>, drawing: &Drawing) -> Option<Solution> {
-    let agrees = |s: &&Solution| disagreements(&s.solid, drawing, &CompareOptions::default()).is_empty();
+    let agrees = |s: &&Solution| disagreements(&s.solid, drawing, &ReprojectionOptions::default()).is_empty();
     found.as_ref().ok()?.solutions.iter().find(agrees).cloned()
 }
 
-/// Finds the solids whose faces are candidates of a plan.
-fn solve_plan(
+/// Finds the solids whose faces lie on the candidate surfaces of a grid.
+fn solve_grid(
     drawing: &Drawing,
-    plan: &plan::Plan,
+    plan: &drawing_grid::DrawingGrid,
     smooth_edges: SmoothEdges,
     scale: f64,
 ) -> Result<Solutions> {
-    let cells = cells::Cells::of(plan)?;
-    let looks = sight::Looks::at(&cells, drawing);
+    let cells = cells::Cells::new(plan)?;
+    let sight_tests = sight::SightTests::at(&cells, drawing);
     let mut solutions = Solutions::default();
     let mut known: Vec<(search::Assignment, Solution)> = Vec::new();
     let found = search::search(
         &cells,
-        &looks,
+        &sight_tests,
         smooth_edges,
         &preference::preferences(&cells),
-        MOST_SOLUTIONS,
+        MAX_SOLUTIONS,
         |assignment| {
             let solution = match solution(&cells, assignment, scale) {
                 Ok(solution) => solution,
@@ -330,7 +345,7 @@ fn solve_plan(
                 let between: Vec<u32> = assignment.keys().filter(differs).copied().collect();
                 let by_slivers = between.iter().all(|cell| cells.is_sliver_only(*cell));
                 if by_slivers || same.has_vertices_of(&solution) {
-                    // The one whose faces and edges are cut least often stands for both.
+                    // Keep the solution with the fewest faces and edges.
                     if solution.compared(same).is_lt() {
                         (*first, *same) = (assignment.clone(), solution);
                     }
@@ -355,13 +370,13 @@ fn solve_plan(
     Ok(solutions)
 }
 
-/// Each line that no solid explains once, with the first place and how many others there are.
+/// Lists each unexplained line once, with its first position and the number of other positions.
 fn unexplained(
     drawing: &Drawing,
-    found: &[(Option<LineStyle>, sight::LookPlace)],
+    found: &[(Option<LineStyle>, sight::SightTestPlace)],
     scale: f64,
 ) -> Vec<Unexplained> {
-    let mut places: Vec<(Option<LineStyle>, &sight::LookPlace, usize)> = Vec::new();
+    let mut places: Vec<(Option<LineStyle>, &sight::SightTestPlace, usize)> = Vec::new();
     for (style, place) in found {
         let same =
             places.iter_mut().find(|p| p.0 == *style && p.1.view == place.view && p.1.curve == place.curve);
@@ -397,7 +412,7 @@ fn unexplained(
         .collect()
 }
 
-/// A coordinate with four places behind the point; of very small and large drawings in powers of ten.
+/// Formats a coordinate with four decimals, in scientific notation if it is very small or large.
 fn figure(value: f64) -> String {
     match value.abs() {
         size if size == 0.0 || (1e-3..1e9).contains(&size) => format!("{value:.4}"),
@@ -410,7 +425,7 @@ fn solution(
     assignment: &search::Assignment,
     scale: f64,
 ) -> std::result::Result<Solution, Rejected> {
-    let does_not_close = |message: String| Rejected { why: Rejection::DoesNotClose, message };
+    let does_not_close = |message: String| Rejected { why: CandidateRejection::DoesNotClose, message };
     let solid = boundary::boundary(cells, assignment)
         .and_then(|solid| solid.check(1e-5 * cells.plan.size).map(|()| solid))
         .map_err(|e| does_not_close(e.to_string()))?;
@@ -423,7 +438,10 @@ fn solution(
             (false, false) => "its boundary touches itself at the point",
         };
         let at = contact.at.map(|c| figure(scale * c)).join(" ");
-        Rejected { why: Rejection::Touches, message: format!("{what} {at}, where it is not manifold") }
+        Rejected {
+            why: CandidateRejection::Touches,
+            message: format!("{what} {at}, where it is not manifold"),
+        }
     });
     let measures = solid.measures();
     if measures.volume <= 0.0 {

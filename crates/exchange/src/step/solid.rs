@@ -5,7 +5,7 @@ use super::part21::{Id, Part21};
 use super::{BsplineCurve, write_curve, write_point};
 use crate::step::part21::reals;
 use planish_estimate::vector3::{add_scaled, cross, norm, scale};
-use planish_solid::brep::{Curve, Edge, Face, Solid, Surface};
+use planish_solid::brep::{Edge, EdgeCurve, Face, FaceSurface, Solid};
 use std::f64::consts::{PI, TAU};
 use std::io::{self, Write};
 
@@ -20,26 +20,26 @@ fn write_frame<W: Write>(out: &mut Part21<W>, origin: [f64; 3], z: [f64; 3], x: 
     out.add(format_args!("AXIS2_PLACEMENT_3D('',{origin},{z},{x})"))
 }
 
-fn write_surface<W: Write>(out: &mut Part21<W>, surface: &Surface) -> io::Result<Id> {
+fn write_surface<W: Write>(out: &mut Part21<W>, surface: &FaceSurface) -> io::Result<Id> {
     match surface {
-        Surface::Plane { origin, normal, x } => {
+        FaceSurface::Plane { origin, normal, x } => {
             let frame = write_frame(out, *origin, *normal, *x)?;
             out.add(format_args!("PLANE('',{frame})"))
         }
-        Surface::Cylinder { origin, axis, x, radius } => {
+        FaceSurface::Cylinder { origin, axis, x, radius } => {
             let frame = write_frame(out, *origin, *axis, *x)?;
             out.add(format_args!("CYLINDRICAL_SURFACE('',{frame},{})", reals(&[*radius])))
         }
-        Surface::Cone { origin, axis, x, radius, half_angle_rad } => {
+        FaceSurface::Cone { origin, axis, x, radius, half_angle_rad } => {
             let frame = write_frame(out, *origin, *axis, *x)?;
             let sizes = [*radius, *half_angle_rad];
             out.add(format_args!("CONICAL_SURFACE('',{frame},{})", reals(&sizes)))
         }
-        Surface::Sphere { center, axis, x, radius } => {
+        FaceSurface::Sphere { center, axis, x, radius } => {
             let frame = write_frame(out, *center, *axis, *x)?;
             out.add(format_args!("SPHERICAL_SURFACE('',{frame},{})", reals(&[*radius])))
         }
-        Surface::Torus { center, axis, x, major, minor } => {
+        FaceSurface::Torus { center, axis, x, major, minor } => {
             let frame = write_frame(out, *center, *axis, *x)?;
             let sizes = [*major, *minor];
             out.add(format_args!("TOROIDAL_SURFACE('',{frame},{})", reals(&sizes)))
@@ -49,13 +49,13 @@ fn write_surface<W: Write>(out: &mut Part21<W>, surface: &Surface) -> io::Result
 
 fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id> {
     match &edge.curve {
-        Curve::Line { origin, direction } => {
+        EdgeCurve::Line { origin, direction } => {
             let origin = write_point(out, *origin)?;
             let direction = write_direction(out, *direction)?;
             let vector = out.add(format_args!("VECTOR('',{direction},1.)"))?;
             out.add(format_args!("LINE('',{origin},{vector})"))
         }
-        Curve::Ellipse { center, a, b } => {
+        EdgeCurve::Ellipse { center, a, b } => {
             let (major, minor) = (norm(*a), norm(*b));
             let x = scale(1.0 / major, *a);
             let normal = cross(x, scale(1.0 / minor, *b));
@@ -65,7 +65,7 @@ fn write_edge_curve<W: Write>(out: &mut Part21<W>, edge: &Edge) -> io::Result<Id
                 false => out.add(format_args!("ELLIPSE('',{frame},{})", reals(&[major, minor]))),
             }
         }
-        Curve::Spline { points, derivatives } => write_curve(out, &bspline(points, derivatives)),
+        EdgeCurve::Spline { points, derivatives } => write_curve(out, &bspline(points, derivatives)),
     }
 }
 
@@ -91,8 +91,8 @@ const FREE: f64 = TAU / 24.0;
 /// A face's surface, its seam turned to where the face does not reach, if it reaches over the seam and not
 /// all the way around: some readers take the other part of the cylinder for a face of more than half of it
 /// that crosses the seam (Open Cascade 7.9 does).
-fn seam_aside(solid: &Solid, face: &Face) -> Surface {
-    let Surface::Cylinder { origin, axis, x, radius } = face.surface else {
+fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
+    let FaceSurface::Cylinder { origin, axis, x, radius } = face.surface else {
         return face.surface;
     };
     let mut angles: Vec<f64> = face
@@ -122,14 +122,14 @@ fn seam_aside(solid: &Solid, face: &Face) -> Surface {
         return face.surface;
     }
     let (sin, cos) = (begins + width / 2.0).sin_cos();
-    Surface::Cylinder { origin, axis, x: add_scaled(scale(cos, x), sin, cross(axis, x)), radius }
+    FaceSurface::Cylinder { origin, axis, x: add_scaled(scale(cos, x), sin, cross(axis, x)), radius }
 }
 
 /// The middle of an arc of more than half a turn that is not closed: it is written in two parts, since some
 /// readers take the other arc between its ends (Open Cascade 7.9 does, for one of 184.7°).
 fn middle_of_long_arc(edge: &Edge) -> Option<[f64; 3]> {
     let [from, to] = edge.range;
-    let is_long = matches!(edge.curve, Curve::Ellipse { .. }) && to - from > PI * (1.0 + 1e-9);
+    let is_long = matches!(edge.curve, EdgeCurve::Ellipse { .. }) && to - from > PI * (1.0 + 1e-9);
     (is_long && edge.start != edge.end).then(|| edge.curve.point(0.5 * (from + to)))
 }
 
@@ -215,17 +215,21 @@ mod tests {
 
     /// A face of a cylinder between two angles, from z = 0 to 5.
     fn part(from: f64, to: f64) -> Solid {
-        let surface =
-            Surface::Cylinder { origin: [0.0; 3], axis: [0.0, 0.0, 1.0], x: [1.0, 0.0, 0.0], radius: 2.0 };
+        let surface = FaceSurface::Cylinder {
+            origin: [0.0; 3],
+            axis: [0.0, 0.0, 1.0],
+            x: [1.0, 0.0, 0.0],
+            radius: 2.0,
+        };
         let at = |angle: f64, z: f64| surface.point([angle, z]);
         let arc = |z: f64, [start, end]: [usize; 2]| Edge {
-            curve: Curve::Ellipse { center: [0.0, 0.0, z], a: [2.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] },
+            curve: EdgeCurve::Ellipse { center: [0.0, 0.0, z], a: [2.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] },
             range: [from, to],
             start,
             end,
         };
         let line = |angle: f64, [start, end]: [usize; 2]| Edge {
-            curve: Curve::Line { origin: at(angle, 0.0), direction: [0.0, 0.0, 1.0] },
+            curve: EdgeCurve::Line { origin: at(angle, 0.0), direction: [0.0, 0.0, 1.0] },
             range: [0.0, 5.0],
             start,
             end,

@@ -7,7 +7,7 @@ use planish_exchange::step::{StepOptions, write_solid};
 use planish_exchange::{Unit, extension};
 use planish_mesh::TriangleMesh;
 use planish_solid::brep::Solid;
-use planish_solid::tessellation::{MOST_TRIANGLES, least_tolerance, tessellate, triangles_needed};
+use planish_solid::tessellation::{MAX_TRIANGLES, min_tolerance, tessellate, triangles_needed};
 use planish_solid::views::Solution;
 use std::path::{Path, PathBuf};
 
@@ -35,7 +35,7 @@ pub(super) fn prepare<'a>(
     let one = |(index, solution): (usize, &&'a Solution)| {
         let solid = &solution.solid;
         let mesh = match is_meshed {
-            true if triangles_needed(solid, tolerance) > MOST_TRIANGLES => {
+            true if triangles_needed(solid, tolerance) > MAX_TRIANGLES => {
                 return Err(too_fine(solid, tolerance));
             }
             true => Some(tessellate(solid, tolerance).map_err(|e| no_mesh(&e, index + 1))?),
@@ -53,10 +53,10 @@ pub(super) fn prepare<'a>(
 fn too_fine(solid: &Solid, tolerance: f64) -> Error {
     Error::input(format!(
         "--mesh-tolerance {tolerance:e}: such a mesh has about {:.1e} triangles: needed at most \
-         {MOST_TRIANGLES:.0e}, as with --mesh-tolerance {:.1e}; a .step file is exact",
+         {MAX_TRIANGLES:.0e}, as with --mesh-tolerance {:.1e}; a .step file is exact",
         triangles_needed(solid, tolerance),
         // Rounded up, so that it works.
-        1.06 * least_tolerance(solid)
+        1.06 * min_tolerance(solid)
     ))
 }
 

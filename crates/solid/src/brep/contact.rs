@@ -9,7 +9,7 @@
 //! Not found: an edge that touches a face in its midst, as that of a hole that touches a wall. There the
 //! faces are manifold as they are written.
 
-use super::{Curve, Edge, Solid, along};
+use super::{Edge, EdgeCurve, Solid, along};
 use planish_estimate::vector3::{dot, norm, sub};
 
 /// Places of an edge, as shares of its range, that are looked for on others.
@@ -97,7 +97,7 @@ fn bounds(edge: &Edge, margin: f64) -> [[f64; 3]; 2] {
     let longest = points.windows(2).map(|p| norm(sub(p[1], p[0]))).fold(0.0, f64::max);
     let more = margin
         + match edge.curve {
-            Curve::Line { .. } => 0.0,
+            EdgeCurve::Line { .. } => 0.0,
             _ => longest,
         };
     points.iter().fold([[f64::MAX; 3], [f64::MIN; 3]], |[lo, hi], p| {
@@ -109,7 +109,7 @@ fn bounds(edge: &Edge, margin: f64) -> [[f64; 3]; 2] {
 fn points(edge: &Edge) -> Vec<[f64; 3]> {
     let [from, to] = edge.range;
     let n = match edge.curve {
-        Curve::Line { .. } => 1,
+        EdgeCurve::Line { .. } => 1,
         _ => PIECES,
     };
     (0..=n).map(|k| edge.curve.point(from + (to - from) * k as f64 / n as f64)).collect()

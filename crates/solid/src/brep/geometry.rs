@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// A curve of an edge.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Curve {
+pub enum EdgeCurve {
     /// `origin + t direction`, the direction of unit length.
     Line {
         /// The point of parameter 0.
@@ -38,7 +38,7 @@ pub(crate) fn unit(a: [f64; 3]) -> [f64; 3] {
     scale(1.0 / norm(a).max(f64::MIN_POSITIVE), a)
 }
 
-impl Curve {
+impl EdgeCurve {
     /// The point of a parameter.
     #[must_use]
     pub fn point(&self, t: f64) -> [f64; 3] {
@@ -90,7 +90,7 @@ fn hermite(points: &[[f64; 3]], derivatives: &[[f64; 3]], k: usize, w: [f64; 4])
 
 /// A surface of a face.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Surface {
+pub enum FaceSurface {
     /// All points with `normal · (p − origin) = 0`.
     Plane {
         /// A point of it.
@@ -162,7 +162,7 @@ fn around(origin: [f64; 3], axis: [f64; 3], x: [f64; 3], [angle, distance, heigh
     along(along(origin, 1.0, across), height, axis)
 }
 
-impl Surface {
+impl FaceSurface {
     /// The parameters (u, v) of a point: coordinates in a plane; else u is the angle around the axis in (−π,
     /// π], and v the height on a cylinder or cone, the latitude on a sphere, the angle around the tube, in
     /// (−π, π], on a torus.

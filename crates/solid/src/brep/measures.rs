@@ -4,7 +4,7 @@
 //! planes and cylinders the integrands are polynomials in v, so that F is exact (`turned` has the other
 //! surfaces); along edges Gauss–Legendre of ten points on pieces of at most 15°.
 
-use super::{Coedge, Face, Solid, Surface};
+use super::{Coedge, Face, FaceSurface, Solid};
 use planish_estimate::vector3::{dot, sub};
 use std::f64::consts::PI;
 
@@ -70,7 +70,7 @@ impl Solid {
     fn integrals(&self, face: &Face, origin: [f64; 3]) -> [f64; 5] {
         let sign = if face.outward { 1.0 } else { -1.0 };
         let mut sum = [0.0; 5];
-        if !matches!(face.surface, Surface::Plane { .. } | Surface::Cylinder { .. }) {
+        if !matches!(face.surface, FaceSurface::Plane { .. } | FaceSurface::Cylinder { .. }) {
             sum = self.turned_integrals(face, origin);
             sum[0] *= sign;
             return sum;
@@ -112,18 +112,18 @@ impl Solid {
 pub(super) fn pieces(edge: &super::Edge) -> usize {
     let [from, to] = edge.range;
     match &edge.curve {
-        super::Curve::Line { .. } => 1,
-        super::Curve::Ellipse { .. } => ((to - from) / (PI / 12.0)).ceil().max(1.0) as usize,
-        super::Curve::Spline { points, .. } => points.len() - 1,
+        super::EdgeCurve::Line { .. } => 1,
+        super::EdgeCurve::Ellipse { .. } => ((to - from) / (PI / 12.0)).ceil().max(1.0) as usize,
+        super::EdgeCurve::Spline { points, .. } => points.len() - 1,
     }
 }
 
 /// `−F du/dt` for the five integrands, with the surface's own normal and sense.
-fn integrands(surface: &Surface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> [f64; 5] {
+fn integrands(surface: &FaceSurface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> [f64; 5] {
     let [_, v] = surface.parameters(p);
     match surface {
-        Surface::Cone { .. } | Surface::Sphere { .. } | Surface::Torus { .. } => [0.0; 5],
-        Surface::Plane { origin: at, normal, x, .. } => {
+        FaceSurface::Cone { .. } | FaceSurface::Sphere { .. } | FaceSurface::Torus { .. } => [0.0; 5],
+        FaceSurface::Plane { origin: at, normal, x, .. } => {
             let y = planish_estimate::vector3::cross(*normal, *x);
             let du = dot(d, *x);
             let level = dot(sub(*at, origin), *normal);
@@ -134,7 +134,7 @@ fn integrands(surface: &Surface, p: [f64; 3], d: [f64; 3], origin: [f64; 3]) -> 
             };
             [-v * du, -level * v * du, -second(0) * du, -second(1) * du, -second(2) * du]
         }
-        Surface::Cylinder { origin: at, axis, radius, .. } => {
+        FaceSurface::Cylinder { origin: at, axis, radius, .. } => {
             let n = surface.normal(p);
             // The angle turns by (axis × n) · dp / r, and an element of area is r du dv.
             let du = dot(d, planish_estimate::vector3::cross(*axis, n));

@@ -5,7 +5,7 @@
 //! there. Whether a point of the surface is in the face is told by the nearest loop along the second
 //! parameter, of spheres and tori else along the first: loops have their face to the left.
 
-use super::{Coedge, Curve, Edge, Face, Solid, Surface, along, unit};
+use super::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::f64::consts::{PI, TAU};
 
@@ -71,7 +71,7 @@ impl<'a> TrimmedFace<'a> {
                 (coedge, points)
             })
             .collect::<Vec<_>>();
-        match matches!(face.surface, Surface::Plane { .. } | Surface::Cylinder { .. }) {
+        match matches!(face.surface, FaceSurface::Plane { .. } | FaceSurface::Cylinder { .. }) {
             // Loops are known at points only: between them they bulge by less than a hundredth.
             true => {
                 let more = 0.01 * norm(sub(bounds[1], bounds[0]));
@@ -86,7 +86,7 @@ impl<'a> TrimmedFace<'a> {
         Self { solid, face, coedges, second_is_angle, bounds }
     }
 
-    pub(crate) fn surface(&self) -> &Surface {
+    pub(crate) fn surface(&self) -> &FaceSurface {
         &self.face.surface
     }
 
@@ -114,7 +114,7 @@ impl<'a> TrimmedFace<'a> {
         if self.coedges.is_empty() {
             return true;
         }
-        let is_plane = matches!(self.face.surface, Surface::Plane { .. });
+        let is_plane = matches!(self.face.surface, FaceSurface::Plane { .. });
         let at = scan_parameters(&self.face.surface, p);
         let first = |uv: [f64; 2]| {
             if is_plane { uv[0] - at[0] } else { turn(uv[0] - at[0]) }
@@ -219,7 +219,7 @@ impl<'a> TrimmedFace<'a> {
 
     /// Whether every point of the face lies on a straight line of the surface between points of its loops.
     fn is_ruled(&self) -> bool {
-        matches!(self.face.surface, Surface::Plane { .. } | Surface::Cylinder { .. })
+        matches!(self.face.surface, FaceSurface::Plane { .. } | FaceSurface::Cylinder { .. })
     }
 
     /// For a point that no loop passes above or below: whether it lies to the left of the loops' nearest
@@ -251,14 +251,14 @@ impl<'a> TrimmedFace<'a> {
     /// How far along a ray the surface is met, between two distances; within the face or not.
     pub(crate) fn met(&self, origin: [f64; 3], direction: [f64; 3], range: [f64; 2]) -> Vec<f64> {
         match &self.face.surface {
-            Surface::Plane { normal, .. } => {
+            FaceSurface::Plane { normal, .. } => {
                 let speed = dot(*normal, direction);
                 if speed.abs() < 1e-9 {
                     return Vec::new();
                 }
                 vec![-self.face.surface.distance(origin) / speed]
             }
-            Surface::Cylinder { origin: at, axis, radius, .. } => {
+            FaceSurface::Cylinder { origin: at, axis, radius, .. } => {
                 let across = |a: [f64; 3]| along(a, -dot(a, *axis), *axis);
                 let (d, o) = (across(direction), across(sub(origin, *at)));
                 let square = dot(d, d);
@@ -285,7 +285,7 @@ impl<'a> TrimmedFace<'a> {
 /// Where a ray meets a surface of which only the signed distance is known; places where it only touches are
 /// left out.
 pub(crate) fn met_by_distance(
-    surface: &Surface,
+    surface: &FaceSurface,
     origin: [f64; 3],
     direction: [f64; 3],
     [from, to]: [f64; 2],
@@ -334,10 +334,10 @@ fn turning_points(edge: &Edge, pieces: usize, scanned: &dyn Fn(f64) -> [f64; 2])
 }
 
 /// A surface's parameters as they are scanned: those of planes turned.
-fn scan_parameters(surface: &Surface, p: [f64; 3]) -> [f64; 2] {
+fn scan_parameters(surface: &FaceSurface, p: [f64; 3]) -> [f64; 2] {
     let [u, v] = surface.parameters(p);
     match surface {
-        Surface::Plane { .. } => {
+        FaceSurface::Plane { .. } => {
             let (sin, cos) = SCAN_ANGLE.sin_cos();
             [cos * u + sin * v, cos * v - sin * u]
         }
@@ -350,9 +350,11 @@ impl Edge {
     /// spline's points.
     pub(crate) fn pieces(&self) -> usize {
         match &self.curve {
-            Curve::Line { .. } => 1,
-            Curve::Ellipse { .. } => (((self.range[1] - self.range[0]) / (PI / 12.0)).ceil() as usize).max(2),
-            Curve::Spline { points, .. } => points.len().max(2) - 1,
+            EdgeCurve::Line { .. } => 1,
+            EdgeCurve::Ellipse { .. } => {
+                (((self.range[1] - self.range[0]) / (PI / 12.0)).ceil() as usize).max(2)
+            }
+            EdgeCurve::Spline { points, .. } => points.len().max(2) - 1,
         }
     }
 }

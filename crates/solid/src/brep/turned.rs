@@ -9,7 +9,7 @@
 //! sphere's poles.
 
 use super::measures::{GAUSS, pieces};
-use super::{Face, Solid, Surface};
+use super::{Face, FaceSurface, Solid};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -40,7 +40,7 @@ impl Solid {
         let nodes = self.nodes(face);
         let of = |base| integrated(&face.surface, &nodes, base, origin);
         match face.surface {
-            Surface::Torus { .. } => {
+            FaceSurface::Torus { .. } => {
                 let v = gaps(&nodes, 1).into_iter().map(Base::CutV);
                 let u = gaps(&nodes, 0).into_iter().map(Base::CutU);
                 let mut best = [0.0; 5];
@@ -55,7 +55,7 @@ impl Solid {
                 }
                 best
             }
-            Surface::Sphere { .. } => {
+            FaceSurface::Sphere { .. } => {
                 let turns = nodes.iter().map(|n| n.derivatives[0]).sum::<f64>() / TAU * sense;
                 let mut found = of(Base::V(if turns > 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 }));
                 // A face that holds both poles came out less the whole sphere.
@@ -96,13 +96,13 @@ impl Solid {
 
 /// The integrals over the whole of a sphere or torus: `∬ p · n = 3 V`, `∬ p_k² n_k = 2 V c_k` for its centre
 /// c.
-fn whole(surface: &Surface, origin: [f64; 3]) -> [f64; 5] {
+fn whole(surface: &FaceSurface, origin: [f64; 3]) -> [f64; 5] {
     let (area, volume, center) = match *surface {
-        Surface::Sphere { center, radius, .. } => {
+        FaceSurface::Sphere { center, radius, .. } => {
             let area = 4.0 * PI * radius * radius;
             (area, area * radius / 3.0, center)
         }
-        Surface::Torus { center, major, minor, .. } => {
+        FaceSurface::Torus { center, major, minor, .. } => {
             let volume = 2.0 * PI * PI * major * minor * minor;
             (2.0 * volume / minor, volume, center)
         }
@@ -113,16 +113,20 @@ fn whole(surface: &Surface, origin: [f64; 3]) -> [f64; 5] {
 }
 
 /// The centre, the axis, the distance from the axis at v = 0 and what v counts in.
-fn frame(surface: &Surface) -> ([f64; 3], [f64; 3]) {
+fn frame(surface: &FaceSurface) -> ([f64; 3], [f64; 3]) {
     match surface {
-        Surface::Plane { origin, normal, .. } => (*origin, *normal),
-        Surface::Cylinder { origin, axis, .. } | Surface::Cone { origin, axis, .. } => (*origin, *axis),
-        Surface::Sphere { center, axis, .. } | Surface::Torus { center, axis, .. } => (*center, *axis),
+        FaceSurface::Plane { origin, normal, .. } => (*origin, *normal),
+        FaceSurface::Cylinder { origin, axis, .. } | FaceSurface::Cone { origin, axis, .. } => {
+            (*origin, *axis)
+        }
+        FaceSurface::Sphere { center, axis, .. } | FaceSurface::Torus { center, axis, .. } => {
+            (*center, *axis)
+        }
     }
 }
 
 /// The change of both parameters along a derivative.
-fn derivatives(surface: &Surface, p: [f64; 3], d: [f64; 3]) -> [f64; 2] {
+fn derivatives(surface: &FaceSurface, p: [f64; 3], d: [f64; 3]) -> [f64; 2] {
     let (center, axis) = frame(surface);
     let from = sub(p, center);
     let across = super::along(from, -dot(from, axis), axis);
@@ -132,27 +136,27 @@ fn derivatives(surface: &Surface, p: [f64; 3], d: [f64; 3]) -> [f64; 2] {
     let v = surface.parameters(p)[1];
     let along_v = |radius: f64| (dot(d, axis) * v.cos() - dot(d, out) * v.sin()) / radius;
     let dv = match surface {
-        Surface::Sphere { radius, .. } => along_v(*radius),
-        Surface::Torus { minor, .. } => along_v(*minor),
+        FaceSurface::Sphere { radius, .. } => along_v(*radius),
+        FaceSurface::Torus { minor, .. } => along_v(*minor),
         _ => dot(d, axis),
     };
     [du, dv]
 }
 
 /// The area element over du dv.
-fn element(surface: &Surface, v: f64) -> f64 {
+fn element(surface: &FaceSurface, v: f64) -> f64 {
     match surface {
-        Surface::Cone { radius, half_angle_rad, .. } => {
+        FaceSurface::Cone { radius, half_angle_rad, .. } => {
             (radius + v * half_angle_rad.tan()) / half_angle_rad.cos()
         }
-        Surface::Sphere { radius, .. } => radius * radius * v.cos(),
-        Surface::Torus { major, minor, .. } => minor * (major + minor * v.cos()),
+        FaceSurface::Sphere { radius, .. } => radius * radius * v.cos(),
+        FaceSurface::Torus { major, minor, .. } => minor * (major + minor * v.cos()),
         _ => 1.0,
     }
 }
 
 /// The integrands at parameters, with the area element.
-fn integrands(surface: &Surface, at: [f64; 2], origin: [f64; 3]) -> [f64; 5] {
+fn integrands(surface: &FaceSurface, at: [f64; 2], origin: [f64; 3]) -> [f64; 5] {
     let p = surface.point(at);
     let n = surface.normal(p);
     let q = sub(p, origin);
@@ -161,7 +165,7 @@ fn integrands(surface: &Surface, at: [f64; 2], origin: [f64; 3]) -> [f64; 5] {
     [area, area * dot(q, n), moment(0), moment(1), moment(2)]
 }
 
-fn integrated(surface: &Surface, nodes: &[Node], base: Base, origin: [f64; 3]) -> [f64; 5] {
+fn integrated(surface: &FaceSurface, nodes: &[Node], base: Base, origin: [f64; 3]) -> [f64; 5] {
     let lifted = |value: f64, cut: f64| cut + (value - cut).rem_euclid(TAU);
     let mut sum = [0.0; 5];
     for node in nodes {
@@ -172,7 +176,7 @@ fn integrated(surface: &Surface, nodes: &[Node], base: Base, origin: [f64; 3]) -
             Base::CutU(cut) => (cut, lifted(u, cut), node.derivatives[1]),
         };
         let pieces = match surface {
-            Surface::Cone { .. } => 1,
+            FaceSurface::Cone { .. } => 1,
             _ => ((to - from).abs() / (PI / 6.0)).ceil().max(1.0) as usize,
         };
         let half = (to - from) / pieces as f64 / 2.0;
@@ -194,18 +198,15 @@ fn integrated(surface: &Surface, nodes: &[Node], base: Base, origin: [f64; 3]) -
 /// The middles of stretches of an angle that no node lies in, the widest first.
 fn gaps(nodes: &[Node], which: usize) -> Vec<f64> {
     /// Between neighbouring nodes of an edge there is less.
-    const LEAST: f64 = 0.06;
+    const MIN: f64 = 0.06;
     let mut values: Vec<f64> = nodes.iter().map(|n| n.parameters[which].rem_euclid(TAU)).collect();
     values.sort_by(f64::total_cmp);
     let Some(first) = values.first().copied() else {
         return Vec::new();
     };
     values.push(first + TAU);
-    let mut found: Vec<(f64, f64)> = values
-        .windows(2)
-        .filter(|v| v[1] - v[0] > LEAST)
-        .map(|v| (v[1] - v[0], (v[0] + v[1]) / 2.0))
-        .collect();
+    let mut found: Vec<(f64, f64)> =
+        values.windows(2).filter(|v| v[1] - v[0] > MIN).map(|v| (v[1] - v[0], (v[0] + v[1]) / 2.0)).collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     found.into_iter().map(|f| f.1).collect()
 }

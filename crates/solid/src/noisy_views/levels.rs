@@ -23,7 +23,7 @@ pub(super) struct SpacePlace {
 
 /// A coordinate along an axis of space, with everything that lies on it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Level {
+pub struct AxisCoordinate {
     /// Its value.
     pub value: f64,
     /// Its standard deviation.
@@ -52,7 +52,7 @@ pub struct SpaceMatch {
 }
 
 /// Two coordinates are one where what imposed left of their difference is this share of what it was.
-const ONE: f64 = 1e-6;
+const MERGED_SHARE: f64 = 1e-6;
 
 /// Every coordinate that corners and circles of the views reach.
 pub(super) fn places(views: &[NoisyView], offsets: &[Offset], drawing: &Drawing) -> Result<Vec<SpacePlace>> {
@@ -188,7 +188,7 @@ fn is_one(a: Place, b: Place, state: &Constrained, x: &[f64]) -> bool {
     let together = sigma(&Constraint::Aligned { a, b }, &state.drawing, &state.covariance);
     let each = [a, b].map(|place| place_sigma(place, state));
     apart <= 1e-8 * state.drawing.extent()
-        && together <= ONE * each[0].max(each[1]).max(ONE * state.drawing.extent())
+        && together <= MERGED_SHARE * each[0].max(each[1]).max(MERGED_SHARE * state.drawing.extent())
 }
 
 /// σ of a coordinate.
@@ -200,12 +200,12 @@ fn place_sigma(place: Place, state: &Constrained) -> f64 {
 }
 
 /// The levels of each axis, ascending.
-pub(super) fn levels(places: &[SpacePlace], state: &Constrained) -> [Vec<Level>; 3] {
+pub(super) fn levels(places: &[SpacePlace], state: &Constrained) -> [Vec<AxisCoordinate>; 3] {
     let values = state.drawing.values();
-    let mut levels: [Vec<Level>; 3] = Default::default();
+    let mut levels: [Vec<AxisCoordinate>; 3] = Default::default();
     for group in groups(places, state) {
         let first = &places[group[0]];
-        levels[first.axis].push(Level {
+        levels[first.axis].push(AxisCoordinate {
             value: first.place.value(&state.drawing, values.as_slice()),
             sigma: place_sigma(first.place, state),
             places: group.iter().map(|&i| places[i].place).collect(),

@@ -2,7 +2,7 @@
 //! of those.
 
 use super::ConsistentViews;
-use crate::brep::{Curve, Solid};
+use crate::brep::{EdgeCurve, Solid};
 use planish_contour::constraint::Place;
 use planish_estimate::vector3::norm;
 use serde::Serialize;
@@ -46,7 +46,7 @@ pub struct SpaceDimension {
 }
 
 /// Coordinates of a solid's vertices are those of the views within this share of the extent.
-const SAME: f64 = 1e-6;
+const COINCIDENT: f64 = 1e-6;
 
 /// A linear function of the parameters.
 type Gradient = Vec<(usize, f64)>;
@@ -92,8 +92,8 @@ impl ConsistentViews {
         }
         for edge in &solid.edges {
             match &edge.curve {
-                Curve::Line { .. } => found.push(self.length(solid, edge.start, edge.end)),
-                Curve::Ellipse { center, a, b } if (norm(*a) - norm(*b)).abs() <= self.same() => {
+                EdgeCurve::Line { .. } => found.push(self.length(solid, edge.start, edge.end)),
+                EdgeCurve::Ellipse { center, a, b } if (norm(*a) - norm(*b)).abs() <= self.same() => {
                     let radius = norm(*a);
                     let known = found.iter().any(|d: &SpaceDimension| {
                         d.kind == DimensionKind::Diameter && (d.value - 2.0 * radius).abs() <= self.same()
@@ -155,7 +155,7 @@ impl ConsistentViews {
     fn coordinates(&self, position: [f64; 3]) -> [Option<&Vec<Place>>; 3] {
         std::array::from_fn(|axis| {
             let near = self.levels[axis].iter().min_by(|a, b| {
-                let off = |level: &super::Level| (level.value - position[axis]).abs();
+                let off = |level: &super::AxisCoordinate| (level.value - position[axis]).abs();
                 off(a).total_cmp(&off(b))
             });
             near.filter(|level| (level.value - position[axis]).abs() <= self.same())
@@ -164,7 +164,7 @@ impl ConsistentViews {
     }
 
     fn same(&self) -> f64 {
-        SAME * self.drawing.extent()
+        COINCIDENT * self.drawing.extent()
     }
 
     fn terms(&self, place: Place) -> Gradient {

@@ -11,7 +11,7 @@ const PLACES: usize = 4;
 
 /// A curve in space.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Curve {
+pub enum ParametricCurve {
     /// `origin + t along`.
     Line {
         /// The point of parameter 0.
@@ -50,7 +50,7 @@ pub enum Curve {
     Spline(SplineCurve),
 }
 
-impl Curve {
+impl ParametricCurve {
     /// The point of a parameter.
     #[must_use]
     pub fn point(&self, t: f64) -> [f64; 3] {
@@ -274,7 +274,7 @@ mod tests {
     use super::*;
     use planish_estimate::vector3::distance;
 
-    fn wave() -> Curve {
+    fn wave() -> ParametricCurve {
         let poles: Vec<[f64; 3]> = (0..12)
             .map(|k| {
                 let t = f64::from(k) / 11.0 * TAU;
@@ -282,16 +282,16 @@ mod tests {
             })
             .collect();
         let knots: Vec<f64> = [0.0; 3].into_iter().chain((0..=9).map(f64::from)).chain([9.0; 3]).collect();
-        Curve::Spline(SplineCurve::try_new(3, knots, &poles, None).unwrap())
+        ParametricCurve::Spline(SplineCurve::try_new(3, knots, &poles, None).unwrap())
     }
 
     #[test]
     fn nearest_parameters_of_points_beside_the_curve_are_theirs() {
         let shapes = [
-            Curve::Line { origin: [1.0, 2.0, 3.0], along: [0.5, -2.0, 0.25] },
-            Curve::Ellipse { center: [1.0, 0.0, 0.0], a: [3.0, 0.0, 0.0], b: [0.0, 0.0, 2.0] },
-            Curve::Hyperbola { center: [0.0; 3], a: [1.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] },
-            Curve::Parabola { vertex: [0.0; 3], a: [1.0, 0.0, 0.0], b: [0.0, 1.0, 0.0] },
+            ParametricCurve::Line { origin: [1.0, 2.0, 3.0], along: [0.5, -2.0, 0.25] },
+            ParametricCurve::Ellipse { center: [1.0, 0.0, 0.0], a: [3.0, 0.0, 0.0], b: [0.0, 0.0, 2.0] },
+            ParametricCurve::Hyperbola { center: [0.0; 3], a: [1.0, 0.0, 0.0], b: [0.0, 2.0, 0.0] },
+            ParametricCurve::Parabola { vertex: [0.0; 3], a: [1.0, 0.0, 0.0], b: [0.0, 1.0, 0.0] },
             wave(),
         ];
         for curve in shapes {

@@ -8,7 +8,7 @@ use planish_estimate::{Error, Result};
 /// A point this near to a pole, of its loop's size, is it.
 const AT_POLE: f64 = 1e-6;
 /// Edges may be off the surface by this much of their loop's size.
-const MOST_OFF: f64 = 1e-3;
+const MAX_OFF: f64 = 1e-3;
 
 /// A loop of vertices, the face to its left along the surface's normal.
 #[derive(Debug, Clone)]
@@ -111,9 +111,9 @@ impl Lifter<'_> {
     }
 
     fn foot(&mut self, p: [f64; 3], guess: Option<[f64; 2]>, size: f64) -> Result<[f64; 2]> {
-        let at = self.feet.of(p, guess, self.close);
+        let at = self.feet.foot(p, guess, self.close);
         let off = distance(p, self.feet.surface().point(at));
-        match off <= (MOST_OFF * size).max(100.0 * self.close) {
+        match off <= (MAX_OFF * size).max(100.0 * self.close) {
             true => Ok(at),
             false => Err(Error::unsupported(format!("a loop of it is {off:.3e} off its surface"))),
         }

@@ -3,14 +3,14 @@
 use super::lifted::Ring;
 use super::outline::Outliner;
 use super::seeds::seeds;
-use super::{Curve, Edge, Face, Fineness, Shape};
+use super::{Fineness, ParametricCurve, ParametricEdge, ParametricFace, ParametricShape};
 use crate::tessellation::fill::Filling;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// A face that needs more points than this is left out.
-const MOST_POINTS: usize = 2_000_000;
+const MAX_POINTS: usize = 2_000_000;
 /// How often edges of a face that cannot be filled are cut finer.
 const TRIES: u8 = 3;
 
@@ -27,7 +27,7 @@ pub struct Part {
 
 /// A face without triangles.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LeftOut {
+pub struct SkippedFace {
     /// The face's index.
     pub face: usize,
     /// Why, for people.
@@ -40,7 +40,7 @@ pub struct Meshed {
     /// Faces that share edges, in the order of their first face.
     pub parts: Vec<Part>,
     /// Faces that could not be filled.
-    pub left_out: Vec<LeftOut>,
+    pub left_out: Vec<SkippedFace>,
 }
 
 /// Numbers of a face's own points begin here, those of edges' points at 0.
@@ -60,7 +60,7 @@ struct EdgePoints {
 }
 
 impl EdgePoints {
-    fn cut(&mut self, shape: &Shape, index: usize, fineness: &Fineness) {
+    fn cut(&mut self, shape: &ParametricShape, index: usize, fineness: &Fineness) {
         let edge = &shape.edges[index];
         let mut points = vec![edge.ends[0] as u32];
         let inner = inner_points(shape, edge, fineness);
@@ -114,10 +114,10 @@ impl EdgePoints {
 }
 
 /// Points of an edge between its ends, as it runs.
-fn inner_points(shape: &Shape, edge: &Edge, fineness: &Fineness) -> Vec<[f64; 3]> {
+fn inner_points(shape: &ParametricShape, edge: &ParametricEdge, fineness: &Fineness) -> Vec<[f64; 3]> {
     let [a, b] = edge.ends.map(|v| shape.vertices[v]);
     let is_closed = edge.ends[0] == edge.ends[1];
-    if is_closed && matches!(edge.curve, Curve::Line { .. }) {
+    if is_closed && matches!(edge.curve, ParametricCurve::Line { .. }) {
         return Vec::new();
     }
     let range = edge.curve.range(if edge.is_forward { [a, b] } else { [b, a] }, is_closed);
@@ -129,7 +129,7 @@ fn inner_points(shape: &Shape, edge: &Edge, fineness: &Fineness) -> Vec<[f64; 3]
     points
 }
 
-impl Shape {
+impl ParametricShape {
     /// Triangles of every face that can be filled.
     ///
     /// # Errors
@@ -195,7 +195,7 @@ impl Shape {
     }
 
     /// The triangles of one face.
-    fn fill(&self, face: &Face, points: &EdgePoints, fineness: &Fineness) -> Result<Filled> {
+    fn fill(&self, face: &ParametricFace, points: &EdgePoints, fineness: &Fineness) -> Result<Filled> {
         let mut rings: Vec<Ring> = face
             .loops
             .iter()
@@ -219,7 +219,7 @@ impl Shape {
         }
         let mut positions: Vec<[f64; 3]> = global.iter().map(|v| points.positions[*v as usize]).collect();
         let outline = Outliner::new(face, &mut positions, *fineness).outline(&rings)?;
-        let inner = seeds(&face.surface, &outline, fineness, MOST_POINTS, &mut positions)?;
+        let inner = seeds(&face.surface, &outline, fineness, MAX_POINTS, &mut positions)?;
         let steps = outline.steps;
         let filling = Filling {
             polygons: &outline.polygons,
@@ -227,7 +227,7 @@ impl Shape {
             on_surface: &|at| face.surface.point([at[0] / steps[0], at[1] / steps[1]]),
             is_flat: face.surface.is_plane(),
             tolerance: fineness.chord,
-            most_points: MOST_POINTS,
+            most_points: MAX_POINTS,
         };
         let mut triangles = filling.triangles(&mut positions)?;
         // At a pole some have two corners in it.
@@ -258,7 +258,7 @@ impl Shape {
                 Some(Ok(filled)) => Some(filled),
                 Some(Err(e)) => {
                     let reason = e.to_string();
-                    meshed.left_out.push(LeftOut { face, reason });
+                    meshed.left_out.push(SkippedFace { face, reason });
                     None
                 }
                 None => None,

@@ -5,8 +5,8 @@
 //! holds a pole, or all of a closed surface, loops are made for it.
 
 use super::lifted::{Lifted, Lifter, Ring};
-use super::surface::{Feet, Surface};
-use super::{Face, Fineness};
+use super::surface::{Feet, ParametricSurface};
+use super::{Fineness, ParametricFace};
 use crate::tessellation::polygon::{
     Corner, contains, part_touching, segments_cross, shift_into_outer, signed_area,
 };
@@ -16,7 +16,7 @@ use planish_estimate::{Error, Result};
 /// Corners of the loop that stands for a pole.
 const AROUND_POLE: usize = 24;
 /// Most sides of a line of one parameter.
-const MOST_SIDES: usize = 4096;
+const MAX_SIDES: usize = 4096;
 
 /// The polygons of a face.
 pub(super) struct Outline {
@@ -28,14 +28,18 @@ pub(super) struct Outline {
 
 /// Makes the polygons of a face. Points that are added come last among the positions.
 pub(super) struct Outliner<'a> {
-    surface: &'a Surface,
+    surface: &'a ParametricSurface,
     lifter: Lifter<'a>,
     fineness: Fineness,
     positions: &'a mut Vec<[f64; 3]>,
 }
 
 impl<'a> Outliner<'a> {
-    pub(super) fn new(face: &'a Face, positions: &'a mut Vec<[f64; 3]>, fineness: Fineness) -> Self {
+    pub(super) fn new(
+        face: &'a ParametricFace,
+        positions: &'a mut Vec<[f64; 3]>,
+        fineness: Fineness,
+    ) -> Self {
         let surface = &face.surface;
         let lifter = Lifter {
             feet: Feet::new(surface),
@@ -322,7 +326,7 @@ impl<'a> Outliner<'a> {
     fn pieces(&self, from: [f64; 2], to: [f64; 2], least: usize) -> usize {
         let point = |share: f64| self.surface.point([0, 1].map(|c| from[c] + share * (to[c] - from[c])));
         let mut n = least;
-        while n < MOST_SIDES {
+        while n < MAX_SIDES {
             let is_fine = (0..n).all(|i| {
                 let [a, m, b] = [0.0, 0.5, 1.0].map(|h| point((i as f64 + h) / n as f64));
                 let flat = [0, 1, 2].map(|c| 0.5 * (a[c] + b[c]));

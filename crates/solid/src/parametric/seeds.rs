@@ -1,7 +1,7 @@
 //! Points within a face: a lattice of parameters as dense as curvature and the longest side ask for.
 
 use super::outline::{Outline, is_in};
-use super::{Fineness, Surface};
+use super::{Fineness, ParametricSurface};
 use crate::tessellation::polygon::Corner;
 use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};
@@ -18,7 +18,7 @@ const SHARE: f64 = 0.75;
 /// # Errors
 /// `Unsupported` where that would be more than `most`.
 pub(super) fn seeds(
-    surface: &Surface,
+    surface: &ParametricSurface,
     outline: &Outline,
     fineness: &Fineness,
     most: usize,
@@ -66,7 +66,13 @@ fn bounds(polygons: &[Vec<Corner>]) -> [[f64; 2]; 2] {
 }
 
 /// How far lattice lines may be apart, in lengths: a chord of h misses by |S''| h²/8.
-fn spacings(surface: &Surface, lo: [f64; 2], hi: [f64; 2], steps: [f64; 2], fineness: &Fineness) -> [f64; 2] {
+fn spacings(
+    surface: &ParametricSurface,
+    lo: [f64; 2],
+    hi: [f64; 2],
+    steps: [f64; 2],
+    fineness: &Fineness,
+) -> [f64; 2] {
     [0, 1].map(|c| {
         let width = hi[c] - lo[c];
         let mut allowed = fineness.longest.min(width);

@@ -11,7 +11,7 @@ use planish_estimate::vector3::distance;
 use planish_estimate::{Error, Result};
 
 /// Higher degrees are refused.
-pub const MOST_DEGREE: usize = 25;
+pub const MAX_DEGREE: usize = 25;
 
 /// Ends that are this near, of the size, are one point.
 const CLOSED: f64 = 1e-7;
@@ -19,8 +19,8 @@ const CLOSED: f64 = 1e-7;
 /// The functions that are not zero on a span, and their derivatives.
 struct Basis {
     first: usize,
-    value: [f64; MOST_DEGREE + 1],
-    slope: [f64; MOST_DEGREE + 1],
+    value: [f64; MAX_DEGREE + 1],
+    slope: [f64; MAX_DEGREE + 1],
 }
 
 /// Degree and knots of one direction.
@@ -35,8 +35,8 @@ struct Knots {
 
 impl Knots {
     fn try_new(degree: usize, at: Vec<f64>, n: usize) -> Result<Self> {
-        if !(1..=MOST_DEGREE).contains(&degree) {
-            return Err(Error::input(format!("needed a degree from 1 to {MOST_DEGREE}, found {degree}")));
+        if !(1..=MAX_DEGREE).contains(&degree) {
+            return Err(Error::input(format!("needed a degree from 1 to {MAX_DEGREE}, found {degree}")));
         }
         if n <= degree || at.len() != n + degree + 1 {
             return Err(Error::input(format!(
@@ -83,8 +83,8 @@ impl Knots {
         while span > p && k[span] >= k[span + 1] {
             span -= 1;
         }
-        let mut value = [0.0; MOST_DEGREE + 1];
-        let mut lower = [0.0; MOST_DEGREE + 1];
+        let mut value = [0.0; MAX_DEGREE + 1];
+        let mut lower = [0.0; MAX_DEGREE + 1];
         value[0] = 1.0;
         for d in 1..=p {
             if d == p {
@@ -99,7 +99,7 @@ impl Knots {
             }
             value[d] = saved;
         }
-        let mut slope = [0.0; MOST_DEGREE + 1];
+        let mut slope = [0.0; MAX_DEGREE + 1];
         for r in 0..=p {
             let i = span + r - p;
             let part = |n: f64, width: f64| if width > 0.0 { p as f64 * n / width } else { 0.0 };

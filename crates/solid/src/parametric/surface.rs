@@ -1,6 +1,6 @@
 //! Surfaces of faces: elementary ones, B-splines, and what a curve sweeps.
 
-use super::{Curve, SplineSurface};
+use super::{ParametricCurve, SplineSurface};
 use crate::brep;
 use planish_estimate::vector3::{add_scaled, cross, distance, dot, norm, scale, sub, unit};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -8,26 +8,26 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 /// Sides of a spline that are this near, of its size, are one curve, or one point.
 const CLOSED: f64 = 1e-7;
 /// Most places along u and along v among which the nearest point of a spline is looked for.
-const MOST_PLACES: usize = 160;
+const MAX_PLACES: usize = 160;
 
 /// A surface with two parameters.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Surface {
+pub enum ParametricSurface {
     /// A plane, cylinder, cone, sphere or torus.
-    Elementary(brep::Surface),
+    Elementary(brep::FaceSurface),
     /// A rational B-spline.
     Spline(Box<SplineSurface>),
     /// `C(u) + v along`: a curve that is moved along a line.
     Extrusion {
         /// The curve.
-        curve: Curve,
+        curve: ParametricCurve,
         /// The derivative along v.
         along: [f64; 3],
     },
     /// `C(v)` turned by the angle u about an axis.
     Revolution {
         /// The curve.
-        curve: Curve,
+        curve: ParametricCurve,
         /// A point of the axis.
         origin: [f64; 3],
         /// The axis, of unit length.
@@ -36,7 +36,7 @@ pub enum Surface {
     /// `S(u, v) + distance n(u, v)`.
     Offset {
         /// The surface beside which it runs.
-        base: Box<Surface>,
+        base: Box<ParametricSurface>,
         /// How far, on the side of its normal.
         distance: f64,
     },
@@ -68,7 +68,7 @@ fn angle_between(from: [f64; 3], to: [f64; 3], axis: [f64; 3]) -> f64 {
     dot(cross(a, b), axis).atan2(dot(a, b))
 }
 
-impl Surface {
+impl ParametricSurface {
     /// The point of parameters.
     #[must_use]
     pub fn point(&self, [u, v]: [f64; 2]) -> [f64; 3] {
@@ -147,16 +147,16 @@ impl Surface {
     /// The range of each parameter, where it has one of its own.
     #[must_use]
     pub fn domain(&self) -> [Option<[f64; 2]>; 2] {
-        let of = |curve: &Curve| match curve {
-            Curve::Spline(spline) => Some(spline.domain()),
-            Curve::Ellipse { .. } => Some(curve.domain()),
+        let of = |curve: &ParametricCurve| match curve {
+            ParametricCurve::Spline(spline) => Some(spline.domain()),
+            ParametricCurve::Ellipse { .. } => Some(curve.domain()),
             _ => None,
         };
         match self {
             Self::Elementary(surface) => match surface {
-                brep::Surface::Plane { .. } => [None, None],
-                brep::Surface::Sphere { .. } => [Some([0.0, TAU]), Some([-FRAC_PI_2, FRAC_PI_2])],
-                brep::Surface::Torus { .. } => [Some([0.0, TAU]), Some([0.0, TAU])],
+                brep::FaceSurface::Plane { .. } => [None, None],
+                brep::FaceSurface::Sphere { .. } => [Some([0.0, TAU]), Some([-FRAC_PI_2, FRAC_PI_2])],
+                brep::FaceSurface::Torus { .. } => [Some([0.0, TAU]), Some([0.0, TAU])],
                 _ => [Some([0.0, TAU]), None],
             },
             Self::Spline(spline) => spline.domain().map(Some),
@@ -176,10 +176,10 @@ impl Surface {
             Pole { constant, value, is_low, point: self.point(at) }
         };
         match self {
-            Self::Elementary(brep::Surface::Sphere { .. }) => {
+            Self::Elementary(brep::FaceSurface::Sphere { .. }) => {
                 vec![pole(1, -FRAC_PI_2, true), pole(1, FRAC_PI_2, false)]
             }
-            Self::Elementary(surface @ brep::Surface::Cone { .. }) => {
+            Self::Elementary(surface @ brep::FaceSurface::Cone { .. }) => {
                 vec![pole(1, surface.range_v()[0], true)]
             }
             Self::Elementary(_) | Self::Extrusion { .. } => Vec::new(),
@@ -188,7 +188,7 @@ impl Surface {
                 base.poles().into_iter().map(|p| pole(p.constant, p.value, p.is_low)).collect()
             }
             Self::Revolution { curve, origin, axis } => {
-                let Curve::Spline(spline) = curve else {
+                let ParametricCurve::Spline(spline) = curve else {
                     // Circles that reach their axis are not asked where.
                     return Vec::new();
                 };
@@ -251,7 +251,7 @@ impl Surface {
 
     /// Whether straight lines of parameters are straight and equally far: a plane.
     pub(super) fn is_plane(&self) -> bool {
-        matches!(self, Self::Elementary(brep::Surface::Plane { .. }))
+        matches!(self, Self::Elementary(brep::FaceSurface::Plane { .. }))
     }
 
     /// Parameters along one of them at which pieces meet, within its domain.
@@ -269,37 +269,37 @@ impl Surface {
 
 /// A surface that is asked for the parameters of many points.
 pub(super) struct Feet<'a> {
-    surface: &'a Surface,
+    surface: &'a ParametricSurface,
     periods: [Option<f64>; 2],
     /// Places of a spline: parameters and points.
     places: Vec<([f64; 2], [f64; 3])>,
 }
 
 impl<'a> Feet<'a> {
-    pub(super) fn surface(&self) -> &Surface {
+    pub(super) fn surface(&self) -> &ParametricSurface {
         self.surface
     }
 
-    pub(super) fn new(surface: &'a Surface) -> Self {
+    pub(super) fn new(surface: &'a ParametricSurface) -> Self {
         Self { surface, periods: surface.periods(), places: Vec::new() }
     }
 
     /// The parameters of the point nearest to `p`; near `guess` where that is good within `close`.
-    pub(super) fn of(&mut self, p: [f64; 3], guess: Option<[f64; 2]>, close: f64) -> [f64; 2] {
+    pub(super) fn foot(&mut self, p: [f64; 3], guess: Option<[f64; 2]>, close: f64) -> [f64; 2] {
         let mut base = self.surface;
-        while let Surface::Offset { base: inner, .. } = base {
+        while let ParametricSurface::Offset { base: inner, .. } = base {
             base = inner;
         }
         match base {
-            Surface::Elementary(surface) => elementary(surface, p),
-            Surface::Extrusion { curve, along } => {
+            ParametricSurface::Elementary(surface) => elementary(surface, p),
+            ParametricSurface::Extrusion { curve, along } => {
                 let n = unit(*along).unwrap_or([0.0, 0.0, 1.0]);
                 let across = |d: [f64; 3]| add_scaled(d, -dot(d, n), n);
                 let u = curve.nearest(&|q| across(sub(q, p)), &across, guess.map(|g| g[0]));
                 let v = dot(sub(p, curve.point(u)), *along) / dot(*along, *along).max(f64::MIN_POSITIVE);
                 [u, v]
             }
-            Surface::Revolution { curve, origin, axis } => {
+            ParametricSurface::Revolution { curve, origin, axis } => {
                 let place = |q: [f64; 3]| {
                     let d = sub(q, *origin);
                     let h = dot(d, *axis);
@@ -314,11 +314,19 @@ impl<'a> Feet<'a> {
                 let u = angle_between(sub(curve.point(v), *origin), sub(p, *origin), *axis);
                 [u, v]
             }
-            Surface::Spline(_) | Surface::Offset { .. } => self.on_spline(base, p, guess, close),
+            ParametricSurface::Spline(_) | ParametricSurface::Offset { .. } => {
+                self.on_spline(base, p, guess, close)
+            }
         }
     }
 
-    fn on_spline(&mut self, surface: &Surface, p: [f64; 3], guess: Option<[f64; 2]>, close: f64) -> [f64; 2] {
+    fn on_spline(
+        &mut self,
+        surface: &ParametricSurface,
+        p: [f64; 3],
+        guess: Option<[f64; 2]>,
+        close: f64,
+    ) -> [f64; 2] {
         let near = guess.map(|g| foot(surface, p, g, &self.periods));
         if let Some((off, at)) = near
             && off <= close
@@ -342,11 +350,11 @@ impl<'a> Feet<'a> {
 
 /// Parameters of a point on an elementary surface, on the other side of the axis where the surface has
 /// crossed it: beyond the tip of a cone, and inside a torus whose tube is wider than its ring.
-fn elementary(surface: &brep::Surface, p: [f64; 3]) -> [f64; 2] {
+fn elementary(surface: &brep::FaceSurface, p: [f64; 3]) -> [f64; 2] {
     let [u, v] = surface.parameters(p);
     let beyond = match *surface {
-        brep::Surface::Cone { .. } => (v < surface.range_v()[0]).then_some([u + PI, v]),
-        brep::Surface::Torus { center, axis, major, minor, .. } if minor > major => {
+        brep::FaceSurface::Cone { .. } => (v < surface.range_v()[0]).then_some([u + PI, v]),
+        brep::FaceSurface::Torus { center, axis, major, minor, .. } if minor > major => {
             let d = sub(p, center);
             let h = dot(d, axis);
             let across = norm(add_scaled(d, -h, axis));
@@ -360,11 +368,11 @@ fn elementary(surface: &brep::Surface, p: [f64; 3]) -> [f64; 2] {
 
 /// The parameter of a curve that is turned about an axis: of a line in closed form by its height or its
 /// radius, of others by the shortest residual.
-fn on_profile(curve: &Curve, residual: &dyn Fn([f64; 3]) -> [f64; 3], guess: Option<f64>) -> f64 {
+fn on_profile(curve: &ParametricCurve, residual: &dyn Fn([f64; 3]) -> [f64; 3], guess: Option<f64>) -> f64 {
     // Derivatives of radius and height by differences.
     let mut best = (f64::MAX, 0.0);
     let ends = match curve {
-        Curve::Line { .. } => {
+        ParametricCurve::Line { .. } => {
             // Residuals change at most linearly: Newton's steps from two sides find both places of equal
             // radius.
             vec![guess.unwrap_or(0.0), -1.0, 1.0]
@@ -382,7 +390,7 @@ fn on_profile(curve: &Curve, residual: &dyn Fn([f64; 3]) -> [f64; 3], guess: Opt
     let mut order: Vec<(f64, f64)> = ends.into_iter().map(|t| (square(t), t)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [lo, hi] = match (curve, curve.period()) {
-        (Curve::Spline(spline), None) => spline.domain(),
+        (ParametricCurve::Spline(spline), None) => spline.domain(),
         _ => [f64::NEG_INFINITY, f64::INFINITY],
     };
     for (_, start) in order.into_iter().take(4) {
@@ -420,15 +428,15 @@ fn on_profile(curve: &Curve, residual: &dyn Fn([f64; 3]) -> [f64; 3], guess: Opt
 }
 
 /// Places all over a spline.
-fn places(surface: &Surface) -> Vec<([f64; 2], [f64; 3])> {
-    let Surface::Spline(spline) = surface else {
+fn places(surface: &ParametricSurface) -> Vec<([f64; 2], [f64; 3])> {
+    let ParametricSurface::Spline(spline) = surface else {
         return Vec::new();
     };
     let lines = [0, 1].map(|k| {
         let breaks = spline.breaks(k);
         let wanted = (breaks.len() - 1) * 2 * spline.degrees()[k];
         let [lo, hi] = spline.domain()[k];
-        let n = wanted.clamp(4, MOST_PLACES);
+        let n = wanted.clamp(4, MAX_PLACES);
         (0..=n).map(|i| lo + (hi - lo) * i as f64 / n as f64).collect::<Vec<f64>>()
     });
     let mut found = Vec::with_capacity(lines[0].len() * lines[1].len());
@@ -441,7 +449,12 @@ fn places(surface: &Surface) -> Vec<([f64; 2], [f64; 3])> {
 }
 
 /// The foot of a point near parameters, by damped Gauss–Newton steps: its distance and its parameters.
-fn foot(surface: &Surface, p: [f64; 3], start: [f64; 2], periods: &[Option<f64>; 2]) -> (f64, [f64; 2]) {
+fn foot(
+    surface: &ParametricSurface,
+    p: [f64; 3],
+    start: [f64; 2],
+    periods: &[Option<f64>; 2],
+) -> (f64, [f64; 2]) {
     let domain = surface.domain();
     let inside = |at: [f64; 2]| {
         [0, 1].map(|k| match (periods[k], domain[k]) {

@@ -5,12 +5,12 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 const FINE: Fineness = Fineness { chord: 1e-3, longest: f64::INFINITY };
 
-fn elementary(surface: crate::brep::Surface) -> Surface {
-    Surface::Elementary(surface)
+fn elementary(surface: crate::brep::FaceSurface) -> ParametricSurface {
+    ParametricSurface::Elementary(surface)
 }
 
-fn sphere() -> Surface {
-    elementary(crate::brep::Surface::Sphere {
+fn sphere() -> ParametricSurface {
+    elementary(crate::brep::FaceSurface::Sphere {
         center: [1.0, 2.0, 3.0],
         axis: [0.0, 0.0, 1.0],
         x: [1.0, 0.0, 0.0],
@@ -18,8 +18,8 @@ fn sphere() -> Surface {
     })
 }
 
-fn torus() -> Surface {
-    elementary(crate::brep::Surface::Torus {
+fn torus() -> ParametricSurface {
+    elementary(crate::brep::FaceSurface::Torus {
         center: [0.0; 3],
         axis: [0.0, 0.0, 1.0],
         x: [1.0, 0.0, 0.0],
@@ -29,19 +29,23 @@ fn torus() -> Surface {
 }
 
 /// A circle about an axis, as a closed edge from where its parameter is 0.
-fn circle(shape: &mut Shape, center: [f64; 3], a: [f64; 3], b: [f64; 3]) -> usize {
+fn circle(shape: &mut ParametricShape, center: [f64; 3], a: [f64; 3], b: [f64; 3]) -> usize {
     shape.vertices.push(add_scaled(center, 1.0, a));
     let v = shape.vertices.len() - 1;
-    shape.edges.push(Edge { curve: Curve::Ellipse { center, a, b }, ends: [v, v], is_forward: true });
+    shape.edges.push(ParametricEdge {
+        curve: ParametricCurve::Ellipse { center, a, b },
+        ends: [v, v],
+        is_forward: true,
+    });
     shape.edges.len() - 1
 }
 
-fn face(surface: Surface, is_outward: bool, loops: Vec<Vec<(usize, bool)>>) -> Face {
-    Face { name: "face".to_owned(), surface, is_outward, loops }
+fn face(surface: ParametricSurface, is_outward: bool, loops: Vec<Vec<(usize, bool)>>) -> ParametricFace {
+    ParametricFace { name: "face".to_owned(), surface, is_outward, loops }
 }
 
 /// The one part of a shape, its area and what the check of its mesh says.
-fn meshed(shape: &Shape, fineness: &Fineness) -> (TriangleMesh, f64, planish_mesh::MeshCheck) {
+fn meshed(shape: &ParametricShape, fineness: &Fineness) -> (TriangleMesh, f64, planish_mesh::MeshCheck) {
     let made = shape.triangles(fineness).unwrap();
     assert!(made.left_out.is_empty(), "{:?}", made.left_out);
     assert_eq!(made.parts.len(), 1);
@@ -67,7 +71,7 @@ fn whole_spheres_and_tori_close_and_face_outwards() {
         [(sphere(), 16.0 * PI, 32.0 / 3.0 * PI), (torus(), 12.0 * PI * PI, 6.0 * PI * PI)]
     {
         for (outward, sign) in [(true, 1.0), (false, -1.0)] {
-            let mut shape = Shape::default();
+            let mut shape = ParametricShape::default();
             shape.faces.push(face(surface.clone(), outward, Vec::new()));
             let (mesh, found, check) = meshed(&shape, &FINE);
             assert!(check.watertight);
@@ -84,7 +88,7 @@ fn a_cap_holds_the_pole_that_its_loop_has_to_its_left() {
     for (is_outward, forward, is_upper) in
         [(true, true, true), (true, false, false), (false, true, false), (false, false, true)]
     {
-        let mut shape = Shape::default();
+        let mut shape = ParametricShape::default();
         let edge = circle(&mut shape, [1.0, 2.0, 3.0 + h], [r, 0.0, 0.0], [0.0, r, 0.0]);
         shape.faces.push(face(sphere(), is_outward, vec![vec![(edge, forward)]]));
         let (mesh, area, check) = meshed(&shape, &FINE);
@@ -105,7 +109,7 @@ fn a_ball_less_a_cap_beside_the_poles_is_all_but_the_cap() {
     // A cap of half an angle of 0.5 about the direction (1, 0, 0).
     let (cos, sin) = (0.5_f64.cos(), 0.5_f64.sin());
     for (forward, share) in [(false, 0.5 * (1.0 + cos)), (true, 0.5 * (1.0 - cos))] {
-        let mut shape = Shape::default();
+        let mut shape = ParametricShape::default();
         let center = [1.0 + 2.0 * cos, 2.0, 3.0];
         let edge = circle(&mut shape, center, [0.0, 2.0 * sin, 0.0], [0.0, 0.0, 2.0 * sin]);
         shape.faces.push(face(sphere(), true, vec![vec![(edge, forward)]]));
@@ -119,7 +123,7 @@ fn a_ball_less_a_cap_beside_the_poles_is_all_but_the_cap() {
 fn loops_choose_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
     // The outer and the inner half, between the circles of height ±1.
     for (up, area) in [(true, PI * (3.0 * PI + 2.0)), (false, PI * (3.0 * PI - 2.0))] {
-        let mut shape = Shape::default();
+        let mut shape = ParametricShape::default();
         let loops = [-1.0, 1.0]
             .map(|z| (circle(&mut shape, [0.0, 0.0, z], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]), (z < 0.0) == up))
             .map(|coedge| vec![coedge]);
@@ -129,7 +133,7 @@ fn loops_choose_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
     }
     // A loop around the tube twice: half of the ring.
     for (forward, third) in [(true, 1.0 / 3.0), (false, 2.0 / 3.0)] {
-        let mut shape = Shape::default();
+        let mut shape = ParametricShape::default();
         let mut ring = |angle: f64| {
             let out = [angle.cos(), angle.sin(), 0.0];
             circle(&mut shape, scale(3.0, out), out, [0.0, 0.0, 1.0])
@@ -145,15 +149,17 @@ fn loops_choose_the_band_of_a_torus_and_a_hole_leaves_the_rest() {
 
 #[test]
 fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
-    let cylinder = elementary(crate::brep::Surface::Cylinder {
+    let cylinder = elementary(crate::brep::FaceSurface::Cylinder {
         origin: [0.0; 3],
         axis: [0.0, 0.0, 1.0],
         x: [1.0, 0.0, 0.0],
         radius: 2.0,
     });
     for ways in [[true, false], [false, true], [true, true], [false, false]] {
-        let mut shape = Shape::default();
-        let at = |shape: &mut Shape, z: f64| circle(shape, [0.0, 0.0, z], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
+        let mut shape = ParametricShape::default();
+        let at = |shape: &mut ParametricShape, z: f64| {
+            circle(shape, [0.0, 0.0, z], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0])
+        };
         let loops = [at(&mut shape, 0.0), at(&mut shape, 5.0)];
         let loops = vec![vec![(loops[0], ways[0])], vec![(loops[1], ways[1])]];
         shape.faces.push(face(cylinder.clone(), true, loops));
@@ -164,7 +170,7 @@ fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
         assert!(dot(cross(sub(b, a), sub(c, a)), [a[0], a[1], 0.0]) > 0.0);
     }
     // One loop alone bounds nothing.
-    let mut shape = Shape::default();
+    let mut shape = ParametricShape::default();
     let edge = circle(&mut shape, [0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
     shape.faces.push(face(cylinder, true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
@@ -173,21 +179,21 @@ fn between_two_loops_of_a_cylinder_the_way_they_run_does_not_matter() {
 
 #[test]
 fn a_cone_reaches_its_tip_and_beyond() {
-    let cone = elementary(crate::brep::Surface::Cone {
+    let cone = elementary(crate::brep::FaceSurface::Cone {
         origin: [0.0; 3],
         axis: [0.0, 0.0, 1.0],
         x: [1.0, 0.0, 0.0],
         radius: 1.0,
         half_angle_rad: PI / 4.0,
     });
-    let mut shape = Shape::default();
+    let mut shape = ParametricShape::default();
     let edge = circle(&mut shape, [0.0, 0.0, 1.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]);
     shape.faces.push(face(cone.clone(), true, vec![vec![(edge, false)]]));
     let (mesh, area, _) = meshed(&shape, &FINE);
     near(area, 4.0 * PI * 2_f64.sqrt(), 1e-3);
     assert!(mesh.positions.iter().any(|p| norm(sub(*p, [0.0, 0.0, -1.0])) < 1e-12));
     // On the other side of the tip radii are negative, and angles turned by half a turn.
-    let mut shape = Shape::default();
+    let mut shape = ParametricShape::default();
     let loops = [-2.0, -4.0].map(|z: f64| {
         let r = -1.0 - z;
         vec![(circle(&mut shape, [0.0, 0.0, z], [r, 0.0, 0.0], [0.0, r, 0.0]), true)]
@@ -199,13 +205,16 @@ fn a_cone_reaches_its_tip_and_beyond() {
 
 /// Half a circle of radius 2 from pole to pole as a rational spline, turned about the axis between them: a
 /// ball.
-fn turned_spline() -> (Surface, SplineCurve) {
+fn turned_spline() -> (ParametricSurface, SplineCurve) {
     let h = 0.5_f64.sqrt();
     let poles = [[0.0, 0.0, -2.0], [2.0, 0.0, -2.0], [2.0, 0.0, 0.0], [2.0, 0.0, 2.0], [0.0, 0.0, 2.0]];
     let knots = vec![0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0];
     let half = SplineCurve::try_new(2, knots, &poles, Some(&[1.0, h, 1.0, h, 1.0])).unwrap();
-    let surface =
-        Surface::Revolution { curve: Curve::Spline(half.clone()), origin: [0.0; 3], axis: [0.0, 0.0, 1.0] };
+    let surface = ParametricSurface::Revolution {
+        curve: ParametricCurve::Spline(half.clone()),
+        origin: [0.0; 3],
+        axis: [0.0, 0.0, 1.0],
+    };
     (surface, half)
 }
 
@@ -213,9 +222,9 @@ fn turned_spline() -> (Surface, SplineCurve) {
 fn a_profile_between_poles_turned_is_a_ball_and_beside_it_a_larger_one() {
     let (ball, _) = turned_spline();
     assert_eq!(ball.poles().len(), 2);
-    let beside = Surface::Offset { base: Box::new(ball.clone()), distance: 0.5 };
+    let beside = ParametricSurface::Offset { base: Box::new(ball.clone()), distance: 0.5 };
     for (surface, r) in [(ball, 2.0), (beside, 2.5)] {
-        let mut shape = Shape::default();
+        let mut shape = ParametricShape::default();
         shape.faces.push(face(surface, true, Vec::new()));
         let (mesh, area, check) = meshed(&shape, &FINE);
         assert!(check.watertight);
@@ -236,11 +245,11 @@ fn feet_on_every_kind_of_surface_are_those_of_its_points() {
     let knots = vec![0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 3.0];
     let sheet = SplineSurface::try_new([3, 3], [knots.clone(), knots], &wave, None).unwrap();
     let surfaces = [
-        Surface::Spline(Box::new(sheet)),
+        ParametricSurface::Spline(Box::new(sheet)),
         ball,
-        Surface::Extrusion { curve: Curve::Spline(profile), along: [0.3, 1.0, 0.1] },
-        Surface::Revolution {
-            curve: Curve::Line { origin: [2.0, 0.0, 0.0], along: [0.5, 1.0, 2.0] },
+        ParametricSurface::Extrusion { curve: ParametricCurve::Spline(profile), along: [0.3, 1.0, 0.1] },
+        ParametricSurface::Revolution {
+            curve: ParametricCurve::Line { origin: [2.0, 0.0, 0.0], along: [0.5, 1.0, 2.0] },
             origin: [0.0; 3],
             axis: [0.0, 0.0, 1.0],
         },
@@ -256,7 +265,7 @@ fn feet_on_every_kind_of_surface_are_those_of_its_points() {
             let n = cross(u, v);
             let off = add_scaled(p, 0.02 / norm(n), n);
             let guess = (k % 2 == 0).then(|| [at[0] + 0.05, at[1] - 0.04]);
-            let found = feet.of(off, guess, 1e-3);
+            let found = feet.foot(off, guess, 1e-3);
             let miss = norm(sub(surface.point(found), p));
             assert!(miss < 1e-6, "{} at {at:?}: {found:?} is {miss} off", surface.kind());
         }
@@ -266,7 +275,7 @@ fn feet_on_every_kind_of_surface_are_those_of_its_points() {
 #[test]
 fn faces_that_are_written_apart_share_edges_once_welded() {
     // Two squares side by side, each with vertices and edges of its own, one of them off by a millionth.
-    let mut shape = Shape::default();
+    let mut shape = ParametricShape::default();
     for (k, x) in [0.0, 1.0 + 1e-6].into_iter().enumerate() {
         let corners = [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x + 1.0, 1.0, 0.0], [x, 1.0, 0.0]];
         shape.vertices.extend(corners);
@@ -274,14 +283,14 @@ fn faces_that_are_written_apart_share_edges_once_welded() {
         for side in 0..4 {
             let ends = [4 * k + side, 4 * k + (side + 1) % 4];
             let [from, to] = ends.map(|v| shape.vertices[v]);
-            shape.edges.push(Edge {
-                curve: Curve::Line { origin: from, along: sub(to, from) },
+            shape.edges.push(ParametricEdge {
+                curve: ParametricCurve::Line { origin: from, along: sub(to, from) },
                 ends,
                 is_forward: true,
             });
             ring.push((shape.edges.len() - 1, true));
         }
-        let plane = elementary(crate::brep::Surface::Plane {
+        let plane = elementary(crate::brep::FaceSurface::Plane {
             origin: [0.0; 3],
             normal: [0.0, 0.0, 1.0],
             x: [1.0, 0.0, 0.0],
@@ -304,23 +313,23 @@ fn faces_that_are_written_apart_share_edges_once_welded() {
 
 #[test]
 fn what_does_not_fit_is_an_error_or_left_out() {
-    let mut shape = Shape::default();
+    let mut shape = ParametricShape::default();
     assert!(shape.triangles(&Fineness { chord: 0.0, ..FINE }).is_err());
     shape.faces.push(face(sphere(), true, vec![vec![(3, true)]]));
     assert_eq!(shape.triangles(&FINE).unwrap_err().to_string(), "there is no edge 3");
     // A loop far from its surface.
-    let mut shape = Shape::default();
+    let mut shape = ParametricShape::default();
     let edge = circle(&mut shape, [9.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
     shape.faces.push(face(sphere(), true, vec![vec![(edge, true)]]));
     let made = shape.triangles(&FINE).unwrap();
     assert!(made.parts.is_empty() && made.left_out[0].reason.contains("off its surface"));
     // A plane that nothing bounds.
-    let plane = elementary(crate::brep::Surface::Plane {
+    let plane = elementary(crate::brep::FaceSurface::Plane {
         origin: [0.0; 3],
         normal: [0.0, 0.0, 1.0],
         x: [1.0, 0.0, 0.0],
     });
-    let mut shape = Shape::default();
+    let mut shape = ParametricShape::default();
     shape.faces.push(face(plane, true, Vec::new()));
     assert_eq!(shape.triangles(&FINE).unwrap().left_out[0].reason, "nothing bounds it");
     assert!(sphere().poles().iter().all(|p| p.value.abs() == FRAC_PI_2));

@@ -1,6 +1,6 @@
 //! Vertices and edges that are written more than once, made one.
 
-use super::{Edge, Shape};
+use super::{ParametricEdge, ParametricShape};
 use planish_estimate::vector3::distance;
 use std::collections::HashMap;
 
@@ -34,7 +34,7 @@ fn same_points(points: &[[f64; 3]], tolerance: f64) -> Vec<usize> {
     same
 }
 
-impl Shape {
+impl ParametricShape {
     /// Makes vertices that are nearer than a tolerance one, and edges that run the same way between the same
     /// vertices: many programs write faces that share neither.
     pub fn weld(&mut self, tolerance: f64) {
@@ -68,26 +68,26 @@ impl Shape {
         }
     }
 
-    fn span(&self, edge: &Edge) -> [f64; 2] {
+    fn span(&self, edge: &ParametricEdge) -> [f64; 2] {
         let [a, b] = edge.ends;
         let [from, to] = [a, b].map(|v| self.vertices[v]);
         let ends = if edge.is_forward { [from, to] } else { [to, from] };
         edge.curve.range(ends, a == b)
     }
 
-    fn middle(&self, edge: &Edge) -> [f64; 3] {
+    fn middle(&self, edge: &ParametricEdge) -> [f64; 3] {
         let [from, to] = self.span(edge);
         edge.curve.point(0.5 * (from + to))
     }
 
     /// Whether two closed edges in one place run against each other.
-    fn runs_back(&self, one: &Edge, other: &Edge) -> bool {
-        let early = |edge: &Edge| {
+    fn runs_back(&self, one: &ParametricEdge, other: &ParametricEdge) -> bool {
+        let early = |edge: &ParametricEdge| {
             let [from, to] = self.span(edge);
             let share = if edge.is_forward { 0.2 } else { 0.8 };
             edge.curve.point(from + share * (to - from))
         };
-        let late = |edge: &Edge| {
+        let late = |edge: &ParametricEdge| {
             let [from, to] = self.span(edge);
             let share = if edge.is_forward { 0.8 } else { 0.2 };
             edge.curve.point(from + share * (to - from))

@@ -3,21 +3,25 @@
 use super::nearby::{Nearby, Piece};
 use super::outlines::{Edges, Outline, outlines};
 use super::scene::{Eye, Scene};
-use super::{CompareOptions, Disagreement};
+use super::{Disagreement, ReprojectionOptions};
 use crate::brep::Solid;
 use crate::brep::TrimmedFace;
 use crate::drawing::{Curve2, Drawing, LineStyle, View};
 use std::collections::BTreeMap;
 
-pub(super) fn disagreements(solid: &Solid, drawing: &Drawing, options: &CompareOptions) -> Vec<Disagreement> {
+pub(super) fn disagreements(
+    solid: &Solid,
+    drawing: &Drawing,
+    options: &ReprojectionOptions,
+) -> Vec<Disagreement> {
     let size = drawing.size();
-    let edges = Edges::of(solid, size);
+    let edges = Edges::new(solid, size);
     let reach = reach(solid, size);
     let scene =
         Scene { faces: solid.faces.iter().map(|f| TrimmedFace::new(solid, f, reach)).collect(), size, reach };
     let mut found = Vec::new();
     for view in &drawing.views {
-        let eye = Eye::of(view.kind);
+        let eye = Eye::new(view.kind);
         let lines = outlines(solid, &scene.faces, &edges, eye, size);
         let compared = Compared::new(view, &lines, &scene, eye, options);
         found.extend(compared.drawn_but_not_shown());
@@ -46,7 +50,7 @@ struct Compared<'a> {
     drawn: Nearby,
     scene: &'a Scene<'a>,
     eye: Eye,
-    options: &'a CompareOptions,
+    options: &'a ReprojectionOptions,
 }
 
 /// A point along a polygon, and the way that it stands for.
@@ -64,7 +68,7 @@ struct Chain {
 }
 
 impl Chain {
-    fn of(points: Vec<[f64; 2]>) -> Self {
+    fn new(points: Vec<[f64; 2]>) -> Self {
         let mut ways = vec![0.0];
         for p in points.windows(2) {
             ways.push(ways[ways.len() - 1] + (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));
@@ -121,7 +125,7 @@ impl<'a> Compared<'a> {
         lines: &'a [Outline],
         scene: &'a Scene<'a>,
         eye: Eye,
-        options: &'a CompareOptions,
+        options: &'a ReprojectionOptions,
     ) -> Self {
         let size = scene.size;
         let shown = pieces(lines.iter().map(|line| projected(line, eye)));
@@ -142,7 +146,7 @@ impl<'a> Compared<'a> {
     fn drawn_but_not_shown(&self) -> Vec<Disagreement> {
         let mut found = Vec::new();
         for curve in &self.view.curves {
-            let chain = Chain::of(drawn_points(&curve.curve, 0.05 * self.options.near * self.scene.size));
+            let chain = Chain::new(drawn_points(&curve.curve, 0.05 * self.options.near * self.scene.size));
             let mut differences = Differences::default();
             self.add_differences(&chain, &mut differences, |way| {
                 let near: Vec<_> = self.shown.at(chain.point(way)).collect();
@@ -169,7 +173,7 @@ impl<'a> Compared<'a> {
     fn shown_but_not_drawn(&self) -> Vec<Disagreement> {
         let mut found: BTreeMap<usize, Differences> = BTreeMap::new();
         for (index, line) in self.lines.iter().enumerate().filter(|(_, l)| l.is_required) {
-            let chain = Chain::of(projected(line, self.eye));
+            let chain = Chain::new(projected(line, self.eye));
             let differences = found.entry(line.group).or_default();
             self.add_differences(&chain, differences, |way| {
                 let near = self.drawn.at(chain.point(way));

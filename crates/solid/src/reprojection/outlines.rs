@@ -2,7 +2,7 @@
 
 use super::scene::Eye;
 use crate::brep::TrimmedFace;
-use crate::brep::{Coedge, Curve, Solid, Surface, along, unit};
+use crate::brep::{Coedge, EdgeCurve, FaceSurface, Solid, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::f64::consts::{PI, TAU};
 
@@ -42,7 +42,7 @@ pub(super) struct Edges {
 }
 
 impl Edges {
-    pub(super) fn of(solid: &Solid, size: f64) -> Self {
+    pub(super) fn new(solid: &Solid, size: f64) -> Self {
         let mut uses = vec![Vec::new(); solid.edges.len()];
         for (index, face) in solid.faces.iter().enumerate() {
             for coedge in face.loops.iter().flatten() {
@@ -121,7 +121,7 @@ pub(super) fn outlines(
         }
     }
     for (index, face) in faces.iter().enumerate() {
-        if matches!(face.surface(), Surface::Plane { .. }) {
+        if matches!(face.surface(), FaceSurface::Plane { .. }) {
             continue;
         }
         found.extend(touching(face, eye, size).into_iter().map(|points| Outline {
@@ -173,7 +173,7 @@ fn of_edge(
         }
     }
     // A plane is only cut where something touches it from behind.
-    let are_planes = [f, g].iter().all(|k| matches!(faces[*k].surface(), Surface::Plane { .. }));
+    let are_planes = [f, g].iter().all(|k| matches!(faces[*k].surface(), FaceSurface::Plane { .. }));
     (any || are_planes || is_tangent(solid, f, g)).then_some(any && all)
 }
 
@@ -181,10 +181,10 @@ fn of_edge(
 /// seam, or a cut of one surface.
 fn is_tangent(solid: &Solid, f: usize, g: usize) -> bool {
     let radius = |k: usize| match solid.faces[k].surface {
-        Surface::Cylinder { radius, .. } | Surface::Sphere { radius, .. } => radius,
-        Surface::Torus { minor, .. } => minor,
-        Surface::Cone { half_angle_rad, .. } => half_angle_rad,
-        Surface::Plane { .. } => 0.0,
+        FaceSurface::Cylinder { radius, .. } | FaceSurface::Sphere { radius, .. } => radius,
+        FaceSurface::Torus { minor, .. } => minor,
+        FaceSurface::Cone { half_angle_rad, .. } => half_angle_rad,
+        FaceSurface::Plane { .. } => 0.0,
     };
     let [a, b] = [&solid.faces[f], &solid.faces[g]];
     let is_same = std::mem::discriminant(&a.surface) == std::mem::discriminant(&b.surface)
@@ -206,19 +206,19 @@ fn touching(face: &TrimmedFace<'_>, eye: Eye, size: f64) -> Vec<Vec<[f64; 3]>> {
 
 /// The circles along which the line of sight touches a sphere, or a torus whose axis lies along or across it;
 /// none of any other surface.
-fn touching_circles(surface: &Surface, e: [f64; 3]) -> Option<Vec<Curve>> {
-    let circle = |center: [f64; 3], a: [f64; 3], b: [f64; 3], radius: f64| Curve::Ellipse {
+fn touching_circles(surface: &FaceSurface, e: [f64; 3]) -> Option<Vec<EdgeCurve>> {
+    let circle = |center: [f64; 3], a: [f64; 3], b: [f64; 3], radius: f64| EdgeCurve::Ellipse {
         center,
         a: scale(radius, a),
         b: scale(radius, b),
     };
     match *surface {
-        Surface::Sphere { center, axis, x, radius } => {
+        FaceSurface::Sphere { center, axis, x, radius } => {
             let a = if dot(axis, e).abs() < 0.9 { axis } else { x };
             let a = unit(along(a, -dot(a, e), e));
             Some(vec![circle(center, a, cross(e, a), radius)])
         }
-        Surface::Torus { center, axis, x, major, minor } => {
+        FaceSurface::Torus { center, axis, x, major, minor } => {
             let y = cross(axis, x);
             let tilt = dot(axis, e).abs();
             if tilt > 1.0 - 1e-9 {
@@ -238,7 +238,7 @@ fn touching_circles(surface: &Surface, e: [f64; 3]) -> Option<Vec<Curve>> {
 }
 
 /// The parts of a circle of touch that have the face on both sides.
-fn parts_of_circle(face: &TrimmedFace<'_>, circle: &Curve, e: [f64; 3], size: f64) -> Vec<Vec<[f64; 3]>> {
+fn parts_of_circle(face: &TrimmedFace<'_>, circle: &EdgeCurve, e: [f64; 3], size: f64) -> Vec<Vec<[f64; 3]>> {
     let surface = face.surface();
     let point = |k: usize| circle.point(TAU * k as f64 / AROUND as f64);
     let is_in = |k: usize| {
@@ -312,7 +312,7 @@ fn second_range(face: &TrimmedFace<'_>) -> [f64; 2] {
     }
     let [mut from, mut to] =
         face.loop_parameters().fold([f64::MAX, f64::MIN], |[lo, hi], uv| [lo.min(uv[1]), hi.max(uv[1])]);
-    if let Surface::Cone { radius, half_angle_rad, .. } = face.surface() {
+    if let FaceSurface::Cone { radius, half_angle_rad, .. } = face.surface() {
         let tip = -radius / half_angle_rad.tan();
         from = from.min(tip);
         to = to.max(tip);
@@ -399,7 +399,7 @@ fn part_in_face(
     let straight = [0.25, 0.5].iter().all(|s| {
         let p = [0, 1].map(|k| ends[0][k] + s * (ends[1][k] - ends[0][k]));
         towards(p).abs() < 1e-9
-    }) && matches!(surface, Surface::Cylinder { .. });
+    }) && matches!(surface, FaceSurface::Cylinder { .. });
     let pieces = if straight { 1 } else { count };
     Some((0..=pieces).map(|k| surface.point(on(from + (to - from) * k as f64 / pieces as f64))).collect())
 }

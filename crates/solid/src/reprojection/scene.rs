@@ -16,7 +16,7 @@ pub(super) struct Eye {
 }
 
 impl Eye {
-    pub(super) fn of(kind: ViewKind) -> Self {
+    pub(super) fn new(kind: ViewKind) -> Self {
         Self { axes: kind.axes(), sign: if kind.nearest_is_least() { -1.0 } else { 1.0 } }
     }
 

@@ -55,7 +55,7 @@ fn solved(drawing: &Drawing) -> Solid {
 }
 
 fn compared(solid: &Solid, drawing: &Drawing) -> Vec<Disagreement> {
-    disagreements(solid, drawing, &CompareOptions::default())
+    disagreements(solid, drawing, &ReprojectionOptions::default())
 }
 
 fn curve<'a>(drawing: &'a mut Drawing, view: usize, entity: &str) -> &'a mut DrawnCurve {
@@ -166,7 +166,7 @@ fn rays_meet_a_cylinder_where_its_distance_says() {
     let solid = solved(&stepped_hole());
     let reach = [[-50.0; 3], [90.0; 3]];
     let cylinder =
-        solid.faces.iter().find(|f| matches!(f.surface, crate::brep::Surface::Cylinder { .. })).unwrap();
+        solid.faces.iter().find(|f| matches!(f.surface, crate::brep::FaceSurface::Cylinder { .. })).unwrap();
     let face = TrimmedFace::new(&solid, cylinder, reach);
     let direction = [0.6, 0.0, 0.8];
     for y in [12.5, 14.0, 15.3, 16.9] {

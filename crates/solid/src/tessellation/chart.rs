@@ -4,7 +4,7 @@
 //! projected from a point of the sphere that it does not hold (stereographic: circles stay circles), and a
 //! cone's face that holds the tip is looked at along its axis.
 
-use crate::brep::{Surface, unit};
+use crate::brep::{FaceSurface, unit};
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
 
 /// A point of a plane for every point of a surface.
@@ -12,7 +12,7 @@ use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub};
 pub(super) enum Chart {
     /// The surface's parameters times the lengths of their steps; `is_swapped`: the second one first, so that
     /// it is seen mirrored.
-    Parameters { surface: Surface, steps: [f64; 2], is_swapped: bool },
+    Parameters { surface: FaceSurface, steps: [f64; 2], is_swapped: bool },
     /// A sphere, projected from `center + radius pole` on the plane that touches it opposite of that.
     Sphere {
         center: [f64; 3],
@@ -34,8 +34,8 @@ impl Chart {
     }
 
     /// A cone from its tip; none of another surface.
-    pub(super) fn cone(surface: &Surface) -> Option<Self> {
-        let Surface::Cone { origin, axis, x, radius, half_angle_rad } = *surface else {
+    pub(super) fn cone(surface: &FaceSurface) -> Option<Self> {
+        let FaceSurface::Cone { origin, axis, x, radius, half_angle_rad } = *surface else {
             return None;
         };
         let slope = half_angle_rad.tan();
@@ -97,8 +97,8 @@ impl Chart {
 mod tests {
     use super::*;
 
-    fn cone() -> Surface {
-        Surface::Cone {
+    fn cone() -> FaceSurface {
+        FaceSurface::Cone {
             origin: [1.0, 2.0, 3.0],
             axis: [0.0, 0.6, 0.8],
             x: [1.0, 0.0, 0.0],
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn points_come_back_and_left_stays_left() {
-        let sphere = Surface::Sphere {
+        let sphere = FaceSurface::Sphere {
             center: [1.0, -2.0, 0.5],
             axis: [0.0, 0.0, 1.0],
             x: [1.0, 0.0, 0.0],

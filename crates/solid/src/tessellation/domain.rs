@@ -7,7 +7,7 @@
 use super::Points;
 use super::chart::Chart;
 use super::polygon::{Corner, part_touching, segments_cross, shift_into_outer, signed_area};
-use crate::brep::{Face, Surface, unit};
+use crate::brep::{Face, FaceSurface, unit};
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub};
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
@@ -29,7 +29,7 @@ fn turn(angle: f64) -> f64 {
 }
 
 impl Domain {
-    pub(super) fn of(face: &Face, points: &mut Points, tolerance: f64) -> Result<Self> {
+    pub(super) fn new(face: &Face, points: &mut Points, tolerance: f64) -> Result<Self> {
         let rings: Vec<Vec<u32>> = face
             .loops
             .iter()
@@ -40,8 +40,8 @@ impl Domain {
             return Err(Error::unsupported("it has no loops"));
         }
         let mut domain = match face.surface {
-            Surface::Sphere { center, radius, .. } => on_sphere(face, points, &rings, center, radius)?,
-            Surface::Cone { .. } => match with_tip(face, points, &rings) {
+            FaceSurface::Sphere { center, radius, .. } => on_sphere(face, points, &rings, center, radius)?,
+            FaceSurface::Cone { .. } => match with_tip(face, points, &rings) {
                 Some(domain) => domain,
                 None => in_parameters(face, points, &rings, tolerance)?,
             },

@@ -1,11 +1,11 @@
 //! How many triangles a tolerance needs, before any is made.
 
 use super::WIDEST_CHORD;
-use crate::brep::{Curve, Edge, Solid, Surface};
+use crate::brep::{Edge, EdgeCurve, FaceSurface, Solid};
 use planish_estimate::vector3::norm;
 
 /// A mesh of more triangles is not made.
-pub const MOST_TRIANGLES: f64 = 1e6;
+pub const MAX_TRIANGLES: f64 = 1e6;
 
 /// About how many triangles a mesh of a solid has that misses it by `tolerance` at most, in the unit of its
 /// coordinates.
@@ -18,8 +18,8 @@ pub fn triangles_needed(solid: &Solid, tolerance: f64) -> f64 {
     let edges: f64 = solid.edges.iter().map(|edge| 2.0 * chords(edge, tolerance)).sum();
     let chord = |radius: f64| radius * widest(radius, tolerance);
     let faces = solid.faces.iter().enumerate().map(|(index, face)| match face.surface {
-        Surface::Sphere { radius, .. } => 4.0 * solid.area_of(&[index]) / chord(radius).powi(2),
-        Surface::Torus { major, minor, .. } => {
+        FaceSurface::Sphere { radius, .. } => 4.0 * solid.area_of(&[index]) / chord(radius).powi(2),
+        FaceSurface::Torus { major, minor, .. } => {
             4.0 * solid.area_of(&[index]) / (chord(major + minor) * chord(minor))
         }
         _ => 0.0,
@@ -27,11 +27,11 @@ pub fn triangles_needed(solid: &Solid, tolerance: f64) -> f64 {
     edges + faces.sum::<f64>()
 }
 
-/// The least tolerance for which a mesh needs at most [`MOST_TRIANGLES`], by halving to a hundredth of
+/// The least tolerance for which a mesh needs at most [`MAX_TRIANGLES`], by halving to a hundredth of
 /// itself.
 #[must_use]
-pub fn least_tolerance(solid: &Solid) -> f64 {
-    let is_enough = |tolerance: f64| triangles_needed(solid, tolerance) <= MOST_TRIANGLES;
+pub fn min_tolerance(solid: &Solid) -> f64 {
+    let is_enough = |tolerance: f64| triangles_needed(solid, tolerance) <= MAX_TRIANGLES;
     let size = solid.measures().area.abs().sqrt().max(f64::MIN_POSITIVE);
     // By their logarithms: coarser than the solid's size is enough for any but one of a million faces.
     let (mut enough, mut too_fine) = (size.ln(), (1e-15 * size).ln());
@@ -56,8 +56,8 @@ fn widest(radius: f64, tolerance: f64) -> f64 {
 fn chords(edge: &Edge, tolerance: f64) -> f64 {
     let range = edge.range[1] - edge.range[0];
     match &edge.curve {
-        Curve::Line { .. } => 1.0,
-        Curve::Ellipse { a, .. } => range / widest(norm(*a), tolerance),
-        Curve::Spline { .. } => super::chords(edge, tolerance) as f64,
+        EdgeCurve::Line { .. } => 1.0,
+        EdgeCurve::Ellipse { a, .. } => range / widest(norm(*a), tolerance),
+        EdgeCurve::Spline { .. } => super::chords(edge, tolerance) as f64,
     }
 }

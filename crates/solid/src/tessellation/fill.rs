@@ -3,13 +3,13 @@
 use super::Points;
 use super::domain::Domain;
 use super::polygon::Corner;
-use crate::brep::{Face, Surface};
+use crate::brep::{Face, FaceSurface};
 use planish_estimate::vector3::{norm, sub};
 use planish_estimate::{Error, Result};
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
 /// A face that needs more points than this is refused.
-const MOST_POINTS: usize = 100_000;
+const MAX_POINTS: usize = 100_000;
 /// Points are added so many times at most.
 const ROUNDS: usize = 10;
 
@@ -57,9 +57,9 @@ pub(super) fn triangles(
         polygons: &domain.polygons,
         inner: &domain.inner,
         on_surface: &|at| domain.chart.point(at),
-        is_flat: matches!(face.surface, Surface::Plane { .. }),
+        is_flat: matches!(face.surface, FaceSurface::Plane { .. }),
         tolerance,
-        most_points: MOST_POINTS,
+        most_points: MAX_POINTS,
     };
     let mut made = filling.triangles(&mut points.positions)?;
     if face.outward == domain.chart.is_mirrored() {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::brep::{Face, Surface};
+use crate::brep::{Face, FaceSurface};
 use crate::views::{Curve2, Drawing, DrawnCurve, LineStyle, View, ViewKind, solve};
 use std::f64::consts::TAU;
 
@@ -143,25 +143,25 @@ fn half_a_cone() -> Solid {
         let span = planish_estimate::vector3::sub(to, from);
         let length = planish_estimate::vector3::norm(span);
         Edge {
-            curve: Curve::Line { origin: from, direction: span.map(|c| c / length) },
+            curve: EdgeCurve::Line { origin: from, direction: span.map(|c| c / length) },
             range: [0.0, length],
             start: ends[0],
             end: ends[1],
         }
     };
     let arc = Edge {
-        curve: Curve::Ellipse { center: [0.0; 3], a: right, b: [0.0, 10.0, 0.0] },
+        curve: EdgeCurve::Ellipse { center: [0.0; 3], a: right, b: [0.0, 10.0, 0.0] },
         range: [0.0, std::f64::consts::PI],
         start: 1,
         end: 2,
     };
-    let face = |surface: Surface, ring: &[(usize, bool)]| Face {
+    let face = |surface: FaceSurface, ring: &[(usize, bool)]| Face {
         surface,
         outward: true,
         loops: vec![ring.iter().map(|&(edge, forward)| Coedge { edge, forward }).collect()],
     };
-    let plane = |normal: [f64; 3]| Surface::Plane { origin: [0.0; 3], normal, x: [1.0, 0.0, 0.0] };
-    let cone = Surface::Cone {
+    let plane = |normal: [f64; 3]| FaceSurface::Plane { origin: [0.0; 3], normal, x: [1.0, 0.0, 0.0] };
+    let cone = FaceSurface::Cone {
         origin: [0.0; 3],
         axis: [0.0, 0.0, -1.0],
         x: [1.0, 0.0, 0.0],
@@ -227,14 +227,14 @@ fn faces_over_poles_and_tips_close() {
 fn a_tolerance_that_needs_too_many_triangles_is_refused_with_the_least_that_works() {
     let mut ball = Solid::default();
     let surface =
-        Surface::Sphere { center: [0.0; 3], axis: [0.0, 0.0, 1.0], x: [1.0, 0.0, 0.0], radius: 10.0 };
+        FaceSurface::Sphere { center: [0.0; 3], axis: [0.0, 0.0, 1.0], x: [1.0, 0.0, 0.0], radius: 10.0 };
     ball.add_whole(surface, true);
     let told = tessellate(&ball, 1e-9).unwrap_err().to_string();
     assert!(told.contains("needs about") && told.contains("as with a tolerance of"), "{told}");
-    let least = least_tolerance(&ball);
+    let least = min_tolerance(&ball);
     assert!(
-        triangles_needed(&ball, least) <= MOST_TRIANGLES
-            && triangles_needed(&ball, 0.98 * least) > MOST_TRIANGLES
+        triangles_needed(&ball, least) <= MAX_TRIANGLES
+            && triangles_needed(&ball, 0.98 * least) > MAX_TRIANGLES
     );
     // What is said to be needed is what is made, within a factor of three.
     let made = tessellate(&ball, 1e-2).unwrap().triangles.len() as f64;

@@ -4,7 +4,7 @@
 //! their parameters instead of along these.
 
 use super::{Points, WIDEST_CHORD};
-use crate::brep::{Face, Surface};
+use crate::brep::{Face, FaceSurface};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Steps around a circle whose chords miss it by half a tolerance at most.
@@ -16,11 +16,11 @@ fn around(radius: f64, tolerance: f64) -> usize {
 /// The triangles of a whole sphere or torus; none of another face.
 pub(super) fn triangles(face: &Face, points: &mut Points, tolerance: f64) -> Vec<[u32; 3]> {
     let (columns, rows, is_sphere) = match face.surface {
-        Surface::Sphere { radius, .. } => {
+        FaceSurface::Sphere { radius, .. } => {
             let n = around(radius, tolerance).next_multiple_of(2);
             (n, n / 2, true)
         }
-        Surface::Torus { major, minor, .. } => {
+        FaceSurface::Torus { major, minor, .. } => {
             (around(major + minor, tolerance), around(minor, tolerance), false)
         }
         _ => return Vec::new(),

@@ -5,6 +5,7 @@
 //! empty sector are boundary, and where two different surfaces bound a solid sector there is an edge. Edges
 //! chain to loops on each surface, loops to faces: everything between edges is one face.
 
+use super::candidate_surface::{Side, across};
 use super::candidates::{Candidate, corners, curves};
 use super::cells::{Cells, is_plain, pieces_in};
 use super::column::SurfaceId;
@@ -13,8 +14,7 @@ use super::search::Assignment;
 use super::surfaces::Curve3;
 use super::traced::Traced;
 use super::turned_rings::{turned_faces, with_free_poles};
-use super::wall::{Side, across};
-use crate::brep::{Coedge, Curve, Edge, Face, Solid, Surface, along, unit};
+use crate::brep::{Coedge, Edge, EdgeCurve, Face, FaceSurface, Solid, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,7 +26,7 @@ const SPLINE_PIECES: usize = 48;
 const TRACED_PIECES: usize = 96;
 
 /// A solution while its boundary is made.
-pub(super) struct Maker<'a> {
+pub(super) struct BoundaryBuilder<'a> {
     pub(super) cells: &'a Cells<'a>,
     assignment: &'a Assignment,
     pub(super) surfaces: Vec<Candidate>,
@@ -41,7 +41,7 @@ pub(super) struct Maker<'a> {
 /// # Errors
 /// `Input` where the boundary does not close.
 pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> {
-    let mut maker = Maker {
+    let mut builder = BoundaryBuilder {
         cells,
         assignment,
         surfaces: Vec::new(),
@@ -49,16 +49,16 @@ pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> 
         coedges: BTreeMap::new(),
         tolerance: 5.0 * cells.plan.tolerance,
     };
-    maker.surfaces = maker.used().into_iter().map(|id| Candidate::of(cells, id)).collect();
-    maker.make_edges();
-    maker.part_touching_faces()?;
-    maker.make_faces()?;
-    maker.solid.drop_unused_edges();
-    maker.solid.part_vertices();
-    Ok(maker.solid)
+    builder.surfaces = builder.used().into_iter().map(|id| Candidate::new(cells, id)).collect();
+    builder.make_edges();
+    builder.part_touching_faces()?;
+    builder.make_faces()?;
+    builder.solid.drop_unused_edges();
+    builder.solid.part_vertices();
+    Ok(builder.solid)
 }
 
-impl Maker<'_> {
+impl BoundaryBuilder<'_> {
     pub(super) fn is_solid(&self, p: [f64; 3]) -> bool {
         self.assignment.get(&self.cells.at(p)).copied().unwrap_or(false)
     }
@@ -365,14 +365,15 @@ impl Maker<'_> {
         };
         let (curve, range) = match curve {
             Curve3::Line { origin, direction } => {
-                (Curve::Line { origin: *origin, direction: *direction }, range)
+                (EdgeCurve::Line { origin: *origin, direction: *direction }, range)
             }
             Curve3::Ellipse { center, a, b } => match norm(*a) >= norm(*b) * (1.0 - 1e-12) {
-                true => (Curve::Ellipse { center: *center, a: *a, b: *b }, range),
+                true => (EdgeCurve::Ellipse { center: *center, a: *a, b: *b }, range),
                 // t = s + π/2 turns (a, b) into (b, −a).
-                false => {
-                    (Curve::Ellipse { center: *center, a: *b, b: a.map(|c| -c) }, range.map(|t| t - PI / 2.0))
-                }
+                false => (
+                    EdgeCurve::Ellipse { center: *center, a: *b, b: a.map(|c| -c) },
+                    range.map(|t| t - PI / 2.0),
+                ),
             },
             Curve3::Branch { .. } => (spline(curve, range), [0.0, SPLINE_PIECES as f64]),
             Curve3::Traced(traced) => {
@@ -390,7 +391,7 @@ impl Maker<'_> {
         for ((index, outward), uses) in coedges {
             let surface = self.surfaces[index].surface();
             let loops = self.loops(&surface, outward, uses)?;
-            let drawn_out = matches!(surface, Surface::Plane { .. } | Surface::Cylinder { .. });
+            let drawn_out = matches!(surface, FaceSurface::Plane { .. } | FaceSurface::Cylinder { .. });
             let grouped = match drawn_out {
                 true => faces(&self.solid, &surface, outward, loops),
                 false => turned_faces(&self.solid, &surface, outward, loops),
@@ -411,8 +412,8 @@ impl Maker<'_> {
         for index in (0..self.surfaces.len()).filter(|k| !edged.contains(k)) {
             let surface = self.surfaces[index].surface();
             let height = match surface {
-                Surface::Sphere { .. } => PI,
-                Surface::Torus { .. } => TAU,
+                FaceSurface::Sphere { .. } => PI,
+                FaceSurface::Torus { .. } => TAU,
                 _ => continue,
             };
             let share = |k: usize| (k as f64 + 0.37) / PLACES as f64;
@@ -434,7 +435,7 @@ impl Maker<'_> {
     /// Chains coedges: where several go on from a vertex, the one that leaves the narrowest corner of face.
     pub(super) fn loops(
         &self,
-        surface: &Surface,
+        surface: &FaceSurface,
         outward: bool,
         mut uses: Vec<Coedge>,
     ) -> Result<Vec<Vec<Coedge>>> {
@@ -469,7 +470,7 @@ impl Maker<'_> {
     /// The best continuation at a vertex; none where `closing` is at least as good.
     fn next(
         &self,
-        surface: &Surface,
+        surface: &FaceSurface,
         outward: bool,
         last: Coedge,
         at: usize,
@@ -504,7 +505,7 @@ impl Maker<'_> {
 }
 
 /// A cubic spline through a curve's points with its derivatives.
-fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> Curve {
+fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> EdgeCurve {
     let n = SPLINE_PIECES;
     let h = (to - from) / n as f64;
     let at = |k: usize| from + h * k as f64;
@@ -539,11 +540,11 @@ fn spline(curve: &Curve3, [from, to]: [f64; 2]) -> Curve {
             d.map(|c| c * h)
         })
         .collect();
-    Curve::Spline { points, derivatives }
+    EdgeCurve::Spline { points, derivatives }
 }
 
 /// A cubic spline through points of a traced curve, equally far apart, with its tangents there.
-fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> Curve {
+fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) -> EdgeCurve {
     let n = TRACED_PIECES;
     let mut points: Vec<[f64; 3]> = traced.evenly(range, n).into_iter().map(|t| traced.point(t)).collect();
     if let Some([p, q]) = ends {
@@ -565,5 +566,5 @@ fn traced_spline(traced: &Traced, range: [f64; 2], ends: Option<[[f64; 3]; 2]>) 
             }
         })
         .collect();
-    Curve::Spline { points, derivatives }
+    EdgeCurve::Spline { points, derivatives }
 }

@@ -1,5 +1,6 @@
 //! Candidate surfaces of both sorts, drawn out or turned, and the curves and points in which they meet.
 
+use super::candidate_surface::{CandidateSurface, across};
 use super::cells::Cells;
 use super::column::SurfaceId;
 use super::oblique_wall::{Form, Oblique};
@@ -8,8 +9,7 @@ use super::quadrics::quadrics;
 use super::surfaces::{Curve3, Drawn, Meeting, meet, meetings, triple};
 use super::traced::traced;
 use super::turned_wall::Turned;
-use super::wall::{Wall, across};
-use crate::brep::{Surface, along, unit};
+use crate::brep::{FaceSurface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::f64::consts::TAU;
 
@@ -18,7 +18,7 @@ const SAMPLES: usize = 288;
 /// A traced curve has about so many steps around its wall, or around a torus' tube.
 const STEPS_AROUND: f64 = 120.0;
 /// It has at most so many around its wall.
-const MOST_AROUND: f64 = 600.0;
+const MAX_AROUND: f64 = 600.0;
 
 /// A candidate surface.
 #[derive(Clone)]
@@ -26,14 +26,14 @@ pub(super) enum Candidate {
     /// A profile drawn out along a line of sight.
     Drawn(Drawn),
     /// A profile turned about one.
-    Wall(Wall),
+    Wall(CandidateSurface),
 }
 
 impl Candidate {
-    pub(super) fn of(cells: &Cells, id: SurfaceId) -> Self {
+    pub(super) fn new(cells: &Cells, id: SurfaceId) -> Self {
         match id {
             SurfaceId::Wall(index) => Self::Wall(cells.plan.walls[index].clone()),
-            _ => Self::Drawn(Drawn::of(cells, id)),
+            _ => Self::Drawn(Drawn::new(cells, id)),
         }
     }
 
@@ -54,7 +54,7 @@ impl Candidate {
     }
 
     /// The surface itself; its normal is the gradient's direction.
-    pub(super) fn surface(&self) -> Surface {
+    pub(super) fn surface(&self) -> FaceSurface {
         match self {
             Self::Drawn(s) => s.surface(),
             Self::Wall(s) => s.surface(),
@@ -66,7 +66,8 @@ impl Candidate {
 pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) -> Vec<Meeting> {
     match (s, t) {
         (Candidate::Drawn(a), Candidate::Drawn(b)) => meetings(a, b, tolerance),
-        (Candidate::Wall(Wall::Turned(wall)), other) | (other, Candidate::Wall(Wall::Turned(wall))) => {
+        (Candidate::Wall(CandidateSurface::Turned(wall)), other)
+        | (other, Candidate::Wall(CandidateSurface::Turned(wall))) => {
             let curves = simple(wall, other, tolerance).unwrap_or_else(|| followed(wall, other, size));
             let ends = match wall.profile {
                 // Lines of a cone end at its apex.
@@ -77,7 +78,8 @@ pub(super) fn curves(s: &Candidate, t: &Candidate, size: f64, tolerance: f64) ->
             };
             with_ends(curves, &ends)
         }
-        (Candidate::Wall(Wall::Oblique(wall)), other) | (other, Candidate::Wall(Wall::Oblique(wall))) => {
+        (Candidate::Wall(CandidateSurface::Oblique(wall)), other)
+        | (other, Candidate::Wall(CandidateSurface::Oblique(wall))) => {
             let curves = quadrics(&wall.surface(), &other.surface(), tolerance);
             with_ends(curves.unwrap_or_else(|| followed_around(wall, other, size)), &[])
         }
@@ -190,7 +192,7 @@ fn circle(wall: &Turned, [distance, height]: [f64; 2]) -> Option<Curve3> {
 fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3>> {
     let circles = |at: Vec<[f64; 2]>| Some(at.into_iter().filter_map(|p| circle(wall, p)).collect());
     match (other, other.surface()) {
-        (Candidate::Wall(Wall::Turned(second)), _) => {
+        (Candidate::Wall(CandidateSurface::Turned(second)), _) => {
             // A sphere is turned about any line through its centre.
             let [turned, other_turned] =
                 [sphere_about(wall, second, tolerance), sphere_about(second, wall, tolerance)];
@@ -204,7 +206,7 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
                 false => None,
             }
         }
-        (_, Surface::Cylinder { origin, axis, radius, .. }) => {
+        (_, FaceSurface::Cylinder { origin, axis, radius, .. }) => {
             if wall.is_sphere() {
                 return sphere_and_cylinder(wall, origin, axis, radius, tolerance);
             }
@@ -217,7 +219,7 @@ fn simple(wall: &Turned, other: &Candidate, tolerance: f64) -> Option<Vec<Curve3
             let heights = wall.profile.crossings(0, radius, tolerance);
             circles(heights.into_iter().map(|h| [radius, h]).collect())
         }
-        (_, Surface::Plane { origin, normal, .. }) => {
+        (_, FaceSurface::Plane { origin, normal, .. }) => {
             if normal[wall.axis].abs() > 1.0 - 1e-12 {
                 let height = origin[wall.axis];
                 let radii = wall.profile.crossings(1, height, tolerance);
@@ -336,7 +338,7 @@ fn meridians(wall: &Turned, normal: [f64; 3]) -> Vec<Curve3> {
 
 /// Curves followed step by step.
 fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
-    let surfaces = [Candidate::Wall(Wall::Turned(wall.clone())), other.clone()];
+    let surfaces = [Candidate::Wall(CandidateSurface::Turned(wall.clone())), other.clone()];
     let span = |k: usize| {
         wall.extents
             .iter()
@@ -351,7 +353,7 @@ fn followed(wall: &Turned, other: &Candidate, size: f64) -> Vec<Curve3> {
         Profile::Line { .. } => reach,
     };
     let step =
-        (TAU * smallest / STEPS_AROUND).max(TAU * reach / MOST_AROUND).min((height[1] - height[0]) / 8.0);
+        (TAU * smallest / STEPS_AROUND).max(TAU * reach / MAX_AROUND).min((height[1] - height[0]) / 8.0);
     let margin = 3.0 * step + 1e-3 * size;
     let inside = |p: [f64; 3]| (0..3).all(|k| p[k] > bounds[k][0] - margin && p[k] < bounds[k][1] + margin);
     // Sign changes over the wall: around it, and along its profile.
@@ -394,7 +396,7 @@ fn followed_around(wall: &Oblique, other: &Candidate, size: f64) -> Vec<Curve3> 
     let Form::Cylinder { radius, .. } = wall.form else {
         return Vec::new();
     };
-    let of = Wall::Oblique(wall.clone());
+    let of = CandidateSurface::Oblique(wall.clone());
     let bounds = of.bounds();
     let surfaces = [Candidate::Wall(of), other.clone()];
     let step = TAU * radius / STEPS_AROUND;

@@ -5,18 +5,18 @@
 //! cell (union–find).
 
 use super::column::SurfaceId;
-use super::plan::Plan;
+use super::drawing_grid::DrawingGrid;
 use planish_estimate::{Error, Result};
 use std::collections::HashSet;
 
 /// A larger grid is refused: each of its boxes is looked at many times.
-const MOST_BOXES: usize = 1_000_000;
+const MAX_BOXES: usize = 1_000_000;
 /// More atoms than this are refused.
-const MOST_ATOMS: usize = 8_000_000;
+const MAX_ATOMS: usize = 8_000_000;
 
 /// Space, cut up.
 pub(crate) struct Cells<'a> {
-    pub(crate) plan: &'a Plan,
+    pub(crate) plan: &'a DrawingGrid,
     first: Vec<u32>,
     parent: Vec<u32>,
     /// Cells thicker somewhere than rounding, where there are walls.
@@ -27,8 +27,8 @@ pub(crate) struct Cells<'a> {
 }
 
 /// Whether a plan's grid has more boxes than are looked at.
-pub(crate) fn is_too_fine(plan: &Plan) -> bool {
-    (0..3).map(|a| plan.intervals(a)).product::<usize>() > MOST_BOXES
+pub(crate) fn is_too_fine(plan: &DrawingGrid) -> bool {
+    (0..3).map(|a| plan.intervals(a)).product::<usize>() > MAX_BOXES
 }
 
 impl<'a> Cells<'a> {
@@ -36,11 +36,11 @@ impl<'a> Cells<'a> {
     ///
     /// # Errors
     /// `Unsupported` where there are too many atoms.
-    pub(crate) fn of(plan: &'a Plan) -> Result<Self> {
+    pub(crate) fn new(plan: &'a DrawingGrid) -> Result<Self> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         if is_too_fine(plan) {
             return Err(Error::unsupported(format!(
-                "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MOST_BOXES}, as \
+                "the drawing's lines make a grid of {} x {} x {} boxes: needed at most {MAX_BOXES}, as \
                  where lines end or turn at fewer places",
                 n[0], n[1], n[2]
             )));
@@ -55,9 +55,9 @@ impl<'a> Cells<'a> {
                         (0..plan.views.len()).map(|v| pieces_in(plan, v, [i, j, k]).len()).sum();
                     let cuts = pieces + plan.walls_in([i, j, k]).len();
                     total += 1_usize << cuts.min(24);
-                    if total > MOST_ATOMS {
+                    if total > MAX_ATOMS {
                         return Err(Error::unsupported(format!(
-                            "the drawing cuts space into more than {MOST_ATOMS} parts: needed a simpler \
+                            "the drawing cuts space into more than {MAX_ATOMS} parts: needed a simpler \
                              drawing"
                         )));
                     }
@@ -214,7 +214,7 @@ impl<'a> Cells<'a> {
     /// draws nothing.
     fn join_across(&mut self, axis: usize) {
         let plan = self.plan;
-        let drawn: Vec<Drawn> = (0..plan.views.len()).filter_map(|v| Drawn::of(plan, v, axis)).collect();
+        let drawn: Vec<Drawn> = (0..plan.views.len()).filter_map(|v| Drawn::new(plan, v, axis)).collect();
         let [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
         for at in 1..plan.grid[axis].len() - 1 {
             for i in 0..plan.intervals(a) {
@@ -376,12 +376,12 @@ fn samples(cuts: &[f64], each: usize, least: f64) -> Vec<f64> {
 }
 
 /// Whether nothing cuts a box.
-pub(crate) fn is_plain(plan: &Plan, cell: [usize; 3]) -> bool {
+pub(crate) fn is_plain(plan: &DrawingGrid, cell: [usize; 3]) -> bool {
     plan.walls_in(cell).is_empty() && (0..plan.views.len()).all(|v| pieces_in(plan, v, cell).is_empty())
 }
 
 /// The pieces of a view that cut a box.
-pub(crate) fn pieces_in(plan: &Plan, view: usize, cell: [usize; 3]) -> &[u32] {
+pub(crate) fn pieces_in(plan: &DrawingGrid, view: usize, cell: [usize; 3]) -> &[u32] {
     let axes = plan.views[view].kind.axes();
     plan.views[view].pieces_of([cell[axes[0]], cell[axes[1]]], plan.intervals(axes[1]))
 }
@@ -395,7 +395,7 @@ struct Drawn {
 
 impl Drawn {
     /// None where the view does not see planes across the axis edge-on.
-    fn of(plan: &Plan, view: usize, axis: usize) -> Option<Self> {
+    fn new(plan: &DrawingGrid, view: usize, axis: usize) -> Option<Self> {
         let view = &plan.views[view];
         let axes = view.kind.axes();
         let k = (0..2).find(|&k| axes[k] == axis)?;

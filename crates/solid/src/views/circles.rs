@@ -1,9 +1,9 @@
 //! Cylinders oblique to all views, by their ends: curves of a view that, lifted into a plane, are circles
 //! along an axis, and that the other views show as well.
 
+use super::candidate_surface::{Extent, Side};
 use super::oblique::bounds_of;
 use super::oblique_wall::{Form, Oblique, Sector};
-use super::wall::{Extent, Side};
 use super::wireframe::Wireframe;
 use crate::brep::{along, unit};
 use crate::drawing::{Curve2, Drawing, distance_to_segment};
@@ -13,18 +13,18 @@ use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
 use std::f64::consts::TAU;
 
 /// A plane shows curves of a view where its normal leans so far towards the eye.
-const LEAST_LEAN: f64 = 1e-3;
+const MIN_LEAN: f64 = 1e-3;
 /// Exported curves miss what they mean by less than this share of the drawing's size.
 const ROUGH: f64 = 1e-3;
 /// Those that miss it by less are taken as they are.
 const EXACT: f64 = 1e-6;
 /// Curves of fewer points tell nothing.
-const LEAST_POINTS: usize = 5;
+const MIN_POINTS: usize = 5;
 /// Directions are one below this sine of the angle between them.
 const PARALLEL: f64 = 1e-4;
 /// A plane cuts a cylinder in an end where the cosine of the angle between its normal and the axis is so
 /// large.
-const LEAST_STEEP: f64 = 0.2;
+const MIN_STEEP: f64 = 0.2;
 /// Half of the widest sector for which the rest of a cylinder is not meant, in radians.
 const WIDEST: f64 = 1.5;
 /// Steps of Newton's method.
@@ -119,21 +119,21 @@ fn circles_in(drawing: &Drawing, plane: &Plane, index: usize, axes: &[[f64; 3]])
     let size = drawing.size();
     let steep = axes.iter().copied().filter(|a| {
         let cosine = dot(*a, plane.normal).abs();
-        cosine > LEAST_STEEP && cosine < 1.0 - PARALLEL * PARALLEL
+        cosine > MIN_STEEP && cosine < 1.0 - PARALLEL * PARALLEL
     });
     let axes: Vec<[f64; 3]> = std::iter::once(plane.normal).chain(steep).collect();
     let mut found = Vec::new();
     for (v, view) in drawing.views.iter().enumerate() {
         let [right, up, sight] = view.kind.axes();
         let lean = plane.normal[sight];
-        if lean.abs() < LEAST_LEAN {
+        if lean.abs() < MIN_LEAN {
             continue;
         }
         for drawn in &view.curves {
             let Curve2::Chain(chain) = &drawn.curve else {
                 continue;
             };
-            if chain.len() < LEAST_POINTS {
+            if chain.len() < MIN_POINTS {
                 continue;
             }
             let lifted = |q: &[f64; 2]| {

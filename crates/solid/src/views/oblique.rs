@@ -14,9 +14,9 @@
 //! Not guaranteed: drawings of two views, planes whose edges are mostly smooth and not drawn, cylinders whose
 //! ends are all cut obliquely.
 
+use super::candidate_surface::CandidateSurface;
 use super::circles::circles;
 use super::oblique_wall::{Form, Oblique};
-use super::wall::Wall;
 use super::wireframe::{Wireframe, wireframe};
 use crate::brep::unit;
 use crate::drawing::{Curve2, Drawing};
@@ -25,39 +25,39 @@ use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 use std::collections::BTreeSet;
 
 /// Ends of lines that mean one point agree within this share of the drawing's size.
-const SAME: f64 = 1e-5;
+const COINCIDENT: f64 = 1e-5;
 /// A plane is oblique to a view where its normal leans so far out of the view's own plane.
-const LEAST_LEAN: f64 = 1e-4;
+const MIN_LEAN: f64 = 1e-4;
 /// An axis leans out of a view's plane where the sine of the angle is so large.
 const ROUGH_LEAN: f64 = 1e-3;
 /// Edges span a plane where the sine of the angle between them is so large.
-const LEAST_ANGLE: f64 = 1e-3;
+const MIN_ANGLE: f64 = 1e-3;
 /// So many edges make a face at least.
-const LEAST_EDGES: usize = 3;
+const MIN_EDGES: usize = 3;
 /// More candidates tell nothing.
-const MOST_WALLS: usize = 24;
+const MAX_WALLS: usize = 24;
 
 /// Oblique walls of a drawing, and the curves for which nothing else is needed, by view and index.
-pub(super) struct Found {
-    pub(super) walls: Vec<Wall>,
+pub(super) struct ObliqueSurfaces {
+    pub(super) walls: Vec<CandidateSurface>,
     pub(super) explained: BTreeSet<(usize, usize)>,
 }
 
 /// The oblique walls of a drawing; none where there are none, or too many.
-pub(super) fn oblique(drawing: &Drawing) -> Option<Found> {
-    let near = SAME * drawing.size();
+pub(super) fn oblique(drawing: &Drawing) -> Option<ObliqueSurfaces> {
+    let near = COINCIDENT * drawing.size();
     let frame = wireframe(drawing, near)?;
     let planes = planes(&frame, near);
     let mut forms: Vec<Oblique> = planes.clone();
-    if forms.len() <= MOST_WALLS {
+    if forms.len() <= MAX_WALLS {
         forms.extend(circles(drawing, &frame, &planes, near));
     }
-    if forms.is_empty() || forms.len() > MOST_WALLS {
+    if forms.is_empty() || forms.len() > MAX_WALLS {
         return None;
     }
     let explained = explained(drawing, &frame, &forms, near);
-    let walls = forms.into_iter().map(Wall::Oblique).collect();
-    Some(Found { walls, explained })
+    let walls = forms.into_iter().map(CandidateSurface::Oblique).collect();
+    Some(ObliqueSurfaces { walls, explained })
 }
 
 /// Planes oblique to all views that hold closed chains of edges.
@@ -75,14 +75,14 @@ fn planes(frame: &Wireframe, near: f64) -> Vec<Oblique> {
                 let p = frame.points[i];
                 let (a, b) = (unit(sub(frame.points[j], p)), unit(sub(frame.points[k], p)));
                 let normal = cross(a, b);
-                if norm(normal) < LEAST_ANGLE {
+                if norm(normal) < MIN_ANGLE {
                     continue;
                 }
                 let normal = unit(normal);
                 let three = [i, j, k].map(|v| frame.points[v]);
                 let is_known =
                     |(n, d): &([f64; 3], f64)| three.iter().all(|p| (dot(*n, *p) - d).abs() < 3.0 * near);
-                if normal.iter().any(|c| c.abs() < LEAST_LEAN) || tried.iter().any(is_known) {
+                if normal.iter().any(|c| c.abs() < MIN_LEAN) || tried.iter().any(is_known) {
                     continue;
                 }
                 let offset = dot(normal, p);
@@ -107,7 +107,7 @@ fn face_plane(frame: &Wireframe, normal: [f64; 3], offset: f64, near: f64) -> Op
         }
         edges = kept;
     }
-    if edges.len() < LEAST_EDGES {
+    if edges.len() < MIN_EDGES {
         return None;
     }
     let ends: BTreeSet<usize> = edges.iter().flatten().copied().collect();

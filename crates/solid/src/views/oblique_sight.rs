@@ -1,12 +1,12 @@
 //! Where planes and cylinders oblique to all views would be seen: cylinders' outlines, and the curves in
 //! which such walls meet each other.
 
+use super::candidate_surface::CandidateSurface;
 use super::candidates::{Candidate, corners, curves};
 use super::cells::Cells;
 use super::oblique_wall::Oblique;
-use super::sight::Looks;
+use super::sight::SightTests;
 use super::surfaces::Curve3;
-use super::wall::Wall;
 use crate::brep::along;
 use crate::drawing::Drawing;
 use planish_estimate::vector3::{cross, norm, sub};
@@ -17,7 +17,7 @@ const ALONG: usize = 24;
 /// Shares of a stretch between two corners at which it is looked at.
 const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
 
-impl Looks {
+impl SightTests {
     /// Looks along the outlines of an oblique cylinder.
     pub(super) fn oblique_outlines(&mut self, cells: &Cells, drawing: &Drawing, view: usize, wall: &Oblique) {
         let sight = cells.plan.views[view].kind.axes()[2];
@@ -42,7 +42,7 @@ impl Looks {
         let bounds = [0, 1, 2].map(|a| [plan.grid[a][0], plan.grid[a][plan.grid[a].len() - 1]]);
         for i in 0..walls.len() {
             for j in i + 1..walls.len() {
-                let oblique = [i, j].iter().any(|k| matches!(plan.walls[*k], Wall::Oblique(_)));
+                let oblique = [i, j].iter().any(|k| matches!(plan.walls[*k], CandidateSurface::Oblique(_)));
                 if !oblique || !overlap(&plan.walls[i], &plan.walls[j], plan.tolerance) {
                     continue;
                 }
@@ -72,7 +72,7 @@ impl Looks {
     }
 }
 
-fn overlap(a: &Wall, b: &Wall, tolerance: f64) -> bool {
+fn overlap(a: &CandidateSurface, b: &CandidateSurface, tolerance: f64) -> bool {
     let (a, b) = (a.bounds(), b.bounds());
     (0..3).all(|k| a[k][0] < b[k][1] + tolerance && b[k][0] < a[k][1] + tolerance)
 }

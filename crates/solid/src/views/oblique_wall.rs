@@ -1,7 +1,7 @@
 //! Planes and cylinders oblique to all lines of sight.
 
-use super::wall::{Extent, Side};
-use crate::brep::{Surface, along, unit};
+use super::candidate_surface::{Extent, Side};
+use crate::brep::{FaceSurface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub, tangents};
 
 /// Halvings of a stretch of an axis in which the point nearest to a box is sought.
@@ -174,13 +174,13 @@ impl Oblique {
     }
 
     /// The surface; its normal is the gradient's direction.
-    pub(crate) fn surface(&self) -> Surface {
+    pub(crate) fn surface(&self) -> FaceSurface {
         match self.form {
             Form::Plane { normal, offset } => {
-                Surface::Plane { origin: scale(offset, normal), normal, x: tangents(normal).0 }
+                FaceSurface::Plane { origin: scale(offset, normal), normal, x: tangents(normal).0 }
             }
             Form::Cylinder { origin, axis, radius } => {
-                Surface::Cylinder { origin, axis, x: tangents(axis).0, radius }
+                FaceSurface::Cylinder { origin, axis, x: tangents(axis).0, radius }
             }
         }
     }

@@ -2,7 +2,7 @@
 //! circles or ellipses.
 
 use super::surfaces::Curve3;
-use crate::brep::{Surface, along, unit};
+use crate::brep::{FaceSurface, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 
 /// Directions are parallel below this sine of the angle between them: they are measured on drawings.
@@ -10,9 +10,12 @@ const PARALLEL: f64 = 1e-6;
 
 /// Where two surfaces meet; none where that is no line, circle or ellipse. Touching within a tolerance counts
 /// once.
-pub(super) fn quadrics(s: &Surface, t: &Surface, tolerance: f64) -> Option<Vec<Curve3>> {
+pub(super) fn quadrics(s: &FaceSurface, t: &FaceSurface, tolerance: f64) -> Option<Vec<Curve3>> {
     match (*s, *t) {
-        (Surface::Plane { origin, normal, .. }, Surface::Plane { origin: second, normal: other, .. }) => {
+        (
+            FaceSurface::Plane { origin, normal, .. },
+            FaceSurface::Plane { origin: second, normal: other, .. },
+        ) => {
             let direction = cross(normal, other);
             let square = dot(direction, direction);
             if square.sqrt() < PARALLEL {
@@ -24,15 +27,15 @@ pub(super) fn quadrics(s: &Surface, t: &Surface, tolerance: f64) -> Option<Vec<C
             let at = scale(1.0 / square, cross(across, direction));
             Some(vec![Curve3::Line { origin: at, direction: unit(direction) }])
         }
-        (plane @ Surface::Plane { .. }, Surface::Cylinder { .. }) => {
+        (plane @ FaceSurface::Plane { .. }, FaceSurface::Cylinder { .. }) => {
             Some(cylinder_and_plane(t, &plane, tolerance))
         }
-        (Surface::Cylinder { .. }, plane @ Surface::Plane { .. }) => {
+        (FaceSurface::Cylinder { .. }, plane @ FaceSurface::Plane { .. }) => {
             Some(cylinder_and_plane(s, &plane, tolerance))
         }
         (
-            Surface::Cylinder { origin, axis, radius, .. },
-            Surface::Cylinder { origin: second, axis: other, radius: r2, .. },
+            FaceSurface::Cylinder { origin, axis, radius, .. },
+            FaceSurface::Cylinder { origin: second, axis: other, radius: r2, .. },
         ) if norm(cross(axis, other)) < PARALLEL => {
             let d = sub(second, origin);
             let d = along(d, -dot(d, axis), axis);
@@ -69,9 +72,11 @@ fn halves(
     vec![line(-half), line(half)]
 }
 
-fn cylinder_and_plane(cylinder: &Surface, plane: &Surface, tolerance: f64) -> Vec<Curve3> {
-    let (Surface::Cylinder { origin, axis, radius, .. }, Surface::Plane { origin: on_plane, normal, .. }) =
-        (cylinder, plane)
+fn cylinder_and_plane(cylinder: &FaceSurface, plane: &FaceSurface, tolerance: f64) -> Vec<Curve3> {
+    let (
+        FaceSurface::Cylinder { origin, axis, radius, .. },
+        FaceSurface::Plane { origin: on_plane, normal, .. },
+    ) = (cylinder, plane)
     else {
         return Vec::new();
     };

@@ -1,6 +1,6 @@
 //! Loops on planes and cylinders, in their parameters, gathered to faces.
 
-use crate::brep::{Coedge, Curve, Solid, Surface};
+use crate::brep::{Coedge, EdgeCurve, FaceSurface, Solid};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
@@ -12,12 +12,12 @@ struct Ring {
 }
 
 impl Ring {
-    fn of(solid: &Solid, surface: &Surface, coedges: &[Coedge]) -> Self {
+    fn new(solid: &Solid, surface: &FaceSurface, coedges: &[Coedge]) -> Self {
         let mut points: Vec<[f64; 2]> = Vec::new();
-        let periodic = matches!(surface, Surface::Cylinder { .. });
+        let periodic = matches!(surface, FaceSurface::Cylinder { .. });
         for coedge in coedges {
             let edge = &solid.edges[coedge.edge];
-            let n = if matches!(edge.curve, Curve::Line { .. }) { 1 } else { 32 };
+            let n = if matches!(edge.curve, EdgeCurve::Line { .. }) { 1 } else { 32 };
             for k in 0..n {
                 let share = k as f64 / n as f64;
                 let share = if coedge.forward { share } else { 1.0 - share };
@@ -68,12 +68,12 @@ impl Ring {
 /// same face.
 pub(super) fn faces(
     solid: &Solid,
-    surface: &Surface,
+    surface: &FaceSurface,
     outward: bool,
     loops: Vec<Vec<Coedge>>,
 ) -> Vec<Vec<Vec<Coedge>>> {
-    let rings: Vec<Ring> = loops.iter().map(|l| Ring::of(solid, surface, l)).collect();
-    let periodic = matches!(surface, Surface::Cylinder { .. });
+    let rings: Vec<Ring> = loops.iter().map(|l| Ring::new(solid, surface, l)).collect();
+    let periodic = matches!(surface, FaceSurface::Cylinder { .. });
     let sense = if outward { 1.0 } else { -1.0 };
     let mut face_of: Vec<usize> = (0..loops.len()).collect();
     for (index, ring) in rings.iter().enumerate() {

@@ -6,7 +6,7 @@
 
 use super::cells::Cells;
 use super::preference::Preference;
-use super::sight::{Group, Look, LookPlace, Looks};
+use super::sight::{EdgeSectors, SightTest, SightTestPlace, SightTests};
 use crate::drawing::LineStyle;
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -15,11 +15,11 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 pub(crate) type Assignment = BTreeMap<u32, bool>;
 
 /// What the search found.
-pub(crate) struct Found {
+pub(crate) struct SearchResult {
     /// Whether there are no others.
     pub(crate) complete: bool,
     /// Places that no solid explains.
-    pub(crate) unexplained: Vec<(Option<LineStyle>, LookPlace)>,
+    pub(crate) unexplained: Vec<(Option<LineStyle>, SightTestPlace)>,
 }
 
 /// Which edges lines may stand for.
@@ -35,7 +35,7 @@ struct Encoder {
     solver: BasicSolver,
     outside: u32,
     cells: BTreeMap<u32, Var>,
-    events: HashMap<(Group, SmoothEdges), Lit>,
+    events: HashMap<(EdgeSectors, SmoothEdges), Lit>,
     truth: Lit,
     smooth_edges: SmoothEdges,
 }
@@ -67,7 +67,7 @@ impl Encoder {
     }
 
     /// The literal that there is an edge at a group, a tangent one or not.
-    fn event(&mut self, group: &Group, smooth_edges: SmoothEdges) -> Lit {
+    fn event(&mut self, group: &EdgeSectors, smooth_edges: SmoothEdges) -> Lit {
         let smooth_edges = match group.tangent.is_empty() {
             true => SmoothEdges::NotDrawn,
             false => smooth_edges,
@@ -100,15 +100,15 @@ impl Encoder {
     }
 
     /// Adds a look, in force while its switch is on.
-    fn add(&mut self, look: &Look, switch: Lit) {
+    fn add(&mut self, sight_test: &SightTest, switch: Lit) {
         // What must not be seen is an edge at an angle; what is drawn may be a tangent one.
         let (forbidden, drawn) = (SmoothEdges::NotDrawn, self.smooth_edges);
-        let seen_as = match look.style {
+        let seen_as = match sight_test.style {
             Some(LineStyle::Visible) => drawn,
             _ => forbidden,
         };
-        let events: Vec<Lit> = look.groups.iter().map(|g| self.event(g, seen_as)).collect();
-        let Some(style) = look.style else {
+        let events: Vec<Lit> = sight_test.groups.iter().map(|g| self.event(g, seen_as)).collect();
+        let Some(style) = sight_test.style else {
             for event in events {
                 self.clause(vec![!switch, !event]);
             }
@@ -116,8 +116,8 @@ impl Encoder {
         };
         let mut visible = Vec::new();
         let mut clear = self.truth;
-        let mut passed: Vec<u32> = look.start.to_vec();
-        for (group, event) in look.groups.iter().zip(&events) {
+        let mut passed: Vec<u32> = sight_test.start.to_vec();
+        for (group, event) in sight_test.groups.iter().zip(&events) {
             clear = self.clear(clear, &mut passed);
             let seen = self.fresh();
             self.clause(vec![!seen, clear]);
@@ -135,7 +135,7 @@ impl Encoder {
                 for seen in visible {
                     self.clause(vec![!switch, !seen]);
                 }
-                let mut any: Vec<Lit> = look.groups.iter().map(|g| self.event(g, drawn)).collect();
+                let mut any: Vec<Lit> = sight_test.groups.iter().map(|g| self.event(g, drawn)).collect();
                 any.push(!switch);
                 self.clause(any);
             }
@@ -199,7 +199,7 @@ impl Encoder {
 
 /// Whether there is an edge at a group for states of its cells; none where drawings differ in whether they
 /// show one.
-fn edge(group: &Group, smooth_edges: SmoothEdges, state: impl Fn(u32) -> bool) -> Option<bool> {
+fn edge(group: &EdgeSectors, smooth_edges: SmoothEdges, state: impl Fn(u32) -> bool) -> Option<bool> {
     let n = group.sectors.len();
     let states: Vec<bool> = group.sectors.iter().map(|c| state(*c)).collect();
     let boundary: Vec<u8> = (0..n).filter(|&h| states[h] != states[(h + 1) % n]).map(|h| h as u8).collect();
@@ -234,18 +234,18 @@ fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
 /// Assignments that meet all preferences that can be met together come first.
 pub(crate) fn search(
     cells: &Cells,
-    looks: &Looks,
+    sight_tests: &SightTests,
     smooth_edges: SmoothEdges,
     preferences: &[Preference],
     most: usize,
     mut accept: impl FnMut(&Assignment) -> Vec<u32>,
-) -> Found {
+) -> SearchResult {
     let outside = cells.at_in([0, 0, 0], [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size));
     let mut encoder = Encoder::new(outside, smooth_edges);
     let mut switches: Vec<(Lit, usize)> = Vec::new();
-    for (index, (look, _)) in looks.looks.iter().enumerate() {
+    for (index, (sight_test, _)) in sight_tests.sight_tests.iter().enumerate() {
         let switch = encoder.fresh();
-        encoder.add(look, switch);
+        encoder.add(sight_test, switch);
         switches.push((switch, index));
     }
     let mut unexplained = Vec::new();
@@ -255,21 +255,21 @@ pub(crate) fn search(
             break;
         }
         let core: Vec<Lit> = encoder.solver.unsat_core().to_vec();
-        let places = |index: usize| looks.looks[index].1.len();
+        let places = |index: usize| sight_tests.sight_tests[index].1.len();
         let Some(at) = (0..switches.len())
             .filter(|&s| core.contains(&switches[s].0) || core.contains(&!switches[s].0))
             .min_by_key(|&s| places(switches[s].1))
         else {
-            return Found { complete: true, unexplained };
+            return SearchResult { complete: true, unexplained };
         };
         let (_, index) = switches.swap_remove(at);
-        let (look, places) = &looks.looks[index];
-        unexplained.push((look.style, places[0].clone()));
+        let (sight_test, places) = &sight_tests.sight_tests[index];
+        unexplained.push((sight_test.style, places[0].clone()));
     }
     let on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
     // A solid that leaves lines unexplained has other views than the drawing: naming the lines is the answer.
     if !unexplained.is_empty() {
-        return Found { complete: true, unexplained };
+        return SearchResult { complete: true, unexplained };
     }
     let preferred: Vec<Lit> = preferences.iter().map(|p| encoder.prefer(p)).collect();
     let mut assumed = encoder.first_choice(&on, preferred);
@@ -298,7 +298,7 @@ pub(crate) fn search(
             is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;
         }
         if !is_found {
-            return Found { complete: count < most, unexplained };
+            return SearchResult { complete: count < most, unexplained };
         }
     }
 }

@@ -25,7 +25,7 @@ pub enum Projection {
 }
 
 /// Curves that hang together.
-struct Group {
+struct CurveCluster {
     curves: Vec<usize>,
     /// Left, right; bottom, top.
     span: [[f64; 2]; 2],
@@ -42,8 +42,9 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
         (lo.min(g.span[0][0]).min(g.span[1][0]), hi.max(g.span[0][1]).max(g.span[1][1]))
     });
     let near = ALIGNED * (hi - lo);
-    let aligned =
-        |a: &Group, b: &Group, k: usize| (0..2).all(|e| (a.span[k][e] - b.span[k][e]).abs() <= near);
+    let aligned = |a: &CurveCluster, b: &CurveCluster, k: usize| {
+        (0..2).all(|e| (a.span[k][e] - b.span[k][e]).abs() <= near)
+    };
     // Above or below each other, and beside each other.
     let stacked = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 0);
     let beside = |a: usize, b: usize| a != b && aligned(&groups[a], &groups[b], 1);
@@ -97,16 +98,16 @@ pub fn views_of_sheet(curves: &[DrawnCurve], projection: Projection) -> Result<D
 }
 
 /// Groups of curves whose boxes touch.
-fn groups(curves: &[DrawnCurve]) -> Vec<Group> {
-    let mut groups: Vec<Group> = Vec::new();
+fn groups(curves: &[DrawnCurve]) -> Vec<CurveCluster> {
+    let mut groups: Vec<CurveCluster> = Vec::new();
     let boxes: Vec<[[f64; 2]; 2]> = curves.iter().map(|c| span_of(&c.curve)).collect();
     let size = boxes.iter().flatten().fold((f64::MAX, f64::MIN), |(lo, hi), s| (lo.min(s[0]), hi.max(s[1])));
     let gap = GAP * (size.1 - size.0);
     for (index, span) in boxes.into_iter().enumerate() {
-        let mut joined = Group { curves: vec![index], span };
+        let mut joined = CurveCluster { curves: vec![index], span };
         // Joining makes a box larger: until nothing else touches it.
         loop {
-            let touches = |g: &Group| {
+            let touches = |g: &CurveCluster| {
                 (0..2).all(|k| {
                     g.span[k][0] <= joined.span[k][1] + gap && joined.span[k][0] <= g.span[k][1] + gap
                 })
@@ -134,7 +135,7 @@ fn span_of(curve: &Curve2) -> [[f64; 2]; 2] {
 }
 
 /// The curves of a group as a view, in the part's coordinates.
-fn placed(curves: &[DrawnCurve], group: &Group, kind: ViewKind) -> View {
+fn placed(curves: &[DrawnCurve], group: &CurveCluster, kind: ViewKind) -> View {
     // Seen from the left, y runs to the left.
     let mirrored = kind == ViewKind::Left;
     let x = if mirrored { group.span[0][1] } else { group.span[0][0] };

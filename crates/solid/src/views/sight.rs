@@ -6,11 +6,11 @@
 //! runs smoothly through. A visible line has an edge in front of all that is solid, a hidden one only behind,
 //! and where nothing is drawn there is none.
 
+use super::candidate_surface::Side;
 use super::cells::{Cells, pieces_in};
 use super::column::{Break, Column, SurfaceId};
-use super::plan::{Carrier, runs_within};
+use super::drawing_grid::{Carrier, runs_within};
 use super::profile::Profile;
-use super::wall::Side;
 use crate::drawing::{Drawing, LineStyle, distance_to_segment};
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -24,7 +24,7 @@ const NEARER: f64 = 100.0;
 
 /// Sectors around a line in space.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) struct Group {
+pub(crate) struct EdgeSectors {
     /// Cells around the line, in order.
     pub(crate) sectors: Vec<u32>,
     /// Pairs of half-surfaces that continue each other smoothly; half-surface `h` lies behind sector `h`.
@@ -36,15 +36,15 @@ pub(crate) struct Group {
 
 /// What two lines of sight on both sides of a point meet, and what is drawn there.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) struct Look {
+pub(crate) struct SightTest {
     pub(crate) style: Option<LineStyle>,
     pub(crate) start: [u32; 2],
-    pub(crate) groups: Vec<Group>,
+    pub(crate) groups: Vec<EdgeSectors>,
 }
 
 /// Where a look was taken.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct LookPlace {
+pub(crate) struct SightTestPlace {
     pub(crate) view: usize,
     pub(crate) at: [f64; 2],
     /// The curve that is drawn there.
@@ -52,28 +52,28 @@ pub(crate) struct LookPlace {
 }
 
 /// All looks at a drawing, each once, with the places that ask for it.
-pub(crate) struct Looks {
-    pub(crate) looks: Vec<(Look, Vec<LookPlace>)>,
-    seen: HashMap<Look, usize>,
+pub(crate) struct SightTests {
+    pub(crate) sight_tests: Vec<(SightTest, Vec<SightTestPlace>)>,
+    seen: HashMap<SightTest, usize>,
 }
 
-impl Looks {
+impl SightTests {
     /// Looks at every line, and where a line may be missing.
     pub(crate) fn at(cells: &Cells, drawing: &Drawing) -> Self {
-        let mut looks = Self { looks: Vec::new(), seen: HashMap::new() };
+        let mut sight_tests = Self { sight_tests: Vec::new(), seen: HashMap::new() };
         for view in 0..cells.plan.views.len() {
-            looks.along_grid(cells, view);
-            looks.along_pieces(cells, view);
-            looks.at_crossings(cells, drawing, view);
-            looks.at_walls(cells, drawing, view);
+            sight_tests.along_grid(cells, view);
+            sight_tests.along_pieces(cells, view);
+            sight_tests.at_crossings(cells, drawing, view);
+            sight_tests.at_walls(cells, drawing, view);
         }
-        looks
+        sight_tests
     }
 
     pub(super) fn add(
         &mut self,
         cells: &Cells,
-        place: LookPlace,
+        place: SightTestPlace,
         style: Option<LineStyle>,
         normal: [f64; 2],
         step: f64,
@@ -81,21 +81,21 @@ impl Looks {
         if is_crowded(cells, place.view, place.at, normal, 2.0 * step) {
             return;
         }
-        let Some(look) = look(cells, place.view, place.at, normal, step, style) else {
+        let Some(sight_test) = sight_test(cells, place.view, place.at, normal, step, style) else {
             return;
         };
         // Where surfaces touch close by, lines of sight at some distance pass on the other side of them than
         // those nearer: such a place tells nothing.
-        let nearer = self::look(cells, place.view, place.at, normal, step / NEARER, style);
-        if nearer.as_ref() != Some(&look) {
+        let nearer = self::sight_test(cells, place.view, place.at, normal, step / NEARER, style);
+        if nearer.as_ref() != Some(&sight_test) {
             return;
         }
-        let next = self.looks.len();
-        let at = *self.seen.entry(look.clone()).or_insert(next);
+        let next = self.sight_tests.len();
+        let at = *self.seen.entry(sight_test.clone()).or_insert(next);
         if at == next {
-            self.looks.push((look, Vec::new()));
+            self.sight_tests.push((sight_test, Vec::new()));
         }
-        self.looks[at].1.push(place);
+        self.sight_tests[at].1.push(place);
     }
 
     fn along_grid(&mut self, cells: &Cells, view: usize) {
@@ -122,11 +122,11 @@ impl Looks {
                             let mut at = [0.0; 2];
                             at[k] = across[i];
                             at[1 - k] = from + (to - from) * share;
-                            let (place, style): (LookPlace, Option<LineStyle>) = match curve {
+                            let (place, style): (SightTestPlace, Option<LineStyle>) = match curve {
                                 Some((curve, style)) => {
-                                    (LookPlace { view, at, curve: Some(curve) }, Some(style))
+                                    (SightTestPlace { view, at, curve: Some(curve) }, Some(style))
                                 }
-                                None => (LookPlace { view, at, curve: None }, None),
+                                None => (SightTestPlace { view, at, curve: None }, None),
                             };
                             self.add(cells, place, style, normal, step);
                         }
@@ -152,7 +152,7 @@ impl Looks {
             for run in &piece.runs {
                 for share in [0.13, 0.47, 0.86] {
                     let at = profile.point(run.from + (run.to - run.from) * share);
-                    let place = LookPlace { view, at, curve: Some(run.curve) };
+                    let place = SightTestPlace { view, at, curve: Some(run.curve) };
                     self.add(cells, place, Some(run.style), profile.normal(at), step);
                 }
             }
@@ -218,7 +218,7 @@ impl Looks {
                                 let Some(style) = style_near(cells, drawing, view, at, None) else {
                                     continue;
                                 };
-                                let place = LookPlace { view, at, curve: style.map(|s| s.1) };
+                                let place = SightTestPlace { view, at, curve: style.map(|s| s.1) };
                                 self.add(
                                     cells,
                                     place,
@@ -433,14 +433,14 @@ fn is_crowded(cells: &Cells, view: usize, at: [f64; 2], normal: [f64; 2], near: 
     })
 }
 
-fn look(
+fn sight_test(
     cells: &Cells,
     view: usize,
     at: [f64; 2],
     normal: [f64; 2],
     step: f64,
     style: Option<LineStyle>,
-) -> Option<Look> {
+) -> Option<SightTest> {
     let plan = cells.plan;
     let beside =
         |sign: f64| cells.column(view, [at[0] + sign * step * normal[0], at[1] + sign * step * normal[1]]);
@@ -472,10 +472,10 @@ fn look(
         groups.push(group(&limits[from..to], &mut now));
         from = to;
     }
-    Some(Look { style, start, groups })
+    Some(SightTest { style, start, groups })
 }
 
-fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> Group {
+fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> EdgeSectors {
     let before = *now;
     let mut sides: [Vec<&Limit>; 2] = Default::default();
     for (side, limit) in limits {
@@ -518,5 +518,5 @@ fn group(limits: &[(usize, Limit)], now: &mut [u32; 2]) -> Group {
             }
         }
     }
-    Group { sectors, smooth, tangent }
+    EdgeSectors { sectors, smooth, tangent }
 }

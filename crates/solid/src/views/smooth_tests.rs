@@ -10,7 +10,7 @@ fn best(drawing: &Drawing) -> Solution {
     let found = solve(drawing).unwrap();
     assert!(found.unexplained.is_empty(), "{:?}", found.unexplained);
     let best = found.solutions.into_iter().next().unwrap();
-    assert_eq!(disagreements(&best.solid, drawing, &CompareOptions::default()), []);
+    assert_eq!(disagreements(&best.solid, drawing, &ReprojectionOptions::default()), []);
     best
 }
 

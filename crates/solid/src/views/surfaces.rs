@@ -7,7 +7,7 @@ use super::cells::Cells;
 use super::column::SurfaceId;
 use super::profile::Profile;
 use super::traced::Traced;
-use crate::brep::{Surface, along};
+use crate::brep::{FaceSurface, along};
 use planish_estimate::vector3::norm;
 use std::f64::consts::TAU;
 
@@ -22,7 +22,7 @@ pub(super) struct Drawn {
 }
 
 impl Drawn {
-    pub(super) fn of(cells: &Cells, id: SurfaceId) -> Self {
+    pub(super) fn new(cells: &Cells, id: SurfaceId) -> Self {
         match id {
             SurfaceId::Grid(axis, index) => {
                 let offset = cells.plan.grid[axis][index];
@@ -58,7 +58,7 @@ impl Drawn {
     }
 
     /// The surface itself; its normal is the gradient's direction.
-    pub(super) fn surface(&self) -> Surface {
+    pub(super) fn surface(&self) -> FaceSurface {
         let axis_of = |k: usize| {
             let mut axis = [0.0; 3];
             axis[self.axes[k]] = 1.0;
@@ -67,9 +67,9 @@ impl Drawn {
         match self.profile {
             Profile::Line { normal, offset } => {
                 let normal = along(along([0.0; 3], normal[0], axis_of(0)), normal[1], axis_of(1));
-                Surface::Plane { origin: along([0.0; 3], offset, normal), normal, x: axis_of(2) }
+                FaceSurface::Plane { origin: along([0.0; 3], offset, normal), normal, x: axis_of(2) }
             }
-            Profile::Circle { center, radius } => Surface::Cylinder {
+            Profile::Circle { center, radius } => FaceSurface::Cylinder {
                 origin: along(along([0.0; 3], center[0], axis_of(0)), center[1], axis_of(1)),
                 axis: axis_of(2),
                 // The seam lies at +z, of upright cylinders at +x.

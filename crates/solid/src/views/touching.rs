@@ -7,8 +7,8 @@
 //! - along one that reaches from end to end the face borders itself: there is its seam, or it is cut in two
 //!   at its seam.
 
-use super::boundary::Maker;
-use crate::brep::{Coedge, Curve, Edge, Surface, along, unit};
+use super::boundary::BoundaryBuilder;
+use crate::brep::{Coedge, Edge, EdgeCurve, FaceSurface, along, unit};
 use planish_estimate::Result;
 use planish_estimate::vector3::{norm, sub};
 use std::f64::consts::PI;
@@ -16,7 +16,7 @@ use std::f64::consts::PI;
 /// Pieces in which an edge is searched for crossings.
 const STEPS: usize = 64;
 
-impl Maker<'_> {
+impl BoundaryBuilder<'_> {
     /// Takes slits from cylinders.
     ///
     /// # Errors
@@ -26,7 +26,7 @@ impl Maker<'_> {
             .coedges
             .keys()
             .copied()
-            .filter(|(s, _)| matches!(self.surfaces[*s].surface(), Surface::Cylinder { .. }))
+            .filter(|(s, _)| matches!(self.surfaces[*s].surface(), FaceSurface::Cylinder { .. }))
             .collect();
         for key in cylinders {
             let uses = self.coedges[&key].clone();
@@ -56,7 +56,7 @@ impl Maker<'_> {
 
     /// Whether two coedges are straight and run back on one another.
     fn is_slit(&self, a: Coedge, b: Coedge) -> bool {
-        let line = |c: Coedge| matches!(self.solid.edges[c.edge].curve, Curve::Line { .. });
+        let line = |c: Coedge| matches!(self.solid.edges[c.edge].curve, EdgeCurve::Line { .. });
         let [from, to] = self.solid.ends(a);
         a.edge != b.edge && line(a) && line(b) && self.solid.ends(b) == [to, from]
     }
@@ -78,7 +78,7 @@ impl Maker<'_> {
     }
 
     /// Cuts the face of a cylinder along the straight line at an angle.
-    fn cut_along(&mut self, key: (usize, bool), surface: &Surface, angle: f64) {
+    fn cut_along(&mut self, key: (usize, bool), surface: &FaceSurface, angle: f64) {
         let mut at: Vec<(f64, usize)> = Vec::new();
         let mut edges: Vec<usize> = self.coedges[&key].iter().map(|c| c.edge).collect();
         edges.sort_unstable();
@@ -106,7 +106,7 @@ impl Maker<'_> {
             let origin = self.solid.vertices[pair[0].1];
             let span = sub(self.solid.vertices[pair[1].1], origin);
             self.solid.edges.push(Edge {
-                curve: Curve::Line { origin, direction: unit(span) },
+                curve: EdgeCurve::Line { origin, direction: unit(span) },
                 range: [0.0, norm(span)],
                 start: pair[0].1,
                 end: pair[1].1,
@@ -119,9 +119,9 @@ impl Maker<'_> {
     }
 
     /// Where an edge on a cylinder crosses the straight line at an angle: parameters and points.
-    fn crossings(&self, index: usize, surface: &Surface, angle: f64) -> Vec<(f64, [f64; 3])> {
+    fn crossings(&self, index: usize, surface: &FaceSurface, angle: f64) -> Vec<(f64, [f64; 3])> {
         let edge = &self.solid.edges[index];
-        if matches!(edge.curve, Curve::Line { .. }) {
+        if matches!(edge.curve, EdgeCurve::Line { .. }) {
             return Vec::new();
         }
         let off = |t: f64| {

@@ -10,7 +10,7 @@ use crate::brep::{along, unit};
 use planish_estimate::vector3::{cross, dot, norm, scale, sub};
 
 /// Steps after which a curve is given up.
-const MOST_STEPS: usize = 4000;
+const MAX_STEPS: usize = 4000;
 /// Where surfaces touch, steps are halved down to this share.
 const SHORTEST: f64 = 1e-3;
 
@@ -170,7 +170,7 @@ fn follow(
     let mut points = vec![start];
     let mut p = start;
     let mut length = whole;
-    while points.len() < MOST_STEPS {
+    while points.len() < MAX_STEPS {
         let Some(next) = stepped(p, length) else {
             length /= 2.0;
             if length < SHORTEST * whole {

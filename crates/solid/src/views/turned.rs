@@ -8,15 +8,15 @@
 //! Not guaranteed: tori that touch or cross themselves, and surfaces of revolution whose ends and outlines
 //! are all cut away.
 
-use super::plan::{Carrier, Plan, Run, ViewPlan, stretches};
+use super::candidate_surface::{Extent, Side, across};
+use super::drawing_grid::{Carrier, DrawingGrid, Run, ViewGrid, stretches};
 use super::profile::Profile;
 use super::turned_wall::Turned;
-use super::wall::{Extent, Side, across};
 use crate::drawing::distance;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Circles are the same within this share of the drawing's size.
-const SAME: f64 = 1e-5;
+const COINCIDENT: f64 = 1e-5;
 
 /// The centre of circles in a view, with their radii.
 struct Axis {
@@ -25,7 +25,7 @@ struct Axis {
 }
 
 /// All walls of a plan; `strict` leaves out those that another view across the axis does not show as well.
-pub(crate) fn walls(plan: &Plan, strict: bool) -> Vec<Turned> {
+pub(crate) fn walls(plan: &DrawingGrid, strict: bool) -> Vec<Turned> {
     let mut found: Vec<Turned> = Vec::new();
     for shown in &plan.views {
         for axis in axes_of(shown, plan) {
@@ -41,8 +41,8 @@ pub(crate) fn walls(plan: &Plan, strict: bool) -> Vec<Turned> {
     found
 }
 
-fn add(found: &mut Vec<Turned>, wall: Turned, plan: &Plan) {
-    let same = SAME * plan.size;
+fn add(found: &mut Vec<Turned>, wall: Turned, plan: &DrawingGrid) {
+    let same = COINCIDENT * plan.size;
     let sphere = |w: &Turned| match (w.is_sphere(), w.profile) {
         (true, Profile::Circle { center, radius }) => Some((w.point(0.0, [0.0, center[1]]), radius)),
         _ => None,
@@ -59,13 +59,13 @@ fn add(found: &mut Vec<Turned>, wall: Turned, plan: &Plan) {
 }
 
 /// The centres of a view's circles.
-fn axes_of(view: &ViewPlan, plan: &Plan) -> Vec<Axis> {
+fn axes_of(view: &ViewGrid, plan: &DrawingGrid) -> Vec<Axis> {
     let mut found: Vec<Axis> = Vec::new();
     for carrier in &view.carriers {
         let Profile::Circle { center, radius } = carrier.profile else {
             continue;
         };
-        match found.iter_mut().find(|a| distance(a.center, center) < SAME * plan.size) {
+        match found.iter_mut().find(|a| distance(a.center, center) < COINCIDENT * plan.size) {
             Some(axis) => axis.radii.push(radius),
             None => found.push(Axis { center, radii: vec![radius] }),
         }
@@ -73,8 +73,14 @@ fn axes_of(view: &ViewPlan, plan: &Plan) -> Vec<Axis> {
     found
 }
 
-fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan, strict: bool) -> Vec<Turned> {
-    let same = SAME * plan.size;
+fn walls_about(
+    plan: &DrawingGrid,
+    shown: &ViewGrid,
+    axis: &Axis,
+    view: &ViewGrid,
+    strict: bool,
+) -> Vec<Turned> {
+    let same = COINCIDENT * plan.size;
     let along = shown.kind.axes()[2];
     let axes = view.kind.axes();
     let up = usize::from(axes[1] == along);
@@ -133,8 +139,8 @@ fn walls_about(plan: &Plan, shown: &ViewPlan, axis: &Axis, view: &ViewPlan, stri
 }
 
 /// Whether every view across an axis draws a sphere's circle.
-fn is_outlined(plan: &Plan, along: usize, center: [f64; 2], height: f64, radius: f64) -> bool {
-    let same = SAME * plan.size;
+fn is_outlined(plan: &DrawingGrid, along: usize, center: [f64; 2], height: f64, radius: f64) -> bool {
+    let same = COINCIDENT * plan.size;
     let mut views = plan.views.iter().filter(|v| v.kind.axes()[..2].contains(&along));
     views.all(|view| {
         let at = view.kind.axes().map(|a| match across(along).iter().position(|b| *b == a) {
@@ -152,8 +158,14 @@ fn is_outlined(plan: &Plan, along: usize, center: [f64; 2], height: f64, radius:
 
 /// Whether the other view across a wall's axis draws a part of its profile between two ends on either side of
 /// the axis, or both sides reach beyond what that view shows.
-fn is_mirrored(plan: &Plan, wall: &Turned, seen_in: &ViewPlan, ends: [[f64; 2]; 2], side: Side) -> bool {
-    let same = SAME * plan.size;
+fn is_mirrored(
+    plan: &DrawingGrid,
+    wall: &Turned,
+    seen_in: &ViewGrid,
+    ends: [[f64; 2]; 2],
+    side: Side,
+) -> bool {
+    let same = COINCIDENT * plan.size;
     let mut others =
         plan.views.iter().filter(|v| v.kind != seen_in.kind && v.kind.axes()[..2].contains(&wall.axis));
     others.all(|view| {
@@ -185,7 +197,7 @@ fn is_mirrored(plan: &Plan, wall: &Turned, seen_in: &ViewPlan, ends: [[f64; 2]; 
 
 /// Whether a carrier runs through a point with a normal, and anything of it is drawn between two heights.
 fn is_drawn_at(
-    view: &ViewPlan,
+    view: &ViewGrid,
     at: [f64; 2],
     normal: [f64; 2],
     same: f64,
@@ -207,13 +219,13 @@ fn is_drawn_at(
 }
 
 /// What is drawn of a carrier, cut where it crosses the axis or turns.
-fn parts(carrier: &Carrier, middle: f64, across: usize, plan: &Plan) -> Vec<(f64, f64)> {
+fn parts(carrier: &Carrier, middle: f64, across: usize, plan: &DrawingGrid) -> Vec<(f64, f64)> {
     let circle = matches!(carrier.profile, Profile::Circle { .. });
     let turn = match carrier.profile {
         Profile::Circle { radius, .. } => radius,
         Profile::Line { .. } => 1.0,
     };
-    let gap = SAME * plan.size / turn;
+    let gap = COINCIDENT * plan.size / turn;
     let mut found = Vec::new();
     for [from, to] in stretches(&carrier.runs, gap) {
         let mut cuts = vec![from, to];

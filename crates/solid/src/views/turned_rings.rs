@@ -5,7 +5,7 @@
 //! apex of a cone.
 
 use super::rings::by_face;
-use crate::brep::{Coedge, Solid, Surface, along, unit};
+use crate::brep::{Coedge, FaceSurface, Solid, along, unit};
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use std::f64::consts::{PI, TAU};
 
@@ -18,13 +18,13 @@ const LOOKS: [usize; 5] = [13, 22, 31, 42, 51];
 struct Ring {
     pieces: Vec<[[f64; 2]; 2]>,
     /// The pieces at which it looks into the face.
-    looks: Vec<usize>,
+    sight_tests: Vec<usize>,
 }
 
 impl Ring {
-    fn of(solid: &Solid, surface: &Surface, ring: &[Coedge]) -> Self {
+    fn new(solid: &Solid, surface: &FaceSurface, ring: &[Coedge]) -> Self {
         let periods = surface.periods();
-        let (mut pieces, mut looks) = (Vec::new(), Vec::new());
+        let (mut pieces, mut sight_tests) = (Vec::new(), Vec::new());
         for coedge in ring {
             let edge = &solid.edges[coedge.edge];
             let at = |k: usize| {
@@ -32,7 +32,7 @@ impl Ring {
                 let share = if coedge.forward { share } else { 1.0 - share };
                 surface.parameters(edge.curve.point(edge.range[0] + (edge.range[1] - edge.range[0]) * share))
             };
-            looks.extend(LOOKS.map(|k| pieces.len() + k));
+            sight_tests.extend(LOOKS.map(|k| pieces.len() + k));
             for k in 0..PIECES {
                 let (a, mut b) = (at(k), at(k + 1));
                 for c in 0..2 {
@@ -43,11 +43,11 @@ impl Ring {
                 pieces.push([a, b]);
             }
         }
-        Self { pieces, looks }
+        Self { pieces, sight_tests }
     }
 
     /// How far along v, in a direction, the loop is next seen from a point.
-    fn seen(&self, surface: &Surface, [u, v]: [f64; 2], direction: f64) -> Option<f64> {
+    fn seen(&self, surface: &FaceSurface, [u, v]: [f64; 2], direction: f64) -> Option<f64> {
         let tube = surface.periods()[1];
         let mut best: Option<f64> = None;
         for [a, b] in &self.pieces {
@@ -77,15 +77,15 @@ impl Ring {
 /// Gathers loops to faces; loops around the axis come first in each.
 pub(super) fn turned_faces(
     solid: &Solid,
-    surface: &Surface,
+    surface: &FaceSurface,
     outward: bool,
     loops: Vec<Vec<Coedge>>,
 ) -> Vec<Vec<Vec<Coedge>>> {
-    let rings: Vec<Ring> = loops.iter().map(|l| Ring::of(solid, surface, l)).collect();
+    let rings: Vec<Ring> = loops.iter().map(|l| Ring::new(solid, surface, l)).collect();
     let mut face_of: Vec<usize> = (0..loops.len()).collect();
     for index in 0..rings.len() {
-        for &look in &rings[index].looks {
-            let [a, b] = rings[index].pieces[look];
+        for &sight_test in &rings[index].sight_tests {
+            let [a, b] = rings[index].pieces[sight_test];
             let from = [0.4871 * b[0] + 0.5129 * a[0], 0.4871 * b[1] + 0.5129 * a[1]];
             let Some(direction) = into_face(surface, outward, a, b) else {
                 continue;
@@ -106,7 +106,7 @@ pub(super) fn turned_faces(
 }
 
 /// Whether v rises or falls from a piece of a loop into the face; none where the piece runs along v.
-fn into_face(surface: &Surface, outward: bool, a: [f64; 2], b: [f64; 2]) -> Option<f64> {
+fn into_face(surface: &FaceSurface, outward: bool, a: [f64; 2], b: [f64; 2]) -> Option<f64> {
     let (p, q) = (surface.point(a), surface.point(b));
     let n = surface.normal(p).map(|c| if outward { c } else { -c });
     let left = cross(n, sub(q, p));
@@ -119,7 +119,7 @@ fn into_face(surface: &Surface, outward: bool, a: [f64; 2], b: [f64; 2]) -> Opti
     (rise.abs() > 0.1).then(|| rise.signum())
 }
 
-fn first_seen(rings: &[Ring], surface: &Surface, from: [f64; 2], direction: f64) -> Option<usize> {
+fn first_seen(rings: &[Ring], surface: &FaceSurface, from: [f64; 2], direction: f64) -> Option<usize> {
     let nearest = |from: [f64; 2], direction: f64| {
         rings
             .iter()
@@ -140,8 +140,8 @@ fn first_seen(rings: &[Ring], surface: &Surface, from: [f64; 2], direction: f64)
 }
 
 /// A sphere whose poles lie on no edge of some loops.
-pub(super) fn with_free_poles(solid: &Solid, surface: Surface, loops: &[Vec<Coedge>]) -> Surface {
-    let Surface::Sphere { center, axis, x, radius } = surface else {
+pub(super) fn with_free_poles(solid: &Solid, surface: FaceSurface, loops: &[Vec<Coedge>]) -> FaceSurface {
+    let FaceSurface::Sphere { center, axis, x, radius } = surface else {
         return surface;
     };
     /// Edges stay so far from a pole, by the cosine.
@@ -161,14 +161,14 @@ pub(super) fn with_free_poles(solid: &Solid, surface: Surface, loops: &[Vec<Coed
     // Readers of STEP know best what to do with loops around the axis.
     let around = |frame: &([f64; 3], [f64; 3])| {
         let (axis, x) = *frame;
-        let turned = Surface::Sphere { center, axis, x, radius };
+        let turned = FaceSurface::Sphere { center, axis, x, radius };
         let turn = |ring: &Vec<Coedge>| -> f64 {
-            let pieces = Ring::of(solid, &turned, ring).pieces;
+            let pieces = Ring::new(solid, &turned, ring).pieces;
             pieces.iter().map(|[a, b]| b[0] - a[0]).sum()
         };
         loops.iter().filter(|ring| turn(ring).abs() < PI).count()
     };
     let found = frames.into_iter().filter(|(axis, _)| is_free(*axis)).min_by_key(around);
     let (axis, x) = found.unwrap_or(frames[0]);
-    Surface::Sphere { center, axis, x, radius }
+    FaceSurface::Sphere { center, axis, x, radius }
 }

@@ -2,7 +2,7 @@
 
 use super::tests::{arc, circle, hidden, rectangle, segment, visible};
 use super::*;
-use crate::reprojection::{CompareOptions, disagreements};
+use crate::reprojection::{ReprojectionOptions, disagreements};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 pub(super) fn drawing(views: Vec<(ViewKind, Vec<DrawnCurve>)>) -> Drawing {
@@ -25,7 +25,7 @@ pub(super) fn only(drawing: &Drawing) -> Solution {
     let solution = found.solutions.into_iter().next().unwrap();
     solution.solid.check(1e-6).unwrap();
     // Looked at anew, by rays: it shows what is drawn.
-    assert_eq!(disagreements(&solution.solid, drawing, &CompareOptions::default()), []);
+    assert_eq!(disagreements(&solution.solid, drawing, &ReprojectionOptions::default()), []);
     solution
 }
 

@@ -5,9 +5,9 @@
 //! lines of sight, a line of sight meets such a surface where it meets the profile, or the circle of its
 //! height: no equation of higher degree than two.
 
+use super::candidate_surface::{Extent, Side, across};
 use super::profile::Profile;
-use super::wall::{Extent, Side, across};
-use crate::brep::Surface;
+use crate::brep::FaceSurface;
 
 /// A surface of revolution.
 #[derive(Debug, Clone, PartialEq)]
@@ -167,7 +167,7 @@ impl Turned {
     }
 
     /// The surface; its normal is the gradient's direction.
-    pub(crate) fn surface(&self) -> Surface {
+    pub(crate) fn surface(&self) -> FaceSurface {
         let unit_of = |k: usize, sign: f64| {
             let mut e = [0.0; 3];
             e[k] = sign;
@@ -177,9 +177,9 @@ impl Turned {
         let x = unit_of(across(self.axis)[0], 1.0);
         match self.profile {
             Profile::Circle { center, radius } if center[0] == 0.0 => {
-                Surface::Sphere { center: at(center[1]), axis: unit_of(self.axis, 1.0), x, radius }
+                FaceSurface::Sphere { center: at(center[1]), axis: unit_of(self.axis, 1.0), x, radius }
             }
-            Profile::Circle { center, radius } => Surface::Torus {
+            Profile::Circle { center, radius } => FaceSurface::Torus {
                 center: at(center[1]),
                 axis: unit_of(self.axis, 1.0),
                 x,
@@ -198,7 +198,7 @@ impl Turned {
                 let radius = ((offset - normal[1] * narrow) / normal[0]).max(0.0);
                 // At an apex rounding must leave no height.
                 let narrow = if radius < 1e-9 { offset / normal[1] } else { narrow };
-                Surface::Cone {
+                FaceSurface::Cone {
                     origin: at(narrow),
                     axis: unit_of(self.axis, slope.signum()),
                     x,

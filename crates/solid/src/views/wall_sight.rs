@@ -2,11 +2,11 @@
 //!
 //! At each such place either something is drawn, or there is no edge.
 
+use super::candidate_surface::{CandidateSurface, Side, across};
 use super::cells::{Cells, pieces_in};
 use super::profile::Profile;
-use super::sight::{LookPlace, Looks, style_near};
+use super::sight::{SightTestPlace, SightTests, style_near};
 use super::turned_wall::Turned;
-use super::wall::{Side, Wall, across};
 use crate::drawing::Drawing;
 use planish_estimate::vector3::{cross, dot, norm};
 use std::f64::consts::TAU;
@@ -16,13 +16,13 @@ const SHARES: [f64; 3] = [0.13, 0.47, 0.86];
 /// Looks around a circle.
 const AROUND: usize = 24;
 
-impl Looks {
+impl SightTests {
     /// Looks at what a view would show of walls.
     pub(super) fn at_walls(&mut self, cells: &Cells, drawing: &Drawing, view: usize) {
         for wall in &cells.plan.walls {
             match wall {
-                Wall::Turned(wall) => self.outlines(cells, drawing, view, wall),
-                Wall::Oblique(wall) => self.oblique_outlines(cells, drawing, view, wall),
+                CandidateSurface::Turned(wall) => self.outlines(cells, drawing, view, wall),
+                CandidateSurface::Oblique(wall) => self.oblique_outlines(cells, drawing, view, wall),
             }
         }
         self.oblique_crossings(cells, drawing, view);
@@ -58,7 +58,7 @@ impl Looks {
         let Some(style) = style_near(cells, drawing, view, at, Some(normal)) else {
             return;
         };
-        let place = LookPlace { view, at, curve: style.map(|s| s.1) };
+        let place = SightTestPlace { view, at, curve: style.map(|s| s.1) };
         self.add(cells, place, style.map(|s| s.0), normal, 1e-5 * cells.plan.size);
     }
 
@@ -87,7 +87,7 @@ impl Looks {
         let grid = &cells.plan.grid[wall.axis];
         let mut heights: Vec<f64> = Vec::new();
         for ends in grid.windows(2) {
-            let inside = |e: &super::wall::Extent| {
+            let inside = |e: &super::candidate_surface::Extent| {
                 e.bounds[wall.axis][0] < (ends[0] + ends[1]) / 2.0
                     && (ends[0] + ends[1]) / 2.0 < e.bounds[wall.axis][1]
             };
@@ -185,7 +185,7 @@ impl Looks {
 }
 
 /// The point on two walls that is near another point.
-fn on_both(a: &Wall, b: &Wall, mut p: [f64; 3], tolerance: f64) -> Option<[f64; 3]> {
+fn on_both(a: &CandidateSurface, b: &CandidateSurface, mut p: [f64; 3], tolerance: f64) -> Option<[f64; 3]> {
     for _ in 0..20 {
         let (u, v) = (a.value(p), b.value(p));
         if u.abs().max(v.abs()) < 0.01 * tolerance {

@@ -13,9 +13,9 @@ use crate::drawing::{Curve2, Drawing, distance};
 use planish_estimate::vector3::{norm, sub};
 
 /// More points than this are not joined to edges.
-const MOST_POINTS: usize = 1500;
+const MAX_POINTS: usize = 1500;
 /// Lines of one view with more points than this on them are passed over.
-const MOST_ON_LINE: usize = 60;
+const MAX_ON_LINE: usize = 60;
 
 /// Points and edges in space.
 pub(super) struct Wireframe {
@@ -41,7 +41,7 @@ pub(super) struct Slanted {
 }
 
 impl Slanted {
-    fn of(a: [f64; 2], b: [f64; 2], near: f64) -> Option<Self> {
+    fn new(a: [f64; 2], b: [f64; 2], near: f64) -> Option<Self> {
         let length = distance(a, b);
         let slanted = (0..2).all(|k| (a[k] - b[k]).abs() > near);
         slanted.then(|| Self { from: a, direction: [0, 1].map(|k| (b[k] - a[k]) / length), length })
@@ -68,7 +68,7 @@ pub(super) fn wireframe(drawing: &Drawing, near: f64) -> Option<Wireframe> {
     let (points, ends_curve) = points(&ends, [front, top, side], near)?;
     let mut edges: Vec<[usize; 2]> = Vec::new();
     for (view, axes) in axes.iter().enumerate() {
-        let lines = segments(drawing, view).filter_map(|(a, b)| Slanted::of(a, b, near));
+        let lines = segments(drawing, view).filter_map(|(a, b)| Slanted::new(a, b, near));
         let mut known: Vec<Slanted> = Vec::new();
         for line in lines {
             let runs_along = |k: &Slanted| {
@@ -85,7 +85,7 @@ pub(super) fn wireframe(drawing: &Drawing, near: f64) -> Option<Wireframe> {
             let mut on: Vec<usize> = (0..points.len())
                 .filter(|k| line.place([points[*k][axes[0]], points[*k][axes[1]]])[1].abs() < near)
                 .collect();
-            if on.len() > MOST_ON_LINE {
+            if on.len() > MAX_ON_LINE {
                 continue;
             }
             on.sort_by(|a, b| {
@@ -136,7 +136,7 @@ fn ends(drawing: &Drawing, view: usize, near: f64) -> Vec<End> {
                 vec![points[0], points[points.len() - 1]]
             }
         };
-        let of_slanted = matches!(drawn.curve, Curve2::Segment(a, b) if Slanted::of(a, b, near).is_some());
+        let of_slanted = matches!(drawn.curve, Curve2::Segment(a, b) if Slanted::new(a, b, near).is_some());
         let of_curve = !matches!(drawn.curve, Curve2::Segment(..));
         for at in points {
             match found.iter_mut().find(|e| distance(e.at, at) < near) {
@@ -180,7 +180,7 @@ fn points(
                     (f.at[1] + s.at[1]) / 2.0,
                 ]);
                 ends_curve.push(f.of_curve || t.of_curve || s.of_curve);
-                if points.len() > MOST_POINTS {
+                if points.len() > MAX_POINTS {
                     return None;
                 }
             }

@@ -11,7 +11,7 @@ use super::syntax::Index;
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, unit};
 use planish_estimate::{Error, Result};
 use planish_solid::brep;
-use planish_solid::parametric::{Curve, MOST_DEGREE, SplineCurve, SplineSurface, Surface};
+use planish_solid::parametric::{MAX_DEGREE, ParametricCurve, ParametricSurface, SplineCurve, SplineSurface};
 use std::f64::consts::FRAC_PI_2;
 
 /// Geometry that is made of other geometry, deeper than this, is refused.
@@ -96,11 +96,11 @@ impl Geometry<'_, '_> {
         }
     }
 
-    pub(super) fn curve(&self, id: u64) -> Result<Curve> {
+    pub(super) fn curve(&self, id: u64) -> Result<ParametricCurve> {
         self.curve_at(id, 0)
     }
 
-    fn curve_at(&self, id: u64, depth: usize) -> Result<Curve> {
+    fn curve_at(&self, id: u64, depth: usize) -> Result<ParametricCurve> {
         if depth > DEEPEST {
             return Err(Error::input(format!("#{id}: geometry refers to itself")));
         }
@@ -110,17 +110,17 @@ impl Geometry<'_, '_> {
         };
         let frame = || self.frame(entity.reference(1)?);
         Ok(match entity.record.keyword {
-            "LINE" => Curve::Line {
+            "LINE" => ParametricCurve::Line {
                 origin: self.point(entity.reference(1)?)?,
                 along: self.vector(entity.reference(2)?)?,
             },
             "CIRCLE" => {
                 let (f, r) = (frame()?, self.size(entity, 2)?);
-                Curve::Ellipse { center: f.origin, a: scale(r, f.x), b: scale(r, f.y) }
+                ParametricCurve::Ellipse { center: f.origin, a: scale(r, f.x), b: scale(r, f.y) }
             }
             "ELLIPSE" => {
                 let f = frame()?;
-                Curve::Ellipse {
+                ParametricCurve::Ellipse {
                     center: f.origin,
                     a: scale(self.size(entity, 2)?, f.x),
                     b: scale(self.size(entity, 3)?, f.y),
@@ -128,7 +128,7 @@ impl Geometry<'_, '_> {
             }
             "HYPERBOLA" => {
                 let f = frame()?;
-                Curve::Hyperbola {
+                ParametricCurve::Hyperbola {
                     center: f.origin,
                     a: scale(self.size(entity, 2)?, f.x),
                     b: scale(self.size(entity, 3)?, f.y),
@@ -136,12 +136,14 @@ impl Geometry<'_, '_> {
             }
             "PARABOLA" => {
                 let (f, focal) = (frame()?, self.size(entity, 2)?);
-                Curve::Parabola { vertex: f.origin, a: scale(focal, f.x), b: scale(focal, f.y) }
+                ParametricCurve::Parabola { vertex: f.origin, a: scale(focal, f.x), b: scale(focal, f.y) }
             }
             "POLYLINE" => {
                 let points: Result<Vec<_>> =
                     entity.references(1)?.into_iter().map(|p| self.point(p)).collect();
-                Curve::Spline(SplineCurve::polyline(&points?).map_err(|e| entity.wrong(&e.to_string()))?)
+                ParametricCurve::Spline(
+                    SplineCurve::polyline(&points?).map_err(|e| entity.wrong(&e.to_string()))?,
+                )
             }
             "TRIMMED_CURVE"
             | "SURFACE_CURVE"
@@ -156,7 +158,7 @@ impl Geometry<'_, '_> {
     }
 
     /// A B-spline curve, given by one keyword or by several.
-    fn spline_curve(&self, parts: &[Entity]) -> Result<Curve> {
+    fn spline_curve(&self, parts: &[Entity]) -> Result<ParametricCurve> {
         let Some(first) = parts.first() else {
             return Err(Error::input("an instance without keyword"));
         };
@@ -181,14 +183,14 @@ impl Geometry<'_, '_> {
         };
         let weights = part(parts, "RATIONAL_B_SPLINE_CURVE").map(|w| w.numbers(0)).transpose()?;
         let made = SplineCurve::try_new(degree, knots, &poles, weights.as_deref());
-        Ok(Curve::Spline(made.map_err(|e| base.wrong(&e.to_string()))?))
+        Ok(ParametricCurve::Spline(made.map_err(|e| base.wrong(&e.to_string()))?))
     }
 
-    pub(super) fn surface(&self, id: u64) -> Result<Surface> {
+    pub(super) fn surface(&self, id: u64) -> Result<ParametricSurface> {
         self.surface_at(id, 0)
     }
 
-    fn surface_at(&self, id: u64, depth: usize) -> Result<Surface> {
+    fn surface_at(&self, id: u64, depth: usize) -> Result<ParametricSurface> {
         if depth > DEEPEST {
             return Err(Error::input(format!("#{id}: geometry refers to itself")));
         }
@@ -200,17 +202,17 @@ impl Geometry<'_, '_> {
         Ok(match entity.record.keyword {
             "PLANE" => {
                 let Frame { origin, x, z, .. } = frame()?;
-                Surface::Elementary(brep::Surface::Plane { origin, normal: z, x })
+                ParametricSurface::Elementary(brep::FaceSurface::Plane { origin, normal: z, x })
             }
             "CYLINDRICAL_SURFACE" => {
                 let Frame { origin, x, z, .. } = frame()?;
                 let radius = self.size(entity, 2)?;
-                Surface::Elementary(brep::Surface::Cylinder { origin, axis: z, x, radius })
+                ParametricSurface::Elementary(brep::FaceSurface::Cylinder { origin, axis: z, x, radius })
             }
             "CONICAL_SURFACE" => self.cone(entity, frame()?)?,
             "SPHERICAL_SURFACE" => {
                 let Frame { origin, x, z, .. } = frame()?;
-                Surface::Elementary(brep::Surface::Sphere {
+                ParametricSurface::Elementary(brep::FaceSurface::Sphere {
                     center: origin,
                     axis: z,
                     x,
@@ -219,7 +221,7 @@ impl Geometry<'_, '_> {
             }
             "TOROIDAL_SURFACE" | "DEGENERATE_TOROIDAL_SURFACE" => {
                 let Frame { origin, x, z, .. } = frame()?;
-                Surface::Elementary(brep::Surface::Torus {
+                ParametricSurface::Elementary(brep::FaceSurface::Torus {
                     center: origin,
                     axis: z,
                     x,
@@ -227,19 +229,19 @@ impl Geometry<'_, '_> {
                     minor: self.size(entity, 3)?,
                 })
             }
-            "SURFACE_OF_LINEAR_EXTRUSION" => Surface::Extrusion {
+            "SURFACE_OF_LINEAR_EXTRUSION" => ParametricSurface::Extrusion {
                 curve: self.curve_at(entity.reference(1)?, depth + 1)?,
                 along: self.vector(entity.reference(2)?)?,
             },
             "SURFACE_OF_REVOLUTION" => {
                 let axis = self.index.entity_of(entity.reference(2)?, "AXIS1_PLACEMENT")?;
-                Surface::Revolution {
+                ParametricSurface::Revolution {
                     curve: self.curve_at(entity.reference(1)?, depth + 1)?,
                     origin: self.point(axis.reference(1)?)?,
                     axis: self.direction_or(axis.optional(2)?, [0.0, 0.0, 1.0])?,
                 }
             }
-            "OFFSET_SURFACE" => Surface::Offset {
+            "OFFSET_SURFACE" => ParametricSurface::Offset {
                 base: Box::new(self.surface_at(entity.reference(1)?, depth + 1)?),
                 distance: entity.number(2)? * self.length,
             },
@@ -254,7 +256,7 @@ impl Geometry<'_, '_> {
         })
     }
 
-    fn cone(&self, entity: &Entity, frame: Frame) -> Result<Surface> {
+    fn cone(&self, entity: &Entity, frame: Frame) -> Result<ParametricSurface> {
         let Frame { origin, x, z, .. } = frame;
         let radius = entity.number(2)? * self.length;
         let half_angle_rad = entity.number(3)? * self.angle;
@@ -264,11 +266,17 @@ impl Geometry<'_, '_> {
                  and {half_angle_rad} rad"
             )));
         }
-        Ok(Surface::Elementary(brep::Surface::Cone { origin, axis: z, x, radius, half_angle_rad }))
+        Ok(ParametricSurface::Elementary(brep::FaceSurface::Cone {
+            origin,
+            axis: z,
+            x,
+            radius,
+            half_angle_rad,
+        }))
     }
 
     /// A B-spline surface, given by one keyword or by several.
-    fn spline_surface(&self, parts: &[Entity]) -> Result<Surface> {
+    fn spline_surface(&self, parts: &[Entity]) -> Result<ParametricSurface> {
         let Some(first) = parts.first() else {
             return Err(Error::input("an instance without keyword"));
         };
@@ -303,7 +311,7 @@ impl Geometry<'_, '_> {
             .transpose()?
             .map(|(_, w)| w);
         let made = SplineSurface::try_new(degrees, knots, &poles?, weights.as_deref());
-        Ok(Surface::Spline(Box::new(made.map_err(|e| base.wrong(&e.to_string()))?)))
+        Ok(ParametricSurface::Spline(Box::new(made.map_err(|e| base.wrong(&e.to_string()))?)))
     }
 }
 
@@ -328,7 +336,7 @@ fn repeated(entity: &Entity, counts: &[usize], knots: &[f64], wanted: usize) -> 
 
 /// Knots that a keyword says without giving them.
 fn implied_knots(parts: &[Entity], kind: &str, degree: usize, n: usize) -> Option<Vec<f64>> {
-    if !(1..=MOST_DEGREE).contains(&degree) || n <= degree {
+    if !(1..=MAX_DEGREE).contains(&degree) || n <= degree {
         return None;
     }
     let is = |what: &str| part(parts, &format!("{what}_{kind}")).is_some();

@@ -7,13 +7,15 @@ use super::geometry::Geometry;
 use super::syntax::Index;
 use planish_estimate::vector3::sub;
 use planish_estimate::{Error, Result};
-use planish_solid::parametric::{Curve, Edge, Face, Shape, Surface};
+use planish_solid::parametric::{
+    ParametricCurve, ParametricEdge, ParametricFace, ParametricShape, ParametricSurface,
+};
 use std::collections::HashMap;
 
 /// A shape, and what of it could not be read.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Read {
-    pub(super) shape: Shape,
+    pub(super) shape: ParametricShape,
     /// Faces by name, each with the reason.
     pub(super) left_out: Vec<(String, String)>,
 }
@@ -26,7 +28,7 @@ pub(super) struct Builder<'b, 'a> {
     edge_of: HashMap<u64, usize>,
     /// Straight sides of loops of points, by vertices.
     side_of: HashMap<[usize; 2], usize>,
-    surface_of: HashMap<u64, Surface>,
+    surface_of: HashMap<u64, ParametricSurface>,
 }
 
 /// Faces in shells that are in shells: how deep.
@@ -120,9 +122,12 @@ impl<'b, 'a> Builder<'b, 'a> {
     fn add_bare(&mut self, id: u64) {
         let name = format!("#{id}");
         match self.geometry.surface(id) {
-            Ok(surface) => {
-                self.read.shape.faces.push(Face { name, surface, is_outward: true, loops: Vec::new() })
-            }
+            Ok(surface) => self.read.shape.faces.push(ParametricFace {
+                name,
+                surface,
+                is_outward: true,
+                loops: Vec::new(),
+            }),
             Err(e) => self.read.left_out.push((name, e.to_string())),
         }
     }
@@ -134,7 +139,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         }
     }
 
-    fn face(&mut self, id: u64, forward: bool, depth: usize) -> Result<Face> {
+    fn face(&mut self, id: u64, forward: bool, depth: usize) -> Result<ParametricFace> {
         let entity = self.index().entity(id)?;
         if entity.record.keyword == "ORIENTED_FACE" && depth < DEEPEST {
             let same = entity.truth(4)?;
@@ -172,7 +177,7 @@ impl<'b, 'a> Builder<'b, 'a> {
                 loops.push(ring);
             }
         }
-        Ok(Face { name: format!("#{id}"), surface, is_outward: same_sense == forward, loops })
+        Ok(ParametricFace { name: format!("#{id}"), surface, is_outward: same_sense == forward, loops })
     }
 
     /// The edges of a loop; none of one that is a vertex.
@@ -205,7 +210,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         }
         let entity = self.index().entity_of(id, "EDGE_CURVE")?;
         let ends = [self.vertex(entity.reference(1)?)?, self.vertex(entity.reference(2)?)?];
-        self.read.shape.edges.push(Edge {
+        self.read.shape.edges.push(ParametricEdge {
             curve: self.geometry.curve(entity.reference(3)?)?,
             ends,
             is_forward: entity.truth(4)?,
@@ -242,8 +247,8 @@ impl<'b, 'a> Builder<'b, 'a> {
         let shape = &mut self.read.shape;
         let edge = *self.side_of.entry(ends).or_insert_with(|| {
             let [from, to] = ends.map(|v| shape.vertices[v]);
-            shape.edges.push(Edge {
-                curve: Curve::Line { origin: from, along: sub(to, from) },
+            shape.edges.push(ParametricEdge {
+                curve: ParametricCurve::Line { origin: from, along: sub(to, from) },
                 ends,
                 is_forward: true,
             });

@@ -4,8 +4,8 @@
 //! each view what is drawn along grid lines, and the pieces of oblique lines and circles, each from border to
 //! border of one cell of the grid.
 
+use super::candidate_surface::{CandidateSurface, Side};
 use super::profile::Profile;
-use super::wall::{Side, Wall};
 use crate::drawing::{Curve2, Drawing, LineStyle, ViewKind};
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
@@ -39,7 +39,7 @@ pub(crate) struct Carrier {
 
 /// What one view shows, on the grid.
 #[derive(Debug, Clone)]
-pub(crate) struct ViewPlan {
+pub(crate) struct ViewGrid {
     pub(crate) kind: ViewKind,
     /// Along the lines of the grid: `lines[0][i]` where the first coordinate is the i-th, by the second.
     pub(crate) lines: [Vec<Vec<Run>>; 2],
@@ -53,15 +53,15 @@ pub(crate) struct ViewPlan {
 
 /// The grid and the views on it.
 #[derive(Debug, Clone)]
-pub(crate) struct Plan {
+pub(crate) struct DrawingGrid {
     /// Grid coordinates of the three axes, ascending; the first and last lie outside of everything.
     pub(crate) grid: [Vec<f64>; 3],
-    pub(crate) views: Vec<ViewPlan>,
+    pub(crate) views: Vec<ViewGrid>,
     pub(crate) size: f64,
     /// Coordinates nearer than this are one.
     pub(crate) tolerance: f64,
     /// Candidate surfaces that no view sees edge-on.
-    pub(crate) walls: Vec<Wall>,
+    pub(crate) walls: Vec<CandidateSurface>,
     /// Which of them pass through each box of the grid, the third coordinate fastest; empty where there are
     /// none.
     walls_of: Vec<Vec<(u16, Side)>>,
@@ -73,7 +73,7 @@ struct Cluster {
 }
 
 impl Cluster {
-    fn of(mut raw: Vec<f64>, tolerance: f64) -> Self {
+    fn new(mut raw: Vec<f64>, tolerance: f64) -> Self {
         raw.sort_by(f64::total_cmp);
         let mut values = Vec::new();
         let mut at = 0;
@@ -189,9 +189,9 @@ pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<R
     found
 }
 
-impl Plan {
+impl DrawingGrid {
     /// Lays the drawing on its grid.
-    pub(crate) fn of(drawing: &Drawing) -> Self {
+    pub(crate) fn new(drawing: &Drawing) -> Self {
         Self::without(drawing, &BTreeSet::new())
     }
 
@@ -201,7 +201,7 @@ impl Plan {
         let tolerance = 1e-7 * size + 2e-6;
         let clusters = clusters(drawing, tolerance);
         let gap = 1e-5 * size;
-        let mut found: Vec<Found> = Vec::new();
+        let mut found: Vec<ViewCurves> = Vec::new();
         for (at, view) in drawing.views.iter().enumerate() {
             let axes = view.kind.axes();
             let snap = |k: usize, value: f64| clusters[axes[k]].snap(value, tolerance);
@@ -249,14 +249,14 @@ impl Plan {
         let views = found
             .into_iter()
             .map(|(kind, on_grid, carriers, others)| {
-                ViewPlan::of(kind, on_grid, carriers, others, &grid, tolerance, gap)
+                ViewGrid::new(kind, on_grid, carriers, others, &grid, tolerance, gap)
             })
             .collect();
         Self { grid, views, size, tolerance, walls: Vec::new(), walls_of: Vec::new() }
     }
 
     /// The same plan with walls.
-    pub(crate) fn with_walls(mut self, walls: Vec<Wall>) -> Self {
+    pub(crate) fn with_walls(mut self, walls: Vec<CandidateSurface>) -> Self {
         let n = [0, 1, 2].map(|a| self.intervals(a));
         self.walls_of = vec![Vec::new(); n[0] * n[1] * n[2]];
         for (index, wall) in walls.iter().enumerate() {
@@ -277,7 +277,7 @@ impl Plan {
 
     /// Whether any candidate is oblique to all views: the curves in which such ones meet are drawn roughly.
     pub(crate) fn has_oblique_walls(&self) -> bool {
-        self.walls.iter().any(|w| matches!(w, Wall::Oblique(_)))
+        self.walls.iter().any(|w| matches!(w, CandidateSurface::Oblique(_)))
     }
 
     /// The walls that pass through a box.
@@ -364,13 +364,13 @@ fn clusters(drawing: &Drawing, tolerance: f64) -> [Cluster; 3] {
             }
         }
     }
-    raw.map(|values| Cluster::of(values, tolerance))
+    raw.map(|values| Cluster::new(values, tolerance))
 }
 
-type Found = (ViewKind, Vec<(usize, f64, Run)>, Vec<Carrier>, Vec<usize>);
+type ViewCurves = (ViewKind, Vec<(usize, f64, Run)>, Vec<Carrier>, Vec<usize>);
 
 fn grid_of(
-    found: &[Found],
+    found: &[ViewCurves],
     mut grid: [Vec<f64>; 3],
     clusters: &[Cluster; 3],
     size: f64,
@@ -419,7 +419,7 @@ fn grid_of(
         }
     }
     grid.map(|values| {
-        let mut values = Cluster::of(values, 5.0 * tolerance).values;
+        let mut values = Cluster::new(values, 5.0 * tolerance).values;
         let (lo, hi) = (values.first().copied().unwrap_or(0.0), values.last().copied().unwrap_or(0.0));
         let margin = 0.1 * size;
         values.insert(0, lo - margin);
@@ -437,8 +437,8 @@ fn nearest(grid: &[f64], value: f64) -> usize {
     }
 }
 
-impl ViewPlan {
-    fn of(
+impl ViewGrid {
+    fn new(
         kind: ViewKind,
         on_grid: Vec<(usize, f64, Run)>,
         carriers: Vec<Carrier>,

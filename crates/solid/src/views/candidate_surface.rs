@@ -6,7 +6,7 @@
 
 use super::oblique_wall::Oblique;
 use super::turned_wall::Turned;
-use crate::brep::Surface;
+use crate::brep::FaceSurface;
 
 /// Which half of a torus' tube is meant; other surfaces have only one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -29,7 +29,7 @@ pub(crate) struct Extent {
 
 /// A candidate surface that no view sees edge-on.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Wall {
+pub(crate) enum CandidateSurface {
     /// About an axis parallel to a line of sight.
     Turned(Turned),
     /// A plane or cylinder oblique to all lines of sight.
@@ -41,7 +41,7 @@ pub(crate) fn across(axis: usize) -> [usize; 2] {
     [(axis + 1) % 3, (axis + 2) % 3]
 }
 
-impl Wall {
+impl CandidateSurface {
     /// Where it may stand.
     pub(crate) fn extents(&self) -> &[Extent] {
         match self {
@@ -84,7 +84,7 @@ impl Wall {
         }
     }
 
-    /// The gradient of [`Wall::value_of`] on the wall.
+    /// The gradient of [`CandidateSurface::value_of`] on the wall.
     pub(crate) fn normal_of(&self, p: [f64; 3]) -> [f64; 3] {
         match self {
             Self::Turned(wall) => wall.normal(p),
@@ -117,7 +117,7 @@ impl Wall {
     }
 
     /// The surface; its normal is the gradient's direction.
-    pub(crate) fn surface(&self) -> Surface {
+    pub(crate) fn surface(&self) -> FaceSurface {
         match self {
             Self::Turned(wall) => wall.surface(),
             Self::Oblique(wall) => wall.surface(),
