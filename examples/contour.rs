@@ -1,6 +1,6 @@
 //! Identifies a contour from readings of a sensor with an uncertain pose, and prints its sizes with σ.
 //!
-//! `cargo run --release -p planish-solid --example contour`
+//! `cargo run --release -p planish-contour --example contour`
 
 #![allow(clippy::print_stdout, reason = "the program prints its result")]
 

@@ -1,6 +1,6 @@
 """Bias and RMSE of the contour filters over the Kanatani-Cramer-Rao bound, drawn from the table of `contour_accuracy`.
 
-    cargo run --release -p planish-solid --example contour_accuracy 300 radius > accuracy.csv
+    cargo run --release -p planish-contour --example contour_accuracy 300 radius > accuracy.csv
     python benches/peers/contours_plot.py docs/images/contour_accuracy.svg accuracy.csv [more.csv]
 """
 

@@ -1,6 +1,9 @@
 //! Bias, RMSE over the Kanatani–Cramér–Rao bound, and NEES of EKF, IEKF, NUIEKF and batch, as CSV on stdout.
 //!
-//! `cargo run --release -p planish-solid --example contour_accuracy [runs] [radius|diameter|noise factor] [circle,ellipse,…|all] [50,200,…|all] [ekf,batch,…|all] [folder]`
+//! ```text
+//! cargo run --release -p planish-contour --example contour_accuracy [runs] [radius|diameter|noise factor]
+//!     [circle,ellipse,…|all] [50,200,…|all] [ekf,batch,…|all] [folder]
+//! ```
 //!
 //! The second argument says what "the size" is, of which the standoff is three times and the pose noise 2 %.
 //! Into the folder go the readings of every run, for other programs.
@@ -42,7 +45,8 @@ fn main() {
         |list: &Option<String>, name: &str| list.as_ref().is_none_or(|l| l.split(',').any(|one| one == name));
     let sensor = SensorOptions::around(size, noise);
     println!(
-        "kind,readings,method,runs,failed,bias_over_kcr,bias_of_size_over_kcr,rmse_over_kcr,scatter_over_kcr,nees_per_unknown,median_rmse_over_kcr,biases_over_kcr"
+        "kind,readings,method,runs,failed,bias_over_kcr,bias_of_size_over_kcr,rmse_over_kcr,\
+         scatter_over_kcr,nees_per_unknown,median_rmse_over_kcr,biases_over_kcr"
     );
     for (kind, truth, period) in contours() {
         if !has(&chosen, kind.family()) {

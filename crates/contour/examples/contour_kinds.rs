@@ -1,7 +1,10 @@
 //! How often `--kind auto` finds the kind that was measured, as CSV on stdout: a confusion matrix for three
 //! noise levels.
 //!
-//! `cargo run --release -p planish-solid --example contour_kinds [runs or first..end] [noise,noise,…] [a shape's name]`
+//! ```text
+//! cargo run --release -p planish-contour --example contour_kinds [runs or first..end] [noise,noise,…]
+//!     [a shape's name]
+//! ```
 //!
 //! Run `k` of a line has the seed `k`, so that lines can be run one by one, and the runs of a line in several
 //! parts whose counts add up.

@@ -1,6 +1,6 @@
 //! Error and coverage of everything beside a still contour seen by ranges: a line each, as CSV on stdout.
 //!
-//! `cargo run --release -p planish-solid --example contour_lines [runs] [part of a line's name]`
+//! `cargo run --release -p planish-contour --example contour_lines [runs] [part of a line's name]`
 //!
 //! Errors are root mean squares over the stated σ, one parameter after the other; coverage is the share of
 //! errors within 1.96 σ.

@@ -1,5 +1,5 @@
 //! Readings a second of the recursive filters on one core, and of the batch:
-//! `cargo run --release -p planish-solid --example contour_rate`.
+//! `cargo run --release -p planish-contour --example contour_rate`.
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 

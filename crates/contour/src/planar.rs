@@ -9,7 +9,7 @@
 //! |---|---|
 //! | kind | the kinds, their parameters, and their outlines: vertices joined by lines and arcs |
 //! | curve | the distance of a point to a piece of an outline, with derivatives by point and parameters |
-//! | sighting | a reading as an equation `g(z − v, x) = 0`; motion of the thing; product and active-facet form |
+//! | sighting | a reading as an equation `g(z − v, x) = 0`; motion; product and active-facet form |
 //! | start | parameters without a guess: algebraic fits, boxes, segmentation by dynamic programming |
 //! | ends | where an open chain ends, as equations |
 //! | fit, recursive | one kind fitted by the batch or a filter, gates |

@@ -11,7 +11,7 @@
 //! | circle | centre and radius | – |
 //! | ellipse | two bars from the centre: its semi-axes | perpendicular |
 //! | rectangle | four corners and bars | three right angles |
-//! | rounded rectangle | the rectangle about it, a circle at the first corner | and tangent to the two sides there |
+//! | rounded rectangle | its rectangle, a circle at the first corner | and tangent to the two sides there |
 //! | slot | a bar between the centres of its ends, a circle at each | equal radii |
 //! | regular polygon | corners and bars | equal lengths, and angles |
 //! | polygon | corners and bars | – |
@@ -63,7 +63,8 @@ pub struct SketchPart {
 ///
 /// // A rectangle turned by 0.1°, known to 0.3°: it may as well stand upright.
 /// let sigmas = DMatrix::from_diagonal(&DVector::from_vec(vec![0.04, 0.04, 0.04, 0.04, 2.7e-5]));
-/// let seen = EstimatedContour { kind: Kind::Rectangle, theta: vec![0.0, 0.0, 40.0, 30.0, 0.00175], covariance: sigmas, seen: None };
+/// let theta = vec![0.0, 0.0, 40.0, 30.0, 0.00175];
+/// let seen = EstimatedContour { kind: Kind::Rectangle, theta, covariance: sigmas, seen: None };
 /// let sketch = Sketch::new(&[seen])?;
 /// assert_eq!((sketch.drawing.parameters(), sketch.given.len()), (8, 3));
 /// let options = ConstrainOptions { given: sketch.given.clone(), ..ConstrainOptions::default() };

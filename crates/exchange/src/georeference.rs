@@ -137,8 +137,10 @@ mod tests {
 
     #[test]
     fn text_names_map_and_unit() {
-        let wkt = "COMPD_CS[\"a\",PROJCS[\"b\",GEOGCS[\"c\",UNIT[\"degree\",0.0174,AUTHORITY[\"EPSG\",\"9122\"]],\
-                   AUTHORITY[\"EPSG\",\"4326\"]],UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],AUTHORITY[\"EPSG\",\"32632\"]],\
+        let wkt = "COMPD_CS[\"a\",PROJCS[\"b\",GEOGCS[\"c\",UNIT[\"degree\",0.0174,\
+            AUTHORITY[\"EPSG\",\"9122\"]],\
+                   AUTHORITY[\"EPSG\",\"4326\"]],UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],\
+                   AUTHORITY[\"EPSG\",\"32632\"]],\
                    VERT_CS[\"d\",UNIT[\"foot\",0.3048],AUTHORITY[\"EPSG\",\"5703\"]]]";
         let made = GeoReference::from_wkt(wkt).unwrap();
         assert_eq!((made.epsg(), made.unit()), (Some(32632), Some(Unit::Metre)));

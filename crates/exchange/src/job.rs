@@ -17,7 +17,8 @@
 //! [[scan]]
 //! sensor = "laser"                 # may be left out where only one sensor is named, or none
 //! file = "top.ply"
-//! pose = { translation = [0, 0, 0], quaternion_xyzw = [0, 0, 0, 1], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }
+//! pose = { translation = [0, 0, 0], quaternion_xyzw = [0, 0, 0, 1], sigma_translation = 0.1,
+//!          sigma_rotation_deg = 0.05 }
 //! viewpoint = [0, 0, 300]          # or direction = [0, 0, -1]: how the sensor looks, in the scanner's frame
 //! time = 12.5                      # seconds: when it was taken, of a thing that moves
 //! calibration = "camera.toml"      # of a depth image, whose `file` is PNG, TIFF or NPY
@@ -370,7 +371,8 @@ sigma_across = 0.02
 [[scan]]
 sensor = "laser"
 file = "top.ply"
-pose = { translation = [1, 2, 3], quaternion_xyzw = [0, 0, 0.70710678, 0.70710678], sigma_translation = 0.1, sigma_rotation_deg = 0.05 }
+pose = { translation = [1, 2, 3], quaternion_xyzw = [0, 0, 0.70710678, 0.70710678],
+         sigma_translation = 0.1, sigma_rotation_deg = 0.05 }
 direction = [0, 0, -2]
 
 [[scan]]

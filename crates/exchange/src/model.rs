@@ -342,7 +342,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_bytes_make_it_panic(mut bytes in proptest::collection::vec(any::<u8>(), 0..200), length in 0_u64..100) {
+        fn no_bytes_make_it_panic(
+            mut bytes in proptest::collection::vec(any::<u8>(), 0..200),
+            length in 0_u64..100,
+        ) {
             let _ = from_bytes(&bytes);
             bytes.splice(0..0, length.to_le_bytes());
             let _ = from_bytes(&bytes);

@@ -10,7 +10,11 @@
 //! motion = "follow"                   # or "held"
 //! [[pose]]
 //! name = "up"
-//! move = [{ near = [1, 0, 2], by = [0, 3, 0] }, { control = 7, by = [0, 3, 0] }, { near = [0, 0, 0], within = 6, by = [0, 3, 0] }]
+//! move = [
+//!     { near = [1, 0, 2], by = [0, 3, 0] },
+//!     { control = 7, by = [0, 3, 0] },
+//!     { near = [0, 0, 0], within = 6, by = [0, 3, 0] },
+//! ]
 //! [[keyframe]]
 //! seconds = 1.5
 //! weights = { "up" = 1 }              # poses that are not named have weight 0

@@ -314,7 +314,8 @@ fn add_file(set: &mut ScanSet, gathered: &mut Gathered, wanted: Wanted, read: Re
     let dropped_not_finite = scans.iter().map(|scan| scan.dropped_not_finite).sum();
     if points == 0 {
         return Err(Error::input(format!(
-            "{}: needed points, found none ({dropped_not_finite} records without finite coordinates were dropped)",
+            "{}: needed points, found none ({dropped_not_finite} records without finite coordinates were \
+             dropped)",
             wanted.path.display(),
         )));
     }

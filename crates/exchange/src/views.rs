@@ -4,18 +4,18 @@
 //!
 //! ```toml
 //! unit = "mm"                     # of every length; may be left out
-//! mask_threshold = 40             # what is brighter is the thing; halfway between a mask's darkest and brightest pixel where it is left out
-//! mask_least_share = 0.01         # specks and holes of less than this share of the thing's pixels are filled
+//! mask_threshold = 40             # the object is brighter (default: middle of the mask's range)
+//! mask_least_share = 0.01         # fills specks and holes below this share of the object's pixels
 //! sigma_px = 0.5                  # σ of a place on the border of a mask, across it
-//! sigma_rotation_deg = 1.0        # σ of poses that are uncertain: about each axis, and along each; poses are known where these are left out
+//! sigma_rotation_deg = 1.0        # σ of the pose about and along each axis (default: exact)
 //! sigma_translation = 5.0
-//! tracks = "tracks.csv"           # features over views: track,view,x,y and maybe sigma_px; views by their names
+//! tracks = "tracks.csv"           # features: track,view,x,y[,sigma_px]; views by name
 //!
 //! [[view]]
 //! name = "front"                  # the mask's or the image's name where it is left out
 //! image = "a.png"                 # for textures; may be left out
 //! mask = "a_mask.png"             # may be left out where nothing is fitted to the view
-//! contours = "a.csv"              # places on contours inside of the mask: x,y and maybe sigma_px; a column contour numbers those that hang together, in order
+//! contours = "a.csv"              # points on contours inside the mask: x,y[,sigma_px][,contour]
 //! held_out = false                # whether the view only judges the fit
 //! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
 //! R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]   # X_camera = R X + t: x right, y down, pixel centres at integers

@@ -65,8 +65,8 @@
 //! std::fs::write(&input, text).unwrap();
 //! let report = ContourJob { input, ..ContourJob::default() }.run(&Silent)?;
 //! assert_eq!(report.main.kind, "circle");
-//! let radius = report.main.parameters.iter().find(|(name, _)| name == "radius").map(|(_, found)| found.value);
-//! assert!(radius.is_some_and(|radius| (radius - 20.0).abs() < 0.05));
+//! let (_, radius) = report.main.parameters.iter().find(|(name, _)| name == "radius").unwrap();
+//! assert!((radius.value - 20.0).abs() < 0.05);
 //! # Ok::<(), planish::Error>(())
 //! ```
 //!

@@ -22,9 +22,9 @@ use planish_estimate::{Error, Result};
 use planish_exchange::{Unit, extension};
 use planish_solid::brep::Solid;
 pub use planish_solid::noisy_views::{DimensionKind, SpaceDimension, SpaceMatch, SpaceVertex};
-use planish_solid::reprojection::{ReprojectionOptions, Disagreement, disagreements};
+use planish_solid::reprojection::{Disagreement, ReprojectionOptions, disagreements};
+use planish_solid::views::{CandidateRejection, Rejected, Solution, solve};
 pub use planish_solid::views::{Projection, ViewKind};
-use planish_solid::views::{Rejected, CandidateRejection, Solution, solve};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -306,7 +306,8 @@ fn is_contours(job: &SolidJob) -> bool {
 
 /// Rejected candidates by reason, each reason with its first.
 fn dropped(rejected: &[Rejected]) -> Vec<DroppedCandidates> {
-    let reasons = [(CandidateRejection::Touches, "touches"), (CandidateRejection::DoesNotClose, "does_not_close")];
+    let reasons =
+        [(CandidateRejection::Touches, "touches"), (CandidateRejection::DoesNotClose, "does_not_close")];
     let of = |(reason, why): (CandidateRejection, &'static str)| {
         let mut all = rejected.iter().filter(|r| r.why == reason);
         all.next().map(|first| DroppedCandidates {

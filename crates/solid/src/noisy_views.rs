@@ -9,8 +9,8 @@
 //!
 //! ```text
 //! NoisyView ─┐
-//! NoisyView ─┼─► one drawing, block by block ─► Aligned candidates ─► constrain_among ─► ConsistentViews ─► exact views
-//! NoisyView ─┘                                                                                     └─► dimensions ± σ
+//! NoisyView ─┼─► one drawing ─► Aligned candidates ─► constrain_among ─► ConsistentViews ─► exact views
+//! NoisyView ─┘                                                                     └─► dimensions ± σ
 //! ```
 //!
 //! # References

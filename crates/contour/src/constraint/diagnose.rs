@@ -86,7 +86,8 @@ const STARTS: u64 = 3;
 /// ];
 /// let diagnosis = diagnose(&drawing, &constraints)?;
 /// assert_eq!((diagnosis.freedoms, diagnosis.rigid_motions), (2, 0));
-/// assert_eq!((diagnosis.redundant[0].constraint, diagnosis.redundant[0].with.as_slice()), (5, [1, 3].as_slice()));
+/// let redundant = &diagnosis.redundant[0];
+/// assert_eq!((redundant.constraint, redundant.with.as_slice()), (5, [1, 3].as_slice()));
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 ///
@@ -99,7 +100,8 @@ pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnos
     let finite = |x: &DVector<f64>| all.residuals_and_jacobian(x).1.iter().all(|slope| slope.is_finite());
     if !finite(&drawing.values()) {
         return Err(Error::undetermined(
-            "a constraint is not defined where the drawing is: a bar has no length, or two points of a distance coincide",
+            "a constraint is not defined where the drawing is: a bar has no length, or two points of a \
+             distance coincide",
         ));
     }
     let (kept, conflicting) = without_conflicts(drawing, constraints);
@@ -145,7 +147,11 @@ pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnos
 ///
 /// let plate = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])?;
 /// let [bottom, right, top] = [0, 1, 2].map(BarId);
-/// let known = [Constraint::Horizontal { bar: bottom }, Constraint::Vertical { bar: right }, Constraint::Horizontal { bar: top }];
+/// let known = [
+///     Constraint::Horizontal { bar: bottom },
+///     Constraint::Vertical { bar: right },
+///     Constraint::Horizontal { bar: top },
+/// ];
 /// let found = implications(&plate, &known, &[Constraint::Parallel { a: bottom, b: top }])?;
 /// assert_eq!((found[0].constraint, found[0].with.as_slice()), (0, [0, 2].as_slice()));
 /// # Ok::<(), planish_estimate::Error>(())

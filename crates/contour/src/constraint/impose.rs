@@ -126,7 +126,8 @@ pub(super) fn impose_from(
     let left = all.residuals(&updated.mean);
     if sigma == 0.0 && !left.is_empty() && left.amax() > SETTLED {
         return Err(Error::undetermined(format!(
-            "the estimate does not settle on the constraints: {} is still off by {:.1e} of the drawing's extent",
+            "the estimate does not settle on the constraints: {} is still off by {:.1e} of the drawing's \
+             extent",
             constraints[all.owners()[left.iamax()]].describe(drawing),
             left.amax()
         )));

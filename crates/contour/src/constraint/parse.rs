@@ -6,9 +6,12 @@ use super::relation::{Axis, Constraint};
 use planish_estimate::{Error, Result};
 
 /// What a user may write.
-const SENTENCES: &str = "P1P2 horizontal; P1P2 vertical; P1P2 parallel to P3P4; P1P2 perpendicular to P2P3; P1P2 as long as \
-    P3P4; P1P2 is 40 long; P3 is 12 from P1P2; P1P2 to P2P3 is 60°; x1 = 0; P1 at (0, 0); P1 on P5; P1 on circle 1; P1 and P2 \
-    symmetric about P3P4; circle 1 has radius 5; circle 1 has the radius of circle 2; circle 1 concentric with circle 2; circle 1 \
+const SENTENCES: &str = "P1P2 horizontal; P1P2 vertical; P1P2 parallel to P3P4; P1P2 perpendicular to P2P3; \
+    P1P2 as long as \
+    P3P4; P1P2 is 40 long; P3 is 12 from P1P2; P1P2 to P2P3 is 60°; x1 = 0; P1 at (0, 0); P1 on P5; P1 on \
+    circle 1; P1 and P2 \
+    symmetric about P3P4; circle 1 has radius 5; circle 1 has the radius of circle 2; circle 1 concentric \
+    with circle 2; circle 1 \
     tangent to circle 2; P1P2 tangent to circle 1; P1P2 tangent to circle 1 at P2";
 
 impl Constraint {

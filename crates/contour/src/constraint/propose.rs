@@ -167,7 +167,8 @@ pub(super) struct Search {
 /// let seen = Drawing::polygon(&[[0.03, 0.0], [40.01, 3.46], [37.44, 33.36], [-2.58, 29.86]])?;
 /// let found = constrain(&seen, &(DMatrix::identity(8, 8) * 0.0025), &ConstrainOptions::default())?;
 /// assert_eq!(found.freedoms, 5);
-/// let last = found.proposals.iter().find(|p| p.constraint == Constraint::Parallel { a: BarId(1), b: BarId(3) });
+/// let parallel = Constraint::Parallel { a: BarId(1), b: BarId(3) };
+/// let last = found.proposals.iter().find(|p| p.constraint == parallel);
 /// assert!(matches!(last.map(|p| &p.outcome), Some(Outcome::Imposed | Outcome::Implied)));
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```

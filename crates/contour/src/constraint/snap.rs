@@ -118,7 +118,9 @@ pub struct Snap {
 /// # Examples
 /// ```
 /// use nalgebra::DMatrix;
-/// use planish_contour::constraint::{BarId, ConstrainOptions, Dimension, Drawing, SnapOutcome, constrain, snap};
+/// use planish_contour::constraint::{
+///     BarId, ConstrainOptions, Dimension, Drawing, SnapOutcome, constrain, snap,
+/// };
 ///
 /// let seen = Drawing::polygon(&[[0.03, 0.0], [40.01, -0.04], [40.04, 30.18], [0.02, 30.24]])?;
 /// let rectangle = constrain(&seen, &(DMatrix::identity(8, 8) * 0.0009), &ConstrainOptions::default())?;

@@ -342,7 +342,8 @@ fn true_relations_are_found_and_estimates_with_them_are_consistent() {
         sharper += sigma(&found.covariance, &found.drawing) / sigma(&covariance, &seen);
     }
     println!(
-        "complete {complete} of {runs}, wrong {wrong}, NEES/5 {:.3}, cost/3 {:.3}, width covered {:.3}, σ ratio {:.3}",
+        "complete {complete} of {runs}, wrong {wrong}, NEES/5 {:.3}, cost/3 {:.3}, width covered {:.3}, σ \
+         ratio {:.3}",
         nees.reduced(),
         cost.reduced(),
         width.share(),
@@ -410,7 +411,8 @@ fn outlines_of_many_corners() {
         let proposed = start.elapsed();
         let diagnosis = diagnose(&found.drawing, &found.constraints).unwrap();
         println!(
-            "{} corners: {} candidates, {} imposed, {} freedoms, p {:.3}, redundant {}, conflicting {}; proposed in {proposed:?}, diagnosed in {:?}",
+            "{} corners: {} candidates, {} imposed, {} freedoms, p {:.3}, redundant {}, conflicting {}; \
+             proposed in {proposed:?}, diagnosed in {:?}",
             corners.len(),
             found.proposals.len(),
             found.accepted().count(),

@@ -114,7 +114,8 @@ pub fn composite(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<
     let candidates = agreeing(views, tolerance, gate)?;
     if candidates.is_empty() {
         return Err(Error::undetermined(
-            "no point of one view agrees with one of every other view in the coordinates they share: are the views of one \
+            "no point of one view agrees with one of every other view in the coordinates they share: are \
+             the views of one \
              thing, at one scale and in one coordinate system?",
         ));
     }
@@ -235,7 +236,8 @@ fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<C
             }
             if grown.len() > MOST_COMBINATIONS {
                 return Err(Error::undetermined(format!(
-                    "more than {MOST_COMBINATIONS} combinations of points agree: the tolerance is too wide for these views"
+                    "more than {MOST_COMBINATIONS} combinations of points agree: the tolerance is too wide \
+                     for these views"
                 )));
             }
         }

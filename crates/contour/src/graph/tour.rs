@@ -52,7 +52,8 @@ const EXACT: usize = 16;
 /// use planish_contour::graph::{TourEdge, postman_tour};
 ///
 /// let edge = |a, b, length| TourEdge { a, b, length };
-/// // A square with one diagonal: its two ends are odd, and going along it again is shorter than along two sides.
+/// // A square with one diagonal: its two ends are odd, and going along it again is shorter than along two
+/// // sides.
 /// let edges = [edge(0, 1, 1.0), edge(1, 2, 1.0), edge(2, 3, 1.0), edge(3, 0, 1.0), edge(0, 2, 1.4)];
 /// let tour = postman_tour(&edges, 0)?;
 /// assert_eq!(tour.repeated, [4]);

@@ -27,7 +27,8 @@ use std::collections::BTreeMap;
 ///     Constraint::Anchor { point: PointId(0), at: [0.0, 0.0] },
 ///     Constraint::Horizontal { bar: BarId(0) },
 /// ]);
-/// assert_eq!(graphs.matching, [("x1".to_owned(), "f1".to_owned()), ("y1".to_owned(), "f2".to_owned()), ("y2".to_owned(), "f3".to_owned())]);
+/// let pairs = [("x1", "f1"), ("y1", "f2"), ("y2", "f3")].map(|(a, b)| (a.to_owned(), b.to_owned()));
+/// assert_eq!(graphs.matching, pairs);
 /// assert!(graphs.minimal.arc("y1", "y2").is_some() && graphs.minimal.arc("y2", "y1").is_none());
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```

@@ -2,7 +2,7 @@
 //!
 //! ```toml
 //! unit = "mm"                 # of lengths: mm, m, in or ft; may be left out
-//! sigma_px = 0.02             # σ of a place in either picture that finding does not see, such as of the calibration; 0.02 where it is left out
+//! sigma_px = 0.02             # σ of the calibration in either image (default 0.02)
 //!
 //! [camera]                    # x ~ K (R X + t): x right, y down, pixel centres at integers
 //! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]

@@ -2,10 +2,10 @@
 //!
 //! ```toml
 //! unit = "mm"                 # of pixel_size and of the points; may be left out
-//! frame = "viewer"            # of the lights: "viewer" has x right, y up, z towards the camera; "camera", which is usual, y down and z away from it
-//! lights = [[0.40, 0.48, 0.78], [-0.33, 0.49, 0.81], [0.03, 0.34, 0.94]]   # towards each light, in the order of the images
+//! frame = "viewer"            # "viewer": x right, y up, z to the camera; "camera" (default): y down
+//! lights = [[0.40, 0.48, 0.78], [-0.33, 0.49, 0.81], [0.03, 0.34, 0.94]]   # towards the lights
 //! pixel_size = 0.2            # side of a pixel on the object; 1 where it is left out
-//! sigma_brightness = 1.5      # σ of a pixel's brightness; estimated where it is left out, which takes four lights
+//! sigma_brightness = 1.5      # σ of a pixel's brightness (default: estimated from four lights)
 //! sigma_light_deg = 1.0       # σ of the lights' directions, which all normals share; 0 where it is left out
 //! ```
 //!

@@ -7,14 +7,14 @@
 //! cy = 555.0
 //! baseline = 160.0            # the distance of the cameras
 //! doffs = 0.0                 # cx of the right camera less that of the left; 0 where it is left out
-//! sigma_disparity_px = 0.1    # σ that matching does not see, such as of the rectification; 0 where it is left out
+//! sigma_disparity_px = 0.1    # σ beside that of matching, such as of the rectification (default 0)
 //! ```
 //!
 //! ```toml
 //! unit = "mm"                 # of lengths
 //! sigma_disparity_px = 0.1    # as above
 //!
-//! [[view]]                    # whose pixels get points; x ~ K (R X + t): x right, y down, pixel centres at integers
+//! [[view]]                    # its pixels get points; x ~ K (R X + t), pixel centres at integers
 //! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
 //! distortion = [-0.2, 0.05, 0.001, -0.002, 0.0]   # k1 k2 p1 p2 k3; none where it is left out
 //!

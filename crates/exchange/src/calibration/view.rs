@@ -2,14 +2,14 @@
 //!
 //! ```toml
 //! unit = "mm"                 # of lengths: mm, m, in or ft; the model's where it is left out
-//! fov_deg = [40, 30]          # whole angles of view, horizontal and vertical; or fx fy cx cy and size, in pixels
+//! fov_deg = [40, 30]          # angles of view, horizontal and vertical; or fx fy cx cy and size (px)
 //! rays = [640, 480]           # along x and along y; `size` where it is left out and fx is stated
 //! near = 200                  # nearest and farthest range
 //! far = 800
 //! max_incidence_deg = 60      # largest angle between ray and normal; 60 where it is left out
 //! sigma_along = 0.05          # along the ray
 //! sigma_across = 0.02         # across it; as along it where it is left out
-//! sigma_per_range2 = 1e-7     # what σ along the ray grows by with the square of the range, one over the unit; 0 where it is left out
+//! sigma_per_range2 = 1e-7     # growth of σ along the ray with range², 1/unit (default 0)
 //! sigma_over_cos = false      # whether σ along the ray grows as one over the cosine of incidence
 //! ```
 

@@ -176,7 +176,8 @@ mod tests {
     use super::*;
 
     const CIRCLE: &str = r#"{ "kind": "circle", "order": ["center_x", "center_y", "radius"], "unit": "mm",
-        "parameters": { "center_x": { "value": 1 }, "center_y": { "value": 2 }, "radius": { "value": 3, "sigma": 0.2 } },
+        "parameters": { "center_x": { "value": 1 }, "center_y": { "value": 2 },
+            "radius": { "value": 3, "sigma": 0.2 } },
         "covariance": [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.04]] }"#;
 
     #[test]
@@ -195,7 +196,8 @@ mod tests {
         let row = format!("[{}]", ["0.1"; 7].join(","));
         let covariance = vec![row; 7].join(",");
         let text = format!(
-            r#"{{ "kind": "chain", "closed": false, "order": [{order}], "parameters": {{ {parameters} }}, "covariance": [{covariance}] }}"#
+            r#"{{ "kind": "chain", "closed": false, "order": [{order}],
+                "parameters": {{ {parameters} }}, "covariance": [{covariance}] }}"#
         );
         let kind = parse(&text).unwrap().contours[0].kind.clone();
         let arcs = vec![false, true];

@@ -128,7 +128,8 @@ impl Animation {
             "nodes": [{"mesh": 0, "translation": centre.map(|c| c * scale), "scale": [scale, scale, scale]}],
             "meshes": [{
                 "primitives": [{
-                    "attributes": attributes[0], "targets": attributes[1..], "indices": indices, "mode": TRIANGLES, "material": 0,
+                    "attributes": attributes[0], "targets": attributes[1..], "indices": indices,
+                    "mode": TRIANGLES, "material": 0,
                 }],
                 "weights": vec![0.0; targets],
                 "extras": {"targetNames": names, "unit": unit.unwrap_or(Unit::Metre).name()},

@@ -87,9 +87,11 @@ fn glb(json: &str, numbers: &[f32]) -> Vec<u8> {
 }
 
 const SCENE: &str = r#"{"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],
-    "nodes":[{"children":[1,2],"translation":[10,0,0],"rotation":[0,0,0.70710678118654752,0.70710678118654752]},
+    "nodes":[{"children":[1,2],"translation":[10,0,0],
+     "rotation":[0,0,0.70710678118654752,0.70710678118654752]},
              {"mesh":0},{"mesh":0,"scale":[-2,2,2]}],
-    "meshes":[{"primitives":[{"attributes":{"POSITION":0,"NORMAL":1}},{"mode":1,"attributes":{"POSITION":0}}]}],
+    "meshes":[{"primitives":[{"attributes":{"POSITION":0,"NORMAL":1}},
+     {"mode":1,"attributes":{"POSITION":0}}]}],
     "accessors":[{"bufferView":0,"componentType":5126,"type":"VEC3","count":3},
                  {"bufferView":0,"byteOffset":12,"componentType":5126,"type":"VEC3","count":3}],
     "bufferViews":[{"buffer":0,"byteLength":72,"byteStride":24}],"buffers":[{"byteLength":72}]}"#;

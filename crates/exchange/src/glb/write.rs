@@ -96,7 +96,8 @@ impl Sections {
             view.insert("target".to_owned(), json!(target));
         }
         self.views.push(view);
-        let mut accessor = json!({"bufferView": self.views.len() - 1, "componentType": number, "count": count, "type": kind});
+        let view = self.views.len() - 1;
+        let mut accessor = json!({"bufferView": view, "componentType": number, "count": count, "type": kind});
         if let (Some(accessor), Value::Object(more)) = (accessor.as_object_mut(), more) {
             accessor.extend(more);
         }
@@ -159,7 +160,9 @@ impl Layout {
             "scenes": [{"nodes": [0]}],
             "nodes": [{"mesh": 0, "translation": center.map(|c| c * scale), "scale": [scale, scale, scale]}],
             "meshes": [{
-                "primitives": [{"attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0}],
+                "primitives": [{
+                    "attributes": attributes, "indices": indices, "mode": TRIANGLES, "material": 0,
+                }],
                 "extras": {"unit": unit},
             }],
             "materials": [{

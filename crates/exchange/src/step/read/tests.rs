@@ -110,7 +110,8 @@ fn file(length: &str, angle: &str, items: &str, lines: &str) -> String {
          #6=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),#1);\n\
          #7=(CONVERSION_BASED_UNIT('INCH',#6)LENGTH_UNIT()NAMED_UNIT(#3));\n\
          #8=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.CENTI.,.METRE.));\n\
-         #9=(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT(({length},{angle}))REPRESENTATION_CONTEXT('',''));\n\
+         #9=(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT(({length},\
+         {angle}))REPRESENTATION_CONTEXT('',''));\n\
          #10=CARTESIAN_POINT('',(0.,0.,0.));\n#11=DIRECTION('',(0.,0.,1.));\n#12=DIRECTION('',(1.,0.,0.));\n\
          #13=AXIS2_PLACEMENT_3D('',#10,#11,#12);\n\
          #14=SHAPE_REPRESENTATION('',(#13,{items}),#9);\n{lines}ENDSEC;\nEND-ISO-10303-21;\n"
@@ -120,7 +121,8 @@ fn file(length: &str, angle: &str, items: &str, lines: &str) -> String {
 /// A cone of height 1 and half an angle as given between radius 1 and its tip, as one face.
 fn cone(half_angle: &str) -> String {
     format!(
-        "#20=CONICAL_SURFACE('',#13,1.,{half_angle});\n#21=CIRCLE('',#13,1.);\n#22=CARTESIAN_POINT('',(1.,0.,0.));\n\
+        "#20=CONICAL_SURFACE('',#13,1.,{half_angle});\n#21=CIRCLE('',#13,1.);\n#22=CARTESIAN_POINT('',(1.,\
+         0.,0.));\n\
          #23=VERTEX_POINT('',#22);\n#24=EDGE_CURVE('',#23,#23,#21,.T.);\n#25=ORIENTED_EDGE('',*,*,#24,.F.);\n\
          #26=EDGE_LOOP('',(#25));\n#27=FACE_OUTER_BOUND('',#26,.T.);\n#28=ADVANCED_FACE('',(#27),#20,.T.);\n\
          #29=OPEN_SHELL('',(#28));\n#30=SHELL_BASED_SURFACE_MODEL('',(#29));\n"
@@ -157,8 +159,10 @@ fn corners_of_straight_sides_and_bare_surfaces_are_read() {
     for (k, (normal, x, [a, b, c], at)) in planes.into_iter().enumerate() {
         let id = 30 + 10 * k;
         lines += &format!(
-            "#{}=DIRECTION('',({normal}));\n#{}=DIRECTION('',({x}));\n#{}=AXIS2_PLACEMENT_3D('',#{at},#{},#{});\n#{}=PLANE('',#{});\n\
-             #{}=POLY_LOOP('',(#{a},#{b},#{c}));\n#{}=FACE_OUTER_BOUND('',#{},.T.);\n#{}=FACE_SURFACE('',(#{}),#{},.T.);\n",
+            "#{}=DIRECTION('',({normal}));\n#{}=DIRECTION('',({x}));\n#{}=AXIS2_PLACEMENT_3D('',#{at},#{},\
+             #{});\n#{}=PLANE('',#{});\n\
+             #{}=POLY_LOOP('',(#{a},#{b},#{c}));\n#{}=FACE_OUTER_BOUND('',#{},.T.);\n#{}=FACE_SURFACE('',\
+             (#{}),#{},.T.);\n",
             id,
             id + 1,
             id + 2,
@@ -175,7 +179,8 @@ fn corners_of_straight_sides_and_bare_surfaces_are_read() {
         );
     }
     lines += "#80=CLOSED_SHELL('',(#36,#46,#56,#66));\n#81=FACETED_BREP('',#80);\n\
-        #82=(BEZIER_SURFACE()BOUNDED_SURFACE()B_SPLINE_SURFACE(1,1,((#20,#21),(#22,#23)),.UNSPECIFIED.,.F.,.F.,.F.)GEOMETRIC_REPRESENTATION_ITEM()REPRESENTATION_ITEM('')SURFACE());\n\
+        #82=(BEZIER_SURFACE()BOUNDED_SURFACE()B_SPLINE_SURFACE(1,1,((#20,#21),(#22,#23)),.UNSPECIFIED.,.F.,\
+        .F.,.F.)GEOMETRIC_REPRESENTATION_ITEM()REPRESENTATION_ITEM('')SURFACE());\n\
         #83=GEOMETRIC_SET('',(#82));\n";
     let faces = StepFaces::of_bytes(file("#1", "#2", "#81,#83", &lines).as_bytes()).unwrap();
     let mesh = triangles(&faces, 1e-4);
@@ -190,9 +195,11 @@ fn corners_of_straight_sides_and_bare_surfaces_are_read() {
 #[test]
 fn copies_of_a_map_are_scaled_and_mirrored() {
     let lines = cone("0.5")
-        + "#40=REPRESENTATION_MAP(#13,#41);\n#41=SHAPE_REPRESENTATION('',(#13,#30),#9);\n#42=CARTESIAN_POINT('',(5.,0.,0.));\n\
+        + "#40=REPRESENTATION_MAP(#13,#41);\n#41=SHAPE_REPRESENTATION('',(#13,#30),#9);\n\
+            #42=CARTESIAN_POINT('',(5.,0.,0.));\n\
            #43=DIRECTION('',(0.,-1.,0.));\n\
-           #44=CARTESIAN_TRANSFORMATION_OPERATOR_3D('','',$,#12,#43,#42,2.,#11);\n#45=MAPPED_ITEM('',#40,#44);\n";
+           #44=CARTESIAN_TRANSFORMATION_OPERATOR_3D('','',$,#12,#43,#42,2.,#11);\n#45=MAPPED_ITEM('',#40,\
+           #44);\n";
     let faces = StepFaces::of_bytes(file("#1", "#2", "#45", &lines).as_bytes()).unwrap();
     let mesh = triangles(&faces, 1e-4);
     assert_eq!(mesh.parts.len(), 1);
@@ -212,7 +219,8 @@ fn copies_of_a_map_are_scaled_and_mirrored() {
 fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
     // A second face whose surface does not exist, and one whose kind is unknown.
     let lines = cone("0.5").replace("(#28)", "(#28,#50,#52)")
-        + "#50=ADVANCED_FACE('',(#27),#99,.T.);\n#51=HELIX_SURFACE('',#13);\n#52=ADVANCED_FACE('',(#27),#51,.T.);\n";
+        + "#50=ADVANCED_FACE('',(#27),#99,.T.);\n#51=HELIX_SURFACE('',#13);\n#52=ADVANCED_FACE('',(#27),#51,\
+            .T.);\n";
     let faces = StepFaces::of_bytes(file("#1", "#2", "#30", &lines).as_bytes()).unwrap();
     let mesh = triangles(&faces, 1e-3);
     assert_eq!((mesh.faces, mesh.left_out.len()), (1, 2));
@@ -266,7 +274,8 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
 
 #[test]
 fn a_file_that_counts_to_anything_takes_no_memory() {
-    let knots = "#60=B_SPLINE_CURVE_WITH_KNOTS('',3,(#10,#22,#10,#22),.UNSPECIFIED.,.F.,.F.,(900000000,4),(0.,1.),.UNSPECIFIED.);\n";
+    let knots = "#60=B_SPLINE_CURVE_WITH_KNOTS('',3,(#10,#22,#10,#22),.UNSPECIFIED.,.F.,.F.,(900000000,4),\
+        (0.,1.),.UNSPECIFIED.);\n";
     let lines = cone("0.5").replace("#23,#23,#21", "#23,#23,#60") + knots;
     let faces = StepFaces::of_bytes(file("#1", "#2", "#30", &lines).as_bytes()).unwrap();
     let e = faces.triangles(&faces.fineness(None)).unwrap_err().to_string();
