@@ -1,7 +1,7 @@
 //! Looking at a file: as a picture without a window or a graphics card, or as a page for a browser.
 //!
 //! Input: a model, a mesh, points or scans, and from where to look. Output: a PNG with a legend
-//! ([`write_picture`]), or HTML ([`view_page`]). The same bytes at any number of threads.
+//! ([`PictureJob`]), or HTML ([`view_page`]). The same bytes at any number of threads.
 //!
 //! Not guaranteed: that pictures of different versions are the same to the last bit.
 
@@ -194,7 +194,7 @@ fn draw_picture(
 /// A page that shows a file; [`ReportOutput::write_text`] writes it.
 ///
 /// # Errors
-/// As [`write_picture`].
+/// As [`PictureJob`].
 pub fn view_page(viewed: &ViewedFile, output: &ReportOutput, progress: &dyn Progress) -> Result<ViewedPage> {
     let thing = Thing::read(viewed, PAGE_TRIANGLES, PAGE_POINTS, progress)?;
     progress.check("drawing", 0.5)?;

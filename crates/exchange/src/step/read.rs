@@ -181,7 +181,7 @@ impl StepFaces {
     /// Cuts all faces into triangles.
     ///
     /// # Errors
-    /// As [`ParametricShape::triangles`](planish_solid::parametric::Shape::triangles); `Input` where no face
+    /// As [`ParametricShape::triangles`](planish_solid::parametric::ParametricShape::triangles); `Input` where no face
     /// can be filled.
     pub fn triangles(&self, fineness: &Fineness) -> Result<StepMesh> {
         let mut mesh = StepMesh::default();
