@@ -137,7 +137,7 @@ fn json_is_alone_on_stdout_and_warnings_on_stderr() {
     std::fs::write(folder.path().join("a.xyz"), xyz).expect("points");
     let said = planish(folder.path(), &["fit", "a.xyz", "--json"]).ok();
     assert!(said.json()["warnings"][0].as_str().is_some_and(|w| w.contains("unit of length")));
-    assert!(said.stderr.contains("planish: warning: no file names its unit of length"));
+    assert!(said.stderr.contains("planish: warning: no file states its unit of length"));
     let said = planish(folder.path(), &["fit", "a.xyz", "--json", "--quiet", "--unit", "m"]).ok();
     assert_eq!((said.json()["unit"].as_str(), said.stderr.as_str()), (Some("m"), ""));
     let said = planish(folder.path(), &["fit", "a.xyz", "--quiet"]).ok();

@@ -149,5 +149,5 @@ fn views_that_do_not_agree_are_told_by_name() {
     let ellipse = noisy(Kind::Ellipse, &[0.0, 0.0, 20.0, 10.0, 0.0], 0.01, &mut random);
     let round =
         NoisyView { kind: ViewKind::Top, sketch: Sketch::new(&[ellipse]).unwrap(), constraints: Vec::new() };
-    assert!(said(&[views[0].clone(), round]).contains("the top view has neither corners nor circles"));
+    assert!(said(&[views[0].clone(), round]).contains("the top view has no corners or circles"));
 }
