@@ -181,8 +181,8 @@ impl StepFaces {
     /// Cuts all faces into triangles.
     ///
     /// # Errors
-    /// As [`ParametricShape::triangles`](planish_solid::parametric::ParametricShape::triangles); `Input` if no
-    /// face can be filled.
+    /// As [`ParametricShape::triangles`](planish_solid::parametric::ParametricShape::triangles);
+    /// `Input` if no face can be filled.
     pub fn triangles(&self, fineness: &Fineness) -> Result<StepMesh> {
         let mut mesh = StepMesh::default();
         for placed in &self.shapes {
