@@ -132,7 +132,7 @@ fn errors_are_reported_before_anything_is_written() {
         ("sense stereo left.pgm right.pgm -o d.step", 2, "found `step`"),
         ("sense stereo left.pgm right.pgm --disparities 9..3", 2, "as in 0..127"),
         ("sense stereo left.pgm cameras.toml -o d.npy", 2, "extension `toml`"),
-        ("sense photometric left.pgm", 2, "--calib for the lights"),
+        ("sense photometric left.pgm", 2, "--calib with the lights"),
         ("sense grid left.pgm --calib misspelt.toml -o p.ply", 2, "misspelt.toml: line 4"),
         ("sense grid left.pgm -o p.ply", 2, "--calib"),
         ("sense depth left.pgm --calib misspelt.toml -o p.ply", 2, "misspelt.toml"),
