@@ -1,11 +1,7 @@
-//! Meshes with texture coordinates, named parts and a texture.
+//! Textured meshes of any format, by the extension of the file.
 //!
-//! Comes in: any mesh file; OBJ is read with `vt`, with its groups, objects and materials as parts, and with
-//! the pictures that its material files (`.mtl`, `map_Kd`) name; GLB with `TEXCOORD_0` and the picture of its
-//! base colour. Goes out: OBJ with MTL and picture beside it.
-//!
-//! Not guaranteed: more of a material than the picture of its colour; texture coordinates of files other than
-//! OBJ and GLB.
+//! Input: the path of a mesh file. Output: a [`TexturedMesh`]. The types, materials and the OBJ writer are in
+//! the module `appearance`, below the formats that use them.
 
 pub use crate::appearance::{
     MeshPart, NO_UV, PartKind, SplitMesh, TexturedMesh, is_jpeg, read_bytes, read_materials,

@@ -129,15 +129,7 @@ impl Job for ShellFitJob {
     type Report = ShellFitReport;
 
     fn inputs(&self) -> Result<Vec<PathBuf>> {
-        let frames = frames_of(self)?;
-        let of_frames = frames.iter().flat_map(|frame| frame.points.iter().chain(&frame.silhouettes));
-        Ok([&self.mesh]
-            .into_iter()
-            .chain(&self.controls_file)
-            .chain(&self.family)
-            .chain(of_frames)
-            .cloned()
-            .collect())
+        Ok(inputs_with_frames(self, &frames_of(self)?))
     }
 
     fn outputs(&self) -> Result<Vec<PathBuf>> {
@@ -151,6 +143,13 @@ impl Job for ShellFitJob {
     fn execute(&self, progress: &dyn Progress) -> Result<ShellFitReport> {
         fit_mesh(self, progress)
     }
+}
+
+/// The files that the job names, with those of its frames.
+fn inputs_with_frames(job: &ShellFitJob, frames: &[FrameFiles]) -> Vec<PathBuf> {
+    let of_frames = frames.iter().flat_map(|frame| frame.points.iter().chain(&frame.silhouettes));
+    let named = [&job.mesh].into_iter().chain(&job.controls_file).chain(&job.family);
+    named.chain(of_frames).cloned().collect()
 }
 
 /// Points and silhouettes of each frame; one frame without a name if the mesh is fitted once.
@@ -178,7 +177,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         job,
         progress,
         outputs: outputs_of_frames(job, &frames),
-        inputs: job.inputs()?,
+        inputs: inputs_with_frames(job, &frames),
         units: Units::of(job.unit),
         warnings: Vec::new(),
         written: Vec::new(),
