@@ -429,12 +429,12 @@ viewpoint = [0, 0, 300]
             ("kind = \"touch\"", "kind = \"probe\"", 5, "found \"probe\""),
             ("sensor = \"laser\"", "sensor = \"lazer\"", 14, "among [laser, probe], found \"lazer\""),
             ("0.70710678, 0.70710678", "0.7, 0.8", 16, "pose.quaternion_xyzw of length 1"),
-            ("sigma_translation = 0.1", "sigma_translation = -1", 16, "pose.sigma_translation > 0"),
-            ("direction = [0, 0, -2]", "direction = [0, 0, 0]", 17, "needed a direction"),
-            ("viewpoint =", "direction = [1, 0, 0]\nviewpoint =", 22, "found both"),
+            ("sigma_translation = 0.1", "sigma_translation = -1", 17, "pose.sigma_translation > 0"),
+            ("direction = [0, 0, -2]", "direction = [0, 0, 0]", 18, "needed a direction"),
+            ("viewpoint =", "direction = [1, 0, 0]\nviewpoint =", 23, "found both"),
             ("unit = \"mm\"", "unit = \"cm\"", 2, "needed `mm`, `m`, `in` or `ft`"),
-            ("file = \"p.csv\"", "", 19, "missing field `file`"),
-            ("sensor = \"probe\"\n", "", 19, "needs a `sensor`"),
+            ("file = \"p.csv\"", "", 20, "missing field `file`"),
+            ("sensor = \"probe\"\n", "", 20, "needs a `sensor`"),
             ("[[scan]]", "[[scan]", 13, ""),
         ] {
             let e = error(from, to);
