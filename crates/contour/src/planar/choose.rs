@@ -1,7 +1,7 @@
 //! Which kind of contour: several hypotheses and the one of the least BIC, the simplest of those that are as
 //! good.
 
-use super::fit::{ContourFit, FitOptions, RoughFit, count_of, finish, fit, polish, rough};
+use super::fit::{ContourFit, FitOptions, RoughFit, finish, fit, polish, reading_count, rough};
 use super::kind::Kind;
 use super::sighting::Sighting;
 use super::start::chain_starts;
@@ -9,17 +9,17 @@ use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
 /// Most sides of a polygon that is looked for without being asked.
-const MOST_SIDES: usize = 8;
+const MAX_SIDES: usize = 8;
 
 /// Kinds whose criterion is so far behind after a few steps are not fitted to the end.
-const WORTH_FINISHING: f64 = 30.0;
+const FINISH_WITHIN_BIC: f64 = 30.0;
 
 /// Of kinds whose criteria are so near to the least one the one of the fewest unknowns is chosen: a smaller
 /// difference is no evidence (Kass and Raftery 1995).
-const NO_EVIDENCE: f64 = 2.0;
+const NEGLIGIBLE_BIC: f64 = 2.0;
 
 /// A kind with a side of which less than this was seen is not chosen where another has none.
-const LEAST_SEEN: f64 = 0.4;
+const MIN_SIDE_COVERAGE: f64 = 0.4;
 
 /// A kind that was tried.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,7 +48,7 @@ pub fn auto_kinds() -> Vec<Kind> {
     let mut kinds =
         vec![Kind::Line, Kind::Circle, Kind::Ellipse, Kind::Rectangle, Kind::Slot, Kind::RoundedRectangle];
     kinds.extend([3, 5, 6, 8].map(Kind::RegularPolygon));
-    kinds.extend((3..=MOST_SIDES).map(Kind::Polygon));
+    kinds.extend((3..=MAX_SIDES).map(Kind::Polygon));
     kinds
 }
 
@@ -87,7 +87,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     {
         return Err(Error::undetermined(format!(
             "{} cannot determine any of these kinds: the simplest, a {simplest}, needs at least {}",
-            count_of(sightings.len()),
+            reading_count(sightings.len()),
             unknowns(simplest)
         )));
     }
@@ -115,7 +115,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     // Those near the best, as far as is known: a rough fit may promise more than is kept, or come to nothing.
     while done < order.len() {
         let best = (found.iter().map(ContourFit::bic)).fold(f64::INFINITY, f64::min);
-        let limit = if found.is_empty() { order[done].1.bic } else { best } + WORTH_FINISHING;
+        let limit = if found.is_empty() { order[done].1.bic } else { best } + FINISH_WITHIN_BIC;
         let near = order.partition_point(|o| o.1.bic <= limit);
         if near <= done {
             break;
@@ -130,11 +130,11 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         }
     }
     let rest = &order[done..];
-    if found.iter().any(|one| one.least_seen >= LEAST_SEEN) {
-        found.retain(|one| one.least_seen >= LEAST_SEEN);
+    if found.iter().any(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE) {
+        found.retain(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE);
     }
     let least = found.iter().map(ContourFit::bic).fold(f64::INFINITY, f64::min);
-    let simplest = (0..found.len()).filter(|&k| found[k].bic() < least + NO_EVIDENCE).min_by(|&a, &b| {
+    let simplest = (0..found.len()).filter(|&k| found[k].bic() < least + NEGLIGIBLE_BIC).min_by(|&a, &b| {
         let unknowns = |k: usize| found[k].state.len();
         (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
     });

@@ -28,7 +28,7 @@ pub(crate) struct End {
 
 impl End {
     /// `along · vertex − position`, and its derivative added to `by_theta`.
-    pub(super) fn missed(&self, kind: &Kind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
+    pub(super) fn violation(&self, kind: &Kind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
         let vertex = kind.vertex(theta, self.vertex);
         kind.add_vertex_derivative(theta, self.vertex, self.along, by_theta);
         self.along[0] * vertex[0] + self.along[1] * vertex[1] - self.position

@@ -17,9 +17,9 @@ pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
         cells.entry(cell(p)).or_default().push(i);
     }
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    let mut is_taken = vec![false; points.len()];
+    let mut is_grouped = vec![false; points.len()];
     for seed in 0..points.len() {
-        if std::mem::replace(&mut is_taken[seed], true) {
+        if std::mem::replace(&mut is_grouped[seed], true) {
             continue;
         }
         let mut members = vec![seed];
@@ -37,10 +37,10 @@ pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
                 };
                 free.retain(|&j| {
                     let is_near = (points[j][0] - p[0]).hypot(points[j][1] - p[1]) <= gap;
-                    if is_near && !std::mem::replace(&mut is_taken[j], true) {
+                    if is_near && !std::mem::replace(&mut is_grouped[j], true) {
                         members.push(j);
                     }
-                    !is_taken[j]
+                    !is_grouped[j]
                 });
             }
         }

@@ -5,13 +5,13 @@ mod sampled;
 mod segments;
 mod sequence;
 
-use super::fit::count_of;
+use super::fit::reading_count;
 use super::kind::Kind;
 use super::sighting::Sighting;
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::Result;
 use sampled::Curve;
-pub(crate) use segments::MOST_PIECES;
+pub(crate) use segments::MAX_PIECES;
 use segments::{chains, polygon};
 use sequence::Sequence;
 
@@ -34,7 +34,7 @@ pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
     if points.len() < kind.parameters() {
         return Err(planish_estimate::Error::undetermined(format!(
             "{} cannot determine the {} parameters of a {kind}",
-            count_of(points.len()),
+            reading_count(points.len()),
             kind.parameters()
         )));
     }

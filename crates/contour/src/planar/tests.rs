@@ -1,6 +1,6 @@
 //! Laws of contours: derivatives, and that what is simulated is found within its covariance.
 
-use super::sighting::{ContourReading, Setting};
+use super::sighting::{ContourEquation, ContourModel};
 use super::*;
 use nalgebra::DVector;
 use planish_estimate::implicit::{ImplicitReading, MOST_NOISE};
@@ -48,16 +48,16 @@ fn derivatives_are_those_of_differences() {
         for (form, shared_poses) in
             [(Form::ActiveFacet, false), (Form::ActiveFacet, true), (Form::Product, false)]
         {
-            let setting = Setting {
+            let model = ContourModel {
                 kind: kind.clone(),
                 form,
                 motion: Motion::Rigid,
                 pivot: [0.2, 0.1],
                 time_s: 0.0,
                 shared_poses,
-                held: Vec::new(),
+                constraints: Vec::new(),
             };
-            let reading = ContourReading::of(&setting, &sighting);
+            let reading = ContourEquation::new(&model, &sighting);
             let mut x = [&theta[..], &[0.3, -0.2, 0.4]].concat();
             if shared_poses {
                 x.extend([0.5, -0.3, 0.2]);
@@ -70,7 +70,7 @@ fn derivatives_are_those_of_differences() {
     }
 }
 
-fn check(reading: &ContourReading<'_>, branch: usize, x: &[f64], u: &[f64], name: &str) {
+fn check(reading: &ContourEquation<'_>, branch: usize, x: &[f64], u: &[f64], name: &str) {
     let value = |x: &[f64], u: &[f64]| {
         let (mut h, mut d) = (vec![0.0; x.len()], vec![0.0; u.len()]);
         let g = reading.gradient(branch, x, u, &mut h, &mut d);

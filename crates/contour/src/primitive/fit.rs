@@ -3,13 +3,13 @@
 use super::ray::{Ray, ShapeReading};
 use super::shape::{Chart, Shape};
 use super::start::starts;
-use crate::planar::{FitOptions, Judged, Method};
+use crate::planar::{FitOptions, GatedResiduals, Method};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{Error, KalmanFilter, Loss, Result, Termination};
 
 /// Readings a side from which a filter of several sides starts.
-const SEED_A_SIDE: usize = 24;
+const SEED_PER_SIDE: usize = 24;
 /// Spacing of the differences that carry a covariance to reported parameters, in σ.
 const SPACING: f64 = 1e-3;
 
@@ -134,7 +134,8 @@ fn fit_from(
         at = fit_implicit(&all, None, &at, &robust)?.state;
     }
     let look = ImplicitOptions { max_iterations: 0, ..settings };
-    let near = Judged::of(&fit_implicit(&all, None, &at, &look)?.distances, options.gate).used;
+    let near =
+        GatedResiduals::from_distances(&fit_implicit(&all, None, &at, &look)?.distances, options.gate).used;
     let kept = readings(shape, chart, rays.iter().zip(&near).filter(|(_, u)| **u).map(|(ray, _)| ray));
     if kept.len() < shape.unknowns() {
         return Err(Error::undetermined("too few readings lie near the shape"));
@@ -152,7 +153,7 @@ fn fit_from(
         // Readings enough on every side: a filter decides once which side a reading is of, and does not find
         // back from an edge that was taken to be elsewhere.
         let wanted = ((4 * shape.unknowns()).max(12))
-            .max(SEED_A_SIDE * shape.pieces().saturating_sub(1))
+            .max(SEED_PER_SIDE * shape.pieces().saturating_sub(1))
             .min(kept.len());
         let stride = (kept.len() / wanted).max(1);
         let (seed, rest): (Vec<_>, Vec<_>) = kept.into_iter().enumerate().partition(|(i, _)| i % stride == 0);
@@ -180,7 +181,8 @@ fn fit_from(
         return Err(Error::undetermined("the box is so thin that noise does not tell its two sides apart"));
     }
     let distances = fit_implicit(&all, None, &state, &look)?.distances;
-    let Judged { used, squares, log_likelihood } = Judged::of(&distances, options.gate);
+    let GatedResiduals { used, squares, log_likelihood } =
+        GatedResiduals::from_distances(&distances, options.gate);
     Ok(PrimitiveFit {
         shape,
         parameters: chart.reported(shape, state.as_slice()),

@@ -8,9 +8,9 @@ use super::mean;
 use super::sequence::{Sequence, Sums};
 
 /// Most pieces of a chain.
-pub(crate) const MOST_PIECES: usize = 14;
+pub(crate) const MAX_PIECES: usize = 14;
 /// Segmentations of a closed sequence begin at so many places.
-const MOST_STARTS: usize = 10;
+const MAX_STARTS: usize = 10;
 /// Chains of up to so many pieces are tried whatever they cost here: they are soon fitted, and readings of
 /// uneven σ ask for more pieces than the likelihood does.
 const FEW_PIECES: usize = 4;
@@ -70,7 +70,7 @@ fn segmented(costs: &[Vec<f64>], sequence: &Sequence, most: usize) -> Vec<(f64, 
     let bins = sequence.bins;
     let mut best = best_cuts(costs, bins, 0, most);
     let mut tried = vec![0];
-    while sequence.is_closed && tried.len() <= MOST_STARTS {
+    while sequence.is_closed && tried.len() <= MAX_STARTS {
         // The cut that most of the best have, and which was not begun at.
         let cuts = best.iter().flat_map(|(_, cuts)| cuts);
         let mut times = vec![0; bins];
@@ -144,7 +144,7 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
         (sums.line().2 + 2.0 * penalty).min(sums.arc() + 3.0 * penalty)
     });
     let fewest = if sequence.is_closed { 2 } else { 1 };
-    let most = MOST_PIECES.min(sequence.bins / 4);
+    let most = MAX_PIECES.min(sequence.bins / 4);
     let mut found: Vec<(f64, Kind, Vec<f64>)> =
         (segmented(&costs, sequence, most).into_iter().skip(fewest - 1))
             .filter(|(cost, _)| cost.is_finite())

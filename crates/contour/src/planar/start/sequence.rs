@@ -5,7 +5,7 @@ use super::super::sighting::{Sighting, Target};
 use super::{circle, mean};
 
 /// Points are put into at most so many bins: tables over runs have the square of it.
-const MOST_BINS: usize = 120;
+const MAX_BINS: usize = 120;
 /// So many places each way are tried to look around from.
 const GRID: usize = 6;
 
@@ -198,7 +198,7 @@ impl Sequence {
         is_closed: bool,
     ) -> Self {
         let count = order.len();
-        let bins = count.min(MOST_BINS);
+        let bins = count.min(MAX_BINS);
         let first: Vec<usize> = (0..bins).map(|b| b * count / bins).collect();
         let mut each = vec![Sums::default(); bins];
         for (b, sums) in each.iter_mut().enumerate() {
