@@ -1,7 +1,7 @@
 //! Contours of things, seen by a ranging sensor of uncertain pose.
 //!
-//! Comes in: [`Sighting`]s — ranges from a pose, or points — with their σ. Goes out: a [`ContourFit`]: which
-//! [`Kind`] of contour it was, its dimensions and place with their covariance, and what else it could have
+//! Comes in: [`ContourReading`]s — ranges from a pose, or points — with their σ. Goes out: a [`ContourFit`]: which
+//! [`ContourKind`] of contour it was, its dimensions and place with their covariance, and what else it could have
 //! been. Not guaranteed: a kind that the noise does not tell from another; `bic_margin` says by how much it
 //! was told.
 //!
@@ -36,9 +36,9 @@ mod likelihood;
 mod marginal;
 mod parts;
 mod plausible;
+mod reading;
 mod recursive;
 mod sides;
-mod sighting;
 mod simulated;
 mod soft_constraint;
 mod start;
@@ -46,11 +46,11 @@ mod start;
 pub use choose::{Alternative, Choice, auto_kinds, choose};
 pub use curve::arc_circle;
 pub(crate) use fit::GatedResiduals;
-pub use fit::{ContourFit, FitOptions, Method, bound, fit};
-pub use kind::{Kind, Outline};
+pub use fit::{ContourFit, ContourFitOptions, Method, bound, fit};
+pub use kind::{ContourKind, Outline};
 pub use parts::{contains, separate, usual_gap};
+pub use reading::{ContourReading, ContourTarget, Form, PlanarMotion};
 pub use sides::Side;
-pub use sighting::{Form, Motion, Sighting, Target};
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
 pub use start::circle as circle_of_points;
 pub use start::starts;

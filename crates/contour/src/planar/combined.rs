@@ -6,11 +6,11 @@
 //! of itself where the noise is a good part of a side or a radius; the likelihood with the places integrated
 //! out is neither (see [`most_likely`]), but has to begin near its maximum.
 
-use super::fit::{ContourFit, FitOptions, GatedResiduals, equations, outlier_gate};
-use super::kind::Kind;
+use super::fit::{ContourFit, ContourFitOptions, GatedResiduals, equations, outlier_gate};
+use super::kind::ContourKind;
 use super::marginal::most_likely;
 use super::plausible::corners_are_real;
-use super::sighting::{ContourModel, Form, Sighting};
+use super::reading::{ContourModel, ContourReading, Form};
 use planish_estimate::Result;
 use planish_estimate::implicit::{ImplicitOptions, fit_implicit};
 
@@ -28,11 +28,11 @@ const FARTHEST: f64 = 5.0;
 /// As [`fit_implicit`].
 pub(super) fn combined(
     model: &ContourModel,
-    sightings: &[Sighting],
+    sightings: &[ContourReading],
     found: ContourFit,
-    options: &FitOptions,
+    options: &ContourFitOptions,
 ) -> Result<ContourFit> {
-    let is_endless = matches!(model.kind, Kind::Line | Kind::Chain { closed: false, .. });
+    let is_endless = matches!(model.kind, ContourKind::Line | ContourKind::Chain { closed: false, .. });
     if is_endless
         || model.form != Form::ActiveFacet
         || model.shared_poses

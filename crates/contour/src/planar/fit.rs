@@ -3,11 +3,11 @@
 use super::combined::combined;
 use super::ends::ends;
 use super::joints::joints;
-use super::kind::Kind;
+use super::kind::ContourKind;
 use super::likelihood::placed;
 use super::plausible::{corners_are_real, stays_near};
+use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, Form, PlanarMotion};
 use super::recursive::{recursive, split_seed};
-use super::sighting::{ContourEquation, ContourModel, Form, Motion, Sighting, Target};
 use super::soft_constraint::SoftConstraint;
 use super::start::{MAX_PIECES, mean, starts};
 use nalgebra::{DMatrix, DVector};
@@ -46,13 +46,13 @@ pub enum Method {
 
 /// Settings of a fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FitOptions {
+pub struct ContourFitOptions {
     /// How parameters are estimated.
     pub method: Method,
     /// How pieces become an equation.
     pub form: Form,
     /// How the thing moves.
-    pub motion: Motion,
+    pub motion: PlanarMotion,
     /// Readings farther than this many standard deviations are left out; `None` keeps all.
     pub gate: Option<f64>,
     /// Readings that lie nearer than so many σ to a corner of a rectangle or polygon do not count for its
@@ -65,12 +65,12 @@ pub struct FitOptions {
     pub start: Option<Vec<f64>>,
 }
 
-impl Default for FitOptions {
+impl Default for ContourFitOptions {
     fn default() -> Self {
         Self {
             method: Method::Combined,
             form: Form::ActiveFacet,
-            motion: Motion::Still,
+            motion: PlanarMotion::Still,
             gate: Some(4.0),
             corner_margin: Some(2.0),
             correct_bias: true,
@@ -83,7 +83,7 @@ impl Default for FitOptions {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContourFit {
     /// Its kind.
-    pub kind: Kind,
+    pub kind: ContourKind,
     /// Its parameters, then the motion's; angles in radians, not brought to their canonical range.
     pub state: DVector<f64>,
     /// Their covariance.
@@ -125,9 +125,9 @@ impl ContourFit {
     }
 }
 
-fn criterion(kind: &Kind, unknowns: usize, readings: usize, log_likelihood: f64) -> f64 {
+fn criterion(kind: &ContourKind, unknowns: usize, readings: usize, log_likelihood: f64) -> f64 {
     let patterns = match kind {
-        Kind::Chain { arcs, .. } => arcs.len() as f64 * 2f64.ln() + (MAX_PIECES as f64).ln(),
+        ContourKind::Chain { arcs, .. } => arcs.len() as f64 * 2f64.ln() + (MAX_PIECES as f64).ln(),
         _ => 0.0,
     };
     unknowns as f64 * (readings.max(2) as f64).ln() + 2.0 * (patterns - log_likelihood)
@@ -142,7 +142,11 @@ fn criterion(kind: &Kind, unknowns: usize, readings: usize, log_likelihood: f64)
 ///
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
-pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+pub fn fit(
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<ContourFit> {
     let found = fit_within(kind, sightings, options, &ROBUST_THRESHOLDS)?;
     polish(found, sightings, options)
 }
@@ -151,7 +155,11 @@ pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
 ///
 /// # Errors
 /// As [`fit`].
-pub(crate) fn polish(found: ContourFit, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+pub(crate) fn polish(
+    found: ContourFit,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<ContourFit> {
     if options.method != Method::Combined {
         return Ok(found);
     }
@@ -168,18 +176,22 @@ pub(crate) fn polish(found: ContourFit, sightings: &[Sighting], options: &FitOpt
 ///
 /// # Errors
 /// As [`fit`].
-pub(crate) fn finish(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+pub(crate) fn finish(
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<ContourFit> {
     fit_within(kind, sightings, options, &ROBUST_THRESHOLDS[1..])
 }
 
 fn fit_within(
-    kind: &Kind,
-    sightings: &[Sighting],
-    options: &FitOptions,
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     let sightings = &own_poses(sightings)[..];
-    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
     let model = contour_model(kind, sightings, options)?;
     let mut best: Option<ContourFit> = None;
     for start in candidates(&model, sightings, options)? {
@@ -215,10 +227,14 @@ pub(crate) struct RoughFit {
 ///
 /// # Errors
 /// As [`fit`].
-pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<RoughFit> {
+pub(crate) fn rough(
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<RoughFit> {
     let sightings = &own_poses(sightings)[..];
     let model = contour_model(kind, sightings, options)?;
-    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
     let charge = gate_cost(Some(outlier_gate(options)));
     let mut best: Option<RoughFit> = None;
     for start in candidates(&model, sightings, options)? {
@@ -258,15 +274,19 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
     best.ok_or_else(|| Error::undetermined(format!("the readings do not determine a {kind}")))
 }
 
-fn contour_model(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourModel> {
-    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+fn contour_model(
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<ContourModel> {
+    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
     let times = sightings.iter().map(|s| s.time_s);
     let model = ContourModel {
         kind: kind.clone(),
         form: options.form,
         motion: options.motion,
         pivot: mean(&points),
-        time_s: if options.motion == Motion::Still { 0.0 } else { times.fold(f64::INFINITY, f64::min) },
+        time_s: if options.motion == PlanarMotion::Still { 0.0 } else { times.fold(f64::INFINITY, f64::min) },
         shared_poses: sightings.iter().any(|s| s.pose.is_some()),
         constraints: Vec::new(),
     };
@@ -289,12 +309,12 @@ pub(super) fn reading_count(readings: usize) -> String {
 }
 
 /// With the smooth joints of a chain that is about where it starts, and the ends of an open one.
-fn with_soft_constraints(model: &ContourModel, sightings: &[Sighting], start: &[f64]) -> ContourModel {
+fn with_soft_constraints(model: &ContourModel, sightings: &[ContourReading], start: &[f64]) -> ContourModel {
     let mut model = model.clone();
     let theta = &start[..model.kind.parameters()];
     model.constraints = joints(&model.kind, theta).into_iter().map(SoftConstraint::Joint).collect();
-    if let Kind::Chain { closed: false, .. } = model.kind {
-        let at_rest = |sighting: &Sighting| ContourEquation::new(&model, sighting).seen_at_rest(start);
+    if let ContourKind::Chain { closed: false, .. } = model.kind {
+        let at_rest = |sighting: &ContourReading| ContourEquation::new(&model, sighting).seen_at_rest(start);
         let points: Vec<_> = sightings.iter().map(at_rest).collect();
         let ends = ends(&model.kind, theta, &points);
         model.constraints.extend(ends.into_iter().map(SoftConstraint::End));
@@ -303,7 +323,11 @@ fn with_soft_constraints(model: &ContourModel, sightings: &[Sighting], start: &[
 }
 
 /// Where to start: where it was said, or what the readings suggest.
-fn candidates(model: &ContourModel, sightings: &[Sighting], options: &FitOptions) -> Result<Vec<Vec<f64>>> {
+fn candidates(
+    model: &ContourModel,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<Vec<Vec<f64>>> {
     if let Some(start) = &options.start {
         return Ok(vec![start.clone()]);
     }
@@ -319,11 +343,11 @@ fn candidates(model: &ContourModel, sightings: &[Sighting], options: &FitOptions
 ///
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters.
-pub fn bound(kind: &Kind, truth: &[f64], exact: &[Sighting]) -> Result<DMatrix<f64>> {
+pub fn bound(kind: &ContourKind, truth: &[f64], exact: &[ContourReading]) -> Result<DMatrix<f64>> {
     let model = ContourModel {
         kind: kind.clone(),
         form: Form::ActiveFacet,
-        motion: Motion::Still,
+        motion: PlanarMotion::Still,
         pivot: [0.0; 2],
         time_s: 0.0,
         shared_poses: exact.iter().any(|s| s.pose.is_some()),
@@ -335,17 +359,17 @@ pub fn bound(kind: &Kind, truth: &[f64], exact: &[Sighting]) -> Result<DMatrix<f
 
 /// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no
 /// unknown is needed.
-fn own_poses(sightings: &[Sighting]) -> Vec<Sighting> {
+fn own_poses(sightings: &[ContourReading]) -> Vec<ContourReading> {
     let mut poses: Vec<usize> = sightings.iter().filter_map(|s| s.pose).collect();
     let all = poses.len();
     poses.sort_unstable();
     poses.dedup();
     let shared = poses.len() < all;
-    let pose = |s: &Sighting| s.pose.filter(|_| shared);
-    sightings.iter().map(|s| Sighting { pose: pose(s), ..*s }).collect()
+    let pose = |s: &ContourReading| s.pose.filter(|_| shared);
+    sightings.iter().map(|s| ContourReading { pose: pose(s), ..*s }).collect()
 }
 
-fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[Sighting]) -> Vec<Vec<f64>> {
+fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[ContourReading]) -> Vec<Vec<f64>> {
     let extra = model.motion.unknowns();
     if extra == 0 {
         return thetas;
@@ -359,13 +383,13 @@ fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[Sightin
     });
     let still = thetas.iter().map(|t| [&t[..], &vec![0.0; extra]].concat());
     // Starts of what the points would be without the drift.
-    let back: Vec<Sighting> = sightings
+    let back: Vec<ContourReading> = sightings
         .iter()
         .map(|s| {
             let p = s.point();
             let time = s.time_s - model.time_s;
-            Sighting {
-                target: Target::Point {
+            ContourReading {
+                target: ContourTarget::Point {
                     position: [p[0] - drift[0] * time, p[1] - drift[1] * time],
                     sigma: s.covariance()[0].sqrt(),
                 },
@@ -384,7 +408,7 @@ fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[Sightin
 
 pub(super) fn equations<'a>(
     model: &'a ContourModel,
-    sightings: &'a [Sighting],
+    sightings: &'a [ContourReading],
 ) -> (Vec<ContourEquation<'a>>, Vec<usize>) {
     let mut numbers = std::collections::BTreeMap::new();
     let mut groups = Vec::with_capacity(sightings.len());
@@ -420,13 +444,17 @@ pub(super) fn shared<'a>(model: &ContourModel, groups: &'a [usize]) -> Option<Sh
 
 /// The margin, where every side has readings enough that the bias matters more than the readings near
 /// corners.
-pub(super) fn corner_margin(model: &ContourModel, readings: usize, options: &FitOptions) -> Option<f64> {
+pub(super) fn corner_margin(
+    model: &ContourModel,
+    readings: usize,
+    options: &ContourFitOptions,
+) -> Option<f64> {
     let enough = readings >= READINGS_PER_SIDE * model.kind.pieces();
     options.corner_margin.filter(|_| enough)
 }
 
 /// Beyond how many standard deviations a reading is as unlikely as any.
-pub(super) fn outlier_gate(options: &FitOptions) -> f64 {
+pub(super) fn outlier_gate(options: &ContourFitOptions) -> f64 {
     options.gate.unwrap_or(DEFAULT_OUTLIER_GATE)
 }
 
@@ -456,9 +484,9 @@ impl GatedResiduals {
 
 fn fit_from(
     model: &ContourModel,
-    sightings: &[Sighting],
+    sightings: &[ContourReading],
     start: &[f64],
-    options: &FitOptions,
+    options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     match options.method {
@@ -469,9 +497,9 @@ fn fit_from(
 
 pub(super) fn batch(
     model: &ContourModel,
-    sightings: &[Sighting],
+    sightings: &[ContourReading],
     start: &[f64],
-    options: &FitOptions,
+    options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     let (all, groups) = equations(model, sightings);
@@ -498,7 +526,8 @@ pub(super) fn batch(
             *used = distance.abs() <= gate;
         }
     }
-    let kept: Vec<Sighting> = sightings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
+    let kept: Vec<ContourReading> =
+        sightings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
     if kept.len() < model.unknowns() {
         return Err(Error::undetermined("too few readings lie near the contour"));
     }

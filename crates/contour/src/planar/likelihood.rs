@@ -7,9 +7,9 @@
 //! outline.
 
 use super::curve::arc_circle;
-use super::kind::Kind;
+use super::kind::ContourKind;
 use super::parts::usual_gap;
-use super::sighting::{ContourEquation, ContourModel, Sighting};
+use super::reading::{ContourEquation, ContourModel, ContourReading};
 use statrs::function::erf::erf;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -79,7 +79,7 @@ pub(super) struct LikelihoodAndCoverage {
 pub(super) fn placed(
     model: &ContourModel,
     state: &[f64],
-    sightings: &[Sighting],
+    sightings: &[ContourReading],
     gate: f64,
 ) -> LikelihoodAndCoverage {
     let spots: Vec<Spot> = sightings
@@ -102,7 +102,7 @@ pub(super) fn placed(
         Stroke::Round { .. } => None,
     });
     let min_side_coverage = match model.kind {
-        Kind::RegularPolygon(_) => 1.0,
+        ContourKind::RegularPolygon(_) => 1.0,
         _ => straight.fold(1.0, f64::min),
     };
     if model.shared_poses {
@@ -132,7 +132,7 @@ fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
 
 /// The pieces of an outline; a whole circle or ellipse from its first to its last reading where none lies in
 /// a part that is wider than `gap`.
-pub(super) fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
+pub(super) fn strokes(kind: &ContourKind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
     let round = |semi: [f64; 2], turn: [f64; 2]| {
         let center = [theta[0], theta[1]];
         let mut angles: Vec<f64> = spots.iter().map(|spot| foot(spot.point, center, semi, turn)).collect();
@@ -148,7 +148,7 @@ pub(super) fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> V
         Stroke::Round { center, semi, turn, from, sweep: if is_whole { TAU } else { TAU - free } }
     };
     match kind {
-        Kind::Line => {
+        ContourKind::Line => {
             let (sin, cos) = theta[0].sin_cos();
             let along = spots.iter().map(|s| cos * s.point[0] + sin * s.point[1]);
             let (low, high) =
@@ -156,8 +156,8 @@ pub(super) fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> V
             let at = |t: f64| [t * cos - theta[1] * sin, t * sin + theta[1] * cos];
             vec![Stroke::Straight([at(low), at(high)])]
         }
-        Kind::Circle => vec![round([theta[2], theta[2]], [1.0, 0.0])],
-        Kind::Ellipse => vec![round([theta[2], theta[3]], [theta[4].cos(), theta[4].sin()])],
+        ContourKind::Circle => vec![round([theta[2], theta[2]], [1.0, 0.0])],
+        ContourKind::Ellipse => vec![round([theta[2], theta[3]], [theta[4].cos(), theta[4].sin()])],
         _ => {
             let count = kind.pieces() + usize::from(!kind.is_closed());
             let mut vertices = vec![[0.0; 2]; count];

@@ -17,10 +17,10 @@
 //! many incidental parameters*; Berndt, Hall, Hall and Hausman 1974, *Estimation and inference in nonlinear
 //! structural models* (steps from the squares of scores).
 
-use super::kind::Kind;
+use super::kind::ContourKind;
 use super::likelihood::{Spot, Stroke, strokes};
 use super::parts::usual_gap;
-use super::sighting::{ContourEquation, ContourModel, Motion, Sighting, Target};
+use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, PlanarMotion};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -69,7 +69,7 @@ pub(super) struct MostLikely {
 /// `None` where the likelihood has no maximum nearby.
 pub(super) fn most_likely(
     model: &ContourModel,
-    sightings: &[Sighting],
+    sightings: &[ContourReading],
     start: &DVector<f64>,
     covariance: &DMatrix<f64>,
     gate: f64,
@@ -88,7 +88,7 @@ struct Cell {
 /// The likelihood as a function of the parameters, in σ about the start, and of the cells' shares.
 struct PlaceLikelihood<'a> {
     model: &'a ContourModel,
-    sightings: &'a [Sighting],
+    sightings: &'a [ContourReading],
     start: &'a DVector<f64>,
     /// `θ = start + scale u`.
     scale: DMatrix<f64>,
@@ -118,7 +118,7 @@ struct Terms {
 impl<'a> PlaceLikelihood<'a> {
     fn new(
         model: &'a ContourModel,
-        sightings: &'a [Sighting],
+        sightings: &'a [ContourReading],
         start: &'a DVector<f64>,
         covariance: &DMatrix<f64>,
         gate: f64,
@@ -238,7 +238,7 @@ impl<'a> PlaceLikelihood<'a> {
         let information = self.information(&at)?;
         let inverse = information.inverse();
         let of_u = inverse.view((0, 0), (p, p));
-        if !self.has_corners() && self.model.motion == Motion::Still {
+        if !self.has_corners() && self.model.motion == PlanarMotion::Still {
             let bias = information.solve(&self.expected_scores(&at));
             if bias.rows(0, p).amax() < MAX_STEP_SIGMAS {
                 at.u -= bias.rows(0, p);
@@ -257,7 +257,10 @@ impl<'a> PlaceLikelihood<'a> {
     fn has_corners(&self) -> bool {
         matches!(
             self.model.kind,
-            Kind::Rectangle | Kind::Polygon(_) | Kind::RegularPolygon(_) | Kind::Chain { .. }
+            ContourKind::Rectangle
+                | ContourKind::Polygon(_)
+                | ContourKind::RegularPolygon(_)
+                | ContourKind::Chain { .. }
         )
     }
 
@@ -357,14 +360,14 @@ impl<'a> PlaceLikelihood<'a> {
         let state = self.state(&at.u);
         let spots = spots(self.model, self.sightings, state.as_slice());
         let pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
-        let exact: Vec<Sighting> = (self.sightings.iter().zip(&spots))
+        let exact: Vec<ContourReading> = (self.sightings.iter().zip(&spots))
             .map(|(sighting, spot)| sighting.moved_to(nearest(&pieces, spot.point)))
             .collect();
         let mut sum = DVector::zeros(at.u.len() + self.cells.len());
         for axis in 0..MEASURED {
             for side in [-1.0, 1.0] {
                 let sigmas = side * (MEASURED as f64).sqrt();
-                let made: Vec<Sighting> =
+                let made: Vec<ContourReading> =
                     exact.iter().map(|sighting| sighting.with_error(axis, sigmas)).collect();
                 let model = PlaceLikelihood {
                     sightings: &made,
@@ -428,16 +431,16 @@ fn shares(weights: &DVector<f64>) -> Vec<f64> {
 
 /// The readings as points at rest. The end of a ray of an uncertain heading is nearer to the sensor than what
 /// it is of, on average.
-fn spots(model: &ContourModel, sightings: &[Sighting], state: &[f64]) -> Vec<Spot> {
-    let one = |sighting: &Sighting| {
+fn spots(model: &ContourModel, sightings: &[ContourReading], state: &[f64]) -> Vec<Spot> {
+    let one = |sighting: &ContourReading| {
         let (point, covariance) = ContourEquation::new(model, sighting).seen_at_rest(state);
         let away = match sighting.target {
-            Target::Range { heading_rad, range, sigma, .. } => {
+            ContourTarget::Range { heading_rad, range, sigma, .. } => {
                 // A thing that turns while it is measured turns the ray as well, by less than matters here.
                 let short = 0.5 * range * sigma[2] * sigma[2];
                 [short * heading_rad.cos(), short * heading_rad.sin()]
             }
-            Target::Point { .. } => [0.0; 2],
+            ContourTarget::Point { .. } => [0.0; 2],
         };
         Spot { point: [point[0] + away[0], point[1] + away[1]], covariance }
     };

@@ -1,18 +1,21 @@
 //! One kind of contour fitted by a filter: a batch of a few readings, then one after the other.
 
 use super::fit::{
-    ContourFit, FitOptions, GatedResiduals, Method, ROBUST_THRESHOLDS, batch, corner_margin, equations,
-    outlier_gate, shared,
+    ContourFit, ContourFitOptions, GatedResiduals, Method, ROBUST_THRESHOLDS, batch, corner_margin,
+    equations, outlier_gate, shared,
 };
 use super::likelihood::placed;
-use super::sighting::{ContourEquation, ContourModel, Sighting};
+use super::reading::{ContourEquation, ContourModel, ContourReading};
 use nalgebra::DMatrix;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{KalmanFilter, Result, Termination};
 
 /// Readings that a filter starts from, spread over all, and the rest in their order. A sweep is not torn
 /// apart.
-pub(super) fn split_seed(sightings: &[Sighting], model: &ContourModel) -> (Vec<Sighting>, Vec<Sighting>) {
+pub(super) fn split_seed(
+    sightings: &[ContourReading],
+    model: &ContourModel,
+) -> (Vec<ContourReading>, Vec<ContourReading>) {
     // Some on every side: a filter does not find its way back from a wrong phase.
     let wanted = (4 * model.unknowns())
         .max(8 * model.kind.pieces())
@@ -38,9 +41,9 @@ pub(super) fn split_seed(sightings: &[Sighting], model: &ContourModel) -> (Vec<S
 
 pub(super) fn recursive(
     model: &ContourModel,
-    sightings: &[Sighting],
+    sightings: &[ContourReading],
     start: &[f64],
-    options: &FitOptions,
+    options: &ContourFitOptions,
 ) -> Result<ContourFit> {
     let (seed, rest) = split_seed(sightings, model);
     let first = batch(model, &seed, start, options, &ROBUST_THRESHOLDS)?;

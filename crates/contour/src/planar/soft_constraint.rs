@@ -2,7 +2,7 @@
 
 use super::ends::End;
 use super::joints::Joint;
-use super::kind::Kind;
+use super::kind::ContourKind;
 
 /// Something that holds, to its σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,7 +15,7 @@ pub(crate) enum SoftConstraint {
 
 impl SoftConstraint {
     /// By how much it is violation at `theta`; the derivative is added to `by_theta`.
-    pub(crate) fn violation(&self, kind: &Kind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
+    pub(crate) fn violation(&self, kind: &ContourKind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
         match self {
             Self::End(end) => end.violation(kind, theta, by_theta),
             Self::Joint(joint) => joint.violation(kind, theta, by_theta),

@@ -1,9 +1,9 @@
 //! A shape fitted to rays, by the batch or a filter, and the choice among shapes.
 
 use super::ray::{Ray, ShapeReading};
-use super::shape::{Chart, Shape};
+use super::shape::{Chart, PrimitiveKind};
 use super::start::starts;
-use crate::planar::{FitOptions, GatedResiduals, Method};
+use crate::planar::{ContourFitOptions, GatedResiduals, Method};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{Error, KalmanFilter, Loss, Result, Termination};
@@ -17,8 +17,8 @@ const SPACING: f64 = 1e-3;
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrimitiveFit {
     /// The shape.
-    pub shape: Shape,
-    /// Its parameters, in the order of [`Shape::names`].
+    pub shape: PrimitiveKind,
+    /// Its parameters, in the order of [`PrimitiveKind::names`].
     pub parameters: Vec<f64>,
     /// Their covariance: of the rank of the shape's unknowns, which are fewer where directions are among
     /// them.
@@ -56,7 +56,7 @@ impl PrimitiveFit {
 ///
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
-pub fn fit(shape: Shape, rays: &[Ray], options: &FitOptions) -> Result<PrimitiveFit> {
+pub fn fit(shape: PrimitiveKind, rays: &[Ray], options: &ContourFitOptions) -> Result<PrimitiveFit> {
     if rays.len() < shape.unknowns() {
         return Err(Error::undetermined(format!(
             "{} readings cannot determine the {} unknowns of a {shape}: give more readings",
@@ -86,10 +86,10 @@ pub fn fit(shape: Shape, rays: &[Ray], options: &FitOptions) -> Result<Primitive
 /// # Errors
 /// `Undetermined` when none could be fitted.
 pub fn choose(
-    shapes: &[Shape],
+    shapes: &[PrimitiveKind],
     rays: &[Ray],
-    options: &FitOptions,
-) -> Result<(PrimitiveFit, Vec<(Shape, f64)>)> {
+    options: &ContourFitOptions,
+) -> Result<(PrimitiveFit, Vec<(PrimitiveKind, f64)>)> {
     let mut found = Vec::new();
     let mut last = None;
     for &shape in shapes {
@@ -107,7 +107,7 @@ pub fn choose(
 }
 
 fn readings<'a>(
-    shape: Shape,
+    shape: PrimitiveKind,
     chart: &'a Chart,
     rays: impl Iterator<Item = &'a Ray>,
 ) -> Vec<ShapeReading<'a>> {
@@ -115,11 +115,11 @@ fn readings<'a>(
 }
 
 fn fit_from(
-    shape: Shape,
+    shape: PrimitiveKind,
     chart: &Chart,
     rays: &[Ray],
     start: &[f64],
-    options: &FitOptions,
+    options: &ContourFitOptions,
 ) -> Result<PrimitiveFit> {
     let all = readings(shape, chart, rays.iter());
     let mut at = DVector::from_column_slice(start);
@@ -177,7 +177,7 @@ fn fit_from(
     if !shape.is_valid(state.as_slice()) {
         return Err(Error::undetermined("a size is not positive"));
     }
-    if shape == Shape::Box && sides_are_one(rays, state.as_slice()) {
+    if shape == PrimitiveKind::Box && sides_are_one(rays, state.as_slice()) {
         return Err(Error::undetermined("the box is so thin that noise does not tell its two sides apart"));
     }
     let distances = fit_implicit(&all, None, &state, &look)?.distances;
@@ -203,7 +203,7 @@ fn sides_are_one(rays: &[Ray], x: &[f64]) -> bool {
 }
 
 fn reported_covariance(
-    shape: Shape,
+    shape: PrimitiveKind,
     chart: &Chart,
     state: &DVector<f64>,
     covariance: &DMatrix<f64>,

@@ -3,7 +3,7 @@
 //! In place of split-and-merge, whose result depends on where it splits first; pieces are merged where the
 //! likelihood says so, among the best segmentations into each number of pieces.
 
-use super::super::kind::Kind;
+use super::super::kind::ContourKind;
 use super::mean;
 use super::sequence::{Sequence, Sums};
 
@@ -135,7 +135,7 @@ fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
 
 /// Chains of least penalised cost: that into the best number of pieces, and those into few. A closed one has
 /// an arc, or it is a polygon; an open one has two pieces at least, or an arc.
-pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
+pub(super) fn chains(sequence: &Sequence) -> Vec<(ContourKind, Vec<f64>)> {
     let penalty = (sequence.count() as f64).ln();
     let costs = table(sequence, |sums| {
         if sums.count() < 3.0 {
@@ -145,7 +145,7 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
     });
     let fewest = if sequence.is_closed { 2 } else { 1 };
     let most = MAX_PIECES.min(sequence.bins / 4);
-    let mut found: Vec<(f64, Kind, Vec<f64>)> =
+    let mut found: Vec<(f64, ContourKind, Vec<f64>)> =
         (segmented(&costs, sequence, most).into_iter().skip(fewest - 1))
             .filter(|(cost, _)| cost.is_finite())
             .filter_map(|(cost, cuts)| {
@@ -159,7 +159,7 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
 }
 
 /// The chain whose pieces begin at the cuts.
-fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(Kind, Vec<f64>)> {
+fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(ContourKind, Vec<f64>)> {
     let count = cuts.len();
     let is_closed = sequence.is_closed;
     let run = |k: usize| {
@@ -198,7 +198,7 @@ fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(Kind, Vec
         let (a, b) = (vertices[k], vertices[(k + 1) % vertices.len()]);
         theta.push(bulge_through(sequence, from, to, a, b));
     }
-    let kind = Kind::Chain { arcs, closed: is_closed };
+    let kind = ContourKind::Chain { arcs, closed: is_closed };
     Some((kind, theta))
 }
 

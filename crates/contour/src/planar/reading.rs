@@ -1,14 +1,14 @@
 //! A reading of a contour as an implicit equation.
 
 use super::curve::{beyond, distance, distance_hessian, nearest_piece, within};
-use super::kind::Kind;
+use super::kind::ContourKind;
 use super::soft_constraint::SoftConstraint;
 use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE, NoiseHessian};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// What a sensor saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Target {
+pub enum ContourTarget {
     /// A range from a pose: the point is `origin + range (cos heading, sin heading)`.
     Range {
         /// Where the sensor was thought to be.
@@ -31,9 +31,9 @@ pub enum Target {
 
 /// A reading, with what it shares with others.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct ContourReading {
     /// What was seen.
-    pub target: Target,
+    pub target: ContourTarget,
     /// Readings of one number were taken from one pose, and share its error; only ranges have one.
     pub pose: Option<usize>,
     /// Seconds, where the thing moves.
@@ -42,16 +42,16 @@ pub struct Sighting {
     pub line: usize,
 }
 
-impl Sighting {
+impl ContourReading {
     /// The point that was seen, as measured.
     #[must_use]
     pub fn point(&self) -> [f64; 2] {
         match self.target {
-            Target::Range { origin, heading_rad, range, .. } => {
+            ContourTarget::Range { origin, heading_rad, range, .. } => {
                 let (sin, cos) = heading_rad.sin_cos();
                 [origin[0] + range * cos, origin[1] + range * sin]
             }
-            Target::Point { position, .. } => position,
+            ContourTarget::Point { position, .. } => position,
         }
     }
 
@@ -59,7 +59,7 @@ impl Sighting {
     #[must_use]
     pub fn covariance(&self) -> [f64; 3] {
         match self.target {
-            Target::Range { heading_rad, range, sigma, .. } => {
+            ContourTarget::Range { heading_rad, range, sigma, .. } => {
                 let (sin, cos) = heading_rad.sin_cos();
                 let along = sigma[3] * sigma[3];
                 let across = (range * sigma[2]).powi(2);
@@ -69,19 +69,19 @@ impl Sighting {
                     sigma[1] * sigma[1] + along * sin * sin + across * cos * cos,
                 ]
             }
-            Target::Point { sigma, .. } => [sigma * sigma, 0.0, sigma * sigma],
+            ContourTarget::Point { sigma, .. } => [sigma * sigma, 0.0, sigma * sigma],
         }
     }
 }
 
-impl Sighting {
+impl ContourReading {
     /// The same measurement, carried along so that it is of the point `to`.
     pub(super) fn moved_to(&self, to: [f64; 2]) -> Self {
         let from = self.point();
         let mut moved = *self;
         let place = match &mut moved.target {
-            Target::Range { origin, .. } => origin,
-            Target::Point { position, .. } => position,
+            ContourTarget::Range { origin, .. } => origin,
+            ContourTarget::Point { position, .. } => position,
         };
         for k in 0..2 {
             place[k] += to[k] - from[k];
@@ -94,7 +94,7 @@ impl Sighting {
     pub(super) fn with_error(&self, axis: usize, sigmas: f64) -> Self {
         let mut made = *self;
         match &mut made.target {
-            Target::Range { origin, heading_rad, range, sigma } => {
+            ContourTarget::Range { origin, heading_rad, range, sigma } => {
                 let by = sigmas * sigma[axis];
                 match axis {
                     0 | 1 => origin[axis] += by,
@@ -103,7 +103,7 @@ impl Sighting {
                 }
             }
             // Two axes, each twice as often: errors of √2 σ rather than √4.
-            Target::Point { position, sigma } => position[axis % 2] += sigmas * *sigma * FRAC_1_SQRT_2,
+            ContourTarget::Point { position, sigma } => position[axis % 2] += sigmas * *sigma * FRAC_1_SQRT_2,
         }
         made
     }
@@ -112,7 +112,7 @@ impl Sighting {
 /// How the thing moves while it is measured, about a fixed pivot: the state has its velocity behind the
 /// contour, which is that of time zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Motion {
+pub enum PlanarMotion {
     /// It stands still.
     Still,
     /// `vx vy`, in lengths a second.
@@ -121,7 +121,7 @@ pub enum Motion {
     Rigid,
 }
 
-impl Motion {
+impl PlanarMotion {
     /// How many unknowns it adds.
     #[must_use]
     pub fn unknowns(self) -> usize {
@@ -146,9 +146,9 @@ pub enum Form {
 /// What all readings of one fit have in common.
 #[derive(Debug, Clone)]
 pub(crate) struct ContourModel {
-    pub(crate) kind: Kind,
+    pub(crate) kind: ContourKind,
     pub(crate) form: Form,
-    pub(crate) motion: Motion,
+    pub(crate) motion: PlanarMotion,
     /// The fixed pivot of the rotation, and the time of the contour.
     pub(crate) pivot: [f64; 2],
     pub(crate) time_s: f64,
@@ -167,7 +167,7 @@ impl ContourModel {
 /// A sighting against a contour, or in its place something known of it.
 pub(crate) struct ContourEquation<'a> {
     pub(crate) model: &'a ContourModel,
-    pub(crate) sighting: &'a Sighting,
+    pub(crate) sighting: &'a ContourReading,
     pub(crate) constraint: Option<SoftConstraint>,
 }
 
@@ -182,7 +182,7 @@ struct Place {
 
 impl<'a> ContourEquation<'a> {
     /// That of a sighting.
-    pub(crate) fn new(model: &'a ContourModel, sighting: &'a Sighting) -> Self {
+    pub(crate) fn new(model: &'a ContourModel, sighting: &'a ContourReading) -> Self {
         Self { model, sighting, constraint: None }
     }
 
@@ -194,12 +194,12 @@ impl<'a> ContourEquation<'a> {
             by_heading: [[0.0; 2]; 2],
         };
         match self.sighting.target {
-            Target::Point { position, sigma } => {
+            ContourTarget::Point { position, sigma } => {
                 place.point = [position[0] - sigma * u[0], position[1] - sigma * u[1]];
                 place.by_noise[0] = [-sigma, 0.0];
                 place.by_noise[1] = [0.0, -sigma];
             }
-            Target::Range { origin, heading_rad, range, sigma } => {
+            ContourTarget::Range { origin, heading_rad, range, sigma } => {
                 let shared = self.model.shared_poses;
                 let (pose, own) = if shared { (&x[x.len() - 3..], u[0]) } else { (&u[..3], u[3]) };
                 let (sin, cos) = (heading_rad - sigma[2] * pose[2]).sin_cos();
@@ -233,11 +233,11 @@ impl<'a> ContourEquation<'a> {
         let pivot = self.model.pivot;
         let time = self.sighting.time_s - self.model.time_s;
         let moved = match self.model.motion {
-            Motion::Still => return (p, [1.0, 0.0], 0.0),
+            PlanarMotion::Still => return (p, [1.0, 0.0], 0.0),
             _ => [p[0] - pivot[0] - time * x[k], p[1] - pivot[1] - time * x[k + 1]],
         };
         let (sin, cos) = match self.model.motion {
-            Motion::Rigid => (-time * x[k + 2]).sin_cos(),
+            PlanarMotion::Rigid => (-time * x[k + 2]).sin_cos(),
             _ => (0.0, 1.0),
         };
         (
@@ -314,9 +314,9 @@ impl ImplicitReading for ContourEquation<'_> {
             return 1;
         }
         match self.sighting.target {
-            Target::Point { .. } => 2,
-            Target::Range { .. } if self.model.shared_poses => 1,
-            Target::Range { .. } => 4,
+            ContourTarget::Point { .. } => 2,
+            ContourTarget::Range { .. } if self.model.shared_poses => 1,
+            ContourTarget::Range { .. } => 4,
         }
     }
 
@@ -351,11 +351,11 @@ impl ImplicitReading for ContourEquation<'_> {
         // From the body's frame at time zero to the world.
         let by_point = [cos * by_body[0] + sin * by_body[1], cos * by_body[1] - sin * by_body[0]];
         let dot = |d: [f64; 2]| by_point[0] * d[0] + by_point[1] * d[1];
-        if self.model.motion != Motion::Still {
+        if self.model.motion != PlanarMotion::Still {
             by_state[k] = -time * by_point[0];
             by_state[k + 1] = -time * by_point[1];
         }
-        if self.model.motion == Motion::Rigid {
+        if self.model.motion == PlanarMotion::Rigid {
             let arm = [p[0] - self.model.pivot[0], p[1] - self.model.pivot[1]];
             by_state[k + 2] = -time * (by_body[1] * arm[0] - by_body[0] * arm[1]);
         }
@@ -410,7 +410,7 @@ impl ImplicitReading for ContourEquation<'_> {
         true
     }
 
-    fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+    fn beyond_end_penalty(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         if self.constraint.is_some() {
             return 0.0;
         }
