@@ -9,7 +9,8 @@ use crate::summary::{self, Summary};
 pub use args::ContourArgs;
 use args::{ContourFilter, ContourMotion};
 use planish::contour::{
-    CarmenOptions, ConstrainJob, ContourJob, ContourReport, FitOptions, Form, Method, Motion, SigmaDefaults,
+    CarmenOptions, ConstrainJob, ContourFitOptions, ContourJob, ContourReport, Form, Method, PlanarMotion,
+    SigmaDefaults,
 };
 use planish::progress::Progress;
 use planish::{Error, Job, Result, Unit};
@@ -66,7 +67,7 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
         kinds: if all { Vec::new() } else { kinds },
         chains: !all && args.kind.contains(&KindChoice::Chain),
         shapes,
-        fit: FitOptions {
+        fit: ContourFitOptions {
             method: match args.filter {
                 ContourFilter::Auto => Method::Combined,
                 ContourFilter::Batch => Method::Batch,
@@ -76,13 +77,13 @@ fn job(args: &ContourArgs) -> Result<ContourJob> {
             },
             form: if args.product { Form::Product } else { Form::ActiveFacet },
             motion: match args.motion {
-                ContourMotion::None => Motion::Still,
-                ContourMotion::Linear => Motion::Linear,
-                ContourMotion::Rigid => Motion::Rigid,
+                ContourMotion::None => PlanarMotion::Still,
+                ContourMotion::Linear => PlanarMotion::Linear,
+                ContourMotion::Rigid => PlanarMotion::Rigid,
             },
             gate: (args.gate > 0.0).then_some(args.gate),
             corner_margin: (args.corner_margin > 0.0).then_some(args.corner_margin),
-            ..FitOptions::default()
+            ..ContourFitOptions::default()
         },
         sigma: SigmaDefaults {
             position: args.sigma_position,

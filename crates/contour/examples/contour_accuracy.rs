@@ -12,7 +12,7 @@
 
 use nalgebra::DVector;
 use planish_contour::planar::{
-    FitOptions, Kind, Method, SensorOptions, Sighting, Target, bound, fit, ranges,
+    ContourFitOptions, ContourKind, ContourReading, ContourTarget, Method, SensorOptions, bound, fit, ranges,
 };
 use planish_estimate::normalized_squared;
 use rayon::prelude::*;
@@ -20,13 +20,13 @@ use std::fmt::Write as _;
 
 /// Contours of circumradius 1 about the origin: their kinds, parameters, the period of the angle, and which
 /// it is.
-fn contours() -> Vec<(Kind, Vec<f64>, f64)> {
+fn contours() -> Vec<(ContourKind, Vec<f64>, f64)> {
     let pi = std::f64::consts::PI;
     vec![
-        (Kind::Circle, vec![0.0, 0.0, 1.0], 0.0),
-        (Kind::Ellipse, vec![0.0, 0.0, 1.0, 0.6, 0.5], pi),
-        (Kind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5], pi),
-        (Kind::RegularPolygon(6), vec![0.0, 0.0, 1.0, 0.3], pi / 3.0),
+        (ContourKind::Circle, vec![0.0, 0.0, 1.0], 0.0),
+        (ContourKind::Ellipse, vec![0.0, 0.0, 1.0, 0.6, 0.5], pi),
+        (ContourKind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5], pi),
+        (ContourKind::RegularPolygon(6), vec![0.0, 0.0, 1.0, 0.3], pi / 3.0),
     ]
 }
 
@@ -67,12 +67,18 @@ fn main() {
                 ("batch-margin", Method::Batch, true, Some(2.0)),
             ];
             // Few readings all count.
-            let has_corners = matches!(kind, Kind::Rectangle | Kind::RegularPolygon(_)) && n > 50;
+            let has_corners =
+                matches!(kind, ContourKind::Rectangle | ContourKind::RegularPolygon(_)) && n > 50;
             for (name, method, correct_bias, corner_margin) in
                 all.into_iter().filter(|m| has(&methods, m.0) && (m.3.is_none() || has_corners))
             {
-                let options =
-                    FitOptions { method, gate: None, corner_margin, correct_bias, ..FitOptions::default() };
+                let options = ContourFitOptions {
+                    method,
+                    gate: None,
+                    corner_margin,
+                    correct_bias,
+                    ..ContourFitOptions::default()
+                };
                 let outcomes: Vec<Option<Outcome>> = (0..runs)
                     .into_par_iter()
                     .map(|run| one(&kind, &truth, period, n, &sensor, &options, run as u64))
@@ -92,12 +98,12 @@ struct Outcome {
 }
 
 fn one(
-    kind: &Kind,
+    kind: &ContourKind,
     truth: &[f64],
     period: f64,
     n: usize,
     sensor: &SensorOptions,
-    options: &FitOptions,
+    options: &ContourFitOptions,
     run: u64,
 ) -> Option<Outcome> {
     let made = ranges(kind, truth, [0.0; 2], n, sensor, run);
@@ -108,7 +114,7 @@ fn one(
     if period > 0.0 {
         let k = truth.len() - 1;
         let mut swapped = found.state.clone();
-        if matches!(kind, Kind::Ellipse | Kind::Rectangle) && found.state[2] < found.state[3] {
+        if matches!(kind, ContourKind::Ellipse | ContourKind::Rectangle) && found.state[2] < found.state[3] {
             swapped.swap_rows(2, 3);
             swapped[k] += std::f64::consts::FRAC_PI_2;
             off = &swapped - &truth;
@@ -124,7 +130,7 @@ fn one(
     })
 }
 
-fn print_row(kind: &Kind, n: usize, name: &str, outcomes: &[Option<Outcome>]) {
+fn print_row(kind: &ContourKind, n: usize, name: &str, outcomes: &[Option<Outcome>]) {
     let good: Vec<&Outcome> = outcomes.iter().flatten().collect();
     let count = good.len() as f64;
     let unknowns = good.first().map_or(1, |o| o.normalized.len());
@@ -150,15 +156,22 @@ fn print_row(kind: &Kind, n: usize, name: &str, outcomes: &[Option<Outcome>]) {
 
 /// The readings of every run with and without their errors, for other programs: one CSV a contour and number
 /// of readings.
-fn write_dump(folder: &str, kind: &Kind, truth: &[f64], n: usize, runs: usize, sensor: &SensorOptions) {
+fn write_dump(
+    folder: &str,
+    kind: &ContourKind,
+    truth: &[f64],
+    n: usize,
+    runs: usize,
+    sensor: &SensorOptions,
+) {
     let mut text = String::from("run,x,y,heading_deg,range,sigma_x,sigma_y,sigma_heading_deg,sigma_range");
     text.push_str(",exact_x,exact_y,exact_heading_deg,exact_range\n");
-    let columns = |sighting: &Sighting| match sighting.target {
-        Target::Range { origin, heading_rad, range, sigma: [x, y, heading, along] } => (
+    let columns = |sighting: &ContourReading| match sighting.target {
+        ContourTarget::Range { origin, heading_rad, range, sigma: [x, y, heading, along] } => (
             format!("{},{},{},{range}", origin[0], origin[1], heading_rad.to_degrees()),
             format!("{x},{y},{},{along}", heading.to_degrees()),
         ),
-        Target::Point { .. } => (String::new(), String::new()),
+        ContourTarget::Point { .. } => (String::new(), String::new()),
     };
     for run in 0..runs {
         let made = ranges(kind, truth, [0.0; 2], n, sensor, run as u64);

@@ -11,14 +11,14 @@
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
-use planish_contour::planar::{FitOptions, Kind, SensorOptions, auto_kinds, choose, ranges};
+use planish_contour::planar::{ContourFitOptions, ContourKind, SensorOptions, auto_kinds, choose, ranges};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// What is measured: its name, its kind and parameters, and the middle about which the sensor goes.
 struct Truth {
     name: &'static str,
-    kind: Kind,
+    kind: ContourKind,
     theta: Vec<f64>,
     middle: [f64; 2],
 }
@@ -26,19 +26,19 @@ struct Truth {
 fn truths() -> Vec<Truth> {
     let all_around =
         |name, kind, theta: &[f64]| Truth { name, kind, theta: theta.to_vec(), middle: [0.0; 2] };
-    let chain = |arcs: &[bool], closed| Kind::Chain { arcs: arcs.to_vec(), closed };
+    let chain = |arcs: &[bool], closed| ContourKind::Chain { arcs: arcs.to_vec(), closed };
     vec![
-        all_around("circle", Kind::Circle, &[0.0, 0.0, 1.0]),
-        all_around("ellipse", Kind::Ellipse, &[0.0, 0.0, 1.0, 0.6, 0.5]),
-        all_around("rectangle", Kind::Rectangle, &[0.0, 0.0, 1.6, 1.2, 0.5]),
-        all_around("rounded-rectangle", Kind::RoundedRectangle, &[0.0, 0.0, 1.8, 1.2, 0.5, 0.3]),
-        all_around("slot", Kind::Slot, &[0.0, 0.0, 2.0, 0.9, 0.5]),
-        all_around("regular-polygon-6", Kind::RegularPolygon(6), &[0.0, 0.0, 1.0, 0.3]),
-        all_around("polygon-4", Kind::Polygon(4), &[-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5]),
-        all_around("polygon-3", Kind::Polygon(3), &[-0.9, -0.6, 0.9, -0.7, -0.2, 0.9]),
+        all_around("circle", ContourKind::Circle, &[0.0, 0.0, 1.0]),
+        all_around("ellipse", ContourKind::Ellipse, &[0.0, 0.0, 1.0, 0.6, 0.5]),
+        all_around("rectangle", ContourKind::Rectangle, &[0.0, 0.0, 1.6, 1.2, 0.5]),
+        all_around("rounded-rectangle", ContourKind::RoundedRectangle, &[0.0, 0.0, 1.8, 1.2, 0.5, 0.3]),
+        all_around("slot", ContourKind::Slot, &[0.0, 0.0, 2.0, 0.9, 0.5]),
+        all_around("regular-polygon-6", ContourKind::RegularPolygon(6), &[0.0, 0.0, 1.0, 0.3]),
+        all_around("polygon-4", ContourKind::Polygon(4), &[-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5]),
+        all_around("polygon-3", ContourKind::Polygon(3), &[-0.9, -0.6, 0.9, -0.7, -0.2, 0.9]),
         all_around(
             "polygon-6 (an L)",
-            Kind::Polygon(6),
+            ContourKind::Polygon(6),
             &[-0.8, -0.8, 0.9, -0.8, 0.9, -0.1, 0.0, -0.1, 0.0, 0.8, -0.8, 0.8],
         ),
         all_around("chain (a D)", chain(&[false, true], true), &[-0.4, 0.8, -0.4, -0.8, 0.9]),
@@ -90,7 +90,7 @@ fn main() {
                 .into_par_iter()
                 .map(|run| {
                     let made = ranges(&truth.kind, &truth.theta, truth.middle, 200, &sensor, run);
-                    choose(&auto_kinds(), true, &made.noisy, &FitOptions::default())
+                    choose(&auto_kinds(), true, &made.noisy, &ContourFitOptions::default())
                         .map_or_else(|_| "none".to_owned(), |choice| choice.fit.kind.to_string())
                 })
                 .collect();

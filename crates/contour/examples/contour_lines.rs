@@ -8,9 +8,10 @@
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
 use planish_contour::planar::{
-    FitOptions, Form, Kind, Method, Motion, SensorOptions, Sighting, fit, points, ranges,
+    ContourFitOptions, ContourKind, ContourReading, Form, Method, PlanarMotion, SensorOptions, fit, points,
+    ranges,
 };
-use planish_contour::primitive::{self, Shape, Solid, SpaceSensor};
+use planish_contour::primitive::{self, PrimitiveKind, SimulatedPrimitive, SpaceSensor};
 use rayon::prelude::*;
 
 /// Errors over their σ of one run.
@@ -22,13 +23,13 @@ fn main() {
     let exact =
         SensorOptions { sigma: [0.006, 0.006, 0.6f64.to_radians(), 0.0], sigma_range_share: 0.003, ..still };
     println!("what,readings,runs,failed,errors_over_sigma,coverage_95,largest_rms");
-    let circle = (Kind::Circle, vec![0.1, -0.2, 1.0]);
-    let ellipse = (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]);
-    let rectangle = (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]);
+    let circle = (ContourKind::Circle, vec![0.1, -0.2, 1.0]);
+    let ellipse = (ContourKind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]);
+    let rectangle = (ContourKind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]);
     let planar = |name: &str,
-                  (kind, theta): &(Kind, Vec<f64>),
+                  (kind, theta): &(ContourKind, Vec<f64>),
                   sensor: &SensorOptions,
-                  options: &FitOptions,
+                  options: &ContourFitOptions,
                   n: usize| {
         let extra = sensor.velocity[..options.motion.unknowns()].to_vec();
         let truth = [theta.clone(), extra].concat();
@@ -38,25 +39,25 @@ fn main() {
         });
     };
     let moving = |velocity: [f64; 3]| SensorOptions { velocity, ..still };
-    let of = |motion| FitOptions { motion, ..FitOptions::default() };
-    planar("circle moving", &circle, &moving([0.2, -0.1, 0.0]), &of(Motion::Linear), 200);
-    planar("ellipse moving", &ellipse, &moving([0.2, -0.1, 0.0]), &of(Motion::Linear), 200);
+    let of = |motion| ContourFitOptions { motion, ..ContourFitOptions::default() };
+    planar("circle moving", &circle, &moving([0.2, -0.1, 0.0]), &of(PlanarMotion::Linear), 200);
+    planar("ellipse moving", &ellipse, &moving([0.2, -0.1, 0.0]), &of(PlanarMotion::Linear), 200);
     rigid(runs, &ellipse, &moving([0.2, -0.1, 0.1]));
-    planar("rectangle moving", &rectangle, &moving([0.2, -0.1, 0.0]), &of(Motion::Linear), 200);
+    planar("rectangle moving", &rectangle, &moving([0.2, -0.1, 0.0]), &of(PlanarMotion::Linear), 200);
     let shared = SensorOptions { sweep: 10, ..still };
-    planar("circle; ten readings a pose", &circle, &shared, &FitOptions::default(), 200);
+    planar("circle; ten readings a pose", &circle, &shared, &ContourFitOptions::default(), 200);
     for (name, (kind, theta)) in
         [("circle overhead", &circle), ("ellipse overhead", &ellipse), ("rectangle overhead", &rectangle)]
     {
         table(name, 200, runs, |seed| {
             let made = points(kind, theta, 200, 0.02, seed);
-            planar_errors(kind, &made.noisy, &FitOptions::default(), theta)
+            planar_errors(kind, &made.noisy, &ContourFitOptions::default(), theta)
         });
     }
     for (method, name) in [(Method::Batch, "batch"), (Method::NoiseUpdated, "nuiekf")] {
         for (form, form_name) in [(Form::ActiveFacet, "active facet"), (Form::Product, "product")] {
             for (sensor, noise) in [(&exact, "0.3 of the noise"), (&still, "all of the noise")] {
-                let options = FitOptions { form, method, ..FitOptions::default() };
+                let options = ContourFitOptions { form, method, ..ContourFitOptions::default() };
                 let name = format!("rectangle; {method}; {form_name}; {noise}", method = name);
                 planar(&name, &rectangle, sensor, &options, 200);
             }
@@ -67,8 +68,8 @@ fn main() {
 
 /// The pivot of the turn is the mean of the readings: velocities are compared where the thing turns about the
 /// origin.
-fn rigid(runs: u64, (kind, theta): &(Kind, Vec<f64>), sensor: &SensorOptions) {
-    let options = FitOptions { motion: Motion::Rigid, ..FitOptions::default() };
+fn rigid(runs: u64, (kind, theta): &(ContourKind, Vec<f64>), sensor: &SensorOptions) {
+    let options = ContourFitOptions { motion: PlanarMotion::Rigid, ..ContourFitOptions::default() };
     table("ellipse moving and turning (its shape and turn)", 200, runs, |seed| {
         let made = ranges(kind, theta, [0.1, -0.2], 200, sensor, seed);
         let found = fit(kind, &made.noisy, &options).ok()?;
@@ -83,7 +84,12 @@ fn rigid(runs: u64, (kind, theta): &(Kind, Vec<f64>), sensor: &SensorOptions) {
     });
 }
 
-fn planar_errors(kind: &Kind, readings: &[Sighting], options: &FitOptions, truth: &[f64]) -> Errors {
+fn planar_errors(
+    kind: &ContourKind,
+    readings: &[ContourReading],
+    options: &ContourFitOptions,
+    truth: &[f64],
+) -> Errors {
     let found = fit(kind, readings, options).ok()?;
     let k = kind.parameters();
     let (values, from) = kind.canonical(&found.state.as_slice()[..k]);
@@ -109,25 +115,25 @@ fn in_space(runs: u64) {
         sigma_range_share: 0.01,
     };
     for (shape, size) in [
-        (Shape::Plane, [1.5, 1.2, 0.0]),
-        (Shape::Sphere, [0.8, 0.0, 0.0]),
-        (Shape::Cylinder, [0.6, 1.6, 0.0]),
-        (Shape::Box, [1.4, 1.0, 0.8]),
+        (PrimitiveKind::Plane, [1.5, 1.2, 0.0]),
+        (PrimitiveKind::Sphere, [0.8, 0.0, 0.0]),
+        (PrimitiveKind::Cylinder, [0.6, 1.6, 0.0]),
+        (PrimitiveKind::Box, [1.4, 1.0, 0.8]),
     ] {
-        let solid = Solid { shape, center: [0.3, -0.2, 0.5], turn: [0.3, -0.5, 0.7], size };
+        let solid = SimulatedPrimitive { shape, center: [0.3, -0.2, 0.5], turn: [0.3, -0.5, 0.7], size };
         let truth = solid.parameters();
         for (method, name) in [(Method::Batch, "batch"), (Method::NoiseUpdated, "nuiekf")] {
-            let options = FitOptions { method, ..FitOptions::default() };
+            let options = ContourFitOptions { method, ..ContourFitOptions::default() };
             table(&format!("{shape} in space; {name}"), 400, runs, |seed| {
                 let made = primitive::rays(&solid, 400, &sensor, seed);
                 let found = primitive::fit(shape, &made.noisy, &options).ok()?;
                 // Where on its axis a cylinder's point is depends on the readings.
-                let first = if shape == Shape::Cylinder { 3 } else { 0 };
+                let first = if shape == PrimitiveKind::Cylinder { 3 } else { 0 };
                 // Of a direction the sign is a matter of convention.
                 let sign = |k: usize| {
                     let first = match shape {
-                        Shape::Plane => 0,
-                        Shape::Box if k >= 6 => k - k % 3,
+                        PrimitiveKind::Plane => 0,
+                        PrimitiveKind::Box if k >= 6 => k - k % 3,
                         _ => return 1.0,
                     };
                     let along: f64 = (first..first + 3).map(|i| found.parameters[i] * truth[i]).sum();

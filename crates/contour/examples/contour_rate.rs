@@ -3,26 +3,26 @@
 
 #![allow(clippy::print_stdout, reason = "a program whose output is its table")]
 
-use planish_contour::planar::{FitOptions, Kind, Method, SensorOptions, fit, ranges};
+use planish_contour::planar::{ContourFitOptions, ContourKind, Method, SensorOptions, fit, ranges};
 use std::time::Instant;
 
 fn main() {
     let sensor = SensorOptions::around(1.0, 1.0);
     for (kind, theta) in [
-        (Kind::Circle, vec![0.0, 0.0, 1.0]),
-        (Kind::Ellipse, vec![0.0, 0.0, 1.0, 0.6, 0.5]),
-        (Kind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5]),
+        (ContourKind::Circle, vec![0.0, 0.0, 1.0]),
+        (ContourKind::Ellipse, vec![0.0, 0.0, 1.0, 0.6, 0.5]),
+        (ContourKind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5]),
     ] {
         let made = ranges(&kind, &theta, [0.0; 2], 100_000, &sensor, 1);
         for (method, correct_bias) in
             [(Method::NoiseUpdated, true), (Method::NoiseUpdated, false), (Method::Extended, false)]
         {
-            let options = FitOptions {
+            let options = ContourFitOptions {
                 method,
                 gate: None,
                 correct_bias,
                 start: Some(theta.clone()),
-                ..FitOptions::default()
+                ..ContourFitOptions::default()
             };
             let begun = Instant::now();
             let found = fit(&kind, &made.noisy, &options);

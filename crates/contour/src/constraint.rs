@@ -42,6 +42,7 @@
 //! beautification of reverse engineered geometric models*.
 
 mod candidates;
+mod conflicts;
 mod decomposition;
 mod diagnose;
 mod drawing;
@@ -55,7 +56,6 @@ mod naming;
 mod parse;
 mod place;
 mod propose;
-mod quarrel;
 mod rank;
 mod relation;
 mod scheme;

@@ -1,15 +1,14 @@
-//! Contours of things, seen by a ranging sensor of uncertain pose.
+//! Contours of objects, measured by a ranging sensor of uncertain pose.
 //!
-//! Comes in: [`Sighting`]s — ranges from a pose, or points — with their σ. Goes out: a [`ContourFit`]: which
-//! [`Kind`] of contour it was, its dimensions and place with their covariance, and what else it could have
-//! been. Not guaranteed: a kind that the noise does not tell from another; `bic_margin` says by how much it
-//! was told.
+//! Comes in: [`ContourReading`]s (ranges from a pose, or points) with σ. Goes out: a [`ContourFit`]: the
+//! [`ContourKind`], its dimensions and position with covariance; [`choose()`] also lists the alternatives.
+//! Not guaranteed: the right kind where the noise hides the difference; `bic_margin` states the evidence.
 //!
 //! | module | what |
 //! |---|---|
 //! | kind | the kinds, their parameters, and their outlines: vertices joined by lines and arcs |
 //! | curve | the distance of a point to a piece of an outline, with derivatives by point and parameters |
-//! | sighting | a reading as an equation `g(z − v, x) = 0`; motion; product and active-facet form |
+//! | reading | a reading as an equation `g(z − v, x) = 0`; motion; product and active-facet form |
 //! | start | parameters without a guess: algebraic fits, boxes, segmentation by dynamic programming |
 //! | ends | where an open chain ends, as equations |
 //! | fit, recursive | one kind fitted by the batch or a filter, gates |
@@ -30,27 +29,27 @@ mod combined_tests;
 mod curve;
 mod ends;
 mod fit;
-mod held;
 mod joints;
 mod kind;
 mod likelihood;
 mod marginal;
 mod parts;
 mod plausible;
+mod reading;
 mod recursive;
 mod sides;
-mod sighting;
 mod simulated;
+mod soft_constraint;
 mod start;
 
 pub use choose::{Alternative, Choice, auto_kinds, choose};
 pub use curve::arc_circle;
-pub(crate) use fit::Judged;
-pub use fit::{ContourFit, FitOptions, Method, bound, fit};
-pub use kind::{Kind, Outline};
+pub(crate) use fit::GatedResiduals;
+pub use fit::{ContourFit, ContourFitOptions, Method, bound, fit};
+pub use kind::{ContourKind, Outline};
 pub use parts::{contains, separate, usual_gap};
+pub use reading::{ContourReading, ContourTarget, Form, PlanarMotion};
 pub use sides::Side;
-pub use sighting::{Form, Motion, Sighting, Target};
 pub use simulated::{SensorOptions, SimulatedReadings, points, ranges};
 pub use start::circle as circle_of_points;
 pub use start::starts;

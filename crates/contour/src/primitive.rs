@@ -1,7 +1,7 @@
 //! Planes, spheres, cylinders and boxes, seen by rays in space from uncertain poses.
 //!
 //! Comes in: [`Ray`]s — a pose, a direction, a range — or points, with their σ. Goes out: a [`PrimitiveFit`]:
-//! the parameters of a [`Shape`] with their covariance. The same estimator as of contours
+//! the parameters of a [`PrimitiveKind`] with their covariance. The same estimator as of contours
 //! (`planish_estimate::implicit`), with six noises a reading. Not guaranteed: a shape of which too little was
 //! seen; a cylinder's ends, which are not looked for.
 //!
@@ -23,9 +23,9 @@ mod simulated;
 mod start;
 
 pub use fit::{PrimitiveFit, choose, fit};
-pub use ray::{Ray, Seen};
-pub use shape::Shape;
-pub use simulated::{SimulatedRays, Solid, SpaceSensor, rays};
+pub use ray::{Ray, RayTarget};
+pub use shape::PrimitiveKind;
+pub use simulated::{SimulatedPrimitive, SimulatedRays, SpaceSensor, rays};
 
 #[cfg(test)]
 mod tests;

@@ -20,7 +20,7 @@
 mod shapes;
 
 use crate::constraint::{Constraint, Drawing, Offset};
-use crate::planar::Kind;
+use crate::planar::ContourKind;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use planish_estimate::{Error, Result};
 
@@ -28,8 +28,8 @@ use planish_estimate::{Error, Result};
 #[derive(Debug, Clone, PartialEq)]
 pub struct EstimatedContour {
     /// Its kind.
-    pub kind: Kind,
-    /// Its parameters as [`Kind`] says, angles in radians.
+    pub kind: ContourKind,
+    /// Its parameters as [`ContourKind`] says, angles in radians.
     pub theta: Vec<f64>,
     /// Their covariance.
     pub covariance: DMatrix<f64>,
@@ -41,7 +41,7 @@ pub struct EstimatedContour {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SketchPart {
     /// Its kind.
-    pub kind: Kind,
+    pub kind: ContourKind,
     /// Its parameters as they were estimated.
     pub theta: Vec<f64>,
     /// What its points, bars and circles begin with.
@@ -58,13 +58,13 @@ pub struct SketchPart {
 /// ```
 /// use nalgebra::{DMatrix, DVector};
 /// use planish_contour::constraint::{ConstrainOptions, constrain};
-/// use planish_contour::planar::Kind;
+/// use planish_contour::planar::ContourKind;
 /// use planish_contour::sketch::{EstimatedContour, Sketch};
 ///
 /// // A rectangle turned by 0.1°, known to 0.3°: it may as well stand upright.
 /// let sigmas = DMatrix::from_diagonal(&DVector::from_vec(vec![0.04, 0.04, 0.04, 0.04, 2.7e-5]));
 /// let theta = vec![0.0, 0.0, 40.0, 30.0, 0.00175];
-/// let seen = EstimatedContour { kind: Kind::Rectangle, theta, covariance: sigmas, seen: None };
+/// let seen = EstimatedContour { kind: ContourKind::Rectangle, theta, covariance: sigmas, seen: None };
 /// let sketch = Sketch::new(&[seen])?;
 /// assert_eq!((sketch.drawing.parameters(), sketch.given.len()), (8, 3));
 /// let options = ConstrainOptions { given: sketch.given.clone(), ..ConstrainOptions::default() };
@@ -196,7 +196,7 @@ impl Sketch {
 /// together.
 fn carried(contour: &EstimatedContour, is_free: bool) -> Result<DMatrix<f64>> {
     let EstimatedContour { kind, theta, covariance, seen } = contour;
-    if matches!(kind, Kind::Polygon(_) | Kind::Circle) {
+    if matches!(kind, ContourKind::Polygon(_) | ContourKind::Circle) {
         return Ok(covariance.clone());
     }
     let size = theta.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));

@@ -60,7 +60,7 @@ pub trait ImplicitReading {
 
     /// What it costs, as a squared number of standard deviations, that the corrected reading `z − L u` lies
     /// beyond the ends of the branch.
-    fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+    fn beyond_end_penalty(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let _ = (branch, x, u);
         0.0
     }
@@ -310,7 +310,7 @@ fn tangent_step<R: ImplicitReading + ?Sized>(
     (step, slope)
 }
 
-/// The branch that explains a reading best: least `s² + overrun` at the first-order foot from `u`.
+/// The branch that explains a reading best: least `s² + beyond_end_penalty` at the first-order foot from `u`.
 pub fn best_branch<R: ImplicitReading + ?Sized>(reading: &R, x: &[f64]) -> usize {
     let count = reading.branches();
     if count <= 1 {
@@ -335,7 +335,7 @@ pub fn best_branch<R: ImplicitReading + ?Sized>(reading: &R, x: &[f64]) -> usize
         for k in 0..p {
             foot[k] = at.normal[k] * at.distance;
         }
-        cost += reading.overrun(branch, x, &foot[..p]);
+        cost += reading.beyond_end_penalty(branch, x, &foot[..p]);
         if cost < best.0 {
             best = (cost, branch);
         }

@@ -23,13 +23,13 @@ pub use rays::{RAY_COLUMNS, read_ray_readings};
 pub use readings::{COLUMNS, ContourReadings, SigmaDefaults, read_contour_readings};
 pub use svg::{SizeLabel, contours_svg, write_contours_svg};
 
-use planish_contour::planar::Kind;
+use planish_contour::planar::ContourKind;
 
 /// A contour to draw.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DrawnContour {
     /// Its kind.
-    pub kind: Kind,
+    pub kind: ContourKind,
     /// Its parameters, angles in radians.
     pub theta: Vec<f64>,
     /// The part of an endless line that was seen, from one end to the other.

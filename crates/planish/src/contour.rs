@@ -27,9 +27,11 @@ use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
 use page::contour_page;
 pub use planish_contour::constraint::{DEFAULT_LEVEL, SnapOutcome};
-use planish_contour::planar::{Choice, Sighting, Target, auto_kinds, choose, separate, usual_gap};
-pub use planish_contour::planar::{FitOptions, Form, Kind, Method, Motion};
-pub use planish_contour::primitive::Shape;
+use planish_contour::planar::{
+    Choice, ContourReading, ContourTarget, auto_kinds, choose, separate, usual_gap,
+};
+pub use planish_contour::planar::{ContourFitOptions, ContourKind, Form, Method, PlanarMotion};
+pub use planish_contour::primitive::PrimitiveKind;
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
 pub use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
@@ -51,13 +53,13 @@ pub struct ContourJob {
     /// CSV of readings, a CARMEN log, or a picture (PNG or JPEG) whose edges are the readings.
     pub input: PathBuf,
     /// Kinds to try; empty for all, chains of lines and arcs included, unless `chains` asks for these alone.
-    pub kinds: Vec<Kind>,
+    pub kinds: Vec<ContourKind>,
     /// Whether chains of lines and arcs, closed or open, are tried beside the kinds that are named.
     pub chains: bool,
     /// Shapes in space to try, for readings in space; none for contours.
-    pub shapes: Vec<Shape>,
+    pub shapes: Vec<PrimitiveKind>,
     /// How to fit.
-    pub fit: FitOptions,
+    pub fit: ContourFitOptions,
     /// σ where the file has none.
     pub sigma: SigmaDefaults,
     /// Which scans of a log.
@@ -84,7 +86,7 @@ impl Default for ContourJob {
             kinds: Vec::new(),
             chains: false,
             shapes: Vec::new(),
-            fit: FitOptions::default(),
+            fit: ContourFitOptions::default(),
             sigma: SigmaDefaults::default(),
             carmen: CarmenOptions::default(),
             gap: None,
@@ -140,7 +142,7 @@ struct Part {
 
 /// What the file holds.
 fn readings_of(job: &ContourJob, read: &ContourReadings) -> unused::Readings {
-    let is_range = |s: &Sighting| matches!(s.target, Target::Range { .. });
+    let is_range = |s: &ContourReading| matches!(s.target, ContourTarget::Range { .. });
     match (picture::is_picture(&job.input), read.in_metres) {
         (true, _) => unused::Readings::Picture,
         (false, true) => unused::Readings::Log,
@@ -224,7 +226,7 @@ fn parts_of(
     let mut strays = 0;
     let mut clusters: Vec<(Option<f64>, Vec<usize>)> = Vec::new();
     for (level, members) in groups {
-        let sightings: Vec<Sighting> = members.iter().map(|&i| read.sightings[i]).collect();
+        let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
         let gap = job.gap.unwrap_or_else(|| usual_gap(&sightings));
         for cluster in separate(&sightings, gap) {
             if cluster.len() < LEAST_READINGS && cluster.len() < sightings.len() {
@@ -250,7 +252,7 @@ fn parts_of(
         progress.check("fitting", 0.05 + 0.9 * k as f64 / count as f64)?;
         progress.items(fitted, "readings");
         fitted += members.len();
-        let sightings: Vec<Sighting> = members.iter().map(|&i| read.sightings[i]).collect();
+        let sightings: Vec<ContourReading> = members.iter().map(|&i| read.sightings[i]).collect();
         match choose(&kinds, chains, &sightings, &job.fit) {
             Ok(choice) => parts.push(Part { level, members, choice }),
             Err(e) if count > 1 => {
@@ -267,9 +269,9 @@ fn parts_of(
 }
 
 /// Of a line, the ends of what was seen.
-fn ends_seen(part: &Part, sightings: &[Sighting]) -> Option<[[f64; 2]; 2]> {
+fn ends_seen(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2]; 2]> {
     let fit = &part.choice.fit;
-    if fit.kind != Kind::Line {
+    if fit.kind != ContourKind::Line {
         return None;
     }
     let theta = fit.state.as_slice();

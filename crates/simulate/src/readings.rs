@@ -3,7 +3,7 @@
 //! Input: [`ReadingsOptions`]. Output: `readings.csv`, `exact.csv` and `truth.json` in a folder.
 
 use super::truth::positive;
-use planish_contour::planar::{Kind, SensorOptions, Sighting, Target, ranges};
+use planish_contour::planar::{ContourKind, ContourReading, ContourTarget, SensorOptions, ranges};
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::COLUMNS;
 use planish_exchange::{Unit, make_folder, write_atomically};
@@ -18,7 +18,7 @@ const WRITTEN_COLUMNS: usize = 10;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadingsOptions {
     /// What is seen.
-    pub kind: Kind,
+    pub kind: ContourKind,
     /// How many readings.
     pub readings: usize,
     /// Readings from each pose.
@@ -47,17 +47,19 @@ pub struct ReadingsSummary {
 }
 
 /// Parameters of the object, some 100 mm long, not at the origin and not upright.
-fn truth_of(kind: &Kind) -> Result<Vec<f64>> {
+fn truth_of(kind: &ContourKind) -> Result<Vec<f64>> {
     let (x, y, angle) = (12.0, -7.0, 25f64.to_radians());
     Ok(match kind {
-        Kind::Circle => vec![x, y, 50.0],
-        Kind::Ellipse => vec![x, y, 55.0, 33.0, angle],
-        Kind::Rectangle => vec![x, y, 90.0, 55.0, angle],
-        Kind::RoundedRectangle => vec![x, y, 95.0, 60.0, angle, 14.0],
-        Kind::Slot => vec![x, y, 100.0, 44.0, angle],
-        Kind::RegularPolygon(_) => vec![x, y, 52.0, 0.2],
+        ContourKind::Circle => vec![x, y, 50.0],
+        ContourKind::Ellipse => vec![x, y, 55.0, 33.0, angle],
+        ContourKind::Rectangle => vec![x, y, 90.0, 55.0, angle],
+        ContourKind::RoundedRectangle => vec![x, y, 95.0, 60.0, angle, 14.0],
+        ContourKind::Slot => vec![x, y, 100.0, 44.0, angle],
+        ContourKind::RegularPolygon(_) => vec![x, y, 52.0, 0.2],
         // An L.
-        Kind::Polygon(6) => vec![-40.0, -45.0, 50.0, -45.0, 50.0, -5.0, 10.0, -5.0, 10.0, 45.0, -40.0, 45.0],
+        ContourKind::Polygon(6) => {
+            vec![-40.0, -45.0, 50.0, -45.0, 50.0, -5.0, 10.0, -5.0, 10.0, 45.0, -40.0, 45.0]
+        }
         _ => {
             return Err(Error::unsupported(format!(
                 "a scene of a {kind}: there are circle, ellipse, rectangle, rounded-rectangle, slot, \
@@ -86,7 +88,7 @@ pub fn write_readings_scene(options: &ReadingsOptions, folder: &Path) -> Result<
         velocity: options.velocity,
         ..usual_sensor(options.noise, options.sweep, millimetre)
     };
-    let middle = if options.kind == Kind::Polygon(6) { [0.0; 2] } else { [theta[0], theta[1]] };
+    let middle = if options.kind == ContourKind::Polygon(6) { [0.0; 2] } else { [theta[0], theta[1]] };
     let made = ranges(&options.kind, &theta, middle, options.readings, &sensor, options.seed);
     make_folder(folder)?;
     let paths = ["readings.csv", "exact.csv", "truth.json"].map(|name| folder.join(name));
@@ -123,17 +125,17 @@ pub(super) fn usual_sensor(noise: f64, sweep: usize, millimetre: f64) -> SensorO
 }
 
 /// True parameters as contour.json has them.
-pub(super) fn named(kind: &Kind, theta: &[f64]) -> serde_json::Map<String, serde_json::Value> {
+pub(super) fn named(kind: &ContourKind, theta: &[f64]) -> serde_json::Map<String, serde_json::Value> {
     let (canonical, _) = kind.canonical(theta);
     let names = kind.names().into_iter().zip(canonical);
     names.map(|((name, factor), value)| (name, json!({ "value": value * factor, "sigma": 0.0 }))).collect()
 }
 
-pub(super) fn write_table(path: &Path, sightings: &[Sighting]) -> Result<()> {
+pub(super) fn write_table(path: &Path, sightings: &[ContourReading]) -> Result<()> {
     write_atomically(path, |out| {
         writeln!(out, "{}", COLUMNS[..WRITTEN_COLUMNS].join(","))?;
         for (i, sighting) in sightings.iter().enumerate() {
-            let Target::Range { origin, heading_rad, range, sigma } = sighting.target else {
+            let ContourTarget::Range { origin, heading_rad, range, sigma } = sighting.target else {
                 continue;
             };
             writeln!(

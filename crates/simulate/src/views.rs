@@ -10,7 +10,7 @@
 
 use super::readings::{ReadingsSummary, named, usual_sensor, write_table};
 use super::truth::positive;
-use planish_contour::planar::{Kind, ranges};
+use planish_contour::planar::{ContourKind, ranges};
 use planish_estimate::Result;
 use planish_exchange::contours::COLUMNS;
 use planish_exchange::{Unit, make_folder, write_atomically};
@@ -91,9 +91,9 @@ pub fn write_views_scene(options: &ViewsOptions, folder: &Path) -> Result<Readin
 }
 
 /// The triangle from the front, rectangles from the other sides.
-fn outline(view: ViewKind, a: f64, b: f64) -> (Kind, Vec<f64>) {
+fn outline(view: ViewKind, a: f64, b: f64) -> (ContourKind, Vec<f64>) {
     match view {
-        ViewKind::Front => (Kind::Polygon(3), vec![0.0, 0.0, a, 0.0, 0.0, b]),
-        _ => (Kind::Polygon(4), vec![0.0, 0.0, a, 0.0, a, b, 0.0, b]),
+        ViewKind::Front => (ContourKind::Polygon(3), vec![0.0, 0.0, a, 0.0, 0.0, b]),
+        _ => (ContourKind::Polygon(4), vec![0.0, 0.0, a, 0.0, a, b, 0.0, b]),
     }
 }

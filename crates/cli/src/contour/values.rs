@@ -1,7 +1,7 @@
 //! Parsers of option values of `planish contour`.
 
 use crate::values::numbers;
-use planish::contour::{Kind, Shape};
+use planish::contour::{ContourKind, PrimitiveKind};
 
 /// Maximum number of corners of a polygon.
 const MAX_CORNERS: usize = 40;
@@ -12,11 +12,11 @@ pub enum KindChoice {
     /// The best of all kinds.
     Auto,
     /// One kind of contour in the plane.
-    Plane(Kind),
+    Plane(ContourKind),
     /// A chain of lines and arcs, closed or open.
     Chain,
     /// One kind of shape in space.
-    Space(Shape),
+    Space(PrimitiveKind),
 }
 
 /// A kind of contour by its name.
@@ -27,10 +27,10 @@ pub fn kind(text: &str) -> Result<KindChoice, String> {
     if text == "chain" {
         return Ok(KindChoice::Chain);
     }
-    if let Some(shape) = Shape::ALL.into_iter().find(|shape| shape.to_string() == text) {
+    if let Some(shape) = PrimitiveKind::ALL.into_iter().find(|shape| shape.to_string() == text) {
         return Ok(KindChoice::Space(shape));
     }
-    Kind::of_name(text, MAX_CORNERS).map(KindChoice::Plane).ok_or_else(|| {
+    ContourKind::from_name(text, MAX_CORNERS).map(KindChoice::Plane).ok_or_else(|| {
         format!(
             "needed auto, line, circle, ellipse, rectangle, rounded-rectangle, slot, chain, \
              regular-polygon-N or polygon-N with N from 3 to {MAX_CORNERS}; or in space plane3, \

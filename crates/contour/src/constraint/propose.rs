@@ -6,11 +6,11 @@
 //! other.
 
 use super::candidates::{Candidate, candidates};
+use super::conflicts::Linearised;
 use super::drawing::Drawing;
 use super::evidence::{Level, State, Test, is_linear, test};
 use super::impose::{Imposed, Start, chi_square_tail, impose, impose_from, square_root};
 use super::minimal::quick_xplain;
-use super::quarrel::Linearised;
 use super::relation::Constraint;
 use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};

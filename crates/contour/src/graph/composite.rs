@@ -77,7 +77,7 @@ pub struct Composite {
 }
 
 /// Beyond this many combinations of points the views say too little about each other.
-const MOST_COMBINATIONS: usize = 100_000;
+const MAX_COMBINATIONS: usize = 100_000;
 
 /// Matches the vertices of two or three views.
 ///
@@ -234,9 +234,9 @@ fn agreeing(views: &[SketchView<'_>], tolerance: f64, gate: f64) -> Result<Vec<C
                     grown.push((points, known));
                 }
             }
-            if grown.len() > MOST_COMBINATIONS {
+            if grown.len() > MAX_COMBINATIONS {
                 return Err(Error::undetermined(format!(
-                    "more than {MOST_COMBINATIONS} combinations of points agree: the tolerance is too wide \
+                    "more than {MAX_COMBINATIONS} combinations of points agree: the tolerance is too wide \
                      for these views"
                 )));
             }

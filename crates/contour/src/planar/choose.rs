@@ -1,31 +1,31 @@
 //! Which kind of contour: several hypotheses and the one of the least BIC, the simplest of those that are as
 //! good.
 
-use super::fit::{ContourFit, FitOptions, RoughFit, count_of, finish, fit, polish, rough};
-use super::kind::Kind;
-use super::sighting::Sighting;
+use super::fit::{ContourFit, ContourFitOptions, RoughFit, finish, fit, polish, reading_count, rough};
+use super::kind::ContourKind;
+use super::reading::ContourReading;
 use super::start::chain_starts;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
 /// Most sides of a polygon that is looked for without being asked.
-const MOST_SIDES: usize = 8;
+const MAX_SIDES: usize = 8;
 
 /// Kinds whose criterion is so far behind after a few steps are not fitted to the end.
-const WORTH_FINISHING: f64 = 30.0;
+const FINISH_WITHIN_BIC: f64 = 30.0;
 
 /// Of kinds whose criteria are so near to the least one the one of the fewest unknowns is chosen: a smaller
 /// difference is no evidence (Kass and Raftery 1995).
-const NO_EVIDENCE: f64 = 2.0;
+const NEGLIGIBLE_BIC: f64 = 2.0;
 
 /// A kind with a side of which less than this was seen is not chosen where another has none.
-const LEAST_SEEN: f64 = 0.4;
+const MIN_SIDE_COVERAGE: f64 = 0.4;
 
 /// A kind that was tried.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alternative {
     /// Which.
-    pub kind: Kind,
+    pub kind: ContourKind,
     /// Its BIC; of a kind far behind, that of a rough fit.
     pub bic: f64,
 }
@@ -44,11 +44,17 @@ pub struct Choice {
 
 /// The kinds that `--kind auto` tries.
 #[must_use]
-pub fn auto_kinds() -> Vec<Kind> {
-    let mut kinds =
-        vec![Kind::Line, Kind::Circle, Kind::Ellipse, Kind::Rectangle, Kind::Slot, Kind::RoundedRectangle];
-    kinds.extend([3, 5, 6, 8].map(Kind::RegularPolygon));
-    kinds.extend((3..=MOST_SIDES).map(Kind::Polygon));
+pub fn auto_kinds() -> Vec<ContourKind> {
+    let mut kinds = vec![
+        ContourKind::Line,
+        ContourKind::Circle,
+        ContourKind::Ellipse,
+        ContourKind::Rectangle,
+        ContourKind::Slot,
+        ContourKind::RoundedRectangle,
+    ];
+    kinds.extend([3, 5, 6, 8].map(ContourKind::RegularPolygon));
+    kinds.extend((3..=MAX_SIDES).map(ContourKind::Polygon));
     kinds
 }
 
@@ -67,12 +73,17 @@ pub fn auto_kinds() -> Vec<Kind> {
 /// # References
 /// Schwarz 1978, *Estimating the dimension of a model*; Kass and Raftery 1995, *Bayes factors* (what margins
 /// mean).
-pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &FitOptions) -> Result<Choice> {
-    let mut tried: Vec<(Kind, FitOptions)> =
+pub fn choose(
+    kinds: &[ContourKind],
+    chains: bool,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<Choice> {
+    let mut tried: Vec<(ContourKind, ContourFitOptions)> =
         kinds.iter().map(|kind| (kind.clone(), options.clone())).collect();
     for (kind, mut start) in chains.then(|| chain_starts(sightings)).into_iter().flatten() {
         start.resize(kind.parameters() + options.motion.unknowns(), 0.0);
-        let options = FitOptions { start: Some(start), ..options.clone() };
+        let options = ContourFitOptions { start: Some(start), ..options.clone() };
         tried.push((kind, options));
     }
     if tried.is_empty() {
@@ -80,14 +91,14 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
             "the readings suggest no chain of lines and arcs: they may be of a line, or of a polygon",
         ));
     }
-    let unknowns = |kind: &Kind| kind.parameters() + options.motion.unknowns();
+    let unknowns = |kind: &ContourKind| kind.parameters() + options.motion.unknowns();
     if let Some((simplest, _)) = tried.iter().min_by_key(|(kind, _)| unknowns(kind))
         && tried.len() > 1
         && sightings.len() < unknowns(simplest)
     {
         return Err(Error::undetermined(format!(
             "{} cannot determine any of these kinds: the simplest, a {simplest}, needs at least {}",
-            count_of(sightings.len()),
+            reading_count(sightings.len()),
             unknowns(simplest)
         )));
     }
@@ -98,7 +109,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     }
     let begun: Vec<Result<RoughFit>> = tried.par_iter().map(|(kind, o)| rough(kind, sightings, o)).collect();
     let mut last = None;
-    let mut order: Vec<(&Kind, RoughFit)> = Vec::new();
+    let mut order: Vec<(&ContourKind, RoughFit)> = Vec::new();
     for ((kind, _), one) in tried.iter().zip(begun) {
         match one {
             Ok(one) => order.push((kind, one)),
@@ -106,8 +117,8 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         }
     }
     order.sort_by(|a, b| a.1.bic.total_cmp(&b.1.bic));
-    let finish_one = |(kind, rough): &(&Kind, RoughFit)| {
-        let options = FitOptions { start: Some(rough.state.clone()), ..options.clone() };
+    let finish_one = |(kind, rough): &(&ContourKind, RoughFit)| {
+        let options = ContourFitOptions { start: Some(rough.state.clone()), ..options.clone() };
         finish(kind, sightings, &options)
     };
     let mut found: Vec<ContourFit> = Vec::new();
@@ -115,7 +126,7 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
     // Those near the best, as far as is known: a rough fit may promise more than is kept, or come to nothing.
     while done < order.len() {
         let best = (found.iter().map(ContourFit::bic)).fold(f64::INFINITY, f64::min);
-        let limit = if found.is_empty() { order[done].1.bic } else { best } + WORTH_FINISHING;
+        let limit = if found.is_empty() { order[done].1.bic } else { best } + FINISH_WITHIN_BIC;
         let near = order.partition_point(|o| o.1.bic <= limit);
         if near <= done {
             break;
@@ -130,11 +141,11 @@ pub fn choose(kinds: &[Kind], chains: bool, sightings: &[Sighting], options: &Fi
         }
     }
     let rest = &order[done..];
-    if found.iter().any(|one| one.least_seen >= LEAST_SEEN) {
-        found.retain(|one| one.least_seen >= LEAST_SEEN);
+    if found.iter().any(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE) {
+        found.retain(|one| one.min_side_coverage >= MIN_SIDE_COVERAGE);
     }
     let least = found.iter().map(ContourFit::bic).fold(f64::INFINITY, f64::min);
-    let simplest = (0..found.len()).filter(|&k| found[k].bic() < least + NO_EVIDENCE).min_by(|&a, &b| {
+    let simplest = (0..found.len()).filter(|&k| found[k].bic() < least + NEGLIGIBLE_BIC).min_by(|&a, &b| {
         let unknowns = |k: usize| found[k].state.len();
         (unknowns(a).cmp(&unknowns(b))).then(found[a].bic().total_cmp(&found[b].bic()))
     });
@@ -166,7 +177,7 @@ fn none_fits(last: Option<Error>) -> Error {
 }
 
 /// Readings that lie no farther apart than their noise are of a spot.
-fn refuse_one_place(sightings: &[Sighting]) -> Result<()> {
+fn refuse_one_place(sightings: &[ContourReading]) -> Result<()> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut variance = 0.0;
     for sighting in sightings {

@@ -6,16 +6,16 @@
 //! of itself where the noise is a good part of a side or a radius; the likelihood with the places integrated
 //! out is neither (see [`most_likely`]), but has to begin near its maximum.
 
-use super::fit::{ContourFit, FitOptions, Judged, equations, outlier_gate};
-use super::kind::Kind;
+use super::fit::{ContourFit, ContourFitOptions, GatedResiduals, equations, outlier_gate};
+use super::kind::ContourKind;
 use super::marginal::most_likely;
 use super::plausible::corners_are_real;
-use super::sighting::{Form, Setting, Sighting};
+use super::reading::{ContourModel, ContourReading, Form};
 use planish_estimate::Result;
 use planish_estimate::implicit::{ImplicitOptions, fit_implicit};
 
 /// With fewer readings for each unknown the batch is the last word.
-const READINGS_AN_UNKNOWN: usize = 4;
+const READINGS_PER_UNKNOWN: usize = 4;
 /// Bias moves an estimate by a few standard deviations; where the maximum is farther from the batch than
 /// this, it is of something else.
 const FARTHEST: f64 = 5.0;
@@ -27,22 +27,21 @@ const FARTHEST: f64 = 5.0;
 /// # Errors
 /// As [`fit_implicit`].
 pub(super) fn combined(
-    setting: &Setting,
-    sightings: &[Sighting],
+    model: &ContourModel,
+    sightings: &[ContourReading],
     found: ContourFit,
-    options: &FitOptions,
+    options: &ContourFitOptions,
 ) -> Result<ContourFit> {
-    let is_endless = matches!(setting.kind, Kind::Line | Kind::Chain { closed: false, .. });
+    let is_endless = matches!(model.kind, ContourKind::Line | ContourKind::Chain { closed: false, .. });
     if is_endless
-        || setting.form != Form::ActiveFacet
-        || setting.shared_poses
+        || model.form != Form::ActiveFacet
+        || model.shared_poses
         || !options.correct_bias
-        || sightings.len() < READINGS_AN_UNKNOWN * setting.unknowns()
+        || sightings.len() < READINGS_PER_UNKNOWN * model.unknowns()
     {
         return Ok(found);
     }
-    let Some(better) =
-        most_likely(setting, sightings, &found.state, &found.covariance, outlier_gate(options))
+    let Some(better) = most_likely(model, sightings, &found.state, &found.covariance, outlier_gate(options))
     else {
         return Ok(found);
     };
@@ -53,16 +52,16 @@ pub(super) fn combined(
     let is_near = off.dot(&solved) < FARTHEST * FARTHEST * off.len() as f64;
     let candidate = ContourFit { state: better.state, covariance: better.covariance, ..found.clone() };
     if !is_near
-        || !setting.kind.is_valid(&candidate.state.as_slice()[..setting.kind.parameters()])
+        || !model.kind.is_valid(&candidate.state.as_slice()[..model.kind.parameters()])
         || !corners_are_real(&candidate)
     {
         return Ok(found);
     }
-    let (all, _) = equations(setting, sightings);
+    let (all, _) = equations(model, sightings);
     let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
     let mut distances = fit_implicit(&all, None, &candidate.state, &look)?.distances;
     // Behind them are those of what is held.
     distances.truncate(sightings.len());
-    let judged = Judged::of(&distances, options.gate);
+    let judged = GatedResiduals::from_distances(&distances, options.gate);
     Ok(ContourFit { used: judged.used, squares: judged.squares, distances, ..candidate })
 }

@@ -15,8 +15,8 @@ const FAR: SensorOptions = SensorOptions {
 };
 
 /// The mean error of a parameter over its stated standard deviation.
-fn mean_bias(kind: &Kind, theta: &[f64], parameter: usize, method: Method, runs: u64) -> f64 {
-    let options = FitOptions { method, ..FitOptions::default() };
+fn mean_bias(kind: &ContourKind, theta: &[f64], parameter: usize, method: Method, runs: u64) -> f64 {
+    let options = ContourFitOptions { method, ..ContourFitOptions::default() };
     let one = |run: u64| {
         let made = ranges(kind, theta, [theta[0], theta[1]], 100, &FAR, run);
         let found = fit(kind, &made.noisy, &options).expect("a fit");
@@ -30,8 +30,8 @@ fn mean_bias(kind: &Kind, theta: &[f64], parameter: usize, method: Method, runs:
 #[test]
 fn a_circle_is_not_too_large_by_default() {
     let circle = [0.1, -0.2, 1.0];
-    let of = |method| mean_bias(&Kind::Circle, &circle, 2, method, 30);
-    let (default, batch) = (of(FitOptions::default().method), of(Method::Batch));
+    let of = |method| mean_bias(&ContourKind::Circle, &circle, 2, method, 30);
+    let (default, batch) = (of(ContourFitOptions::default().method), of(Method::Batch));
     // The mean of 60 runs is known to 0.13.
     assert!(default.abs() < 0.35, "{default}");
     assert!(batch > default.abs(), "{batch} {default}");
@@ -40,8 +40,8 @@ fn a_circle_is_not_too_large_by_default() {
 #[test]
 fn an_ellipse_is_not_too_long_by_default() {
     let ellipse = [0.1, -0.2, 1.0, 0.6, 0.5];
-    let of = |method| mean_bias(&Kind::Ellipse, &ellipse, 2, method, 24);
-    let (default, batch) = (of(FitOptions::default().method), of(Method::Batch));
+    let of = |method| mean_bias(&ContourKind::Ellipse, &ellipse, 2, method, 24);
+    let (default, batch) = (of(ContourFitOptions::default().method), of(Method::Batch));
     assert!(default.abs() < 0.5, "{default}");
     assert!(batch > default.abs(), "{batch} {default}");
 }
@@ -54,13 +54,13 @@ fn rectangles_and_hexagons_are_known_as_well_as_they_say() {
     let sensor = SensorOptions::around(1.0, 1.0);
     let runs = 30;
     for (kind, theta, period) in [
-        (Kind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5], std::f64::consts::PI),
-        (Kind::RegularPolygon(6), vec![0.0, 0.0, 1.0, 0.3], std::f64::consts::PI / 3.0),
+        (ContourKind::Rectangle, vec![0.0, 0.0, 1.6, 1.2, 0.5], std::f64::consts::PI),
+        (ContourKind::RegularPolygon(6), vec![0.0, 0.0, 1.0, 0.3], std::f64::consts::PI / 3.0),
     ] {
         let (mut squares, mut bias) = (0.0, 0.0);
         for run in 0..runs {
             let made = ranges(&kind, &theta, [0.0; 2], 200, &sensor, run);
-            let found = fit(&kind, &made.noisy, &FitOptions::default()).expect("a fit");
+            let found = fit(&kind, &made.noisy, &ContourFitOptions::default()).expect("a fit");
             let (state, from) = kind.canonical(found.state.as_slice());
             for k in 0..theta.len() {
                 let mut off = state[k] - theta[k];
@@ -84,8 +84,8 @@ fn wild_readings_do_not_pull_a_circle_away() {
     let circle = [0.1, -0.2, 1.0];
     let sensor = SensorOptions { outlier_share: 0.17, ..FAR };
     for run in 0..30 {
-        let made = ranges(&Kind::Circle, &circle, [0.1, -0.2], 100, &sensor, run);
-        let found = fit(&Kind::Circle, &made.noisy, &FitOptions::default()).expect("a fit");
+        let made = ranges(&ContourKind::Circle, &circle, [0.1, -0.2], 100, &sensor, run);
+        let found = fit(&ContourKind::Circle, &made.noisy, &ContourFitOptions::default()).expect("a fit");
         for (k, truth) in circle.iter().enumerate() {
             let off = (found.state[k] - truth).abs();
             assert!(off < 0.12, "run {run}, parameter {k}: off by {off}");
@@ -95,8 +95,8 @@ fn wild_readings_do_not_pull_a_circle_away() {
 
 #[test]
 fn too_few_readings_for_any_kind_are_told_what_the_simplest_needs() {
-    let one = points(&Kind::Circle, &[0.0, 0.0, 1.0], 1, 0.01, 1).noisy;
-    let e = choose(&auto_kinds(), true, &one, &FitOptions::default()).unwrap_err().to_string();
+    let one = points(&ContourKind::Circle, &[0.0, 0.0, 1.0], 1, 0.01, 1).noisy;
+    let e = choose(&auto_kinds(), true, &one, &ContourFitOptions::default()).unwrap_err().to_string();
     assert!(e.starts_with("1 reading ") && e.contains("a line, needs at least 2"), "{e}");
 }
 
@@ -105,10 +105,10 @@ fn too_few_readings_for_any_kind_are_told_what_the_simplest_needs() {
 #[test]
 fn a_hexagon_is_not_turned_by_leaving_out_its_corners() {
     let hexagon = [0.1, -0.2, 1.0, 0.2];
-    let kind = Kind::RegularPolygon(6);
+    let kind = ContourKind::RegularPolygon(6);
     for run in 0..12 {
         let made = ranges(&kind, &hexagon, [0.1, -0.2], 300, &FAR, run);
-        let found = fit(&kind, &made.noisy, &FitOptions::default()).expect("a fit");
+        let found = fit(&kind, &made.noisy, &ContourFitOptions::default()).expect("a fit");
         let sector = std::f64::consts::TAU / 6.0;
         let turn = found.state[3] - hexagon[3];
         let turn = turn - sector * (turn / sector).round();

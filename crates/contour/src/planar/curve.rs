@@ -1,6 +1,6 @@
 //! The signed distance of a point to a piece of a contour, with its derivatives.
 
-use super::kind::Kind;
+use super::kind::ContourKind;
 
 /// `g` of a point, and `∂g/∂p`.
 #[derive(Debug, Clone, Copy)]
@@ -14,7 +14,7 @@ pub(crate) struct Distance {
 /// Of an ellipse it is `√(ab) (|(q₁/a, q₂/b)| − 1)`, which is zero on it and has no singularity but the
 /// centre.
 pub(crate) fn distance(
-    kind: &Kind,
+    kind: &ContourKind,
     theta: &[f64],
     piece: usize,
     p: [f64; 2],
@@ -22,9 +22,9 @@ pub(crate) fn distance(
 ) -> Distance {
     by_theta.fill(0.0);
     match kind {
-        Kind::Line => line(theta, p, by_theta),
-        Kind::Circle => circle(theta, p, by_theta),
-        Kind::Ellipse => ellipse(theta, p, by_theta),
+        ContourKind::Line => line(theta, p, by_theta),
+        ContourKind::Circle => circle(theta, p, by_theta),
+        ContourKind::Ellipse => ellipse(theta, p, by_theta),
         _ => {
             let (from, to) = ends(kind, piece);
             let (a, b) = (kind.vertex(theta, from), kind.vertex(theta, to));
@@ -41,11 +41,11 @@ pub(crate) fn distance(
 }
 
 /// `∂²g/∂p²` of the distance to the carrier of a piece: `[xx, xy, yy]`.
-pub(crate) fn distance_hessian(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> [f64; 3] {
+pub(crate) fn distance_hessian(kind: &ContourKind, theta: &[f64], piece: usize, p: [f64; 2]) -> [f64; 3] {
     match kind {
-        Kind::Line => [0.0; 3],
-        Kind::Circle => round_hessian([theta[0], theta[1]], 1.0, p),
-        Kind::Ellipse => {
+        ContourKind::Line => [0.0; 3],
+        ContourKind::Circle => round_hessian([theta[0], theta[1]], 1.0, p),
+        ContourKind::Ellipse => {
             let (a, b) = (theta[2], theta[3]);
             let (sin, cos) = theta[4].sin_cos();
             let d = [p[0] - theta[0], p[1] - theta[1]];
@@ -79,7 +79,7 @@ fn round_hessian(center: [f64; 2], side: f64, p: [f64; 2]) -> [f64; 3] {
 /// The piece that explains a point of covariance `[xx, xy, yy]` best: least `d²/nᵀCn`, and what its foot lies
 /// beyond the ends of the piece over its σ there. `None` for outlines of very many pieces.
 pub(crate) fn nearest_piece(
-    kind: &Kind,
+    kind: &ContourKind,
     theta: &[f64],
     p: [f64; 2],
     [xx, xy, yy]: [f64; 3],
@@ -113,8 +113,8 @@ pub(crate) fn nearest_piece(
 }
 
 /// How far a point lies beyond the ends of a piece, along it.
-pub(crate) fn beyond(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
-    if kind.pieces() == 1 && !matches!(kind, Kind::Chain { .. }) {
+pub(crate) fn beyond(kind: &ContourKind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
+    if kind.pieces() == 1 && !matches!(kind, ContourKind::Chain { .. }) {
         return 0.0;
     }
     let (from, to) = ends(kind, piece);
@@ -143,8 +143,8 @@ fn overshoot(a: [f64; 2], b: [f64; 2], bulge: f64, p: [f64; 2]) -> f64 {
 
 /// How far a point lies from the nearer end of a straight piece of a polygon, along it; infinitely far for
 /// all other kinds, whose pieces join smoothly or not at all.
-pub(crate) fn within(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
-    if !matches!(kind, Kind::Rectangle | Kind::RegularPolygon(_) | Kind::Polygon(_)) {
+pub(crate) fn within(kind: &ContourKind, theta: &[f64], piece: usize, p: [f64; 2]) -> f64 {
+    if !matches!(kind, ContourKind::Rectangle | ContourKind::RegularPolygon(_) | ContourKind::Polygon(_)) {
         return f64::INFINITY;
     }
     let (from, to) = ends(kind, piece);
@@ -156,7 +156,7 @@ pub(crate) fn within(kind: &Kind, theta: &[f64], piece: usize, p: [f64; 2]) -> f
 }
 
 /// The vertices that a piece joins.
-pub(crate) fn ends(kind: &Kind, piece: usize) -> (usize, usize) {
+pub(crate) fn ends(kind: &ContourKind, piece: usize) -> (usize, usize) {
     let count = kind.pieces() + usize::from(!kind.is_closed());
     (piece, (piece + 1) % count)
 }

@@ -5,7 +5,7 @@
 //! reach along it does. Not guaranteed: that the thing ends there. It may go on where nothing was seen.
 
 use super::curve::{distance, nearest_piece};
-use super::kind::Kind;
+use super::kind::ContourKind;
 use super::likelihood::Stroke;
 use statrs::function::erf::erfc;
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
@@ -28,7 +28,7 @@ pub(crate) struct End {
 
 impl End {
     /// `along · vertex − position`, and its derivative added to `by_theta`.
-    pub(super) fn missed(&self, kind: &Kind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
+    pub(super) fn violation(&self, kind: &ContourKind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
         let vertex = kind.vertex(theta, self.vertex);
         kind.add_vertex_derivative(theta, self.vertex, self.along, by_theta);
         self.along[0] * vertex[0] + self.along[1] * vertex[1] - self.position
@@ -42,8 +42,8 @@ impl End {
 /// likely `e` of `−n ln e + Σ ln Φ((e − x_i)/σ_i)` is taken, and its σ from the second derivative; at least
 /// `e/n`, the usual distance of the last reading from the end. Cost: 60 passes over the readings of the last
 /// pieces.
-pub(crate) fn ends(kind: &Kind, theta: &[f64], points: &[([f64; 2], [f64; 3])]) -> Vec<End> {
-    let Kind::Chain { closed: false, .. } = kind else {
+pub(crate) fn ends(kind: &ContourKind, theta: &[f64], points: &[([f64; 2], [f64; 3])]) -> Vec<End> {
+    let ContourKind::Chain { closed: false, .. } = kind else {
         return Vec::new();
     };
     let last = kind.pieces();
@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn ends_of_lines_and_arcs_are_where_readings_end() {
-        let kind = Kind::Chain { arcs: vec![true, false], closed: false };
+        let kind = ContourKind::Chain { arcs: vec![true, false], closed: false };
         // A quarter circle about the origin from (0, −1) to (1, 0), then up.
         let bulge = (std::f64::consts::PI / 8.0).tan();
         let theta = [0.0, -1.0, 1.0, 0.0, 1.0, 2.0, bulge];
@@ -190,6 +190,6 @@ mod tests {
         assert!((first[0] - sin).abs() < 0.05 && (first[1] + cos).abs() < 0.05, "{found:?}");
         assert!((found[0].position - (first[0] * cos + first[1] * sin)).abs() < 0.03, "{found:?}");
         assert!((found[1].position - 1.5).abs() < 0.03 && found[1].along[1] > 0.999, "{found:?}");
-        assert!(ends(&Kind::Circle, &[0.0, 0.0, 1.0], &points).is_empty());
+        assert!(ends(&ContourKind::Circle, &[0.0, 0.0, 1.0], &points).is_empty());
     }
 }

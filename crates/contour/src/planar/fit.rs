@@ -2,27 +2,27 @@
 
 use super::combined::combined;
 use super::ends::ends;
-use super::held::Held;
 use super::joints::joints;
-use super::kind::Kind;
+use super::kind::ContourKind;
 use super::likelihood::placed;
 use super::plausible::{corners_are_real, stays_near};
-use super::recursive::{recursive, seed_of};
-use super::sighting::{ContourReading, Form, Motion, Setting, Sighting, Target};
-use super::start::{MOST_PIECES, mean, starts};
+use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, Form, PlanarMotion};
+use super::recursive::{recursive, split_seed};
+use super::soft_constraint::SoftConstraint;
+use super::start::{MAX_PIECES, mean, starts};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, SharedNoise, fit_implicit, kanatani_cramer_rao};
 use planish_estimate::{Error, Loss, Result, Termination};
 
 /// With fewer readings a side than this, those near corners count: the bias is small beside what they tell.
-const READINGS_A_SIDE: usize = 25;
+const READINGS_PER_SIDE: usize = 25;
 
 /// A fit without the readings near corners whose logarithm of the likelihood of all readings is less by more
 /// than this has lost its way.
-const LOST_BY_MARGIN: f64 = 20.0;
+const MAX_MARGIN_LOSS: f64 = 20.0;
 
 /// What a reading may cost a likelihood where there is no gate, in standard deviations.
-const ROUGH_GATE: f64 = 10.0;
+const DEFAULT_OUTLIER_GATE: f64 = 10.0;
 
 /// Where readings begin to lose their weight (Tukey), one batch after the other: wide at first, since an
 /// outline that is not yet in place must not lose half of its readings.
@@ -46,13 +46,13 @@ pub enum Method {
 
 /// Settings of a fit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FitOptions {
+pub struct ContourFitOptions {
     /// How parameters are estimated.
     pub method: Method,
     /// How pieces become an equation.
     pub form: Form,
     /// How the thing moves.
-    pub motion: Motion,
+    pub motion: PlanarMotion,
     /// Readings farther than this many standard deviations are left out; `None` keeps all.
     pub gate: Option<f64>,
     /// Readings that lie nearer than so many σ to a corner of a rectangle or polygon do not count for its
@@ -65,12 +65,12 @@ pub struct FitOptions {
     pub start: Option<Vec<f64>>,
 }
 
-impl Default for FitOptions {
+impl Default for ContourFitOptions {
     fn default() -> Self {
         Self {
             method: Method::Combined,
             form: Form::ActiveFacet,
-            motion: Motion::Still,
+            motion: PlanarMotion::Still,
             gate: Some(4.0),
             corner_margin: Some(2.0),
             correct_bias: true,
@@ -83,7 +83,7 @@ impl Default for FitOptions {
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContourFit {
     /// Its kind.
-    pub kind: Kind,
+    pub kind: ContourKind,
     /// Its parameters, then the motion's; angles in radians, not brought to their canonical range.
     pub state: DVector<f64>,
     /// Their covariance.
@@ -98,7 +98,7 @@ pub struct ContourFit {
     pub log_likelihood: f64,
     /// The least share of a straight side that a reading came near; 1 where there is none, or where sides
     /// follow from one another as those of a regular polygon do.
-    pub least_seen: f64,
+    pub min_side_coverage: f64,
     /// `Σ s²` over the readings that counted, and of the shared errors of their poses.
     pub squares: f64,
     /// How it ended.
@@ -125,9 +125,9 @@ impl ContourFit {
     }
 }
 
-fn criterion(kind: &Kind, unknowns: usize, readings: usize, log_likelihood: f64) -> f64 {
+fn criterion(kind: &ContourKind, unknowns: usize, readings: usize, log_likelihood: f64) -> f64 {
     let patterns = match kind {
-        Kind::Chain { arcs, .. } => arcs.len() as f64 * 2f64.ln() + (MOST_PIECES as f64).ln(),
+        ContourKind::Chain { arcs, .. } => arcs.len() as f64 * 2f64.ln() + (MAX_PIECES as f64).ln(),
         _ => 0.0,
     };
     unknowns as f64 * (readings.max(2) as f64).ln() + 2.0 * (patterns - log_likelihood)
@@ -142,7 +142,11 @@ fn criterion(kind: &Kind, unknowns: usize, readings: usize, log_likelihood: f64)
 ///
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
-pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+pub fn fit(
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<ContourFit> {
     let found = fit_within(kind, sightings, options, &ROBUST_THRESHOLDS)?;
     polish(found, sightings, options)
 }
@@ -151,36 +155,48 @@ pub fn fit(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<
 ///
 /// # Errors
 /// As [`fit`].
-pub(crate) fn polish(found: ContourFit, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+pub(crate) fn polish(
+    found: ContourFit,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<ContourFit> {
     if options.method != Method::Combined {
         return Ok(found);
     }
     let sightings = &own_poses(sightings)[..];
-    let setting = with_held(&setting(&found.kind, sightings, options)?, sightings, found.state.as_slice());
-    combined(&setting, sightings, found, options)
+    let model = with_soft_constraints(
+        &contour_model(&found.kind, sightings, options)?,
+        sightings,
+        found.state.as_slice(),
+    );
+    combined(&model, sightings, found, options)
 }
 
 /// As [`fit`], from a start that a rough fit has brought near, and without the last of it.
 ///
 /// # Errors
 /// As [`fit`].
-pub(crate) fn finish(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<ContourFit> {
+pub(crate) fn finish(
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<ContourFit> {
     fit_within(kind, sightings, options, &ROBUST_THRESHOLDS[1..])
 }
 
 fn fit_within(
-    kind: &Kind,
-    sightings: &[Sighting],
-    options: &FitOptions,
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     let sightings = &own_poses(sightings)[..];
-    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
-    let setting = setting(kind, sightings, options)?;
+    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
+    let model = contour_model(kind, sightings, options)?;
     let mut best: Option<ContourFit> = None;
-    for start in candidates(&setting, sightings, options)? {
-        let setting = with_held(&setting, sightings, &start);
-        let Ok(found) = fit_from(&setting, sightings, &start, options, thresholds) else {
+    for start in candidates(&model, sightings, options)? {
+        let model = with_soft_constraints(&model, sightings, &start);
+        let Ok(found) = fit_from(&model, sightings, &start, options, thresholds) else {
             continue;
         };
         if kind.is_valid(&found.state.as_slice()[..kind.parameters()])
@@ -211,15 +227,19 @@ pub(crate) struct RoughFit {
 ///
 /// # Errors
 /// As [`fit`].
-pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<RoughFit> {
+pub(crate) fn rough(
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<RoughFit> {
     let sightings = &own_poses(sightings)[..];
-    let setting = setting(kind, sightings, options)?;
-    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    let model = contour_model(kind, sightings, options)?;
+    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
     let charge = gate_cost(Some(outlier_gate(options)));
     let mut best: Option<RoughFit> = None;
-    for start in candidates(&setting, sightings, options)? {
-        let setting = with_held(&setting, sightings, &start);
-        let (readings, groups) = equations(&setting, sightings);
+    for start in candidates(&model, sightings, options)? {
+        let model = with_soft_constraints(&model, sightings, &start);
+        let (readings, groups) = equations(&model, sightings);
         let settings = |threshold: f64| ImplicitOptions {
             loss: Loss::Tukey { threshold },
             correct_bias: false,
@@ -230,7 +250,7 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
         let mut state = DVector::from_vec(start);
         let mut cost = f64::INFINITY;
         for threshold in ROBUST_THRESHOLDS {
-            let Ok(found) = fit_implicit(&readings, shared(&setting, &groups), &state, &settings(threshold))
+            let Ok(found) = fit_implicit(&readings, shared(&model, &groups), &state, &settings(threshold))
             else {
                 break;
             };
@@ -241,10 +261,10 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
             let poses: f64 = found.shared.iter().map(|s| 0.5 * s.norm_squared()).sum();
             cost = poses + found.distances.iter().map(each).sum::<f64>();
         }
-        let placed = placed(&setting, state.as_slice(), sightings, outlier_gate(options));
+        let placed = placed(&model, state.as_slice(), sightings, outlier_gate(options));
         let bic = criterion(kind, state.len(), sightings.len(), placed.log_likelihood.unwrap_or(-cost));
         if bic.is_finite()
-            && stays_near(kind, state.as_slice(), setting.pivot, &points)
+            && stays_near(kind, state.as_slice(), model.pivot, &points)
             && best.as_ref().is_none_or(|b| bic < b.bic)
         {
             let state = state.as_slice().to_vec();
@@ -254,30 +274,34 @@ pub(crate) fn rough(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -
     best.ok_or_else(|| Error::undetermined(format!("the readings do not determine a {kind}")))
 }
 
-fn setting(kind: &Kind, sightings: &[Sighting], options: &FitOptions) -> Result<Setting> {
-    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+fn contour_model(
+    kind: &ContourKind,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<ContourModel> {
+    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
     let times = sightings.iter().map(|s| s.time_s);
-    let setting = Setting {
+    let model = ContourModel {
         kind: kind.clone(),
         form: options.form,
         motion: options.motion,
         pivot: mean(&points),
-        time_s: if options.motion == Motion::Still { 0.0 } else { times.fold(f64::INFINITY, f64::min) },
+        time_s: if options.motion == PlanarMotion::Still { 0.0 } else { times.fold(f64::INFINITY, f64::min) },
         shared_poses: sightings.iter().any(|s| s.pose.is_some()),
-        held: Vec::new(),
+        constraints: Vec::new(),
     };
-    if sightings.len() < setting.unknowns() {
+    if sightings.len() < model.unknowns() {
         return Err(Error::undetermined(format!(
             "{} cannot determine the {} unknowns of a {kind}: give at least as many",
-            count_of(sightings.len()),
-            setting.unknowns()
+            reading_count(sightings.len()),
+            model.unknowns()
         )));
     }
-    Ok(setting)
+    Ok(model)
 }
 
 /// `1 reading`, `7 readings`.
-pub(super) fn count_of(readings: usize) -> String {
+pub(super) fn reading_count(readings: usize) -> String {
     match readings {
         1 => "1 reading".to_owned(),
         n => format!("{n} readings"),
@@ -285,29 +309,33 @@ pub(super) fn count_of(readings: usize) -> String {
 }
 
 /// With the smooth joints of a chain that is about where it starts, and the ends of an open one.
-fn with_held(setting: &Setting, sightings: &[Sighting], start: &[f64]) -> Setting {
-    let mut setting = setting.clone();
-    let theta = &start[..setting.kind.parameters()];
-    setting.held = joints(&setting.kind, theta).into_iter().map(Held::Joint).collect();
-    if let Kind::Chain { closed: false, .. } = setting.kind {
-        let at_rest = |sighting: &Sighting| ContourReading::of(&setting, sighting).seen_at_rest(start);
+fn with_soft_constraints(model: &ContourModel, sightings: &[ContourReading], start: &[f64]) -> ContourModel {
+    let mut model = model.clone();
+    let theta = &start[..model.kind.parameters()];
+    model.constraints = joints(&model.kind, theta).into_iter().map(SoftConstraint::Joint).collect();
+    if let ContourKind::Chain { closed: false, .. } = model.kind {
+        let at_rest = |sighting: &ContourReading| ContourEquation::new(&model, sighting).seen_at_rest(start);
         let points: Vec<_> = sightings.iter().map(at_rest).collect();
-        let ends = ends(&setting.kind, theta, &points);
-        setting.held.extend(ends.into_iter().map(Held::End));
+        let ends = ends(&model.kind, theta, &points);
+        model.constraints.extend(ends.into_iter().map(SoftConstraint::End));
     }
-    setting
+    model
 }
 
 /// Where to start: where it was said, or what the readings suggest.
-fn candidates(setting: &Setting, sightings: &[Sighting], options: &FitOptions) -> Result<Vec<Vec<f64>>> {
+fn candidates(
+    model: &ContourModel,
+    sightings: &[ContourReading],
+    options: &ContourFitOptions,
+) -> Result<Vec<Vec<f64>>> {
     if let Some(start) = &options.start {
         return Ok(vec![start.clone()]);
     }
     let first = match options.method {
         Method::Batch | Method::Combined => sightings.to_vec(),
-        _ => seed_of(sightings, setting).0,
+        _ => split_seed(sightings, model).0,
     };
-    Ok(with_motion(starts(&setting.kind, &first)?, setting, &first))
+    Ok(with_motion(starts(&model.kind, &first)?, model, &first))
 }
 
 /// The Kanatani–Cramér–Rao bound on the covariance of the parameters of a kind at `truth`, from readings
@@ -315,34 +343,34 @@ fn candidates(setting: &Setting, sightings: &[Sighting], options: &FitOptions) -
 ///
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters.
-pub fn bound(kind: &Kind, truth: &[f64], exact: &[Sighting]) -> Result<DMatrix<f64>> {
-    let setting = Setting {
+pub fn bound(kind: &ContourKind, truth: &[f64], exact: &[ContourReading]) -> Result<DMatrix<f64>> {
+    let model = ContourModel {
         kind: kind.clone(),
         form: Form::ActiveFacet,
-        motion: Motion::Still,
+        motion: PlanarMotion::Still,
         pivot: [0.0; 2],
         time_s: 0.0,
         shared_poses: exact.iter().any(|s| s.pose.is_some()),
-        held: Vec::new(),
+        constraints: Vec::new(),
     };
-    let (readings, groups) = equations(&setting, exact);
-    kanatani_cramer_rao(&readings, shared(&setting, &groups), &DVector::from_column_slice(truth))
+    let (readings, groups) = equations(&model, exact);
+    kanatani_cramer_rao(&readings, shared(&model, &groups), &DVector::from_column_slice(truth))
 }
 
 /// A pose of a single reading is noise of that reading's own, which can be corrected for curvature: no
 /// unknown is needed.
-fn own_poses(sightings: &[Sighting]) -> Vec<Sighting> {
+fn own_poses(sightings: &[ContourReading]) -> Vec<ContourReading> {
     let mut poses: Vec<usize> = sightings.iter().filter_map(|s| s.pose).collect();
     let all = poses.len();
     poses.sort_unstable();
     poses.dedup();
     let shared = poses.len() < all;
-    let pose = |s: &Sighting| s.pose.filter(|_| shared);
-    sightings.iter().map(|s| Sighting { pose: pose(s), ..*s }).collect()
+    let pose = |s: &ContourReading| s.pose.filter(|_| shared);
+    sightings.iter().map(|s| ContourReading { pose: pose(s), ..*s }).collect()
 }
 
-fn with_motion(thetas: Vec<Vec<f64>>, setting: &Setting, sightings: &[Sighting]) -> Vec<Vec<f64>> {
-    let extra = setting.motion.unknowns();
+fn with_motion(thetas: Vec<Vec<f64>>, model: &ContourModel, sightings: &[ContourReading]) -> Vec<Vec<f64>> {
+    let extra = model.motion.unknowns();
     if extra == 0 {
         return thetas;
     }
@@ -355,13 +383,13 @@ fn with_motion(thetas: Vec<Vec<f64>>, setting: &Setting, sightings: &[Sighting])
     });
     let still = thetas.iter().map(|t| [&t[..], &vec![0.0; extra]].concat());
     // Starts of what the points would be without the drift.
-    let back: Vec<Sighting> = sightings
+    let back: Vec<ContourReading> = sightings
         .iter()
         .map(|s| {
             let p = s.point();
-            let time = s.time_s - setting.time_s;
-            Sighting {
-                target: Target::Point {
+            let time = s.time_s - model.time_s;
+            ContourReading {
+                target: ContourTarget::Point {
                     position: [p[0] - drift[0] * time, p[1] - drift[1] * time],
                     sigma: s.covariance()[0].sqrt(),
                 },
@@ -369,7 +397,7 @@ fn with_motion(thetas: Vec<Vec<f64>>, setting: &Setting, sightings: &[Sighting])
             }
         })
         .collect();
-    let drifting = starts(&setting.kind, &back).unwrap_or_default();
+    let drifting = starts(&model.kind, &back).unwrap_or_default();
     let moved = drifting.into_iter().map(|t| {
         let mut start = [&t[..], &drift[..]].concat();
         start.resize(t.len() + extra, 0.0);
@@ -379,9 +407,9 @@ fn with_motion(thetas: Vec<Vec<f64>>, setting: &Setting, sightings: &[Sighting])
 }
 
 pub(super) fn equations<'a>(
-    setting: &'a Setting,
-    sightings: &'a [Sighting],
-) -> (Vec<ContourReading<'a>>, Vec<usize>) {
+    model: &'a ContourModel,
+    sightings: &'a [ContourReading],
+) -> (Vec<ContourEquation<'a>>, Vec<usize>) {
     let mut numbers = std::collections::BTreeMap::new();
     let mut groups = Vec::with_capacity(sightings.len());
     let mut alone = 0;
@@ -396,31 +424,38 @@ pub(super) fn equations<'a>(
         let next = numbers.len();
         groups.push(*numbers.entry(key).or_insert(next));
     }
-    let mut readings: Vec<ContourReading<'_>> =
-        (sightings.iter()).map(|sighting| ContourReading::of(setting, sighting)).collect();
+    let mut readings: Vec<ContourEquation<'_>> =
+        (sightings.iter()).map(|sighting| ContourEquation::new(model, sighting)).collect();
     if let Some(sighting) = sightings.first() {
-        for &held in &setting.held {
+        for &constraint in &model.constraints {
             groups.push(numbers.len() + readings.len() - sightings.len());
-            readings.push(ContourReading { held: Some(held), ..ContourReading::of(setting, sighting) });
+            readings.push(ContourEquation {
+                constraint: Some(constraint),
+                ..ContourEquation::new(model, sighting)
+            });
         }
     }
     (readings, groups)
 }
 
-pub(super) fn shared<'a>(setting: &Setting, groups: &'a [usize]) -> Option<SharedNoise<'a>> {
-    setting.shared_poses.then_some(SharedNoise { size: 3, groups })
+pub(super) fn shared<'a>(model: &ContourModel, groups: &'a [usize]) -> Option<SharedNoise<'a>> {
+    model.shared_poses.then_some(SharedNoise { size: 3, groups })
 }
 
 /// The margin, where every side has readings enough that the bias matters more than the readings near
 /// corners.
-pub(super) fn corner_margin(setting: &Setting, readings: usize, options: &FitOptions) -> Option<f64> {
-    let enough = readings >= READINGS_A_SIDE * setting.kind.pieces();
+pub(super) fn corner_margin(
+    model: &ContourModel,
+    readings: usize,
+    options: &ContourFitOptions,
+) -> Option<f64> {
+    let enough = readings >= READINGS_PER_SIDE * model.kind.pieces();
     options.corner_margin.filter(|_| enough)
 }
 
 /// Beyond how many standard deviations a reading is as unlikely as any.
-pub(super) fn outlier_gate(options: &FitOptions) -> f64 {
-    options.gate.unwrap_or(ROUGH_GATE)
+pub(super) fn outlier_gate(options: &ContourFitOptions) -> f64 {
+    options.gate.unwrap_or(DEFAULT_OUTLIER_GATE)
 }
 
 /// What a reading outside the gate costs: as much as one on it.
@@ -429,7 +464,7 @@ pub(super) fn gate_cost(gate: Option<f64>) -> f64 {
 }
 
 /// What the distances of all readings say once those beyond the gate are left out.
-pub(crate) struct Judged {
+pub(crate) struct GatedResiduals {
     pub(crate) used: Vec<bool>,
     /// `Σ s²` over the readings that count.
     pub(crate) squares: f64,
@@ -437,8 +472,8 @@ pub(crate) struct Judged {
     pub(crate) log_likelihood: f64,
 }
 
-impl Judged {
-    pub(crate) fn of(distances: &[f64], gate: Option<f64>) -> Self {
+impl GatedResiduals {
+    pub(crate) fn from_distances(distances: &[f64], gate: Option<f64>) -> Self {
         let near = |d: &f64| d.is_finite() && gate.is_none_or(|g| d.abs() <= g);
         let used: Vec<bool> = distances.iter().map(near).collect();
         let squares: f64 = (distances.iter().zip(&used)).filter(|(_, u)| **u).map(|(d, _)| d * d).sum();
@@ -448,26 +483,26 @@ impl Judged {
 }
 
 fn fit_from(
-    setting: &Setting,
-    sightings: &[Sighting],
+    model: &ContourModel,
+    sightings: &[ContourReading],
     start: &[f64],
-    options: &FitOptions,
+    options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
     match options.method {
-        Method::Batch | Method::Combined => batch(setting, sightings, start, options, thresholds),
-        _ => recursive(setting, sightings, start, options),
+        Method::Batch | Method::Combined => batch(model, sightings, start, options, thresholds),
+        _ => recursive(model, sightings, start, options),
     }
 }
 
 pub(super) fn batch(
-    setting: &Setting,
-    sightings: &[Sighting],
+    model: &ContourModel,
+    sightings: &[ContourReading],
     start: &[f64],
-    options: &FitOptions,
+    options: &ContourFitOptions,
     thresholds: &[f64],
 ) -> Result<ContourFit> {
-    let (all, groups) = equations(setting, sightings);
+    let (all, groups) = equations(model, sightings);
     let plain = ImplicitOptions {
         correct_bias: options.correct_bias && options.gate.is_none(),
         ..ImplicitOptions::default()
@@ -483,33 +518,34 @@ pub(super) fn batch(
                 max_iterations: 30,
                 step_tolerance: 1e-2,
             };
-            at = fit_implicit(&all, shared(setting, &groups), &at, &robust)?.state;
+            at = fit_implicit(&all, shared(model, &groups), &at, &robust)?.state;
         }
         let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..plain };
-        let seen = fit_implicit(&all, shared(setting, &groups), &at, &look)?;
+        let seen = fit_implicit(&all, shared(model, &groups), &at, &look)?;
         for (used, distance) in used.iter_mut().zip(&seen.distances) {
             *used = distance.abs() <= gate;
         }
     }
-    let kept: Vec<Sighting> = sightings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
-    if kept.len() < setting.unknowns() {
+    let kept: Vec<ContourReading> =
+        sightings.iter().zip(&used).filter(|(_, u)| **u).map(|(s, _)| *s).collect();
+    if kept.len() < model.unknowns() {
         return Err(Error::undetermined("too few readings lie near the contour"));
     }
-    let (readings, kept_groups) = equations(setting, &kept);
+    let (readings, kept_groups) = equations(model, &kept);
     let options_here = ImplicitOptions {
         correct_bias: options.correct_bias,
-        margin: corner_margin(setting, sightings.len(), options),
+        margin: corner_margin(model, sightings.len(), options),
         ..plain
     };
-    let mut found = fit_implicit(&readings, shared(setting, &kept_groups), &at, &options_here)?;
-    let mut placed_found = placed(setting, found.state.as_slice(), sightings, outlier_gate(options));
-    if options_here.margin.is_some() && setting.kind.pieces() > 2 {
+    let mut found = fit_implicit(&readings, shared(model, &kept_groups), &at, &options_here)?;
+    let mut placed_found = placed(model, found.state.as_slice(), sightings, outlier_gate(options));
+    if options_here.margin.is_some() && model.kind.pieces() > 2 {
         // Where the margin takes many readings, what is left may agree with another phase or size: all of
         // them tell.
         let all_count = ImplicitOptions { margin: None, ..options_here };
-        let other = fit_implicit(&readings, shared(setting, &kept_groups), &at, &all_count)?;
-        let placed_other = placed(setting, other.state.as_slice(), sightings, outlier_gate(options));
-        let is_lost = |of: f64, all: f64| of < all - LOST_BY_MARGIN;
+        let other = fit_implicit(&readings, shared(model, &kept_groups), &at, &all_count)?;
+        let placed_other = placed(model, other.state.as_slice(), sightings, outlier_gate(options));
+        let is_lost = |of: f64, all: f64| of < all - MAX_MARGIN_LOSS;
         if other.covariance.is_some()
             && (placed_found.log_likelihood.zip(placed_other.log_likelihood))
                 .is_some_and(|(of, all)| is_lost(of, all))
@@ -530,17 +566,17 @@ pub(super) fn batch(
     }
     let left_out = used.iter().filter(|u| !**u).count() as f64;
     Ok(ContourFit {
-        kind: setting.kind.clone(),
+        kind: model.kind.clone(),
         state: found.state,
         covariance,
         distances,
         used,
         squares: 2.0 * found.loss,
-        least_seen: placed_found.least_seen,
+        min_side_coverage: placed_found.min_side_coverage,
         log_likelihood: (placed_found.log_likelihood)
             .unwrap_or(-found.loss - left_out * gate_cost(options.gate)),
         termination: found.termination,
-        pivot: setting.pivot,
-        time_s: setting.time_s,
+        pivot: model.pivot,
+        time_s: model.time_s,
     })
 }

@@ -6,7 +6,7 @@
 //! smooth, to a few degrees. Not guaranteed: that it is; where readings know better they overrule it.
 
 use super::curve::ends;
-use super::kind::Kind;
+use super::kind::ContourKind;
 use std::f64::consts::{PI, TAU};
 
 /// The σ of a smooth joint's angle: what is beyond is seen as a corner.
@@ -28,7 +28,7 @@ impl Joint {
     ///
     /// With `e` the chord of a piece and `b = tan(θ/4)`, the outline leaves it at
     /// `atan2(e_y, e_x) + 2 atan b` and enters it at `… − 2 atan b`.
-    pub(super) fn missed(&self, kind: &Kind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
+    pub(super) fn violation(&self, kind: &ContourKind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
         let mut turn = 0.0;
         for (piece, sign) in self.pieces.into_iter().zip([-1.0, 1.0]) {
             let (from, to) = ends(kind, piece);
@@ -50,8 +50,8 @@ impl Joint {
 
 /// The joints of a chain, with an arc on one side at least, that turn by less than 15° at `theta`; none of
 /// any other kind.
-pub(crate) fn joints(kind: &Kind, theta: &[f64]) -> Vec<Joint> {
-    let Kind::Chain { arcs, closed } = kind else {
+pub(crate) fn joints(kind: &ContourKind, theta: &[f64]) -> Vec<Joint> {
+    let ContourKind::Chain { arcs, closed } = kind else {
         return Vec::new();
     };
     let count = arcs.len();
@@ -59,7 +59,7 @@ pub(crate) fn joints(kind: &Kind, theta: &[f64]) -> Vec<Joint> {
     (0..last)
         .map(|k| Joint { pieces: [k, (k + 1) % count], sigma_rad: SIGMA_RAD })
         .filter(|joint| joint.pieces.iter().any(|&k| arcs[k]))
-        .filter(|joint| joint.missed(kind, theta, &mut vec![0.0; theta.len()]).abs() <= CORNER * SIGMA_RAD)
+        .filter(|joint| joint.violation(kind, theta, &mut vec![0.0; theta.len()]).abs() <= CORNER * SIGMA_RAD)
         .collect()
 }
 
@@ -68,8 +68,8 @@ mod tests {
     use super::*;
 
     /// A line, a quarter circle that goes on from it, and a line that turns by half a right angle.
-    fn bent() -> (Kind, Vec<f64>) {
-        let kind = Kind::Chain { arcs: vec![false, true, false], closed: false };
+    fn bent() -> (ContourKind, Vec<f64>) {
+        let kind = ContourKind::Chain { arcs: vec![false, true, false], closed: false };
         let bulge = (PI / 8.0).tan();
         (kind, vec![-1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 2.0, bulge])
     }
@@ -81,9 +81,9 @@ mod tests {
         assert_eq!(found.len(), 1);
         assert_eq!(found[0].pieces, [0, 1]);
         let corner = Joint { pieces: [1, 2], sigma_rad: 1.0 };
-        let turn = corner.missed(&kind, &theta, &mut [0.0; 9]);
+        let turn = corner.violation(&kind, &theta, &mut [0.0; 9]);
         assert!((turn - 0.25 * PI).abs() < 1e-12, "{turn}");
-        assert!(joints(&Kind::Slot, &[0.0, 0.0, 2.0, 1.0, 0.0]).is_empty());
+        assert!(joints(&ContourKind::Slot, &[0.0, 0.0, 2.0, 1.0, 0.0]).is_empty());
     }
 
     #[test]
@@ -92,12 +92,12 @@ mod tests {
         for pieces in [[0, 1], [1, 2]] {
             let joint = Joint { pieces, sigma_rad: 1.0 };
             let mut by_theta = vec![0.0; theta.len()];
-            joint.missed(&kind, &theta, &mut by_theta);
+            joint.violation(&kind, &theta, &mut by_theta);
             for k in 0..theta.len() {
                 let at = |step: f64| {
                     let mut near = theta.clone();
                     near[k] += step;
-                    joint.missed(&kind, &near, &mut vec![0.0; theta.len()])
+                    joint.violation(&kind, &near, &mut vec![0.0; theta.len()])
                 };
                 let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
                 assert!((slope - by_theta[k]).abs() < 1e-8, "{pieces:?} {k}: {slope} {}", by_theta[k]);

@@ -7,7 +7,7 @@ const QUARTER: f64 = 0.414_213_562_373_095_03;
 
 /// What sort of contour.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub enum Kind {
+pub enum ContourKind {
     /// A straight line, of any length: `angle_rad offset`, the points with `−sin·x + cos·y = offset`.
     Line,
     /// `center_x center_y radius`.
@@ -48,7 +48,7 @@ pub struct Outline {
     pub closed: bool,
 }
 
-impl fmt::Display for Kind {
+impl fmt::Display for ContourKind {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Line => out.write_str("line"),
@@ -64,11 +64,11 @@ impl fmt::Display for Kind {
     }
 }
 
-impl Kind {
+impl ContourKind {
     /// A kind by the name that it is displayed with, polygons of three to so many corners; a chain is not
     /// known by its name.
     #[must_use]
-    pub fn of_name(name: &str, most_corners: usize) -> Option<Self> {
+    pub fn from_name(name: &str, most_corners: usize) -> Option<Self> {
         let counted = |prefix: &str| {
             name.strip_prefix(prefix)
                 .and_then(|count| count.parse::<usize>().ok())

@@ -7,9 +7,9 @@
 //! outline.
 
 use super::curve::arc_circle;
-use super::kind::Kind;
+use super::kind::ContourKind;
 use super::parts::usual_gap;
-use super::sighting::{ContourReading, Setting, Sighting};
+use super::reading::{ContourEquation, ContourModel, ContourReading};
 use statrs::function::erf::erf;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -18,12 +18,12 @@ const SAGITTA: f64 = 0.02;
 /// Of an arc, what is farther from the reading than so many of its σ does not count.
 const WINDOW: f64 = 7.0;
 /// Most chords of an arc that one reading looks at.
-const MOST_CHORDS: f64 = 200.0;
+const MAX_CHORDS: f64 = 200.0;
 /// The least share of a piece that is looked at as one: outlines may be far larger than what was seen of
 /// them.
-const LEAST_STEP: f64 = 1e-4;
+const MIN_STEP: f64 = 1e-4;
 /// Readings that are compared with the outline to tell what was seen of it, at most.
-const MOST_COMPARED: usize = 1000;
+const MAX_COMPARED: usize = 1000;
 
 /// A point that was seen, in the frame of the thing.
 pub(super) struct Spot {
@@ -53,12 +53,12 @@ pub(super) enum Stroke {
 }
 
 /// What readings say of an outline whose places are not known.
-pub(super) struct Placed {
+pub(super) struct LikelihoodAndCoverage {
     /// The logarithm of their likelihood; `None` where readings share poses: their place then follows from
     /// the pose, and needs no integral.
     pub(super) log_likelihood: Option<f64>,
     /// The least share of a straight side that a reading came near; 1 where sides follow from one another.
-    pub(super) least_seen: f64,
+    pub(super) min_side_coverage: f64,
 }
 
 /// `Σ log(√2π σ ∫ N(z; p(s), C) ds · E/L + exp(−g²/2))` over all readings: their likelihood when each one's
@@ -76,16 +76,21 @@ pub(super) struct Placed {
 /// Kendall and Stuart 1979, *The advanced theory of statistics*, chapter 29 (structural and functional
 /// relations, and the incidental parameters of the latter); Neyman and Scott 1948, *Consistent estimates
 /// based on partially consistent observations*.
-pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], gate: f64) -> Placed {
+pub(super) fn placed(
+    model: &ContourModel,
+    state: &[f64],
+    sightings: &[ContourReading],
+    gate: f64,
+) -> LikelihoodAndCoverage {
     let spots: Vec<Spot> = sightings
         .iter()
         .map(|sighting| {
-            let (point, covariance) = ContourReading::of(setting, sighting).seen_at_rest(state);
+            let (point, covariance) = ContourEquation::new(model, sighting).seen_at_rest(state);
             Spot { point, covariance }
         })
         .collect();
     let gap = usual_gap(sightings);
-    let strokes = strokes(&setting.kind, &state[..setting.kind.parameters()], &spots, gap);
+    let strokes = strokes(&model.kind, &state[..model.kind.parameters()], &spots, gap);
     let seen = seen_lengths(&strokes, &spots, 0.5 * gap);
     let (low, high) = extent(&spots);
     let size = [high[0] - low[0], high[1] - low[1]];
@@ -96,12 +101,12 @@ pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], g
         Stroke::Straight(_) => Some(seen / stroke.speed()),
         Stroke::Round { .. } => None,
     });
-    let least_seen = match setting.kind {
-        Kind::RegularPolygon(_) => 1.0,
+    let min_side_coverage = match model.kind {
+        ContourKind::RegularPolygon(_) => 1.0,
         _ => straight.fold(1.0, f64::min),
     };
-    if setting.shared_poses {
-        return Placed { log_likelihood: None, least_seen };
+    if model.shared_poses {
+        return LikelihoodAndCoverage { log_likelihood: None, min_side_coverage };
     }
     let around = 2.0 * (size[0] + size[1]);
     let wild = (-0.5 * gate * gate).exp();
@@ -111,7 +116,7 @@ pub(super) fn placed(setting: &Setting, state: &[f64], sightings: &[Sighting], g
         let sigma = spot.variance().sqrt();
         (share * sigma * density + wild).ln()
     });
-    Placed { log_likelihood: Some(each.sum()), least_seen }
+    LikelihoodAndCoverage { log_likelihood: Some(each.sum()), min_side_coverage }
 }
 
 fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
@@ -127,7 +132,7 @@ fn extent(spots: &[Spot]) -> ([f64; 2], [f64; 2]) {
 
 /// The pieces of an outline; a whole circle or ellipse from its first to its last reading where none lies in
 /// a part that is wider than `gap`.
-pub(super) fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
+pub(super) fn strokes(kind: &ContourKind, theta: &[f64], spots: &[Spot], gap: f64) -> Vec<Stroke> {
     let round = |semi: [f64; 2], turn: [f64; 2]| {
         let center = [theta[0], theta[1]];
         let mut angles: Vec<f64> = spots.iter().map(|spot| foot(spot.point, center, semi, turn)).collect();
@@ -143,7 +148,7 @@ pub(super) fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> V
         Stroke::Round { center, semi, turn, from, sweep: if is_whole { TAU } else { TAU - free } }
     };
     match kind {
-        Kind::Line => {
+        ContourKind::Line => {
             let (sin, cos) = theta[0].sin_cos();
             let along = spots.iter().map(|s| cos * s.point[0] + sin * s.point[1]);
             let (low, high) =
@@ -151,8 +156,8 @@ pub(super) fn strokes(kind: &Kind, theta: &[f64], spots: &[Spot], gap: f64) -> V
             let at = |t: f64| [t * cos - theta[1] * sin, t * sin + theta[1] * cos];
             vec![Stroke::Straight([at(low), at(high)])]
         }
-        Kind::Circle => vec![round([theta[2], theta[2]], [1.0, 0.0])],
-        Kind::Ellipse => vec![round([theta[2], theta[3]], [theta[4].cos(), theta[4].sin()])],
+        ContourKind::Circle => vec![round([theta[2], theta[2]], [1.0, 0.0])],
+        ContourKind::Ellipse => vec![round([theta[2], theta[3]], [theta[4].cos(), theta[4].sin()])],
         _ => {
             let count = kind.pieces() + usize::from(!kind.is_closed());
             let mut vertices = vec![[0.0; 2]; count];
@@ -174,7 +179,7 @@ fn foot(p: [f64; 2], center: [f64; 2], semi: [f64; 2], turn: [f64; 2]) -> f64 {
 
 /// The length of each piece that lies within `reach` of a reading.
 fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
-    let stride = spots.len().div_ceil(MOST_COMPARED);
+    let stride = spots.len().div_ceil(MAX_COMPARED);
     // Fewer readings lie farther apart.
     let reach = reach * stride as f64;
     let step = 0.25 * reach;
@@ -186,7 +191,7 @@ fn seen_lengths(strokes: &[Stroke], spots: &[Spot], reach: f64) -> Vec<f64> {
     let of = |stroke: &Stroke| {
         let mut seen = 0.0;
         let speed = stroke.speed();
-        let step = (step / speed).max(LEAST_STEP);
+        let step = (step / speed).max(MIN_STEP);
         let (mut share, mut from) = (0.0, stroke.at(0.0));
         while share < 1.0 {
             let next = (share + step).min(1.0);
@@ -335,7 +340,7 @@ impl Stroke {
                 let mut middle = foot + TAU * ((start - near - foot) / TAU).ceil();
                 while middle - near < end {
                     let (a, b) = ((middle - near).max(start), (middle + near).min(end));
-                    let count = ((b - a) / step).ceil().clamp(1.0, MOST_CHORDS);
+                    let count = ((b - a) / step).ceil().clamp(1.0, MAX_CHORDS);
                     // A little outwards, so that the chords lie on the arc on average.
                     let grow = ((b - a) / count).powi(2) / 12.0;
                     let at = |k: f64| {

@@ -17,39 +17,39 @@
 //! many incidental parameters*; Berndt, Hall, Hall and Hausman 1974, *Estimation and inference in nonlinear
 //! structural models* (steps from the squares of scores).
 
-use super::kind::Kind;
+use super::kind::ContourKind;
 use super::likelihood::{Spot, Stroke, strokes};
 use super::parts::usual_gap;
-use super::sighting::{ContourReading, Motion, Setting, Sighting, Target};
+use super::reading::{ContourEquation, ContourModel, ContourReading, ContourTarget, PlanarMotion};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// One cell of the outline for so many readings.
-const READINGS_A_CELL: f64 = 20.0;
+const READINGS_PER_CELL: f64 = 20.0;
 /// Most cells of one piece of the outline.
-const MOST_CELLS: f64 = 12.0;
+const MAX_CELLS: f64 = 12.0;
 /// A cell is given so many readings beforehand, so that no share is zero.
-const BEFOREHAND: f64 = 0.5;
+const PRIOR_READINGS: f64 = 0.5;
 /// Rounds that find the shares where the outline is to begin with.
 const SHARE_ROUNDS: usize = 10;
 /// Differences are taken over this many σ; second ones over twice as many.
 const STEP: f64 = 0.1;
 /// Ends where the next step is shorter than this, in σ.
-const SHORT: f64 = 0.02;
-const MOST_STEPS: usize = 20;
+const MIN_STEP_SIGMAS: f64 = 0.02;
+const MAX_STEPS: usize = 20;
 /// A step is at most this long, in σ of each parameter.
-const LONGEST: f64 = 2.0;
+const MAX_STEP_SIGMAS: f64 = 2.0;
 /// With more readings than this the covariance is from the squares of the scores alone: they are enough to
 /// average over.
-const MOST_FOR_CURVATURE: usize = 4000;
+const MAX_FOR_CURVATURE: usize = 4000;
 /// A circle or ellipse of which so much was seen is taken as whole: parts without readings have hardly a
 /// share.
-const LEAST_WHOLE: f64 = 0.6 * TAU;
+const MIN_WHOLE_SWEEP: f64 = 0.6 * TAU;
 /// What is farther from a reading than so many of its σ says nothing of it.
 const FARTHEST: f64 = 7.0;
 /// So many readings are worth a thread's while.
-const READINGS_A_THREAD: usize = 256;
+const READINGS_PER_THREAD: usize = 256;
 
 /// What was found.
 pub(super) struct MostLikely {
@@ -68,13 +68,13 @@ pub(super) struct MostLikely {
 ///
 /// `None` where the likelihood has no maximum nearby.
 pub(super) fn most_likely(
-    setting: &Setting,
-    sightings: &[Sighting],
+    model: &ContourModel,
+    sightings: &[ContourReading],
     start: &DVector<f64>,
     covariance: &DMatrix<f64>,
     gate: f64,
 ) -> Option<MostLikely> {
-    Model::new(setting, sightings, start, covariance, gate)?.climb()
+    PlaceLikelihood::new(model, sightings, start, covariance, gate)?.climb()
 }
 
 /// A part of a piece of the outline with an even spread of readings.
@@ -86,9 +86,9 @@ struct Cell {
 }
 
 /// The likelihood as a function of the parameters, in σ about the start, and of the cells' shares.
-struct Model<'a> {
-    setting: &'a Setting,
-    sightings: &'a [Sighting],
+struct PlaceLikelihood<'a> {
+    model: &'a ContourModel,
+    sightings: &'a [ContourReading],
     start: &'a DVector<f64>,
     /// `θ = start + scale u`.
     scale: DMatrix<f64>,
@@ -115,24 +115,24 @@ struct Terms {
     chances: DMatrix<f64>,
 }
 
-impl<'a> Model<'a> {
+impl<'a> PlaceLikelihood<'a> {
     fn new(
-        setting: &'a Setting,
-        sightings: &'a [Sighting],
+        model: &'a ContourModel,
+        sightings: &'a [ContourReading],
         start: &'a DVector<f64>,
         covariance: &DMatrix<f64>,
         gate: f64,
     ) -> Option<Self> {
         let scale = Cholesky::new(covariance.clone())?.unpack();
         let gap = usual_gap(sightings);
-        let spots = spots(setting, sightings, start.as_slice());
-        let pieces = strokes(&setting.kind, &start.as_slice()[..setting.kind.parameters()], &spots, gap);
+        let spots = spots(model, sightings, start.as_slice());
+        let pieces = strokes(&model.kind, &start.as_slice()[..model.kind.parameters()], &spots, gap);
         let lengths: Vec<f64> = pieces.iter().map(|piece| piece.length(0.0, 1.0)).collect();
         let perimeter = lengths.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let many = sightings.len() as f64 / READINGS_A_CELL;
+        let many = sightings.len() as f64 / READINGS_PER_CELL;
         let mut cells = Vec::new();
         for (piece, length) in lengths.iter().enumerate() {
-            let count = (many * length / perimeter).round().clamp(1.0, MOST_CELLS);
+            let count = (many * length / perimeter).round().clamp(1.0, MAX_CELLS);
             cells.extend((0..count as usize).map(|k| Cell {
                 piece,
                 from: k as f64 / count,
@@ -140,13 +140,13 @@ impl<'a> Model<'a> {
             }));
         }
         let whole = match pieces[..] {
-            [Stroke::Round { from, sweep, .. }] if sweep >= LEAST_WHOLE => Some((from, TAU)),
+            [Stroke::Round { from, sweep, .. }] if sweep >= MIN_WHOLE_SWEEP => Some((from, TAU)),
             _ => None,
         };
         let sigma = (spots.iter().map(Spot::variance).sum::<f64>() / spots.len() as f64).sqrt();
         // The density beside an outline that is read evenly, at the gate.
         let wild = (-0.5 * gate * gate).exp() * sigma / (TAU.sqrt() * perimeter);
-        Some(Self { setting, sightings, start, scale, cells, whole, gap, wild })
+        Some(Self { model, sightings, start, scale, cells, whole, gap, wild })
     }
 
     fn state(&self, u: &DVector<f64>) -> DVector<f64> {
@@ -154,18 +154,18 @@ impl<'a> Model<'a> {
     }
 
     fn theta<'s>(&self, state: &'s DVector<f64>) -> &'s [f64] {
-        &state.as_slice()[..self.setting.kind.parameters()]
+        &state.as_slice()[..self.model.kind.parameters()]
     }
 
     fn terms(&self, at: &At) -> Terms {
         let state = self.state(&at.u);
-        let spots = spots(self.setting, self.sightings, state.as_slice());
-        let mut pieces = strokes(&self.setting.kind, self.theta(&state), &spots, self.gap);
+        let spots = spots(self.model, self.sightings, state.as_slice());
+        let mut pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
         if let (Some(whole), [Stroke::Round { from, sweep, .. }]) = (self.whole, &mut pieces[..]) {
             (*from, *sweep) = whole;
         }
         let parts: Vec<Part> = (self.cells.iter().zip(&shares(&at.weights)))
-            .map(|(cell, share)| Part::of(&pieces[cell.piece], cell, *share))
+            .map(|(cell, share)| Part::new(&pieces[cell.piece], cell, *share))
             .collect();
         let mut chances = DMatrix::zeros(parts.len(), spots.len());
         let one = |(spot, chances): (&Spot, &mut [f64])| {
@@ -179,67 +179,68 @@ impl<'a> Model<'a> {
         };
         let logs = (spots.par_iter())
             .zip(chances.as_mut_slice().par_chunks_mut(parts.len()))
-            .with_min_len(READINGS_A_THREAD)
+            .with_min_len(READINGS_PER_THREAD)
             .map(one)
             .collect();
         Terms { logs, chances }
     }
 
-    /// The logarithm of the likelihood, of what is known of a chain, and of the readings beforehand.
+    /// The logarithm of the likelihood, of what is known of a chain, and of the prior of the shares.
     fn total(&self, at: &At) -> f64 {
-        let beforehand: f64 = shares(&at.weights).iter().map(|s| BEFOREHAND * s.ln()).sum();
+        let log_prior: f64 = shares(&at.weights).iter().map(|s| PRIOR_READINGS * s.ln()).sum();
         let state = self.state(&at.u);
-        let mut unused = vec![0.0; self.setting.kind.parameters()];
-        let held = self.setting.held.iter().map(|held| {
-            let missed = held.missed(&self.setting.kind, self.theta(&state), &mut unused) / held.sigma();
-            0.5 * missed * missed
+        let mut unused = vec![0.0; self.model.kind.parameters()];
+        let penalties = self.model.constraints.iter().map(|constraint| {
+            let violation =
+                constraint.violation(&self.model.kind, self.theta(&state), &mut unused) / constraint.sigma();
+            0.5 * violation * violation
         });
-        self.terms(at).logs.iter().sum::<f64>() + beforehand - held.sum::<f64>()
+        self.terms(at).logs.iter().sum::<f64>() + log_prior - penalties.sum::<f64>()
     }
 
     fn climb(&self) -> Option<MostLikely> {
         let p = self.start.len();
         let mut at = At { u: DVector::zeros(p), weights: DVector::zeros(self.cells.len()) };
         for _ in 0..SHARE_ROUNDS {
-            at.weights = self.terms(&at).chances.column_sum().map(|s| (s + BEFOREHAND).ln());
+            at.weights = self.terms(&at).chances.column_sum().map(|s| (s + PRIOR_READINGS).ln());
         }
         let mut best = self.total(&at);
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let (gradient, squares) = self.scores(&at);
             let step = Cholesky::new(squares)?.solve(&gradient);
             let size = step.rows(0, p).amax();
             if !size.is_finite() {
                 return None;
             }
-            let mut share = (LONGEST / size).min(1.0);
+            let mut share = (MAX_STEP_SIGMAS / size).min(1.0);
             let better = loop {
                 let next = At {
                     u: &at.u + share * step.rows(0, p),
                     weights: &at.weights + share * step.rows(p, self.cells.len()),
                 };
-                if self.setting.kind.is_valid(self.theta(&self.state(&next.u))) {
+                if self.model.kind.is_valid(self.theta(&self.state(&next.u))) {
                     let total = self.total(&next);
                     if total > best {
                         break Some((next, total));
                     }
                 }
                 share *= 0.5;
-                if share * size < SHORT {
+                if share * size < MIN_STEP_SIGMAS {
                     break None;
                 }
             };
             let Some((next, total)) = better else { break };
             (at, best) = (next, total);
-            if share * size < SHORT {
+            if share * size < MIN_STEP_SIGMAS {
                 break;
             }
         }
         let information = self.information(&at)?;
         let inverse = information.inverse();
         let of_u = inverse.view((0, 0), (p, p));
-        if !self.has_corners() && self.setting.motion == Motion::Still {
+        if !self.has_corners() && self.model.motion == PlanarMotion::Still {
             let bias = information.solve(&self.expected_scores(&at));
-            if bias.rows(0, p).amax() < LONGEST {
+            if bias.rows(0, p).amax() < MAX_STEP_SIGMAS {
                 at.u -= bias.rows(0, p);
             }
         }
@@ -248,15 +249,18 @@ impl<'a> Model<'a> {
 
     fn information(&self, at: &At) -> Option<Cholesky<f64, Dyn>> {
         let by_curvature = || Cholesky::new(self.curvature(at));
-        let few = self.sightings.len() <= MOST_FOR_CURVATURE;
+        let few = self.sightings.len() <= MAX_FOR_CURVATURE;
         let curvature = if few { by_curvature() } else { None };
         curvature.or_else(|| Cholesky::new(self.scores(at).1))
     }
 
     fn has_corners(&self) -> bool {
         matches!(
-            self.setting.kind,
-            Kind::Rectangle | Kind::Polygon(_) | Kind::RegularPolygon(_) | Kind::Chain { .. }
+            self.model.kind,
+            ContourKind::Rectangle
+                | ContourKind::Polygon(_)
+                | ContourKind::RegularPolygon(_)
+                | ContourKind::Chain { .. }
         )
     }
 
@@ -280,12 +284,12 @@ impl<'a> Model<'a> {
         let mut gradient = scores.column_sum();
         let mut squares = &scores * scores.transpose();
         for (c, share) in shares.iter().enumerate() {
-            gradient[p + c] += BEFOREHAND * (1.0 - k as f64 * share);
-            squares[(p + c, p + c)] += BEFOREHAND;
+            gradient[p + c] += PRIOR_READINGS * (1.0 - k as f64 * share);
+            squares[(p + c, p + c)] += PRIOR_READINGS;
         }
-        for (missed, row) in self.held(at) {
+        for (violation, row) in self.soft_constraints(at) {
             for i in 0..p {
-                gradient[i] -= missed * row[i];
+                gradient[i] -= violation * row[i];
                 for j in 0..p {
                     squares[(i, j)] += row[i] * row[j];
                 }
@@ -294,17 +298,17 @@ impl<'a> Model<'a> {
         (gradient, squares)
     }
 
-    /// What is known of a chain: by how many σ it is missed, and the derivative of that by `u`.
-    fn held(&self, at: &At) -> Vec<(f64, DVector<f64>)> {
+    /// What is known of a chain: by how many σ each is violated, and the derivative of that by `u`.
+    fn soft_constraints(&self, at: &At) -> Vec<(f64, DVector<f64>)> {
         let state = self.state(&at.u);
         let theta = self.theta(&state);
-        let one = |held: &super::held::Held| {
+        let one = |constraint: &super::soft_constraint::SoftConstraint| {
             let mut by_theta = vec![0.0; theta.len()];
-            let missed = held.missed(&self.setting.kind, theta, &mut by_theta) / held.sigma();
-            let by_theta = DVector::from_vec(by_theta) / held.sigma();
-            (missed, self.scale.rows(0, theta.len()).tr_mul(&by_theta))
+            let violation = constraint.violation(&self.model.kind, theta, &mut by_theta) / constraint.sigma();
+            let by_theta = DVector::from_vec(by_theta) / constraint.sigma();
+            (violation, self.scale.rows(0, theta.len()).tr_mul(&by_theta))
         };
-        self.setting.held.iter().map(one).collect()
+        self.model.constraints.iter().map(one).collect()
     }
 
     /// The negative second derivatives.
@@ -337,9 +341,9 @@ impl<'a> Model<'a> {
             for b in 0..k {
                 out[(p + a, p + b)] = squares[(a, b)] - n * shares[a] * shares[b];
             }
-            out[(p + a, p + a)] += n * shares[a] - sums[a] + BEFOREHAND;
+            out[(p + a, p + a)] += n * shares[a] - sums[a] + PRIOR_READINGS;
         }
-        for (_, row) in self.held(at) {
+        for (_, row) in self.soft_constraints(at) {
             for i in 0..p {
                 for j in 0..p {
                     out[(i, j)] += row[i] * row[j];
@@ -354,19 +358,23 @@ impl<'a> Model<'a> {
     /// measured, which is right to the third power of the errors (McNamee and Stenger 1967).
     fn expected_scores(&self, at: &At) -> DVector<f64> {
         let state = self.state(&at.u);
-        let spots = spots(self.setting, self.sightings, state.as_slice());
-        let pieces = strokes(&self.setting.kind, self.theta(&state), &spots, self.gap);
-        let exact: Vec<Sighting> = (self.sightings.iter().zip(&spots))
+        let spots = spots(self.model, self.sightings, state.as_slice());
+        let pieces = strokes(&self.model.kind, self.theta(&state), &spots, self.gap);
+        let exact: Vec<ContourReading> = (self.sightings.iter().zip(&spots))
             .map(|(sighting, spot)| sighting.moved_to(nearest(&pieces, spot.point)))
             .collect();
         let mut sum = DVector::zeros(at.u.len() + self.cells.len());
         for axis in 0..MEASURED {
             for side in [-1.0, 1.0] {
                 let sigmas = side * (MEASURED as f64).sqrt();
-                let made: Vec<Sighting> =
+                let made: Vec<ContourReading> =
                     exact.iter().map(|sighting| sighting.with_error(axis, sigmas)).collect();
-                let model =
-                    Model { sightings: &made, scale: self.scale.clone(), cells: self.cells.clone(), ..*self };
+                let model = PlaceLikelihood {
+                    sightings: &made,
+                    scale: self.scale.clone(),
+                    cells: self.cells.clone(),
+                    ..*self
+                };
                 sum += model.scores(at).0;
             }
         }
@@ -395,7 +403,7 @@ struct Part {
 }
 
 impl Part {
-    fn of(piece: &Stroke, cell: &Cell, share: f64) -> Self {
+    fn new(piece: &Stroke, cell: &Cell, share: f64) -> Self {
         let stroke = piece.part(cell.from, cell.to);
         Self {
             rate: share / stroke.length(0.0, 1.0).max(f64::MIN_POSITIVE),
@@ -423,16 +431,16 @@ fn shares(weights: &DVector<f64>) -> Vec<f64> {
 
 /// The readings as points at rest. The end of a ray of an uncertain heading is nearer to the sensor than what
 /// it is of, on average.
-fn spots(setting: &Setting, sightings: &[Sighting], state: &[f64]) -> Vec<Spot> {
-    let one = |sighting: &Sighting| {
-        let (point, covariance) = ContourReading::of(setting, sighting).seen_at_rest(state);
+fn spots(model: &ContourModel, sightings: &[ContourReading], state: &[f64]) -> Vec<Spot> {
+    let one = |sighting: &ContourReading| {
+        let (point, covariance) = ContourEquation::new(model, sighting).seen_at_rest(state);
         let away = match sighting.target {
-            Target::Range { heading_rad, range, sigma, .. } => {
+            ContourTarget::Range { heading_rad, range, sigma, .. } => {
                 // A thing that turns while it is measured turns the ray as well, by less than matters here.
                 let short = 0.5 * range * sigma[2] * sigma[2];
                 [short * heading_rad.cos(), short * heading_rad.sin()]
             }
-            Target::Point { .. } => [0.0; 2],
+            ContourTarget::Point { .. } => [0.0; 2],
         };
         Spot { point: [point[0] + away[0], point[1] + away[1]], covariance }
     };

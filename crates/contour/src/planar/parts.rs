@@ -1,7 +1,7 @@
 //! Readings of several things told apart.
 
 use super::kind::Outline;
-use super::sighting::Sighting;
+use super::reading::ContourReading;
 use std::collections::BTreeMap;
 
 /// Groups of indices of readings whose points hang together: single linkage over gaps of at most `gap`.
@@ -9,17 +9,17 @@ use std::collections::BTreeMap;
 /// Largest group first. Points in a grid of cells of that size, which lose what has been grouped: cost about
 /// `n`.
 #[must_use]
-pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
-    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+pub fn separate(sightings: &[ContourReading], gap: f64) -> Vec<Vec<usize>> {
+    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
     let cell = |p: [f64; 2]| p.map(|c| (c / gap).floor() as i64);
     let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
     for (i, &p) in points.iter().enumerate() {
         cells.entry(cell(p)).or_default().push(i);
     }
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    let mut is_taken = vec![false; points.len()];
+    let mut is_grouped = vec![false; points.len()];
     for seed in 0..points.len() {
-        if std::mem::replace(&mut is_taken[seed], true) {
+        if std::mem::replace(&mut is_grouped[seed], true) {
             continue;
         }
         let mut members = vec![seed];
@@ -37,10 +37,10 @@ pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
                 };
                 free.retain(|&j| {
                     let is_near = (points[j][0] - p[0]).hypot(points[j][1] - p[1]) <= gap;
-                    if is_near && !std::mem::replace(&mut is_taken[j], true) {
+                    if is_near && !std::mem::replace(&mut is_grouped[j], true) {
                         members.push(j);
                     }
-                    !is_taken[j]
+                    !is_grouped[j]
                 });
             }
         }
@@ -54,7 +54,7 @@ pub fn separate(sightings: &[Sighting], gap: f64) -> Vec<Vec<usize>> {
 /// A gap that readings of one contour hardly ever leave: neighbours along an outline of the readings' extent
 /// are exponentially apart, and the largest of `n` such gaps is about `ln n` of the mean; and noise.
 #[must_use]
-pub fn usual_gap(sightings: &[Sighting]) -> f64 {
+pub fn usual_gap(sightings: &[ContourReading]) -> f64 {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut variance = 0.0;
     for sighting in sightings {

@@ -5,14 +5,14 @@
 //! likelihood says that.
 
 use super::fit::ContourFit;
-use super::kind::Kind;
+use super::kind::ContourKind;
 
 /// Whether every corner of a polygon or chain is one: its sides longer than three σ of their ends, and no
 /// spike. More corners than the readings tell apart would otherwise explain noise.
 pub(super) fn corners_are_real(found: &ContourFit) -> bool {
     let (count, closed) = match &found.kind {
-        Kind::Polygon(count) => (*count, true),
-        Kind::Chain { arcs, closed } => (arcs.len() + usize::from(!closed), *closed),
+        ContourKind::Polygon(count) => (*count, true),
+        ContourKind::Chain { arcs, closed } => (arcs.len() + usize::from(!closed), *closed),
         _ => return true,
     };
     let theta = found.state.as_slice();
@@ -22,7 +22,7 @@ pub(super) fn corners_are_real(found: &ContourFit) -> bool {
         0.5 * (found.covariance[(k, k)] + found.covariance[(k + 1, k + 1)])
     };
     let sides = if closed { count } else { count - 1 };
-    let is_polygon = matches!(found.kind, Kind::Polygon(_));
+    let is_polygon = matches!(found.kind, ContourKind::Polygon(_));
     (0..sides).all(|i| {
         let (a, b, c) = (vertex(i), vertex(i + 1), vertex(i + 2));
         let (d, e) = ([b[0] - a[0], b[1] - a[1]], [c[0] - b[0], c[1] - b[1]]);
@@ -35,11 +35,11 @@ pub(super) fn corners_are_real(found: &ContourFit) -> bool {
 }
 
 /// Whether no vertex lies farther from the readings' middle than three times the farthest reading.
-pub(super) fn stays_near(kind: &Kind, state: &[f64], middle: [f64; 2], points: &[[f64; 2]]) -> bool {
+pub(super) fn stays_near(kind: &ContourKind, state: &[f64], middle: [f64; 2], points: &[[f64; 2]]) -> bool {
     let from = |p: [f64; 2]| (p[0] - middle[0]).hypot(p[1] - middle[1]);
     let reach = points.iter().map(|&p| from(p)).fold(0.0, f64::max);
     let theta = &state[..kind.parameters()];
     let near = |p: &[f64; 2]| from(*p) <= 3.0 * reach;
-    matches!(kind, Kind::Circle | Kind::Ellipse)
+    matches!(kind, ContourKind::Circle | ContourKind::Ellipse)
         || kind.outline(theta).is_none_or(|o| o.vertices.iter().all(near))
 }

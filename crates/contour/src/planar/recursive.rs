@@ -1,24 +1,27 @@
 //! One kind of contour fitted by a filter: a batch of a few readings, then one after the other.
 
 use super::fit::{
-    ContourFit, FitOptions, Judged, Method, ROBUST_THRESHOLDS, batch, corner_margin, equations, outlier_gate,
-    shared,
+    ContourFit, ContourFitOptions, GatedResiduals, Method, ROBUST_THRESHOLDS, batch, corner_margin,
+    equations, outlier_gate, shared,
 };
 use super::likelihood::placed;
-use super::sighting::{ContourReading, Setting, Sighting};
+use super::reading::{ContourEquation, ContourModel, ContourReading};
 use nalgebra::DMatrix;
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{KalmanFilter, Result, Termination};
 
 /// Readings that a filter starts from, spread over all, and the rest in their order. A sweep is not torn
 /// apart.
-pub(super) fn seed_of(sightings: &[Sighting], setting: &Setting) -> (Vec<Sighting>, Vec<Sighting>) {
+pub(super) fn split_seed(
+    sightings: &[ContourReading],
+    model: &ContourModel,
+) -> (Vec<ContourReading>, Vec<ContourReading>) {
     // Some on every side: a filter does not find its way back from a wrong phase.
-    let wanted = (4 * setting.unknowns())
-        .max(8 * setting.kind.pieces())
+    let wanted = (4 * model.unknowns())
+        .max(8 * model.kind.pieces())
         .max(12)
         .min(sightings.len() / 2)
-        .max(setting.unknowns());
+        .max(model.unknowns());
     let stride = (sightings.len() / wanted.max(1)).max(1);
     let mut counted = 0;
     let mut poses = Vec::new();
@@ -37,13 +40,13 @@ pub(super) fn seed_of(sightings: &[Sighting], setting: &Setting) -> (Vec<Sightin
 }
 
 pub(super) fn recursive(
-    setting: &Setting,
-    sightings: &[Sighting],
+    model: &ContourModel,
+    sightings: &[ContourReading],
     start: &[f64],
-    options: &FitOptions,
+    options: &ContourFitOptions,
 ) -> Result<ContourFit> {
-    let (seed, rest) = seed_of(sightings, setting);
-    let first = batch(setting, &seed, start, options, &ROBUST_THRESHOLDS)?;
+    let (seed, rest) = split_seed(sightings, model);
+    let first = batch(model, &seed, start, options, &ROBUST_THRESHOLDS)?;
     let mut filter = KalmanFilter::new(first.state, first.covariance)?;
     let mut update = match options.method {
         Method::Extended => ImplicitUpdate::extended(),
@@ -51,43 +54,44 @@ pub(super) fn recursive(
         _ => ImplicitUpdate::noise_updated(),
     };
     update.gate = options.gate;
-    update.margin = corner_margin(setting, sightings.len(), options);
+    update.margin = corner_margin(model, sightings.len(), options);
     update.correct_bias &= options.correct_bias;
-    let n = setting.unknowns();
+    let n = model.unknowns();
     let mut pose: Option<usize> = None;
     for sighting in &rest {
-        if setting.shared_poses
+        if model.shared_poses
             && (sighting.pose.is_none() || sighting.pose != pose || filter.mean().len() == n)
         {
             change_pose(&mut filter, n)?;
             pose = sighting.pose;
         }
-        let reading = ContourReading::of(setting, sighting);
+        let reading = ContourEquation::new(model, sighting);
         // An equation without a value at the prediction says nothing: the reading is left out.
         let _ = filter.update_implicit(&reading, &update);
     }
     let state = filter.mean().rows(0, n).into_owned();
     let covariance = filter.covariance().view((0, 0), (n, n)).into_owned();
     // Distances of all readings to what was found, without moving it.
-    let (all, groups) = equations(setting, sightings);
+    let (all, groups) = equations(model, sightings);
     let look = ImplicitOptions { max_iterations: 0, correct_bias: false, ..ImplicitOptions::default() };
-    let mut seen = fit_implicit(&all, shared(setting, &groups), &state, &look)?;
+    let mut seen = fit_implicit(&all, shared(model, &groups), &state, &look)?;
     // Behind them are those of what is held.
     seen.distances.truncate(sightings.len());
-    let Judged { used, squares, log_likelihood: by_distance } = Judged::of(&seen.distances, options.gate);
-    let placed = placed(setting, state.as_slice(), sightings, outlier_gate(options));
+    let GatedResiduals { used, squares, log_likelihood: by_distance } =
+        GatedResiduals::from_distances(&seen.distances, options.gate);
+    let placed = placed(model, state.as_slice(), sightings, outlier_gate(options));
     Ok(ContourFit {
-        kind: setting.kind.clone(),
+        kind: model.kind.clone(),
         state,
         covariance,
         distances: seen.distances,
         used,
         squares,
-        least_seen: placed.least_seen,
+        min_side_coverage: placed.min_side_coverage,
         log_likelihood: placed.log_likelihood.unwrap_or(by_distance),
         termination: Termination::Converged,
-        pivot: setting.pivot,
-        time_s: setting.time_s,
+        pivot: model.pivot,
+        time_s: model.time_s,
     })
 }
 

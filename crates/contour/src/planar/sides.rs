@@ -5,7 +5,7 @@
 //!
 //! Not guaranteed: σ of sides that are as short as their own σ.
 
-use super::Kind;
+use super::ContourKind;
 use nalgebra::{DMatrix, DVector};
 
 /// A side of a contour.
@@ -21,7 +21,7 @@ pub struct Side {
     pub sigma: f64,
 }
 
-impl Kind {
+impl ContourKind {
     /// The sides of a polygon or a chain, from parameters and their covariance (one row a parameter); none of
     /// other kinds, whose sizes are parameters. The sides of a regular polygon are all alike: the first
     /// stands for them.
@@ -89,7 +89,7 @@ mod tests {
     }
 
     /// `∇ᵀ Σ ∇` with the gradient by differences.
-    fn assert_sigma(kind: &Kind, theta: &[f64]) {
+    fn assert_sigma(kind: &ContourKind, theta: &[f64]) {
         let covariance = covariance(theta.len());
         let exact = DMatrix::zeros(theta.len(), theta.len());
         for side in kind.sides(theta, &covariance) {
@@ -113,31 +113,32 @@ mod tests {
     #[test]
     fn sides_of_polygons_have_the_sigma_of_their_vertices() {
         let triangle = [0.0, 0.0, 4.0, 0.0, 0.0, 3.0];
-        let sides = Kind::Polygon(3).sides(&triangle, &covariance(6));
+        let sides = ContourKind::Polygon(3).sides(&triangle, &covariance(6));
         let sizes: Vec<f64> = sides.iter().map(|side| side.size).collect();
         assert_eq!(sizes, [4.0, 5.0, 3.0]);
-        assert_sigma(&Kind::Polygon(3), &triangle);
+        assert_sigma(&ContourKind::Polygon(3), &triangle);
         // The sides of a hexagon are as long as its circumradius.
         let hexagon = [1.0, 2.0, 5.0, 0.3];
-        let side = Kind::RegularPolygon(6).sides(&hexagon, &DMatrix::from_diagonal_element(4, 4, 0.04))[0];
+        let side =
+            ContourKind::RegularPolygon(6).sides(&hexagon, &DMatrix::from_diagonal_element(4, 4, 0.04))[0];
         assert!((side.size - 5.0).abs() < 1e-12 && (side.sigma - 0.2).abs() < 1e-12, "{side:?}");
-        assert_sigma(&Kind::RegularPolygon(6), &hexagon);
+        assert_sigma(&ContourKind::RegularPolygon(6), &hexagon);
     }
 
     #[test]
     fn arcs_of_chains_have_radii_and_open_ends_no_length() {
         let quarter = (std::f64::consts::PI / 8.0).tan();
-        let closed = Kind::Chain { arcs: vec![false, true, false], closed: true };
+        let closed = ContourKind::Chain { arcs: vec![false, true, false], closed: true };
         let theta = [0.0, 0.0, 2.0, 0.0, 0.0, 2.0, quarter];
         let sides = closed.sides(&theta, &covariance(7));
         assert_eq!(sides.len(), 3);
         assert!(sides[1].is_arc && (sides[1].size - 2.0).abs() < 1e-12, "{sides:?}");
         assert_sigma(&closed, &theta);
-        let open = Kind::Chain { arcs: vec![false, false, true], closed: false };
+        let open = ContourKind::Chain { arcs: vec![false, false, true], closed: false };
         let theta = [0.0, 0.0, 2.0, 0.0, 2.0, 2.0, 1.0, 4.0, -0.2];
         let sides = open.sides(&theta, &covariance(9));
         assert_eq!(sides.iter().map(|s| s.piece).collect::<Vec<_>>(), [1, 2]);
         assert_sigma(&open, &theta);
-        assert!(Kind::Circle.sides(&[0.0, 0.0, 1.0], &covariance(3)).is_empty());
+        assert!(ContourKind::Circle.sides(&[0.0, 0.0, 1.0], &covariance(3)).is_empty());
     }
 }

@@ -1,8 +1,8 @@
 //! Readings of contours that are known exactly.
 
 use super::curve::{arc_circle, beyond, ends};
-use super::kind::Kind;
-use super::sighting::{Motion, Sighting, Target};
+use super::kind::ContourKind;
+use super::reading::{ContourReading, ContourTarget, PlanarMotion};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -31,9 +31,9 @@ pub struct SensorOptions {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SimulatedReadings {
     /// As a sensor gives them.
-    pub noisy: Vec<Sighting>,
+    pub noisy: Vec<ContourReading>,
     /// As they should be.
-    pub exact: Vec<Sighting>,
+    pub exact: Vec<ContourReading>,
 }
 
 /// Ranges to a closed contour from all around, at directions that follow one another, in an order that does
@@ -44,7 +44,7 @@ pub struct SimulatedReadings {
 /// Rays that meet nothing are drawn anew, at most a hundred times each.
 #[must_use]
 pub fn ranges(
-    kind: &Kind,
+    kind: &ContourKind,
     theta: &[f64],
     middle: [f64; 2],
     count: usize,
@@ -80,8 +80,8 @@ pub fn ranges(
             };
             let along = (options.sigma[3].powi(2) + (options.sigma_range_share * range).powi(2)).sqrt();
             let sigma = [options.sigma[0], options.sigma[1], options.sigma[2], along];
-            let exact = Sighting {
-                target: Target::Range { origin, heading_rad: heading, range, sigma },
+            let exact = ContourReading {
+                target: ContourTarget::Range { origin, heading_rad: heading, range, sigma },
                 pose: (options.sweep > 1).then_some(pose),
                 time_s: time,
                 line: made.exact.len() + 2,
@@ -89,8 +89,8 @@ pub fn ranges(
             let wild = random.random::<f64>() < options.outlier_share;
             let error: f64 = random.sample(StandardNormal);
             let read = if wild { range * random.random_range(0.5..2.0) } else { range + sigma[3] * error };
-            made.noisy.push(Sighting {
-                target: Target::Range {
+            made.noisy.push(ContourReading {
+                target: ContourTarget::Range {
                     origin: [origin[0] + sigma[0] * errors[0], origin[1] + sigma[1] * errors[1]],
                     heading_rad: heading + sigma[2] * errors[2],
                     range: read,
@@ -107,7 +107,7 @@ pub fn ranges(
 
 /// Points on the outline with errors of σ in both coordinates, drawn evenly from its length.
 #[must_use]
-pub fn points(kind: &Kind, theta: &[f64], count: usize, sigma: f64, seed: u64) -> SimulatedReadings {
+pub fn points(kind: &ContourKind, theta: &[f64], count: usize, sigma: f64, seed: u64) -> SimulatedReadings {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let Some(outline) = kind.outline(theta) else {
         return SimulatedReadings::default();
@@ -116,8 +116,8 @@ pub fn points(kind: &Kind, theta: &[f64], count: usize, sigma: f64, seed: u64) -
     let mut made = SimulatedReadings::default();
     for line in 0..count {
         let position = places[random.random_range(0..places.len())];
-        let sighting = |position| Sighting {
-            target: Target::Point { position, sigma },
+        let sighting = |position| ContourReading {
+            target: ContourTarget::Point { position, sigma },
             pose: None,
             time_s: 0.0,
             line: line + 2,
@@ -130,7 +130,7 @@ pub fn points(kind: &Kind, theta: &[f64], count: usize, sigma: f64, seed: u64) -
 }
 
 /// Places spread evenly over the outline, a few thousand.
-fn along(kind: &Kind, theta: &[f64], vertices: &[[f64; 2]]) -> Vec<[f64; 2]> {
+fn along(kind: &ContourKind, theta: &[f64], vertices: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let smooth = kind.pieces() == 1;
     let count = vertices.len();
     let bulge = |i: usize| if smooth { 0.0 } else { kind.bulge(theta, i).0 };
@@ -167,16 +167,16 @@ fn along(kind: &Kind, theta: &[f64], vertices: &[[f64; 2]]) -> Vec<[f64; 2]> {
 }
 
 /// The distance along a ray at which it first meets the contour.
-pub(crate) fn first_hit(kind: &Kind, theta: &[f64], from: [f64; 2], heading: f64) -> Option<f64> {
+pub(crate) fn first_hit(kind: &ContourKind, theta: &[f64], from: [f64; 2], heading: f64) -> Option<f64> {
     let (sin, cos) = heading.sin_cos();
     let circle = |center: [f64; 2], radius: f64| {
         let d = [from[0] - center[0], from[1] - center[1]];
         quadratic(1.0, cos * d[0] + sin * d[1], d[0] * d[0] + d[1] * d[1] - radius * radius)
     };
     let hits: Vec<f64> = match kind {
-        Kind::Line => Vec::new(),
-        Kind::Circle => circle([theta[0], theta[1]], theta[2]),
-        Kind::Ellipse => {
+        ContourKind::Line => Vec::new(),
+        ContourKind::Circle => circle([theta[0], theta[1]], theta[2]),
+        ContourKind::Ellipse => {
             let (s, c) = theta[4].sin_cos();
             let local = |v: [f64; 2]| [(c * v[0] + s * v[1]) / theta[2], (c * v[1] - s * v[0]) / theta[3]];
             let (d, e) = (local([from[0] - theta[0], from[1] - theta[1]]), local([cos, sin]));
@@ -236,11 +236,11 @@ impl SensorOptions {
 
     /// The motion that a fit of these readings needs.
     #[must_use]
-    pub fn motion(&self) -> Motion {
+    pub fn motion(&self) -> PlanarMotion {
         match self.velocity {
-            [0.0, 0.0, 0.0] => Motion::Still,
-            [_, _, 0.0] => Motion::Linear,
-            _ => Motion::Rigid,
+            [0.0, 0.0, 0.0] => PlanarMotion::Still,
+            [_, _, 0.0] => PlanarMotion::Linear,
+            _ => PlanarMotion::Rigid,
         }
     }
 }

@@ -5,13 +5,13 @@ mod sampled;
 mod segments;
 mod sequence;
 
-use super::fit::count_of;
-use super::kind::Kind;
-use super::sighting::Sighting;
+use super::fit::reading_count;
+use super::kind::ContourKind;
+use super::reading::ContourReading;
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::Result;
 use sampled::Curve;
-pub(crate) use segments::MOST_PIECES;
+pub(crate) use segments::MAX_PIECES;
 use segments::{chains, polygon};
 use sequence::Sequence;
 
@@ -29,17 +29,17 @@ use sequence::Sequence;
 /// Taubin 1991, *Estimation of planar curves*; Halíř and Flusser 1998, *Numerically stable direct least
 /// squares fitting of ellipses*; Bellman 1961, *On the approximation of curves by line segments using dynamic
 /// programming*.
-pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
-    let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+pub fn starts(kind: &ContourKind, sightings: &[ContourReading]) -> Result<Vec<Vec<f64>>> {
+    let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
     if points.len() < kind.parameters() {
         return Err(planish_estimate::Error::undetermined(format!(
             "{} cannot determine the {} parameters of a {kind}",
-            count_of(points.len()),
+            reading_count(points.len()),
             kind.parameters()
         )));
     }
     Ok(match kind {
-        Kind::Line => {
+        ContourKind::Line => {
             let curve = Curve {
                 needed: 2,
                 fit: &|p| (p.len() > 1).then(|| line(p)),
@@ -47,24 +47,24 @@ pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
             };
             with_sampled(&curve, vec![line(&points)], &points)
         }
-        Kind::Circle => {
+        ContourKind::Circle => {
             let curve =
                 Curve { needed: 3, fit: &circle, distance: &|c, p| (p[0] - c[0]).hypot(p[1] - c[1]) - c[2] };
             with_sampled(&curve, circle(&points).into_iter().collect(), &points)
         }
-        Kind::Ellipse => {
+        ContourKind::Ellipse => {
             let curve = Curve { needed: 5, fit: &direct_ellipse, distance: &|e, p| from_ellipse(e, p) };
             with_sampled(&curve, ellipse_starts(&points), &points)
         }
-        Kind::Rectangle => boxes(&points).into_iter().map(|b| b.to_vec()).collect(),
-        Kind::RoundedRectangle => {
+        ContourKind::Rectangle => boxes(&points).into_iter().map(|b| b.to_vec()).collect(),
+        ContourKind::RoundedRectangle => {
             let shares = [0.35, 0.15];
             let with = |b: &[f64; 5], share: f64| [&b[..], &[share * b[2].min(b[3])]].concat();
             boxes(&points).iter().flat_map(|b| shares.map(|share| with(b, share))).collect()
         }
-        Kind::Slot => boxes(&points).into_iter().map(slot_of).collect(),
-        Kind::RegularPolygon(sides) => regular(&points, *sides),
-        Kind::Polygon(count) => {
+        ContourKind::Slot => boxes(&points).into_iter().map(slot_of).collect(),
+        ContourKind::RegularPolygon(sides) => regular(&points, *sides),
+        ContourKind::Polygon(count) => {
             let mut found: Vec<Vec<f64>> =
                 polygon(&Sequence::closed(sightings), *count).into_iter().collect();
             // Sharp corners belong to polygons of few corners.
@@ -73,7 +73,7 @@ pub fn starts(kind: &Kind, sightings: &[Sighting]) -> Result<Vec<Vec<f64>>> {
             }
             found
         }
-        Kind::Chain { .. } => Vec::new(),
+        ContourKind::Chain { .. } => Vec::new(),
     })
 }
 
@@ -101,7 +101,7 @@ fn from_ellipse(e: &[f64], p: [f64; 2]) -> f64 {
 /// Chains of lines and arcs that may explain the readings, closed ones and open ones: their kinds and
 /// parameters.
 #[must_use]
-pub(crate) fn chain_starts(sightings: &[Sighting]) -> Vec<(Kind, Vec<f64>)> {
+pub(crate) fn chain_starts(sightings: &[ContourReading]) -> Vec<(ContourKind, Vec<f64>)> {
     let mut found = chains(&Sequence::closed(sightings));
     found.extend(Sequence::open(sightings).iter().flat_map(chains));
     found

@@ -1,6 +1,6 @@
 //! Laws of contours: derivatives, and that what is simulated is found within its covariance.
 
-use super::sighting::{ContourReading, Setting};
+use super::reading::{ContourEquation, ContourModel};
 use super::*;
 use nalgebra::DVector;
 use planish_estimate::implicit::{ImplicitReading, MOST_NOISE};
@@ -16,25 +16,25 @@ const SENSOR: SensorOptions = SensorOptions {
     rate_hz: 100.0,
 };
 
-fn examples() -> Vec<(Kind, Vec<f64>)> {
-    let chain = Kind::Chain { arcs: vec![false, true, false, true], closed: true };
+fn examples() -> Vec<(ContourKind, Vec<f64>)> {
+    let chain = ContourKind::Chain { arcs: vec![false, true, false, true], closed: true };
     vec![
-        (Kind::Line, vec![0.4, 0.3]),
-        (Kind::Circle, vec![0.1, -0.2, 1.0]),
-        (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
-        (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]),
-        (Kind::RoundedRectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5, 0.25]),
-        (Kind::Slot, vec![0.1, -0.2, 2.0, 0.9, 0.5]),
-        (Kind::RegularPolygon(5), vec![0.1, -0.2, 1.0, 0.3]),
-        (Kind::Polygon(4), vec![-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5]),
+        (ContourKind::Line, vec![0.4, 0.3]),
+        (ContourKind::Circle, vec![0.1, -0.2, 1.0]),
+        (ContourKind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
+        (ContourKind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]),
+        (ContourKind::RoundedRectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5, 0.25]),
+        (ContourKind::Slot, vec![0.1, -0.2, 2.0, 0.9, 0.5]),
+        (ContourKind::RegularPolygon(5), vec![0.1, -0.2, 1.0, 0.3]),
+        (ContourKind::Polygon(4), vec![-0.8, -0.7, 0.9, -0.5, 0.6, 0.8, -0.7, 0.5]),
         (chain, vec![-0.8, -0.5, 0.8, -0.5, 0.8, 0.5, -0.8, 0.5, 0.7, -0.3]),
     ]
 }
 
 #[test]
 fn derivatives_are_those_of_differences() {
-    let sighting = Sighting {
-        target: Target::Range {
+    let sighting = ContourReading {
+        target: ContourTarget::Range {
             origin: [3.0, 1.0],
             heading_rad: 3.3,
             range: 2.2,
@@ -48,16 +48,16 @@ fn derivatives_are_those_of_differences() {
         for (form, shared_poses) in
             [(Form::ActiveFacet, false), (Form::ActiveFacet, true), (Form::Product, false)]
         {
-            let setting = Setting {
+            let model = ContourModel {
                 kind: kind.clone(),
                 form,
-                motion: Motion::Rigid,
+                motion: PlanarMotion::Rigid,
                 pivot: [0.2, 0.1],
                 time_s: 0.0,
                 shared_poses,
-                held: Vec::new(),
+                constraints: Vec::new(),
             };
-            let reading = ContourReading::of(&setting, &sighting);
+            let reading = ContourEquation::new(&model, &sighting);
             let mut x = [&theta[..], &[0.3, -0.2, 0.4]].concat();
             if shared_poses {
                 x.extend([0.5, -0.3, 0.2]);
@@ -70,7 +70,7 @@ fn derivatives_are_those_of_differences() {
     }
 }
 
-fn check(reading: &ContourReading<'_>, branch: usize, x: &[f64], u: &[f64], name: &str) {
+fn check(reading: &ContourEquation<'_>, branch: usize, x: &[f64], u: &[f64], name: &str) {
     let value = |x: &[f64], u: &[f64]| {
         let (mut h, mut d) = (vec![0.0; x.len()], vec![0.0; u.len()]);
         let g = reading.gradient(branch, x, u, &mut h, &mut d);
@@ -119,10 +119,10 @@ fn check(reading: &ContourReading<'_>, branch: usize, x: &[f64], u: &[f64], name
 
 /// The mean NEES over its dimension, of seeded runs.
 fn consistency(
-    kind: &Kind,
+    kind: &ContourKind,
     theta: &[f64],
     sensor: &SensorOptions,
-    options: &FitOptions,
+    options: &ContourFitOptions,
     extra: &[f64],
 ) -> ChiSquareMean {
     let truth = DVector::from_vec([theta, extra].concat());
@@ -148,11 +148,11 @@ fn consistency(
 #[test]
 fn what_was_simulated_is_found_within_its_covariance() {
     for method in [Method::Combined, Method::Batch, Method::NoiseUpdated] {
-        let options = FitOptions { method, gate: None, ..FitOptions::default() };
+        let options = ContourFitOptions { method, gate: None, ..ContourFitOptions::default() };
         for (kind, theta) in [
-            (Kind::Circle, vec![0.1, -0.2, 1.0]),
-            (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
-            (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]),
+            (ContourKind::Circle, vec![0.1, -0.2, 1.0]),
+            (ContourKind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
+            (ContourKind::Rectangle, vec![0.1, -0.2, 1.6, 1.2, 0.5]),
         ] {
             let nees = consistency(&kind, &theta, &SENSOR, &options, &[]);
             assert!((0.6..1.5).contains(&nees.reduced()), "{kind} {method:?}: {}", nees.reduced());
@@ -164,8 +164,8 @@ fn what_was_simulated_is_found_within_its_covariance() {
 fn a_sweep_shares_the_error_of_its_pose() {
     let sensor = SensorOptions { sweep: 10, ..SENSOR };
     for method in [Method::Batch, Method::NoiseUpdated] {
-        let options = FitOptions { method, gate: None, ..FitOptions::default() };
-        let nees = consistency(&Kind::Circle, &[0.1, -0.2, 1.0], &sensor, &options, &[]);
+        let options = ContourFitOptions { method, gate: None, ..ContourFitOptions::default() };
+        let nees = consistency(&ContourKind::Circle, &[0.1, -0.2, 1.0], &sensor, &options, &[]);
         assert!((0.5..1.6).contains(&nees.reduced()), "{method:?}: {}", nees.reduced());
     }
 }
@@ -173,22 +173,24 @@ fn a_sweep_shares_the_error_of_its_pose() {
 #[test]
 fn a_moving_thing_is_found_with_its_velocity() {
     let sensor = SensorOptions { velocity: [0.2, -0.1, 0.0], ..SENSOR };
-    let options = FitOptions { motion: Motion::Linear, gate: None, ..FitOptions::default() };
+    let options =
+        ContourFitOptions { motion: PlanarMotion::Linear, gate: None, ..ContourFitOptions::default() };
     // The contour's time is that of the first reading, which is zero.
-    let nees = consistency(&Kind::Circle, &[0.1, -0.2, 1.0], &sensor, &options, &[0.2, -0.1]);
+    let nees = consistency(&ContourKind::Circle, &[0.1, -0.2, 1.0], &sensor, &options, &[0.2, -0.1]);
     assert!((0.5..1.6).contains(&nees.reduced()), "{}", nees.reduced());
 }
 
 #[test]
 fn kinds_are_told_apart_where_the_noise_allows() {
     for (kind, theta) in [
-        (Kind::Circle, vec![0.1, -0.2, 1.0]),
-        (Kind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
-        (Kind::Rectangle, vec![0.1, -0.2, 1.6, 1.0, 0.5]),
-        (Kind::Slot, vec![0.1, -0.2, 2.0, 0.9, 0.5]),
+        (ContourKind::Circle, vec![0.1, -0.2, 1.0]),
+        (ContourKind::Ellipse, vec![0.1, -0.2, 1.0, 0.6, 0.5]),
+        (ContourKind::Rectangle, vec![0.1, -0.2, 1.6, 1.0, 0.5]),
+        (ContourKind::Slot, vec![0.1, -0.2, 2.0, 0.9, 0.5]),
     ] {
         let made = ranges(&kind, &theta, [0.1, -0.2], 200, &SENSOR, 4);
-        let choice = choose(&auto_kinds(), false, &made.noisy, &FitOptions::default()).expect("a choice");
+        let choice =
+            choose(&auto_kinds(), false, &made.noisy, &ContourFitOptions::default()).expect("a choice");
         assert_eq!(choice.fit.kind, kind, "{:?}", choice.alternatives);
     }
 }
@@ -200,29 +202,33 @@ fn readings_near_corners_do_not_widen_a_rectangle() {
     let truth = [0.1, -0.2, 1.6, 1.2, 0.5];
     let runs = 24;
     let mean_of = |corner_margin| {
-        let options =
-            FitOptions { method: Method::Batch, gate: None, corner_margin, ..FitOptions::default() };
+        let options = ContourFitOptions {
+            method: Method::Batch,
+            gate: None,
+            corner_margin,
+            ..ContourFitOptions::default()
+        };
         let one = |run| {
-            let made = ranges(&Kind::Rectangle, &truth, [0.1, -0.2], 800, &sensor, run);
-            let found = fit(&Kind::Rectangle, &made.noisy, &options).expect("a fit");
-            let (theta, from) = Kind::Rectangle.canonical(found.state.as_slice());
+            let made = ranges(&ContourKind::Rectangle, &truth, [0.1, -0.2], 800, &sensor, run);
+            let found = fit(&ContourKind::Rectangle, &made.noisy, &options).expect("a fit");
+            let (theta, from) = ContourKind::Rectangle.canonical(found.state.as_slice());
             (theta[2] - truth[2]) / found.covariance[(from[2].0, from[2].0)].sqrt()
         };
         (0..runs).map(one).sum::<f64>() / runs as f64
     };
-    let (all, kept) = (mean_of(None), mean_of(FitOptions::default().corner_margin));
+    let (all, kept) = (mean_of(None), mean_of(ContourFitOptions::default().corner_margin));
     assert!(all > 0.8 && kept.abs() < 0.6, "{all} {kept}");
 }
 
 #[test]
 fn parts_and_holes_are_told_apart() {
     let (outer, inner) = (vec![0.0, 0.0, 2.0, 1.6, 0.3], vec![0.0, 0.0, 0.3]);
-    let mut all = points(&Kind::Rectangle, &outer, 400, 0.01, 1).noisy;
-    all.extend(points(&Kind::Circle, &inner, 100, 0.01, 2).noisy);
+    let mut all = points(&ContourKind::Rectangle, &outer, 400, 0.01, 1).noisy;
+    all.extend(points(&ContourKind::Circle, &inner, 100, 0.01, 2).noisy);
     let groups = separate(&all, 0.2);
     assert_eq!(groups.iter().map(Vec::len).collect::<Vec<_>>(), [400, 100]);
-    let outline = Kind::Rectangle.outline(&outer).expect("an outline");
-    let hole = Kind::Circle.outline(&inner).expect("an outline");
+    let outline = ContourKind::Rectangle.outline(&outer).expect("an outline");
+    let hole = ContourKind::Circle.outline(&inner).expect("an outline");
     assert!(hole.vertices.iter().all(|&v| contains(&outline, v)));
     assert!(!contains(&hole, outline.vertices[0]));
 }
@@ -230,8 +236,8 @@ fn parts_and_holes_are_told_apart() {
 #[test]
 fn wild_readings_are_left_out() {
     let sensor = SensorOptions { outlier_share: 0.15, ..SENSOR };
-    let made = ranges(&Kind::Circle, &[0.1, -0.2, 1.0], [0.1, -0.2], 200, &sensor, 9);
-    let found = fit(&Kind::Circle, &made.noisy, &FitOptions::default()).expect("a fit");
+    let made = ranges(&ContourKind::Circle, &[0.1, -0.2, 1.0], [0.1, -0.2], 200, &sensor, 9);
+    let found = fit(&ContourKind::Circle, &made.noisy, &ContourFitOptions::default()).expect("a fit");
     let off = found.state - DVector::from_column_slice(&[0.1, -0.2, 1.0]);
     assert!(normalized_squared(&off, &found.covariance).expect("a value") < 16.0);
     let left_out = found.used.iter().filter(|used| !**used).count();
@@ -248,8 +254,8 @@ fn triangles_with_sharp_corners_are_found() {
         ..SENSOR
     };
     for seed in 0..40 {
-        let made = ranges(&Kind::Polygon(3), &truth, [40.0, 30.0], 300, &options, seed);
-        let found = fit(&Kind::Polygon(3), &made.noisy, &FitOptions::default());
+        let made = ranges(&ContourKind::Polygon(3), &truth, [40.0, 30.0], 300, &options, seed);
+        let found = fit(&ContourKind::Polygon(3), &made.noisy, &ContourFitOptions::default());
         let found = found.unwrap_or_else(|e| panic!("seed {seed}: {e}"));
         let (theta, _) = found.kind.canonical(found.state.as_slice());
         let near = |p: &[f64]| {
@@ -262,7 +268,7 @@ fn triangles_with_sharp_corners_are_found() {
 
 #[test]
 fn open_outlines_and_outlines_with_arcs_are_chains() {
-    let chain = |arcs: &[bool], closed| Kind::Chain { arcs: arcs.to_vec(), closed };
+    let chain = |arcs: &[bool], closed| ContourKind::Chain { arcs: arcs.to_vec(), closed };
     for (kind, theta, middle) in [
         // An open angle, a rounded step, each from one side; a D from all around.
         (chain(&[false, false], false), vec![-1.0, 0.3, 0.1, -0.5, 0.8, 0.7], [0.0, 1.0]),
@@ -276,10 +282,11 @@ fn open_outlines_and_outlines_with_arcs_are_chains() {
         let mut found = 0;
         for seed in 0..6 {
             let made = ranges(&kind, &theta, middle, 200, &SENSOR, seed);
-            let choice = choose(&auto_kinds(), true, &made.noisy, &FitOptions::default()).expect("a choice");
+            let choice =
+                choose(&auto_kinds(), true, &made.noisy, &ContourFitOptions::default()).expect("a choice");
             // A closed chain may begin at any of its vertices.
             let of_kind = |fit: &ContourFit| match (&fit.kind, &kind) {
-                (Kind::Chain { arcs: a, closed: c }, Kind::Chain { arcs: b, closed: d }) => {
+                (ContourKind::Chain { arcs: a, closed: c }, ContourKind::Chain { arcs: b, closed: d }) => {
                     c == d
                         && a.len() == b.len()
                         && a.iter().filter(|x| **x).count() == b.iter().filter(|x| **x).count()
@@ -297,11 +304,12 @@ fn corners_that_are_rounded_are_told_from_sharp_ones_in_much_noise() {
     // By their distances to the nearest side alone half of these were taken for rectangles.
     let sensor = SensorOptions::around(1.0, 1.0);
     let theta = [0.0, 0.0, 1.8, 1.2, 0.5, 0.3];
-    let kinds = [Kind::Rectangle, Kind::RoundedRectangle, Kind::Slot, Kind::Ellipse];
+    let kinds =
+        [ContourKind::Rectangle, ContourKind::RoundedRectangle, ContourKind::Slot, ContourKind::Ellipse];
     let rounded = (0..10).filter(|&seed| {
-        let made = ranges(&Kind::RoundedRectangle, &theta, [0.0; 2], 200, &sensor, seed);
-        let choice = choose(&kinds, false, &made.noisy, &FitOptions::default()).expect("a choice");
-        choice.fit.kind == Kind::RoundedRectangle
+        let made = ranges(&ContourKind::RoundedRectangle, &theta, [0.0; 2], 200, &sensor, seed);
+        let choice = choose(&kinds, false, &made.noisy, &ContourFitOptions::default()).expect("a choice");
+        choice.fit.kind == ContourKind::RoundedRectangle
     });
     let count = rounded.count();
     assert!(count >= 9, "{count} of 10");
@@ -309,14 +317,14 @@ fn corners_that_are_rounded_are_told_from_sharp_ones_in_much_noise() {
 
 #[test]
 fn readings_that_are_all_of_one_place_are_refused_at_once() {
-    let reading = Sighting {
-        target: Target::Point { position: [1.0, 1.0], sigma: 0.1 },
+    let reading = ContourReading {
+        target: ContourTarget::Point { position: [1.0, 1.0], sigma: 0.1 },
         time_s: 0.0,
         pose: None,
         line: 1,
     };
     for kind in auto_kinds() {
-        assert!(fit(&kind, &vec![reading; 40], &FitOptions::default()).is_err(), "{kind}");
+        assert!(fit(&kind, &vec![reading; 40], &ContourFitOptions::default()).is_err(), "{kind}");
     }
 }
 
@@ -326,13 +334,13 @@ fn a_short_arc_is_known_as_well_as_it_says() {
     let sensor = SensorOptions::around(1.0, 1.0);
     let runs = 24;
     let nees = |run: u64| {
-        let seen = ranges(&Kind::Circle, &[0.0, 0.0, 1.0], [0.0; 2], 300, &sensor, run).noisy;
-        let is_near = |s: &&Sighting| {
+        let seen = ranges(&ContourKind::Circle, &[0.0, 0.0, 1.0], [0.0; 2], 300, &sensor, run).noisy;
+        let is_near = |s: &&ContourReading| {
             let [x, y] = s.point();
             y.atan2(x).abs() < 1.05
         };
-        let arc: Vec<Sighting> = seen.iter().filter(is_near).copied().collect();
-        let found = fit(&Kind::Circle, &arc, &FitOptions::default()).expect("a fit");
+        let arc: Vec<ContourReading> = seen.iter().filter(is_near).copied().collect();
+        let found = fit(&ContourKind::Circle, &arc, &ContourFitOptions::default()).expect("a fit");
         (found.state[2] - 1.0).powi(2) / found.covariance[(2, 2)]
     };
     let mean = (0..runs).map(nees).sum::<f64>() / runs as f64;
@@ -341,7 +349,7 @@ fn a_short_arc_is_known_as_well_as_it_says() {
 
 #[test]
 fn readings_of_one_place_show_no_outline() {
-    let spot = points(&Kind::Circle, &[0.0, 0.0, 1e-3], 50, 0.1, 1).exact;
-    let e = choose(&auto_kinds(), true, &spot, &FitOptions::default()).unwrap_err();
+    let spot = points(&ContourKind::Circle, &[0.0, 0.0, 1e-3], 50, 0.1, 1).exact;
+    let e = choose(&auto_kinds(), true, &spot, &ContourFitOptions::default()).unwrap_err();
     assert!(e.to_string().contains("all 50 readings lie nearer together"), "{e}");
 }

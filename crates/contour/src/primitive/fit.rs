@@ -1,15 +1,15 @@
 //! A shape fitted to rays, by the batch or a filter, and the choice among shapes.
 
 use super::ray::{Ray, ShapeReading};
-use super::shape::{Chart, Shape};
+use super::shape::{Chart, PrimitiveKind};
 use super::start::starts;
-use crate::planar::{FitOptions, Judged, Method};
+use crate::planar::{ContourFitOptions, GatedResiduals, Method};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::implicit::{ImplicitOptions, ImplicitUpdate, fit_implicit};
 use planish_estimate::{Error, KalmanFilter, Loss, Result, Termination};
 
 /// Readings a side from which a filter of several sides starts.
-const SEED_A_SIDE: usize = 24;
+const SEED_PER_SIDE: usize = 24;
 /// Spacing of the differences that carry a covariance to reported parameters, in σ.
 const SPACING: f64 = 1e-3;
 
@@ -17,8 +17,8 @@ const SPACING: f64 = 1e-3;
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrimitiveFit {
     /// The shape.
-    pub shape: Shape,
-    /// Its parameters, in the order of [`Shape::names`].
+    pub shape: PrimitiveKind,
+    /// Its parameters, in the order of [`PrimitiveKind::names`].
     pub parameters: Vec<f64>,
     /// Their covariance: of the rank of the shape's unknowns, which are fewer where directions are among
     /// them.
@@ -56,7 +56,7 @@ impl PrimitiveFit {
 ///
 /// # Errors
 /// `Undetermined` when the readings do not determine the parameters, or when no start leads anywhere.
-pub fn fit(shape: Shape, rays: &[Ray], options: &FitOptions) -> Result<PrimitiveFit> {
+pub fn fit(shape: PrimitiveKind, rays: &[Ray], options: &ContourFitOptions) -> Result<PrimitiveFit> {
     if rays.len() < shape.unknowns() {
         return Err(Error::undetermined(format!(
             "{} readings cannot determine the {} unknowns of a {shape}: give more readings",
@@ -86,10 +86,10 @@ pub fn fit(shape: Shape, rays: &[Ray], options: &FitOptions) -> Result<Primitive
 /// # Errors
 /// `Undetermined` when none could be fitted.
 pub fn choose(
-    shapes: &[Shape],
+    shapes: &[PrimitiveKind],
     rays: &[Ray],
-    options: &FitOptions,
-) -> Result<(PrimitiveFit, Vec<(Shape, f64)>)> {
+    options: &ContourFitOptions,
+) -> Result<(PrimitiveFit, Vec<(PrimitiveKind, f64)>)> {
     let mut found = Vec::new();
     let mut last = None;
     for &shape in shapes {
@@ -107,7 +107,7 @@ pub fn choose(
 }
 
 fn readings<'a>(
-    shape: Shape,
+    shape: PrimitiveKind,
     chart: &'a Chart,
     rays: impl Iterator<Item = &'a Ray>,
 ) -> Vec<ShapeReading<'a>> {
@@ -115,11 +115,11 @@ fn readings<'a>(
 }
 
 fn fit_from(
-    shape: Shape,
+    shape: PrimitiveKind,
     chart: &Chart,
     rays: &[Ray],
     start: &[f64],
-    options: &FitOptions,
+    options: &ContourFitOptions,
 ) -> Result<PrimitiveFit> {
     let all = readings(shape, chart, rays.iter());
     let mut at = DVector::from_column_slice(start);
@@ -134,7 +134,8 @@ fn fit_from(
         at = fit_implicit(&all, None, &at, &robust)?.state;
     }
     let look = ImplicitOptions { max_iterations: 0, ..settings };
-    let near = Judged::of(&fit_implicit(&all, None, &at, &look)?.distances, options.gate).used;
+    let near =
+        GatedResiduals::from_distances(&fit_implicit(&all, None, &at, &look)?.distances, options.gate).used;
     let kept = readings(shape, chart, rays.iter().zip(&near).filter(|(_, u)| **u).map(|(ray, _)| ray));
     if kept.len() < shape.unknowns() {
         return Err(Error::undetermined("too few readings lie near the shape"));
@@ -152,7 +153,7 @@ fn fit_from(
         // Readings enough on every side: a filter decides once which side a reading is of, and does not find
         // back from an edge that was taken to be elsewhere.
         let wanted = ((4 * shape.unknowns()).max(12))
-            .max(SEED_A_SIDE * shape.pieces().saturating_sub(1))
+            .max(SEED_PER_SIDE * shape.pieces().saturating_sub(1))
             .min(kept.len());
         let stride = (kept.len() / wanted).max(1);
         let (seed, rest): (Vec<_>, Vec<_>) = kept.into_iter().enumerate().partition(|(i, _)| i % stride == 0);
@@ -176,11 +177,12 @@ fn fit_from(
     if !shape.is_valid(state.as_slice()) {
         return Err(Error::undetermined("a size is not positive"));
     }
-    if shape == Shape::Box && sides_are_one(rays, state.as_slice()) {
+    if shape == PrimitiveKind::Box && sides_are_one(rays, state.as_slice()) {
         return Err(Error::undetermined("the box is so thin that noise does not tell its two sides apart"));
     }
     let distances = fit_implicit(&all, None, &state, &look)?.distances;
-    let Judged { used, squares, log_likelihood } = Judged::of(&distances, options.gate);
+    let GatedResiduals { used, squares, log_likelihood } =
+        GatedResiduals::from_distances(&distances, options.gate);
     Ok(PrimitiveFit {
         shape,
         parameters: chart.reported(shape, state.as_slice()),
@@ -201,7 +203,7 @@ fn sides_are_one(rays: &[Ray], x: &[f64]) -> bool {
 }
 
 fn reported_covariance(
-    shape: Shape,
+    shape: PrimitiveKind,
     chart: &Chart,
     state: &DVector<f64>,
     covariance: &DMatrix<f64>,

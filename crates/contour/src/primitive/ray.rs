@@ -1,12 +1,12 @@
 //! A reading in space as an implicit equation.
 
-use super::shape::{Chart, Shape, distance, overshoot, within};
+use super::shape::{Chart, PrimitiveKind, distance, overshoot, within};
 use nalgebra::{Matrix3, Vector3};
 use planish_estimate::implicit::{ImplicitReading, MOST_STATE};
 
 /// What a sensor saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Seen {
+pub enum RayTarget {
     /// A range from a pose: `origin + range (cos e cos a, cos e sin a, sin e)`.
     Range {
         /// Where the sensor was thought to be.
@@ -31,7 +31,7 @@ pub enum Seen {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
     /// What was seen.
-    pub seen: Seen,
+    pub seen: RayTarget,
     /// Line of the file it comes from, or its index.
     pub line: usize,
 }
@@ -45,8 +45,8 @@ impl Ray {
 
     fn noises(&self) -> usize {
         match self.seen {
-            Seen::Range { .. } => 6,
-            Seen::Point { .. } => 3,
+            RayTarget::Range { .. } => 6,
+            RayTarget::Point { .. } => 3,
         }
     }
 
@@ -54,13 +54,13 @@ impl Ray {
     fn place(&self, u: &[f64]) -> (Vector3<f64>, [Vector3<f64>; 6]) {
         let mut by_noise = [Vector3::zeros(); 6];
         match self.seen {
-            Seen::Point { position, sigma } => {
+            RayTarget::Point { position, sigma } => {
                 for (k, column) in by_noise.iter_mut().enumerate().take(3) {
                     column[k] = -sigma;
                 }
                 (Vector3::from(position) - Vector3::new(u[0], u[1], u[2]) * sigma, by_noise)
             }
-            Seen::Range { origin, direction_rad, range, sigma } => {
+            RayTarget::Range { origin, direction_rad, range, sigma } => {
                 let (sa, ca) = (direction_rad[0] - sigma[3] * u[3]).sin_cos();
                 let (se, ce) = (direction_rad[1] - sigma[4] * u[4]).sin_cos();
                 let length = range - sigma[5] * u[5];
@@ -86,7 +86,7 @@ impl Ray {
 
 /// A ray against a shape.
 pub(crate) struct ShapeReading<'a> {
-    pub(crate) shape: Shape,
+    pub(crate) shape: PrimitiveKind,
     pub(crate) chart: &'a Chart,
     pub(crate) ray: &'a Ray,
 }
@@ -135,7 +135,7 @@ impl ImplicitReading for ShapeReading<'_> {
         value
     }
 
-    fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+    fn beyond_end_penalty(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let (p, _) = self.ray.place(u);
         let over = overshoot(self.chart, x, branch, &p);
         if over == Vector3::zeros() {

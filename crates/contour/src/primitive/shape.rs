@@ -5,7 +5,7 @@ use std::fmt;
 
 /// What sort of surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Shape {
+pub enum PrimitiveKind {
     /// `normal_x normal_y normal_z offset`: the points with `n·p = offset`.
     Plane,
     /// `center_x center_y center_z radius`.
@@ -17,7 +17,7 @@ pub enum Shape {
     Box,
 }
 
-impl fmt::Display for Shape {
+impl fmt::Display for PrimitiveKind {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         out.write_str(match self {
             Self::Plane => "plane3",
@@ -28,7 +28,7 @@ impl fmt::Display for Shape {
     }
 }
 
-impl Shape {
+impl PrimitiveKind {
     /// All shapes.
     pub const ALL: [Self; 4] = [Self::Plane, Self::Sphere, Self::Cylinder, Self::Box];
 
@@ -109,21 +109,21 @@ impl Chart {
     }
 
     /// Parameters as they are reported, about this chart.
-    pub(crate) fn reported(&self, shape: Shape, x: &[f64]) -> Vec<f64> {
+    pub(crate) fn reported(&self, shape: PrimitiveKind, x: &[f64]) -> Vec<f64> {
         match shape {
-            Shape::Plane => {
+            PrimitiveKind::Plane => {
                 let (n, _) = self.direction(x[0], x[1]);
                 vec![n.x, n.y, n.z, x[2] + n.dot(&self.pivot)]
             }
-            Shape::Sphere => (0..4).map(|k| x[k] + if k < 3 { self.pivot[k] } else { 0.0 }).collect(),
-            Shape::Cylinder => {
+            PrimitiveKind::Sphere => (0..4).map(|k| x[k] + if k < 3 { self.pivot[k] } else { 0.0 }).collect(),
+            PrimitiveKind::Cylinder => {
                 let (n, _) = self.direction(x[2], x[3]);
                 let c = self.axis_point(x);
                 // The point of the axis nearest to the pivot.
                 let p = c + n * n.dot(&(self.pivot - c));
                 vec![p.x, p.y, p.z, n.x, n.y, n.z, x[4]]
             }
-            Shape::Box => {
+            PrimitiveKind::Box => {
                 let r = self.rotation([x[3], x[4], x[5]]);
                 let mut values: Vec<f64> = (0..3).map(|k| x[k] + self.pivot[k]).collect();
                 // Longest first; directions with a first component that is not negative.
@@ -147,7 +147,7 @@ impl Chart {
 
 /// Signed distance to a piece of a shape, positive outside, and `∂g/∂p`; fills `∂g/∂x`.
 pub(crate) fn distance(
-    shape: Shape,
+    shape: PrimitiveKind,
     chart: &Chart,
     x: &[f64],
     piece: usize,
@@ -155,7 +155,7 @@ pub(crate) fn distance(
     by_state: &mut [f64],
 ) -> (f64, Vector3<f64>) {
     match shape {
-        Shape::Plane => {
+        PrimitiveKind::Plane => {
             let (n, by) = chart.direction(x[0], x[1]);
             let d = p - chart.pivot;
             by_state[0] = by[0].dot(&d);
@@ -163,7 +163,7 @@ pub(crate) fn distance(
             by_state[2] = -1.0;
             (n.dot(&d) - x[2], n)
         }
-        Shape::Sphere => {
+        PrimitiveKind::Sphere => {
             let d = p - chart.pivot - Vector3::new(x[0], x[1], x[2]);
             let length = d.norm();
             let n = d / length;
@@ -173,7 +173,7 @@ pub(crate) fn distance(
             by_state[3] = -1.0;
             (length - x[3], n)
         }
-        Shape::Cylinder => {
+        PrimitiveKind::Cylinder => {
             let (axis, by) = chart.direction(x[2], x[3]);
             let d = p - chart.axis_point(x);
             let along = axis.dot(&d);
@@ -188,7 +188,7 @@ pub(crate) fn distance(
             by_state[4] = -1.0;
             (length - x[4], n)
         }
-        Shape::Box => {
+        PrimitiveKind::Box => {
             let (axis, sign) = side(piece);
             let w = Vector3::new(x[3], x[4], x[5]);
             let r = chart.rotation([x[3], x[4], x[5]]);
@@ -211,8 +211,8 @@ pub(crate) fn distance(
 
 /// How far a point lies from the nearest edge of a side of a box, within it; less than none beyond it.
 /// Infinitely far for what has no edges.
-pub(crate) fn within(shape: Shape, chart: &Chart, x: &[f64], piece: usize, p: &Vector3<f64>) -> f64 {
-    if shape != Shape::Box {
+pub(crate) fn within(shape: PrimitiveKind, chart: &Chart, x: &[f64], piece: usize, p: &Vector3<f64>) -> f64 {
+    if shape != PrimitiveKind::Box {
         return f64::INFINITY;
     }
     let q = local(chart, x, p);

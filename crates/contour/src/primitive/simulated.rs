@@ -1,7 +1,7 @@
 //! Rays to shapes that are known exactly.
 
-use super::ray::{Ray, Seen};
-use super::shape::Shape;
+use super::ray::{Ray, RayTarget};
+use super::shape::PrimitiveKind;
 use nalgebra::{Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -9,9 +9,9 @@ use rand_distr::StandardNormal;
 
 /// A shape that is measured: its kind, where its middle is, how it is turned, and its sizes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Solid {
+pub struct SimulatedPrimitive {
     /// The shape.
-    pub shape: Shape,
+    pub shape: PrimitiveKind,
     /// Its middle.
     pub center: [f64; 3],
     /// Rotation vector, world from its own axes; planes look along their third axis, cylinders lie along it.
@@ -44,8 +44,8 @@ pub struct SimulatedRays {
     pub exact: Vec<Ray>,
 }
 
-impl Solid {
-    /// The parameters in the order of [`Shape::names`]; of a cylinder with the middle as its point.
+impl SimulatedPrimitive {
+    /// The parameters in the order of [`PrimitiveKind::names`]; of a cylinder with the middle as its point.
     #[must_use]
     pub fn parameters(&self) -> Vec<f64> {
         let r = self.rotation();
@@ -55,16 +55,16 @@ impl Solid {
         };
         let mut values = self.center.to_vec();
         match self.shape {
-            Shape::Plane => {
+            PrimitiveKind::Plane => {
                 let n = axis(2);
                 values = vec![n.x, n.y, n.z, n.dot(&Vector3::from(self.center))];
             }
-            Shape::Sphere => values.push(self.size[0]),
-            Shape::Cylinder => {
+            PrimitiveKind::Sphere => values.push(self.size[0]),
+            PrimitiveKind::Cylinder => {
                 values.extend(axis(2).iter());
                 values.push(self.size[0]);
             }
-            Shape::Box => {
+            PrimitiveKind::Box => {
                 let mut order = [0, 1, 2];
                 order.sort_by(|&a: &usize, &b: &usize| self.size[b].total_cmp(&self.size[a]));
                 values.extend(order.map(|k| self.size[k]));
@@ -84,20 +84,20 @@ impl Solid {
     fn draw(&self, random: &mut ChaCha8Rng) -> (Vector3<f64>, Vector3<f64>) {
         let mut side = |length: f64| length * random.random_range(-0.5..0.5);
         match self.shape {
-            Shape::Plane => (Vector3::new(side(self.size[0]), side(self.size[1]), 0.0), Vector3::z()),
-            Shape::Sphere => {
+            PrimitiveKind::Plane => (Vector3::new(side(self.size[0]), side(self.size[1]), 0.0), Vector3::z()),
+            PrimitiveKind::Sphere => {
                 let z: f64 = side(2.0);
                 let (sin, cos) = side(std::f64::consts::TAU).sin_cos();
                 let across = (1.0 - z * z).sqrt();
                 let n = Vector3::new(across * cos, across * sin, z);
                 (n * self.size[0], n)
             }
-            Shape::Cylinder => {
+            PrimitiveKind::Cylinder => {
                 let (sin, cos) = side(std::f64::consts::TAU).sin_cos();
                 let n = Vector3::new(cos, sin, 0.0);
                 (n * self.size[0] + Vector3::z() * side(self.size[1]), n)
             }
-            Shape::Box => {
+            PrimitiveKind::Box => {
                 let [a, b, c] = self.size;
                 let at = random.random_range(0.0..b * c + a * c + a * b);
                 let axis = usize::from(at > b * c) + usize::from(at > b * c + a * c);
@@ -113,7 +113,7 @@ impl Solid {
 /// Rays to a shape from all around. Each aims at a place drawn evenly from the surface, from within 35° of
 /// the normal there: what it meets first is that place. The same seed gives the same rays.
 #[must_use]
-pub fn rays(solid: &Solid, count: usize, sensor: &SpaceSensor, seed: u64) -> SimulatedRays {
+pub fn rays(solid: &SimulatedPrimitive, count: usize, sensor: &SpaceSensor, seed: u64) -> SimulatedRays {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut made = SimulatedRays::default();
     let (rotation, center) = (solid.rotation(), Vector3::from(solid.center));
@@ -132,13 +132,13 @@ pub fn rays(solid: &Solid, count: usize, sensor: &SpaceSensor, seed: u64) -> Sim
         let [position, angle] = [sensor.sigma_position, sensor.sigma_angle_rad];
         let sigma = [position, position, position, angle, angle, sigma_range];
         let mut error = |sigma: f64| sigma * random.sample::<f64, _>(StandardNormal);
-        let noisy = Seen::Range {
+        let noisy = RayTarget::Range {
             origin: [0, 1, 2].map(|k| origin[k] + error(position)),
             direction_rad: direction_rad.map(|d| d + error(angle)),
             range: range + error(sigma_range),
             sigma,
         };
-        let exact = Seen::Range { origin: origin.into(), direction_rad, range, sigma };
+        let exact = RayTarget::Range { origin: origin.into(), direction_rad, range, sigma };
         made.noisy.push(Ray { seen: noisy, line: line + 2 });
         made.exact.push(Ray { seen: exact, line: line + 2 });
     }

@@ -1,6 +1,6 @@
 //! Parameters to start from, without a guess.
 
-use super::shape::{Chart, Shape};
+use super::shape::{Chart, PrimitiveKind};
 use crate::planar::circle_of_points;
 use nalgebra::{Matrix3, Matrix4, Rotation3, Unit, UnitQuaternion, Vector3, Vector4};
 
@@ -17,19 +17,19 @@ const ROTATIONS: usize = 500;
 ///
 /// # References
 /// Kåsa 1976, *A circle fitting procedure and its error analysis*; Taubin 1991.
-pub(crate) fn starts(shape: Shape, points: &[[f64; 3]]) -> Vec<(Chart, Vec<f64>)> {
+pub(crate) fn starts(shape: PrimitiveKind, points: &[[f64; 3]]) -> Vec<(Chart, Vec<f64>)> {
     let points: Vec<Vector3<f64>> = points.iter().map(|&p| Vector3::from(p)).collect();
     let middle = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
     match shape {
-        Shape::Plane => {
+        PrimitiveKind::Plane => {
             let spread: Matrix3<f64> = points.iter().map(|p| (p - middle) * (p - middle).transpose()).sum();
             let eigen = spread.symmetric_eigen();
             let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
             vec![(Chart::along(middle, outward(normal)), vec![0.0; 3])]
         }
-        Shape::Sphere => sphere(&points, middle).into_iter().collect(),
-        Shape::Cylinder => cylinders(&points, middle),
-        Shape::Box => boxes(&points, middle),
+        PrimitiveKind::Sphere => sphere(&points, middle).into_iter().collect(),
+        PrimitiveKind::Cylinder => cylinders(&points, middle),
+        PrimitiveKind::Box => boxes(&points, middle),
     }
 }
 

@@ -3,27 +3,28 @@
 use super::ray::ShapeReading;
 use super::shape::Chart;
 use super::*;
-use crate::planar::{FitOptions, Method};
+use crate::planar::{ContourFitOptions, Method};
 use nalgebra::Vector3;
 use planish_estimate::implicit::ImplicitReading;
 
 const SENSOR: SpaceSensor =
     SpaceSensor { standoff: 3.0, sigma_position: 0.01, sigma_angle_rad: 0.0175, sigma_range_share: 0.005 };
 
-fn solids() -> Vec<Solid> {
-    let solid = |shape, size| Solid { shape, center: [0.3, -0.2, 0.5], turn: [0.3, -0.5, 0.7], size };
+fn solids() -> Vec<SimulatedPrimitive> {
+    let solid =
+        |shape, size| SimulatedPrimitive { shape, center: [0.3, -0.2, 0.5], turn: [0.3, -0.5, 0.7], size };
     vec![
-        solid(Shape::Plane, [1.5, 1.2, 0.0]),
-        solid(Shape::Sphere, [0.8, 0.0, 0.0]),
-        solid(Shape::Cylinder, [0.5, 1.6, 0.0]),
-        solid(Shape::Box, [1.4, 1.0, 0.7]),
+        solid(PrimitiveKind::Plane, [1.5, 1.2, 0.0]),
+        solid(PrimitiveKind::Sphere, [0.8, 0.0, 0.0]),
+        solid(PrimitiveKind::Cylinder, [0.5, 1.6, 0.0]),
+        solid(PrimitiveKind::Box, [1.4, 1.0, 0.7]),
     ]
 }
 
 #[test]
 fn derivatives_are_those_of_differences() {
     let ray = Ray {
-        seen: Seen::Range {
+        seen: RayTarget::Range {
             origin: [2.0, 1.0, 0.4],
             direction_rad: [3.5, -0.2],
             range: 1.3,
@@ -32,7 +33,7 @@ fn derivatives_are_those_of_differences() {
         line: 1,
     };
     let chart = Chart::along(Vector3::new(0.1, -0.2, 0.3), Vector3::new(0.2, 0.3, 0.9));
-    for shape in Shape::ALL {
+    for shape in PrimitiveKind::ALL {
         let reading = ShapeReading { shape, chart: &chart, ray: &ray };
         let (n, p) = (reading.state(), reading.noise());
         let x: Vec<f64> = (0..n).map(|k| 0.3 + 0.1 * k as f64).collect();
@@ -61,7 +62,7 @@ fn derivatives_are_those_of_differences() {
 fn what_was_simulated_is_found_within_its_covariance() {
     for solid in solids() {
         for method in [Method::Batch, Method::NoiseUpdated] {
-            let options = FitOptions { method, ..FitOptions::default() };
+            let options = ContourFitOptions { method, ..ContourFitOptions::default() };
             let truth = solid.parameters();
             let (mut sum, mut count) = (0.0, 0.0);
             for seed in 0..20 {
@@ -69,7 +70,7 @@ fn what_was_simulated_is_found_within_its_covariance() {
                 let found = fit(solid.shape, &made.noisy, &options).expect("a fit");
                 // The covariance is singular where directions are reported whole: each σ by itself.
                 for k in 0..truth.len() {
-                    if solid.shape == Shape::Cylinder && k < 3 {
+                    if solid.shape == PrimitiveKind::Cylinder && k < 3 {
                         continue;
                     }
                     sum += (found.parameters[k] - truth[k]).powi(2) / found.covariance[(k, k)];
@@ -85,7 +86,7 @@ fn what_was_simulated_is_found_within_its_covariance() {
 fn a_cylinders_axis_goes_through_its_middle() {
     let solid = solids()[2];
     let made = rays(&solid, 300, &SENSOR, 5);
-    let found = fit(Shape::Cylinder, &made.noisy, &FitOptions::default()).expect("a fit");
+    let found = fit(PrimitiveKind::Cylinder, &made.noisy, &ContourFitOptions::default()).expect("a fit");
     let axis = Vector3::new(found.parameters[3], found.parameters[4], found.parameters[5]);
     let point = Vector3::new(found.parameters[0], found.parameters[1], found.parameters[2]);
     let off = Vector3::from(solid.center) - point;
@@ -96,7 +97,8 @@ fn a_cylinders_axis_goes_through_its_middle() {
 fn shapes_are_told_apart() {
     for solid in solids() {
         let made = rays(&solid, 200, &SENSOR, 3);
-        let (best, others) = choose(&Shape::ALL, &made.noisy, &FitOptions::default()).expect("a choice");
+        let (best, others) =
+            choose(&PrimitiveKind::ALL, &made.noisy, &ContourFitOptions::default()).expect("a choice");
         assert_eq!(best.shape, solid.shape, "{others:?}");
     }
 }
@@ -111,6 +113,6 @@ fn half_a_box_leaves_its_sizes_free() {
         let q = turned.inverse() * (Vector3::from(ray.point()) - Vector3::from(solid.center));
         (q.x - 0.5 * solid.size[0]).abs() < 1e-9
     });
-    let refused = fit(Shape::Box, &made, &FitOptions::default());
+    let refused = fit(PrimitiveKind::Box, &made, &ContourFitOptions::default());
     assert!(refused.is_err(), "{refused:?}");
 }

@@ -1,7 +1,7 @@
 //! How each kind of contour is drawn, and what its parameters are from the drawing.
 
 use crate::constraint::{Constraint, Drawing, PointId};
-use crate::planar::{Kind, arc_circle};
+use crate::planar::{ContourKind, arc_circle};
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
 
@@ -12,11 +12,11 @@ pub(super) struct Drawn {
 }
 
 /// Draws a contour.
-pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> Result<Drawn> {
+pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> Result<Drawn> {
     let mut drawing = Drawing::default();
     let mut given = Vec::new();
     match kind {
-        Kind::Line => {
+        ContourKind::Line => {
             let Some(seen) = seen else {
                 return Err(Error::input(
                     "a line without ends cannot be drawn: needed the ends of what was seen",
@@ -29,11 +29,11 @@ pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> 
             });
             drawing.bar(a, b)?;
         }
-        Kind::Circle => {
+        ContourKind::Circle => {
             let centre = drawing.point([theta[0], theta[1]]);
             drawing.circle(centre, theta[2])?;
         }
-        Kind::Ellipse => {
+        ContourKind::Ellipse => {
             let (sin, cos) = theta[4].sin_cos();
             let centre = drawing.point([theta[0], theta[1]]);
             let major = drawing.point([theta[0] + theta[2] * cos, theta[1] + theta[2] * sin]);
@@ -41,10 +41,10 @@ pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> 
             let (a, b) = (drawing.bar(centre, major)?, drawing.bar(centre, minor)?);
             given.push(Constraint::Perpendicular { a, b });
         }
-        Kind::Rectangle | Kind::RoundedRectangle => {
+        ContourKind::Rectangle | ContourKind::RoundedRectangle => {
             let bars = drawing.add_polygon(&corners(theta))?;
             given.extend((0..3).map(|i| Constraint::Perpendicular { a: bars[i], b: bars[i + 1] }));
-            if *kind == Kind::RoundedRectangle {
+            if *kind == ContourKind::RoundedRectangle {
                 let (sin, cos) = theta[4].sin_cos();
                 let local = [theta[5] - 0.5 * theta[2], theta[5] - 0.5 * theta[3]];
                 let centre = drawing.point([
@@ -55,7 +55,7 @@ pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> 
                 given.extend([bars[3], bars[0]].map(|bar| Constraint::Tangent { bar, circle, left: true }));
             }
         }
-        Kind::Slot => {
+        ContourKind::Slot => {
             let (sin, cos) = theta[4].sin_cos();
             let reach = 0.5 * (theta[2] - theta[3]);
             let [a, b] = [-reach, reach].map(|t| drawing.point([theta[0] + t * cos, theta[1] + t * sin]));
@@ -63,7 +63,7 @@ pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> 
             let [a, b] = [drawing.circle(a, 0.5 * theta[3])?, drawing.circle(b, 0.5 * theta[3])?];
             given.push(Constraint::EqualRadius { a, b });
         }
-        Kind::RegularPolygon(sides) => {
+        ContourKind::RegularPolygon(sides) => {
             let corner = |i: usize| {
                 let angle = theta[3] + TAU * i as f64 / *sides as f64;
                 [theta[0] + theta[2] * angle.cos(), theta[1] + theta[2] * angle.sin()]
@@ -76,11 +76,11 @@ pub(super) fn drawn(kind: &Kind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> 
             let turns = bars.windows(2).take(sides - 3);
             given.extend(turns.map(|pair| Constraint::Angle { from: pair[0], to: pair[1], radians }));
         }
-        Kind::Polygon(count) => {
+        ContourKind::Polygon(count) => {
             let vertices: Vec<[f64; 2]> = (0..*count).map(|i| [theta[2 * i], theta[2 * i + 1]]).collect();
             drawing.add_polygon(&vertices)?;
         }
-        Kind::Chain { arcs, closed } => chain(&mut drawing, &mut given, arcs, *closed, theta)?,
+        ContourKind::Chain { arcs, closed } => chain(&mut drawing, &mut given, arcs, *closed, theta)?,
     }
     Ok(Drawn { drawing, given })
 }
@@ -125,7 +125,7 @@ fn corners(theta: &[f64]) -> [[f64; 2]; 4] {
 }
 
 /// The parameters of a contour from the values of its drawing; those before say which way arcs run.
-pub(super) fn parameters(kind: &Kind, x: &[f64], before: &[f64]) -> Vec<f64> {
+pub(super) fn parameters(kind: &ContourKind, x: &[f64], before: &[f64]) -> Vec<f64> {
     let at = |i: usize| [x[2 * i], x[2 * i + 1]];
     let between = |a: [f64; 2], b: [f64; 2]| [b[0] - a[0], b[1] - a[1]];
     let length = |d: [f64; 2]| d[0].hypot(d[1]);
@@ -135,26 +135,26 @@ pub(super) fn parameters(kind: &Kind, x: &[f64], before: &[f64]) -> Vec<f64> {
         sum.map(|s| s / count as f64)
     };
     match kind {
-        Kind::Line => {
+        ContourKind::Line => {
             let turn = angle(between(at(0), at(1)));
             let (sin, cos) = turn.sin_cos();
             vec![turn, cos * x[1] - sin * x[0]]
         }
-        Kind::Circle | Kind::Polygon(_) => x.to_vec(),
-        Kind::Ellipse => {
+        ContourKind::Circle | ContourKind::Polygon(_) => x.to_vec(),
+        ContourKind::Ellipse => {
             let (major, minor) = (between(at(0), at(1)), between(at(0), at(2)));
             vec![x[0], x[1], length(major), length(minor), angle(major)]
         }
-        Kind::Rectangle | Kind::RoundedRectangle => {
+        ContourKind::Rectangle | ContourKind::RoundedRectangle => {
             let center = middle(4);
             let (width, height) = (between(at(0), at(1)), between(at(1), at(2)));
             let mut theta = vec![center[0], center[1], length(width), length(height), angle(width)];
-            if *kind == Kind::RoundedRectangle {
+            if *kind == ContourKind::RoundedRectangle {
                 theta.push(x[10]);
             }
             theta
         }
-        Kind::Slot => {
+        ContourKind::Slot => {
             let (a, b) = (at(0), at(1));
             let along = between(a, b);
             let radius = 0.5 * (x[4] + x[5]);
@@ -166,12 +166,12 @@ pub(super) fn parameters(kind: &Kind, x: &[f64], before: &[f64]) -> Vec<f64> {
                 angle(along),
             ]
         }
-        Kind::RegularPolygon(sides) => {
+        ContourKind::RegularPolygon(sides) => {
             let center = middle(*sides);
             let first = between(center, at(0));
             vec![center[0], center[1], length(first), angle(first)]
         }
-        Kind::Chain { arcs, closed } => {
+        ContourKind::Chain { arcs, closed } => {
             let count = arcs.len() + usize::from(!closed);
             let mut theta = x[..2 * count].to_vec();
             let mut next = 2 * count;

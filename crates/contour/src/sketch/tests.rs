@@ -3,23 +3,23 @@ use crate::constraint::{BarId, ConstrainOptions, Outcome, constrain, diagnose, i
 
 /// A contour of every kind with a covariance of full rank.
 fn every_kind() -> Vec<EstimatedContour> {
-    let chain = Kind::Chain { arcs: vec![false, true, false, true], closed: true };
+    let chain = ContourKind::Chain { arcs: vec![false, true, false, true], closed: true };
     let kinds = [
-        (Kind::Circle, vec![3.0, -2.0, 7.0]),
-        (Kind::Ellipse, vec![3.0, -2.0, 9.0, 5.0, 0.4]),
-        (Kind::Rectangle, vec![3.0, -2.0, 9.0, 5.0, 0.4]),
-        (Kind::RoundedRectangle, vec![3.0, -2.0, 9.0, 5.0, 0.4, 1.2]),
-        (Kind::Slot, vec![3.0, -2.0, 9.0, 4.0, 0.4]),
-        (Kind::RegularPolygon(3), vec![3.0, -2.0, 9.0, 0.4]),
-        (Kind::RegularPolygon(6), vec![3.0, -2.0, 9.0, 0.4]),
-        (Kind::Polygon(3), vec![0.0, 0.0, 9.0, 1.0, 2.0, 6.0]),
+        (ContourKind::Circle, vec![3.0, -2.0, 7.0]),
+        (ContourKind::Ellipse, vec![3.0, -2.0, 9.0, 5.0, 0.4]),
+        (ContourKind::Rectangle, vec![3.0, -2.0, 9.0, 5.0, 0.4]),
+        (ContourKind::RoundedRectangle, vec![3.0, -2.0, 9.0, 5.0, 0.4, 1.2]),
+        (ContourKind::Slot, vec![3.0, -2.0, 9.0, 4.0, 0.4]),
+        (ContourKind::RegularPolygon(3), vec![3.0, -2.0, 9.0, 0.4]),
+        (ContourKind::RegularPolygon(6), vec![3.0, -2.0, 9.0, 0.4]),
+        (ContourKind::Polygon(3), vec![0.0, 0.0, 9.0, 1.0, 2.0, 6.0]),
         // One arc of more than half a circle, one that bulges inwards.
         (chain, vec![0.0, 0.0, 9.0, 0.0, 9.0, 6.0, 0.0, 6.0, 1.3, -0.2]),
     ];
     kinds.map(|(kind, theta)| with_covariance(kind, theta)).to_vec()
 }
 
-fn with_covariance(kind: Kind, theta: Vec<f64>) -> EstimatedContour {
+fn with_covariance(kind: ContourKind, theta: Vec<f64>) -> EstimatedContour {
     let n = theta.len();
     let root = DMatrix::from_fn(n, n, |i, j| {
         0.01 * (if i == j { 2.0 } else { 0.3 * ((3 * i + 5 * j) as f64).sin() })
@@ -47,7 +47,7 @@ fn contours_of_every_kind_come_back_with_their_covariance() {
 
 #[test]
 fn lines_keep_their_ends_and_are_refused_without() {
-    let mut line = with_covariance(Kind::Line, vec![0.3, 2.0]);
+    let mut line = with_covariance(ContourKind::Line, vec![0.3, 2.0]);
     let refused = Sketch::new(std::slice::from_ref(&line)).unwrap_err().to_string();
     assert!(refused.contains("contour 1 (line)") && refused.contains("ends"), "{refused}");
     line.seen = Some([[0.0, 2.1], [10.0, 5.2]]);
@@ -59,8 +59,8 @@ fn lines_keep_their_ends_and_are_refused_without() {
 
 #[test]
 fn contours_that_make_no_sense_are_named() {
-    let good = with_covariance(Kind::Circle, vec![0.0, 0.0, 1.0]);
-    let flat = with_covariance(Kind::Rectangle, vec![0.0, 0.0, 1.0, -1.0, 0.0]);
+    let good = with_covariance(ContourKind::Circle, vec![0.0, 0.0, 1.0]);
+    let flat = with_covariance(ContourKind::Rectangle, vec![0.0, 0.0, 1.0, -1.0, 0.0]);
     let said = |contours: &[EstimatedContour]| Sketch::new(contours).unwrap_err().to_string();
     assert!(said(&[good.clone(), flat]).contains("contour 2 (rectangle)"));
     let mut short = good.clone();
@@ -75,11 +75,11 @@ fn contours_that_make_no_sense_are_named() {
 fn a_hole_in_the_middle_of_a_turned_rectangle_is_tested_with_the_rectangle_s_own_freedoms() {
     let plate = EstimatedContour {
         covariance: DMatrix::from_diagonal(&DVector::from_vec(vec![4e-4, 4e-4, 4e-4, 4e-4, 1e-6])),
-        ..with_covariance(Kind::Rectangle, vec![0.01, -0.02, 40.0, 30.01, 0.0009])
+        ..with_covariance(ContourKind::Rectangle, vec![0.01, -0.02, 40.0, 30.01, 0.0009])
     };
     let hole = EstimatedContour {
         covariance: DMatrix::identity(3, 3) * 1e-4,
-        ..with_covariance(Kind::Circle, vec![0.3, 0.1, 6.0])
+        ..with_covariance(ContourKind::Circle, vec![0.3, 0.1, 6.0])
     };
     let sketch = Sketch::new(&[plate, hole]).unwrap();
     let options = ConstrainOptions { given: sketch.given.clone(), ..ConstrainOptions::default() };

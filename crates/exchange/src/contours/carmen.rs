@@ -2,7 +2,7 @@
 
 use super::readings::{ContourReadings, SigmaDefaults};
 use crate::source::{Source, parse_number};
-use planish_contour::planar::{Sighting, Target};
+use planish_contour::planar::{ContourReading, ContourTarget};
 use planish_estimate::{Error, Result};
 use std::io::Read;
 
@@ -79,8 +79,8 @@ pub(crate) fn read_carmen<R: Read>(
                 continue;
             }
             let turn = std::f64::consts::PI * beam as f64 / beams as f64 - std::f64::consts::FRAC_PI_2;
-            let sighting = Sighting {
-                target: Target::Range {
+            let sighting = ContourReading {
+                target: ContourTarget::Range {
                     origin,
                     heading_rad: heading + turn,
                     range,

@@ -3,7 +3,7 @@
 use super::DrawnContour;
 use crate::atomic::write_atomically;
 use crate::unit::Unit;
-use planish_contour::planar::Kind;
+use planish_contour::planar::ContourKind;
 use planish_estimate::Result;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -55,16 +55,16 @@ fn entity(contour: &DrawnContour, put: &mut impl FnMut(i32, &str)) {
         put(100, marker);
     };
     match &contour.kind {
-        Kind::Line => {
+        ContourKind::Line => {
             let Some([a, b]) = contour.seen else { return };
             begin("LINE", "AcDbLine");
             numbers(put, &[(10, a[0]), (20, a[1]), (30, 0.0), (11, b[0]), (21, b[1]), (31, 0.0)]);
         }
-        Kind::Circle => {
+        ContourKind::Circle => {
             begin("CIRCLE", "AcDbCircle");
             numbers(put, &[(10, theta[0]), (20, theta[1]), (30, 0.0), (40, theta[2])]);
         }
-        Kind::Ellipse => {
+        ContourKind::Ellipse => {
             begin("ELLIPSE", "AcDbEllipse");
             let (sin, cos) = theta[4].sin_cos();
             let major = [(11, theta[2] * cos), (21, theta[2] * sin), (31, 0.0)];

@@ -8,7 +8,7 @@ use crate::source::read_text;
 use crate::unit::Unit;
 use nalgebra::DMatrix;
 use planish_contour::constraint::Constraint;
-use planish_contour::planar::Kind;
+use planish_contour::planar::ContourKind;
 use planish_contour::sketch::EstimatedContour;
 use planish_estimate::{Error, Result};
 use serde::Deserialize;
@@ -153,17 +153,17 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
 }
 
 /// A kind by its name; of a chain, which pieces are arcs stands in the names of its parameters.
-fn kind_of(name: &str, order: &[String], closed: bool) -> Result<Kind> {
+fn kind_of(name: &str, order: &[String], closed: bool) -> Result<ContourKind> {
     if name == "chain" {
         let corners = order.iter().filter(|name| name.starts_with('x')).count().min(MOST_CORNERS);
         let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
         let pieces = corners.saturating_sub(usize::from(!closed));
-        return Ok(Kind::Chain {
+        return Ok(ContourKind::Chain {
             arcs: (0..pieces).map(|i| bulges.contains(&i.to_string().as_str())).collect(),
             closed,
         });
     }
-    Kind::of_name(name, MOST_CORNERS).ok_or_else(|| {
+    ContourKind::from_name(name, MOST_CORNERS).ok_or_else(|| {
         Error::input(format!(
             "kind `{name}`: needed line, circle, ellipse, rectangle, rounded-rectangle, slot, \
              regular-polygon-N, polygon-N or chain"
@@ -201,7 +201,7 @@ mod tests {
         );
         let kind = parse(&text).unwrap().contours[0].kind.clone();
         let arcs = vec![false, true];
-        assert_eq!(kind, Kind::Chain { arcs, closed: false });
+        assert_eq!(kind, ContourKind::Chain { arcs, closed: false });
         // A closed chain has another piece, and the same names.
         let closed = parse(&text.replace("\"closed\": false,", "")).unwrap();
         assert_eq!(closed.contours[0].kind.pieces(), 3);

@@ -2,7 +2,7 @@
 
 use super::readings::{Header, Row, SigmaDefaults};
 use crate::source::{read_file, shown};
-use planish_contour::primitive::{Ray, Seen};
+use planish_contour::primitive::{Ray, RayTarget};
 use planish_estimate::{Error, Result};
 use std::path::Path;
 
@@ -75,10 +75,10 @@ fn header_of(line: &[u8], number: u64) -> Result<Header> {
     }
 }
 
-fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) -> Result<Seen> {
+fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) -> Result<RayTarget> {
     let place = [row.needed("x")?, row.needed("y")?, row.needed("z")?];
     if !is_range {
-        return Ok(Seen::Point {
+        return Ok(RayTarget::Point {
             position: place,
             sigma: row.sigma("sigma", defaults.point, "--sigma-point")?,
         });
@@ -87,7 +87,7 @@ fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) ->
     if range <= 0.0 {
         return Err(Error::input(format!("line {number}: needed a positive range, found {range}")));
     }
-    Ok(Seen::Range {
+    Ok(RayTarget::Range {
         origin: place,
         direction_rad: [row.needed("azimuth_deg")?.to_radians(), row.needed("elevation_deg")?.to_radians()],
         range,

@@ -2,7 +2,7 @@
 
 use super::carmen::{CarmenOptions, read_carmen};
 use crate::source::{Source, parse_number, read_file, shown};
-use planish_contour::planar::{Sighting, Target};
+use planish_contour::planar::{ContourReading, ContourTarget};
 use planish_estimate::{Error, Result};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -25,7 +25,7 @@ pub struct SigmaDefaults {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ContourReadings {
     /// The readings.
-    pub sightings: Vec<Sighting>,
+    pub sightings: Vec<ContourReading>,
     /// The level of each, where the file has levels.
     pub levels: Option<Vec<f64>>,
     /// Whether it has times.
@@ -161,7 +161,7 @@ fn table<R: Read>(
             }
             None => None,
         };
-        read.sightings.push(Sighting {
+        read.sightings.push(ContourReading {
             target: row.target(defaults)?,
             pose,
             time_s: row.optional("time")?.unwrap_or(0.0),
@@ -234,10 +234,10 @@ impl<'a> Row<'a> {
         }
     }
 
-    fn target(&self, defaults: &SigmaDefaults) -> Result<Target> {
+    fn target(&self, defaults: &SigmaDefaults) -> Result<ContourTarget> {
         let origin = [self.needed("x")?, self.needed("y")?];
         let Some(range) = self.optional("range")? else {
-            return Ok(Target::Point {
+            return Ok(ContourTarget::Point {
                 position: origin,
                 sigma: self.sigma("sigma", defaults.point, "--sigma-point")?,
             });
@@ -248,7 +248,7 @@ impl<'a> Row<'a> {
                 self.number
             )));
         }
-        Ok(Target::Range {
+        Ok(ContourTarget::Range {
             origin,
             heading_rad: self.needed("heading_deg")?.to_radians(),
             range,

@@ -15,7 +15,7 @@ use planish_contour::constraint::{
     SnapOutcome, chi_square_tail, constrain, constrain_among, diagnose, dimension_scheme, implications,
     impose, snap,
 };
-use planish_contour::planar::Kind;
+use planish_contour::planar::ContourKind;
 use planish_contour::sketch::{EstimatedContour, Sketch};
 use planish_estimate::{Error, Result};
 use planish_exchange::Unit;
@@ -185,7 +185,7 @@ pub struct ConstrainedReport {
 }
 
 /// The kind and parameters of a contour to draw.
-type DrawnKind = (Kind, Vec<f64>);
+type DrawnKind = (ContourKind, Vec<f64>);
 
 /// What comes of constraining: the report, the contours to draw, the graphs to write, and what a user should
 /// know.

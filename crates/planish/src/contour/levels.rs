@@ -3,7 +3,7 @@
 use super::Part;
 use super::report::canonical;
 use nalgebra::{DMatrix, DVector};
-use planish_contour::planar::Kind;
+use planish_contour::planar::ContourKind;
 use planish_estimate::ChiSquareBand;
 use serde::Serialize;
 
@@ -72,7 +72,7 @@ pub(super) fn relation(parts: &[Part]) -> Option<LevelRelation> {
     if prism.chi_square <= prism.limit {
         return Some(LevelRelation { relation: Relation::Prism, ..prism });
     }
-    if *kind == Kind::Circle
+    if *kind == ContourKind::Circle
         && let Some(axis) = compare(&main, 2, levels)
         && axis.chi_square <= axis.limit
     {
@@ -128,9 +128,9 @@ fn compare(main: &[&Part], count: usize, levels: Vec<f64>) -> Option<LevelRelati
     })
 }
 
-fn period_deg(kind: &Kind) -> f64 {
+fn period_deg(kind: &ContourKind) -> f64 {
     match kind {
-        Kind::RegularPolygon(sides) => 360.0 / *sides as f64,
+        ContourKind::RegularPolygon(sides) => 360.0 / *sides as f64,
         _ => 180.0,
     }
 }

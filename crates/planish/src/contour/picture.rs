@@ -1,6 +1,6 @@
 //! The edges of a picture as readings of contours.
 
-use planish_contour::planar::{Sighting, Target};
+use planish_contour::planar::{ContourReading, ContourTarget};
 use planish_estimate::Result;
 use planish_exchange::contours::ContourReadings;
 use planish_exchange::{extension, picture::read_brightness};
@@ -20,8 +20,8 @@ pub(super) fn edges_of(path: &Path, pixel: f64) -> Result<ContourReadings> {
     let image = read_brightness(path)?;
     let points = edge_points(&image, &EdgeOptions::default()).map_err(|e| e.in_context(path.display()))?;
     let lowest = (image.rows - 1) as f64;
-    let sightings = points.iter().enumerate().map(|(k, point)| Sighting {
-        target: Target::Point {
+    let sightings = points.iter().enumerate().map(|(k, point)| ContourReading {
+        target: ContourTarget::Point {
             position: [pixel * point.position[0], pixel * (lowest - point.position[1])],
             sigma: pixel * point.sigma_px,
         },

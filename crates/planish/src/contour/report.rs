@@ -4,7 +4,7 @@ use super::Part;
 use super::constrained::ConstrainedReport;
 use super::levels::{LevelRelation, relation};
 use nalgebra::DMatrix;
-use planish_contour::planar::{ContourFit, Kind, contains};
+use planish_contour::planar::{ContourFit, ContourKind, contains};
 use planish_exchange::Unit;
 use planish_exchange::contours::ContourReadings;
 use serde::Serialize;
@@ -214,7 +214,7 @@ fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> 
         level: part.level,
         hole_of: hole_of(parts, index),
         closed: match fit.kind {
-            Kind::Chain { closed, .. } => Some(closed),
+            ContourKind::Chain { closed, .. } => Some(closed),
             _ => None,
         },
         ends: seen[index],

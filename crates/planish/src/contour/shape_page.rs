@@ -5,7 +5,7 @@ use crate::contour::ContourReport;
 use crate::report::scenes::{kinds, numbers};
 use crate::report::title_of;
 use crate::report::words::with_article;
-use planish_contour::primitive::{PrimitiveFit, Shape};
+use planish_contour::primitive::{PrimitiveFit, PrimitiveKind};
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents, unit};
 use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, TriangleMesh, icosphere, parallelepiped};
@@ -39,7 +39,7 @@ pub(crate) fn shape_page(
                 name: fit.shape.to_string(),
                 positions: mesh.positions,
                 triangles: mesh.triangles,
-                flat: fit.shape == Shape::Box,
+                flat: fit.shape == PrimitiveKind::Box,
                 translucent: true,
                 ..SurfaceShown::default()
             }],
@@ -74,7 +74,7 @@ pub(crate) fn shape_page(
 }
 
 /// A shape as triangles, as large as its readings where it has no end.
-fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<TriangleMesh> {
+fn mesh_of(shape: PrimitiveKind, parameters: &[f64], used: &[[f64; 3]]) -> Result<TriangleMesh> {
     let bounds = BoundingBox::from_points(used).ok_or_else(|| Error::undetermined("no reading counts"))?;
     let number = |k: usize| parameters[k];
     let place = |k: usize| [number(k), number(k + 1), number(k + 2)];
@@ -83,12 +83,12 @@ fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<Triang
         [values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max)]
     };
     match shape {
-        Shape::Sphere => {
+        PrimitiveKind::Sphere => {
             let mut ball = icosphere(number(3), 5);
             ball.positions.iter_mut().for_each(|p| *p = add(*p, place(0)));
             Ok(ball)
         }
-        Shape::Plane => {
+        PrimitiveKind::Plane => {
             let normal = unit(place(0)).ok_or_else(|| Error::undetermined("a plane without a normal"))?;
             let middle = bounds.center();
             let foot = add_scaled(middle, number(3) - dot(normal, middle), normal);
@@ -105,7 +105,7 @@ fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<Triang
                 vec![[0, 1, 2], [0, 2, 3]],
             )
         }
-        Shape::Cylinder => {
+        PrimitiveKind::Cylinder => {
             let axis = unit(place(3)).ok_or_else(|| Error::undetermined("a cylinder without an axis"))?;
             let (a, _) = tangents(axis);
             let b = cross(axis, a);
@@ -122,7 +122,7 @@ fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<Triang
             });
             TriangleMesh::try_new(positions.collect(), triangles.collect())
         }
-        Shape::Box => {
+        PrimitiveKind::Box => {
             let edges = [0, 1, 2].map(|d| scale(number(3 + d), place(6 + 3 * d)));
             Ok(parallelepiped(place(0), edges))
         }
@@ -132,7 +132,7 @@ fn mesh_of(shape: Shape, parameters: &[f64], used: &[[f64; 3]]) -> Result<Triang
 #[cfg(test)]
 mod tests {
     use super::*;
-    use planish_contour::primitive::{Solid, SpaceSensor, rays};
+    use planish_contour::primitive::{SimulatedPrimitive, SpaceSensor, rays};
     use planish_mesh::MeshSearch;
 
     /// Readings without errors lie on the triangles that are drawn of their shape.
@@ -144,9 +144,13 @@ mod tests {
             sigma_angle_rad: 1e-4,
             sigma_range_share: 1e-4,
         };
-        for shape in Shape::ALL {
-            let solid =
-                Solid { shape, center: [0.4, -0.2, 0.3], turn: [0.3, 0.5, -0.2], size: [1.2, 0.8, 0.6] };
+        for shape in PrimitiveKind::ALL {
+            let solid = SimulatedPrimitive {
+                shape,
+                center: [0.4, -0.2, 0.3],
+                turn: [0.3, 0.5, -0.2],
+                size: [1.2, 0.8, 0.6],
+            };
             let points: Vec<[f64; 3]> =
                 rays(&solid, 300, &sensor, 1).exact.iter().map(|ray| ray.point()).collect();
             let mesh = mesh_of(shape, &solid.parameters(), &points).unwrap();

@@ -7,7 +7,7 @@
 
 use super::page::with_sigma;
 use crate::contour::ContourReport;
-use planish_contour::planar::Kind;
+use planish_contour::planar::ContourKind;
 use planish_exchange::contours::{DrawnContour, SizeLabel};
 
 /// A line has a reported length where they differ by at most this share.
@@ -52,7 +52,7 @@ pub(crate) fn size_labels(report: &ContourReport, drawn: &[DrawnContour]) -> Vec
             continue;
         };
         let mut sizes = sizes_of(report, k);
-        if matches!(contour.kind, Kind::Circle | Kind::Ellipse) {
+        if matches!(contour.kind, ContourKind::Circle | ContourKind::Ellipse) {
             labels.extend(round_labels(&contour.kind, &outline.vertices, &sizes));
             continue;
         }
@@ -86,14 +86,14 @@ pub(crate) fn size_labels(report: &ContourReport, drawn: &[DrawnContour]) -> Vec
 
 /// Labels of a circle or an ellipse, which are drawn as many short lines that begin at the end of the first
 /// half axis.
-fn round_labels(kind: &Kind, vertices: &[[f64; 2]], sizes: &[Size]) -> Vec<SizeLabel> {
+fn round_labels(kind: &ContourKind, vertices: &[[f64; 2]], sizes: &[Size]) -> Vec<SizeLabel> {
     let n = vertices.len();
     if n < 8 {
         return Vec::new();
     }
     let middle = [0, 1].map(|d| vertices.iter().map(|v| v[d]).sum::<f64>() / n as f64);
     let wanted: &[(&str, &str, usize)] = match kind {
-        Kind::Circle => &[("radius", "R ", n / 8)],
+        ContourKind::Circle => &[("radius", "R ", n / 8)],
         _ => &[("semi_major", "a ", 0), ("semi_minor", "b ", n / 4)],
     };
     let label = |&(name, sign, vertex): &(&str, &str, usize)| {
@@ -128,9 +128,9 @@ mod tests {
 
     #[test]
     fn round_contours_have_their_radii_at_their_ends() {
-        let outline = Kind::Ellipse.outline(&[1.0, 2.0, 5.0, 3.0, 0.0]).unwrap();
+        let outline = ContourKind::Ellipse.outline(&[1.0, 2.0, 5.0, 3.0, 0.0]).unwrap();
         let labels = round_labels(
-            &Kind::Ellipse,
+            &ContourKind::Ellipse,
             &outline.vertices,
             &[size("semi_major", 5.0), size("semi_minor", 3.0)],
         );

@@ -4,7 +4,7 @@ use super::report::part_warnings;
 use super::shape_page::shape_page;
 use super::unused;
 use super::{ContourJob, ContourReport, PartReport, ReportedAlternative, ReportedValue, write_json};
-use planish_contour::planar::{Form, Motion};
+use planish_contour::planar::{Form, PlanarMotion};
 use planish_contour::primitive::choose;
 use planish_core::{Progress, WRITING_STAGE};
 use planish_estimate::{Error, Result};
@@ -23,7 +23,7 @@ pub(super) fn find_shapes(job: &ContourJob, progress: &dyn Progress) -> Result<C
             output.display()
         )));
     }
-    if job.fit.motion != Motion::Still || job.fit.form != Form::ActiveFacet {
+    if job.fit.motion != PlanarMotion::Still || job.fit.form != Form::ActiveFacet {
         return Err(Error::unsupported(
             "3D shapes support neither motion nor the product form: omit --motion and --product",
         ));

@@ -1,26 +1,26 @@
 //! Contours end to end: files of readings in, reports out.
 
 use planish::Job;
-use planish::contour::{ContourJob, ContourReport, Form, Kind, Motion, Relation, Shape};
+use planish::contour::{ContourJob, ContourKind, ContourReport, Form, PlanarMotion, PrimitiveKind, Relation};
 use planish::progress::Silent;
 use planish::simulate::{ReadingsOptions, write_readings_scene};
-use planish_contour::planar::{Sighting, Target, points};
-use planish_contour::primitive::{Seen, Solid, SpaceSensor, rays};
+use planish_contour::planar::{ContourReading, ContourTarget, points};
+use planish_contour::primitive::{RayTarget, SimulatedPrimitive, SpaceSensor, rays};
 use planish_exchange::Unit;
 use planish_exchange::contours::read_contour_json;
 use planish_exchange::picture::write_grey_png;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-fn job(input: PathBuf, kinds: &[Kind]) -> ContourJob {
+fn job(input: PathBuf, kinds: &[ContourKind]) -> ContourJob {
     ContourJob { input, kinds: kinds.to_vec(), unit: Some(Unit::Millimetre), ..ContourJob::default() }
 }
 
-fn write_points(path: &Path, parts: &[(f64, Vec<Sighting>)]) {
+fn write_points(path: &Path, parts: &[(f64, Vec<ContourReading>)]) {
     let mut text = String::from("x,y,sigma,level\n");
     for (level, sightings) in parts {
         for sighting in sightings {
-            if let Target::Point { position, sigma } = sighting.target {
+            if let ContourTarget::Point { position, sigma } = sighting.target {
                 writeln!(text, "{},{},{sigma},{level}", position[0], position[1]).unwrap();
             }
         }
@@ -45,18 +45,18 @@ fn levels_that_agree_are_a_prism_and_circles_of_one_axis_a_revolution() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("levels.csv");
     let rectangle = [10.0, 5.0, 40.0, 25.0, 0.3];
-    let level = |k: u64| points(&Kind::Rectangle, &rectangle, 150, 0.2, k).noisy;
+    let level = |k: u64| points(&ContourKind::Rectangle, &rectangle, 150, 0.2, k).noisy;
     write_points(&path, &[(0.0, level(1)), (10.0, level(2)), (20.0, level(3))]);
-    let report = job(path.clone(), &[Kind::Rectangle]).run(&Silent).unwrap();
+    let report = job(path.clone(), &[ContourKind::Rectangle]).run(&Silent).unwrap();
     let levels = report.levels.as_ref().unwrap();
     assert_eq!((levels.relation, levels.levels.len()), (Relation::Prism, 3));
-    let circle = |radius: f64, seed| points(&Kind::Circle, &[3.0, -2.0, radius], 150, 0.2, seed).noisy;
+    let circle = |radius: f64, seed| points(&ContourKind::Circle, &[3.0, -2.0, radius], 150, 0.2, seed).noisy;
     write_points(&path, &[(0.0, circle(20.0, 1)), (10.0, circle(15.0, 2))]);
-    let report = job(path.clone(), &[Kind::Circle]).run(&Silent).unwrap();
+    let report = job(path.clone(), &[ContourKind::Circle]).run(&Silent).unwrap();
     assert_eq!(report.levels.unwrap().relation, Relation::Revolution);
-    let aside = points(&Kind::Circle, &[5.0, -2.0, 15.0], 150, 0.2, 4).noisy;
+    let aside = points(&ContourKind::Circle, &[5.0, -2.0, 15.0], 150, 0.2, 4).noisy;
     write_points(&path, &[(0.0, circle(20.0, 1)), (10.0, aside)]);
-    let report = job(path, &[Kind::Circle]).run(&Silent).unwrap();
+    let report = job(path, &[ContourKind::Circle]).run(&Silent).unwrap();
     assert_eq!(report.levels.unwrap().relation, Relation::None);
 }
 
@@ -64,9 +64,9 @@ fn levels_that_agree_are_a_prism_and_circles_of_one_axis_a_revolution() {
 fn a_plate_with_holes_is_told_as_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("plate.csv");
-    let plate = points(&Kind::Rectangle, &[0.0, 0.0, 80.0, 50.0, 0.2], 500, 0.1, 1).noisy;
-    let left = points(&Kind::Circle, &[-20.0, 0.0, 6.0], 120, 0.1, 2).noisy;
-    let right = points(&Kind::Slot, &[18.0, 4.0, 24.0, 10.0, 0.2], 200, 0.1, 3).noisy;
+    let plate = points(&ContourKind::Rectangle, &[0.0, 0.0, 80.0, 50.0, 0.2], 500, 0.1, 1).noisy;
+    let left = points(&ContourKind::Circle, &[-20.0, 0.0, 6.0], 120, 0.1, 2).noisy;
+    let right = points(&ContourKind::Slot, &[18.0, 4.0, 24.0, 10.0, 0.2], 200, 0.1, 3).noisy;
     write_points(&path, &[(0.0, [plate, left, right].concat())]);
     let report = ContourJob { gap: Some(5.0), ..job(path, &[]) }.run(&Silent).unwrap();
     let said: Vec<(&str, Option<usize>)> =
@@ -76,7 +76,7 @@ fn a_plate_with_holes_is_told_as_one() {
     is_near(&report, 2, "radius", 6.0);
 }
 
-fn scene(kind: Kind, velocity: [f64; 3], noise: f64, folder: &Path) -> PathBuf {
+fn scene(kind: ContourKind, velocity: [f64; 3], noise: f64, folder: &Path) -> PathBuf {
     let options = ReadingsOptions {
         kind,
         readings: 300,
@@ -94,8 +94,8 @@ fn scene(kind: Kind, velocity: [f64; 3], noise: f64, folder: &Path) -> PathBuf {
 #[test]
 fn the_product_of_the_sides_finds_the_rectangle_too() {
     let folder = tempfile::tempdir().unwrap();
-    let path = scene(Kind::Rectangle, [0.0; 3], 0.2, folder.path());
-    let mut job = job(path, &[Kind::Rectangle]);
+    let path = scene(ContourKind::Rectangle, [0.0; 3], 0.2, folder.path());
+    let mut job = job(path, &[ContourKind::Rectangle]);
     job.fit.form = Form::Product;
     let report = job.run(&Silent).unwrap();
     is_near(&report, 0, "width", 90.0);
@@ -106,15 +106,15 @@ fn the_product_of_the_sides_finds_the_rectangle_too() {
 fn a_thing_that_moves_and_turns_is_found_with_its_motion() {
     let folder = tempfile::tempdir().unwrap();
     let turn = 8f64.to_radians();
-    let path = scene(Kind::Rectangle, [6.0, -3.0, turn], 0.3, folder.path());
-    let mut job = job(path, &[Kind::Rectangle]);
-    job.fit.motion = Motion::Rigid;
+    let path = scene(ContourKind::Rectangle, [6.0, -3.0, turn], 0.3, folder.path());
+    let mut job = job(path, &[ContourKind::Rectangle]);
+    job.fit.motion = PlanarMotion::Rigid;
     let report = job.run(&Silent).unwrap();
     is_near(&report, 0, "width", 90.0);
     is_near(&report, 0, "height", 55.0);
     is_near(&report, 0, "rotation_deg_per_s", 8.0);
     // Without the motion the readings do not fit.
-    job.fit.motion = Motion::Still;
+    job.fit.motion = PlanarMotion::Still;
     let still = job.run(&Silent).unwrap();
     assert!(still.main.reduced_chi_square > 2.0 * report.main.reduced_chi_square);
 }
@@ -155,8 +155,9 @@ fn the_edge_of_a_disc_in_a_picture_is_a_circle() {
     for seed in 0..runs {
         let center = [70.0 + 0.13 * seed as f64, 60.0 - 0.07 * seed as f64];
         disc(&path, center, 35.0, seed + 1);
-        let report =
-            ContourJob { pixel: Some(pixel), ..job(path.clone(), &[Kind::Circle]) }.run(&Silent).unwrap();
+        let report = ContourJob { pixel: Some(pixel), ..job(path.clone(), &[ContourKind::Circle]) }
+            .run(&Silent)
+            .unwrap();
         let truth = [center[0] * pixel, (119.0 - center[1]) * pixel, 35.0 * pixel];
         for ((_, found), truth) in report.main.parameters.iter().zip(truth) {
             let error = (found.value - truth) / found.sigma;
@@ -173,8 +174,8 @@ fn the_edge_of_a_disc_in_a_picture_is_a_circle() {
 fn readings_in_space_are_a_cylinder() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rays.csv");
-    let solid = Solid {
-        shape: Shape::Cylinder,
+    let solid = SimulatedPrimitive {
+        shape: PrimitiveKind::Cylinder,
         center: [30.0, -20.0, 50.0],
         turn: [0.3, -0.5, 0.7],
         size: [25.0, 80.0, 0.0],
@@ -183,14 +184,14 @@ fn readings_in_space_are_a_cylinder() {
         SpaceSensor { standoff: 150.0, sigma_position: 0.5, sigma_angle_rad: 0.01, sigma_range_share: 0.004 };
     let mut text = String::from("x,y,z,azimuth_deg,elevation_deg,range,sigma_range\n");
     for ray in rays(&solid, 300, &sensor, 4).noisy {
-        if let Seen::Range { origin: [x, y, z], direction_rad: [a, e], range, sigma } = ray.seen {
+        if let RayTarget::Range { origin: [x, y, z], direction_rad: [a, e], range, sigma } = ray.seen {
             let (a, e) = (a.to_degrees(), e.to_degrees());
             writeln!(text, "{x},{y},{z},{a},{e},{range},{}", sigma[5]).unwrap();
         }
     }
     std::fs::write(&path, text).unwrap();
     let mut job = job(path.clone(), &[]);
-    job.shapes = Shape::ALL.to_vec();
+    job.shapes = PrimitiveKind::ALL.to_vec();
     job.sigma.position = Some(0.5);
     job.sigma.heading_deg = Some(0.01f64.to_degrees());
     let report = job.run(&Silent).unwrap();
@@ -202,7 +203,7 @@ fn readings_in_space_are_a_cylinder() {
     let refused = job.run(&Silent).unwrap_err().to_string();
     assert!(refused.contains("line 1") && refused.contains("--kind plane3"), "{refused}");
     std::fs::write(&path, "x,y,z\n1,2,3\n").unwrap();
-    job.shapes = vec![Shape::Plane];
+    job.shapes = vec![PrimitiveKind::Plane];
     let refused = job.run(&Silent).unwrap_err().to_string();
     assert!(refused.contains("line 2") && refused.contains("--sigma-point"), "{refused}");
 }
@@ -224,7 +225,7 @@ fn a_room_of_a_carmen_log_has_walls() {
         writeln!(text, "FLASER 180 {} 0 0 {facing} 0 0 {facing} 0 host 0", ranges.join(" ")).unwrap();
     }
     std::fs::write(&path, text).unwrap();
-    let mut job = job(path, &[Kind::Rectangle]);
+    let mut job = job(path, &[ContourKind::Rectangle]);
     job.carmen.count = 2;
     job.gap = Some(0.5);
     let report = job.run(&Silent).unwrap();
@@ -238,7 +239,7 @@ fn an_open_outline_is_a_chain_with_its_ends() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bracket.csv");
     // A bracket, of which one side is seen.
-    let kind = Kind::Chain { arcs: vec![false, false], closed: false };
+    let kind = ContourKind::Chain { arcs: vec![false, false], closed: false };
     let theta = [0.0, 10.0, 50.0, 0.0, 60.0, 40.0];
     let names = ["x0", "y0", "x1", "y1", "x2", "y2"];
     let (runs, mut within) = (20, 0);
@@ -268,9 +269,9 @@ fn the_section_of_several_levels_is_covered() {
     let truth = [10.0, 5.0, 40.0, 25.0, 0.3];
     let (runs, mut prisms, mut within, mut squares) = (60, 0, 0, 0.0);
     for seed in 0..runs {
-        let level = |k: u64| points(&Kind::Rectangle, &truth, 150, 0.2, 3 * seed + k).noisy;
+        let level = |k: u64| points(&ContourKind::Rectangle, &truth, 150, 0.2, 3 * seed + k).noisy;
         write_points(&path, &[(0.0, level(0)), (10.0, level(1)), (20.0, level(2))]);
-        let levels = job(path.clone(), &[Kind::Rectangle]).run(&Silent).unwrap().levels.unwrap();
+        let levels = job(path.clone(), &[ContourKind::Rectangle]).run(&Silent).unwrap().levels.unwrap();
         prisms += u32::from(levels.relation == Relation::Prism);
         for ((_, value, sigma), truth) in
             levels.mean.iter().zip([10.0, 5.0, 40.0, 25.0, 0.3_f64.to_degrees()])
@@ -299,7 +300,7 @@ fn corridors_of_a_measured_log_have_walls() {
         println!("skipped: the log is not at {}", log.display());
         return;
     }
-    let mut job = job(log, &[Kind::Line]);
+    let mut job = job(log, &[ContourKind::Line]);
     job.chains = true;
     job.carmen.range = [0.05, 8.0];
     job.gap = Some(0.4);
@@ -357,7 +358,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         let path = folder.path().join(name);
         std::fs::write(&path, text).unwrap();
         let output = folder.path().join("out.json");
-        let job = ContourJob { outputs: vec![output.clone()], ..job(path, &[Kind::Circle]) };
+        let job = ContourJob { outputs: vec![output.clone()], ..job(path, &[ContourKind::Circle]) };
         let refused = job.run(&Silent).unwrap_err().to_string();
         assert!(refused.contains(says) && refused.contains(name), "{name}: {refused}");
         assert!(!output.exists(), "{name}: an output was left behind");

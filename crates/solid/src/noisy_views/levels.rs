@@ -5,7 +5,7 @@ use planish_contour::constraint::{
     Axis, Candidate, CircleId, Constrained, Constraint, Drawing, Offset, Place, PointId, chi_square_tail,
     sigma,
 };
-use planish_contour::planar::Kind;
+use planish_contour::planar::ContourKind;
 use planish_contour::sketch::SketchPart;
 use planish_estimate::{Error, Result};
 use serde::Serialize;
@@ -89,16 +89,18 @@ fn of_part(part: &SketchPart, offset: Offset, axis: Axis, drawing: &Drawing) -> 
     let extreme = |i: u32, upper: bool| Place::Extreme { circle: circle(i), axis, upper };
     match &part.kind {
         // A line has no ends of its own, and an ellipse is no outline of planes and cylinders along axes.
-        Kind::Line | Kind::Ellipse => Vec::new(),
-        Kind::Circle => vec![extreme(0, false), extreme(0, true)],
-        Kind::Slot => {
+        ContourKind::Line | ContourKind::Ellipse => Vec::new(),
+        ContourKind::Circle => vec![extreme(0, false), extreme(0, true)],
+        ContourKind::Slot => {
             let centre = |i: u32| drawing.position(point(i))[axis as usize];
             let (low, high) = if centre(0) <= centre(1) { (0, 1) } else { (1, 0) };
             vec![extreme(low, false), extreme(high, true)]
         }
-        Kind::Rectangle | Kind::RoundedRectangle => (0..4).map(corner).collect(),
-        Kind::RegularPolygon(count) | Kind::Polygon(count) => (0..*count as u32).map(corner).collect(),
-        Kind::Chain { arcs, closed } => {
+        ContourKind::Rectangle | ContourKind::RoundedRectangle => (0..4).map(corner).collect(),
+        ContourKind::RegularPolygon(count) | ContourKind::Polygon(count) => {
+            (0..*count as u32).map(corner).collect()
+        }
+        ContourKind::Chain { arcs, closed } => {
             let count = arcs.len() + usize::from(!closed);
             let mut places: Vec<Place> = (0..count as u32).map(corner).collect();
             for (i, (id, start, end)) in drawing.arcs().filter(|arc| in_part(part, offset, arc.0)).enumerate()

@@ -2,7 +2,7 @@
 
 use super::ConsistentViews;
 use crate::views::{Curve2, Drawing, DrawnCurve, LineStyle, View};
-use planish_contour::planar::{Kind, arc_circle};
+use planish_contour::planar::{ContourKind, arc_circle};
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
 
@@ -35,12 +35,12 @@ impl ConsistentViews {
 }
 
 /// The curves of a contour, each with its name.
-fn outline(kind: &Kind, theta: &[f64]) -> Result<Vec<(Curve2, String)>> {
-    if let Kind::Circle = kind {
+fn outline(kind: &ContourKind, theta: &[f64]) -> Result<Vec<(Curve2, String)>> {
+    if let ContourKind::Circle = kind {
         let circle = Curve2::Arc { center: [theta[0], theta[1]], radius: theta[2], start: 0.0, sweep: TAU };
         return Ok(vec![(circle, "the whole".to_owned())]);
     }
-    if matches!(kind, Kind::Ellipse | Kind::Line) {
+    if matches!(kind, ContourKind::Ellipse | ContourKind::Line) {
         return Err(Error::unsupported(
             "needed circles, and outlines of lines and arcs, of which solids of planes and cylinders are \
              made",

@@ -1,7 +1,7 @@
 use super::*;
 use crate::views::solve;
 use planish_contour::constraint::constrain;
-use planish_contour::planar::Kind;
+use planish_contour::planar::ContourKind;
 use planish_contour::sketch::EstimatedContour;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +13,7 @@ const SIZE: [f64; 3] = [40.0, 70.0, 30.0];
 /// Each run makes some dozens of tests, none of which may lose a true relation.
 const LEVEL: f64 = 1e-3;
 
-fn noisy(kind: Kind, truth: &[f64], sigma: f64, random: &mut ChaCha8Rng) -> EstimatedContour {
+fn noisy(kind: ContourKind, truth: &[f64], sigma: f64, random: &mut ChaCha8Rng) -> EstimatedContour {
     let n = truth.len();
     // Neighbouring parameters err together, as those of a fit do.
     let root = DMatrix::from_fn(n, n, |i, j| sigma * [1.0, 0.4].get(i.abs_diff(j)).copied().unwrap_or(0.0));
@@ -44,9 +44,12 @@ fn prism(sigma: f64, seed: u64) -> Vec<NoisyView> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let [x, y, z] = SIZE;
     vec![
-        view(ViewKind::Front, &[noisy(Kind::Polygon(3), &[0.0, 0.0, x, 0.0, 0.0, z], sigma, &mut random)]),
-        view(ViewKind::Top, &[noisy(Kind::Polygon(4), &box_of(x, y), sigma, &mut random)]),
-        view(ViewKind::Side, &[noisy(Kind::Polygon(4), &box_of(y, z), sigma, &mut random)]),
+        view(
+            ViewKind::Front,
+            &[noisy(ContourKind::Polygon(3), &[0.0, 0.0, x, 0.0, 0.0, z], sigma, &mut random)],
+        ),
+        view(ViewKind::Top, &[noisy(ContourKind::Polygon(4), &box_of(x, y), sigma, &mut random)]),
+        view(ViewKind::Side, &[noisy(ContourKind::Polygon(4), &box_of(y, z), sigma, &mut random)]),
     ]
 }
 
@@ -99,8 +102,8 @@ fn views_tell_each_other_what_they_know() {
     // A side view ten times worse than the others: its height is that of the front view.
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let [x, y, z] = SIZE;
-    let good = view(ViewKind::Front, &[noisy(Kind::Polygon(4), &box_of(x, z), 0.02, &mut random)]);
-    let poor = view(ViewKind::Side, &[noisy(Kind::Polygon(4), &box_of(y, z), 0.2, &mut random)]);
+    let good = view(ViewKind::Front, &[noisy(ContourKind::Polygon(4), &box_of(x, z), 0.02, &mut random)]);
+    let poor = view(ViewKind::Side, &[noisy(ContourKind::Polygon(4), &box_of(y, z), 0.2, &mut random)]);
     let found = match_views(&[good.clone(), poor], &MatchOptions::default()).unwrap();
     let solid = solve(&found.exact_views().unwrap()).unwrap().solutions.remove(0).solid;
     let height = &found.dimensions(&solid)[2];
@@ -117,9 +120,14 @@ fn a_cylinder_is_seen_as_a_circle_and_two_rectangles() {
     let views = [
         view(
             ViewKind::Front,
-            &[noisy(Kind::Polygon(4), &[-20.0, 0.0, 20.0, 0.0, 20.0, 50.0, -20.0, 50.0], 0.05, &mut random)],
+            &[noisy(
+                ContourKind::Polygon(4),
+                &[-20.0, 0.0, 20.0, 0.0, 20.0, 50.0, -20.0, 50.0],
+                0.05,
+                &mut random,
+            )],
         ),
-        view(ViewKind::Top, &[noisy(Kind::Circle, &[0.0, 0.0, 20.0], 0.05, &mut random)]),
+        view(ViewKind::Top, &[noisy(ContourKind::Circle, &[0.0, 0.0, 20.0], 0.05, &mut random)]),
     ];
     let found = match_views(&views, &MatchOptions::default()).unwrap();
     let solid = solve(&found.exact_views().unwrap()).unwrap().solutions.remove(0).solid;
@@ -138,7 +146,8 @@ fn views_that_do_not_agree_are_told_by_name() {
     assert!(said(&[views[0].clone(), views[0].clone()]).contains("two front views"));
     // The top view at a scale of 1.1.
     let mut random = ChaCha8Rng::seed_from_u64(2);
-    let large = view(ViewKind::Top, &[noisy(Kind::Polygon(4), &box_of(44.0, 77.0), 0.05, &mut random)]);
+    let large =
+        view(ViewKind::Top, &[noisy(ContourKind::Polygon(4), &box_of(44.0, 77.0), 0.05, &mut random)]);
     let refused = said(&[views[0].clone(), large]);
     assert!(
         refused.contains("the front view ends at x = ")
@@ -146,7 +155,7 @@ fn views_that_do_not_agree_are_told_by_name() {
             && refused.contains("χ²"),
         "{refused}"
     );
-    let ellipse = noisy(Kind::Ellipse, &[0.0, 0.0, 20.0, 10.0, 0.0], 0.01, &mut random);
+    let ellipse = noisy(ContourKind::Ellipse, &[0.0, 0.0, 20.0, 10.0, 0.0], 0.01, &mut random);
     let round =
         NoisyView { kind: ViewKind::Top, sketch: Sketch::new(&[ellipse]).unwrap(), constraints: Vec::new() };
     assert!(said(&[views[0].clone(), round]).contains("the top view has no corners or circles"));

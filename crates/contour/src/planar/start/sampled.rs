@@ -7,7 +7,7 @@
 /// Curves that are tried: of samples of five readings, a fifth of them wild, a hundred are free of wild ones.
 const SAMPLES: usize = 300;
 /// Of more points than this every so manieth is looked at.
-const MOST_POINTS: usize = 400;
+const MAX_POINTS: usize = 400;
 /// A standard deviation over the median of absolute values, of a normal distribution.
 const NORMAL: f64 = 1.4826;
 /// Points within so many standard deviations are of the curve.
@@ -54,7 +54,7 @@ impl Curve<'_> {
     /// it; the same points give the same curve.
     pub(super) fn of_least_median(&self, points: &[[f64; 2]]) -> Option<Vec<f64>> {
         let some: Vec<[f64; 2]> =
-            points.iter().copied().step_by(points.len().div_ceil(MOST_POINTS).max(1)).collect();
+            points.iter().copied().step_by(points.len().div_ceil(MAX_POINTS).max(1)).collect();
         if some.len() < 2 * self.needed {
             return None;
         }

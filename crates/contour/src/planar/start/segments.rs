@@ -3,14 +3,14 @@
 //! In place of split-and-merge, whose result depends on where it splits first; pieces are merged where the
 //! likelihood says so, among the best segmentations into each number of pieces.
 
-use super::super::kind::Kind;
+use super::super::kind::ContourKind;
 use super::mean;
 use super::sequence::{Sequence, Sums};
 
 /// Most pieces of a chain.
-pub(crate) const MOST_PIECES: usize = 14;
+pub(crate) const MAX_PIECES: usize = 14;
 /// Segmentations of a closed sequence begin at so many places.
-const MOST_STARTS: usize = 10;
+const MAX_STARTS: usize = 10;
 /// Chains of up to so many pieces are tried whatever they cost here: they are soon fitted, and readings of
 /// uneven σ ask for more pieces than the likelihood does.
 const FEW_PIECES: usize = 4;
@@ -70,7 +70,7 @@ fn segmented(costs: &[Vec<f64>], sequence: &Sequence, most: usize) -> Vec<(f64, 
     let bins = sequence.bins;
     let mut best = best_cuts(costs, bins, 0, most);
     let mut tried = vec![0];
-    while sequence.is_closed && tried.len() <= MOST_STARTS {
+    while sequence.is_closed && tried.len() <= MAX_STARTS {
         // The cut that most of the best have, and which was not begun at.
         let cuts = best.iter().flat_map(|(_, cuts)| cuts);
         let mut times = vec![0; bins];
@@ -135,7 +135,7 @@ fn corners(sequence: &Sequence, cuts: &[usize]) -> Vec<[f64; 2]> {
 
 /// Chains of least penalised cost: that into the best number of pieces, and those into few. A closed one has
 /// an arc, or it is a polygon; an open one has two pieces at least, or an arc.
-pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
+pub(super) fn chains(sequence: &Sequence) -> Vec<(ContourKind, Vec<f64>)> {
     let penalty = (sequence.count() as f64).ln();
     let costs = table(sequence, |sums| {
         if sums.count() < 3.0 {
@@ -144,8 +144,8 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
         (sums.line().2 + 2.0 * penalty).min(sums.arc() + 3.0 * penalty)
     });
     let fewest = if sequence.is_closed { 2 } else { 1 };
-    let most = MOST_PIECES.min(sequence.bins / 4);
-    let mut found: Vec<(f64, Kind, Vec<f64>)> =
+    let most = MAX_PIECES.min(sequence.bins / 4);
+    let mut found: Vec<(f64, ContourKind, Vec<f64>)> =
         (segmented(&costs, sequence, most).into_iter().skip(fewest - 1))
             .filter(|(cost, _)| cost.is_finite())
             .filter_map(|(cost, cuts)| {
@@ -159,7 +159,7 @@ pub(super) fn chains(sequence: &Sequence) -> Vec<(Kind, Vec<f64>)> {
 }
 
 /// The chain whose pieces begin at the cuts.
-fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(Kind, Vec<f64>)> {
+fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(ContourKind, Vec<f64>)> {
     let count = cuts.len();
     let is_closed = sequence.is_closed;
     let run = |k: usize| {
@@ -198,7 +198,7 @@ fn chain(sequence: &Sequence, cuts: &[usize], penalty: f64) -> Option<(Kind, Vec
         let (a, b) = (vertices[k], vertices[(k + 1) % vertices.len()]);
         theta.push(bulge_through(sequence, from, to, a, b));
     }
-    let kind = Kind::Chain { arcs, closed: is_closed };
+    let kind = ContourKind::Chain { arcs, closed: is_closed };
     Some((kind, theta))
 }
 

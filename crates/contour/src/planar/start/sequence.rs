@@ -1,11 +1,11 @@
 //! Points put in the order in which they lie on an outline, and sums over runs of them.
 
 use super::super::parts::usual_gap;
-use super::super::sighting::{Sighting, Target};
+use super::super::reading::{ContourReading, ContourTarget};
 use super::{circle, mean};
 
 /// Points are put into at most so many bins: tables over runs have the square of it.
-const MOST_BINS: usize = 120;
+const MAX_BINS: usize = 120;
 /// So many places each way are tried to look around from.
 const GRID: usize = 6;
 
@@ -114,8 +114,8 @@ impl Sequence {
     /// Ordered by direction from the middle, or from that place among the points from which the way around is
     /// shortest: within an outline that is bent inwards there is often a place that sees all of it. Where the
     /// file's own order is shorter, that is kept.
-    pub(super) fn closed(sightings: &[Sighting]) -> Self {
-        let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    pub(super) fn closed(sightings: &[ContourReading]) -> Self {
+        let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
         let mut best = around(&points, origin);
         for from in places(&points) {
@@ -144,8 +144,8 @@ impl Sequence {
     /// The order is that of the file, or the directions from where the sensor was on average, from far away
     /// on either side, or from places among the points, cut at the widest step: whichever is the shortest
     /// way.
-    pub(super) fn open(sightings: &[Sighting]) -> Option<Self> {
-        let points: Vec<[f64; 2]> = sightings.iter().map(Sighting::point).collect();
+    pub(super) fn open(sightings: &[ContourReading]) -> Option<Self> {
+        let points: Vec<[f64; 2]> = sightings.iter().map(ContourReading::point).collect();
         let origin = middle(&points);
         let cut = |(length, mut order): (f64, Vec<usize>)| {
             let count = order.len();
@@ -160,8 +160,8 @@ impl Sequence {
         };
         let sensors: Vec<[f64; 2]> = (sightings.iter())
             .filter_map(|s| match s.target {
-                Target::Range { origin, .. } => Some(origin),
-                Target::Point { .. } => None,
+                ContourTarget::Range { origin, .. } => Some(origin),
+                ContourTarget::Point { .. } => None,
             })
             .collect();
         let center = mean(&points);
@@ -191,14 +191,14 @@ impl Sequence {
     }
 
     fn new(
-        sightings: &[Sighting],
+        sightings: &[ContourReading],
         points: &[[f64; 2]],
         order: &[usize],
         origin: [f64; 2],
         is_closed: bool,
     ) -> Self {
         let count = order.len();
-        let bins = count.min(MOST_BINS);
+        let bins = count.min(MAX_BINS);
         let first: Vec<usize> = (0..bins).map(|b| b * count / bins).collect();
         let mut each = vec![Sums::default(); bins];
         for (b, sums) in each.iter_mut().enumerate() {

@@ -1,14 +1,14 @@
 //! A reading of a contour as an implicit equation.
 
 use super::curve::{beyond, distance, distance_hessian, nearest_piece, within};
-use super::held::Held;
-use super::kind::Kind;
+use super::kind::ContourKind;
+use super::soft_constraint::SoftConstraint;
 use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE, NoiseHessian};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// What a sensor saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Target {
+pub enum ContourTarget {
     /// A range from a pose: the point is `origin + range (cos heading, sin heading)`.
     Range {
         /// Where the sensor was thought to be.
@@ -31,9 +31,9 @@ pub enum Target {
 
 /// A reading, with what it shares with others.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct ContourReading {
     /// What was seen.
-    pub target: Target,
+    pub target: ContourTarget,
     /// Readings of one number were taken from one pose, and share its error; only ranges have one.
     pub pose: Option<usize>,
     /// Seconds, where the thing moves.
@@ -42,16 +42,16 @@ pub struct Sighting {
     pub line: usize,
 }
 
-impl Sighting {
+impl ContourReading {
     /// The point that was seen, as measured.
     #[must_use]
     pub fn point(&self) -> [f64; 2] {
         match self.target {
-            Target::Range { origin, heading_rad, range, .. } => {
+            ContourTarget::Range { origin, heading_rad, range, .. } => {
                 let (sin, cos) = heading_rad.sin_cos();
                 [origin[0] + range * cos, origin[1] + range * sin]
             }
-            Target::Point { position, .. } => position,
+            ContourTarget::Point { position, .. } => position,
         }
     }
 
@@ -59,7 +59,7 @@ impl Sighting {
     #[must_use]
     pub fn covariance(&self) -> [f64; 3] {
         match self.target {
-            Target::Range { heading_rad, range, sigma, .. } => {
+            ContourTarget::Range { heading_rad, range, sigma, .. } => {
                 let (sin, cos) = heading_rad.sin_cos();
                 let along = sigma[3] * sigma[3];
                 let across = (range * sigma[2]).powi(2);
@@ -69,19 +69,19 @@ impl Sighting {
                     sigma[1] * sigma[1] + along * sin * sin + across * cos * cos,
                 ]
             }
-            Target::Point { sigma, .. } => [sigma * sigma, 0.0, sigma * sigma],
+            ContourTarget::Point { sigma, .. } => [sigma * sigma, 0.0, sigma * sigma],
         }
     }
 }
 
-impl Sighting {
+impl ContourReading {
     /// The same measurement, carried along so that it is of the point `to`.
     pub(super) fn moved_to(&self, to: [f64; 2]) -> Self {
         let from = self.point();
         let mut moved = *self;
         let place = match &mut moved.target {
-            Target::Range { origin, .. } => origin,
-            Target::Point { position, .. } => position,
+            ContourTarget::Range { origin, .. } => origin,
+            ContourTarget::Point { position, .. } => position,
         };
         for k in 0..2 {
             place[k] += to[k] - from[k];
@@ -94,7 +94,7 @@ impl Sighting {
     pub(super) fn with_error(&self, axis: usize, sigmas: f64) -> Self {
         let mut made = *self;
         match &mut made.target {
-            Target::Range { origin, heading_rad, range, sigma } => {
+            ContourTarget::Range { origin, heading_rad, range, sigma } => {
                 let by = sigmas * sigma[axis];
                 match axis {
                     0 | 1 => origin[axis] += by,
@@ -103,7 +103,7 @@ impl Sighting {
                 }
             }
             // Two axes, each twice as often: errors of √2 σ rather than √4.
-            Target::Point { position, sigma } => position[axis % 2] += sigmas * *sigma * FRAC_1_SQRT_2,
+            ContourTarget::Point { position, sigma } => position[axis % 2] += sigmas * *sigma * FRAC_1_SQRT_2,
         }
         made
     }
@@ -112,7 +112,7 @@ impl Sighting {
 /// How the thing moves while it is measured, about a fixed pivot: the state has its velocity behind the
 /// contour, which is that of time zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Motion {
+pub enum PlanarMotion {
     /// It stands still.
     Still,
     /// `vx vy`, in lengths a second.
@@ -121,7 +121,7 @@ pub enum Motion {
     Rigid,
 }
 
-impl Motion {
+impl PlanarMotion {
     /// How many unknowns it adds.
     #[must_use]
     pub fn unknowns(self) -> usize {
@@ -145,30 +145,30 @@ pub enum Form {
 
 /// What all readings of one fit have in common.
 #[derive(Debug, Clone)]
-pub(crate) struct Setting {
-    pub(crate) kind: Kind,
+pub(crate) struct ContourModel {
+    pub(crate) kind: ContourKind,
     pub(crate) form: Form,
-    pub(crate) motion: Motion,
+    pub(crate) motion: PlanarMotion,
     /// The fixed pivot of the rotation, and the time of the contour.
     pub(crate) pivot: [f64; 2],
     pub(crate) time_s: f64,
     /// Whether ranges have the error of their pose behind the state, and not in their own noise.
     pub(crate) shared_poses: bool,
     /// What is known of a chain beside the readings: where an open one ends, and which joints are smooth.
-    pub(crate) held: Vec<Held>,
+    pub(crate) constraints: Vec<SoftConstraint>,
 }
 
-impl Setting {
+impl ContourModel {
     pub(crate) fn unknowns(&self) -> usize {
         self.kind.parameters() + self.motion.unknowns()
     }
 }
 
 /// A sighting against a contour, or in its place something known of it.
-pub(crate) struct ContourReading<'a> {
-    pub(crate) setting: &'a Setting,
-    pub(crate) sighting: &'a Sighting,
-    pub(crate) held: Option<Held>,
+pub(crate) struct ContourEquation<'a> {
+    pub(crate) model: &'a ContourModel,
+    pub(crate) sighting: &'a ContourReading,
+    pub(crate) constraint: Option<SoftConstraint>,
 }
 
 /// A point with its derivatives by noise, and by shared pose errors.
@@ -180,10 +180,10 @@ struct Place {
     by_heading: [[f64; 2]; 2],
 }
 
-impl<'a> ContourReading<'a> {
+impl<'a> ContourEquation<'a> {
     /// That of a sighting.
-    pub(crate) fn of(setting: &'a Setting, sighting: &'a Sighting) -> Self {
-        Self { setting, sighting, held: None }
+    pub(crate) fn new(model: &'a ContourModel, sighting: &'a ContourReading) -> Self {
+        Self { model, sighting, constraint: None }
     }
 
     fn place(&self, x: &[f64], u: &[f64]) -> Place {
@@ -194,13 +194,13 @@ impl<'a> ContourReading<'a> {
             by_heading: [[0.0; 2]; 2],
         };
         match self.sighting.target {
-            Target::Point { position, sigma } => {
+            ContourTarget::Point { position, sigma } => {
                 place.point = [position[0] - sigma * u[0], position[1] - sigma * u[1]];
                 place.by_noise[0] = [-sigma, 0.0];
                 place.by_noise[1] = [0.0, -sigma];
             }
-            Target::Range { origin, heading_rad, range, sigma } => {
-                let shared = self.setting.shared_poses;
+            ContourTarget::Range { origin, heading_rad, range, sigma } => {
+                let shared = self.model.shared_poses;
                 let (pose, own) = if shared { (&x[x.len() - 3..], u[0]) } else { (&u[..3], u[3]) };
                 let (sin, cos) = (heading_rad - sigma[2] * pose[2]).sin_cos();
                 let length = range - sigma[3] * own;
@@ -229,15 +229,15 @@ impl<'a> ContourReading<'a> {
     /// Carries a point back to where the thing was at time zero: the point, its rotation (cos, sin), and the
     /// time between.
     fn carried_back(&self, x: &[f64], p: [f64; 2]) -> ([f64; 2], [f64; 2], f64) {
-        let k = self.setting.kind.parameters();
-        let pivot = self.setting.pivot;
-        let time = self.sighting.time_s - self.setting.time_s;
-        let moved = match self.setting.motion {
-            Motion::Still => return (p, [1.0, 0.0], 0.0),
+        let k = self.model.kind.parameters();
+        let pivot = self.model.pivot;
+        let time = self.sighting.time_s - self.model.time_s;
+        let moved = match self.model.motion {
+            PlanarMotion::Still => return (p, [1.0, 0.0], 0.0),
             _ => [p[0] - pivot[0] - time * x[k], p[1] - pivot[1] - time * x[k + 1]],
         };
-        let (sin, cos) = match self.setting.motion {
-            Motion::Rigid => (-time * x[k + 2]).sin_cos(),
+        let (sin, cos) = match self.model.motion {
+            PlanarMotion::Rigid => (-time * x[k + 2]).sin_cos(),
             _ => (0.0, 1.0),
         };
         (
@@ -265,7 +265,7 @@ impl<'a> ContourReading<'a> {
     fn sigma_along(&self, branch: usize, theta: &[f64], p: [f64; 2], [cos, sin]: [f64; 2]) -> f64 {
         let [xx, xy, yy] = self.sighting.covariance();
         let mut by_theta = [0.0; MOST_STATE];
-        let n = distance(&self.setting.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
+        let n = distance(&self.model.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
         let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
         let across =
             normal[0] * normal[0] * xx + 2.0 * normal[0] * normal[1] * xy + normal[1] * normal[1] * yy;
@@ -274,8 +274,8 @@ impl<'a> ContourReading<'a> {
 
     /// `g` of a body point with `∂g/∂p`; `∂g/∂θ` into `by_theta`.
     fn contour(&self, branch: usize, theta: &[f64], p: [f64; 2], by_theta: &mut [f64]) -> (f64, [f64; 2]) {
-        let kind = &self.setting.kind;
-        if self.setting.form == Form::ActiveFacet || kind.pieces() == 1 {
+        let kind = &self.model.kind;
+        if self.model.form == Form::ActiveFacet || kind.pieces() == 1 {
             let at = distance(kind, theta, branch, p, by_theta);
             return (at.value, at.by_point);
         }
@@ -304,28 +304,28 @@ impl<'a> ContourReading<'a> {
     }
 }
 
-impl ImplicitReading for ContourReading<'_> {
+impl ImplicitReading for ContourEquation<'_> {
     fn state(&self) -> usize {
-        self.setting.unknowns() + if self.setting.shared_poses { 3 } else { 0 }
+        self.model.unknowns() + if self.model.shared_poses { 3 } else { 0 }
     }
 
     fn noise(&self) -> usize {
-        if self.held.is_some() {
+        if self.constraint.is_some() {
             return 1;
         }
         match self.sighting.target {
-            Target::Point { .. } => 2,
-            Target::Range { .. } if self.setting.shared_poses => 1,
-            Target::Range { .. } => 4,
+            ContourTarget::Point { .. } => 2,
+            ContourTarget::Range { .. } if self.model.shared_poses => 1,
+            ContourTarget::Range { .. } => 4,
         }
     }
 
     fn branches(&self) -> usize {
-        if self.held.is_some() {
+        if self.constraint.is_some() {
             return 1;
         }
-        match self.setting.form {
-            Form::ActiveFacet => self.setting.kind.pieces(),
+        match self.model.form {
+            Form::ActiveFacet => self.model.kind.pieces(),
             Form::Product => 1,
         }
     }
@@ -338,12 +338,12 @@ impl ImplicitReading for ContourReading<'_> {
         by_state: &mut [f64],
         by_noise: &mut [f64],
     ) -> f64 {
-        let k = self.setting.kind.parameters();
+        let k = self.model.kind.parameters();
         by_state.fill(0.0);
-        if let Some(held) = self.held {
-            let missed = held.missed(&self.setting.kind, &x[..k], &mut by_state[..k]);
-            by_noise[0] = held.sigma();
-            return missed + held.sigma() * u[0];
+        if let Some(constraint) = self.constraint {
+            let violation = constraint.violation(&self.model.kind, &x[..k], &mut by_state[..k]);
+            by_noise[0] = constraint.sigma();
+            return violation + constraint.sigma() * u[0];
         }
         let place = self.place(x, u);
         let (p, [cos, sin], time) = self.carried_back(x, place.point);
@@ -351,18 +351,18 @@ impl ImplicitReading for ContourReading<'_> {
         // From the body's frame at time zero to the world.
         let by_point = [cos * by_body[0] + sin * by_body[1], cos * by_body[1] - sin * by_body[0]];
         let dot = |d: [f64; 2]| by_point[0] * d[0] + by_point[1] * d[1];
-        if self.setting.motion != Motion::Still {
+        if self.model.motion != PlanarMotion::Still {
             by_state[k] = -time * by_point[0];
             by_state[k + 1] = -time * by_point[1];
         }
-        if self.setting.motion == Motion::Rigid {
-            let arm = [p[0] - self.setting.pivot[0], p[1] - self.setting.pivot[1]];
+        if self.model.motion == PlanarMotion::Rigid {
+            let arm = [p[0] - self.model.pivot[0], p[1] - self.model.pivot[1]];
             by_state[k + 2] = -time * (by_body[1] * arm[0] - by_body[0] * arm[1]);
         }
         for (out, column) in by_noise.iter_mut().zip(place.by_noise) {
             *out = dot(column);
         }
-        if self.setting.shared_poses {
+        if self.model.shared_poses {
             let first = x.len() - 3;
             for (j, column) in place.by_pose.into_iter().enumerate() {
                 by_state[first + j] = dot(column);
@@ -372,17 +372,17 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn noise_hessian(&self, branch: usize, x: &[f64], u: &[f64], hessian: &mut NoiseHessian) -> bool {
-        if self.held.is_some() {
+        if self.constraint.is_some() {
             hessian[0][0] = 0.0;
             return true;
         }
-        if self.setting.form == Form::Product && self.setting.kind.pieces() > 1 {
+        if self.model.form == Form::Product && self.model.kind.pieces() > 1 {
             return false;
         }
-        let theta = &x[..self.setting.kind.parameters()];
+        let theta = &x[..self.model.kind.parameters()];
         let place = self.place(x, u);
         let (p, [cos, sin], _) = self.carried_back(x, place.point);
-        let [xx, xy, yy] = distance_hessian(&self.setting.kind, theta, branch, p);
+        let [xx, xy, yy] = distance_hessian(&self.model.kind, theta, branch, p);
         let count = self.noise();
         // Columns in the frame of the body.
         let mut columns = [[0.0; 2]; 4];
@@ -400,7 +400,7 @@ impl ImplicitReading for ContourReading<'_> {
         }
         if count == 4 {
             let mut by_theta = [0.0; MOST_STATE];
-            let n = distance(&self.setting.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
+            let n = distance(&self.model.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
             let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
             let [turned, stretched] = place.by_heading.map(|d| normal[0] * d[0] + normal[1] * d[1]);
             hessian[2][2] += turned;
@@ -410,13 +410,13 @@ impl ImplicitReading for ContourReading<'_> {
         true
     }
 
-    fn overrun(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
-        if self.held.is_some() {
+    fn beyond_end_penalty(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
+        if self.constraint.is_some() {
             return 0.0;
         }
-        let k = self.setting.kind.parameters();
+        let k = self.model.kind.parameters();
         let (p, [cos, sin], _) = self.carried_back(x, self.place(x, u).point);
-        let length = beyond(&self.setting.kind, &x[..k], branch, p);
+        let length = beyond(&self.model.kind, &x[..k], branch, p);
         if length <= 0.0 {
             return 0.0;
         }
@@ -425,25 +425,25 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn nearest_branch(&self, x: &[f64]) -> Option<usize> {
-        if self.held.is_some() {
+        if self.constraint.is_some() {
             return Some(0);
         }
-        if self.setting.shared_poses {
+        if self.model.shared_poses {
             // A reading's own noise is along its ray only.
             return None;
         }
-        let k = self.setting.kind.parameters();
+        let k = self.model.kind.parameters();
         let (p, covariance) = self.seen_at_rest(x);
-        nearest_piece(&self.setting.kind, &x[..k], p, covariance)
+        nearest_piece(&self.model.kind, &x[..k], p, covariance)
     }
 
     fn margin(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
-        if self.setting.form == Form::Product || self.held.is_some() {
+        if self.model.form == Form::Product || self.constraint.is_some() {
             return f64::INFINITY;
         }
-        let k = self.setting.kind.parameters();
+        let k = self.model.kind.parameters();
         let (p, turn, _) = self.carried_back(x, self.place(x, u).point);
-        let length = within(&self.setting.kind, &x[..k], branch, p);
+        let length = within(&self.model.kind, &x[..k], branch, p);
         if length.is_infinite() {
             return length;
         }
@@ -451,7 +451,8 @@ impl ImplicitReading for ContourReading<'_> {
     }
 
     fn second_order_variance(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
-        if self.setting.form == Form::ActiveFacet || self.setting.kind.pieces() == 1 || self.held.is_some() {
+        if self.model.form == Form::ActiveFacet || self.model.kind.pieces() == 1 || self.constraint.is_some()
+        {
             return 0.0;
         }
         // ½ |g_uu|², the variance of ½ uᵀ g_uu u, by differences of the gradient.

@@ -2,23 +2,23 @@
 
 use super::ends::End;
 use super::joints::Joint;
-use super::kind::Kind;
+use super::kind::ContourKind;
 
 /// Something that holds, to its σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Held {
+pub(crate) enum SoftConstraint {
     /// Where an open chain ends.
     End(End),
     /// A smooth joint.
     Joint(Joint),
 }
 
-impl Held {
-    /// By how much it is missed at `theta`; the derivative is added to `by_theta`.
-    pub(crate) fn missed(&self, kind: &Kind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
+impl SoftConstraint {
+    /// By how much it is violation at `theta`; the derivative is added to `by_theta`.
+    pub(crate) fn violation(&self, kind: &ContourKind, theta: &[f64], by_theta: &mut [f64]) -> f64 {
         match self {
-            Self::End(end) => end.missed(kind, theta, by_theta),
-            Self::Joint(joint) => joint.missed(kind, theta, by_theta),
+            Self::End(end) => end.violation(kind, theta, by_theta),
+            Self::Joint(joint) => joint.violation(kind, theta, by_theta),
         }
     }
 
