@@ -101,7 +101,7 @@ fn scan_from(
     let world_from_scanner = pose(cloud)?;
     let mut collector = PointCollector::new(PointColumns::positions_only(), cloud.records as usize);
     let mut cells = Vec::new();
-    let layout = Layout::of(cloud);
+    let layout = Layout::new(cloud);
     // The crate's reader of points, other than that of values, stops at packets in which no point is whole.
     let points = reader.pointcloud_raw(cloud).map_err(|e| damaged(e, "its points cannot be found"))?;
     for (number, values) in points.enumerate() {
@@ -134,7 +134,8 @@ struct Layout {
 }
 
 impl Layout {
-    fn of(cloud: &PointCloud) -> Self {
+    /// Finds the positions of the known quantities in the prototype of a point cloud.
+    fn new(cloud: &PointCloud) -> Self {
         let find = |name: RecordName| cloud.prototype.iter().position(|record| record.name == name);
         let three = |[a, b, c]: [RecordName; 3]| Some([find(a)?, find(b)?, find(c)?]);
         Self {

@@ -17,7 +17,7 @@
 //! # References
 //! Wavefront Technologies, *Advanced Visualizer Manual*, appendix B1, *Object Files*.
 
-mod looks;
+mod appearance;
 #[cfg(test)]
 mod tests;
 
@@ -31,15 +31,15 @@ use planish_sense::Scan;
 use crate::Unit;
 use crate::atomic::write_packed;
 use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
-use looks::Looks;
-pub(crate) use looks::read_textured;
+use appearance::AppearanceReader;
+pub(crate) use appearance::read_textured;
 
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
-/// What stands before the unit's name in our own comments.
+/// Prefix of the unit's name in comments that Planish writes.
 const UNIT_COMMENT: &[u8] = b" unit ";
 
-/// The mark of a vertex that no face gave a normal.
+/// Marks a vertex to which no face has assigned a normal.
 const NONE: u32 = u32::MAX;
 
 /// Reads vertices as points, with their normals. Vertices with a coordinate that is not finite are dropped
@@ -145,13 +145,13 @@ struct Obj {
     unit: Option<Unit>,
     /// Corners of the face at hand.
     face: Vec<u32>,
-    /// Texture coordinates and parts, where they are wanted.
-    looks: Option<Looks>,
+    /// Reader of texture coordinates and parts; none if the caller does not need them.
+    appearance: Option<AppearanceReader>,
 }
 
 impl Obj {
-    fn read<R: Read>(source: &mut Source<R>, looks: Option<Looks>) -> Result<Self> {
-        let mut obj = Self { looks, ..Self::default() };
+    fn read<R: Read>(source: &mut Source<R>, appearance: Option<AppearanceReader>) -> Result<Self> {
+        let mut obj = Self { appearance, ..Self::default() };
         let mut joined = Vec::new();
         loop {
             let number = source.line_number() + 1;
@@ -218,8 +218,8 @@ impl Obj {
             Some(b"vn") => self.stated.push(three(&mut rest, number)?),
             Some(b"f" | b"fo") => self.face(rest, number)?,
             Some(keyword) => {
-                if let Some(looks) = &mut self.looks {
-                    looks.line(keyword, rest, number)?;
+                if let Some(appearance) = &mut self.appearance {
+                    appearance.line(keyword, rest, number)?;
                 }
             }
             None => {}
@@ -256,13 +256,13 @@ impl Obj {
                 (Some(normal), None) => Some(index(normal, self.stated.len(), "normal")?),
                 _ => return Err(wrong()),
             };
-            if let Some(looks) = &mut self.looks {
-                let count = looks.uv.len();
+            if let Some(appearance) = &mut self.appearance {
+                let count = appearance.uv.len();
                 let uv = match texture {
                     None | Some(b"") => None,
                     Some(part) => Some(index(part, count, "texture coordinate")?),
                 };
-                looks.corner(self.face.len(), uv, line);
+                appearance.corner(self.face.len(), uv, line);
             }
             self.farthest_vertex.see(vertex, line);
             if let Some(normal) = normal {
@@ -282,8 +282,8 @@ impl Obj {
             return Err(too_few(line, self.face.len()));
         }
         self.triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
-        if let Some(looks) = &mut self.looks {
-            looks.finish_face(self.triangles.len());
+        if let Some(appearance) = &mut self.appearance {
+            appearance.finish_face(self.triangles.len());
         }
         Ok(())
     }

@@ -63,7 +63,7 @@ fn read(text: &str) -> Result<DxfDrawing> {
     }
     let (scale, unit) = scale(&root)?;
     let mut reader = Reader {
-        sheet: Sheet::of(&document),
+        sheet: Sheet::parse(&document),
         drawing: DxfDrawing { unit, ..DxfDrawing::default() },
         passed_over: BTreeMap::new(),
     };
@@ -101,7 +101,7 @@ impl Reader {
     }
 
     fn element(&mut self, node: &Node<'_, '_>, outer: &Affine, style: Style, depth: usize) -> Result<()> {
-        let style = style.of(node, &self.sheet);
+        let style = style.of_child(node, &self.sheet);
         if !style.is_shown {
             return Ok(());
         }

@@ -35,7 +35,7 @@ pub fn read_points(path: &Path) -> Result<Scan> {
 /// Most columns that a header may name: no program writes a hundredth of it.
 const MOST_COLUMNS: usize = 4096;
 
-/// What stands between two numbers.
+/// Separator of the numbers of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Separator {
     Blank,
@@ -43,7 +43,8 @@ enum Separator {
 }
 
 impl Separator {
-    fn of(line: &[u8]) -> Self {
+    /// Detects the separator: a semicolon, else a comma, else blanks and tabs.
+    fn detect(line: &[u8]) -> Self {
         let found = [b';', b','].into_iter().find(|byte| line.contains(byte));
         found.map_or(Self::Blank, Self::Byte)
     }
@@ -81,7 +82,7 @@ fn comment(line: &[u8]) -> Option<&[u8]> {
 
 /// The fields of a line as column names, where it names x, y and z.
 fn names(line: &[u8]) -> Option<Vec<String>> {
-    let fields = Separator::of(line).fields(line);
+    let fields = Separator::detect(line).fields(line);
     let names: Vec<String> = fields
         .iter()
         .map(|field| String::from_utf8_lossy(field).trim_matches('"').to_ascii_lowercase())
@@ -149,7 +150,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         let layout = match &mut layout {
             Some(layout) => layout,
             None => {
-                let separator = Separator::of(line);
+                let separator = Separator::detect(line);
                 let fields = separator.fields(line);
                 let first = fields.first().copied().unwrap_or_default();
                 let is_count = fields.len() == 1 && first.iter().all(u8::is_ascii_digit);

@@ -24,7 +24,7 @@ pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> R
     let near = ON_LINE * extent(0).max(extent(1));
     let mut found = Vec::new();
     for record in dimensions {
-        let Some(measured) = Measured::of(record)? else {
+        let Some(measured) = Measured::from_record(record)? else {
             continue;
         };
         let name = record.name();
@@ -62,7 +62,8 @@ struct Measured {
 }
 
 impl Measured {
-    fn of(record: &Record) -> Result<Option<Self>> {
+    /// Reads what a `DIMENSION` measures; none for a kind that is not used.
+    fn from_record(record: &Record) -> Result<Option<Self>> {
         let point = |code: i32| {
             Ok::<_, planish_estimate::Error>(match (record.number(code)?, record.number(code + 10)?) {
                 (Some(x), Some(y)) => Some([x, y]),

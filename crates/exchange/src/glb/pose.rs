@@ -241,7 +241,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     document["accessors"] = json!(chunk.sections.accessors);
     document["bufferViews"] = json!(chunk.sections.views);
     document["buffers"] = json!([{"byteLength": chunk.sections.length}]);
-    let head = Head::of(&document, chunk.sections.length).map_err(|total| {
+    let head = Head::new(&document, chunk.sections.length).map_err(|total| {
         Error::unsupported(format!("GLB holds at most 4 GiB, this mesh takes {total} bytes"))
     })?;
     Ok((head, chunk.bytes))

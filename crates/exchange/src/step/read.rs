@@ -133,8 +133,8 @@ impl StepFaces {
     }
 
     fn of_bytes(bytes: &[u8]) -> Result<Self> {
-        let index = Index::of(bytes)?;
-        let products = Products::of(&index)?;
+        let index = Index::new(bytes)?;
+        let products = Products::find(&index)?;
         let with_unit = products.representations.values().find_map(|r| r.units.length_mm);
         let unit = with_unit.map(named_unit);
         let length = |units: &Units| match (units.length_mm, unit) {
