@@ -1,11 +1,13 @@
 //! Meshes with texture coordinates, named parts and a texture: types, materials, and OBJ with MTL.
 //!
-//! Comes in: any mesh file; OBJ is read with `vt`, with its groups, objects and materials as parts, and with
+//! **Input.** Any mesh file. OBJ is read with `vt`, with its groups, objects and materials as parts, and with
 //! the pictures that its material files (`.mtl`, `map_Kd`) name; GLB with `TEXCOORD_0` and the picture of its
-//! base colour. Goes out: OBJ with MTL and picture beside it.
+//! base colour.
 //!
-//! Not guaranteed: more of a material than the picture of its colour; texture coordinates of files other than
-//! OBJ and GLB.
+//! **Output.** OBJ with its MTL file and picture.
+//!
+//! **Limits.** Of a material only the colour picture is used. Texture coordinates are read from OBJ and GLB
+//! files only.
 
 use std::collections::BTreeMap;
 use std::io::Write;

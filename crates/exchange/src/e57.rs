@@ -1,12 +1,13 @@
 //! E57, the exchange format of terrestrial scanners: several scans in one file, each with its pose.
 //!
-//! Comes in: an ASTM E2807 file, Cartesian or spherical. Goes out: a [`Scan`] for every point cloud, in its
-//! scanner's own frame with its pose, in metres, the unit of the format. Points that are marked as invalid
-//! are dropped and counted. Indices of rows and columns give the sampling grid, where no two points share a
-//! cell. Rays leave the origin of the frame of spherical and organised clouds, and of those with a pose;
-//! others may be of any origin.
+//! **Input.** An ASTM E2807 file, Cartesian or spherical.
 //!
-//! Not guaranteed: colours, intensities, images and times are passed over.
+//! **Output.** One [`Scan`] per point cloud, in the frame of its scanner with its pose, in metres (the unit
+//! of the format). Points marked as invalid are dropped and counted. Row and column indices give the sampling
+//! grid if no two points share a cell. The viewpoint is the origin of the frame for spherical and organised
+//! clouds and for those with a pose; for other clouds it is unknown.
+//!
+//! **Limits.** Colours, intensities, images and times are ignored.
 
 use std::fs::File;
 use std::io::BufReader;

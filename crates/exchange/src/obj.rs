@@ -1,18 +1,19 @@
 //! OBJ, the text format of Wavefront: vertices, normals and polygons, in and out.
 //!
-//! Comes in: `v x y z` (a weight or colours behind are not looked at), `vn`, and `f` with indices that count
-//! from 1 or, negative, back from the last. A polygon is cut into the fan of its first corner. Lines that end
-//! with `\` go on in the next; `#` begins a comment; every other keyword is passed over. Goes out: a
-//! [`PolygonMesh`] or a [`Scan`]; written files hold every digit.
+//! **Input.** `v x y z` (further values are ignored), `vn`, and `f` with indices that count from 1 or, if
+//! negative, back from the last vertex. A polygon is split into a fan around its first corner. Lines that end
+//! with `\` continue in the next one; `#` begins a comment; other keywords are ignored.
 //!
-//! **Normals.** A vertex has the sum of the different `vn` that faces give it. Without any, and as many `vn`
-//! as `v`, they belong together in order: so do point clouds write them. A comment `# unit mm` names the
-//! unit.
+//! **Output.** A [`PolygonMesh`] or a [`Scan`]. Written files keep every digit.
 //!
-//! [`crate::textured::read_textured`] also takes texture coordinates, groups, objects and materials;
-//! elsewhere they are passed over.
+//! **Normals.** The normal of a vertex is the sum of the different `vn` that faces assign to it. Without
+//! faces that assign any, and with as many `vn` as `v`, they correspond in order, as in point clouds. A
+//! comment `# unit mm` names the unit.
 //!
-//! Not guaranteed: free-form curves and surfaces are passed over.
+//! [`crate::textured::read_textured`] also reads texture coordinates, groups, objects and materials; the
+//! other readers ignore them.
+//!
+//! **Limits.** Free-form curves and surfaces are ignored.
 //!
 //! # References
 //! Wavefront Technologies, *Advanced Visualizer Manual*, appendix B1, *Object Files*.

@@ -1,14 +1,15 @@
 //! PCD, the point clouds of the Point Cloud Library: ASCII, binary and binary_compressed.
 //!
-//! Comes in: a header of `KEY value …` lines through `DATA`, and one record a point. Goes out: a [`Scan`] at
-//! the identity pose.
+//! **Input.** A header of `KEY value …` lines through `DATA`, and one record per point.
+//!
+//! **Output.** A [`Scan`] at the identity pose.
 //!
 //! **Fields.** `x y z`; `normal_x normal_y normal_z` or `nx ny nz`; `sigma` or `cxx cxy cxz cyy cyz czz`;
-//! `sigma_n_deg`; others are passed over. A cloud of more than one row (`HEIGHT`) is organised: it gives the
-//! sampling grid. `VIEWPOINT` says from where the scanner looked; its default, the origin, is believed for
-//! organised clouds only, because every other cloud that does not know it says so too.
+//! `sigma_n_deg`. Other fields are ignored. A cloud with more than one row (`HEIGHT`) is organised: it gives
+//! the sampling grid. `VIEWPOINT` is the position of the scanner. Its default, the origin, is used only for
+//! organised clouds, because other clouds also state it when the position is unknown.
 //!
-//! Not guaranteed: `VIEWPOINT`'s rotation is not applied; points are where the file puts them.
+//! **Limits.** The rotation of `VIEWPOINT` is not applied.
 
 use std::io::Read;
 use std::path::Path;

@@ -1,8 +1,9 @@
 //! Plain text points: XYZ, TXT, ASC, CSV, PTS.
 //!
-//! Comes in: one point a line; the numbers are apart by commas, by semicolons, or by blanks and tabs, as the
-//! first line shows. Blank lines and comments (`#`, `//`) are passed over. Goes out: a [`Scan`] at the
-//! identity pose.
+//! **Input.** One point per line. The first line shows whether commas, semicolons, or blanks and tabs
+//! separate the numbers. Blank lines and comments (`#`, `//`) are ignored.
+//!
+//! **Output.** A [`Scan`] at the identity pose.
 //!
 //! **Columns.** A header line names them, in any order and case: `x y z`, `sigma` or
 //! `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`, `k1 k2 d1x d1y d1z`, `sigma_k`, `time`, `scan`;
@@ -11,7 +12,8 @@
 //! normals if every one of them has length 1 within 1 %. Further columns are not looked at. A first line of
 //! one whole number is the count of a PTS file and is passed over.
 //!
-//! Not guaranteed: a column without a header is never taken for a σ; decimal commas are refused, not guessed.
+//! **Limits.** A column without a header is never taken as σ. Decimal commas are an error, because they are
+//! ambiguous.
 
 use std::io::Read;
 use std::path::Path;

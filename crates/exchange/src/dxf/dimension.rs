@@ -1,11 +1,12 @@
-//! Dimensions that contradict what is drawn.
+//! Dimensions that conflict with the drawing.
 //!
-//! Comes in: `DIMENSION`s, linear, aligned, of diameters and radii, and the drawing's curves. Goes out: in
-//! words that name the entity, those whose number is another than the distance of the points that they
-//! measure, and those whose points lie on no line (the drawing was changed after them).
+//! **Input.** `DIMENSION` entities (linear, aligned, diameter and radius) and the curves of the drawing.
 //!
-//! Not guaranteed: angles, ordinates, and texts without a number are not looked at; dimension styles that
-//! scale lengths are taken at their word where the file holds the measurement beside the text.
+//! **Output.** One message per dimension whose number differs from the distance of its points, and one per
+//! dimension whose points lie on no line (the drawing was changed later). Messages name the entity.
+//!
+//! **Limits.** Angles, ordinates and texts without a number are not checked. A dimension style that scales
+//! lengths is accepted if the file contains the measurement beside the text.
 
 use super::groups::Record;
 use planish_estimate::Result;

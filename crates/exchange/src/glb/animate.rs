@@ -4,7 +4,7 @@
 //! positions, normals and colours), and one animation whose weights lead from target to target. Viewers that
 //! do not animate show the last frame.
 //!
-//! Not guaranteed: that a viewer animates colours. glTF 2.0 allows morph targets of `COLOR_0` (section
+//! **Limits.** Viewers need not animate colours. glTF 2.0 allows morph targets of `COLOR_0` (section
 //! 3.7.2.2), but asks no viewer to show them.
 
 use super::write::{ATTRIBUTES, Head, INDICES, Sections};

@@ -3,7 +3,7 @@
 //! The file holds the mesh at rest, a morph target for each pose (differences of positions and normals), and,
 //! where there are keyframes, an animation of their weights. The picture is in the file.
 //!
-//! Not guaranteed: that two poses at once look like anything: targets add up.
+//! **Limits.** Targets of poses that are applied together add up, which need not give a plausible shape.
 
 use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};

@@ -1,8 +1,11 @@
-//! The text of STEP files: where each instance is, and what it says.
+//! Syntax of STEP files: the position and the content of each instance.
 //!
-//! Comes in: a file's bytes. Goes out: an index of instances, parsed when they are asked for, so that memory
-//! follows what is used. Not guaranteed: the exchange structure's later editions (anchors, references and
-//! signatures are passed over).
+//! **Input.** The bytes of a file.
+//!
+//! **Output.** An index of instances. Each is parsed when it is requested, so that memory depends on what is
+//! used.
+//!
+//! **Limits.** Anchors, references and signatures of later editions are ignored.
 //!
 //! # References
 //! ISO 10303-21:2016, *Clear text encoding of the exchange structure*, 5 and 10.
