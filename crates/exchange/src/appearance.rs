@@ -1,11 +1,13 @@
 //! Meshes with texture coordinates, named parts and a texture: types, materials, and OBJ with MTL.
 //!
-//! Comes in: any mesh file; OBJ is read with `vt`, with its groups, objects and materials as parts, and with
+//! **Input.** Any mesh file. OBJ is read with `vt`, with its groups, objects and materials as parts, and with
 //! the pictures that its material files (`.mtl`, `map_Kd`) name; GLB with `TEXCOORD_0` and the picture of its
-//! base colour. Goes out: OBJ with MTL and picture beside it.
+//! base colour.
 //!
-//! Not guaranteed: more of a material than the picture of its colour; texture coordinates of files other than
-//! OBJ and GLB.
+//! **Output.** OBJ with its MTL file and picture.
+//!
+//! **Limits.** Of a material only the colour picture is used. Texture coordinates are read from OBJ and GLB
+//! files only.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -212,7 +214,7 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
     let ending = if picture.is_some_and(is_jpeg) { "jpg" } else { "png" };
     let (materials, texture) = (path.with_extension("mtl"), path.with_extension(ending));
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let names = NamesOfTriangles::of(mesh);
+    let names = TriangleParts::new(mesh);
     let mut written = Vec::new();
     if let Some(bytes) = picture {
         write_atomically(&texture, |writer| writer.write_all(bytes))?;
@@ -259,14 +261,14 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
 /// The material of triangles that have none, where there is a picture.
 const UNNAMED_MATERIAL: &str = "surface";
 
-/// Which parts each triangle is of, by their places among all parts.
-struct NamesOfTriangles {
-    /// Triangle after triangle, in the order of [`TexturedMesh::parts`].
+/// Indices of the parts that each triangle belongs to.
+struct TriangleParts {
+    /// One list per triangle; indices into [`TexturedMesh::parts`], ascending.
     parts: Vec<Vec<u32>>,
 }
 
-impl NamesOfTriangles {
-    fn of(mesh: &TexturedMesh) -> Self {
+impl TriangleParts {
+    fn new(mesh: &TexturedMesh) -> Self {
         let mut parts = vec![Vec::new(); mesh.triangles.len()];
         for (index, part) in mesh.parts.iter().enumerate() {
             for t in &part.triangles {

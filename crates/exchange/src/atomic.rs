@@ -1,8 +1,10 @@
-//! Whole files or none.
+//! Writes a file completely or not at all.
 //!
-//! Comes in: a path and what writes to it. Goes out: the finished file under that path, or nothing at all.
-//! Not guaranteed: what is written to a device or pipe (`/dev/stdout`) goes there directly and cannot be
-//! taken back.
+//! **Input.** A path and a function that writes the content.
+//!
+//! **Output.** The finished file at that path, or no change.
+//!
+//! **Limits.** Data for a device or pipe (`/dev/stdout`) is written directly and cannot be undone.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};

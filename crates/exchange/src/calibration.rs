@@ -1,7 +1,8 @@
-//! Calibration TOML: what is known of a camera.
+//! Calibration files (TOML): the known properties of a camera.
 //!
-//! Comes in: a TOML file. Goes out: a [`Calibration`]. Keys that are not known are errors, so that no
-//! misspelt σ goes unnoticed.
+//! **Input.** A TOML file.
+//!
+//! **Output.** A [`Calibration`]. Unknown keys are errors, so that a misspelt σ does not go unnoticed.
 //!
 //! ```toml
 //! unit = "m"                # of every length here, and of the points: mm, m or in; may be left out
@@ -17,7 +18,7 @@
 //! The tables of other sensors: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`],
 //! [`read_view_sensor`].
 //!
-//! Not guaranteed: lenses are taken for undistorted, but for two views of stereo that state their distortion.
+//! **Limits.** Lenses are assumed to be free of distortion, except for two stereo views that state theirs.
 
 mod grid;
 mod lights;

@@ -1,13 +1,15 @@
 //! Depth images: PNG of 8 or 16 bits, TIFF and NPY of one channel, with the calibration of their camera.
 //!
-//! Comes in: an image and a [`Calibration`](crate::calibration::Calibration), of which σ = a + b z² gives
-//! every point its covariance: along the ray, and over the width of the pixel across it. Goes out: an
-//! organised [`Scan`] in the camera's frame (x right, y down, z forward) that looks from the camera's centre.
+//! **Input.** An image and a [`Calibration`](crate::calibration::Calibration). Its σ = a + b z² gives each
+//! point a covariance: σ along the ray, and the width of the pixel across it.
 //!
-//! The calibration is that which a job names, or else the file `NAME.toml` beside `NAME.png`.
+//! **Output.** An organised [`Scan`] in the frame of the camera (x right, y down, z forward), viewed from the
+//! centre of the camera.
 //!
-//! Not guaranteed: depth is along the camera's axis, not along the ray. A reading of 0, below it, or not
-//! finite is none: the cell is empty, and counts as a point that is not finite.
+//! The calibration is the one that a job names, or else the file `NAME.toml` beside `NAME.png`.
+//!
+//! **Limits.** Depth is along the axis of the camera, not along the ray. A reading that is zero, negative or
+//! not finite is an empty cell and counts as a point that is not finite.
 
 pub(crate) mod tags;
 

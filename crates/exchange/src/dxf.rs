@@ -1,14 +1,15 @@
 //! DXF (Drawing Interchange Format, ASCII): curves of drawings in.
 //!
-//! Comes in: `LINE`, `ARC`, `CIRCLE`, `ELLIPSE`, `LWPOLYLINE`, `POLYLINE`, `SPLINE` of the section
-//! `ENTITIES`, and of the blocks that `INSERT`s place there, on layers whose names hold `HIDDEN` or with
-//! dashed line types for hidden lines; centre lines (`CENTER`, `DASHDOT`) are left out. Goes out: curves with
-//! their style, the unit of `$INSUNITS`, how many entities of which kind were passed over (texts, hatches),
-//! and in words what was left out and which dimensions contradict what is drawn. Coordinates are those of the
-//! file: x to the right, y up.
+//! **Input.** `LINE`, `ARC`, `CIRCLE`, `ELLIPSE`, `LWPOLYLINE`, `POLYLINE` and `SPLINE` of the section
+//! `ENTITIES`, and of blocks placed by `INSERT`. Lines are hidden if the name of their layer contains
+//! `HIDDEN` or their line type is dashed. Centre lines (`CENTER`, `DASHDOT`) are ignored.
 //!
-//! Not guaranteed: entities out of the xy plane (an extrusion direction other than ±z is an error); binary
-//! DXF; meshes (`POLYLINE` of faces).
+//! **Output.** Curves with their style, the unit of `$INSUNITS`, counts of ignored entities by kind (texts,
+//! hatches), and messages on what was ignored and on dimensions that conflict with the drawing. Coordinates
+//! are those of the file: x to the right, y up.
+//!
+//! **Limits.** Entities outside the xy plane (an extrusion direction other than ±z) are errors. Binary DXF
+//! and meshes (`POLYLINE` of faces) are not supported.
 //!
 //! # References
 //! Autodesk, *AutoCAD 2012 DXF Reference* (group codes).

@@ -1,12 +1,13 @@
 //! E57, the exchange format of terrestrial scanners: several scans in one file, each with its pose.
 //!
-//! Comes in: an ASTM E2807 file, Cartesian or spherical. Goes out: a [`Scan`] for every point cloud, in its
-//! scanner's own frame with its pose, in metres, the unit of the format. Points that are marked as invalid
-//! are dropped and counted. Indices of rows and columns give the sampling grid, where no two points share a
-//! cell. Rays leave the origin of the frame of spherical and organised clouds, and of those with a pose;
-//! others may be of any origin.
+//! **Input.** An ASTM E2807 file, Cartesian or spherical.
 //!
-//! Not guaranteed: colours, intensities, images and times are passed over.
+//! **Output.** One [`Scan`] per point cloud, in the frame of its scanner with its pose, in metres (the unit
+//! of the format). Points marked as invalid are dropped and counted. Row and column indices give the sampling
+//! grid if no two points share a cell. The viewpoint is the origin of the frame for spherical and organised
+//! clouds and for those with a pose; for other clouds it is unknown.
+//!
+//! **Limits.** Colours, intensities, images and times are ignored.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -101,7 +102,7 @@ fn scan_from(
     let world_from_scanner = pose(cloud)?;
     let mut collector = PointCollector::new(PointColumns::positions_only(), cloud.records as usize);
     let mut cells = Vec::new();
-    let layout = Layout::of(cloud);
+    let layout = Layout::new(cloud);
     // The crate's reader of points, other than that of values, stops at packets in which no point is whole.
     let points = reader.pointcloud_raw(cloud).map_err(|e| damaged(e, "its points cannot be found"))?;
     for (number, values) in points.enumerate() {
@@ -134,7 +135,8 @@ struct Layout {
 }
 
 impl Layout {
-    fn of(cloud: &PointCloud) -> Self {
+    /// Finds the positions of the known quantities in the prototype of a point cloud.
+    fn new(cloud: &PointCloud) -> Self {
         let find = |name: RecordName| cloud.prototype.iter().position(|record| record.name == name);
         let three = |[a, b, c]: [RecordName; 3]| Some([find(a)?, find(b)?, find(c)?]);
         Self {

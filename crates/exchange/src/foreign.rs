@@ -1,8 +1,11 @@
-//! Decoders of other people, which may panic on damaged files.
+//! Calls decoders of other crates, which may panic on damaged files.
 //!
-//! Comes in: a call of such a decoder. Goes out: what it gives, or an error that blames the file. Not
-//! guaranteed: anything about memory. A decoder that asks for too much ends the program, so sizes are checked
-//! before it is called.
+//! **Input.** A call of such a decoder.
+//!
+//! **Output.** Its result, or an error that names the file as the cause.
+//!
+//! **Limits.** A decoder that requests too much memory aborts the program, so sizes are checked before it is
+//! called.
 
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};

@@ -1,8 +1,9 @@
-//! Which map coordinates belong to, carried from a point cloud to a raster.
+//! The map projection of coordinates, carried from a point cloud to a raster.
 //!
-//! Comes in: the keys of the GeoTIFF standard, which LAS files hold too, or text. Goes out: the same keys for
-//! a raster, and the unit of length that they name. The keys are carried as they are: a projection that
-//! somebody defined for one project stays what it is.
+//! **Input.** The keys of the GeoTIFF standard, which LAS files also contain, or text.
+//!
+//! **Output.** The same keys for a raster, and the unit of length that they name. The keys are not
+//! interpreted further, so that a user-defined projection is kept unchanged.
 
 use crate::Unit;
 

@@ -1,11 +1,12 @@
 //! GeoTIFF, out: heights and their σ on a grid of a map.
 //!
-//! Comes in: a [`HeightGrid`]. Goes out: one file with two bands of single precision, pixel by pixel,
-//! compressed by deflate. Band 1 is the height, band 2 its σ; both are [`NODATA`] where the grid knows
-//! nothing. Coordinates are of double precision, and a pixel is an area whose upper left corner is tied to
-//! the map.
+//! **Input.** A [`HeightGrid`].
 //!
-//! Not guaranteed: files of more than 4 GB.
+//! **Output.** One file with two interleaved bands in single precision, compressed by deflate. Band 1 is the
+//! height, band 2 its σ; both are [`NODATA`] where the grid has no value. Coordinates have double precision.
+//! A pixel is an area whose upper left corner is tied to the map.
+//!
+//! **Limits.** Files have at most 4 GB.
 
 use std::io::{self, Cursor, Write};
 use std::path::Path;

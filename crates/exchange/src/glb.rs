@@ -1,9 +1,10 @@
 //! GLB, binary glTF 2.0: what browsers and viewers show; meshes in and out.
 //!
-//! Comes in: a file whose geometry stands in its own binary chunk. Goes out: a
-//! [`PolygonMesh`](crate::mesh_data::PolygonMesh) of all meshes of the scene, in metres, the unit of glTF;
-//! normals are the columns `nx ny nz`, the attributes `_SIGMA` and `_OBSERVED` the columns `sigma` and
-//! `observed`.
+//! **Input.** A file whose geometry is in its own binary chunk.
+//!
+//! **Output.** A [`PolygonMesh`](crate::mesh_data::PolygonMesh) of all meshes of the scene, in metres (the
+//! unit of glTF). Normals are the columns `nx ny nz`; the attributes `_SIGMA` and `_OBSERVED` are the columns
+//! `sigma` and `observed`.
 //!
 //! **Written files** hold one mesh: `float32` positions about the middle of the mesh, which is the
 //! translation of its node, so that far coordinates lose no digits; the node's scale turns the model's unit
@@ -14,9 +15,9 @@
 //! Meshes that change in time are written with morph targets and an animation ([`write_animation`]); those
 //! that can be posed, with a texture ([`write_posed`]).
 //!
-//! Not guaranteed: axes are those of the model, whose z may point up where viewers of glTF take y. Skins,
-//! morph targets, animations, points and lines are passed over when read, and textures but by
-//! [`read_textured`](crate::textured::read_textured), which takes the base colour alone.
+//! **Limits.** Axes are those of the model, whose z may point up, whereas viewers of glTF take y as up.
+//! Skins, morph targets, animations, points and lines are ignored when a file is read. Textures are read only
+//! by [`read_textured`](crate::textured::read_textured), which takes the base colour.
 //!
 //! # References
 //! The Khronos Group, *glTF 2.0 Specification*, 2021 (ISO/IEC 12113:2022).

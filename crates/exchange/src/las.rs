@@ -1,13 +1,14 @@
 //! LAS and LAZ, the point clouds of airborne and terrestrial lidar.
 //!
-//! Comes in: any point format, plain or compressed. Goes out: a [`Scan`] at the identity pose, with the class
-//! of every point where the file tells any apart. Points that are marked as withheld are not read.
+//! **Input.** Any point format, plain or compressed.
 //!
-//! The crate that decodes believes what a file says of its own sizes: `limits` asks first whether the file
-//! can hold them.
+//! **Output.** A [`Scan`] at the identity pose, with the class of each point if the file distinguishes any.
+//! Points marked as withheld are not read.
 //!
-//! Not guaranteed: coordinates are in the file's own unit and on its own map; heights are taken to be in the
-//! same unit.
+//! The decoder trusts the sizes that a file declares, so `limits` first checks that the file can hold them.
+//!
+//! **Limits.** Coordinates are in the unit and the map projection of the file. Heights are assumed to be in
+//! the same unit.
 
 mod limits;
 mod sequential;

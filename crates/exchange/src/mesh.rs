@@ -1,7 +1,8 @@
 //! Triangle meshes in any of the formats, by the file's extension: PLY, OBJ, STL, OFF and GLB.
 //!
-//! Comes in: a path. Goes out: a [`PolygonMesh`]; or a file that holds what its format can of
-//! [`MeshColumns`].
+//! **Input.** A path; for writing also [`MeshColumns`].
+//!
+//! **Output.** A [`PolygonMesh`], or a file with everything of [`MeshColumns`] that its format can hold.
 //!
 //! | format | written | read |
 //! |---|---|---|
@@ -12,7 +13,7 @@
 //! | GLB | `float32` positions about an offset, normals, columns; metres | the same |
 //! | STEP | surfaces, by [`crate::step`] | triangles of all faces, by [`crate::step::read_step`] |
 //!
-//! Not guaranteed: that columns survive OBJ and STL, which have no place for them.
+//! **Limits.** OBJ and STL have no place for columns, so these are lost.
 
 use crate::source::{extension, found_extension};
 use planish_estimate::{Error, Result};

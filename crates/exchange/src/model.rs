@@ -1,9 +1,10 @@
 //! `.planish`: saved models, as safetensors.
 //!
-//! Comes in and goes out: named tensors and one JSON object. Any reader of safetensors opens the file:
-//! `safetensors.numpy. load_file("part.planish")` in Python. The JSON stands as text under the metadata key
-//! `planish`; its `schema` is the version of the format. The same model gives the same bytes. Not guaranteed:
-//! what the tensors mean; this module knows their shapes and types only.
+//! **Input and output.** Named tensors and one JSON object. Any reader of safetensors opens the file, for
+//! example `safetensors.numpy.load_file("part.planish")` in Python. The JSON is text under the metadata key
+//! `planish`; its `schema` is the version of the format. The same model gives the same bytes.
+//!
+//! **Limits.** This module checks shapes and types of tensors, not their meaning.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};

@@ -1,8 +1,9 @@
 //! NPY and NPZ, the arrays of NumPy: points in.
 //!
-//! Comes in: one array (`.npy`) or named ones (`.npz`), plain or compressed; integers and floating-point
-//! numbers of any size from 8 to 64 bits, in either byte order, rows or columns first. Goes out: a [`Scan`]
-//! at the identity pose.
+//! **Input.** One array (`.npy`) or named ones (`.npz`), plain or compressed. Numbers are integers or
+//! floating-point numbers of 8 to 64 bits in either byte order, stored by rows or by columns.
+//!
+//! **Output.** A [`Scan`] at the identity pose.
 //!
 //! **Arrays.** `(n, 3)` is x y z; of `(n, 6)` the last three are normals if every one of them has length 1
 //! within 1 %; of other widths up to 16 the rest is not looked at, as in text. Fields of a structured array
@@ -15,7 +16,7 @@
 //! number a point is the column of its name: `sigma`, `sigma_n_deg`, or any of those above. `viewpoint` says
 //! from where the scanner looked. A single array may have any name.
 //!
-//! Not guaranteed: a number without a name is never taken for a σ.
+//! **Limits.** A number without a name is never taken as σ.
 //!
 //! # References
 //! NumPy Enhancement Proposal 1, *A simple file format for NumPy arrays*.

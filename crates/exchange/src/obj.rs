@@ -1,23 +1,24 @@
 //! OBJ, the text format of Wavefront: vertices, normals and polygons, in and out.
 //!
-//! Comes in: `v x y z` (a weight or colours behind are not looked at), `vn`, and `f` with indices that count
-//! from 1 or, negative, back from the last. A polygon is cut into the fan of its first corner. Lines that end
-//! with `\` go on in the next; `#` begins a comment; every other keyword is passed over. Goes out: a
-//! [`PolygonMesh`] or a [`Scan`]; written files hold every digit.
+//! **Input.** `v x y z` (further values are ignored), `vn`, and `f` with indices that count from 1 or, if
+//! negative, back from the last vertex. A polygon is split into a fan around its first corner. Lines that end
+//! with `\` continue in the next one; `#` begins a comment; other keywords are ignored.
 //!
-//! **Normals.** A vertex has the sum of the different `vn` that faces give it. Without any, and as many `vn`
-//! as `v`, they belong together in order: so do point clouds write them. A comment `# unit mm` names the
-//! unit.
+//! **Output.** A [`PolygonMesh`] or a [`Scan`]. Written files keep every digit.
 //!
-//! [`crate::textured::read_textured`] also takes texture coordinates, groups, objects and materials;
-//! elsewhere they are passed over.
+//! **Normals.** The normal of a vertex is the sum of the different `vn` that faces assign to it. Without
+//! faces that assign any, and with as many `vn` as `v`, they correspond in order, as in point clouds. A
+//! comment `# unit mm` names the unit.
 //!
-//! Not guaranteed: free-form curves and surfaces are passed over.
+//! [`crate::textured::read_textured`] also reads texture coordinates, groups, objects and materials; the
+//! other readers ignore them.
+//!
+//! **Limits.** Free-form curves and surfaces are ignored.
 //!
 //! # References
 //! Wavefront Technologies, *Advanced Visualizer Manual*, appendix B1, *Object Files*.
 
-mod looks;
+mod appearance;
 #[cfg(test)]
 mod tests;
 
@@ -31,15 +32,15 @@ use planish_sense::Scan;
 use crate::Unit;
 use crate::atomic::write_packed;
 use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
-use looks::Looks;
-pub(crate) use looks::read_textured;
+use appearance::AppearanceReader;
+pub(crate) use appearance::read_textured;
 
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
-/// What stands before the unit's name in our own comments.
+/// Prefix of the unit's name in comments that Planish writes.
 const UNIT_COMMENT: &[u8] = b" unit ";
 
-/// The mark of a vertex that no face gave a normal.
+/// Marks a vertex to which no face has assigned a normal.
 const NONE: u32 = u32::MAX;
 
 /// Reads vertices as points, with their normals. Vertices with a coordinate that is not finite are dropped
@@ -145,13 +146,13 @@ struct Obj {
     unit: Option<Unit>,
     /// Corners of the face at hand.
     face: Vec<u32>,
-    /// Texture coordinates and parts, where they are wanted.
-    looks: Option<Looks>,
+    /// Reader of texture coordinates and parts; none if the caller does not need them.
+    appearance: Option<AppearanceReader>,
 }
 
 impl Obj {
-    fn read<R: Read>(source: &mut Source<R>, looks: Option<Looks>) -> Result<Self> {
-        let mut obj = Self { looks, ..Self::default() };
+    fn read<R: Read>(source: &mut Source<R>, appearance: Option<AppearanceReader>) -> Result<Self> {
+        let mut obj = Self { appearance, ..Self::default() };
         let mut joined = Vec::new();
         loop {
             let number = source.line_number() + 1;
@@ -218,8 +219,8 @@ impl Obj {
             Some(b"vn") => self.stated.push(three(&mut rest, number)?),
             Some(b"f" | b"fo") => self.face(rest, number)?,
             Some(keyword) => {
-                if let Some(looks) = &mut self.looks {
-                    looks.line(keyword, rest, number)?;
+                if let Some(appearance) = &mut self.appearance {
+                    appearance.line(keyword, rest, number)?;
                 }
             }
             None => {}
@@ -256,13 +257,13 @@ impl Obj {
                 (Some(normal), None) => Some(index(normal, self.stated.len(), "normal")?),
                 _ => return Err(wrong()),
             };
-            if let Some(looks) = &mut self.looks {
-                let count = looks.uv.len();
+            if let Some(appearance) = &mut self.appearance {
+                let count = appearance.uv.len();
                 let uv = match texture {
                     None | Some(b"") => None,
                     Some(part) => Some(index(part, count, "texture coordinate")?),
                 };
-                looks.corner(self.face.len(), uv, line);
+                appearance.corner(self.face.len(), uv, line);
             }
             self.farthest_vertex.see(vertex, line);
             if let Some(normal) = normal {
@@ -282,8 +283,8 @@ impl Obj {
             return Err(too_few(line, self.face.len()));
         }
         self.triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
-        if let Some(looks) = &mut self.looks {
-            looks.finish_face(self.triangles.len());
+        if let Some(appearance) = &mut self.appearance {
+            appearance.finish_face(self.triangles.len());
         }
         Ok(())
     }

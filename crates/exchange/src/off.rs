@@ -1,12 +1,13 @@
 //! OFF, the object file format of Geomview: vertices and polygons, in and out.
 //!
-//! Comes in: `OFF` (or `COFF`, `NOFF`, `STOFF` and their mixtures; what stands behind a position is passed
-//! over), three counts, a line for each vertex, and a line for each polygon: how many corners, then their
-//! indices from 0, then maybe a colour. A polygon is cut into the fan of its first corner; `#` begins a
-//! comment. Goes out: a [`PolygonMesh`]; written files hold every digit.
+//! **Input.** `OFF` (or `COFF`, `NOFF`, `STOFF` and combinations; values after a position are ignored), three
+//! counts, one line per vertex, and one line per polygon: the number of corners, their indices from 0, and
+//! optionally a colour. A polygon is split into a fan around its first corner; `#` begins a comment.
 //!
-//! Not guaranteed: several vertices or polygons in one line, binary files, four-dimensional vertices, units:
-//! the format names none.
+//! **Output.** A [`PolygonMesh`]. Written files keep every digit.
+//!
+//! **Limits.** Several vertices or polygons in one line, binary files and four-dimensional vertices are not
+//! supported. The format has no unit.
 //!
 //! # References
 //! Phillips et al., *Geomview manual*, The Geometry Center, 1993.

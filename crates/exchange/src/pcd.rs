@@ -1,14 +1,15 @@
 //! PCD, the point clouds of the Point Cloud Library: ASCII, binary and binary_compressed.
 //!
-//! Comes in: a header of `KEY value …` lines through `DATA`, and one record a point. Goes out: a [`Scan`] at
-//! the identity pose.
+//! **Input.** A header of `KEY value …` lines through `DATA`, and one record per point.
+//!
+//! **Output.** A [`Scan`] at the identity pose.
 //!
 //! **Fields.** `x y z`; `normal_x normal_y normal_z` or `nx ny nz`; `sigma` or `cxx cxy cxz cyy cyz czz`;
-//! `sigma_n_deg`; others are passed over. A cloud of more than one row (`HEIGHT`) is organised: it gives the
-//! sampling grid. `VIEWPOINT` says from where the scanner looked; its default, the origin, is believed for
-//! organised clouds only, because every other cloud that does not know it says so too.
+//! `sigma_n_deg`. Other fields are ignored. A cloud with more than one row (`HEIGHT`) is organised: it gives
+//! the sampling grid. `VIEWPOINT` is the position of the scanner. Its default, the origin, is used only for
+//! organised clouds, because other clouds also state it when the position is unknown.
 //!
-//! Not guaranteed: `VIEWPOINT`'s rotation is not applied; points are where the file puts them.
+//! **Limits.** The rotation of `VIEWPOINT` is not applied.
 
 use std::io::Read;
 use std::path::Path;
@@ -84,19 +85,26 @@ pub fn read_pcd(path: &Path) -> Result<Scan> {
     read_file(path, |mut source, name| scan_from(&mut source, name))
 }
 
-/// Most numbers that a record may have: no scanner writes a thousandth of it.
+/// Maximum count of numbers per record. It limits the memory that a malformed header can request, and is far
+/// above the records that scanners write.
 const MOST_COLUMNS: usize = 1 << 16;
 
-fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
-    let (mut names, mut sizes, mut kinds, mut counts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    let (mut width, mut height, mut points, mut viewpoint) = (None, None, None, None);
-    let encoding = loop {
-        let number = source.line_number() + 1;
-        let Some(line) = source.line()? else {
-            return Err(Error::input(format!(
-                "line {number}: the file ends before `DATA`: it is cut off or is no PCD file"
-            )));
-        };
+/// Entries of the header as they appear in the file, before they are checked against each other.
+#[derive(Default)]
+struct HeaderEntries {
+    names: Vec<String>,
+    sizes: Vec<String>,
+    kinds: Vec<String>,
+    counts: Vec<String>,
+    width: Option<u64>,
+    height: Option<u64>,
+    points: Option<u64>,
+    viewpoint: Option<[f64; 3]>,
+}
+
+impl HeaderEntries {
+    /// Takes a line of the header; gives the encoding if the line is `DATA`, the last of the header.
+    fn line(&mut self, line: &[u8], number: u64) -> Result<Option<Encoding>> {
         let text = String::from_utf8_lossy(line);
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
         let wrong =
@@ -106,25 +114,25 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         match words[..] {
             [] | ["VERSION", ..] => {}
             [first, ..] if first.starts_with('#') => {}
-            ["FIELDS" | "COLUMNS", ref rest @ ..] => names = owned(rest),
-            ["SIZE", ref rest @ ..] => sizes = owned(rest),
-            ["TYPE", ref rest @ ..] => kinds = owned(rest),
-            ["COUNT", ref rest @ ..] => counts = owned(rest),
-            ["WIDTH", n] => width = Some(count(n)?),
-            ["HEIGHT", n] => height = Some(count(n)?),
-            ["POINTS", n] => points = Some(count(n)?),
+            ["FIELDS" | "COLUMNS", ref rest @ ..] => self.names = owned(rest),
+            ["SIZE", ref rest @ ..] => self.sizes = owned(rest),
+            ["TYPE", ref rest @ ..] => self.kinds = owned(rest),
+            ["COUNT", ref rest @ ..] => self.counts = owned(rest),
+            ["WIDTH", n] => self.width = Some(count(n)?),
+            ["HEIGHT", n] => self.height = Some(count(n)?),
+            ["POINTS", n] => self.points = Some(count(n)?),
             ["VIEWPOINT", ref rest @ ..] => {
                 let numbers: Option<Vec<f64>> = rest.iter().map(|w| parse_number(w.as_bytes())).collect();
                 match numbers.as_deref() {
                     Some(&[x, y, z, _, _, _, _]) if [x, y, z].iter().all(|c| c.is_finite()) => {
-                        viewpoint = Some([x, y, z]);
+                        self.viewpoint = Some([x, y, z]);
                     }
                     _ => return Err(wrong("seven numbers: tx ty tz qw qx qy qz")),
                 }
             }
-            ["DATA", "ascii"] => break Encoding::Ascii,
-            ["DATA", "binary"] => break Encoding::Binary,
-            ["DATA", "binary_compressed"] => break Encoding::Compressed,
+            ["DATA", "ascii"] => return Ok(Some(Encoding::Ascii)),
+            ["DATA", "binary"] => return Ok(Some(Encoding::Binary)),
+            ["DATA", "binary_compressed"] => return Ok(Some(Encoding::Compressed)),
             ["DATA", ..] => return Err(wrong("`ascii`, `binary` or `binary_compressed`")),
             _ => {
                 return Err(wrong(
@@ -133,57 +141,88 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 ));
             }
         }
-    };
-    if counts.is_empty() {
-        counts = vec!["1".to_owned(); names.len()];
+        Ok(None)
     }
-    for (key, found) in [("SIZE", sizes.len()), ("TYPE", kinds.len()), ("COUNT", counts.len())] {
-        if found != names.len() {
-            return Err(Error::input(format!(
-                "the header names {} fields, but `{key}` has {found} entries",
-                names.len()
-            )));
-        }
-    }
-    let fields = names
-        .into_iter()
-        .zip(sizes.iter().zip(&kinds))
-        .zip(&counts)
-        .map(|((name, (size, kind)), count)| {
-            let number = NumberType::of_kind(kind, size).ok_or_else(|| {
-                Error::input(format!(
-                    "the field `{name}`: needed a type I, U or F of 1, 2, 4 or 8 bytes, found {kind} of \
-                     {size}"
-                ))
-            })?;
-            let count = count.parse().ok().filter(|&n: &usize| n <= MOST_COLUMNS).ok_or_else(|| {
-                Error::input(format!("the field `{name}`: needed a count, found {}", shown(count.as_bytes())))
-            })?;
-            Ok(Field { name, number, count })
-        })
-        .collect::<Result<Vec<_>>>()?;
-    if fields.iter().map(|f| f.count).sum::<usize>() > MOST_COLUMNS {
-        return Err(Error::input(format!("a record of more than {MOST_COLUMNS} numbers")));
-    }
-    let (width, height, points) = match (width, height.unwrap_or(1), points) {
-        (Some(width), height, points) => {
-            let area = u64::checked_mul(width, height).ok_or_else(|| {
-                Error::input(format!(
-                    "no file holds {width} times {height} points: `WIDTH` or `HEIGHT` is wrong"
-                ))
-            })?;
-            if let Some(points) = points.filter(|&points| points != area) {
+
+    /// Combines `FIELDS`, `SIZE`, `TYPE` and `COUNT`. Without `COUNT`, every field has one number.
+    fn fields(&self) -> Result<Vec<Field>> {
+        let ones = vec!["1".to_owned(); self.names.len()];
+        let counts = if self.counts.is_empty() { &ones } else { &self.counts };
+        for (key, found) in [("SIZE", self.sizes.len()), ("TYPE", self.kinds.len()), ("COUNT", counts.len())]
+        {
+            if found != self.names.len() {
                 return Err(Error::input(format!(
-                    "the header promises {points} points, but WIDTH times HEIGHT is {area}"
+                    "the header names {} fields, but `{key}` has {found} entries",
+                    self.names.len()
                 )));
             }
-            (width, height, area)
         }
-        (None, 0..=1, Some(points)) => (points, 1, points),
-        (None, _, Some(_)) => return Err(Error::input("the header has `HEIGHT`, but no `WIDTH`")),
-        (None, _, None) => return Err(Error::input("the header has neither `POINTS` nor `WIDTH`")),
+        let fields = self
+            .names
+            .iter()
+            .zip(self.sizes.iter().zip(&self.kinds))
+            .zip(counts)
+            .map(|((name, (size, kind)), count)| field(name, size, kind, count))
+            .collect::<Result<Vec<_>>>()?;
+        if fields.iter().map(|f| f.count).sum::<usize>() > MOST_COLUMNS {
+            return Err(Error::input(format!("a record of more than {MOST_COLUMNS} numbers")));
+        }
+        Ok(fields)
+    }
+
+    /// Width, height and number of points. `POINTS` alone describes a cloud of one row.
+    fn dimensions(&self) -> Result<(u64, u64, u64)> {
+        match (self.width, self.height.unwrap_or(1), self.points) {
+            (Some(width), height, points) => {
+                let area = u64::checked_mul(width, height).ok_or_else(|| {
+                    Error::input(format!(
+                        "no file holds {width} times {height} points: `WIDTH` or `HEIGHT` is wrong"
+                    ))
+                })?;
+                if let Some(points) = points.filter(|&points| points != area) {
+                    return Err(Error::input(format!(
+                        "the header promises {points} points, but WIDTH times HEIGHT is {area}"
+                    )));
+                }
+                Ok((width, height, area))
+            }
+            (None, 0..=1, Some(points)) => Ok((points, 1, points)),
+            (None, _, Some(_)) => Err(Error::input("the header has `HEIGHT`, but no `WIDTH`")),
+            (None, _, None) => Err(Error::input("the header has neither `POINTS` nor `WIDTH`")),
+        }
+    }
+}
+
+/// A field of the header from its name and its entries in `SIZE`, `TYPE` and `COUNT`.
+fn field(name: &str, size: &str, kind: &str, count: &str) -> Result<Field> {
+    let number = NumberType::of_kind(kind, size).ok_or_else(|| {
+        Error::input(format!(
+            "the field `{name}`: needed a type I, U or F of 1, 2, 4 or 8 bytes, found {kind} of {size}"
+        ))
+    })?;
+    let count = count.parse().ok().filter(|&n: &usize| n <= MOST_COLUMNS).ok_or_else(|| {
+        Error::input(format!("the field `{name}`: needed a count, found {}", shown(count.as_bytes())))
+    })?;
+    Ok(Field { name: name.to_owned(), number, count })
+}
+
+/// Reads the header through its `DATA` line.
+fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
+    let mut entries = HeaderEntries::default();
+    let encoding = loop {
+        let number = source.line_number() + 1;
+        let Some(line) = source.line()? else {
+            return Err(Error::input(format!(
+                "line {number}: the file ends before `DATA`: it is cut off or is no PCD file"
+            )));
+        };
+        if let Some(encoding) = entries.line(line, number)? {
+            break encoding;
+        }
     };
-    Ok(Header { fields, width, height, points, viewpoint, encoding })
+    let fields = entries.fields()?;
+    let (width, height, points) = entries.dimensions()?;
+    Ok(Header { fields, width, height, points, viewpoint: entries.viewpoint, encoding })
 }
 
 fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {

@@ -1,10 +1,12 @@
 //! Pictures: PNG, TIFF, JPEG, TGA, PGM and PPM, in; PNG of brightness, out.
 //!
-//! Comes in: a picture of one channel or of colours, 8 or 16 bits (TIFF also of floating point). Goes out: a
-//! [`Picture`] with one or three channels, or the brightness alone as an [`Image`]. An opacity is not looked
-//! at.
+//! **Input.** A picture with one channel or colours, 8 or 16 bits (TIFF also in floating point).
 //!
-//! Not guaranteed: linear brightness. Cameras and programs bend it (gamma); values are those of the file.
+//! **Output.** A [`Picture`] with one or three channels, or the brightness alone as an [`Image`]. Opacity is
+//! ignored.
+//!
+//! **Limits.** Values are those of the file. They are not linear in brightness if a camera or program applied
+//! a gamma curve.
 //!
 //! # References
 //! - ITU-R BT.601, for the brightness of colours: 0.299 R + 0.587 G + 0.114 B.

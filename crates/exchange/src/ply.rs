@@ -1,11 +1,14 @@
 //! PLY, the polygon file format: scans and meshes in, scans, meshes and points out.
 //!
-//! Comes in: ASCII and both binary orders, any number types, lists, elements that nobody asked for, LF or
-//! CRLF, comments. Goes out: a [`Scan`](planish_sense::Scan) or a [`PolygonMesh`]; written files are binary
-//! little endian. Not guaranteed: `tristrips`, colours and other elements and properties are passed over.
+//! **Input.** ASCII and both binary byte orders, any number types, lists, unknown elements, LF or CRLF,
+//! comments.
 //!
-//! Files are streamed: beside the result, memory does not depend on the file's size, and no promised count
-//! reserves more than the file can hold.
+//! **Output.** A [`Scan`](planish_sense::Scan) or a [`PolygonMesh`]. Written files are binary little endian.
+//!
+//! **Limits.** `tristrips`, colours and other elements and properties are ignored.
+//!
+//! Files are streamed: apart from the result, memory does not depend on the size of the file, and a declared
+//! count never reserves more than the file can hold.
 //!
 //! # References
 //! G. Turk, *The PLY Polygon File Format*, 1994.

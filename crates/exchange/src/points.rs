@@ -1,10 +1,13 @@
 //! Named columns of point records, gathered into a scan.
 //!
-//! Comes in: the names of a file's columns and its records as numbers. Goes out: a [`Scan`] without records
-//! whose coordinates are not finite (counted), and with statistics that were checked: every σ is positive and
-//! finite, every covariance positive definite. Columns with other names are passed over; `scan` and `time`
-//! are kept for [`crate::several`], which splits a file by them. Not guaranteed: that normals have unit
-//! length. One that is not finite is kept as zero: not known.
+//! **Input.** The names of the columns of a file and its records as numbers.
+//!
+//! **Output.** A [`Scan`] without records whose coordinates are not finite (these are counted). Every σ is
+//! checked to be positive and finite, every covariance to be positive definite. Columns with other names are
+//! ignored; `scan` and `time` are kept for [`crate::several`], which splits a file by them.
+//!
+//! **Limits.** Normals need not have unit length. A normal that is not finite is kept as zero, which means
+//! unknown.
 
 use std::fmt::Display;
 

@@ -1,8 +1,11 @@
-//! Numbers of every pixel, out: TIFF and NPY of single precision.
+//! Writes values per pixel: TIFF and NPY in single precision.
 //!
-//! Comes in: bands, such as disparities and their σ. Goes out: a TIFF with two or four samples a pixel,
-//! compressed by deflate, or an array (rows, columns, bands). NaN stands where nothing is known. Not
-//! guaranteed: TIFF files of more than 4 GB.
+//! **Input.** Bands, such as disparities and their σ.
+//!
+//! **Output.** A TIFF with two or four samples per pixel, compressed by deflate, or an array (rows, columns,
+//! bands). Unknown values are NaN.
+//!
+//! **Limits.** TIFF files have at most 4 GB.
 
 use std::io::{self, Cursor, Write};
 use std::path::Path;

@@ -1,11 +1,12 @@
 //! One file that holds several scans: told apart by its columns `scan` and `time`.
 //!
-//! Comes in: a scan with the numbers and times of its points. Goes out: a scan for each number, in ascending
-//! order, with its time. Where a file has times and no numbers, points of one time are one scan, unless
-//! nearly every point has a time of its own. The time of a scan whose points were taken one after the other
-//! is their mean.
+//! **Input.** A scan with the scan number and time of each point.
 //!
-//! Not guaranteed: that a motion during a scan is small: it is taken to stand still meanwhile.
+//! **Output.** One scan per number, in ascending order, with its time. If a file has times and no numbers,
+//! points with equal times form one scan, unless nearly every point has its own time. The time of a scan
+//! whose points were measured one after the other is their mean.
+//!
+//! **Limits.** Motion during a scan is ignored.
 
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;

@@ -1,8 +1,10 @@
 //! Bytes of a file through a buffer of fixed size: lines, records, places for messages.
 //!
-//! Comes in: any reader. Goes out: lines without their end (LF or CRLF) and runs of bytes. Memory does not
-//! depend on the file's size: the buffer grows only to hold one line or record, and only up to
-//! [`LONGEST_LINE`] or what the file holds.
+//! **Input.** Any reader.
+//!
+//! **Output.** Lines without their end (LF or CRLF) and runs of bytes. Memory does not depend on the size of
+//! the file: the buffer grows only to hold one line or record, up to [`LONGEST_LINE`] or the size of the
+//! file.
 
 use std::fmt::Display;
 use std::fs::{self, File};

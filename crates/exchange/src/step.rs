@@ -1,16 +1,18 @@
 //! STEP (ISO 10303-21): boundary representations made of B-spline faces, out; faces of any kind, in
 //! ([`read_step`]).
 //!
-//! Comes in: a [`Brep`]. Goes out: `ADVANCED_FACE`s over `B_SPLINE_SURFACE_WITH_KNOTS`, bounded by edges with
-//! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file: a solid where the shell is closed, else a surface
-//! model. The surface is exact: every number is the shortest text that reads back as the same `f64`.
-//! Streamed; the same input gives the same bytes (no clock time, host or user in the header).
+//! **Input.** A [`Brep`].
 //!
-//! A side of a face whose control points coincide (the pole of a ball) is left out of the face's loop: the
-//! loop's edges meet in the pole's vertex, and readers add the degenerate edge themselves.
+//! **Output.** `ADVANCED_FACE`s over `B_SPLINE_SURFACE_WITH_KNOTS`, bounded by edges with
+//! `B_SPLINE_CURVE_WITH_KNOTS`, in an AP214 or AP242 file: a solid if the shell is closed, else a surface
+//! model. The surface is exact: every number is the shortest text that reads back as the same `f64`. The file
+//! is streamed; the same input gives the same bytes (no clock time, host or user in the header).
 //!
-//! Not guaranteed: that an edge's curve lies on its faces, or that faces do not cross. Parameter curves are
-//! not written: readers project the edges.
+//! A side of a face whose control points coincide (the pole of a ball) is not part of the face's loop: the
+//! edges of the loop meet in the vertex of the pole, and readers add the degenerate edge themselves.
+//!
+//! **Limits.** It is not checked that the curve of an edge lies on its faces, or that faces do not intersect.
+//! Parameter curves are not written: readers project the edges.
 //!
 //! # References
 //! ISO 10303-21:2016 (encoding), ISO 10303-42 (geometry and topology), ISO 10303-214 and 10303-242 (schemas).

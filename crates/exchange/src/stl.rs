@@ -1,14 +1,15 @@
 //! STL, the triangles of 3D printing: binary and ASCII in, binary out.
 //!
-//! Comes in: triangles that each repeat their corners; equal corners become one vertex. What a facet says of
-//! its normal is not looked at: the order of its corners says the same. Goes out: a [`PolygonMesh`] or a
-//! [`Scan`] of the vertices; written files are binary.
+//! **Input.** Triangles that each repeat their corners; equal corners become one vertex. The normal of a
+//! facet is ignored, because the order of its corners defines it.
 //!
-//! A binary file may begin with `solid` like an ASCII one; it has zero bytes among its first, which no text
-//! has.
+//! **Output.** A [`PolygonMesh`] or a [`Scan`] of the vertices. Written files are binary.
 //!
-//! Not guaranteed: binary files hold seven digits of a coordinate, [`rounding`] says what that means for one.
-//! The unit is read from headers that Planish wrote; no one else writes it.
+//! A binary file may begin with `solid` like an ASCII one. It is recognised by zero bytes near its start,
+//! which text never contains.
+//!
+//! **Limits.** Binary files hold seven digits of a coordinate; [`rounding`] gives the resulting error. The
+//! unit is read only from headers that Planish wrote, because the format defines none.
 //!
 //! # References
 //! 3D Systems, *StereoLithography Interface Specification*, 1988.

@@ -1,14 +1,15 @@
 //! SVG (Scalable Vector Graphics): curves of drawings in.
 //!
-//! Comes in: `line`, `polyline`, `polygon`, `rect`, `circle`, `ellipse`, `path`, in groups with transforms.
-//! Dashed strokes (`stroke-dasharray`, as an attribute, in `style` or by the class of a `<style>` sheet) and
-//! what is in a group or on a layer named `hidden` or `dashed` are hidden lines; strokes of dashes and dots,
-//! and names with `center` or `centre`, are centre lines and left out. Goes out: the same as of a DXF file; y
-//! runs up, and lengths are in millimetres where `width` and `viewBox` say so. Cubic curves that follow a
-//! circle within [`FOLLOWS`] of its radius are arcs.
+//! **Input.** `line`, `polyline`, `polygon`, `rect`, `circle`, `ellipse` and `path`, in groups with
+//! transforms. Hidden lines are dashed strokes (`stroke-dasharray`, as an attribute, in `style` or by a class
+//! of a `<style>` sheet) and everything in a group or layer named `hidden` or `dashed`. Centre lines are
+//! dash-dot strokes and names with `center` or `centre`; they are ignored.
 //!
-//! Not guaranteed: texts, pictures, clones (`use`) and clips draw no edges; fills without a stroke are drawn
-//! as outlines.
+//! **Output.** The same as for a DXF file. y points up, and lengths are in millimetres if `width` and
+//! `viewBox` define them. Cubic curves that follow a circle within [`FOLLOWS`] of its radius become arcs.
+//!
+//! **Limits.** Texts, pictures, clones (`use`) and clips give no edges. Fills without a stroke are read as
+//! outlines.
 //!
 //! # References
 //! W3C, *Scalable Vector Graphics (SVG) 2* (paths, units); *SVG 1.1*, appendix F.6 (arcs).
@@ -63,7 +64,7 @@ fn read(text: &str) -> Result<DxfDrawing> {
     }
     let (scale, unit) = scale(&root)?;
     let mut reader = Reader {
-        sheet: Sheet::of(&document),
+        sheet: Sheet::parse(&document),
         drawing: DxfDrawing { unit, ..DxfDrawing::default() },
         passed_over: BTreeMap::new(),
     };
@@ -101,7 +102,7 @@ impl Reader {
     }
 
     fn element(&mut self, node: &Node<'_, '_>, outer: &Affine, style: Style, depth: usize) -> Result<()> {
-        let style = style.of(node, &self.sheet);
+        let style = style.of_child(node, &self.sheet);
         if !style.is_shown {
             return Ok(());
         }

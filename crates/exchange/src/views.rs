@@ -1,6 +1,8 @@
-//! Views of a thing: cameras with pictures, masks, contours and tracked features.
+//! Views of an object: cameras with pictures, masks, contours and tracked features.
 //!
-//! Comes in: `views.toml`. Goes out: [`Views`], with cameras made of `K R t` or of a projection matrix.
+//! **Input.** `views.toml`.
+//!
+//! **Output.** [`Views`], with cameras from `K R t` or from a projection matrix.
 //!
 //! ```toml
 //! unit = "mm"                     # of every length; may be left out
@@ -26,10 +28,10 @@
 //! P = [[1200, 0, 320, 0], [0, 1200, 240, 0], [0, 0, 1, 500]]
 //! ```
 //!
-//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` may stand
-//! in a view as well, and then hold for it. Paths are those beside the file.
+//! `mask_threshold`, `mask_least_share`, `sigma_px`, `sigma_rotation_deg` and `sigma_translation` may also be
+//! set in a view, and then apply to it alone. Paths are relative to the file.
 //!
-//! Not guaranteed: lenses are taken for undistorted.
+//! **Limits.** Lenses are assumed to be free of distortion.
 
 use crate::Unit;
 use crate::calibration::table;

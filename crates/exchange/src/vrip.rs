@@ -1,12 +1,14 @@
 //! VRIP `.conf`: a list of scans with their poses.
 //!
-//! Comes in: lines `bmesh FILE tx ty tz qx qy qz qw`; lines `camera …`, `#` comments and blank lines are
-//! passed over. Goes out: each file's path (relative paths start at the list's own folder) and its [`Pose`].
+//! **Input.** Lines `bmesh FILE tx ty tz qx qy qz qw`. Lines `camera …`, `#` comments and blank lines are
+//! ignored.
 //!
-//! The quaternion turns the other way round from what its letters promise: `p_world = R(q)ᵀ p + t`. With it
-//! the Stanford scans agree to 0.14 mm; with every other reading they are off by 3 mm and more.
+//! **Output.** The path of each file (relative paths start at the folder of the list) and its [`Pose`].
 //!
-//! Not guaranteed: that the files listed hold scans.
+//! The quaternion is the inverse of the usual convention: `p_world = R(q)ᵀ p + t`. With it the Stanford scans
+//! agree to 0.14 mm; with every other convention they are off by 3 mm or more.
+//!
+//! **Limits.** The listed files are not opened here.
 
 use std::path::{Path, PathBuf};
 

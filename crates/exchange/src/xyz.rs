@@ -1,8 +1,9 @@
 //! Plain text points: XYZ, TXT, ASC, CSV, PTS.
 //!
-//! Comes in: one point a line; the numbers are apart by commas, by semicolons, or by blanks and tabs, as the
-//! first line shows. Blank lines and comments (`#`, `//`) are passed over. Goes out: a [`Scan`] at the
-//! identity pose.
+//! **Input.** One point per line. The first line shows whether commas, semicolons, or blanks and tabs
+//! separate the numbers. Blank lines and comments (`#`, `//`) are ignored.
+//!
+//! **Output.** A [`Scan`] at the identity pose.
 //!
 //! **Columns.** A header line names them, in any order and case: `x y z`, `sigma` or
 //! `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`, `k1 k2 d1x d1y d1z`, `sigma_k`, `time`, `scan`;
@@ -11,7 +12,8 @@
 //! normals if every one of them has length 1 within 1 %. Further columns are not looked at. A first line of
 //! one whole number is the count of a PTS file and is passed over.
 //!
-//! Not guaranteed: a column without a header is never taken for a σ; decimal commas are refused, not guessed.
+//! **Limits.** A column without a header is never taken as σ. Decimal commas are an error, because they are
+//! ambiguous.
 
 use std::io::Read;
 use std::path::Path;
@@ -35,7 +37,7 @@ pub fn read_points(path: &Path) -> Result<Scan> {
 /// Most columns that a header may name: no program writes a hundredth of it.
 const MOST_COLUMNS: usize = 4096;
 
-/// What stands between two numbers.
+/// Separator of the numbers of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Separator {
     Blank,
@@ -43,7 +45,8 @@ enum Separator {
 }
 
 impl Separator {
-    fn of(line: &[u8]) -> Self {
+    /// Detects the separator: a semicolon, else a comma, else blanks and tabs.
+    fn detect(line: &[u8]) -> Self {
         let found = [b';', b','].into_iter().find(|byte| line.contains(byte));
         found.map_or(Self::Blank, Self::Byte)
     }
@@ -81,7 +84,7 @@ fn comment(line: &[u8]) -> Option<&[u8]> {
 
 /// The fields of a line as column names, where it names x, y and z.
 fn names(line: &[u8]) -> Option<Vec<String>> {
-    let fields = Separator::of(line).fields(line);
+    let fields = Separator::detect(line).fields(line);
     let names: Vec<String> = fields
         .iter()
         .map(|field| String::from_utf8_lossy(field).trim_matches('"').to_ascii_lowercase())
@@ -149,7 +152,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         let layout = match &mut layout {
             Some(layout) => layout,
             None => {
-                let separator = Separator::of(line);
+                let separator = Separator::detect(line);
                 let fields = separator.fields(line);
                 let first = fields.first().copied().unwrap_or_default();
                 let is_count = fields.len() == 1 && first.iter().all(u8::is_ascii_digit);

@@ -1,8 +1,11 @@
 //! `contour.json`: contours with their covariance, and what holds between them, in.
 //!
-//! Comes in: what `planish contour -o contour.json` writes; or `kind`, `parameters`, `order` and `covariance`
-//! alone. Goes out: kinds, parameters in radians and the file's unit, covariance, constraints. Not
-//! guaranteed: that the covariance is positive; estimators test that.
+//! **Input.** The output of `planish contour -o contour.json`, or `kind`, `parameters`, `order` and
+//! `covariance` alone.
+//!
+//! **Output.** Kinds, parameters (radians and the unit of the file), covariances and constraints.
+//!
+//! **Limits.** Estimators check that a covariance is positive definite, not this module.
 
 use crate::source::read_text;
 use crate::unit::Unit;

@@ -43,7 +43,7 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
             match &header {
                 None => header = Some(header_of(line, number)?),
                 Some(header) => {
-                    let row = Row::of(line, header, number)?;
+                    let row = Row::parse(line, header, number)?;
                     rays.push(Ray {
                         seen: seen(&row, header.has("range"), number, defaults)?,
                         line: number as usize,

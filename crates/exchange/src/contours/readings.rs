@@ -110,7 +110,8 @@ impl Header {
         self.index.contains_key(name)
     }
 
-    fn of(line: &[u8], number: u64) -> Result<Self> {
+    /// Parses the header line and checks that its columns describe readings.
+    fn parse(line: &[u8], number: u64) -> Result<Self> {
         let header = Self::named(line, number, &COLUMNS)?;
         let has = |name: &str| header.has(name);
         if Self::named(line, number, &["z"])?.has("z") {
@@ -141,7 +142,7 @@ fn table<R: Read>(
     header: &[u8],
     defaults: &SigmaDefaults,
 ) -> Result<ContourReadings> {
-    let header = Header::of(header, source.line_number())?;
+    let header = Header::parse(header, source.line_number())?;
     let mut read =
         ContourReadings { has_times: header.index.contains_key("time"), ..ContourReadings::default() };
     let mut levels = header.index.contains_key("level").then(Vec::new);
@@ -153,7 +154,7 @@ fn table<R: Read>(
         if line.is_empty() || line.starts_with(b"#") {
             continue;
         }
-        let row = Row::of(line, &header, number)?;
+        let row = Row::parse(line, &header, number)?;
         let pose = match row.optional("pose_id")? {
             Some(id) => {
                 let next = poses.len();
@@ -186,7 +187,8 @@ pub(super) struct Row<'a> {
 }
 
 impl<'a> Row<'a> {
-    pub(super) fn of(line: &'a [u8], header: &'a Header, number: u64) -> Result<Self> {
+    /// Splits a line into as many fields as the header has.
+    pub(super) fn parse(line: &'a [u8], header: &'a Header, number: u64) -> Result<Self> {
         let fields: Vec<&[u8]> = line.split(|&b| b == b',').map(<[u8]>::trim_ascii).collect();
         if fields.len() != header.width {
             return Err(Error::input(format!(

@@ -1,8 +1,11 @@
-//! What the tags of a TIFF image promise, against what the file can hold.
+//! Checks the sizes declared by the tags of a TIFF image against the size of the file.
 //!
-//! Comes in: a file that can be rewound. Goes out: nothing, or an error before anything is decoded; the file
-//! stands at its beginning again. Not guaranteed: that the image can be decoded. What cannot be understood
-//! here is left to the decoder, which says why.
+//! **Input.** A file that can be rewound.
+//!
+//! **Output.** An error before anything is decoded, or nothing; the file is then at its beginning again.
+//!
+//! **Limits.** The image may still fail to decode. Tags that cannot be interpreted here are left to the
+//! decoder, which reports the reason.
 //!
 //! # References
 //! Adobe, *TIFF 6.0*, 1992; *BigTIFF*, 2007: the same with counts and places of eight bytes.

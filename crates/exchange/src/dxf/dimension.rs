@@ -1,11 +1,12 @@
-//! Dimensions that contradict what is drawn.
+//! Dimensions that conflict with the drawing.
 //!
-//! Comes in: `DIMENSION`s, linear, aligned, of diameters and radii, and the drawing's curves. Goes out: in
-//! words that name the entity, those whose number is another than the distance of the points that they
-//! measure, and those whose points lie on no line (the drawing was changed after them).
+//! **Input.** `DIMENSION` entities (linear, aligned, diameter and radius) and the curves of the drawing.
 //!
-//! Not guaranteed: angles, ordinates, and texts without a number are not looked at; dimension styles that
-//! scale lengths are taken at their word where the file holds the measurement beside the text.
+//! **Output.** One message per dimension whose number differs from the distance of its points, and one per
+//! dimension whose points lie on no line (the drawing was changed later). Messages name the entity.
+//!
+//! **Limits.** Angles, ordinates and texts without a number are not checked. A dimension style that scales
+//! lengths is accepted if the file contains the measurement beside the text.
 
 use super::groups::Record;
 use planish_estimate::Result;
@@ -24,7 +25,7 @@ pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> R
     let near = ON_LINE * extent(0).max(extent(1));
     let mut found = Vec::new();
     for record in dimensions {
-        let Some(measured) = Measured::of(record)? else {
+        let Some(measured) = Measured::from_record(record)? else {
             continue;
         };
         let name = record.name();
@@ -62,7 +63,8 @@ struct Measured {
 }
 
 impl Measured {
-    fn of(record: &Record) -> Result<Option<Self>> {
+    /// Reads what a `DIMENSION` measures; none for a kind that is not used.
+    fn from_record(record: &Record) -> Result<Option<Self>> {
         let point = |code: i32| {
             Ok::<_, planish_estimate::Error>(match (record.number(code)?, record.number(code + 10)?) {
                 (Some(x), Some(y)) => Some([x, y]),

@@ -4,7 +4,7 @@
 //! positions, normals and colours), and one animation whose weights lead from target to target. Viewers that
 //! do not animate show the last frame.
 //!
-//! Not guaranteed: that a viewer animates colours. glTF 2.0 allows morph targets of `COLOR_0` (section
+//! **Limits.** Viewers need not animate colours. glTF 2.0 allows morph targets of `COLOR_0` (section
 //! 3.7.2.2), but asks no viewer to show them.
 
 use super::write::{ATTRIBUTES, Head, INDICES, Sections};
@@ -48,7 +48,7 @@ pub fn write_animation(
     unit: Option<Unit>,
     seconds_per_frame: f64,
 ) -> Result<()> {
-    let animation = Animation::of(frames, triangles, unit, seconds_per_frame)
+    let animation = Animation::new(frames, triangles, unit, seconds_per_frame)
         .map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| animation.write_to(&mut writer, triangles))
 }
@@ -62,7 +62,7 @@ struct Animation {
 }
 
 impl Animation {
-    fn of(frames: &[MeshFrame], triangles: &[[u32; 3]], unit: Option<Unit>, seconds: f64) -> Result<Self> {
+    fn new(frames: &[MeshFrame], triangles: &[[u32; 3]], unit: Option<Unit>, seconds: f64) -> Result<Self> {
         let Some((last, earlier)) = frames.split_last().filter(|(_, earlier)| !earlier.is_empty()) else {
             return Err(Error::input(format!(
                 "an animation needed at least two frames, found {}",
@@ -147,7 +147,7 @@ impl Animation {
             "bufferViews": sections.views,
             "buffers": [{"byteLength": sections.length}],
         });
-        let head = Head::of(&document, sections.length).map_err(|total| {
+        let head = Head::new(&document, sections.length).map_err(|total| {
             Error::unsupported(format!("GLB holds at most 4 GiB, this animation takes {total} bytes"))
         })?;
         Ok(Self { head, columns, times, weights })

@@ -3,7 +3,7 @@
 //! The file holds the mesh at rest, a morph target for each pose (differences of positions and normals), and,
 //! where there are keyframes, an animation of their weights. The picture is in the file.
 //!
-//! Not guaranteed: that two poses at once look like anything: targets add up.
+//! **Limits.** Targets of poses that are applied together add up, which need not give a plausible shape.
 
 use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
@@ -241,7 +241,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     document["accessors"] = json!(chunk.sections.accessors);
     document["bufferViews"] = json!(chunk.sections.views);
     document["buffers"] = json!([{"byteLength": chunk.sections.length}]);
-    let head = Head::of(&document, chunk.sections.length).map_err(|total| {
+    let head = Head::new(&document, chunk.sections.length).map_err(|total| {
         Error::unsupported(format!("GLB holds at most 4 GiB, this mesh takes {total} bytes"))
     })?;
     Ok((head, chunk.bytes))

@@ -13,7 +13,7 @@ fn read(bytes: &[u8]) -> Result<PolygonMesh> {
 
 fn written(mesh: &MeshColumns) -> Vec<u8> {
     let mut bytes = Vec::new();
-    write_to(&mut bytes, mesh, &Layout::of(mesh).unwrap()).unwrap();
+    write_to(&mut bytes, mesh, &Layout::new(mesh).unwrap()).unwrap();
     bytes
 }
 
@@ -151,7 +151,7 @@ fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
     }
     assert!(read(b"glTF").is_err() && read(b"ply\n").unwrap_err().to_string().contains("no GLB file"));
     let points = [[f64::NAN, 0.0, 0.0]; 3];
-    assert!(Layout::of(&tetrahedron(&points, Unit::Metre)).is_err());
+    assert!(Layout::new(&tetrahedron(&points, Unit::Metre)).is_err());
 }
 
 #[test]

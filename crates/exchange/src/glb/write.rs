@@ -32,7 +32,7 @@ const GREY: [f64; 3] = [0.3, 0.3, 0.3];
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
 pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     let layout =
-        mesh.check(true).and_then(|()| Layout::of(mesh)).map_err(|e| e.in_context(path.display()))?;
+        mesh.check(true).and_then(|()| Layout::new(mesh)).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| write_to(&mut writer, mesh, &layout))
 }
 
@@ -42,7 +42,7 @@ pub(super) struct Layout {
     head: Head,
 }
 
-/// All that stands before the bytes of the binary chunk.
+/// Everything before the bytes of the binary chunk.
 pub(super) struct Head {
     json: Vec<u8>,
     binary: u32,
@@ -50,8 +50,11 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Of a document and so many bytes behind it; the length of the file where it is too much for the format.
-    pub(super) fn of(document: &Value, binary: u64) -> std::result::Result<Self, u64> {
+    /// Header of a file with this JSON document and `binary` bytes of data.
+    ///
+    /// # Errors
+    /// The length of the file, if it does not fit into the 32 bits that the format has for it.
+    pub(super) fn new(document: &Value, binary: u64) -> std::result::Result<Self, u64> {
         let mut json = document.to_string().into_bytes();
         json.resize(json.len().next_multiple_of(4), b' ');
         let total = 12 + 8 + json.len() as u64 + 8 + binary;
@@ -117,7 +120,11 @@ fn local(point: [f64; 3], center: [f64; 3]) -> [f32; 3] {
 }
 
 impl Layout {
-    pub(super) fn of(mesh: &MeshColumns) -> Result<Self> {
+    /// Lays out a checked mesh.
+    ///
+    /// # Errors
+    /// `Input` for an empty mesh, coordinates beyond `float32`, or a file too long for the format.
+    pub(super) fn new(mesh: &MeshColumns) -> Result<Self> {
         if mesh.points.is_empty() || mesh.triangles.is_empty() {
             return Err(Error::input("needed points and triangles, found none"));
         }
@@ -173,7 +180,7 @@ impl Layout {
             "bufferViews": sections.views,
             "buffers": [{"byteLength": sections.length}],
         });
-        let head = Head::of(&document, sections.length).map_err(|total| {
+        let head = Head::new(&document, sections.length).map_err(|total| {
             Error::unsupported(format!("GLB holds at most 4 GiB, this mesh takes {total} bytes: write PLY"))
         })?;
         Ok(Self { center, head })

@@ -1,9 +1,13 @@
-//! What a LAS or LAZ file promises, against what it can hold.
+//! Checks the sizes declared by a LAS or LAZ file against the size of the file.
 //!
-//! Comes in: a file that can be rewound. Goes out: nothing, or an error before anything is decoded; the file
-//! stands at its beginning again. Checked is every number that the decoder takes memory for: records of
-//! metadata, points, chunks, and the layers of each chunk. Not guaranteed: that the file can be decoded. A
-//! header that cannot be understood is left to the decoder, which says why.
+//! **Input.** A file that can be rewound.
+//!
+//! **Output.** An error before anything is decoded, or nothing; the file is then at its beginning again.
+//! Every number that makes the decoder allocate memory is checked: metadata records, points, chunks, and the
+//! layers of each chunk.
+//!
+//! **Limits.** The file may still fail to decode. A header that cannot be interpreted here is left to the
+//! decoder, which reports the reason.
 //!
 //! # References
 //! ASPRS, *LAS Specification 1.4-R15*, 2019; M. Isenburg, *LASzip: lossless compression of LiDAR data*, 2013.

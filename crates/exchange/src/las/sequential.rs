@@ -1,9 +1,11 @@
 //! The points of LAZ files up to version 1.3: compressed one after the other, in chunks.
 //!
-//! Comes in: a file that stands where its points begin, and the description of its compression. Goes out:
-//! records, whose times are left zero. Times are decoded here because the decoder of the `laz` crate calls
-//! itself as often as damaged bytes say, and runs out of stack. Not guaranteed: that the chunks are as long
-//! as their table says; see [`super::limits`].
+//! **Input.** A file positioned at the start of its points, and the description of its compression.
+//!
+//! **Output.** Records with all times zero. Times are decoded here because the decoder of the `laz` crate
+//! recurses as often as damaged bytes request, and overflows the stack.
+//!
+//! **Limits.** Chunks may be shorter or longer than their table declares; see [`super::limits`].
 //!
 //! # References
 //! M. Isenburg, *LASzip: lossless compression of LiDAR data*, 2013; items of version 2.

@@ -66,12 +66,13 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
     let mut parser = Parser { text, at: 0 };
     parser
         .literal(0)
-        .and_then(|literal| Header::of(&literal))
+        .and_then(|literal| Header::from_literal(&literal))
         .map_err(|e| e.in_context(format_args!("header {}", shown(text))))
 }
 
 impl Header {
-    fn of(literal: &Literal) -> Result<Self> {
+    /// Builds the header from the parsed Python dictionary.
+    fn from_literal(literal: &Literal) -> Result<Self> {
         let entry = |key: &str| {
             let Literal::Dictionary(entries) = literal else {
                 return Err(Error::input("needed a dictionary"));

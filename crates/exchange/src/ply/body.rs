@@ -1,9 +1,12 @@
 //! Bodies of PLY files: one element after the other, as rows of numbers.
 //!
-//! Comes in: a source that stands at an element's first row. Goes out: each row as `f64` (which holds every
-//! PLY type exactly) and at most one of its lists. Nothing is reserved for a promised count; what is promised
-//! is compared with what the file can hold before the first row is read. What follows the last promised row
-//! is refused, if it is more than blanks: a count that is too small would lose measurements.
+//! **Input.** A source positioned at the first row of an element.
+//!
+//! **Output.** Each row as `f64` (which holds every PLY type exactly) and at most one of its lists.
+//!
+//! Memory is not reserved from declared counts alone: they are compared with the size of the file before the
+//! first row is read. Data after the last declared row, other than blanks, is an error, because a count that
+//! is too small would lose measurements.
 
 use std::fmt;
 use std::io::Read;

@@ -1,7 +1,9 @@
 //! Headers of PLY files.
 //!
-//! Comes in: the first lines of a file, up to `end_header`. Goes out: what the rest of the file promises to
-//! hold. Not guaranteed: that the file holds it; [`super::body`] finds out.
+//! **Input.** The lines of a file up to `end_header`.
+//!
+//! **Output.** The elements and properties that the header declares. Whether the file contains them is
+//! checked by [`super::body`].
 
 use std::io::Read;
 

@@ -1,7 +1,9 @@
 //! Meshes and points as binary little-endian PLY files.
 //!
-//! Comes in: positions with named columns. Goes out: `float64 x y z`, then the columns in the given order,
-//! then faces as `list uchar int vertex_indices`. The same input gives the same bytes.
+//! **Input.** Positions with named columns.
+//!
+//! **Output.** `float64 x y z`, then the columns in the given order, then faces as `list uchar int
+//! vertex_indices`. The same input gives the same bytes.
 
 use std::io::{self, Write};
 use std::path::Path;

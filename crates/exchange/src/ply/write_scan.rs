@@ -1,7 +1,9 @@
 //! Scans as binary little-endian PLY files.
 //!
-//! Comes in: a [`Scan`]. Goes out: `float64 x y z`, whatever the points state about their errors, and the
-//! sampling grid of an organised scan. Poses and directions of view belong into the job.
+//! **Input.** A [`Scan`].
+//!
+//! **Output.** `float64 x y z`, the uncertainties that the points state, and the sampling grid of an
+//! organised scan. Poses and viewing directions belong in the job.
 
 use std::io::{self, Write};
 use std::path::Path;

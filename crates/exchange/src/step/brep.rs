@@ -1,7 +1,10 @@
-//! Boundary representations made of B-spline faces: plain data, and what must hold of it.
+//! Boundary representations made of B-spline faces: plain data and its invariants.
 //!
-//! Comes in: vertices, edges with curves, faces with surfaces and loops. Goes out: [`Brep::check`]'s word on
-//! whether they fit together. Not guaranteed: that curves lie on the surfaces.
+//! **Input.** Vertices, edges with curves, faces with surfaces and loops.
+//!
+//! **Output.** [`Brep::check`] reports whether they are consistent.
+//!
+//! **Limits.** It is not checked that curves lie on the surfaces.
 
 use std::fmt::Display;
 

@@ -1,6 +1,8 @@
 //! The encoding of STEP files: numbered instances, reals, strings.
 //!
-//! Comes in: instances as text. Goes out: lines `#12=TEXT;` with consecutive numbers.
+//! **Input.** Instances as text.
+//!
+//! **Output.** Lines `#12=TEXT;` with consecutive numbers.
 
 use std::fmt;
 use std::io::{self, Write};

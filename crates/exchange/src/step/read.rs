@@ -1,11 +1,13 @@
-//! Faces of STEP files as triangles: bodies, shells and bare surfaces of AP203, AP214 and AP242, where
-//! assemblies put them.
+//! Reads the faces of STEP files as triangles: bodies, shells and single surfaces of AP203, AP214 and AP242,
+//! at their positions in assemblies.
 //!
-//! Comes in: a file. Goes out: for every set of faces that share edges a mesh; the faces that could not be
-//! read or filled, each with the reason.
+//! **Input.** A file.
 //!
-//! Not guaranteed: geometry of other kinds (wires, tessellations, annotations), which is passed over, and
-//! what edges say of parameters of their surfaces: edges are projected.
+//! **Output.** One mesh for each set of faces that share edges, and the faces that could not be read or
+//! triangulated, each with the reason.
+//!
+//! **Limits.** Other geometry (wires, tessellations, annotations) is ignored. Parameter curves of edges are
+//! not used: edges are projected onto the surfaces.
 //!
 //! # References
 //! ISO 10303-21, -41 to -44; the recommended practices of MBx-IF for assemblies and units.
@@ -133,8 +135,8 @@ impl StepFaces {
     }
 
     fn of_bytes(bytes: &[u8]) -> Result<Self> {
-        let index = Index::of(bytes)?;
-        let products = Products::of(&index)?;
+        let index = Index::new(bytes)?;
+        let products = Products::find(&index)?;
         let with_unit = products.representations.values().find_map(|r| r.units.length_mm);
         let unit = with_unit.map(named_unit);
         let length = |units: &Units| match (units.length_mm, unit) {

@@ -10,7 +10,8 @@ const UNEQUAL: f64 = 1.5;
 pub(super) struct Sheet(Vec<(String, String)>);
 
 impl Sheet {
-    pub(super) fn of(document: &Document<'_>) -> Self {
+    /// Collects the class rules of all `<style>` elements.
+    pub(super) fn parse(document: &Document<'_>) -> Self {
         let texts =
             document.descendants().filter(|n| n.tag_name().name() == "style").filter_map(|n| n.text());
         let mut rules = Vec::new();
@@ -28,7 +29,7 @@ impl Sheet {
     }
 }
 
-/// What is inherited.
+/// The inherited part of an element's style.
 #[derive(Clone, Copy)]
 pub(super) struct Style {
     /// How the line counts; none for a centre line.
@@ -43,8 +44,8 @@ impl Default for Style {
 }
 
 impl Style {
-    /// The style of an element in one of this style.
-    pub(super) fn of(mut self, node: &Node<'_, '_>, sheet: &Sheet) -> Self {
+    /// The style of an element whose parent has this style.
+    pub(super) fn of_child(mut self, node: &Node<'_, '_>, sheet: &Sheet) -> Self {
         let classes: Vec<&str> =
             node.attribute("class").unwrap_or_default().split_ascii_whitespace().collect();
         // Names of groups and layers, as of layers in DXF.

@@ -1,7 +1,8 @@
 //! Curves and surfaces of STEP files.
 //!
-//! Comes in: instances, a factor of lengths and the size of the file's unit of angles. Goes out: curves and
-//! surfaces in the wanted unit and radians.
+//! **Input.** Instances, a scale for lengths and the unit of angles of the file.
+//!
+//! **Output.** Curves and surfaces in the requested unit and in radians.
 //!
 //! # References
 //! ISO 10303-42:2022, *Geometric and topological representation*, 4.

@@ -45,8 +45,8 @@ impl Motion {
         dot(cross(x, y), z) < 0.0
     }
 
-    /// From a frame's coordinates.
-    fn of(frame: &Frame) -> Self {
+    /// Motion from a frame's coordinates to those that the frame is given in.
+    fn out_of(frame: &Frame) -> Self {
         Self { columns: [frame.x, frame.y, frame.z], shift: frame.origin }
     }
 
@@ -173,7 +173,11 @@ pub(super) struct Products {
 }
 
 impl Products {
-    pub(super) fn of(index: &Index) -> Result<Self> {
+    /// Finds the shape representations of a file and the placements between them.
+    ///
+    /// # Errors
+    /// `Input` for instances that are missing or malformed.
+    pub(super) fn find(index: &Index) -> Result<Self> {
         let mut found = Self { representations: BTreeMap::new(), within: Vec::new(), same: HashMap::new() };
         let mut contexts: HashMap<u64, Units> = HashMap::new();
         let mut add = |found: &mut Self, id: u64, items: Vec<u64>, context: u64| -> Result<()> {
@@ -325,7 +329,7 @@ impl Products {
         let target = index.entity(to)?;
         let out = match target.record.keyword {
             "CARTESIAN_TRANSFORMATION_OPERATOR_3D" => operator(&geometry(within.parent), &target)?,
-            _ => Motion::of(&geometry(within.parent).frame(to)?),
+            _ => Motion::out_of(&geometry(within.parent).frame(to)?),
         };
         Ok(out.after(&into))
     }

@@ -1,8 +1,11 @@
-//! The text of STEP files: where each instance is, and what it says.
+//! Syntax of STEP files: the position and the content of each instance.
 //!
-//! Comes in: a file's bytes. Goes out: an index of instances, parsed when they are asked for, so that memory
-//! follows what is used. Not guaranteed: the exchange structure's later editions (anchors, references and
-//! signatures are passed over).
+//! **Input.** The bytes of a file.
+//!
+//! **Output.** An index of instances. Each is parsed when it is requested, so that memory depends on what is
+//! used.
+//!
+//! **Limits.** Anchors, references and signatures of later editions are ignored.
 //!
 //! # References
 //! ISO 10303-21:2016, *Clear text encoding of the exchange structure*, 5 and 10.
@@ -237,7 +240,7 @@ impl<'a> Index<'a> {
     /// # Errors
     /// `Input` for what is no STEP file, one that ends too early, a number given twice, and a statement that
     /// is none; with its line.
-    pub(super) fn of(bytes: &'a [u8]) -> Result<Self> {
+    pub(super) fn new(bytes: &'a [u8]) -> Result<Self> {
         let mut index = Self { bytes, places: HashMap::new(), by_keyword: HashMap::new() };
         let mut start = bytes.strip_prefix(b"\xef\xbb\xbf").map_or(0, |_| 3);
         let mut line = 1;
@@ -384,7 +387,7 @@ mod tests {
 
     #[test]
     fn values_of_every_kind_are_read() {
-        let index = Index::of(FILE.as_bytes()).unwrap();
+        let index = Index::new(FILE.as_bytes()).unwrap();
         let one = &index.records(1).unwrap()[0];
         assert_eq!(one.keyword, "POINT");
         use Value::{Derived, List, Name, Number, Omitted, Reference, Text, Typed};
@@ -409,7 +412,7 @@ mod tests {
     fn damage_is_named_with_line_and_instance() {
         let broken = |from: &str, to: &str| {
             let text = FILE.replace(from, to);
-            let index = Index::of(text.as_bytes());
+            let index = Index::new(text.as_bytes());
             match index {
                 Ok(index) => index.records(1).and(index.records(20)).unwrap_err().to_string(),
                 Err(e) => e.to_string(),
@@ -429,7 +432,7 @@ mod tests {
             ("(1),(2)", &format!("{}1{}", "(".repeat(40), ")".repeat(40)), "nested more than"),
         ] {
             let e = match from {
-                "ENDSEC;\nEND" => Index::of(FILE.replace("DATA;", "HEADER;").as_bytes())
+                "ENDSEC;\nEND" => Index::new(FILE.replace("DATA;", "HEADER;").as_bytes())
                     .err()
                     .map_or(String::new(), |e| e.to_string()),
                 _ => broken(from, to),
@@ -439,8 +442,8 @@ mod tests {
                 _ => assert!(e.contains(said), "{from}: {e}"),
             }
         }
-        assert!(Index::of(b"").is_err() && Index::of(b"ISO-10303-21;").is_err());
-        let index = Index::of(FILE.as_bytes()).unwrap();
+        assert!(Index::new(b"").is_err() && Index::new(b"ISO-10303-21;").is_err());
+        let index = Index::new(FILE.as_bytes()).unwrap();
         assert_eq!(index.records(7).unwrap_err().to_string(), "there is no #7");
     }
 }

@@ -1,7 +1,9 @@
 //! Faces of STEP files, and the shells that they are in.
 //!
-//! Comes in: items of a representation. Goes out: shapes, in which what the file shares is shared. A face
-//! that cannot be read is left out and named.
+//! **Input.** Items of a representation.
+//!
+//! **Output.** Shapes that share the vertices and edges that the file shares. A face that cannot be read is
+//! skipped and reported.
 
 use super::geometry::Geometry;
 use super::syntax::Index;

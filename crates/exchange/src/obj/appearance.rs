@@ -9,23 +9,28 @@ use super::{Farthest, Obj, mesh_of};
 use crate::appearance::{MeshPart, NO_UV, PartKind, TexturedMesh, read_materials};
 use crate::source::{next_word, parse_number, read_file, shown};
 
-/// What is read beside positions, normals and faces.
+/// Collects texture coordinates, parts and material libraries while a file is read.
 #[derive(Default)]
-pub(super) struct Looks {
+pub(super) struct AppearanceReader {
     pub uv: Vec<[f64; 2]>,
-    /// Texture coordinates of the face at hand.
+    /// Texture coordinates of the current face.
     face: Vec<u32>,
     triangles: Vec<[u32; 3]>,
     farthest: Farthest,
-    /// Parts in the order in which they came, by kind and name.
+    /// Parts in the order of their first line.
     parts: Vec<MeshPart>,
+    /// Index into `parts` by kind and name.
     index: BTreeMap<(u8, String), usize>,
-    /// Parts that faces belong to now: of objects, groups and materials.
+    /// Parts that the next faces belong to, by kind: objects, groups, materials.
     current: [Vec<usize>; 3],
     libraries: Vec<String>,
 }
 
-impl Looks {
+impl AppearanceReader {
+    /// Handles a line whose keyword concerns the appearance; ignores every other keyword.
+    ///
+    /// # Errors
+    /// `Input` for a texture coordinate that is missing, malformed or not finite.
     pub fn line(&mut self, keyword: &[u8], mut rest: &[u8], line: u64) -> Result<()> {
         let text = || String::from_utf8_lossy(rest.trim_ascii()).into_owned();
         match keyword {
@@ -53,6 +58,7 @@ impl Looks {
         Ok(())
     }
 
+    /// Makes the named parts the current ones of their kind.
     fn begin(&mut self, kind: PartKind, names: Vec<String>) {
         let own = kind as usize;
         self.current[own].clear();
@@ -66,7 +72,7 @@ impl Looks {
         }
     }
 
-    /// The corner of a face after so many others.
+    /// Adds a corner of a face; `before` is the number of its earlier corners.
     pub fn corner(&mut self, before: usize, uv: Option<u32>, line: u64) {
         if before == 0 {
             self.face.clear();
@@ -77,7 +83,7 @@ impl Looks {
         self.face.push(uv.unwrap_or(NO_UV));
     }
 
-    /// A face has become the last triangles of so many.
+    /// Ends a face; `triangles` is the number of triangles of the mesh, those of this face included.
     pub fn finish_face(&mut self, triangles: usize) {
         let first = self.triangles.len() as u32;
         if let [corner, rest @ ..] = &self.face[..] {
@@ -89,27 +95,28 @@ impl Looks {
     }
 }
 
-/// Reads a mesh with texture coordinates, parts, and the picture of the material that most triangles have.
+/// Reads a mesh with texture coordinates, parts, and the colour picture that most triangles use.
 pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
-    let (mesh, looks) = read_file(path, |mut source, _| {
-        let mut obj = Obj::read(&mut source, Some(Looks::default()))?;
-        let looks = obj.looks.take().unwrap_or_default();
-        looks.farthest.check(looks.uv.len(), "texture coordinate")?;
-        Ok((mesh_of(obj)?, looks))
+    let (mesh, appearance) = read_file(path, |mut source, _| {
+        let mut obj = Obj::read(&mut source, Some(AppearanceReader::default()))?;
+        let appearance = obj.appearance.take().unwrap_or_default();
+        appearance.farthest.check(appearance.uv.len(), "texture coordinate")?;
+        Ok((mesh_of(obj)?, appearance))
     })?;
     let mut made = TexturedMesh {
         points: mesh.points,
         triangles: mesh.triangles,
-        uv_triangles: if looks.uv.is_empty() { Vec::new() } else { looks.triangles },
-        uv: looks.uv,
-        parts: looks.parts.into_iter().filter(|part| !part.triangles.is_empty()).collect(),
+        uv_triangles: if appearance.uv.is_empty() { Vec::new() } else { appearance.triangles },
+        uv: appearance.uv,
+        parts: appearance.parts.into_iter().filter(|part| !part.triangles.is_empty()).collect(),
         unit: mesh.unit,
         ..TexturedMesh::default()
     };
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut pictures: BTreeMap<String, PathBuf> = BTreeMap::new();
-    for line in &looks.libraries {
-        // A name may have blanks, or be several.
+    for line in &appearance.libraries {
+        // Exporters write names with blanks, but the format also allows several names in a line: the whole
+        // line is tried first.
         let whole = folder.join(line);
         let names: Vec<PathBuf> = match whole.is_file() {
             true => vec![whole],
