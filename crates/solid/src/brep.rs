@@ -2,7 +2,8 @@
 //!
 //! Input: vertices, edges with curves, faces with surfaces and loops. [`Solid::check`] tests that they fit
 //! together. [`Solid::measures`] computes volume, area and centroid by the divergence theorem.
-//! [`Solid::contacts`] finds places where the boundary touches itself, and [`Solid::bodies`] separates bodies.
+//! [`Solid::contacts`] finds places where the boundary touches itself, and [`Solid::bodies`] separates
+//! bodies.
 //!
 //! ```
 //! use planish_solid::brep::Solid;

@@ -1,6 +1,7 @@
 //! Reconstruction of solids from two or three orthographic views.
 //!
-//! A drawing can describe several solids. [`views::solve`] lists them, [`reprojection::disagreements`] checks a
+//! A drawing can describe several solids. [`views::solve`] lists them, [`reprojection::disagreements`] checks
+//! a
 //! solid against the drawing, and [`tessellation::tessellate`] makes a watertight mesh of it:
 //!
 //! ```
@@ -38,7 +39,7 @@
 //! | [`views`] | all solids that match two or three orthographic views, best first |
 //! | [`noisy_views`] | measured views with covariance, matched by χ² tests and joined into one geometry |
 //! | [`drawing`] | data model of a drawing: curves with line styles in up to three views |
-//! | [`brep`] | boundary representation (planes, cylinders, cones, spheres, tori): checks, volume, area, centroid |
+//! | [`brep`] | boundary representation of solids: checks, volume, area and centroid |
 //! | [`reprojection`] | projects a solid into its views and compares them with a drawing |
 //! | [`tessellation`] | watertight triangle mesh of a solid |
 //! | [`parametric`] | trimmed parametric faces of CAD files and their triangulation |

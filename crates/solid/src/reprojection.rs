@@ -4,7 +4,8 @@
 //! within [`ReprojectionOptions`]. The check shares no code with the search in `views` (no cells, no grid, no
 //! cleaned curves), so an error of the search cannot hide itself.
 //!
-//! 1. `outlines`: the drawable lines of a view: sharp edges, smooth edges where the boundary turns away from the
+//! 1. `outlines`: the drawable lines of a view: sharp edges, smooth edges where the boundary turns away from
+//!    the
 //!    viewer, and silhouettes within curved faces (`n · e = 0`).
 //! 2. `brep/trimmed`: intersections of a ray with a face, limited to the loops of the face.
 //! 3. `scene`: a point is visible where the ray from the eye that passes it on one side or the other meets

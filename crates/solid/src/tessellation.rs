@@ -1,6 +1,7 @@
 //! Watertight triangle mesh of a solid within a chord tolerance.
 //!
-//! Input: a boundary representation. Output: a closed, manifold [`TriangleMesh`] that is oriented outwards. Its
+//! Input: a boundary representation. Output: a closed, manifold [`TriangleMesh`] that is oriented outwards.
+//! Its
 //! vertices lie on the edges and faces of the solid. Each edge is divided into chords once, and both of its
 //! faces share these chords, which makes the mesh watertight. Each face is filled by a constrained Delaunay
 //! triangulation in plane coordinates of its surface (`chart`). Points are inserted where the chord error

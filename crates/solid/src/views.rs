@@ -1,18 +1,23 @@
 //! Finds all solids that match two or three orthographic views.
 //!
 //! Input: a [`Drawing`], curves with line styles in model coordinates. Output: [`Solutions`],
-//! solids bounded by exact planes, cylinders, cones, spheres and tori, best first, and the lines that no solid
+//! solids bounded by exact planes, cylinders, cones, spheres and tori, best first, and the lines that no
+//! solid
 //! explains.
 //!
 //! 0. `tidy`: merges the arcs and polygons of a circle into one exact circle.
-//! 1. `drawing_grid`: a grid shared by all views, with the drawn curves on it. A plane or a cylinder along an axis
-//!    appears edge-on, as a line or a circle. `turned` adds walls: outlines of one view turned about the centre of
+//! 1. `drawing_grid`: a grid shared by all views, with the drawn curves on it. A plane or a cylinder along an
+//!    axis
+//!    appears edge-on, as a line or a circle. `turned` adds walls: outlines of one view turned about the
+//!    centre of
 //!    a circle of another, which no view sees edge-on. `oblique` adds planes and cylinders oblique to all
 //!    views, from points and edges that all three show (`wireframe`, `circles`).
 //! 2. `cells`: divides space by all candidate surfaces. Cells not separated by a drawn line are merged.
-//! 3. `sight`: at each drawn line, and where a line could be missing, lists the cells along two adjacent rays.
+//! 3. `sight`: at each drawn line, and where a line could be missing, lists the cells along two adjacent
+//!    rays.
 //!    `wall_sight` does so along the outlines of walls and the curves in which they cross other candidates.
-//! 4. `search`: a satisfiability problem with one variable per cell (solid or empty). Visible lines must be seen,
+//! 4. `search`: a satisfiability problem with one variable per cell (solid or empty). Visible lines must be
+//!    seen,
 //!    hidden lines occluded, and no other line may appear. As in drafting, tangent edges are not drawn. If no
 //!    solid is found, the search is repeated with tangent edges allowed. `preference` orders the search.
 //! 5. `boundary`: the maximal faces of the solid cells; `touching` handles holes tangent to a face.
@@ -84,7 +89,8 @@ const MAX_WALLS: usize = 24;
 
 /// Range of drawing sizes that are processed without scaling.
 ///
-/// Some tolerances are absolute lengths. Drawings outside of this range are scaled to a size from 100 to 1000.
+/// Some tolerances are absolute lengths. Drawings outside of this range are scaled to a size from 100 to
+/// 1000.
 const USUAL_SIZE: [f64; 2] = [0.1, 1e6];
 
 /// Distance below which edges and vertices touch, relative to the size of the drawing.
@@ -206,7 +212,8 @@ impl Solutions {
 
 /// Finds all solids that match the drawing, or lists the lines that no solid explains.
 ///
-/// Candidate surfaces are added in stages. If three views show planes or cylinders oblique to all of them, these
+/// Candidate surfaces are added in stages. If three views show planes or cylinders oblique to all of them,
+/// these
 /// are tried first, and a solid found with them is the result. Next come planes and cylinders along lines of
 /// sight, then surfaces of revolution. The stage with the cheapest solid wins.
 ///
