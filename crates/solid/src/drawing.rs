@@ -1,8 +1,8 @@
-//! What a drawing holds: curves of a style in up to three views, in the model's coordinates.
+//! Data model of a drawing: curves with line styles in up to three views, in model coordinates.
 
 use std::f64::consts::{PI, TAU};
 
-/// From where a view is seen.
+/// Viewing direction of a view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ViewKind {
     /// From −y: x to the right, z up.
@@ -29,7 +29,7 @@ impl ViewKind {
         }
     }
 
-    /// Whether what is nearest to the eye has the smallest coordinate along the line of sight.
+    /// True if the coordinate along the line of sight increases away from the viewer.
     #[must_use]
     pub fn nearest_is_least(self) -> bool {
         matches!(self, Self::Front | Self::Left)
@@ -47,12 +47,12 @@ impl ViewKind {
     }
 }
 
-/// How a line is drawn.
+/// Line style.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum LineStyle {
-    /// What the eye sees.
+    /// Visible line.
     Visible,
-    /// What lies behind something.
+    /// Line behind solid material.
     Hidden,
 }
 
@@ -120,7 +120,11 @@ impl Curve2 {
     }
 }
 
-/// The distance of two points of a view.
+/// The distance between two points of a view.
+///
+/// ```
+/// assert_eq!(planish_solid::views::distance([0.0, 0.0], [3.0, 4.0]), 5.0);
+/// ```
 #[must_use]
 pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
@@ -139,6 +143,13 @@ pub fn distance_to_segment(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
 }
 
 /// The point of a curve that is nearest to a point.
+///
+/// ```
+/// use planish_solid::views::{Curve2, nearest_on_curve};
+///
+/// let curve = Curve2::Segment([0.0, 0.0], [10.0, 0.0]);
+/// assert_eq!(nearest_on_curve(&curve, [4.0, 3.0]), [4.0, 0.0]);
+/// ```
 #[must_use]
 pub fn nearest_on_curve(curve: &Curve2, p: [f64; 2]) -> [f64; 2] {
     if let Curve2::Arc { center, radius, start, sweep } = curve {
@@ -167,7 +178,7 @@ pub fn nearest_on_curve(curve: &Curve2, p: [f64; 2]) -> [f64; 2] {
     all.min_by(|a, b| distance(*a, p).total_cmp(&distance(*b, p))).unwrap_or(points[0])
 }
 
-/// A curve with its style, and what the file calls it.
+/// A curve with its style and its name in the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DrawnCurve {
     /// Where it runs.
@@ -181,9 +192,9 @@ pub struct DrawnCurve {
 /// One view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// From where it is seen.
+    /// Viewing direction.
     pub kind: ViewKind,
-    /// What it shows.
+    /// Curves of the view.
     pub curves: Vec<DrawnCurve>,
 }
 
@@ -195,7 +206,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// The least and greatest coordinate of each axis that is drawn.
+    /// Minimum and maximum drawn coordinate along each axis.
     pub(crate) fn bounds(&self) -> [[f64; 2]; 3] {
         let mut bounds = [[f64::MAX, f64::MIN]; 3];
         for view in &self.views {

@@ -1,5 +1,4 @@
-//! Noisy views of one object made consistent: contours with covariance, matched by χ² on the coordinates that
-//! they share.
+//! Adjustment of noisy views of one object: contours with covariance are matched by χ² tests.
 //!
 //! Input: two or three [`NoisyView`]s in one frame, each a sketch with what holds in it. Output: a
 //! [`ConsistentViews`]: which coordinates of different views are one, with their p-values, and the most
@@ -33,24 +32,24 @@ use planish_contour::constraint::{
 use planish_contour::sketch::{Sketch, block_diagonal};
 use planish_estimate::{Error, Result};
 
-/// Contours as one view of something in space.
+/// The contours of one view of an object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NoisyView {
     /// From where it is seen; the first coordinate of its contours runs right, the second up.
     pub kind: ViewKind,
     /// Its contours.
     pub sketch: Sketch,
-    /// What holds between them, beside [`Sketch::given`].
+    /// Constraints between the contours, in addition to [`Sketch::given`].
     pub constraints: Vec<Constraint>,
 }
 
-/// How to match views.
+/// Options of [`match_views`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct MatchOptions {
-    /// The probability with which coordinates that are one are taken for two, over all.
+    /// Probability that any equal coordinates are treated as different (family-wise level).
     pub level: f64,
-    /// Coordinates are not matched where more than this share of the object's extent would pass: agreement
-    /// means too little.
+    /// Maximum share of the extent of the object that would pass the test. Beyond it, agreement is no evidence,
+    /// and coordinates are not matched.
     pub max_chance: f64,
 }
 
@@ -61,7 +60,7 @@ impl Default for MatchOptions {
     }
 }
 
-/// Views that agree.
+/// Views adjusted to one consistent geometry.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConsistentViews {
     /// The views' kinds, in their order.
@@ -70,13 +69,13 @@ pub struct ConsistentViews {
     pub drawing: Drawing,
     /// The covariance of its parameters.
     pub covariance: DMatrix<f64>,
-    /// Everything that holds: in each view, then between views.
+    /// All constraints: first within each view, then between views.
     pub constraints: Vec<Constraint>,
-    /// Which coordinates are one.
+    /// Tested pairs of coordinates.
     pub matches: Vec<SpaceMatch>,
     /// The coordinates that are known along each axis of space, ascending.
     pub levels: [Vec<AxisCoordinate>; 3],
-    /// What agreeing costs the views: χ² of the matches alone.
+    /// χ² of the matches alone.
     pub chi_square: f64,
     /// The degrees of freedom of that χ².
     pub degrees: usize,
@@ -87,10 +86,12 @@ pub struct ConsistentViews {
     first: Vec<usize>,
 }
 
-/// Views are not of one object where their ends agree with less than this share of the level.
+/// Share of the level below which the p-value of common ends shows that views are of different objects.
+///
+/// A larger share rejects more views with underestimated σ; a smaller one accepts views of other objects.
 const FOREIGN: f64 = 0.01;
 
-/// Matches the coordinates of noisy views and makes them one geometry.
+/// Matches the coordinates of noisy views and adjusts them to one geometry.
 ///
 /// What holds in each view is imposed on all views together, block by block, and that views which share an
 /// axis end together. Coordinates along an axis of space that then are not one already are candidates, in one

@@ -1,16 +1,16 @@
-//! Faces of CAD programs, trimmed by edges, as triangles.
+//! Trimmed parametric faces of CAD files and their triangulation.
 //!
-//! Input: vertices, edges with curves, faces with surfaces of any kind and loops of edges, as others wrote
-//! them. Output: triangles whose corners lie on the surfaces and along the edges, and for each face whether
-//! it could be filled. Every edge is cut into chords once, and all its faces use these: where faces share an
-//! edge their triangles do, too.
+//! Input: vertices, edges with curves, faces with surfaces and loops, as read from a file. Output: triangles
+//! whose corners lie on the surfaces and edges, and a list of the faces that could not be filled. Each edge
+//! is
+//! divided into chords once, and all of its faces share them, so neighbouring triangles match.
 //!
-//! A face is filled in the parameters of its surface. Loops are brought there point by point, each near the
-//! one before; a loop that winds around is joined by a bridge to the other one that does, or to the pole that
-//! the face holds.
+//! A face is filled in the parameters of its surface. Loops are projected there point by point, starting
+//! from the previous parameters. A loop that winds around a periodic surface is joined by a bridge to the
+//! other such loop, or to the pole inside the face.
 //!
-//! Not guaranteed: shapes of triangles; that faces do not cross one another; faces whose loops cross
-//! themselves are left out, with the reason.
+//! Limits: the shape of triangles is not controlled, and intersections between faces are not detected. Faces
+//! with self-intersecting loops are skipped, and the reason is reported.
 //!
 //! # References
 //! ISO 10303-42 (curves, surfaces and their parameters, and the sense of loops); Chew 1989, *Constrained
@@ -32,37 +32,37 @@ pub use mesh::{Meshed, Part, SkippedFace};
 pub use spline::{MAX_DEGREE, SplineCurve, SplineSurface};
 pub use surface::{ParametricSurface, Pole};
 
-/// How fine triangles are; lengths in the unit of the coordinates.
+/// Resolution of a triangulation; lengths are in the unit of the coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fineness {
-    /// How far triangles may be from their surface, > 0.
+    /// Maximum chord error, > 0.
     pub chord: f64,
-    /// The longest side that a triangle may have, about; infinite where it does not matter.
+    /// Approximate maximum side length of a triangle; infinite for no limit.
     pub longest: f64,
 }
 
-/// An edge between two vertices, or from one back to it.
+/// An edge between two vertices, or a closed edge at one vertex.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParametricEdge {
-    /// Where it runs.
+    /// Curve that carries the edge.
     pub curve: ParametricCurve,
-    /// The vertices where it begins and ends.
+    /// Indices of the start and end vertex.
     pub ends: [usize; 2],
-    /// Whether it runs as its curve's parameter grows.
+    /// True if the edge runs in the direction of increasing curve parameter.
     pub is_forward: bool,
 }
 
-/// A part of a surface within loops; all of it where there are none.
+/// A part of a surface bounded by loops; without loops, the whole surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParametricFace {
-    /// What others call it, for messages.
+    /// Name in the file, for messages.
     pub name: String,
-    /// Where it lies.
+    /// Surface that carries the face.
     pub surface: ParametricSurface,
-    /// Whether its outer side is that of the surface's normal, `S_u × S_v`.
+    /// True if the surface normal `S_u × S_v` points outwards.
     pub is_outward: bool,
-    /// Its loops in any order: edges, each with whether it is run along from its beginning, the face to the
-    /// left as seen from its outer side.
+    /// Boundary loops in any order: edge indices, each with true if the edge is followed from its start.
+    /// Seen from outside, the face lies to the left.
     pub loops: Vec<Vec<(usize, bool)>>,
 }
 
@@ -73,16 +73,26 @@ pub struct ParametricShape {
     pub vertices: Vec<[f64; 3]>,
     /// Edges between them.
     pub edges: Vec<ParametricEdge>,
-    /// Faces between these.
+    /// Faces bounded by the edges.
     pub faces: Vec<ParametricFace>,
 }
 
-/// Places along an edge, and along each parameter of a whole surface, that bounds are taken of.
+/// Sample points per closed edge, and per parameter of an untrimmed surface, for the bounding box.
+///
+/// More points give a tighter box at a higher cost.
 const PROBES: usize = 8;
 
 impl ParametricShape {
-    /// Least and largest coordinates of what edges and whole surfaces reach; the least are above the largest
-    /// where there is nothing.
+    /// Minimum and maximum coordinates of edges and untrimmed surfaces, by samples.
+    ///
+    /// The minimum exceeds the maximum if the shape is empty.
+    ///
+    /// ```
+    /// use planish_solid::parametric::ParametricShape;
+    ///
+    /// let [min, max] = ParametricShape::default().bounds();
+    /// assert!(min[0] > max[0]);
+    /// ```
     #[must_use]
     pub fn bounds(&self) -> [[f64; 3]; 2] {
         let mut bounds = [[f64::MAX; 3], [f64::MIN; 3]];

@@ -1,4 +1,4 @@
-//! Coordinates along the axes of space that views show, and which of them are one.
+//! Coordinates of the views along the axes of space, and the groups of equal ones.
 
 use super::NoisyView;
 use planish_contour::constraint::{
@@ -21,14 +21,14 @@ pub(super) struct SpacePlace {
     pub(super) place: Place,
 }
 
-/// A coordinate along an axis of space, with everything that lies on it.
+/// A coordinate along an axis of space, with all places that share it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisCoordinate {
     /// Its value.
     pub value: f64,
     /// Its standard deviation.
     pub sigma: f64,
-    /// What lies on it, in the drawing of all views.
+    /// Places with this coordinate, in the drawing of all views.
     pub places: Vec<Place>,
 }
 

@@ -1,9 +1,9 @@
-//! From solid cells to faces.
+//! Boundary representation of the solid cells.
 //!
-//! Surfaces with a solid on one side only are *used*. Two of them meet along curves, which third ones cut at
-//! vertices. Around the middle of each stretch of a curve stand half-surfaces; those between a solid and an
-//! empty sector are boundary, and where two different surfaces bound a solid sector there is an edge. Edges
-//! chain to loops on each surface, loops to faces: everything between edges is one face.
+//! A surface is *used* if a solid cell lies on exactly one of its sides. Two used surfaces intersect along
+//! curves, which other surfaces divide at vertices. Half-surfaces surround the middle of each curve segment.
+//! Those between a solid and an empty sector belong to the boundary. An edge exists where two different
+//! surfaces bound a solid sector. Edges are chained to loops on each surface, and loops bound maximal faces.
 
 use super::candidate_surface::{Side, across};
 use super::candidates::{Candidate, corners, curves};
@@ -25,7 +25,7 @@ const SPLINE_PIECES: usize = 48;
 /// Pieces of the cubic spline of a curve that was followed step by step.
 const TRACED_PIECES: usize = 96;
 
-/// A solution while its boundary is made.
+/// A boundary under construction.
 pub(super) struct BoundaryBuilder<'a> {
     pub(super) cells: &'a Cells<'a>,
     assignment: &'a Assignment,
@@ -36,10 +36,10 @@ pub(super) struct BoundaryBuilder<'a> {
     pub(super) tolerance: f64,
 }
 
-/// Makes the boundary of what an assignment says is solid.
+/// Builds the boundary of the cells that an assignment marks as solid.
 ///
 /// # Errors
-/// `Input` where the boundary does not close.
+/// `Input` if the boundary does not close.
 pub(super) fn boundary(cells: &Cells, assignment: &Assignment) -> Result<Solid> {
     let mut builder = BoundaryBuilder {
         cells,

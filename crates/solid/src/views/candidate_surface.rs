@@ -1,14 +1,14 @@
-//! Walls: candidate surfaces that no view sees edge-on.
+//! Candidate surfaces that no view sees edge-on.
 //!
-//! They are turned about an axis that is parallel to a line of sight ([`Turned`]), or planes and cylinders
-//! oblique to all of them ([`Oblique`]). The line of sight through a point meets either where a square root
-//! says.
+//! These are surfaces of revolution about an axis along a line of sight ([`Turned`]), or planes and cylinders
+//! oblique to all views ([`Oblique`]). Their intersections with a line of sight have a closed form (a square
+//! root).
 
 use super::oblique_wall::Oblique;
 use super::turned_wall::Turned;
 use crate::brep::FaceSurface;
 
-/// Which half of a torus' tube is meant; other surfaces have only one.
+/// Selects a half of the tube of a torus; other surfaces use `Both`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) enum Side {
     /// Nearer to the axis than the tube's middle.
@@ -19,7 +19,7 @@ pub(crate) enum Side {
     Both,
 }
 
-/// Where a wall may stand.
+/// Region to which a candidate surface is limited.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Extent {
     /// The box around it.

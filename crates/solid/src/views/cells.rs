@@ -1,41 +1,40 @@
-//! Cells: the parts into which the drawing's lines cut space, each wholly solid or wholly empty.
+//! Division of space into cells, each of which is either solid or empty.
 //!
-//! A box of the grid is cut by the pieces of all three views; an *atom* is what has one sign for each of
-//! them. Where a view shows no line, nothing separates the atoms on both sides of its grid line: they are one
-//! cell (union–find).
+//! The pieces of all views divide each box of the grid. An *atom* is a part of a box with the same sign for
+//! each of them. If a view shows no line between two atoms, no surface can separate them, and they are merged
+//! into one cell (union–find).
 
 use super::column::SurfaceId;
 use super::drawing_grid::DrawingGrid;
 use planish_estimate::{Error, Result};
 use std::collections::HashSet;
 
-/// A larger grid is refused: each of its boxes is looked at many times.
+/// Maximum number of grid boxes. It bounds run time and memory; larger drawings are rejected.
 const MAX_BOXES: usize = 1_000_000;
-/// More atoms than this are refused.
+/// Maximum number of atoms. It bounds memory; larger drawings are rejected.
 const MAX_ATOMS: usize = 8_000_000;
 
-/// Space, cut up.
+/// Space divided into cells.
 pub(crate) struct Cells<'a> {
     pub(crate) plan: &'a DrawingGrid,
     first: Vec<u32>,
     parent: Vec<u32>,
-    /// Cells thicker somewhere than rounding, where there are walls.
+    /// Cells thicker than the tolerance somewhere; empty without candidate surfaces.
     thick: HashSet<u32>,
-    /// Cells in boxes with walls of which no point was found that lies away from everything that cuts the
-    /// box.
+    /// Cells of boxes with candidate surfaces in which no sample point is clear of all surfaces.
     slivers: HashSet<u32>,
 }
 
-/// Whether a plan's grid has more boxes than are looked at.
+/// True if the grid exceeds [`MAX_BOXES`].
 pub(crate) fn is_too_fine(plan: &DrawingGrid) -> bool {
     (0..3).map(|a| plan.intervals(a)).product::<usize>() > MAX_BOXES
 }
 
 impl<'a> Cells<'a> {
-    /// Cuts space and joins what no line separates.
+    /// Divides space and merges atoms that no line separates.
     ///
     /// # Errors
-    /// `Unsupported` where there are too many atoms.
+    /// `Unsupported` if there are too many boxes or atoms.
     pub(crate) fn new(plan: &'a DrawingGrid) -> Result<Self> {
         let n = [0, 1, 2].map(|a| plan.intervals(a));
         if is_too_fine(plan) {

@@ -1,8 +1,9 @@
-//! The plan of a drawing: a grid that all views share, and what is drawn on and between its lines.
+//! A grid shared by all views, with the drawn curves placed on and between its lines.
 //!
-//! Input: a drawing. Output: for each axis the coordinates at which anything begins, ends or turns; for
-//! each view what is drawn along grid lines, and the pieces of oblique lines and circles, each from border to
-//! border of one cell of the grid.
+//! Input: a drawing. Output: for each axis, the coordinates at which any curve begins, ends or turns. For
+//! each
+//! view, the runs along grid lines, and the pieces of oblique lines and circles. Each piece lies within one
+//! cell of the grid.
 
 use super::candidate_surface::{CandidateSurface, Side};
 use super::profile::Profile;
@@ -10,7 +11,7 @@ use crate::drawing::{Curve2, Drawing, LineStyle, ViewKind};
 use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
-/// A stretch of a line that is drawn in one way, by the entity that draws it.
+/// An interval of a line with one style, drawn by one entity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Run {
     pub(crate) from: f64,
@@ -30,14 +31,14 @@ pub(crate) struct Piece {
     pub(crate) runs: Vec<Run>,
 }
 
-/// A profile with everything drawn along it.
+/// A profile with all runs drawn along it.
 #[derive(Debug, Clone)]
 pub(crate) struct Carrier {
     pub(crate) profile: Profile,
     pub(crate) runs: Vec<Run>,
 }
 
-/// What one view shows, on the grid.
+/// The curves of one view on the grid.
 #[derive(Debug, Clone)]
 pub(crate) struct ViewGrid {
     pub(crate) kind: ViewKind,
@@ -47,7 +48,7 @@ pub(crate) struct ViewGrid {
     pub(crate) pieces: Vec<Piece>,
     /// Pieces of each cell, the second coordinate fastest.
     pub(crate) cells: Vec<Vec<u32>>,
-    /// Curves that no surface seen edge-on draws, by index.
+    /// Indices of curves that are not the edge-on image of a surface.
     pub(crate) others: Vec<usize>,
 }
 
@@ -58,16 +59,17 @@ pub(crate) struct DrawingGrid {
     pub(crate) grid: [Vec<f64>; 3],
     pub(crate) views: Vec<ViewGrid>,
     pub(crate) size: f64,
-    /// Coordinates nearer than this are one.
+    /// Coordinates closer than this are equal.
     pub(crate) tolerance: f64,
     /// Candidate surfaces that no view sees edge-on.
     pub(crate) walls: Vec<CandidateSurface>,
-    /// Which of them pass through each box of the grid, the third coordinate fastest; empty where there are
+    /// Candidate surfaces that pass through each box of the grid, third coordinate fastest; empty if there
+    /// are
     /// none.
     walls_of: Vec<Vec<(u16, Side)>>,
 }
 
-/// Values that are one within a tolerance, each with a representative.
+/// Representatives of values that are equal within a tolerance.
 struct Cluster {
     values: Vec<f64>,
 }
@@ -95,7 +97,9 @@ impl Cluster {
     }
 }
 
-/// Of values that mean one: a round one, else one with more than six decimals, else the first.
+/// Chooses one of several equal values: a round one, else one with more than six decimals, else the first.
+///
+/// Values with few decimals were rounded on export, so the longer one is more accurate.
 fn representative(values: &[f64]) -> f64 {
     let round = |v: f64| (v * 1e4).round() / 1e4;
     let nearest =
@@ -152,7 +156,7 @@ fn unwrap_angles(run: Run) -> Vec<Run> {
     }
 }
 
-/// Stretches that are drawn in any way: touching runs become one.
+/// Merges touching runs of any style into intervals.
 pub(crate) fn stretches(runs: &[Run], gap: f64) -> Vec<[f64; 2]> {
     let mut sorted: Vec<[f64; 2]> = runs.iter().map(|r| [r.from, r.to]).collect();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -190,12 +194,13 @@ pub(crate) fn runs_within(runs: &[Run], from: f64, to: f64, least: f64) -> Vec<R
 }
 
 impl DrawingGrid {
-    /// Lays the drawing on its grid.
+    /// Places a drawing on its grid.
     pub(crate) fn new(drawing: &Drawing) -> Self {
         Self::without(drawing, &BTreeSet::new())
     }
 
-    /// Lays the drawing on its grid, where some curves, by view and index, stand for no surface seen edge-on.
+    /// Places a drawing on its grid. The `explained` curves (view and index) are no edge-on images of
+    /// surfaces.
     pub(crate) fn without(drawing: &Drawing, explained: &BTreeSet<(usize, usize)>) -> Self {
         let size = drawing.size();
         let tolerance = 1e-7 * size + 2e-6;
@@ -255,7 +260,7 @@ impl DrawingGrid {
         Self { grid, views, size, tolerance, walls: Vec::new(), walls_of: Vec::new() }
     }
 
-    /// The same plan with walls.
+    /// The same grid with candidate surfaces that no view sees edge-on.
     pub(crate) fn with_walls(mut self, walls: Vec<CandidateSurface>) -> Self {
         let n = [0, 1, 2].map(|a| self.intervals(a));
         self.walls_of = vec![Vec::new(); n[0] * n[1] * n[2]];
@@ -286,7 +291,7 @@ impl DrawingGrid {
         self.walls_of.get(at).map_or(&[], Vec::as_slice)
     }
 
-    /// The least and greatest corner of a box.
+    /// The minimum and maximum corner of a box.
     pub(crate) fn bounds(&self, cell: [usize; 3]) -> ([f64; 3], [f64; 3]) {
         let at = |up: usize| [0, 1, 2].map(|a| self.grid[a][cell[a] + up]);
         (at(0), at(1))
@@ -304,7 +309,7 @@ impl DrawingGrid {
     }
 }
 
-/// Takes a curve that lies on a circle for a run of it; says whether it does.
+/// Adds a curve that lies on a known circle to its runs. Returns false if there is no such circle.
 fn overlay(carriers: &mut [Carrier], curve: &Curve2, run: Run, tolerance: f64) -> bool {
     let mut points = curve.points();
     if let Curve2::Segment(a, b) = curve {

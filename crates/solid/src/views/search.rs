@@ -1,8 +1,8 @@
-//! The search: which cells are solid, so that every look finds what is drawn.
+//! Search for the solid cells that satisfy all sight tests.
 //!
-//! Every look becomes clauses of a satisfiability problem under a switch of its own; the solver then gives
-//! one assignment of cells after the other. Where there is none, switches are turned off, those of the fewest
-//! places first, until there is: what they stand for is unexplained.
+//! Each sight test becomes clauses of a satisfiability problem, guarded by a switch literal. The solver then
+//! enumerates assignments of cells. If there is none, switches are turned off until there is one, those with
+//! the fewest positions first. The lines of these tests are reported as unexplained.
 
 use super::cells::Cells;
 use super::preference::Preference;
@@ -11,18 +11,18 @@ use crate::drawing::LineStyle;
 use batsat::{BasicSolver, Lit, SolverInterface, Var, lbool};
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-/// Which cells are solid.
+/// State of each cell: true if solid.
 pub(crate) type Assignment = BTreeMap<u32, bool>;
 
-/// What the search found.
+/// Result of the search.
 pub(crate) struct SearchResult {
-    /// Whether there are no others.
+    /// True if all assignments were enumerated.
     pub(crate) complete: bool,
-    /// Places that no solid explains.
+    /// Positions that no solid explains.
     pub(crate) unexplained: Vec<(Option<LineStyle>, SightTestPlace)>,
 }
 
-/// Which edges lines may stand for.
+/// Kinds of edges that a drawn line may represent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum SmoothEdges {
     /// Drawn lines are edges at which faces meet at an angle, and outlines.
@@ -58,7 +58,7 @@ impl Encoder {
             return !self.truth;
         }
         let solver = &mut self.solver;
-        // Solids first try to be small.
+        // Cells are tried as empty first, which prefers small solids.
         Lit::new(*self.cells.entry(cell).or_insert_with(|| solver.new_var(lbool::TRUE, true)), true)
     }
 
@@ -66,7 +66,7 @@ impl Encoder {
         self.solver.add_clause_reuse(&mut literals);
     }
 
-    /// The literal that there is an edge at a group, a tangent one or not.
+    /// Literal that is true if the sectors form an edge, optionally a tangent one.
     fn event(&mut self, group: &EdgeSectors, smooth_edges: SmoothEdges) -> Lit {
         let smooth_edges = match group.tangent.is_empty() {
             true => SmoothEdges::NotDrawn,
@@ -99,9 +99,9 @@ impl Encoder {
         event
     }
 
-    /// Adds a look, in force while its switch is on.
+    /// Adds the clauses of a sight test, which hold while its switch is on.
     fn add(&mut self, sight_test: &SightTest, switch: Lit) {
-        // What must not be seen is an edge at an angle; what is drawn may be a tangent one.
+        // Only sharp edges are forbidden where nothing is drawn; a drawn line may be a tangent edge.
         let (forbidden, drawn) = (SmoothEdges::NotDrawn, self.smooth_edges);
         let seen_as = match sight_test.style {
             Some(LineStyle::Visible) => drawn,
@@ -176,7 +176,7 @@ impl Encoder {
         switch
     }
 
-    /// Solves with what must be on and as many preferences as go together; gives back all that was assumed.
+    /// Solves with all required literals and as many preferences as are compatible. Returns the assumptions.
     fn first_choice(&mut self, on: &[Lit], mut preferred: Vec<Lit>) -> Vec<Lit> {
         loop {
             let assumed: Vec<Lit> = on.iter().chain(&preferred).copied().collect();
@@ -197,8 +197,7 @@ impl Encoder {
     }
 }
 
-/// Whether there is an edge at a group for states of its cells; none where drawings differ in whether they
-/// show one.
+/// True if the sectors form an edge for given cell states; `None` if drawing conventions differ.
 fn edge(group: &EdgeSectors, smooth_edges: SmoothEdges, state: impl Fn(u32) -> bool) -> Option<bool> {
     let n = group.sectors.len();
     let states: Vec<bool> = group.sectors.iter().map(|c| state(*c)).collect();
@@ -209,13 +208,13 @@ fn edge(group: &EdgeSectors, smooth_edges: SmoothEdges, state: impl Fn(u32) -> b
             Some(smooth_edges == SmoothEdges::MayBeDrawn && group.tangent.contains(&[a, b]))
         }
         [_, _] => Some(true),
-        // Parts of the boundary touch along a line. Where all of them run smoothly through, as where a hole
-        // touches a wall, some draw it and some not.
+        // Parts of the boundary touch along a line. If all of them pass through smoothly, as for a hole that
+        // is tangent to a face, the line is drawn by some conventions only.
         _ => (!pairs_up(&boundary, &group.smooth)).then_some(true),
     }
 }
 
-/// Whether half-surfaces can be put in pairs that continue each other.
+/// True if the half-surfaces can be paired so that each pair is smooth.
 fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
     let Some((first, rest)) = halves.split_first() else {
         return true;
@@ -229,9 +228,10 @@ fn pairs_up(halves: &[u8], smooth: &[[u8; 2]]) -> bool {
     })
 }
 
-/// Searches for assignments, at most so many, and hands each to `accept`, which gives back cells whose states
-/// make no difference: assignments that differ from a later one in these only are not searched for.
-/// Assignments that meet all preferences that can be met together come first.
+/// Enumerates assignments and passes each to `accept`, up to a maximum number.
+///
+/// `accept` returns cells whose state makes no difference; assignments that differ only in these are skipped.
+/// Assignments that satisfy the compatible preferences come first.
 pub(crate) fn search(
     cells: &Cells,
     sight_tests: &SightTests,
@@ -243,7 +243,7 @@ pub(crate) fn search(
     let outside = cells.at_in([0, 0, 0], [0, 1, 2].map(|a| cells.plan.grid[a][0] + 1e-3 * cells.plan.size));
     let mut encoder = Encoder::new(outside, smooth_edges);
     let mut switches: Vec<(Lit, usize)> = Vec::new();
-    for (index, (sight_test, _)) in sight_tests.sight_tests.iter().enumerate() {
+    for (index, (sight_test, _)) in sight_tests.tests.iter().enumerate() {
         let switch = encoder.fresh();
         encoder.add(sight_test, switch);
         switches.push((switch, index));
@@ -255,7 +255,7 @@ pub(crate) fn search(
             break;
         }
         let core: Vec<Lit> = encoder.solver.unsat_core().to_vec();
-        let places = |index: usize| sight_tests.sight_tests[index].1.len();
+        let places = |index: usize| sight_tests.tests[index].1.len();
         let Some(at) = (0..switches.len())
             .filter(|&s| core.contains(&switches[s].0) || core.contains(&!switches[s].0))
             .min_by_key(|&s| places(switches[s].1))
@@ -263,7 +263,7 @@ pub(crate) fn search(
             return SearchResult { complete: true, unexplained };
         };
         let (_, index) = switches.swap_remove(at);
-        let (sight_test, places) = &sight_tests.sight_tests[index];
+        let (sight_test, places) = &sight_tests.tests[index];
         unexplained.push((sight_test.style, places[0].clone()));
     }
     let on: Vec<Lit> = switches.iter().map(|s| s.0).collect();
@@ -293,7 +293,7 @@ pub(crate) fn search(
         }
         let mut is_found = goes_on && encoder.solver.solve_limited(&assumed) == lbool::TRUE;
         if goes_on && !is_found && assumed.len() > on.len() {
-            // Nothing more that meets the preferences: the others.
+            // The preferred assignments are exhausted; continue without preferences.
             assumed.clone_from(&on);
             is_found = encoder.solver.solve_limited(&on) == lbool::TRUE;
         }

@@ -1,10 +1,12 @@
-//! Lines of sight along what is drawn, and where something could be drawn but is not.
+//! Tests of visibility along drawn lines, and where a line could be drawn but is not.
 //!
-//! At a point of a line, two lines of sight pass on its two sides. Both are followed through the cells; where
-//! their depths at the line agree, a *group* of sectors stands around a line in space. Its sectors' states
-//! say whether there is an edge (or an outline): there is none where all are equal, or where the boundary
-//! runs smoothly through. A visible line has an edge in front of all that is solid, a hidden one only behind,
-//! and where nothing is drawn there is none.
+//! At a point of a line, one ray passes on each of its sides. Both are followed through the cells. Where
+//! their
+//! depths agree at the line, the cells form a ring of sectors around a line in space ([`EdgeSectors`]). The
+//! states of the sectors decide whether there is an edge or an outline: there is none if all states are equal
+//! or the boundary passes through smoothly. A visible line needs an edge in front of all solid cells, a
+//! hidden
+//! line only an edge behind one. Elsewhere no edge may be visible.
 
 use super::candidate_surface::Side;
 use super::cells::{Cells, pieces_in};
@@ -15,26 +17,31 @@ use crate::drawing::{Drawing, LineStyle, distance_to_segment};
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
-/// Within this share of the drawing's size, a point lies on a curve that is drawn by points.
+/// Maximum distance of a point on a polygonal curve, relative to the size of the drawing.
+///
+/// A larger value confuses neighbouring curves; a smaller one misses curves of coarse polygons.
 const ON_CURVE: f64 = 2e-5;
-/// Curves run along each other below this sine of the angle between them.
+/// Sine of the angle below which two curves are treated as parallel.
 const PARALLEL: f64 = 0.1;
-/// A look counts where it is the same from so many times nearer.
+/// Factor by which the distance of the rays is reduced to confirm a test.
+///
+/// A test counts only if both distances give the same result, which excludes rays that cross another line.
 const NEARER: f64 = 100.0;
 
-/// Sectors around a line in space.
+/// Cells arranged as sectors around a line in space.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct EdgeSectors {
     /// Cells around the line, in order.
     pub(crate) sectors: Vec<u32>,
     /// Pairs of half-surfaces that continue each other smoothly; half-surface `h` lies behind sector `h`.
     pub(crate) smooth: Vec<[u8; 2]>,
-    /// Those of them that are parts of two surfaces: where these bound a solid there is a tangent edge, which
-    /// some drawings show.
+    /// Pairs of `smooth` that belong to two surfaces. If they bound a solid, they form a tangent edge, which
+    /// some
+    /// drawings show.
     pub(crate) tangent: Vec<[u8; 2]>,
 }
 
-/// What two lines of sight on both sides of a point meet, and what is drawn there.
+/// The cells along the two rays beside a point, and the line style drawn there.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct SightTest {
     pub(crate) style: Option<LineStyle>,
@@ -42,25 +49,25 @@ pub(crate) struct SightTest {
     pub(crate) groups: Vec<EdgeSectors>,
 }
 
-/// Where a look was taken.
+/// Position of a sight test.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SightTestPlace {
     pub(crate) view: usize,
     pub(crate) at: [f64; 2],
-    /// The curve that is drawn there.
+    /// Index of the curve drawn at this position.
     pub(crate) curve: Option<usize>,
 }
 
-/// All looks at a drawing, each once, with the places that ask for it.
+/// All distinct sight tests of a drawing, each with the positions that require it.
 pub(crate) struct SightTests {
-    pub(crate) sight_tests: Vec<(SightTest, Vec<SightTestPlace>)>,
+    pub(crate) tests: Vec<(SightTest, Vec<SightTestPlace>)>,
     seen: HashMap<SightTest, usize>,
 }
 
 impl SightTests {
     /// Looks at every line, and where a line may be missing.
     pub(crate) fn at(cells: &Cells, drawing: &Drawing) -> Self {
-        let mut sight_tests = Self { sight_tests: Vec::new(), seen: HashMap::new() };
+        let mut sight_tests = Self { tests: Vec::new(), seen: HashMap::new() };
         for view in 0..cells.plan.views.len() {
             sight_tests.along_grid(cells, view);
             sight_tests.along_pieces(cells, view);
@@ -90,12 +97,12 @@ impl SightTests {
         if nearer.as_ref() != Some(&sight_test) {
             return;
         }
-        let next = self.sight_tests.len();
+        let next = self.tests.len();
         let at = *self.seen.entry(sight_test.clone()).or_insert(next);
         if at == next {
-            self.sight_tests.push((sight_test, Vec::new()));
+            self.tests.push((sight_test, Vec::new()));
         }
-        self.sight_tests[at].1.push(place);
+        self.tests[at].1.push(place);
     }
 
     fn along_grid(&mut self, cells: &Cells, view: usize) {
@@ -311,7 +318,7 @@ fn is_drawn(carrier: &Carrier, at: [f64; 2], near: f64) -> bool {
     within(t) || matches!(carrier.profile, Profile::Circle { .. }) && (within(t - TAU) || within(t + TAU))
 }
 
-/// Intervals of an axis in which another view than the one given has pieces.
+/// Intervals of an axis in which a view other than the given one has pieces.
 fn busy_along(cells: &Cells, view: usize, axis: usize) -> Vec<bool> {
     let plan = cells.plan;
     let mut found = vec![!plan.walls.is_empty(); plan.intervals(axis)];
@@ -343,7 +350,7 @@ struct Limit {
     cell: u32,
 }
 
-/// Where a break stands at the line itself, and the surface's normal there.
+/// Depth and surface normal of a break, moved from the ray to the line itself.
 fn limit(cells: &Cells, view: usize, at: [f64; 2], entry: &Break, step: f64) -> Limit {
     let plan = cells.plan;
     let kind = plan.views[view].kind;
