@@ -127,7 +127,7 @@ pub fn write_forming(
         AnimationOutput::Pictures(path) => {
             let folder = FolderInWork::beside(path)?;
             let [first, last] = [0, frames.frames.len() - 1].map(|k| &frames.frames[k].points[..]);
-            let camera = Camera::of(first, last, &frames.triangles)?;
+            let camera = Camera::new(first, last, &frames.triangles)?;
             for (k, frame) in frames.frames.iter().enumerate() {
                 progress.check("drawing", k as f64 / frames.frames.len() as f64)?;
                 progress.items(k, "pictures");
@@ -167,7 +167,7 @@ fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Pro
         sigmas.push(sigmas_along(&snapshot.posterior(), &leaves, &local, &normals)?);
         shapes.push((points, normals, snapshot.readings));
     }
-    let scale = ColourScale::of(&sigmas);
+    let scale = ColourScale::from_sigmas(&sigmas);
     let frames = (shapes.iter().zip(&sigmas))
         .map(|((points, normals, readings), sigma)| MeshFrame {
             name: format!("{readings} readings"),
@@ -192,7 +192,7 @@ struct ColourScale {
 }
 
 impl ColourScale {
-    fn of(sigmas: &[Vec<f64>]) -> Self {
+    fn from_sigmas(sigmas: &[Vec<f64>]) -> Self {
         let quantile = |values: Option<&Vec<f64>>, share: f64| {
             let mut sorted: Vec<f64> = values.into_iter().flatten().copied().filter(|s| *s > 0.0).collect();
             sorted.sort_unstable_by(f64::total_cmp);
@@ -217,7 +217,7 @@ struct Camera {
 }
 
 impl Camera {
-    fn of(first: &[[f64; 3]], points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self> {
+    fn new(first: &[[f64; 3]], points: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self> {
         let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
         let (mut facing, mut area) = ([0.0; 3], 0.0);
         for t in triangles {

@@ -184,7 +184,7 @@ pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> 
     progress.check("finding what patches share", 0.1)?;
     let bound = set.bound.clone();
     let inputs = set.inputs.clone();
-    let mut ready = Ready::of(set, options, progress)?;
+    let mut ready = Ready::new(set, options, progress)?;
     let overlap = ready.overlap(options)?;
     progress.check("fusing", 0.4)?;
     let method = options.method.unwrap_or(match overlap.sigma_estimated {

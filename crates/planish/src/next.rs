@@ -165,7 +165,7 @@ pub struct UnmeasurableSigma {
 
 impl UnmeasurableSigma {
     /// Of the places that count, whose variances are those after all is measured.
-    fn of(model: &SurfaceModel, places: &[Place], variances: &[f64]) -> Option<Self> {
+    fn new(model: &SurfaceModel, places: &[Place], variances: &[f64]) -> Option<Self> {
         let square = |place: &Place| model.unresolved_shape.get(place.leaf).copied().unwrap_or(0.0);
         let largest = places.iter().map(square).fold(0.0, f64::max);
         let area = |of: &dyn Fn(&&Place) -> bool| places.iter().filter(of).map(|p| p.area).sum::<f64>();
@@ -286,7 +286,7 @@ pub fn next_points(
         mean_sigma: Change { before: before.1, after: after.1 },
         sigma,
         reached_goal: reached(&variances),
-        shape_left: UnmeasurableSigma::of(model, &places, &variances),
+        shape_left: UnmeasurableSigma::new(model, &places, &variances),
         random,
     })
 }

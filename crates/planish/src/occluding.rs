@@ -196,7 +196,7 @@ impl Job for OccludingJob {
         }
         plan_outputs(&self.patches)?;
         if let Some(path) = &self.hull
-            && !OutputFormat::of(path)?.is_mesh()
+            && !OutputFormat::from_path(path)?.is_mesh()
         {
             return Err(Error::unsupported(format!("{}: a visual hull is a mesh", path.display())));
         }

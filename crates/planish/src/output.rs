@@ -61,7 +61,7 @@ impl OutputFormat {
     ///
     /// # Errors
     /// `Unsupported` for any other extension, or none.
-    pub fn of(path: &Path) -> Result<Self> {
+    pub fn from_path(path: &Path) -> Result<Self> {
         match extension(path).as_str() {
             "step" | "stp" => Ok(Self::Step),
             "ply" => Ok(Self::Ply),
@@ -166,7 +166,7 @@ pub(crate) fn as_text<S: Serializer>(path: &Path, serializer: S) -> std::result:
 pub fn plan_outputs(paths: &[PathBuf]) -> Result<Vec<PlannedOutput>> {
     paths
         .iter()
-        .map(|path| Ok(PlannedOutput { path: path.clone(), format: OutputFormat::of(path)? }))
+        .map(|path| Ok(PlannedOutput { path: path.clone(), format: OutputFormat::from_path(path)? }))
         .collect()
 }
 
@@ -359,10 +359,10 @@ mod tests {
             ("a.glb", OutputFormat::Glb),
             ("a.planish", OutputFormat::Planish),
         ] {
-            assert_eq!(OutputFormat::of(Path::new(name)).unwrap(), format, "{name}");
+            assert_eq!(OutputFormat::from_path(Path::new(name)).unwrap(), format, "{name}");
         }
         for name in ["a", "a.gz", "a.3mf", "a.planish.gz"] {
-            assert!(OutputFormat::of(Path::new(name)).is_err(), "{name}");
+            assert!(OutputFormat::from_path(Path::new(name)).is_err(), "{name}");
         }
         assert_eq!(
             (plain_name(Path::new("d/a.step")), plain_name(Path::new("a.b.step.gz"))),
@@ -386,7 +386,7 @@ mod tests {
         };
         let outputs = ["a.ply", "a.stl"].map(|name| PlannedOutput {
             path: name.into(),
-            format: OutputFormat::of(Path::new(name)).unwrap(),
+            format: OutputFormat::from_path(Path::new(name)).unwrap(),
         });
         assert!(stl_warnings(&mesh(100.0), &outputs).is_empty());
         let [warning] = &stl_warnings(&mesh(4e6), &outputs)[..] else { panic!("needed one warning") };

@@ -34,6 +34,7 @@ use planish_sense::{
     Image, PhotometricOptions, Rectification, Scan, StereoOptions, StereoPoints, StereoRejected,
     lights_from_ball, match_stereo, normals_from_colours, photometric_normals,
 };
+pub use planish_surface::model::SigmaSummary;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -157,17 +158,6 @@ pub struct SensedFile {
     /// What the bands of an image are.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub bands: Vec<&'static str>,
-}
-
-/// σ over all points.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct SigmaSummary {
-    /// The median.
-    pub median: f64,
-    /// Nineteen of twenty are no larger.
-    pub p95: f64,
-    /// The largest.
-    pub max: f64,
 }
 
 /// The figures of a job.

@@ -9,10 +9,10 @@ mod camera;
 mod canvas;
 mod legend;
 mod shading;
-mod thing;
+mod viewed_content;
 
 pub use camera::{CameraAngles, Up};
-pub use thing::ViewedFile;
+pub use viewed_content::ViewedFile;
 
 use crate::job::Job;
 use crate::report::ReportOutput;
@@ -29,7 +29,7 @@ use planish_report::{Block, Field, Figure, Page, Section, Values};
 use serde::Serialize;
 use shading::{Pixel, Shape, draw};
 use std::path::{Path, PathBuf};
-use thing::Thing;
+use viewed_content::ViewedContent;
 
 /// Triangles of a model in a picture and on a page.
 const PICTURE_TRIANGLES: u64 = 600_000;
@@ -169,19 +169,19 @@ fn draw_picture(
             MOST_PIXELS / 1_000_000
         )));
     }
-    let thing = Thing::read(viewed, PICTURE_TRIANGLES, usize::MAX, progress)?;
+    let content = ViewedContent::read(viewed, PICTURE_TRIANGLES, usize::MAX, progress)?;
     progress.check("drawing", 0.5)?;
-    let drawn = drawn(&thing, options).map_err(|e| e.in_context(viewed.file.display()))?;
+    let drawn = drawn(&content, options).map_err(|e| e.in_context(viewed.file.display()))?;
     progress.check(WRITING_STAGE, 0.9)?;
     write_colour_png(path, options.size, &drawn.canvas.bytes())?;
-    let mut warnings = thing.warnings;
+    let mut warnings = content.warnings;
     if drawn.covered <= 0.0 {
         warnings.push("the picture is empty: what is there has no size, or is seen from its edge".to_owned());
     }
     Ok(PictureReport {
-        unit: thing.unit,
-        inputs: thing.inputs.into_iter().map(|(path, _)| path).collect(),
-        what: thing.headline,
+        unit: content.unit,
+        inputs: content.inputs.into_iter().map(|(path, _)| path).collect(),
+        what: content.headline,
         color: drawn.key,
         color_range: drawn.range,
         color_unit: drawn.unit,
@@ -196,27 +196,27 @@ fn draw_picture(
 /// # Errors
 /// As [`PictureJob`].
 pub fn view_page(viewed: &ViewedFile, output: &ReportOutput, progress: &dyn Progress) -> Result<ViewedPage> {
-    let thing = Thing::read(viewed, PAGE_TRIANGLES, PAGE_POINTS, progress)?;
+    let content = ViewedContent::read(viewed, PAGE_TRIANGLES, PAGE_POINTS, progress)?;
     progress.check("drawing", 0.5)?;
     let mut page = Page {
         job: "view".to_owned(),
         title: crate::report::file_name(&viewed.file),
-        headline: thing.headline.clone(),
-        figures: vec![Figure::new("size", thing.size(), "of its box")],
+        headline: content.headline.clone(),
+        figures: vec![Figure::new("size", content.size(), "of its box")],
         ..Page::default()
     };
-    if !thing.warnings.is_empty() {
-        let blocks = thing.warnings.iter().cloned().map(Block::Text).collect();
+    if !content.warnings.is_empty() {
+        let blocks = content.warnings.iter().cloned().map(Block::Text).collect();
         page.sections.push(Section::new("What to know", blocks));
     }
-    page.scene = Some(thing.scene);
-    page.sections.push(output.provenance(&thing.inputs)?);
+    page.scene = Some(content.scene);
+    page.sections.push(output.provenance(&content.inputs)?);
     Ok(ViewedPage {
         html: page.html().map_err(|e| Error::input("the page could not be made").with_source(e))?,
-        what: thing.headline,
-        unit: thing.unit,
-        inputs: thing.inputs.into_iter().map(|(path, _)| path).collect(),
-        warnings: thing.warnings,
+        what: content.headline,
+        unit: content.unit,
+        inputs: content.inputs.into_iter().map(|(path, _)| path).collect(),
+        warnings: content.warnings,
     })
 }
 
@@ -244,11 +244,11 @@ struct Drawn {
     covered: f64,
 }
 
-fn drawn(thing: &Thing, options: &PictureOptions) -> Result<Drawn> {
+fn drawn(content: &ViewedContent, options: &PictureOptions) -> Result<Drawn> {
     let [columns, rows] = options.size;
-    let field = chosen_field(thing, options.colour)?;
+    let field = chosen_field(content, options.colour)?;
     let scale = field.map(Scale::from_field);
-    let places = thing.places();
+    let places = content.places();
     let border = BORDER * rows.min(columns) as f64;
     let frame = Frame {
         low: [border; 2],
@@ -256,15 +256,15 @@ fn drawn(thing: &Thing, options: &PictureOptions) -> Result<Drawn> {
     };
     let axes = match (options.camera, options.up) {
         (None, None) => {
-            let (from, up) = thing.scene.view();
+            let (from, up) = content.scene.view();
             axes_from(from, up)?
         }
         (camera, up) => axes_at(&camera.unwrap_or(FROM), up.unwrap_or_default()),
     };
     let zoom = options.camera.map_or(1.0, |camera| camera.zoom);
-    let camera = Camera::of(&places, axes, frame, zoom)?;
+    let camera = Camera::from_points(&places, axes, frame, zoom)?;
     let by_normal = options.colour == Some(ColourBy::Normal);
-    let pixels = pixels(thing, field, scale.as_ref(), by_normal, &camera, options.size);
+    let pixels = pixels(content, field, scale.as_ref(), by_normal, &camera, options.size);
     let covered = pixels.iter().map(|p| p.covered).sum::<f64>() / pixels.len().max(1) as f64;
     let mut canvas = Canvas::new(columns, rows, on_paper(&pixels, columns))?;
     let title = match field {
@@ -272,7 +272,7 @@ fn drawn(thing: &Thing, options: &PictureOptions) -> Result<Drawn> {
         None if by_normal => "normals: right is red, up green, towards the camera blue".to_owned(),
         None => String::new(),
     };
-    let legend = Legend { title, size: thing.size(), scale };
+    let legend = Legend { title, size: content.size(), scale };
     legend::draw(&mut canvas, &legend, &camera);
     Ok(Drawn {
         canvas,
@@ -293,21 +293,21 @@ fn with_unit(field: &Field) -> String {
 
 /// The fields of what is shown at first: of its first surface, or else of its first cloud; those of a
 /// reference's points stand behind.
-fn fields(thing: &Thing) -> impl Iterator<Item = &Field> {
-    let surfaces = thing.scene.surfaces.iter().filter(|s| !s.hidden).flat_map(|s| &s.fields);
-    let clouds = thing.scene.clouds.iter().filter(|c| !c.hidden).flat_map(|c| &c.fields);
+fn fields(content: &ViewedContent) -> impl Iterator<Item = &Field> {
+    let surfaces = content.scene.surfaces.iter().filter(|s| !s.hidden).flat_map(|s| &s.fields);
+    let clouds = content.scene.clouds.iter().filter(|c| !c.hidden).flat_map(|c| &c.fields);
     surfaces.chain(clouds)
 }
 
 /// The field that colours a picture; none for normals and plain ones.
-fn chosen_field(thing: &Thing, colour: Option<ColourBy>) -> Result<Option<&Field>> {
-    let find = |key: &str| fields(thing).find(|field| field.key == key);
+fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Option<&Field>> {
+    let find = |key: &str| fields(content).find(|field| field.key == key);
     match colour {
-        None => Ok((find("deviation").or_else(|| find("sigma"))).or_else(|| fields(thing).next())),
+        None => Ok((find("deviation").or_else(|| find("sigma"))).or_else(|| fields(content).next())),
         Some(ColourBy::Plain) => Ok(None),
         Some(ColourBy::Normal) => {
-            let has_surface = thing.scene.surfaces.iter().any(|s| !s.hidden);
-            if has_surface || thing.normals.is_some() {
+            let has_surface = content.scene.surfaces.iter().any(|s| !s.hidden);
+            if has_surface || content.normals.is_some() {
                 Ok(None)
             } else {
                 Err(Error::input("needed points with normals to colour by, found none"))
@@ -318,7 +318,7 @@ fn chosen_field(thing: &Thing, colour: Option<ColourBy>) -> Result<Option<&Field
             None => {
                 let way_out =
                     if key == "deviation" { ": name what it deviates from with --reference" } else { "" };
-                let mut known: Vec<String> = fields(thing).map(|f| f.key.replace('_', "-")).collect();
+                let mut known: Vec<String> = fields(content).map(|f| f.key.replace('_', "-")).collect();
                 known.push("plain".to_owned());
                 Err(Error::input(format!(
                     "holds no {} to colour by{way_out}; it has {}",
@@ -332,7 +332,7 @@ fn chosen_field(thing: &Thing, colour: Option<ColourBy>) -> Result<Option<&Field
 
 /// Draws what an object shows at first. What does not hold the field has the colour of clay.
 fn pixels(
-    thing: &Thing,
+    content: &ViewedContent,
     field: Option<&Field>,
     scale: Option<&Scale>,
     by_normal: bool,
@@ -347,8 +347,8 @@ fn pixels(
         })
     };
     let are_kinds = matches!(scale, Some(Scale::Kinds(_)));
-    let surfaces: Vec<_> = thing.scene.surfaces.iter().filter(|s| !s.hidden).collect();
-    let clouds: Vec<_> = thing.scene.clouds.iter().filter(|c| !c.hidden).collect();
+    let surfaces: Vec<_> = content.scene.surfaces.iter().filter(|s| !s.hidden).collect();
+    let clouds: Vec<_> = content.scene.clouds.iter().filter(|c| !c.hidden).collect();
     let surface_values: Vec<Option<Vec<f64>>> = surfaces.iter().map(|s| values_of(&s.fields)).collect();
     let cloud_values: Vec<Option<Vec<f64>>> = clouds.iter().map(|c| values_of(&c.fields)).collect();
     let of_surface: Vec<_> = (surfaces.iter().zip(&surface_values))
@@ -388,7 +388,7 @@ fn pixels(
         let colour = &of_cloud[k];
         shapes.push(Shape::Dots {
             positions: &cloud.positions,
-            normals: thing.normals.as_deref().filter(|_| k == 0),
+            normals: content.normals.as_deref().filter(|_| k == 0),
             colour: (!by_normal).then_some(colour as _),
             width: dot_width(&cloud.positions, camera, size),
         });

@@ -45,7 +45,7 @@ impl ComparedMesh {
     ///
     /// # Errors
     /// `Input` for a σ that is negative or not finite, and for triangles that make no mesh.
-    pub(crate) fn of_file(file: PolygonMesh, path: &Path) -> Result<Self> {
+    pub(crate) fn from_file(file: PolygonMesh, path: &Path) -> Result<Self> {
         let sigma = file.column("sigma").map(<[f64]>::to_vec);
         if let Some(at) = sigma.iter().flatten().position(|s| !(s.is_finite() && *s >= 0.0)) {
             return Err(Error::input(format!(
@@ -83,7 +83,7 @@ impl Compared {
                         path.display()
                     )));
                 }
-                ComparedMesh::of_file(file, path).map(Self::Mesh)
+                ComparedMesh::from_file(file, path).map(Self::Mesh)
             }
             _ => Err(Error::unsupported(format!(
                 "{}: needed a model (.planish), a mesh (.ply, .obj, .stl, .off, .glb) or faces (.step), \

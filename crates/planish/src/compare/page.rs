@@ -2,7 +2,7 @@
 
 use crate::compare::{CompareOptions, Compared, ComparedMesh, ComparisonReport, ShownReference};
 use crate::report::scenes::{MOST_TRIANGLES, model_scene_of, numbers, observed_field};
-use crate::report::words::{SmallUnit, looks};
+use crate::report::words::{SmallUnit, warnings_as_findings};
 use planish_estimate::Result;
 use planish_mesh::{MeshSearch, TriangleMesh};
 use planish_report::numbers::{count, percent, significant};
@@ -31,7 +31,7 @@ pub(crate) fn compare_page(
     let names = [model_name, reference_name].map(crate::report::file_name);
     let model_unit = report.unit.name();
     let main = report.forward.or(report.backward);
-    let unit = SmallUnit::of(model_unit, main.map_or(1.0, |d| d.rms));
+    let unit = SmallUnit::for_length(model_unit, main.map_or(1.0, |d| d.rms));
     let normalised = shown.normalised.clone();
     let scene = compared_scene(model, report, shown, options, MOST_TRIANGLES)?;
     let mut figures = Vec::new();
@@ -215,7 +215,7 @@ fn findings(report: &ComparisonReport, unit: SmallUnit<'_>) -> Vec<Finding> {
             ),
         ));
     }
-    found.extend(looks(&report.warnings));
+    found.extend(warnings_as_findings(&report.warnings));
     found
 }
 

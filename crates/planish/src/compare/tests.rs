@@ -213,9 +213,9 @@ fn a_reference_in_another_unit_is_converted() {
     assert_eq!(plain.coverage95, metres.coverage95);
     // A file that names no unit is in that of the option, or of the other file.
     let options = CompareOptions { unit: Some(Unit::Metre), ..CompareOptions::default() };
-    let asked = compare(&model, in_unit(None, 1e-3), &options, &Silent).unwrap();
-    assert_eq!((asked.unit, asked.backward.unwrap().n), (Unit::Millimetre, metres.backward.unwrap().n));
-    assert!((asked.backward.unwrap().rms - plain.backward.unwrap().rms).abs() < 1e-12);
+    let scaled = compare(&model, in_unit(None, 1e-3), &options, &Silent).unwrap();
+    assert_eq!((scaled.unit, scaled.backward.unwrap().n), (Unit::Millimetre, metres.backward.unwrap().n));
+    assert!((scaled.backward.unwrap().rms - plain.backward.unwrap().rms).abs() < 1e-12);
     assert_eq!(compared(&model, in_unit(None, 1.0)).backward, plain.backward);
 }
 

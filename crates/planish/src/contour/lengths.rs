@@ -55,7 +55,10 @@ mod tests {
         assert_eq!(read("x1 = 2in"), "x1 = 50.8");
         assert_eq!(read("P1P2 to P2P3 is 60deg"), "P1P2 to P2P3 is 60deg");
         assert_eq!(read("circle 1 has the radius of circle 2"), "circle 1 has the radius of circle 2");
-        let told = in_unit("P1P2 is 100km long", Unit::Millimetre).unwrap_err().to_string();
-        assert!(told.contains("constraint `P1P2 is 100km long`") && told.contains("needed `mm`"), "{told}");
+        let message = in_unit("P1P2 is 100km long", Unit::Millimetre).unwrap_err().to_string();
+        assert!(
+            message.contains("constraint `P1P2 is 100km long`") && message.contains("needed `mm`"),
+            "{message}"
+        );
     }
 }

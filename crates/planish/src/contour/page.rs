@@ -2,7 +2,7 @@
 
 use crate::contour::{ConstrainedReport, ContourReport, PartReport};
 use crate::report::title_of;
-use crate::report::words::{head, looks, with_article};
+use crate::report::words::{head, warnings_as_findings, with_article};
 use planish_report::numbers::{count, counted, significant};
 use planish_report::{Block, Figure, Finding, FindingLevel, Page, Section, Table};
 use std::path::{Path, PathBuf};
@@ -126,7 +126,7 @@ pub(crate) fn part_blocks(part: &PartReport, unit: &str) -> Vec<Block> {
 }
 
 pub(crate) fn findings(report: &ContourReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = looks(&report.warnings);
+    let mut found: Vec<Finding> = warnings_as_findings(&report.warnings);
     for (k, part) in report.contours.iter().enumerate() {
         let name = format!("Contour {} ({})", k + 1, part.kind);
         if part.reduced_chi_square > MOST_CHI_SQUARE {

@@ -38,7 +38,7 @@ pub(crate) fn fit_page(
     verb: &str,
 ) -> Result<Page> {
     let model_unit = fit.model.unit.name();
-    let unit = SmallUnit::of(model_unit, report.rms.max(report.sigma.median));
+    let unit = SmallUnit::for_length(model_unit, report.rms.max(report.sigma.median));
     let length = |value: f64| unit.text(value);
     let (mut scene, tolerance) =
         model_scene(&fit.model, &fit.posterior(), mesh_tolerance, fit.readings.as_ref())?;

@@ -73,7 +73,7 @@ struct Hold {
 
 impl Hold {
     /// One percent of the diagonal of all patches, and one degree.
-    fn of(size: f64) -> Self {
+    fn from_size(size: f64) -> Self {
         Self { translation: 0.01 * size, rotation_rad: 1.0_f64.to_radians() }
     }
 
@@ -197,7 +197,7 @@ fn motions(
         (patches.iter().zip(searches)).map(|(patch, search)| side(patch, search)).collect();
     let all = patches.iter().flat_map(|p| p.mesh.positions.iter().copied());
     let size = BoundingBox::around(all).map_or(0.0, |b| b.diagonal());
-    let hold = Hold::of(size);
+    let hold = Hold::from_size(size);
     let stated = patches.iter().all(|p| !p.sigma.is_empty());
     let spacing = (sides.iter())
         .map(|s| (s.patch.mesh.area() / s.patch.mesh.positions.len().max(1) as f64).sqrt())
@@ -222,7 +222,7 @@ fn motions(
         }
         let least = if stated { 1.0 } else { LEAST_SCALE * size };
         let scale = median_magnitude_scale(&normalised)?.max(least);
-        let equations = Equations::of(&sides, &rows, scale, &hold)?;
+        let equations = Equations::new(&sides, &rows, scale, &hold)?;
         let (step, largest) = equations.step(sides.len());
         // Feet that come and go at borders make steps go to and fro: later ones are averaged.
         let share = (FULL_STEPS / f64::from(round + 1)).min(1.0);
@@ -282,7 +282,7 @@ fn not_told<'a>(
     names: &'a [String],
 ) -> impl Iterator<Item = String> + 'a {
     (1..sides.len())
-        .filter(|k| told(*k, rows) < LEAST_RESIDUALS)
+        .filter(|k| residual_count(*k, rows) < LEAST_RESIDUALS)
         .map(|k| format!("{} lies on no other patch within reach: it was not aligned", names[k]))
 }
 
@@ -298,13 +298,13 @@ fn apart(k: usize, rows: &[Residual]) -> Result<(f64, f64)> {
     Ok((median_magnitude_scale(&off)?, median_magnitude_scale(&normalised)?))
 }
 
-fn told(k: usize, rows: &[Residual]) -> usize {
+fn residual_count(k: usize, rows: &[Residual]) -> usize {
     rows.iter().filter(|r| r.here == k || r.there == k).count()
 }
 
 fn motion(k: usize, sides: &[Side], rows: &[Residual], covariances: &DMatrix<f64>, hold: &Hold) -> Motion {
     let pose = sides[k].pose;
-    if k == 0 || told(k, rows) < LEAST_RESIDUALS {
+    if k == 0 || residual_count(k, rows) < LEAST_RESIDUALS {
         return Motion { pose, covariance: None, undetermined: Vec::new() };
     }
     let start = 6 * (k - 1);

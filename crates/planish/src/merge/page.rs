@@ -2,7 +2,7 @@
 
 use crate::merge::{MergeReport, Merged};
 use crate::report::scenes::{numbers, observed_field};
-use crate::report::words::{SmallUnit, looks};
+use crate::report::words::{SmallUnit, warnings_as_findings};
 use crate::report::{ReportOutput, file_name, title_of};
 use planish_estimate::Result;
 use planish_report::numbers::{count, counted, percent, significant};
@@ -28,7 +28,7 @@ fn short(name: &str) -> String {
 
 fn merge_page(merged: &Merged) -> Page {
     let report = &merged.report;
-    let unit = SmallUnit::of(report.unit.name(), report.sigma.median);
+    let unit = SmallUnit::for_length(report.unit.name(), report.sigma.median);
     let regular = report.valence.get(6).copied().unwrap_or(0) as f64
         / report.valence.iter().sum::<usize>().max(1) as f64;
     Page {
@@ -162,7 +162,7 @@ fn scene(merged: &Merged) -> Scene {
 /// The motion of every patch, and how well it is known.
 fn alignment(report: &MergeReport) -> Vec<Block> {
     let sigmas = report.poses.iter().filter_map(|p| p.sigma_translation);
-    let unit = SmallUnit::of(report.unit.name(), sigmas.fold(0.0, f64::max));
+    let unit = SmallUnit::for_length(report.unit.name(), sigmas.fold(0.0, f64::max));
     let mut table = Table::new([
         "patch",
         &unit.head("moved"),
@@ -202,7 +202,7 @@ fn alignment(report: &MergeReport) -> Vec<Block> {
 }
 
 fn findings(report: &MergeReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = looks(&report.warnings);
+    let mut found: Vec<Finding> = warnings_as_findings(&report.warnings);
     if report.nonmanifold_edges > 0 {
         found.push(Finding::new(
             FindingLevel::Bad,

@@ -51,7 +51,7 @@ pub(super) struct Done {
 
 impl Ready {
     /// Leaves copies out, turns patches alike, and aligns them where that is asked for.
-    pub fn of(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Self> {
+    pub fn new(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Self> {
         let PatchSet { patches: named, unit, mut warnings, .. } = set;
         for named in named.iter().filter(|p| p.tidied.dropped > 0) {
             warnings.push(format!(

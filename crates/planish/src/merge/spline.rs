@@ -70,11 +70,11 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
     let mut largest = mesh.clone();
     let mut of = parts.iter();
     largest.triangles.retain(|_| of.next() == Some(&0));
-    let mut is_of = vec![false; mesh.positions.len()];
+    let mut in_part = vec![false; mesh.positions.len()];
     for v in largest.triangles.iter().flatten() {
-        is_of[*v as usize] = true;
+        in_part[*v as usize] = true;
     }
-    Ok((largest, is_of, count.saturating_sub(1)))
+    Ok((largest, in_part, count.saturating_sub(1)))
 }
 
 /// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a ball, whichever suits
@@ -84,7 +84,7 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
 /// # Errors
 /// `Unsupported` for a mesh of several parts; else as [`fit`].
 pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Result<MergedSpline> {
-    let (largest, is_of, left_out) = largest_part(&merged.mesh)?;
+    let (largest, in_part, left_out) = largest_part(&merged.mesh)?;
     let mut warnings = Vec::new();
     if left_out > 0 {
         warnings.push(format!("{left_out} small parts of the merged surface are not in its spline"));
@@ -98,7 +98,7 @@ pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Res
              see how far it is from the mesh there"
         ));
     }
-    let vertices = Vertices::of(merged, &is_of);
+    let vertices = Vertices::new(merged, &in_part);
     let fitted = fit(&vertices.as_scan(merged), &spline_options(seed), progress)?;
     let mut model = fitted.model;
     let carried = carry_sigma(&mut model, &vertices)?;
@@ -129,9 +129,9 @@ struct Vertices {
 }
 
 impl Vertices {
-    fn of(merged: &Merged, is_of: &[bool]) -> Self {
+    fn new(merged: &Merged, in_part: &[bool]) -> Self {
         let measured: Vec<usize> =
-            (0..is_of.len()).filter(|&v| is_of[v] && merged.observed[v] == 1).collect();
+            (0..in_part.len()).filter(|&v| in_part[v] && merged.observed[v] == 1).collect();
         let of = |values: &[[f64; 3]]| measured.iter().map(|&v| values[v]).collect();
         Self {
             points: of(&merged.mesh.positions),

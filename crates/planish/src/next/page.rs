@@ -23,7 +23,7 @@ fn change(what: &str, sigma: Change, unit: SmallUnit<'_>) -> Figure {
 /// The page of points to measure.
 pub(crate) fn next_page(model: &SurfaceModel, next: &NextReport, name: &Path) -> Result<Page> {
     let model_unit = model.unit.name();
-    let unit = SmallUnit::of(model_unit, next.worst_sigma.before);
+    let unit = SmallUnit::for_length(model_unit, next.worst_sigma.before);
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     scene.marks = next_marks(&next.points, unit);
     "where to measure next".clone_into(&mut scene.marks_name);
@@ -93,7 +93,7 @@ pub(crate) fn views_page(
     sensor: &ViewSensor,
     name: &Path,
 ) -> Result<Page> {
-    let unit = SmallUnit::of(model.unit.name(), next.worst_sigma.before);
+    let unit = SmallUnit::for_length(model.unit.name(), next.worst_sigma.before);
     let (mut scene, _) = model_scene(model, &model.posterior()?, None, None)?;
     show_views(&mut scene, next, sensor, unit)?;
     let mut findings = Vec::new();

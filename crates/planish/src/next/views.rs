@@ -178,7 +178,7 @@ pub fn next_views(
         }),
         sigma_along: (readings > 0.0).then(|| noise / readings),
         reached_goal: reached(&variances),
-        shape_left: UnmeasurableSigma::of(model, &places, &variances),
+        shape_left: UnmeasurableSigma::new(model, &places, &variances),
     })
 }
 

@@ -18,7 +18,7 @@ const MOST_LINES: usize = 60_000;
 /// The unit in which most of some lengths read well, where it is not their own.
 fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
     let most = lengths.iter().filter(|l| l.is_finite()).fold(0.0, |a: f64, b| a.max(b.abs()));
-    Some(SmallUnit::of(unit, most)).filter(|small| small.factor != 1.0)
+    Some(SmallUnit::for_length(unit, most)).filter(|small| small.factor != 1.0)
 }
 
 /// A field of numbers.

@@ -21,7 +21,7 @@ pub(crate) struct SmallUnit<'a> {
 impl<'a> SmallUnit<'a> {
     /// The unit in which a length like this one reads well, of a model in this unit: millimetres for what is
     /// less than a centimetre, where the model is in metres.
-    pub(crate) fn of(unit: &'a str, typical: f64) -> Self {
+    pub(crate) fn for_length(unit: &'a str, typical: f64) -> Self {
         if unit == "m" && typical.abs() < 0.01 {
             Self { name: "mm", factor: 1000.0 }
         } else {
@@ -51,7 +51,7 @@ pub(crate) fn head(what: &str, unit: &str) -> String {
 }
 
 /// Warnings as findings that are worth a look.
-pub(crate) fn looks(warnings: &[String]) -> Vec<Finding> {
+pub(crate) fn warnings_as_findings(warnings: &[String]) -> Vec<Finding> {
     warnings.iter().map(|w| Finding::new(FindingLevel::Look, sentence(w))).collect()
 }
 
@@ -75,11 +75,11 @@ mod tests {
 
     #[test]
     fn lengths_and_warnings_read_well() {
-        let small = SmallUnit::of("m", 0.0012);
+        let small = SmallUnit::for_length("m", 0.0012);
         assert_eq!((small.text(0.0012), small.head("rms")), ("1.20 mm".to_owned(), "rms / mm".to_owned()));
-        assert_eq!(SmallUnit::of("m", 2.0).text(2.0), "2.00 m");
+        assert_eq!(SmallUnit::for_length("m", 2.0).text(2.0), "2.00 m");
         assert_eq!(head("radius", ""), "radius");
-        let found = looks(&["the mesh is open".to_owned(), "a.ply: no unit.".to_owned()]);
+        let found = warnings_as_findings(&["the mesh is open".to_owned(), "a.ply: no unit.".to_owned()]);
         assert_eq!(found[0].text, "The mesh is open.");
         assert_eq!(found[1].text, "a.ply: no unit.");
     }

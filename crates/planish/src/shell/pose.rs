@@ -31,7 +31,7 @@
 //!
 //! Not guaranteed: that a posed mesh does not cross itself.
 
-use super::looks::{Known, NamedPlaces, normals_of, picture_of, write_glb, write_obj};
+use super::appearance::{Known, NamedPlaces, normals_of, picture_of, write_glb, write_obj};
 use super::surface::mesh_outputs;
 use crate::job::Job;
 use nalgebra::DVector;
@@ -86,7 +86,7 @@ pub struct ShellPoseReport {
     /// Rigid parts and their vertices.
     pub rigid: Vec<RigidReport>,
     /// Poses.
-    pub poses: Vec<PoseReport>,
+    pub poses: Vec<PoseTargetReport>,
     /// Keyframes.
     pub keyframes: usize,
     /// Files read.
@@ -114,7 +114,7 @@ pub struct RigidReport {
 
 /// A pose.
 #[derive(Debug, Clone, Serialize)]
-pub struct PoseReport {
+pub struct PoseTargetReport {
     /// Its name.
     pub name: String,
     /// How many controls are moved.
@@ -189,7 +189,7 @@ fn pose_mesh(job: &ShellPoseJob, progress: &dyn Progress) -> Result<ShellPoseRep
         let (q, moved) = moves(&pose.moves, &controls, size)
             .map_err(|e| e.in_context(format!("{}: pose `{}`", job.poses.display(), pose.name)))?;
         let points = deformation.positions(&deformation.rigid_start(&q));
-        reports.push(PoseReport {
+        reports.push(PoseTargetReport {
             name: pose.name.clone(),
             moved,
             farthest: (points.iter().zip(&mesh.positions)).map(|(a, b)| distance(*a, *b)).fold(0.0, f64::max),

@@ -5,7 +5,7 @@
 //! PNG, GLB); how many views each vertex has its colour from, and how far the colours are from the pictures,
 //! in views held out as well.
 //!
-//! Each view is asked what it sees of a place (`view`), what they say becomes one colour (`blend`), and what
+//! Each view is sampled at a place (`view`), the samples become one colour (`blend`), and what
 //! none of them sees is filled (`fill`) and counted.
 //!
 //! Not guaranteed: that lights do not move: colours are those of the pictures, highlights and shadows among
@@ -22,7 +22,7 @@ use super::fit::input::read_mask;
 use super::surface::mesh_outputs;
 use crate::job::Job;
 use atlas::at_place;
-use blend::{Blended, Saying};
+use blend::{Blended, ViewColour};
 use output::write;
 use painted::{Texture, paint};
 use planish_core::{Progress, WRITING_STAGE};
@@ -175,7 +175,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
     let mut warnings = Vec::new();
     let (file, scene) = read(job, progress, &mut warnings)?;
     progress.check("blending", 0.5)?;
-    let Answers { asked, said, coloured, seen } = ask(job, &scene)?;
+    let BlendedViews { used, statistics, coloured, seen } = blend_vertices(job, &scene)?;
     let wanted = match job.place {
         ColourPlace::Texture => true,
         ColourPlace::Vertices => false,
@@ -185,14 +185,16 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
     };
     let texture = if wanted {
         progress.check("painting", 0.6)?;
-        let of = |at, normal| blend::blend(&scene.look(&asked, at, normal), said.sigma).map(|b| b.colour);
-        let chosen: Vec<&ColourView> = asked.iter().map(|k| &scene.views[*k]).collect();
-        Some(paint(job, &file, &scene, &coloured, &chosen, &of, &mut warnings)?)
+        let colour_at = |at, normal| {
+            blend::blend(&scene.colours_at(&used, at, normal), statistics.sigma).map(|b| b.colour)
+        };
+        let chosen: Vec<&ColourView> = used.iter().map(|k| &scene.views[*k]).collect();
+        Some(paint(job, &file, &scene, &coloured, &chosen, &colour_at, &mut warnings)?)
     } else {
         None
     };
     progress.check("judging", 0.8)?;
-    let reports = judge(&scene, &said, &coloured, texture.as_ref());
+    let reports = judge(&scene, &statistics, &coloured, texture.as_ref());
     for view in reports.iter().filter(|view| view.left_out) {
         warnings.push(format!(
             "view `{}` differs from the others at {} of the {} vertices that it sees, and was left out: its \
@@ -213,7 +215,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
         vertices: scene.mesh.positions.len(),
         seen,
         filled: scene.mesh.positions.len() - seen,
-        colour_sigma: said.sigma,
+        colour_sigma: statistics.sigma,
         texture: texture.map(|texture| texture.report),
         views: reports,
         inputs: all,
@@ -239,16 +241,16 @@ struct Scene {
 }
 
 impl Scene {
-    /// What some views say of a place.
-    fn look(&self, asked: &[usize], at: [f64; 3], normal: [f64; 3]) -> Vec<Saying> {
-        let say = |k: &usize| {
-            self.views[*k].glimpse(at, normal, self.two_sided).map(|found| Saying {
+    /// Colours of a place in the given views; views that do not see it are skipped.
+    fn colours_at(&self, used: &[usize], at: [f64; 3], normal: [f64; 3]) -> Vec<ViewColour> {
+        let colour_in = |k: &usize| {
+            self.views[*k].sample(at, normal, self.two_sided).map(|found| ViewColour {
                 view: *k,
                 colour: found.colour,
                 weight: found.weight,
             })
         };
-        asked.iter().filter_map(say).collect()
+        used.iter().filter_map(colour_in).collect()
     }
 }
 
@@ -309,52 +311,52 @@ fn read(
     Ok((file, scene))
 }
 
-/// What all views said of the vertices, before any was left out.
-struct Said {
-    /// σ of a colour, by those that were asked in the end.
+/// Statistics of all views at the vertices, before any view is rejected.
+struct ViewStatistics {
+    /// σ of a colour, estimated from the views that are used.
     sigma: f64,
-    /// For each view the vertices that it sees, and those where it is odd.
+    /// For each view the number of vertices that it sees, and of those where it is an outlier.
     counted: Vec<[usize; 2]>,
-    /// The share of what others see as well at which each is odd.
+    /// Share of the vertices seen by three or more views at which each view is an outlier.
     odd: Vec<f64>,
 }
 
-/// Colours of the vertices, and whose they are.
-struct Answers {
+/// Blended colours of the vertices, and the views that they come from.
+struct BlendedViews {
     /// Views that are used.
-    asked: Vec<usize>,
-    said: Said,
+    used: Vec<usize>,
+    statistics: ViewStatistics,
     coloured: Coloured,
     /// Vertices that a view sees.
     seen: usize,
 }
 
-/// Asks the views that are not held out for the colours of the vertices, and again without those that are odd
+/// Blends the vertex colours of all views that are not held out, then again without views that are outliers
 /// too often.
-fn ask(job: &ShellTextureJob, scene: &Scene) -> Result<Answers> {
+fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> {
     let (mesh, count) = (&scene.mesh, scene.views.len());
-    let ask = |asked: &[usize]| {
-        let said: Vec<Vec<Saying>> = (mesh.positions.par_iter().zip(&scene.normals))
-            .map(|(at, normal)| scene.look(asked, *at, *normal))
+    let blend_from = |used: &[usize]| {
+        let colours: Vec<Vec<ViewColour>> = (mesh.positions.par_iter().zip(&scene.normals))
+            .map(|(at, normal)| scene.colours_at(used, *at, *normal))
             .collect();
-        let sigma = blend::scale(said.iter().map(|s| &s[..]));
-        let blended: Vec<Option<Blended>> = said.par_iter().map(|s| blend::blend(s, sigma)).collect();
-        (said, sigma, blended)
+        let sigma = blend::scale(colours.iter().map(|s| &s[..]));
+        let blended: Vec<Option<Blended>> = colours.par_iter().map(|s| blend::blend(s, sigma)).collect();
+        (colours, sigma, blended)
     };
-    let mut asked: Vec<usize> = (0..count).filter(|k| !scene.pictured[*k].held_out).collect();
-    let (said, mut sigma, mut blended) = ask(&asked);
+    let mut used: Vec<usize> = (0..count).filter(|k| !scene.pictured[*k].held_out).collect();
+    let (colours, mut sigma, mut blended) = blend_from(&used);
     let counted = (0..count)
         .map(|k| {
-            let seen = said.iter().filter(|s| s.iter().any(|one| one.view == k)).count();
+            let seen = colours.iter().filter(|s| s.iter().any(|one| one.view == k)).count();
             [seen, blended.iter().flatten().filter(|b| b.odd.contains(&k)).count()]
         })
         .collect();
-    let odd = blend::odd_shares(count, &said, &blended);
-    drop(said);
-    let all_asked = asked.len();
-    asked.retain(|k| odd[*k] <= ODD_VIEW);
-    if asked.len() < all_asked {
-        (_, sigma, blended) = ask(&asked);
+    let odd = blend::odd_shares(count, &colours, &blended);
+    drop(colours);
+    let all_used = used.len();
+    used.retain(|k| odd[*k] <= ODD_VIEW);
+    if used.len() < all_used {
+        (_, sigma, blended) = blend_from(&used);
     }
     let seen = blended.iter().flatten().count();
     if seen == 0 {
@@ -370,13 +372,13 @@ fn ask(job: &ShellTextureJob, scene: &Scene) -> Result<Answers> {
         colours: fill::on_mesh(mesh, &known),
         views: (blended.iter()).map(|b| b.as_ref().map_or(0, |b| b.views.clamp(1, 255) as u8)).collect(),
     };
-    Ok(Answers { asked, said: Said { sigma, counted, odd }, coloured, seen })
+    Ok(BlendedViews { used, statistics: ViewStatistics { sigma, counted, odd }, coloured, seen })
 }
 
 /// How far the pictures of all views are from the colours that were made.
 fn judge(
     scene: &Scene,
-    said: &Said,
+    statistics: &ViewStatistics,
     coloured: &Coloured,
     texture: Option<&Texture>,
 ) -> Vec<ColourViewReport> {
@@ -387,13 +389,13 @@ fn judge(
             held_out: file.held_out,
             seen: if file.held_out {
                 (mesh.positions.par_iter().zip(&scene.normals))
-                    .filter(|(at, normal)| view.glimpse(**at, **normal, scene.two_sided).is_some())
+                    .filter(|(at, normal)| view.sample(**at, **normal, scene.two_sided).is_some())
                     .count()
             } else {
-                said.counted[k][0]
+                statistics.counted[k][0]
             },
-            odd: said.counted[k][1],
-            left_out: said.odd[k] > ODD_VIEW,
+            odd: statistics.counted[k][1],
+            left_out: statistics.odd[k] > ODD_VIEW,
             rms: view.difference(mesh, |triangle, weights| match texture {
                 Some(texture) => texture.at(triangle, weights),
                 None => at_place(mesh, &coloured.colours, triangle, weights),

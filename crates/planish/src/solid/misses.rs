@@ -126,9 +126,9 @@ mod tests {
                 rectangle(ViewKind::Top, [40.0, 30.0], 0.0),
             ],
         };
-        let told = nearly_meeting_ends(&open, &paths);
+        let message = nearly_meeting_ends(&open, &paths);
         assert_eq!(
-            told[0],
+            message[0],
             "front.dxf: LINE 0 of the front view ends at 39.999000 0.000000, 1.0e-3 from LINE 1 at \
              40.000000 0.000000: --tolerance 1.1e-3 joins ends so near"
         );
@@ -138,9 +138,9 @@ mod tests {
                 rectangle(ViewKind::Top, [40.04, 30.0], 0.0),
             ],
         };
-        let told = nearly_equal_extents(&scaled, &paths);
+        let message = nearly_equal_extents(&scaled, &paths);
         assert_eq!(
-            told,
+            message,
             ["top.dxf: the top view is 40.040000 long along x, and the front view (front.dxf) 40.000000, \
                  1.001000 times as long: needed one scale; --tolerance 4.4e-2 takes coordinates so near for \
                  one"]

@@ -1,7 +1,7 @@
 //! The report of solids that a drawing means.
 
 use crate::report::title_of;
-use crate::report::words::{head, looks};
+use crate::report::words::{head, warnings_as_findings};
 use crate::solid::{DimensionKind, FaceCounts, SolidReport, UnexplainedLine};
 use planish_estimate::Result;
 use planish_mesh::BoundingBox;
@@ -147,7 +147,7 @@ fn faces(counts: &FaceCounts) -> String {
 }
 
 fn findings(report: &SolidReport) -> Vec<Finding> {
-    let mut found: Vec<Finding> = looks(&report.warnings);
+    let mut found: Vec<Finding> = warnings_as_findings(&report.warnings);
     match report.solutions.len() {
         0 => found.push(Finding::new(
             FindingLevel::Bad,

@@ -144,8 +144,8 @@ mod tests {
             ..SolidJob::default()
         };
         let far = [[1e8, 1e8, 1e8], [1e8 + 40.0, 1e8, 1e8]];
-        let told = refuse_coarse_numbers(&job("part.stl"), &far, 0.02).unwrap_err().to_string();
-        assert!(told.starts_with("part.stl: STL holds 32-bit numbers"), "{told}");
+        let message = refuse_coarse_numbers(&job("part.stl"), &far, 0.02).unwrap_err().to_string();
+        assert!(message.starts_with("part.stl: STL holds 32-bit numbers"), "{message}");
         refuse_coarse_numbers(&job("part.ply"), &far, 0.02).unwrap();
         refuse_coarse_numbers(&job("part.stl"), &[[40.0; 3]], 0.02).unwrap();
     }

@@ -161,7 +161,7 @@ pub(super) struct Camera {
 
 impl Camera {
     /// A camera that sees all points within a frame; a zoom enlarges them about its middle.
-    pub(super) fn of(points: &[[f64; 3]], axes: Axes, frame: Frame, zoom: f64) -> Result<Self> {
+    pub(super) fn from_points(points: &[[f64; 3]], axes: Axes, frame: Frame, zoom: f64) -> Result<Self> {
         let bounds = BoundingBox::from_points(points).ok_or_else(|| Error::input("nothing to draw"))?;
         let diagonal = bounds.diagonal().max(f64::MIN_POSITIVE);
         let mut camera = Self {
@@ -270,7 +270,7 @@ mod tests {
             .collect();
         let frame = Frame { low: [10.0, 20.0], high: [200.0, 120.0] };
         let angles: CameraAngles = "25,15".parse().unwrap();
-        let camera = Camera::of(&points, axes_at(&angles, Up::default()), frame, 1.0).unwrap();
+        let camera = Camera::from_points(&points, axes_at(&angles, Up::default()), frame, 1.0).unwrap();
         let at: Vec<[f64; 2]> = points.iter().map(|p| camera.project(*p).at).collect();
         let reach = |k: usize| {
             let values = at.iter().map(|a| a[k]);

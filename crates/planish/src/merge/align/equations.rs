@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 const LARGEST_ANGLE_RAD: f64 = 0.8;
 /// A direction is told by residuals where their information is more than so many times that of noise and
 /// hold.
-const TOLD: f64 = 3.0;
+const DETERMINED: f64 = 3.0;
 /// A triangle is bent where the cosines between its corners' normals and its own are above this; over a sharp
 /// edge it is flat.
 const BENT: f64 = 0.94;
@@ -148,7 +148,7 @@ fn bulge(side: &Side, corners: [usize; 3], foot: &ClosestPoint, normal: [f64; 3]
 /// which `A` is not several times `N + 1` are told by noise and hold alone; no step is made there.
 pub(super) struct Equations {
     /// Columns are directions that are told, in units of the hold.
-    told: DMatrix<f64>,
+    determined: DMatrix<f64>,
     /// `(A − N + 1)` in these directions.
     factor: Cholesky<f64, Dyn>,
     /// Of these, the sums of the right side.
@@ -163,7 +163,7 @@ pub(super) struct Equations {
 impl Equations {
     /// # Errors
     /// `Undetermined` where sums are not finite.
-    pub(super) fn of(sides: &[Side], rows: &[Residual], scale: f64, hold: &Hold) -> Result<Self> {
+    pub(super) fn new(sides: &[Side], rows: &[Residual], scale: f64, hold: &Hold) -> Result<Self> {
         let n = 6 * (sides.len() - 1);
         let scales: Vec<f64> = (0..n).map(|k| hold.sigma(k % 6)).collect();
         let (mut data, mut noise) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
@@ -208,31 +208,32 @@ impl Equations {
         let whitened = held.l().solve_lower_triangular(&whitened.transpose()).ok_or_else(not_finite)?;
         let eigen = ((&whitened + whitened.transpose()) * 0.5).symmetric_eigen();
         let directions = (held.l().tr_solve_lower_triangular(&eigen.eigenvectors)).ok_or_else(not_finite)?;
-        let (mut told, mut open) = (Vec::new(), Vec::new());
+        let (mut determined, mut open) = (Vec::new(), Vec::new());
         for (k, value) in eigen.eigenvalues.iter().enumerate() {
             let column = directions.column(k).into_owned();
-            if *value > TOLD { told.push(column) } else { open.push(column) }
+            if *value > DETERMINED { determined.push(column) } else { open.push(column) }
         }
         let together = |columns: &[DVector<f64>]| match columns.is_empty() {
             true => DMatrix::zeros(n, 0),
             false => DMatrix::from_columns(columns),
         };
-        let (told, open) = (together(&told), together(&open));
-        let of_told = &told.transpose() * (&data - &noise + DMatrix::identity(n, n)) * &told;
+        let (determined, open) = (together(&determined), together(&open));
+        let of_determined =
+            &determined.transpose() * (&data - &noise + DMatrix::identity(n, n)) * &determined;
         let spread = Cholesky::new(&open.transpose() * &open).ok_or_else(not_finite)?;
         Ok(Self {
-            factor: Cholesky::new(of_told).ok_or_else(not_finite)?,
-            right: &told.transpose() * right,
-            data: &told.transpose() * data * &told,
+            factor: Cholesky::new(of_determined).ok_or_else(not_finite)?,
+            right: &determined.transpose() * right,
+            data: &determined.transpose() * data * &determined,
             open: &open * spread.solve(&open.transpose()),
-            told,
+            determined,
             scales,
         })
     }
 
     /// The step of every patch, and how far it is in σ of its motion where that is largest.
     pub(super) fn step(&self, patches: usize) -> (Vec<[f64; 6]>, f64) {
-        let solved = &self.told * self.factor.solve(&self.right);
+        let solved = &self.determined * self.factor.solve(&self.right);
         let covariance = self.covariances(1.0);
         let largest = (solved.iter().enumerate())
             .map(|(k, s)| s.abs() * self.scales[k] / covariance[(k, k)].sqrt())
@@ -246,9 +247,10 @@ impl Equations {
     pub(super) fn covariances(&self, factor: f64) -> DMatrix<f64> {
         let inverse = self.factor.inverse();
         // The sandwich: the equations are solved by A − N, their right side varies by A.
-        let hold = &self.told.transpose() * &self.told;
+        let hold = &self.determined.transpose() * &self.determined;
         let middle = &self.data * factor + hold;
-        let mut all = &self.told * (&inverse * middle * &inverse) * self.told.transpose() + &self.open;
+        let mut all =
+            &self.determined * (&inverse * middle * &inverse) * self.determined.transpose() + &self.open;
         for a in 0..all.nrows() {
             for b in 0..all.ncols() {
                 all[(a, b)] *= self.scales[a] * self.scales[b];

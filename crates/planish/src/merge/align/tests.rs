@@ -146,8 +146,8 @@ fn what_slides_is_held_and_told() {
     ];
     let (poses, warnings) = aligned(&mut patches).unwrap();
     assert_eq!(poses[1].undetermined.len(), 3, "{:?}", poses[1]);
-    let told = warnings.join("\n");
-    assert!(told.contains("leave 3 of the six directions of square 1 open"), "{told}");
+    let message = warnings.join("\n");
+    assert!(message.contains("leave 3 of the six directions of square 1 open"), "{message}");
     let error = error_of(&poses[1], &moved);
     assert!(error[2].abs() < 0.01 && error[3].abs() < 1e-3 && error[4].abs() < 1e-3, "{error}");
     assert!(error[0].abs() < 0.1 && error[1].abs() < 0.1, "{error}");
@@ -156,8 +156,8 @@ fn what_slides_is_held_and_told() {
 #[test]
 fn patches_out_of_reach_are_refused() {
     let far = |x: f64| square(x, &Pose::identity(), rolling, |_, _| 0.0);
-    let told = aligned(&mut [far(0.0), far(400.0)]).unwrap_err().to_string();
-    assert!(told.contains("within"), "{told}");
+    let message = aligned(&mut [far(0.0), far(400.0)]).unwrap_err().to_string();
+    assert!(message.contains("within"), "{message}");
 }
 
 /// What is not of one object is near at places, but does not come together: that is an error, or said aloud.
@@ -169,6 +169,9 @@ fn unlike_things_do_not_pass_for_one() {
         square(0.0, &Pose::identity(), rolling, |_, _| SIGMA * normal(&mut random)),
         square(15.3, &Pose::identity(), other, |_, _| SIGMA * normal(&mut random)),
     ];
-    let told = aligned(&mut patches).unwrap_err().to_string();
-    assert!(told.contains("square 1 cannot be aligned") && told.contains("σ of their difference"), "{told}");
+    let message = aligned(&mut patches).unwrap_err().to_string();
+    assert!(
+        message.contains("square 1 cannot be aligned") && message.contains("σ of their difference"),
+        "{message}"
+    );
 }

@@ -21,7 +21,7 @@ pub struct ReadingsReport {
 }
 
 impl ReadingsReport {
-    pub(super) fn of(source: &SourceFit) -> Option<Self> {
+    pub(super) fn from_source(source: &SourceFit) -> Option<Self> {
         (!source.outliers.is_empty()).then(|| Self {
             count: source.outliers.len(),
             outliers: source.outliers.iter().filter(|outlier| **outlier).count(),
@@ -31,9 +31,9 @@ impl ReadingsReport {
     }
 }
 
-/// A pose that was uncertain.
+/// A camera pose that the fit estimated.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PoseReport {
+pub struct CameraPoseReport {
     /// Its view.
     pub view: String,
     /// How far it was turned, in degrees.
@@ -108,7 +108,7 @@ pub struct ShellFitReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracks: Option<ReadingsReport>,
     /// Poses that were uncertain.
-    pub poses: Vec<PoseReport>,
+    pub poses: Vec<CameraPoseReport>,
     /// σ of the vertices that were measured, along normals.
     pub sigma: SigmaSummary,
     /// The share of vertices of which more than half of what is known comes from the readings.

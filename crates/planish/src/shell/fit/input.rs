@@ -147,7 +147,7 @@ pub(super) struct Units {
 }
 
 impl Units {
-    pub(super) fn of(fallback: Option<Unit>) -> Self {
+    pub(super) fn new(fallback: Option<Unit>) -> Self {
         Self { found: None, fallback }
     }
 
@@ -172,11 +172,11 @@ impl Units {
 }
 
 /// The deformation that a job asks for, with its rigid parts.
-pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, looks: &TexturedMesh) -> Result<Moved> {
+pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, appearance: &TexturedMesh) -> Result<Moved> {
     let mut parts = Vec::new();
     for part in &job.rigid {
         parts.push(RigidPart {
-            vertices: part_vertices(looks, part).map_err(|e| e.in_context(job.mesh.display()))?,
+            vertices: part_vertices(appearance, part).map_err(|e| e.in_context(job.mesh.display()))?,
             motion: PartMotion::Free,
         });
     }

@@ -1,7 +1,7 @@
 //! The report of a fitted shell.
 
 use crate::report::scenes::{numbers, observed_field};
-use crate::report::words::{SmallUnit, looks};
+use crate::report::words::{SmallUnit, warnings_as_findings};
 use crate::shell::fit::{ReadingsReport, ShellFitReport};
 use planish_estimate::vector3::distance;
 use planish_mesh::TriangleMesh;
@@ -34,7 +34,7 @@ pub(crate) struct ShownShell<'a> {
 
 /// The page of a fitted shell.
 pub(crate) fn shell_page(report: &ShellFitReport, shown: &ShownShell<'_>, named: &[PathBuf]) -> Page {
-    let unit = SmallUnit::of(report.unit.name(), report.sigma.median);
+    let unit = SmallUnit::for_length(report.unit.name(), report.sigma.median);
     let mut figures = vec![Figure::new(
         "σ, median",
         unit.text(report.sigma.median),
@@ -88,7 +88,7 @@ fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3
 }
 
 fn findings(report: &ShellFitReport) -> Vec<Finding> {
-    let mut found = looks(&report.warnings);
+    let mut found = warnings_as_findings(&report.warnings);
     for (what, of) in kinds(report) {
         if let Some(of) = of.filter(|of| of.sigma_factor > MOST_FACTOR) {
             found.push(Finding::new(

@@ -1,7 +1,7 @@
-//! What is said of a fitted shell.
+//! Report of a fitted shell.
 
 use super::input::Frame;
-use super::{MEASURED, PoseReport};
+use super::{CameraPoseReport, MEASURED};
 use planish_mesh::TriangleMesh;
 use planish_shell::{Deformation, ShellFit, parameter_row};
 use rayon::prelude::*;
@@ -30,14 +30,14 @@ pub(super) fn known(
     (normals, sigma, observed)
 }
 
-pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<PoseReport> {
+pub(super) fn poses(frame: &Frame, made: &ShellFit) -> Vec<CameraPoseReport> {
     let mut reports = Vec::new();
     for (v, covariance) in made.pose_covariances.iter().enumerate() {
         let Some(covariance) = covariance else { continue };
         let camera = &made.cameras[v];
         let change = camera.change_from(&frame.fitted[v].camera);
         let length = |c: &[f64]| c.iter().map(|x| x * x).sum::<f64>().sqrt();
-        reports.push(PoseReport {
+        reports.push(CameraPoseReport {
             view: frame.views[v].name.clone(),
             turned_deg: length(&change[..3]).to_degrees(),
             moved: length(&change[3..]),

@@ -215,17 +215,17 @@ fn covers(
 
 /// A mesh that was made anew has neither texture nor parts.
 pub(super) fn without_looks(
-    looks: TexturedMesh,
+    appearance: TexturedMesh,
     mesh: &TriangleMesh,
     warnings: &mut Vec<String>,
 ) -> TexturedMesh {
-    if !looks.uv_triangles.is_empty() {
+    if !appearance.uv_triangles.is_empty() {
         warnings.push("the mesh was remeshed: its texture is dropped".to_owned());
     }
     TexturedMesh {
         points: mesh.positions.clone(),
         triangles: mesh.triangles.clone(),
-        unit: looks.unit,
+        unit: appearance.unit,
         ..TexturedMesh::default()
     }
 }

@@ -25,7 +25,7 @@ pub(super) struct Chart {
 
 impl Chart {
     /// The coordinates that a mesh has.
-    pub(super) fn of(mesh: &TexturedMesh) -> Option<Self> {
+    pub(super) fn from_mesh(mesh: &TexturedMesh) -> Option<Self> {
         (!mesh.uv_triangles.is_empty())
             .then(|| Self { uv: mesh.uv.clone(), triangles: mesh.uv_triangles.clone() })
     }

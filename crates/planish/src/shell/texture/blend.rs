@@ -1,4 +1,4 @@
-//! One colour of what several views say, robust against the odd one.
+//! Blends the colours that several views measure at one place, robust against outliers.
 //!
 //! The start is the view from which all others differ least (the medoid, by the fourth roots of the weights,
 //! so that no single view outvotes two others); then a weighted mean with Tukey's biweight about it (A.
@@ -18,9 +18,9 @@ const LEAST_SCALE: f64 = 2.0;
 /// The median of the length of three standard normal numbers, over √3.
 const MEDIAN_OF_THREE: f64 = 0.888;
 
-/// What one view says of a place.
+/// Colour that one view measures at a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Saying {
+pub(super) struct ViewColour {
     /// The view.
     pub view: usize,
     /// Its colour, from 0 to 255.
@@ -29,7 +29,7 @@ pub(super) struct Saying {
     pub weight: f64,
 }
 
-/// A colour of several.
+/// Colour blended from several views.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Blended {
     /// The colour, from 0 to 255.
@@ -46,20 +46,20 @@ fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 /// The one from which all others differ least.
-fn medoid(said: &[Saying]) -> Option<&Saying> {
-    let cost = |one: &Saying| -> f64 {
-        (said.iter()).map(|other| other.weight.powf(0.25) * apart(one.colour, other.colour)).sum()
+fn medoid(colours: &[ViewColour]) -> Option<&ViewColour> {
+    let cost = |one: &ViewColour| -> f64 {
+        (colours.iter()).map(|other| other.weight.powf(0.25) * apart(one.colour, other.colour)).sum()
     };
-    said.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
+    colours.iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
 /// σ of a colour that a view states, from 0 to 255: by the median of what views differ from their medoid,
 /// where there are three or more. About a tenth too large with many views, as the medoid errs as well.
-pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [Saying]>) -> f64 {
+pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [ViewColour]>) -> f64 {
     let mut differences = Vec::new();
-    for said in places.filter(|said| said.len() > 2) {
-        if let Some(middle) = medoid(said) {
-            let others = said.iter().filter(|one| one.view != middle.view);
+    for colours in places.filter(|colours| colours.len() > 2) {
+        if let Some(middle) = medoid(colours) {
+            let others = colours.iter().filter(|one| one.view != middle.view);
             differences.extend(others.map(|one| apart(one.colour, middle.colour)));
         }
     }
@@ -69,25 +69,25 @@ pub(super) fn scale<'a>(places: impl Iterator<Item = &'a [Saying]>) -> f64 {
 }
 
 /// The share of the places that three views or more see at which each view is odd.
-pub(super) fn odd_shares(views: usize, said: &[Vec<Saying>], blended: &[Option<Blended>]) -> Vec<f64> {
+pub(super) fn odd_shares(views: usize, colours: &[Vec<ViewColour>], blended: &[Option<Blended>]) -> Vec<f64> {
     let mut counts = vec![(0_usize, 0_usize); views];
-    for (said, blended) in said.iter().zip(blended).filter(|(said, _)| said.len() > 2) {
-        said.iter().for_each(|one| counts[one.view].0 += 1);
+    for (colours, blended) in colours.iter().zip(blended).filter(|(colours, _)| colours.len() > 2) {
+        colours.iter().for_each(|one| counts[one.view].0 += 1);
         (blended.iter().flat_map(|b| &b.odd)).for_each(|view| counts[*view].1 += 1);
     }
     counts.iter().map(|(all, odd)| *odd as f64 / (*all).max(1) as f64).collect()
 }
 
 /// One colour; nothing of nothing.
-pub(super) fn blend(said: &[Saying], scale: f64) -> Option<Blended> {
-    let mut colour = medoid(said)?.colour;
-    let believed = |colour: [f64; 3], one: &Saying| {
+pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
+    let mut colour = medoid(colours)?.colour;
+    let believed = |colour: [f64; 3], one: &ViewColour| {
         let share = apart(one.colour, colour) / (TUKEY * scale);
         (1.0 - share * share).max(0.0).powi(2)
     };
     for _ in 0..ROUNDS {
         let (mut sum, mut total) = ([0.0; 3], 0.0);
-        for one in said {
+        for one in colours {
             let weight = one.weight * believed(colour, one);
             sum = [0, 1, 2].map(|c| sum[c] + weight * one.colour[c]);
             total += weight;
@@ -97,23 +97,28 @@ pub(super) fn blend(said: &[Saying], scale: f64) -> Option<Blended> {
         }
     }
     let odd: Vec<usize> =
-        (said.iter().filter(|one| believed(colour, one) == 0.0)).map(|one| one.view).collect();
-    Some(Blended { colour, views: said.len() - odd.len(), odd })
+        (colours.iter().filter(|one| believed(colour, one) == 0.0)).map(|one| one.view).collect();
+    Some(Blended { colour, views: colours.len() - odd.len(), odd })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn of(view: usize, level: f64, weight: f64) -> Saying {
-        Saying { view, colour: [level, 0.5 * level, 10.0], weight }
+    fn view_colour(view: usize, level: f64, weight: f64) -> ViewColour {
+        ViewColour { view, colour: [level, 0.5 * level, 10.0], weight }
     }
 
     /// The odd view sees best of all and is outvoted all the same.
     #[test]
     fn the_odd_view_is_outvoted() {
-        let said = [of(0, 100.0, 1.0), of(1, 104.0, 2.0), of(2, 220.0, 4.0), of(3, 101.0, 1.0)];
-        let found = blend(&said, 3.0).unwrap();
+        let colours = [
+            view_colour(0, 100.0, 1.0),
+            view_colour(1, 104.0, 2.0),
+            view_colour(2, 220.0, 4.0),
+            view_colour(3, 101.0, 1.0),
+        ];
+        let found = blend(&colours, 3.0).unwrap();
         assert_eq!((found.odd, found.views), (vec![2], 3));
         // The weighted mean of the others is 102.25.
         assert!((found.colour[0] - 102.25).abs() < 0.5, "{:?}", found.colour);
@@ -130,10 +135,10 @@ mod tests {
             let x: f64 = StandardNormal.sample(&mut random);
             6.0 * x
         };
-        let places: Vec<Vec<Saying>> = (0..400)
+        let places: Vec<Vec<ViewColour>> = (0..400)
             .map(|_| {
                 (0..8)
-                    .map(|view| Saying {
+                    .map(|view| ViewColour {
                         view,
                         colour: [100.0 + noise(), 80.0 + noise(), 60.0 + noise()],
                         weight: 1.0,

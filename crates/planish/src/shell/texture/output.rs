@@ -5,7 +5,7 @@
 
 use super::Coloured;
 use super::painted::Texture;
-use crate::shell::looks::{Known, normals_of, write_glb, write_obj};
+use crate::shell::appearance::{Known, normals_of, write_glb, write_obj};
 use planish_estimate::Result;
 use planish_exchange::extension;
 use planish_exchange::glb::{PosedMesh, write_posed};

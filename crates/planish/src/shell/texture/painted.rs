@@ -46,7 +46,7 @@ pub(super) fn paint(
     warnings: &mut Vec<String>,
 ) -> Result<Texture> {
     let (mesh, normals) = (&scene.mesh, &scene.normals[..]);
-    let own = Chart::of(file);
+    let own = Chart::from_mesh(file);
     let count = mesh.triangles.len();
     let share = own.as_ref().map_or_else(|| atlas::atlas_share(count), Chart::covered);
     let atlas = own.is_none();

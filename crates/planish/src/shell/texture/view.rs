@@ -1,6 +1,6 @@
-//! What one calibrated picture says of the colour of a place on a surface, and whether it sees it at all.
+//! Colour of a place on a surface in one calibrated picture, and whether the picture sees the place.
 //!
-//! Input: a camera, its picture, maybe a mask, and the mesh. Output: [`Glimpse`]s: a colour, and a
+//! Input: a camera, its picture, maybe a mask, and the mesh. Output: [`ColourSample`]s: a colour, and a
 //! weight that grows with how straight and how finely the place is seen.
 //!
 //! A place is seen where the nearest facet through its pixel is no nearer than it is: a depth buffer as large
@@ -32,7 +32,7 @@ const LEAST_COSINE: f64 = 0.15;
 /// borders to the next.
 const SHARPNESS: f64 = 2.0;
 
-/// A view that is ready to be asked.
+/// A view that is prepared for sampling.
 #[derive(Debug)]
 pub(super) struct ColourView {
     pub camera: Camera,
@@ -47,9 +47,9 @@ pub(super) struct ColourView {
     size: f64,
 }
 
-/// What a view says of a place.
+/// Colour of a place in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Glimpse {
+pub(super) struct ColourSample {
     /// Colour from 0 to 255, as the picture has it.
     pub colour: [f64; 3],
     /// Pixels on the mesh's size squared at this angle, to a power, less beside jumps.
@@ -82,9 +82,9 @@ impl ColourView {
         Self { camera, columns, rows, colours, depth, clear, size }
     }
 
-    /// What the view says of a place with a normal; nothing where it does not see it. With `two_sided` the
-    /// normal's sign means nothing.
-    pub(super) fn glimpse(&self, at: [f64; 3], normal: [f64; 3], two_sided: bool) -> Option<Glimpse> {
+    /// Colour of a place with a normal; `None` if the view does not see it. With `two_sided` the sign of the
+    /// normal is ignored.
+    pub(super) fn sample(&self, at: [f64; 3], normal: [f64; 3], two_sided: bool) -> Option<ColourSample> {
         let (pixel, depth) = self.camera.project(at)?;
         let corner = |x: f64, count: usize| {
             let low = x.floor();
@@ -114,7 +114,7 @@ impl ColourView {
             return None;
         }
         let pixels = cosine * (self.size / width).powi(2);
-        Some(Glimpse {
+        Some(ColourSample {
             colour: [0, 1, 2].map(|c| around.iter().map(|(k, w)| w * f64::from(self.colours[*k][c])).sum()),
             weight: pixels.powf(SHARPNESS) * f64::from(clear) / f64::from(CLEAR_PX),
         })

@@ -1,6 +1,6 @@
-//! What a mesh looks like, kept while it is moved: texture coordinates and texture of an OBJ or GLB.
+//! Appearance of a mesh that is moved: keeps the texture coordinates and texture of an OBJ or GLB.
 //!
-//! Input: a mesh with its looks, and where its vertices have come to lie. Output: OBJ with MTL and
+//! Input: a mesh with its appearance, and the new positions of its vertices. Output: OBJ with MTL and
 //! picture, or GLB, of the mesh at those places.
 //!
 //! Not guaranteed: more of a material than the picture of its colour.
@@ -93,8 +93,7 @@ pub(super) fn write_obj(
     write_textured_obj(path, &moved, picture.filter(can_be_kept))
 }
 
-/// Writes a mesh with its looks where it has texture coordinates and the format can hold them; `None` where
-/// that is not so.
+/// Writes a mesh with its appearance. `None` if it has no texture coordinates or the format cannot hold them.
 pub(super) fn write_moved(
     path: &Path,
     file: &TexturedMesh,

@@ -1,4 +1,4 @@
-//! What a file shows: its surfaces or points as a scene, with all by which they can be coloured.
+//! Content of a viewed file: its surfaces or points as a scene, with the fields that can colour it.
 
 use crate::compare::page::{compared_scene, known_mesh_scene};
 use crate::compare::{CompareOptions, Compared, ComparedMesh, Reference, compared};
@@ -14,26 +14,26 @@ use planish_report::{Cloud, FieldKind, Scene};
 use planish_sense::variance_along;
 use std::path::{Path, PathBuf};
 
-/// Points that are drawn at most.
-const MOST_POINTS: usize = 3_000_000;
+/// Maximum number of points that are drawn.
+const MAX_POINTS: usize = 3_000_000;
 
-/// What is to be shown of a file, and with what it is compared.
+/// A file to view and, optionally, the reference that it is compared with.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ViewedFile {
     /// A saved model, a mesh, points or scans.
     pub file: PathBuf,
     /// A mesh or points: the model is coloured by its deviations from them.
     pub reference: Option<PathBuf>,
-    /// How it is compared, and the unit of files that name none.
+    /// Comparison options, and the unit of files that name none.
     pub compare: CompareOptions,
 }
 
 /// A file as a scene.
-pub(super) struct Thing {
+pub(super) struct ViewedContent {
     pub scene: Scene,
-    /// Normals of the dots of the first cloud, where all are known.
+    /// Normals of the points of the first cloud, if all are known.
     pub normals: Option<Vec<[f64; 3]>>,
-    /// What it is, in one sentence.
+    /// One sentence that describes the content.
     pub headline: String,
     /// Every file that was read.
     pub inputs: Vec<(PathBuf, String)>,
@@ -41,9 +41,8 @@ pub(super) struct Thing {
     pub warnings: Vec<String>,
 }
 
-impl Thing {
-    /// Reads a file. Models become about so many triangles, and of clouds at most so many points are
-    /// kept.
+impl ViewedContent {
+    /// Reads a file. Models become about `triangles` triangles; clouds keep at most `points` points.
     pub(super) fn read(
         viewed: &ViewedFile,
         triangles: u64,
@@ -58,11 +57,11 @@ impl Thing {
         } else if has_faces(path) {
             let file = read_mesh(path)?;
             if file.triangles.is_empty() {
-                return Self::of_points(viewed, points.min(MOST_POINTS));
+                return Self::from_points(viewed, points.min(MAX_POINTS));
             }
-            Compared::Mesh(ComparedMesh::of_file(file, path)?)
+            Compared::Mesh(ComparedMesh::from_file(file, path)?)
         } else {
-            return Self::of_points(viewed, points.min(MOST_POINTS));
+            return Self::from_points(viewed, points.min(MAX_POINTS));
         };
         let mut made = match &viewed.reference {
             Some(reference) => Self::compared(&model, reference, viewed, triangles, progress)?,
@@ -114,7 +113,7 @@ impl Thing {
         })
     }
 
-    fn of_points(viewed: &ViewedFile, most: usize) -> Result<Self> {
+    fn from_points(viewed: &ViewedFile, max_points: usize) -> Result<Self> {
         let path = &viewed.file;
         if viewed.reference.is_some() {
             return Err(Error::unsupported(format!(
@@ -130,19 +129,19 @@ impl Thing {
         if all.points.is_empty() {
             return Err(Error::input(format!("{}: needed points, found none", path.display())));
         }
-        let step = all.points.len().div_ceil(most);
-        let some = || (0..all.points.len()).step_by(step);
+        let step = all.points.len().div_ceil(max_points);
+        let kept = || (0..all.points.len()).step_by(step);
         let mut fields = Vec::new();
         let normals = (all.normals.as_ref()).filter(|normals| normals.iter().all(|n| norm(*n) > 0.0));
         if let Some(covariance) = &all.covariance {
             let (label, sigma): (_, Vec<f64>) = match normals {
                 Some(normals) => (
                     "σ along the normal",
-                    some().map(|k| variance_along(&covariance[k], normals[k]).sqrt()).collect(),
+                    kept().map(|k| variance_along(&covariance[k], normals[k]).sqrt()).collect(),
                 ),
                 None => (
                     "σ, mean over directions",
-                    some()
+                    kept()
                         .map(|k| ((covariance[k][0] + covariance[k][3] + covariance[k][5]) / 3.0).sqrt())
                         .collect(),
                 ),
@@ -159,24 +158,24 @@ impl Thing {
                 "scan",
                 "scan",
                 FieldKind::Categories(names.map(|(k, posed)| (k as u16, posed.scan.name.clone())).collect()),
-                some().map(|k| of_point[k]).collect(),
+                kept().map(|k| of_point[k]).collect(),
             ));
         }
-        let heights = some().map(|k| all.points[k][2]).collect();
+        let heights = kept().map(|k| all.points[k][2]).collect();
         fields.push(numbers("height", "z", name, FieldKind::Sequential, heights));
         let mut warnings = Vec::new();
         if step > 1 {
             warnings.push(format!(
                 "of {} points {} are shown, evenly chosen",
                 count(all.points.len()),
-                count(some().count())
+                count(kept().count())
             ));
         }
         let scene = Scene {
             unit: name.to_owned(),
             clouds: vec![Cloud {
                 name: "points".to_owned(),
-                positions: some().map(|k| all.points[k]).collect(),
+                positions: kept().map(|k| all.points[k]).collect(),
                 fields,
                 width: 2,
                 ..Cloud::default()
@@ -184,7 +183,7 @@ impl Thing {
             ..Scene::default()
         };
         Ok(Self {
-            normals: normals.map(|normals| some().map(|k| normals[k]).collect()),
+            normals: normals.map(|normals| kept().map(|k| normals[k]).collect()),
             scene,
             headline: format!(
                 "{} of {}.",
@@ -199,14 +198,14 @@ impl Thing {
         })
     }
 
-    /// Places of all that is shown at first.
+    /// Positions of everything that is visible initially.
     pub(super) fn places(&self) -> Vec<[f64; 3]> {
         let surfaces = self.scene.surfaces.iter().filter(|s| !s.hidden);
         let clouds = self.scene.clouds.iter().filter(|c| !c.hidden);
         (surfaces.flat_map(|s| &s.positions)).chain(clouds.flat_map(|c| &c.positions)).copied().collect()
     }
 
-    /// The size of its box, with the unit.
+    /// Size of the bounding box, with the unit.
     pub(super) fn size(&self) -> String {
         BoundingBox::from_points(&self.places()).map_or(String::new(), |b| {
             let size = [0, 1, 2].map(|d| significant(b.max[d] - b.min[d], 3)).join(" × ");
