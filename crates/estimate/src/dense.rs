@@ -103,7 +103,8 @@ impl NullDirection {
             return Error::input(format!("{what} holds a value that is not finite"));
         }
         Error::undetermined(format!(
-            "{what} is not determined: {} of {} directions hold no information, and component {} is the largest of the \
+            "{what} is not determined: {} of {} directions hold no information, and component {} is the \
+             largest of the \
              weakest one; measure it or state a prior for it",
             self.count,
             self.direction.len(),

@@ -57,7 +57,8 @@ impl SmoothnessModel {
         let null = self.unknowns.checked_sub(self.rank);
         if self.rank == 0 || null.is_none_or(|null| null >= self.equations) {
             return Err(Error::input(format!(
-                "a smoothness weight needs a prior of rank 1 or more and more equations than the prior leaves free: \
+                "a smoothness weight needs a prior of rank 1 or more and more equations than the prior \
+                 leaves free: \
                  rank {}, {} unknowns, {} equations",
                 self.rank, self.unknowns, self.equations
             )));

@@ -157,7 +157,8 @@ impl VarianceComponents {
         let redundancy = sums.count as f64 - sums.leverage;
         if redundancy < 1e-6 {
             return Err(Error::undetermined(format!(
-                "the {} readings of group {group} leave no redundancy to tell their σ: add readings or state σ",
+                "the {} readings of group {group} leave no redundancy to tell their σ: add readings or \
+                 state σ",
                 sums.count
             )));
         }

@@ -13,8 +13,10 @@
 //! Giannelli, Jüttler, Speleers, *THB-splines: the truncated basis for hierarchical splines*, CAGD 2012.
 //! Toshniwal, Speleers, Hiemstra, Hughes, *Multi-degree smooth polar splines*, CMAME 2017 (poles).
 
+mod extraction;
+
 use crate::basis::cubic_half;
-use crate::extraction::SparseExtraction;
+use extraction::SparseExtraction;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashMap;

@@ -9,7 +9,6 @@ mod basis;
 mod cell_information;
 mod directed_moments;
 mod energy;
-mod extraction;
 mod field;
 mod foot;
 mod geometry;

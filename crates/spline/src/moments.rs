@@ -659,7 +659,8 @@ fn unusable(number: usize, [nu, nv]: [f64; 2], reading: &PositionReading) -> Err
     let PositionReading { parameters: [u, v], position, information } = *reading;
     Error::input(if !(0.0..=f64::MAX).contains(&information) {
         format!(
-            "reading {number}: needed an information (1/variance) that is finite and not negative, found {information}"
+            "reading {number}: needed an information (1/variance) that is finite and not negative, found \
+             {information}"
         )
     } else if position.iter().all(|x| x.is_finite()) {
         format!("reading {number}: needed parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})")

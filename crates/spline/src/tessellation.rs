@@ -94,7 +94,8 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
     let least = triangles_of(&divided);
     if least > 1 << 31 {
         return Err(Error::input(format!(
-            "a mesh tolerance of {} takes {least} triangles or more, above the limit of 2^31: ask for a larger one",
+            "a mesh tolerance of {} takes {least} triangles or more, above the limit of 2^31: ask for a \
+             larger one",
             options.tolerance
         )));
     }

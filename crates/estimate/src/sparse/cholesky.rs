@@ -323,7 +323,8 @@ impl Breakdown {
         let node = symbolic.old_from_new[self.unknown / b];
         let of = if b == 1 { String::new() } else { format!(" (unknown {} of {b})", self.unknown % b) };
         Error::undetermined(format!(
-            "the information is not positive definite: elimination breaks down at node {node}{of}, which the data and the \
+            "the information is not positive definite: elimination breaks down at node {node}{of}, which \
+             the data and the \
              prior leave undetermined; add data there or a stronger prior"
         ))
     }

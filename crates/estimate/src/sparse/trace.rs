@@ -39,7 +39,8 @@ pub fn stochastic_trace(
     let dimension = factor.symbolic().dimension();
     if matrix.dimension() != dimension || probes == 0 {
         return Err(Error::input(format!(
-            "a trace needs probes and a matrix of dimension {dimension}; {probes} probes and dimension {} were given",
+            "a trace needs probes and a matrix of dimension {dimension}; {probes} probes and dimension {} \
+             were given",
             matrix.dimension()
         )));
     }

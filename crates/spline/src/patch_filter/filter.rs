@@ -314,12 +314,14 @@ impl PatchFilter {
             StateLayout::Isotropic => {}
             StateLayout::Normal => {
                 return Err(Error::unsupported(
-                    "a filter along normals knows nothing of the other directions: begin with the isotropic or the full layout",
+                    "a filter along normals knows nothing of the other directions: begin with the isotropic \
+                     or the full layout",
                 ));
             }
             StateLayout::Height => {
                 return Err(Error::unsupported(
-                    "a filter of heights takes its plan as known: begin with the isotropic or the full layout",
+                    "a filter of heights takes its plan as known: begin with the isotropic or the full \
+                     layout",
                 ));
             }
         }

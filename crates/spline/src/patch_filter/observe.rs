@@ -185,7 +185,8 @@ impl PatchFilter {
                 }
                 (StateLayout::Isotropic, EquationKind::Form(..)) => {
                     return Err(Error::unsupported(
-                        "a filter whose coordinates share one covariance takes positions with noise alike in all directions: use the full layout",
+                        "a filter whose coordinates share one covariance takes positions with noise alike \
+                         in all directions: use the full layout",
                     ));
                 }
                 (StateLayout::Normal, _) => unreachable!("a filter along normals has rows of its own"),

@@ -302,7 +302,8 @@ impl SurfaceReading {
             }
             Self::Position { .. } | Self::PositionWithCovariance { .. } => {
                 return Err(Error::unsupported(
-                    "a filter along normals takes positions as readings along the normal at their foot points",
+                    "a filter along normals takes positions as readings along the normal at their foot \
+                     points",
                 ));
             }
         }
@@ -312,7 +313,8 @@ impl SurfaceReading {
 
 fn no_tangent_plane() -> Error {
     Error::undetermined(
-        "the surface has no tangent plane yet where a normal or a curvature was measured: give positions first",
+        "the surface has no tangent plane yet where a normal or a curvature was measured: give positions \
+         first",
     )
 }
 

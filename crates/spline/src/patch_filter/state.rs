@@ -106,7 +106,8 @@ impl PatchFilter {
         let deepest = state.options.maximum_depth;
         if usize::from(deepest) > MAX_LEVEL || state.patches.iter().any(|p| p.patch.depth > deepest) {
             return Err(Error::input(format!(
-                "a patch filter's state has patches deeper than its maximum depth of {deepest}, or that is beyond {MAX_LEVEL}"
+                "a patch filter's state has patches deeper than its maximum depth of {deepest}, or that is \
+                 beyond {MAX_LEVEL}"
             )));
         }
         let base = Arc::new(Hierarchy::uniform(state.shape, state.base)?);

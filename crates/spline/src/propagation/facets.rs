@@ -104,7 +104,8 @@ impl Facets {
         }
         if made.all.len() < LEAST_FACETS {
             return Err(Error::undetermined(format!(
-                "the readings make {} pieces of smooth surface, and a symmetry needs {LEAST_FACETS}: they are too few or too rough",
+                "the readings make {} pieces of smooth surface, and a symmetry needs {LEAST_FACETS}: they \
+                 are too few or too rough",
                 made.all.len()
             )));
         }

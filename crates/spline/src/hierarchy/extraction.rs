@@ -4,7 +4,7 @@
 //! of that map for right-hand sides. Most coefficients are one vertex each; the dense weights of
 //! [`Hierarchy::extraction`] are mostly zeros. The same bytes at any number of threads.
 
-use crate::hierarchy::Hierarchy;
+use super::Hierarchy;
 use rayon::prelude::*;
 
 /// Rows of a sparse matrix.
@@ -15,7 +15,7 @@ struct Rows {
 }
 
 impl Rows {
-    fn of(&self, row: usize) -> &[(u32, f64)] {
+    fn row(&self, row: usize) -> &[(u32, f64)] {
         &self.entries[self.start[row] as usize..self.start[row + 1] as usize]
     }
 
@@ -23,7 +23,7 @@ impl Rows {
     #[inline]
     fn combine(&self, row: usize, value: impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
         let mut sum = [0.0; 3];
-        for &(column, w) in self.of(row) {
+        for &(column, w) in self.row(row) {
             let p = value(column as usize);
             for d in 0..3 {
                 sum[d] += w * p[d];
@@ -63,7 +63,7 @@ impl SparseExtraction {
         let mut by_node = Rows { start: count.clone(), entries: vec![(0, 0.0); entries.len()] };
         let by_coefficient = Rows { start, entries };
         for row in 0..16 * leaves {
-            for &(node, w) in by_coefficient.of(row) {
+            for &(node, w) in by_coefficient.row(row) {
                 let place = &mut count[node as usize];
                 by_node.entries[*place as usize] = (row as u32, w);
                 *place += 1;
