@@ -1,8 +1,8 @@
 //! Readings of one implicit equation each: `g(z − L u, x) = 0` with whitened noise `u ~ N(0, I)`.
 //!
-//! Comes in: readings of a curve or surface, whose places on it are unknown. Goes out: their signed distances
-//! to it in standard deviations, filters that take them one at a time, a batch, the bias of both and the
-//! bound for both. Not guaranteed: the global optimum, nor anything where noise is larger than the radius of
+//! Input: readings of a curve or surface, whose places on it are unknown. Output: their signed distances to
+//! it in standard deviations, filters that take them one at a time, a batch, the bias of both and the bound
+//! for both. Not guaranteed: the global optimum, nor anything where noise is larger than the radius of
 //! curvature.
 //!
 //! This is [`MeasurementEquation`](crate::MeasurementEquation) for the frequent case of a single equation a

@@ -1,6 +1,6 @@
 //! Sparse information: patterns, orderings, Cholesky factors and selected inverses.
 //!
-//! Comes in: small dense pieces of information, each over the few nodes of one element. Goes out: solutions,
+//! Input: small dense pieces of information, each over the few nodes of one element. Output: solutions,
 //! samples, log-determinants, and the entries of the covariance between nodes that share an element.
 //!
 //! ```text

@@ -1,7 +1,7 @@
 //! A few unknowns that many readings share, beside the sparse ones: an arrow of equations.
 //!
-//! Comes in: the factor of the sparse part `A`, its coupling `C` with few further unknowns, and their own
-//! information `P`. Goes out: solutions of the whole, the covariance of the few, and what their uncertainty
+//! Input: the factor of the sparse part `A`, its coupling `C` with few further unknowns, and their own
+//! information `P`. Output: solutions of the whole, the covariance of the few, and what their uncertainty
 //! adds to the covariance of the many:
 //!
 //! ```text

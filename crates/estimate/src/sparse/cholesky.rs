@@ -1,6 +1,6 @@
 //! The sparse Cholesky factor of an information matrix.
 //!
-//! Comes in: a symbolic analysis and numbers. Goes out: `P Λ Pᵀ = L Lᵀ`, solutions, samples and the
+//! Input: a symbolic analysis and numbers. Output: `P Λ Pᵀ = L Lᵀ`, solutions, samples and the
 //! log-determinant. The method is multifrontal: each supernode's dense front takes up its children's updates,
 //! is factored by dense kernels, and leaves an update to its parent. Not guaranteed: a factor of a matrix
 //! that is singular to working precision; that is an error which names the node.

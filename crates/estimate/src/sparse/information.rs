@@ -1,6 +1,6 @@
 //! An information matrix and its vectors over the nodes of a pattern.
 //!
-//! Comes in: dense information of single elements, or whole information to merge. Goes out: `Λ` and `η` of
+//! Input: dense information of single elements, or whole information to merge. Output: `Λ` and `η` of
 //! `p(x) ∝ exp(−½ xᵀΛx + ηᵀx)`. Not guaranteed: that `Λ` is positive definite; [`super::CholeskyFactor`]
 //! finds out.
 

@@ -1,7 +1,7 @@
 //! In which order the nodes are eliminated.
 //!
-//! Comes in: a pattern, and for the geometric ordering a point in the parameter plane for each node. Goes
-//! out: a permutation of nodes that keeps the factor sparse. Not guaranteed: least fill, which is NP-hard.
+//! Input: a pattern, and for the geometric ordering a point in the parameter plane for each node. Output: a
+//! permutation of nodes that keeps the factor sparse. Not guaranteed: least fill, which is NP-hard.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::SymbolicSparseColMatRef;

@@ -1,6 +1,6 @@
 //! A supernode's panel applied to a few vectors, in the widest instructions the machine has.
 //!
-//! Comes in: a column-major panel `L_CC` over `L_RC` and vectors that lie one after the other. Goes out: the
+//! Input: a column-major panel `L_CC` over `L_RC` and vectors that lie one after the other. Output: the
 //! vectors, changed in place. General kernels for products of matrices lose most of their time on so few
 //! vectors.
 //!

@@ -1,7 +1,7 @@
 //! Which nodes are coupled.
 //!
-//! Comes in: elements, each a list of nodes that couple with one another. Goes out: the lower triangle, with
-//! the diagonal, column by column with sorted rows. Not guaranteed: that every node is in an element; its
+//! Input: elements, each a list of nodes that couple with one another. Output: the lower triangle, with the
+//! diagonal, column by column with sorted rows. Not guaranteed: that every node is in an element; its
 //! diagonal entry is there all the same.
 
 use crate::{Error, Result};

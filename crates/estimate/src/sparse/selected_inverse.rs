@@ -1,8 +1,7 @@
 //! The covariance where the factor has entries.
 //!
-//! Comes in: a Cholesky factor. Goes out: the entries of `Λ⁻¹` on the pattern of `L + Lᵀ`, which holds every
-//! pair of nodes that share an element. Not guaranteed: covariances of nodes far from each other; solve for
-//! those.
+//! Input: a Cholesky factor. Output: the entries of `Λ⁻¹` on the pattern of `L + Lᵀ`, which holds every pair
+//! of nodes that share an element. Not guaranteed: covariances of nodes far from each other; solve for those.
 
 use std::sync::Arc;
 

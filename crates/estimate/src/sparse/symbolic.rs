@@ -1,7 +1,7 @@
 //! What a factorisation needs to know before it sees numbers.
 //!
-//! Comes in: a pattern, an ordering and the unknowns per node. Goes out: supernodes (groups of columns with
-//! the same rows), their tree, where each entry of the information goes, and where each update goes in its
+//! Input: a pattern, an ordering and the unknowns per node. Output: supernodes (groups of columns with the
+//! same rows), their tree, where each entry of the information goes, and where each update goes in its
 //! parent. The analysis is made once per pattern; every refit reuses it. Not guaranteed: that stored entries
 //! are nonzero; supernodes are merged when a few stored zeros make the dense work faster.
 

@@ -1,7 +1,7 @@
 //! The trace of a covariance times a matrix by random probes, for when the selected inverse is not wanted.
 //!
-//! Comes in: a factor, a matrix, a seed. Goes out: an estimate with its own standard error, the same for the
-//! same seed.
+//! Input: a factor, a matrix, a seed. Output: an estimate with its own standard error, the same for the same
+//! seed.
 
 use super::{BlockInformation, CholeskyFactor};
 use crate::{Error, Result};

@@ -1,7 +1,7 @@
 //! Walks along the tree of supernodes, independent subtrees side by side.
 //!
-//! Comes in: a symbolic analysis, data that lie in the order of the supernodes, and what is to be done at
-//! each of them. Goes out: the data, changed in place. Upwards each supernode takes what its children leave,
+//! Input: a symbolic analysis, data that lie in the order of the supernodes, and what is to be done at each
+//! of them. Output: the data, changed in place. Upwards each supernode takes what its children leave,
 //! downwards what its parent leaves it.
 //!
 //! A supernode's result depends on its children or its parent only, never on who works beside it: the same

@@ -128,7 +128,7 @@ fn differences(patches: &[Patch], overlap: &Overlap, i: usize, j: usize) -> Vec<
 /// Adds the products of all pairs of every batch.
 fn add(differences: &[Difference], sums: &mut [Sums; SIZES]) {
     let places: Vec<[f64; 3]> = differences.iter().map(|d| d.at).collect();
-    let batches = NestedBatches::of(&places);
+    let batches = NestedBatches::new(&places);
     let top = (differences.len() / LARGEST).max(1).ilog2();
     let step = differences.len().div_ceil(LOOKED_AT).max(1);
     for depth in top..batches.depth() {
