@@ -173,7 +173,9 @@ impl Information {
 ///
 /// let (one, zero) = (DMatrix::identity(1, 1), DVector::zeros(1));
 /// let prior = Belief::from_covariance(zero.clone(), one.clone())?;
-/// let read = |value: f64| Linear::new(one.clone(), DVector::from_element(1, value))?.linearized(&zero, &zero);
+/// let read = |value: f64| {
+///     Linear::new(one.clone(), DVector::from_element(1, value))?.linearized(&zero, &zero)
+/// };
 /// let (mut monday, mut tuesday) = (prior.clone(), prior);
 /// monday.update(&read(3.0)?, &one)?;
 /// tuesday.update(&read(6.0)?, &one)?;
@@ -272,7 +274,7 @@ impl Belief {
         require_same_dimension(self.dimension(), other.dimension())?;
         if !self.has_same_prior(other) {
             return Err(Error::input(
-                "beliefs with different priors cannot be merged, because it is unknown what the priors share: \
+                "beliefs with different priors cannot be merged, because their common part is unknown: \
                  state one prior for both, or use covariance intersection",
             ));
         }

@@ -170,8 +170,8 @@ pub(crate) fn require_covariance(what: &str, covariance: &DMatrix<f64>, n: usize
             }
         }
     }
-    // Cheap sufficient conditions come first: the weight of many independent readings is diagonal, and an
-    // eigenvalue decomposition of it would dominate the cost of an update.
+    // Cheap sufficient conditions come first: the weight of many independent readings is diagonal, and needs
+    // no eigenvalue decomposition.
     if is_nonnegative_diagonal(covariance) || Cholesky::new(scaled).is_some() {
         return Ok(());
     }

@@ -5,8 +5,8 @@
 //!
 //! ```text
 //! MeasurementEquation ─► Linearization ─┬─► Information ─► Belief            merge, update, marginals
-//!                                       ├─► KalmanFilter                     one at a time, EKF, IEKF, NUIEKF
-//!                                       └─► least_squares                    a batch, with robust losses
+//!                                       ├─► KalmanFilter                     sequential: EKF, IEKF, NUIEKF
+//!                                       └─► least_squares                    batch, with robust losses
 //! residuals ─► Loss, TruncatedNormal, VarianceComponents, SmoothnessModel    estimates of σ and of weights
 //! deviations ─► ChiSquareMean, Coverage, whiteness                           tests of the stated σ
 //! ```

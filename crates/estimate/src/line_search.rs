@@ -67,7 +67,7 @@ pub(crate) fn maximize_bracketed(
         }
         let candidate = parabolic_step(best, second, third);
         // The last step went to the vertex of a parabola, and the new vertex is closer than the tolerance.
-        // Brent's own criterion would spend two more evaluations to shrink the bracket.
+        // Without this test the search would continue until the bracket itself is small.
         if follows_parabola && candidate.is_some_and(|candidate| candidate.abs() < tolerance) {
             return Ok(Maximum { best, evaluations, converged: true });
         }

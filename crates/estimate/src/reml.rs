@@ -161,7 +161,8 @@ impl SmoothnessSearch {
             Ok(())
         } else {
             Err(Error::input(format!(
-                "the search for a smoothness weight needs a start within positive bounds and a positive tolerance: {self:?}"
+                "the search for a smoothness weight needs a start within positive bounds and a positive \
+                 tolerance: {self:?}"
             )))
         }
     }

@@ -246,7 +246,9 @@ pub fn sandwich_factor(loss: &Loss, normalized_residuals: &[f64]) -> Result<f64>
     if slope > 0.0 {
         Ok(influence * n / (slope * slope))
     } else {
-        Err(Error::undetermined("the robust loss gives zero weight to most residuals: the covariance is undetermined"))
+        Err(Error::undetermined(
+            "the robust loss gives zero weight to most residuals: the covariance is undetermined",
+        ))
     }
 }
 
@@ -286,7 +288,8 @@ impl TruncatedNormal {
         let normal = Normal::standard();
         let share_kept = 1.0 - 2.0 * normal.sf(gate);
         let variance_ratio = if gate < 1e-2 {
-            gate * gate / 3.0 * (1.0 - 2.0 * gate * gate / 15.0) // series: the closed form loses all digits to cancellation
+            // Series, because the closed form loses its digits to cancellation.
+            gate * gate / 3.0 * (1.0 - 2.0 * gate * gate / 15.0)
         } else if gate.is_finite() {
             1.0 - 2.0 * gate * normal.pdf(gate) / share_kept
         } else {

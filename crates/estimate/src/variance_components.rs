@@ -206,10 +206,7 @@ pub fn iterate_variance_components(
     for iterations in 1..=limit {
         let sums = solve(&factors)?;
         if sums.groups() != groups {
-            return Err(Error::input(format!(
-                "expected sums of {groups} groups, found {}",
-                sums.groups()
-            )));
+            return Err(Error::input(format!("expected sums of {groups} groups, found {}", sums.groups())));
         }
         let mut change = 0.0_f64;
         for group in 0..groups {

@@ -1,9 +1,9 @@
-//! What a factorisation needs to know before it sees numbers.
+//! Symbolic analysis of a factorisation.
 //!
 //! Input: a pattern, an ordering and the unknowns per node. Output: supernodes (groups of columns with the
-//! same rows), their tree, where each entry of the information goes, and where each update goes in its
-//! parent. The analysis is made once per pattern; every refit reuses it. Not guaranteed: that stored entries
-//! are nonzero; supernodes are merged when a few stored zeros make the dense work faster.
+//! same rows), their tree, and the target positions of all entries and updates. The analysis is done once per
+//! pattern and reused for every factorisation. Not guaranteed: that stored entries are nonzero. Supernodes
+//! are merged if a few stored zeros make the dense kernels faster.
 
 use std::sync::Arc;
 
@@ -13,13 +13,14 @@ use crate::{Error, Result};
 
 pub(super) const NONE: u32 = u32::MAX;
 
-/// A child is merged into its parent when the merged supernode has at most so many columns (unknowns) and at
-/// most this part of its entries are stored zeros. The optimum is flat: half or twice the numbers of columns
-/// cost at most 15 % of the time of the factorisation on bicubic grids (200 × 200 with b = 1, 64 × 64 with b
-/// = 3), other parts less.
+/// Merge a child into its parent if the merged supernode has at most this many columns (unknowns) and at most
+/// this fraction of stored zeros.
+///
+/// The optimum is flat: half or twice the numbers of columns cost at most 15 % of the time of the
+/// factorisation on bicubic grids (200 × 200 with b = 1, 64 × 64 with b = 3). Other fractions cost less.
 const MERGE_COLUMNS_AND_ZEROS: [(usize, f64); 3] = [(32, 0.6), (128, 0.2), (usize::MAX, 0.05)];
 
-/// Where a block of the information lies in the values of the factor.
+/// Position of a block of the information in the values of the factor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slot {
     /// Index of the block's first entry.
@@ -57,19 +58,19 @@ impl EntrySlot {
     }
 }
 
-/// Rows of a supernode that also lie next to each other in the front of its parent, counted in unknowns.
+/// A run of rows of a supernode that are contiguous in the front of its parent, counted in unknowns.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Run {
-    /// First row among the supernode's rows.
+    /// First row, counted in the rows of the supernode.
     pub from: u32,
-    /// Its place in the parent's front: the parent's columns first, then its rows.
+    /// Its position in the front of the parent: first the columns of the parent, then its rows.
     pub to: u32,
     pub length: u32,
 }
 
 impl Run {
-    /// The part that lies in the parent's columns and the part in its rows, each as (from, to, length); `to`
-    /// counts from the first column or row.
+    /// Splits the run into the part in the columns of the parent and the part in its rows, each as (from, to,
+    /// length). `to` counts from the first column or row.
     pub(super) fn split(self, columns: usize) -> [(usize, usize, usize); 2] {
         let (from, to, length) = (self.from as usize, self.to as usize, self.length as usize);
         let own = columns.saturating_sub(to).min(length);
@@ -101,11 +102,11 @@ pub struct SymbolicFactor {
     child_start: Vec<usize>,
     children: Vec<u32>,
     roots: Vec<u32>,
-    /// The first supernode of the subtree that ends in each.
+    /// First supernode of the subtree that ends in each supernode.
     first_below: Vec<u32>,
-    /// Operations of a factorisation in the subtree that ends in each.
+    /// Operations of a factorisation in the subtree that ends in each supernode.
     tree_flops: Vec<f64>,
-    /// Start of each supernode's values: a column-major panel of (columns + rows)·b by columns·b.
+    /// Start of the values of each supernode: a column-major panel of (columns + rows)·b by columns·b.
     pub(super) value_start: Vec<usize>,
     /// The slots of all entries, by supernode.
     slots: Vec<EntrySlot>,
@@ -115,7 +116,7 @@ pub struct SymbolicFactor {
 impl SymbolicFactor {
     /// Analyses a pattern for elimination in the given order, with `block` unknowns per node.
     ///
-    /// Cost: O(entries of the factor over nodes); the unknowns per node do not count.
+    /// Cost: O(entries of the factor over nodes), independent of the unknowns per node.
     ///
     /// # Errors
     /// `Input` when the ordering belongs to another number of nodes, or when `block` is zero.
@@ -123,7 +124,8 @@ impl SymbolicFactor {
         let nodes = pattern.nodes();
         if ordering.old_from_new().len() != nodes || block == 0 {
             return Err(Error::input(format!(
-                "an ordering of {} nodes with {block} unknowns each does not fit a pattern of {nodes} nodes",
+                "an ordering of {} nodes with {block} unknowns each does not match a pattern of \
+                 {nodes} nodes",
                 ordering.old_from_new().len()
             )));
         }
@@ -199,8 +201,8 @@ impl SymbolicFactor {
         }
     }
 
-    /// The rows of each supernode: those of its columns in the matrix, and those of its children that it
-    /// keeps.
+    /// Finds the rows of each supernode: the rows of its columns in the matrix, and those of its children
+    /// below its columns.
     fn find_rows(&mut self, graph: &Graph) {
         let mut seen_by = vec![NONE; self.old_from_new.len()];
         for s in 0..self.supernodes() {
@@ -292,7 +294,7 @@ impl SymbolicFactor {
         (self.slots, self.slot_start) = (slots, start);
     }
 
-    /// The block in row `i` and column `j ≤ i` (new numbering), when it is in the factor.
+    /// Position of the block in row `i` and column `j ≤ i` (new numbering), if it is in the factor.
     pub(super) fn locate(&self, i: u32, j: u32) -> Option<Slot> {
         let s = self.supernode_of[j as usize] as usize;
         let (begin, end) = (self.supernode_start[s], self.supernode_start[s + 1]);
@@ -315,37 +317,37 @@ impl SymbolicFactor {
         &self.pattern
     }
 
-    /// Unknowns per node.
+    /// Number of unknowns per node.
     #[must_use]
     pub fn block_size(&self) -> usize {
         self.block
     }
 
-    /// Unknowns: nodes times block size.
+    /// Number of unknowns: nodes times block size.
     #[must_use]
     pub fn dimension(&self) -> usize {
         self.old_from_new.len() * self.block
     }
 
-    /// The number of supernodes.
+    /// Number of supernodes.
     #[must_use]
     pub fn supernodes(&self) -> usize {
         self.parent.len()
     }
 
-    /// The nodes in the order in which they are eliminated: the given ordering, postordered.
+    /// The nodes in elimination order: the given ordering, postordered.
     #[must_use]
     pub fn old_from_new(&self) -> &[u32] {
         &self.old_from_new
     }
 
-    /// Stored numbers of a factor, the zeros of merged supernodes and of upper triangles included.
+    /// Number of stored values of a factor, including zeros of merged supernodes and upper triangles.
     #[must_use]
     pub fn stored_values(&self) -> usize {
         self.value_start[self.supernodes()]
     }
 
-    /// Entries of the lower triangle of `L`, the zeros of merged supernodes included.
+    /// Number of entries of the lower triangle of `L`, including zeros of merged supernodes.
     #[must_use]
     pub fn factor_entries(&self) -> usize {
         (0..self.supernodes())
@@ -353,7 +355,7 @@ impl SymbolicFactor {
             .sum()
     }
 
-    /// Multiplications and additions of one factorisation.
+    /// Number of multiplications and additions of one factorisation.
     #[must_use]
     pub fn flops(&self) -> f64 {
         (0..self.supernodes()).map(|s| self.flops_of(s)).sum()
@@ -369,7 +371,7 @@ impl SymbolicFactor {
         &self.roots
     }
 
-    /// The first supernode of the subtree that ends in `s`: the subtree is the run from there to `s`.
+    /// First supernode of the subtree that ends in `s`. The subtree is the range from there to `s`.
     pub(super) fn first_below(&self, s: usize) -> usize {
         self.first_below[s] as usize
     }
@@ -379,17 +381,17 @@ impl SymbolicFactor {
         self.tree_flops[s]
     }
 
-    /// Stored numbers of the factor in the subtree that ends in `s`.
+    /// Number of stored values of the factor in the subtree that ends in `s`.
     pub(super) fn tree_values(&self, s: usize) -> usize {
         self.value_start[s + 1] - self.value_start[self.first_below(s)]
     }
 
-    /// Unknowns that a supernode eliminates.
+    /// Number of unknowns that a supernode eliminates.
     pub(super) fn columns(&self, s: usize) -> usize {
         (self.supernode_start[s + 1] - self.supernode_start[s]) as usize * self.block
     }
 
-    /// Unknowns below the diagonal block of a supernode.
+    /// Number of unknowns below the diagonal block of a supernode.
     pub(super) fn height(&self, s: usize) -> usize {
         (self.row_start[s + 1] - self.row_start[s]) * self.block
     }
@@ -455,7 +457,7 @@ fn elimination_tree(graph: &Graph, nodes: usize) -> (Vec<u32>, Vec<u32>) {
             }
         }
     }
-    // Row i of the factor is the subtree of the tree that leads from the row's entries in the matrix to i.
+    // Row i of the factor is the part of the tree on the paths from the entries of row i in the matrix to i.
     let mut counts = vec![1_u32; nodes];
     let mut seen_by = vec![NONE; nodes];
     for row in 0..nodes as u32 {
@@ -479,12 +481,12 @@ struct Groups {
     parent: Vec<u32>,
 }
 
-/// Groups columns into supernodes, merges small ones into their parents, and orders all along the tree.
+/// Groups columns into supernodes, merges small ones into their parents, and orders them along the tree.
 fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
     let nodes = parent.len();
     let order = postorder(parent);
-    // Fundamental supernodes: runs of the postorder in which each column is the parent of the one before and
-    // has its rows.
+    // Fundamental supernodes: runs of the postorder in which each column is the parent of the previous one
+    // and has the same rows.
     let mut group_of = vec![0_u32; nodes];
     let mut top = Vec::new();
     for (k, &node) in order.iter().enumerate() {
@@ -549,7 +551,7 @@ fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
         }
     }
 
-    // Final order: supernodes along their tree, columns of one supernode in the postorder of the columns.
+    // Final order: supernodes along their tree, columns within a supernode in postorder.
     for g in (0..groups).rev() {
         merged_into[g] = merged_into[merged_into[g] as usize];
     }
@@ -584,7 +586,7 @@ fn trapezoid(columns: usize, rows: usize) -> usize {
     columns * (columns + 1) / 2 + columns * rows
 }
 
-/// Children before parents, each subtree in one run; siblings in the order of their numbers.
+/// Postorder: children before parents, each subtree contiguous, siblings in the order of their numbers.
 fn postorder(parent: &[u32]) -> Vec<u32> {
     let count = parent.len();
     let (mut first_child, mut next_sibling) = (vec![NONE; count], vec![NONE; count]);
