@@ -326,8 +326,8 @@ pub struct Whiteness {
 pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     if lags == 0 || residuals.len() <= lags {
         return Err(Error::input(format!(
-            "the test of whiteness needs at least one lag and more residuals than lags, found {} residuals and \
-             {lags} lags",
+            "the test of whiteness needs at least one lag and more residuals than lags, found {} \
+             residuals and {lags} lags",
             residuals.len()
         )));
     }
