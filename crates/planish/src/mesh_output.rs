@@ -16,7 +16,7 @@ use planish_estimate::Result;
 use planish_exchange::Unit;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_mesh::{TriangleMesh, VertexCurvature};
-use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
+use planish_spline::{Surface, TessellationOptions, min_triangles, tessellate};
 use std::path::Path;
 
 /// Default meshes have about this many triangles at most: a file of some 40 MB.
@@ -152,8 +152,7 @@ pub(crate) fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangle
     let mut tolerance = wanted;
     loop {
         let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
-        if least_triangles(surface, &options)?
-            <= most_triangles.max(2 * surface.space().leaves().len() as u64)
+        if min_triangles(surface, &options)? <= most_triangles.max(2 * surface.space().leaves().len() as u64)
         {
             return Ok(tolerance);
         }

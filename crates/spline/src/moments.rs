@@ -1,14 +1,14 @@
-//! Positions with known parameters, summed up cell by cell as moments.
+//! Positions with known parameters, accumulated by cell as moments.
 //!
-//! Comes in: a stream of `(u, v)`, positions and their information. Goes out: the information about the
-//! coefficients, or about the nodes of a hierarchy. What is kept does not grow with the number of positions.
+//! Input: a stream of `(u, v)`, positions and their information. Output: the information about the
+//! coefficients, or about the nodes of a hierarchy. Memory does not grow with the number of positions.
 //!
 //! On one cell every product `b_k b_l` of two cubic weights is a polynomial of degree six in the local
-//! coordinate. The sixteen weights' 16 × 16 information is therefore a linear image of the 7 × 7 moments
-//! `Σ w sⁱ tʲ`, and its vector of the 4 × 4 moments `Σ w z sⁱ tʲ`: 97 sums instead of 184. With
-//! `s, t ∈ [−1, 1]` the image loses no more than rounding of the sums.
+//! coordinate. Therefore the 16 × 16 information of the sixteen weights is a linear function of the 7 × 7
+//! moments `Σ w sⁱ tʲ`, and its vector of the 4 × 4 moments `Σ w z sⁱ tʲ`: 97 sums instead of 184. With
+//! `s, t ∈ [−1, 1]` the function is well conditioned.
 //!
-//! Not guaranteed: the same last digit on machines with other instructions.
+//! Not guaranteed: the same last digit on machines with other SIMD instructions.
 
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::system::SurfaceSystem;
@@ -19,15 +19,15 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Positions of one cell that are gathered before they are summed up.
+/// Number of positions of one cell that are gathered before summation.
 const RUN: usize = 64;
-/// Positions that are sorted by cell together, and how many such parts make a batch. Fixed, so that sums do
-/// not depend on threads.
+/// Number of positions sorted by cell together, and number of such parts per batch. Fixed, so that sums do
+/// not depend on the number of threads.
 const PART: usize = 1 << 14;
 const PARTS: usize = 16;
-/// The leaf of a number without a reading.
+/// The leaf of an index without a reading.
 const PASSED_OVER: u32 = u32::MAX;
-/// Cells that one task sums up: few enough for all threads to have work, many enough to be worth a task.
+/// Number of cells per task. Trades balanced threads against the cost of tasks.
 const CELLS_AT_ONCE: usize = 64;
 
 /// The B-spline weights of a cell as polynomials in `s = 2 x − 1`: coefficient of `sⁱ` in weight `k`, times
@@ -61,21 +61,21 @@ pub struct CellMoments {
     gram: [[f64; 8]; 7],
     /// `Σ w z sⁱ tʲ` at `[d][j][i]`, `i, j ≤ 3`, for the three coordinates of the positions.
     values: [[[f64; 4]; 4]; 3],
-    /// `Σ w z²` of the three coordinates, and how many positions there are.
+    /// `Σ w z²` of the three coordinates, and the number of positions.
     squares: [f64; 4],
 }
 
 /// A position on a cell.
 #[derive(Debug, Clone, Copy, Default)]
 struct Reading {
-    /// In `[−1, 1]²`.
+    /// Local coordinates in `[−1, 1]²`.
     local: [f64; 2],
-    /// Relative to the origin of the sums.
+    /// Position relative to the origin of the sums.
     position: [f64; 3],
     information: f64,
 }
 
-/// `a b + c`, rounded once where the machine does it in one.
+/// `a b + c`, as a fused operation if the machine has one.
 #[inline(always)]
 fn multiply_add<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FUSED { a.mul_add(b, c) } else { a * b + c }
@@ -95,7 +95,7 @@ impl CellMoments {
         self.add_run::<false>(&[Reading { local, position, information }]);
     }
 
-    /// Adds another cell's moments, its information times a factor.
+    /// Adds the moments of another cell, with its information multiplied by a factor.
     pub fn merge(&mut self, other: &Self, factor: f64) {
         for (a, b) in self.gram.as_flattened_mut().iter_mut().zip(other.gram.as_flattened()) {
             *a += factor * b;
@@ -111,14 +111,14 @@ impl CellMoments {
         self.squares[3] += other.squares[3];
     }
 
-    /// Adds the moments of one quarter of this cell, whose sides are half as long: `quarter` says which along
+    /// Adds the moments of one quarter of this cell, whose sides are half as long; `quarter` selects it along
     /// each direction.
     ///
     /// With `S = (s ± 1)/2` the moments of `S` are binomial sums of those of `s`.
     fn add_quarter(&mut self, fine: &Self, quarter: [usize; 2]) {
         let [along_u, along_v] = quarter.map(|half| &POWERS_OF_HALF[half]);
         for j in 0..7 {
-            // Σ over powers of t first.
+            // Sum over powers of t first.
             let mut row = [0.0; 7];
             for (l, weight) in along_v[j][..=j].iter().enumerate() {
                 for (sum, m) in row.iter_mut().zip(&fine.gram[l]) {
@@ -143,7 +143,7 @@ impl CellMoments {
         }
     }
 
-    /// Adds a run: the sums stay in registers, first those of the matrix, then those of the vector.
+    /// Adds a run of positions. Sums of the matrix and then of the vector stay in registers.
     #[inline(always)]
     fn add_run<const FUSED: bool>(&mut self, run: &[Reading]) {
         let mut gram = self.gram;
@@ -189,7 +189,7 @@ impl CellMoments {
         (self.values, self.squares) = (values, squares);
     }
 
-    /// How many positions there are.
+    /// Number of positions.
     #[must_use]
     pub fn count(&self) -> usize {
         self.squares[3] as usize
@@ -198,7 +198,7 @@ impl CellMoments {
     /// The information about the sixteen coefficients: the matrix of each coordinate, and the vectors of all
     /// three.
     ///
-    /// `Λ_kl = Σ w b_k b_l`, `η_k = Σ w b_k z`. Cost: some 1,500 multiply-adds.
+    /// `Λ_kl = Σ w b_k b_l`, `η_k = Σ w b_k z`. Cost: about 1,500 multiply-adds.
     #[must_use]
     pub fn information(&self) -> ([[f64; 16]; 16], [[f64; 3]; 16]) {
         (matrix_of_moments(&self.gram), vector_of_moments(&self.values))
@@ -211,7 +211,7 @@ pub(crate) fn matrix_of_moments(gram: &[[f64; 8]; 7]) -> [[f64; 16]; 16] {
     let mut matrix = [[0.0; 16]; 16];
     for k in 0..4 {
         for l in 0..=k {
-            // Summed over powers of s first.
+            // Sum over powers of s first.
             let mut along = [0.0; 7];
             for (sum, row) in along.iter_mut().zip(gram) {
                 *sum = (0..7).map(|i| products[k][l][i] * row[i]).sum();
@@ -262,7 +262,7 @@ fn weight_products() -> [[[f64; 7]; 4]; 4] {
     products
 }
 
-/// Sums of positions with known parameters over a hierarchy: a stream goes in, moments stay.
+/// Sums of positions with known parameters over a hierarchy. Only moments are stored.
 ///
 /// # Examples
 /// ```
@@ -274,7 +274,7 @@ fn weight_products() -> [[[f64; 7]; 4]; 4] {
 /// sums.add(&[[0.5, 0.5], [3.2, 1.0]], &[[0.5, 0.5, 1.0], [3.2, 1.0, 1.1]], None)?;
 /// assert_eq!(sums.count(), 2);
 /// let information = sums.information(&SurfaceSystem::new(&space)?)?;
-/// // Weights sum to one: so does what each reading adds.
+/// // Weights sum to one, so each reading adds one.
 /// assert!((information.quadratic_form(&vec![1.0; information.dimension()])? - 2.0).abs() < 1e-12);
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
@@ -282,8 +282,7 @@ fn weight_products() -> [[[f64; 7]; 4]; 4] {
 pub struct PositionSums {
     space: Arc<Hierarchy>,
     cells: Vec<CellMoments>,
-    /// Positions are summed up relative to this, the first one: squares of far coordinates would drown what
-    /// differs.
+    /// Sums are relative to the first position: squares of large coordinates would cancel the differences.
     origin: Option<[f64; 3]>,
     count: usize,
     parts: Vec<Part>,
@@ -294,17 +293,17 @@ pub struct PositionSums {
 pub struct AffineMap {
     /// `o`, `a` and `b` of `z = o + u a + v b`.
     pub map: [[f64; 3]; 3],
-    /// For each coordinate, the share of its variance that the map leaves; as exact as squares of coordinates
-    /// are.
+    /// For each coordinate, the fraction of its variance that the map does not explain. Its accuracy is
+    /// limited by the squares of the coordinates.
     pub unexplained_share: [f64; 3],
 }
 
-/// Readings sorted by leaf.
+/// A part of a batch: readings sorted by leaf.
 #[derive(Debug, Clone, Default)]
 struct Part {
-    /// The leaf of each number, in the order in which they came; [`PASSED_OVER`] where there is no reading.
+    /// The leaf of each index in the order of arrival; [`NO_READING`] if there is no reading.
     leaves: Vec<u32>,
-    /// Where each leaf's readings start in `sorted`.
+    /// Start of the readings of each leaf in `sorted`.
     start: Vec<u32>,
     sorted: Vec<Reading>,
 }
@@ -314,14 +313,14 @@ struct Part {
 pub struct PositionReading {
     /// `(u, v)`, in the units of the base grid.
     pub parameters: [f64; 2],
-    /// Where it is.
+    /// The measured position.
     pub position: [f64; 3],
     /// 1/variance of each coordinate.
     pub information: f64,
 }
 
 impl Part {
-    /// Takes the readings of some numbers, checks them, finds their leaves and sorts by them.
+    /// Reads and checks a range of readings, and sorts them by leaf.
     fn sort(
         &mut self,
         space: &Hierarchy,
@@ -330,7 +329,7 @@ impl Part {
         read: &impl Fn(usize) -> Option<PositionReading>,
     ) -> Result<()> {
         let [nu, nv] = space.extent();
-        // Where a direction is closed every finite parameter will do.
+        // In a periodic direction every finite parameter is valid.
         let range = |n: f64, closed: bool| if closed { f64::MIN..=f64::MAX } else { 0.0..=n };
         let (inside_u, inside_v) =
             (range(nu, space.shape().periodic_u()), range(nv, space.shape().periodic_v()));
@@ -361,8 +360,8 @@ impl Part {
             *start = sum;
         }
         self.sorted.resize(sum as usize, Reading::default());
-        // Filling moves every start to the next leaf's; shifted by one they are what they were. Asking twice
-        // is cheaper than keeping.
+        // Filling moves every start to that of the next leaf; shifting by one restores them. Calling `read`
+        // twice is cheaper than storing its results.
         for (&leaf, k) in self.leaves.iter().zip(numbers) {
             if leaf == PASSED_OVER {
                 continue;
@@ -384,13 +383,13 @@ impl Part {
     }
 
     #[inline(always)]
-    fn of(&self, leaf: usize) -> &[Reading] {
+    fn readings(&self, leaf: usize) -> &[Reading] {
         &self.sorted[self.start[leaf] as usize..self.start[leaf + 1] as usize]
     }
 }
 
 impl PositionSums {
-    /// Nothing yet. Memory: 850 bytes a leaf, and a buffer of 10 MB once something is added.
+    /// Empty sums. Memory: 850 bytes per leaf, and a buffer of 10 MB after the first call of [`Self::add`].
     #[must_use]
     pub fn new(space: &Arc<Hierarchy>) -> Self {
         Self {
@@ -402,22 +401,23 @@ impl PositionSums {
         }
     }
 
-    /// How many positions were added.
+    /// Number of positions.
     #[must_use]
     pub fn count(&self) -> usize {
         self.count
     }
 
     /// Adds positions at parameters `u ∈ [0, extent]`, each with information (1/variance) about every
-    /// coordinate: 1 where none is given.
+    /// coordinate (default 1).
     ///
-    /// Call it piece by piece: nothing is kept but the sums. In parallel on the current rayon pool; pieces of
-    /// a multiple of 262,144 give the same bytes as one call, at any number of threads.
+    /// Call it for successive pieces of a stream: only the sums are stored. It runs in parallel on the
+    /// current rayon pool. Pieces whose length is a multiple of 262,144 give the same bytes as one call, for
+    /// any number of threads.
     ///
     /// # Errors
     /// `Input`, with the number of the reading, when parameters lie outside the domain of an open direction,
-    /// an information is negative, anything is not finite, or the slices differ in length. Readings of whole
-    /// batches before it have been added then.
+    /// an information is negative, anything is not finite, or the slices differ in length. Readings of
+    /// complete batches before it are added in this case.
     pub fn add(
         &mut self,
         parameters: &[[f64; 2]],
@@ -426,7 +426,7 @@ impl PositionSums {
     ) -> Result<()> {
         if positions.len() != parameters.len() || information.is_some_and(|w| w.len() != parameters.len()) {
             return Err(Error::input(format!(
-                "{} parameters, {} positions and {} weights: needed as many of each",
+                "expected equal numbers, found {} parameters, {} positions and {} weights",
                 parameters.len(),
                 positions.len(),
                 information.map_or(parameters.len(), <[f64]>::len)
@@ -441,8 +441,8 @@ impl PositionSums {
         })
     }
 
-    /// [`Self::add`] for readings that are asked for one by one, from any thread: `read(k)` for `k` below
-    /// `size`, none to pass over one. Each is asked for twice and has to be the same.
+    /// [`Self::add`] for readings from a function, called on any thread: `read(k)` for `k` below `size`;
+    /// `None` skips a reading. It is called twice per reading and must return the same value.
     ///
     /// # Errors
     /// As for [`Self::add`]; the number in messages is `k`.
@@ -504,13 +504,13 @@ impl PositionSums {
         self.cells.iter().map(|cell| cell.gram[0][0]).sum()
     }
 
-    /// Adds what another has summed up over the same hierarchy, its information times a factor.
+    /// Adds other sums over the same hierarchy, with their information multiplied by a factor.
     ///
     /// # Errors
     /// `Input` when the hierarchies differ in their leaves.
     pub fn merge(&mut self, other: &Self, factor: f64) -> Result<()> {
         if self.space.shape() != other.space.shape() || self.space.leaves() != other.space.leaves() {
-            return Err(Error::input("sums over different hierarchies cannot be added"));
+            return Err(Error::input("cannot add sums over different hierarchies"));
         }
         let Some(from) = other.origin else {
             return Ok(());
@@ -524,13 +524,13 @@ impl PositionSums {
         Ok(())
     }
 
-    /// The same positions summed up over cells twice as long and wide; the last row or column may lie half
-    /// outside the domain.
+    /// The same positions accumulated over cells twice as long and wide. The last row or column may extend
+    /// beyond the domain.
     ///
-    /// Parameters there are half of those here. As exact as rounding.
+    /// Parameters of the result are half of the original ones. Exact up to rounding.
     ///
     /// # Errors
-    /// `Input` when the shape is closed or the grid not uniform.
+    /// `Input` when the shape is closed or the grid is not uniform.
     pub fn coarsened(&self) -> Result<Self> {
         let [nu, nv] = self.space.base();
         if self.space.shape() != Shape::Sheet || self.space.leaves().len() != nu * nv {
@@ -551,7 +551,7 @@ impl PositionSums {
         Ok(coarse)
     }
 
-    /// Where positions are counted from in [`Self::information`]: the solution there lies relative to it.
+    /// Origin of the positions in [`Self::information`]; solutions are relative to it.
     #[must_use]
     pub fn origin(&self) -> [f64; 3] {
         self.origin.unwrap_or([0.0; 3])
@@ -563,16 +563,16 @@ impl PositionSums {
         std::array::from_fn(|d| self.cells.iter().map(|cell| cell.squares[d]).sum())
     }
 
-    /// Which leaves have readings.
+    /// For each leaf, true if it has readings.
     #[must_use]
     pub fn observed(&self) -> Vec<bool> {
         self.cells.iter().map(|cell| cell.count() > 0).collect()
     }
 
-    /// The affine map of the parameters that is nearest to the positions; none where the parameters lie on
-    /// one line.
+    /// The least-squares affine map from parameters to positions; `None` if the parameters lie on a line.
     ///
-    /// Normal equations of `z ≈ o + u a + v b` about the mean, from the lowest moments of the cells.
+    /// Solves the normal equations of `z ≈ o + u a + v b` about the mean, from the lowest moments of the
+    /// cells.
     #[must_use]
     pub fn affine(&self) -> Option<AffineMap> {
         // Sums of w (1, u, v)ᵀ(1, u, v) and of w (1, u, v) z, with u = (i + (s + 1)/2) side on each cell.
@@ -581,7 +581,7 @@ impl PositionSums {
             let side = leaf.side();
             let half = 0.5 * side;
             let (u0, v0) = ((f64::from(leaf.i) + 0.5) * side, (f64::from(leaf.j) + 0.5) * side);
-            // (1, u, v) are these combinations of (1, s, t).
+            // (1, u, v) as combinations of (1, s, t).
             let rows = [[1.0, 0.0, 0.0], [u0, half, 0.0], [v0, 0.0, half]];
             let m = &cell.gram;
             let of_cell =
@@ -625,10 +625,10 @@ impl PositionSums {
     /// origin.
     ///
     /// # Errors
-    /// `Input` when the system is one of another hierarchy.
+    /// `Input` when the system belongs to another hierarchy.
     pub fn information(&self, system: &SurfaceSystem) -> Result<BlockInformation> {
         if system.space().leaves() != self.space.leaves() {
-            return Err(Error::input("the system is one of another hierarchy"));
+            return Err(Error::input("the system belongs to another hierarchy"));
         }
         system.assemble_scalar(|leaf| {
             let cell = &self.cells[leaf];
@@ -638,7 +638,7 @@ impl PositionSums {
 }
 
 impl CellMoments {
-    /// The moments of the same positions moved by a vector.
+    /// The moments of the positions after a translation.
     fn moved(&self, by: [f64; 3]) -> Self {
         let mut moved = *self;
         for d in 0..3 {
@@ -653,23 +653,23 @@ impl CellMoments {
     }
 }
 
-/// What is wrong with a reading.
+/// The error for an invalid reading.
 #[cold]
 fn unusable(number: usize, [nu, nv]: [f64; 2], reading: &PositionReading) -> Error {
     let PositionReading { parameters: [u, v], position, information } = *reading;
     Error::input(if !(0.0..=f64::MAX).contains(&information) {
         format!(
-            "reading {number}: needed an information (1/variance) that is finite and not negative, found \
+            "reading {number}: expected an information (1/variance) that is finite and not negative, found \
              {information}"
         )
     } else if position.iter().all(|x| x.is_finite()) {
-        format!("reading {number}: needed parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})")
+        format!("reading {number}: expected parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})")
     } else {
-        format!("reading {number}: needed finite coordinates, found {position:?}")
+        format!("reading {number}: expected finite coordinates, found {position:?}")
     })
 }
 
-/// Some cells and all that the parts of a batch have for them.
+/// A range of cells, and the parts of a batch.
 struct CellsOfBatch<'a> {
     parts: &'a [Part],
     first_leaf: usize,
@@ -690,14 +690,14 @@ impl WithSimd for CellsOfBatch<'_> {
 }
 
 impl CellsOfBatch<'_> {
-    /// Part after part, in runs that are worth the loading of the sums.
+    /// Adds the parts in order, in runs long enough to amortise loading the sums.
     #[inline(always)]
     fn add<const FUSED: bool>(self) {
         let mut run = [Reading::default(); RUN];
         for (offset, cell) in self.cells.iter_mut().enumerate() {
             let mut len = 0;
             for part in self.parts {
-                let mut own = part.of(self.first_leaf + offset);
+                let mut own = part.readings(self.first_leaf + offset);
                 if own.len() >= RUN {
                     cell.add_run::<FUSED>(own);
                     continue;

@@ -1,16 +1,15 @@
-//! Triangle meshes of a surface, within a chord error.
+//! Triangle meshes of a surface with a bounded chord error.
 //!
-//! Comes in: a [`Surface`] and a tolerance. Goes out: vertices with their normals and parameters, and
-//! triangles that run counter-clockwise around `S_u × S_v`. Every leaf is divided into a grid of its own, by
-//! powers of two; neighbours share the vertices along their common side, whatever their levels, and the
-//! rectangles beside a denser neighbour become fans around their middle. So there are no cracks and no
-//! T-vertices: a ball or torus gives a watertight mesh.
+//! Input: a [`Surface`] and a tolerance. Output: vertices with their normals and parameters, and triangles
+//! that run counter-clockwise around `S_u × S_v`. Every leaf is divided into a grid by powers of two.
+//! Neighbours of any level share the vertices along their common side; rectangles next to a denser neighbour
+//! become fans around their centre. Therefore the mesh has no cracks and no T-vertices, and a ball or torus
+//! is watertight.
 //!
-//! Places are counted on one integer lattice, the finest that any leaf asks for, wrapped where the surface
-//! closes: two leaves mean the same vertex when they mean the same lattice point. A pole of a ball is one
-//! vertex.
+//! Points are identified on an integer lattice, as fine as the finest leaf and wrapped in periodic
+//! directions. Two leaves share a vertex if its lattice point is the same. A pole of a ball is one vertex.
 //!
-//! Not guaranteed: that the mesh does not cross itself where the surface folds.
+//! Not guaranteed: a mesh without self-intersections if the surface has folds.
 //!
 //! # References
 //! Filip, Magedson, Markot, *Surface algorithms using bounds on derivatives*, CAGD 1986 (chord error).
@@ -22,58 +21,58 @@ use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Highest [`TessellationOptions::max_divisions`].
-const MOST_DIVISIONS: u32 = 64;
-/// Leaves that one thread takes at a time.
+/// Maximum of [`TessellationOptions::max_divisions`].
+const MAX_DIVISIONS: u32 = 64;
+/// Number of leaves per task.
 const CHUNK: usize = 128;
 
-/// How fine a mesh is wanted.
+/// Options of [`tessellate`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TessellationOptions {
-    /// Largest distance between the surface and its triangles, in the model's unit.
+    /// Maximum distance between the surface and its triangles, in the unit of the model.
     pub tolerance: f64,
-    /// Most divisions along a side of a leaf, 1 to 64; what is no power of two is rounded down to one.
+    /// Maximum number of divisions along a side of a leaf, 1 to 64; rounded down to a power of two.
     pub max_divisions: u32,
 }
 
 impl Default for TessellationOptions {
-    /// A micrometre where the unit is the millimetre, and up to 64 divisions.
+    /// Tolerance 0.001 (1 µm if the unit is mm), at most 64 divisions.
     fn default() -> Self {
-        Self { tolerance: 1e-3, max_divisions: MOST_DIVISIONS }
+        Self { tolerance: 1e-3, max_divisions: MAX_DIVISIONS }
     }
 }
 
 /// A triangle mesh of a surface.
 ///
-/// All lists but the triangles run over the vertices.
+/// All lists except the triangles have one entry per vertex.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tessellation {
     /// Vertex positions in the model's unit.
     pub positions: Vec<[f64; 3]>,
-    /// Unit normals along `S_u × S_v`; where the surface is degenerate that of the nearest point that has
-    /// one, zero where there is none in the leaf.
+    /// Unit normals along `S_u × S_v`. Where the surface is degenerate, the normal of the nearest regular
+    /// point; zero if the leaf has none.
     pub normals: Vec<[f64; 3]>,
-    /// `(u, v)` in base-grid units. A vertex on a seam has the parameters of the side where they start from
-    /// zero.
+    /// `(u, v)` in base-grid units. A vertex on a seam has the parameters of the side that starts at zero.
     pub parameters: Vec<[f64; 2]>,
-    /// A leaf that holds the vertex.
+    /// A leaf that contains the vertex.
     pub leaf: Vec<u32>,
     /// Coordinates in that leaf, in `[0, 1]²`.
     pub local: Vec<[f64; 2]>,
-    /// Vertex indices, counter-clockwise seen from the side that the normals point to.
+    /// Vertex indices, counter-clockwise as seen from the side of the normals.
     pub triangles: Vec<[u32; 3]>,
-    /// Leaves where [`TessellationOptions::max_divisions`] kept the tolerance from being reached.
+    /// Number of leaves where [`TessellationOptions::max_divisions`] prevents the tolerance.
     pub limited_leaves: usize,
 }
 
-/// A mesh of the surface whose distance from it is at most the tolerance.
+/// Computes a mesh whose distance from the surface is at most the tolerance.
 ///
-/// In a rectangle of `h_u × h_v` the linear interpolant over any triangle is off by at most
-/// `(h_u² |S_uu| + 2 h_u h_v |S_uv| + h_v² |S_vv|)/8`, derivatives bounded over the leaf by differences of
-/// its coefficients. Each leaf takes the fewest divisions that bring this below the tolerance.
+/// In a rectangle of `h_u × h_v` the error of the linear interpolant over any triangle is at most
+/// `(h_u² |S_uu| + 2 h_u h_v |S_uv| + h_v² |S_vv|)/8`, where differences of the coefficients bound the
+/// derivatives over the leaf. Each leaf gets the smallest number of divisions that brings this below the
+/// tolerance.
 ///
-/// The same bytes at any number of threads. Cost: one jet a vertex, one table look-up for each vertex on a
-/// leaf's border.
+/// The result has the same bytes for any number of threads. Cost: one jet per vertex, one table look-up per
+/// vertex on the border of a leaf.
 ///
 /// # Errors
 /// `Input` when the tolerance is not positive, the divisions are not in 1 to 64, or the mesh would have more
@@ -94,8 +93,8 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
     let least = triangles_of(&divided);
     if least > 1 << 31 {
         return Err(Error::input(format!(
-            "a mesh tolerance of {} takes {least} triangles or more, above the limit of 2^31: ask for a \
-             larger one",
+            "a mesh tolerance of {} needs at least {least} triangles, more than the limit of 2^31: use a \
+             larger tolerance",
             options.tolerance
         )));
     }
@@ -139,25 +138,25 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
     Ok(mesh)
 }
 
-/// How many triangles [`tessellate`] makes at least: a few per cent less than it does, for the fans between
-/// levels.
+/// Lower bound of the number of triangles of [`tessellate`]. It is a few per cent too low, because it does
+/// not count fans between levels.
 ///
-/// Cost: far below that of the mesh; for choosing a tolerance.
+/// Use it to choose a tolerance; it is much cheaper than the mesh.
 ///
 /// # Errors
 /// `Input` when the tolerance is not positive or the divisions are not in 1 to 64.
-pub fn least_triangles(surface: &Surface, options: &TessellationOptions) -> Result<u64> {
+pub fn min_triangles(surface: &Surface, options: &TessellationOptions) -> Result<u64> {
     divide(surface, options).map(|divided| triangles_of(&divided))
 }
 
 /// The divisions of every leaf; see [`divisions`].
 fn divide(surface: &Surface, options: &TessellationOptions) -> Result<Vec<([u32; 2], bool)>> {
     if !(options.tolerance > 0.0 && options.tolerance.is_finite()) {
-        return Err(Error::input(format!("needed a mesh tolerance > 0, found {}", options.tolerance)));
+        return Err(Error::input(format!("expected a mesh tolerance > 0, found {}", options.tolerance)));
     }
-    if !(1..=MOST_DIVISIONS).contains(&options.max_divisions) {
+    if !(1..=MAX_DIVISIONS).contains(&options.max_divisions) {
         return Err(Error::input(format!(
-            "needed 1 to {MOST_DIVISIONS} divisions of a leaf at most, found {}",
+            "expected a maximum of 1 to {MAX_DIVISIONS} divisions of a leaf, found {}",
             options.max_divisions
         )));
     }
@@ -169,12 +168,12 @@ fn divide(surface: &Surface, options: &TessellationOptions) -> Result<Vec<([u32;
         .collect())
 }
 
-/// Two triangles a rectangle.
+/// Number of triangles: two per rectangle.
 fn triangles_of(divided: &[([u32; 2], bool)]) -> u64 {
     divided.iter().map(|(n, _)| 2_u64 << (n[0] + n[1])).sum()
 }
 
-/// Binary logarithms of the divisions along u and v, and whether the limit was hit.
+/// Binary logarithms of the divisions along u and v, and true if the limit was reached.
 fn divisions(c: &[[f64; 3]; 16], tolerance: f64, most: u32) -> ([u32; 2], bool) {
     // Derivatives in leaf-local coordinates are convex combinations of these differences.
     let (mut uu, mut uv, mut vv) = (0.0_f64, 0.0_f64, 0.0_f64);
@@ -220,14 +219,14 @@ enum Side {
 
 const SIDES: [Side; 4] = [Side::Bottom, Side::Right, Side::Top, Side::Left];
 
-/// The integer lattice that all vertices lie on.
+/// The integer lattice of all vertices.
 struct Lattice<'a> {
     surface: &'a Surface,
     /// Level of the finest leaf.
     finest: u32,
     /// Lattice steps along the side of a cell of the finest level, as a binary logarithm.
     depth: u32,
-    /// For each leaf the lattice steps between its own grid lines along u and v.
+    /// For each leaf, lattice steps between its grid lines along u and v.
     steps: Vec<[u32; 2]>,
 }
 
@@ -242,7 +241,7 @@ impl<'a> Lattice<'a> {
         Self { surface, finest, depth: total - finest, steps }
     }
 
-    /// The border of a leaf: what both it and its neighbours ask for.
+    /// Computes the border of a leaf: the union of its vertices and those of its neighbours.
     fn plan(&self, leaf: usize) -> LeafPlan {
         let space = self.surface.space();
         let cell = space.leaves()[leaf];
@@ -284,7 +283,7 @@ impl<'a> Lattice<'a> {
             .ring_places()
             .into_iter()
             .map(|place| {
-                // A pole is one lattice point, whatever its column.
+                // A pole is one lattice point for all columns.
                 let x = if place.at_pole { 0 } else { start[0] + u64::from(place.x) };
                 key(x, start[1] + u64::from(place.y))
             })
@@ -295,7 +294,7 @@ impl<'a> Lattice<'a> {
         plan
     }
 
-    /// Distances along a side, from its start, of all vertices on it.
+    /// Collects the distances of all vertices of a side from its start.
     fn side_offsets(&self, cell: Cell, leaf: usize, side: Side, out: &mut Vec<u32>) {
         let space = self.surface.space();
         let shift = self.finest - u32::from(cell.level);
@@ -337,8 +336,7 @@ impl<'a> Lattice<'a> {
     }
 }
 
-/// The vertices of a leaf, counted: its border ring first, then the inner points of its grid, then the
-/// middles of fans.
+/// Vertices of a leaf in their order: border ring, inner points of the grid, centres of fans.
 struct LeafPlan {
     /// Lattice steps along a side of the leaf.
     length: u32,
@@ -352,14 +350,14 @@ struct LeafPlan {
     /// Counter-clockwise from the lower left corner: lattice points at first, vertex numbers after
     /// [`number_vertices`].
     ring: Vec<u64>,
-    /// Number of the first vertex that this leaf brings.
+    /// Number of the first vertex owned by this leaf.
     first_own: u32,
-    /// Which of the ring it brings.
+    /// The vertices of the ring owned by this leaf.
     own_ring: Vec<u32>,
     middles: u32,
 }
 
-/// Where a vertex of the ring is: lattice coordinates in the leaf.
+/// Lattice coordinates in the leaf of a vertex of the ring.
 #[derive(Debug, Clone, Copy, Default)]
 struct RingPlace {
     x: u32,
@@ -367,7 +365,7 @@ struct RingPlace {
     at_pole: bool,
 }
 
-/// A vertex, evaluated.
+/// An evaluated vertex.
 struct Vertex {
     leaf: u32,
     local: [f64; 2],
@@ -386,12 +384,12 @@ impl LeafPlan {
         &self.offsets[from..self.ends[s] as usize]
     }
 
-    /// Edges along the border.
+    /// Number of edges of the border.
     fn ring_length(&self) -> usize {
         self.offsets.len() - 4
     }
 
-    /// Where in the ring the `k`-th vertex of a side is, counted in the direction of u or v.
+    /// Index in the ring of the `k`-th vertex of a side, counted in the direction of u or v.
     fn ring_index(&self, s: usize, k: usize) -> usize {
         let edges = |s: usize| self.side(s).len() - 1;
         let index = match SIDES[s] {
@@ -403,7 +401,7 @@ impl LeafPlan {
         index % self.ring_length()
     }
 
-    /// Where the vertices of the ring are.
+    /// Positions of the vertices of the ring.
     fn ring_places(&self) -> Vec<RingPlace> {
         let mut places = vec![RingPlace::default(); self.ring_length()];
         for (s, side) in SIDES.into_iter().enumerate() {
@@ -425,7 +423,7 @@ impl LeafPlan {
         places
     }
 
-    /// Whether a rectangle of the grid touches no border.
+    /// True if a rectangle of the grid does not touch the border.
     fn is_inside(&self, a: u32, b: u32) -> bool {
         let [nu, nv] = self.grid();
         a > 0 && b > 0 && a + 1 < nu && b + 1 < nv
@@ -440,7 +438,7 @@ impl LeafPlan {
         self.ring_length() as u32 + (b - 1) * (self.grid()[0] - 1) + a - 1
     }
 
-    /// The place in the ring of a distance along a side; at a pole, the pole.
+    /// Index in the ring of a distance along a side; at a pole, the index of the pole.
     fn on_side(&self, s: usize, offset: u32) -> u32 {
         let k = self.side(s).partition_point(|&o| o < offset);
         self.ring_index(s, k.min(self.side(s).len() - 1)) as u32
@@ -467,7 +465,7 @@ impl LeafPlan {
         let [nu, nv] = self.grid();
         let [x, y] = [a * self.steps[0], b * self.steps[1]];
         out.clear();
-        // Vertices strictly inside a border side, between two places.
+        // Vertices strictly between two points of a border side.
         let between = |s: usize, from: u32, to: u32| {
             let offsets = self.side(s);
             let first = offsets.partition_point(|&o| o <= from);
@@ -496,14 +494,14 @@ impl LeafPlan {
         }
     }
 
-    /// Whether a polygon in row `b` of the grid has more corners than two triangles (at a pole: one) serve.
+    /// True if a polygon in row `b` of the grid has more corners than two triangles (at a pole: one).
     fn needs_middle(&self, b: u32, polygon: &[u32]) -> bool {
         let at_pole = self.polar[0] && b == 0 || self.polar[2] && b + 1 == self.grid()[1];
         polygon.len() > if at_pole { 3 } else { 4 }
     }
 
-    /// Visits the rectangles of the grid in order: column, row, corners, and whether it is a fan around its
-    /// middle.
+    /// Visits the rectangles of the grid in order, with column, row, corners, and true for a fan around its
+    /// centre.
     fn for_each_polygon(&self, mut visit: impl FnMut(u32, u32, &[u32], bool)) {
         let [nu, nv] = self.grid();
         let mut polygon = Vec::new();
@@ -525,7 +523,7 @@ impl LeafPlan {
         }
     }
 
-    /// The vertices that this leaf brings, in the order of their numbers.
+    /// The vertices owned by this leaf, in the order of their numbers.
     fn vertices(&self, surface: &Surface, leaf: usize) -> Vec<Vertex> {
         let mut out = Vec::with_capacity(self.own_ring.len() + (self.inner_count() + self.middles) as usize);
         let scale = 1.0 / f64::from(self.length);
@@ -590,13 +588,12 @@ impl LeafPlan {
     }
 }
 
-/// Gives every lattice point on a border its number, in the order of the leaves, and each leaf's inner
-/// vertices theirs.
+/// Numbers all vertices in the order of the leaves: lattice points on borders once, then inner vertices.
 fn number_vertices(plans: &mut [LeafPlan]) -> Result<usize> {
     let ring: usize = plans.iter().map(|plan| plan.ring.len()).sum();
     let mut known: HashMap<u64, u32> = HashMap::with_capacity(ring / 2);
     let mut next = 0_u32;
-    let full = || Error::input("the mesh has more than 2^32 vertices: ask for a larger mesh tolerance");
+    let full = || Error::input("the mesh has more than 2^32 vertices: use a larger mesh tolerance");
     for plan in plans {
         plan.first_own = next;
         for index in 0..plan.ring.len() {
@@ -615,8 +612,8 @@ fn number_vertices(plans: &mut [LeafPlan]) -> Result<usize> {
     Ok(next as usize)
 }
 
-/// The unit normal at a leaf-local point, or that of the nearest point towards the leaf's middle that has
-/// one.
+/// The unit normal at a leaf-local point, or that of the nearest regular point towards the centre of the
+/// leaf.
 fn normal(surface: &Surface, leaf: usize, local: [f64; 2], at_pole: bool) -> [f64; 3] {
     if at_pole {
         let [u, v] = surface.space().parameters(leaf, local);
@@ -628,7 +625,7 @@ fn normal(surface: &Surface, leaf: usize, local: [f64; 2], at_pole: bool) -> [f6
         let [s, t] = local.map(|x| x + towards * (0.5 - x));
         let jet = surface.leaf_jet(leaf, s, t);
         let n = cross(jet.du, jet.dv);
-        // Below this the direction of S_u × S_v is rounding.
+        // Below this threshold the direction of S_u × S_v is dominated by rounding.
         if dot(n, n) > 1e-24 * dot(jet.du, jet.du) * dot(jet.dv, jet.dv)
             && let Some(normal) = unit(n)
         {

@@ -198,7 +198,7 @@ impl Lengths {
             sigma.push(sigma_of_lengths(&posterior, of_fit, local)?);
             measured.push(first.model.observed[of_fit].is_measured());
         }
-        Ok(Self { metric: Metric::of(reference), sigma, measured })
+        Ok(Self { metric: Metric::new(reference), sigma, measured })
     }
 
     /// Marks what a state knows from other times: parts without a reading of its own, even if one is near.
@@ -212,11 +212,11 @@ impl Lengths {
 
     /// Learns the lengths of what a state was the first to see.
     fn learn(&mut self, state: &Fit) -> Result<()> {
-        let own = Metric::of(&state.model.surface);
+        let own = Metric::new(&state.model.surface);
         let posterior = state.posterior();
         for leaf in 0..self.measured.len() {
             if state.model.observed[leaf].is_measured() && !self.measured[leaf] {
-                self.metric.take_leaf(leaf, &own);
+                self.metric.copy_leaf(leaf, &own);
                 self.sigma[leaf] = sigma_of_lengths(&posterior, leaf, [0.5, 0.5])?;
                 self.measured[leaf] = true;
             }

@@ -172,7 +172,7 @@ pub(crate) fn first_fit_of(
         PatchFilterOptions {
             layout: StateLayout::Normal,
             maximum_depth: depth,
-            least_gain: LEAST_GAIN,
+            min_gain: LEAST_GAIN,
             ..PatchFilterOptions::default()
         },
     )?;

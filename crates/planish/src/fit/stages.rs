@@ -457,7 +457,7 @@ impl BendingEnergy {
     fn new(system: &SurfaceSystem, surface: &Surface) -> Result<Self> {
         let mut leaves = surface.thin_plate(system.space());
         for (leaf, energy) in leaves.iter_mut().enumerate() {
-            if energy.of(surface.leaf_coefficients(leaf)) > MOST_BEND_OF_A_LEAF {
+            if energy.energy(surface.leaf_coefficients(leaf)) > MOST_BEND_OF_A_LEAF {
                 for entry in energy.thin_plate.iter_mut().flatten() {
                     *entry *= STIFFENING;
                 }
@@ -474,7 +474,7 @@ impl BendingEnergy {
         let bends: Vec<f64> = (0..self.leaves.len())
             .into_par_iter()
             .with_min_len(256)
-            .map(|leaf| self.leaves[leaf].of(surface.leaf_coefficients(leaf)))
+            .map(|leaf| self.leaves[leaf].energy(surface.leaf_coefficients(leaf)))
             .collect();
         self.total = bends.iter().filter(|&&b| b <= MOST_BEND_OF_A_LEAF).sum();
         self.stiffened = bends.iter().filter(|&&b| b > MOST_BEND_OF_A_LEAF).count();

@@ -22,12 +22,8 @@ fn filter(base: [usize; 2], layout: StateLayout, prior: SmoothnessPrior) -> Patc
 
 fn filter_to_depth(depth: u8, base: [usize; 2], layout: StateLayout, prior: SmoothnessPrior) -> PatchFilter {
     let plane = plane(base);
-    let options = PatchFilterOptions {
-        layout,
-        least_gain: 1e-9,
-        maximum_depth: depth,
-        ..PatchFilterOptions::default()
-    };
+    let options =
+        PatchFilterOptions { layout, min_gain: 1e-9, maximum_depth: depth, ..PatchFilterOptions::default() };
     PatchFilter::new(&plane, &plane, prior, options).unwrap()
 }
 
@@ -56,7 +52,7 @@ struct Global {
 }
 
 impl Global {
-    fn of(space: &Arc<Hierarchy>, prior: SmoothnessPrior) -> Self {
+    fn new(space: &Arc<Hierarchy>, prior: SmoothnessPrior) -> Self {
         let coarse = plane(space.base());
         let system = SurfaceSystem::new(space).unwrap();
         let scalar = prior.information(&system, &coarse).unwrap().to_dense();
@@ -141,7 +137,7 @@ fn one_patch_is_the_global_filter_in_any_order() {
     let mut readings = positions(base, 60, 0.05, 3);
     for k in 0..3 {
         let mut filter = filter(base, StateLayout::Isotropic, PRIOR);
-        let mut global = Global::of(filter.space(), PRIOR);
+        let mut global = Global::new(filter.space(), PRIOR);
         readings.rotate_left(17 * k);
         for reading in &readings {
             filter.observe(reading).unwrap();
@@ -156,7 +152,7 @@ fn one_patch_is_the_global_filter_in_any_order() {
 fn directed_readings_in_one_full_patch_are_the_global_filter() {
     let base = [4, 4];
     let mut filter = filter(base, StateLayout::Full, PRIOR);
-    let mut global = Global::of(filter.space(), PRIOR);
+    let mut global = Global::new(filter.space(), PRIOR);
     for (k, reading) in positions(base, 40, 0.05, 5).into_iter().enumerate() {
         let SurfaceReading::Position { parameters, point, .. } = reading else {
             continue;
@@ -205,7 +201,7 @@ fn heights_are_the_third_coordinate_of_positions() {
 fn a_strip_of_patches_is_the_global_filter() {
     let base = [16, 4];
     let mut filter = filter(base, StateLayout::Isotropic, PRIOR);
-    let mut global = Global::of(filter.space(), PRIOR);
+    let mut global = Global::new(filter.space(), PRIOR);
     assert_eq!(filter.patches().len(), 4);
     for (k, reading) in positions(base, 120, 0.05, 11).iter().enumerate() {
         filter.observe(reading).unwrap();
@@ -240,7 +236,7 @@ fn an_adaptive_quadtree_stays_within_half_a_sigma_of_the_global_filter() {
         }
         filter.reconcile().unwrap();
         assert_eq!(filter.patches().len(), 7, "one child of four is divided again");
-        let mut global = Global::of(filter.space(), prior);
+        let mut global = Global::new(filter.space(), prior);
         for reading in &readings {
             global.add(reading);
         }
@@ -314,7 +310,7 @@ fn nothing_is_counted_twice_around_a_loop() {
     let prior = SmoothnessPrior { weight: 1e5, hold: 1e-6 };
     let base = [12, 12];
     let mut filter = filter(base, StateLayout::Isotropic, prior);
-    let mut global = Global::of(filter.space(), prior);
+    let mut global = Global::new(filter.space(), prior);
     for reading in positions(base, 50, 0.5, 13) {
         filter.observe(&reading).unwrap();
         global.add(&reading);
@@ -386,7 +382,7 @@ fn children_inherit_the_coarse_projection_and_gain_detail() {
         assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-9), "division does not move the surface");
     }
     // The children's prior is that of the finer space: α Σ_prior αᵀ + Q.
-    let global = Global::of(filter.space(), PRIOR).solve();
+    let global = Global::new(filter.space(), PRIOR).solve();
     let fresh = {
         let mut fresh = filter_to_depth(1, [4, 4], StateLayout::Isotropic, PRIOR);
         fresh.divide(&[fresh.patches()[0]]).unwrap();
@@ -403,7 +399,7 @@ fn priors_follow_the_hierarchy_when_neighbours_are_divided() {
     let mut filter = filter_to_depth(3, [8, 8], StateLayout::Isotropic, PRIOR);
     for patch in [0, 0, 0] {
         filter.divide(&[filter.patches()[patch]]).unwrap();
-        let global = Global::of(filter.space(), PRIOR).solve();
+        let global = Global::new(filter.space(), PRIOR).solve();
         let (mean, sigma) = differences(&filter, &global, [0.0, 0.0, 1.0]);
         assert!(mean < 1e-6 && sigma < 1e-6, "{mean:e} {sigma:e}");
     }
@@ -418,7 +414,7 @@ fn neighbours_share_the_same_numbers_on_any_surface() {
         (Shape::Ball, [8, 12], vec![true, false, false, false, false, false]),
     ] {
         let uniform = Quadtree::new(Arc::new(Hierarchy::uniform(shape, base).unwrap())).unwrap();
-        let tree = uniform.divided(&marks).unwrap();
+        let tree = uniform.subdivided(&marks).unwrap();
         let space = Arc::clone(&tree.space);
         let vertices =
             (0..space.node_count()).map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())).collect();
@@ -454,10 +450,10 @@ fn a_patch_in_a_grid_has_nine_classes_of_vertices() {
             *copies.entry(tree.function(*patch, k)).or_insert(0) += 1;
         }
     }
-    let middle = Patch { depth: 0, i: 1, j: 1 };
+    let middle = FilterPatch { depth: 0, i: 1, j: 1 };
     let mut classes = std::collections::HashMap::new();
     for k in 0..VERTICES {
-        let class = VertexSharing::of(k % 7, k / 7);
+        let class = VertexSharing::new(k % 7, k / 7);
         assert_eq!(copies[&tree.function(middle, k)], class.copies(), "vertex {k}");
         *classes.entry((class.west, class.east, class.south, class.north)).or_insert(0) += 1;
     }
@@ -589,14 +585,14 @@ fn patches_are_divided_where_shape_asks_for_it_and_nowhere_else() {
             println!("curvature {curvature} round {round}: {now:?}");
             divided.extend(now);
         }
-        let bumpy = Patch { depth: 0, i: 0, j: 0 };
+        let bumpy = FilterPatch { depth: 0, i: 0, j: 0 };
         let reason = divided.iter().find(|s| s.patch == bumpy).expect("the bump's patch is divided").reason;
         match curvature {
             true => assert!(matches!(reason, SubdivisionReason::CurvatureVariation(x) if x > 0.5)),
             false => assert!(matches!(reason, SubdivisionReason::ChiSquare(x) if x > 3.0)),
         }
         {
-            let plain = Patch { depth: 0, i: 1, j: 1 };
+            let plain = FilterPatch { depth: 0, i: 1, j: 1 };
             assert!(
                 divided.iter().all(|s| s.patch != plain || s.reason == SubdivisionReason::Grading),
                 "the flat corner stays whole"
@@ -629,5 +625,5 @@ fn wrong_readings_and_options_are_refused_and_change_nothing() {
     let even = plane([4, 4]);
     let flat = SmoothnessPrior { hold: 0.0, ..PRIOR };
     assert!(PatchFilter::new(&even, &even, flat, PatchFilterOptions::default()).is_err());
-    assert!(filter.divide(&[Patch { depth: 1, i: 0, j: 0 }]).is_err());
+    assert!(filter.divide(&[FilterPatch { depth: 1, i: 0, j: 0 }]).is_err());
 }

@@ -23,7 +23,7 @@ fn plane(base: [usize; 2]) -> Surface {
 }
 
 fn options(layout: StateLayout, maximum_depth: u8) -> PatchFilterOptions {
-    PatchFilterOptions { layout, maximum_depth, least_gain: 1e-9, ..PatchFilterOptions::default() }
+    PatchFilterOptions { layout, maximum_depth, min_gain: 1e-9, ..PatchFilterOptions::default() }
 }
 
 /// Heights over a plan, with some normals between them.

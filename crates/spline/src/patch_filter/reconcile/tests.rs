@@ -46,7 +46,7 @@ fn what_a_neighbour_is_told_makes_it_the_joint_estimate() {
     let (before, [first, second], joint) = two_segments();
     let message = Message::between(&before, &first, &rows(3), 1e-12);
     let mut told = second.clone();
-    message.give(&mut told, &rows(0), &mut Workspace::default()).unwrap();
+    message.apply(&mut told, &rows(0), &mut Workspace::default()).unwrap();
     let expected = joint.view((3, 3), (5, 5));
     let difference = (told.covariance_matrix() - expected).amax();
     assert!(difference < 1e-9 * expected.amax(), "interior and cross terms too: {difference:e}");
