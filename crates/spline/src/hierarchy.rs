@@ -14,63 +14,21 @@
 //! Toshniwal, Speleers, Hiemstra, Hughes, *Multi-degree smooth polar splines*, CMAME 2017 (poles).
 
 mod extraction;
+mod grading;
+mod layout;
+mod poles;
+mod shape;
 
 use crate::basis::cubic_half;
 use extraction::SparseExtraction;
+use grading::close;
+use layout::{FoundLeaves, Layout, Walk};
 use planish_estimate::{Error, Result};
+use poles::{POLE_ANGLES, PoleMap};
 use rayon::prelude::*;
+pub use shape::Shape;
 use std::collections::HashMap;
 use std::sync::OnceLock;
-
-/// Topology of a surface: which parameter directions are closed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Shape {
-    /// Open in both directions.
-    Sheet,
-    /// Periodic in u, open in v.
-    Tube,
-    /// Periodic in u, with a pole at each end of v.
-    Ball,
-    /// Periodic in both directions.
-    Torus,
-}
-
-impl Shape {
-    /// True if u is periodic.
-    #[must_use]
-    pub fn periodic_u(self) -> bool {
-        self != Self::Sheet
-    }
-
-    /// True if v is periodic.
-    #[must_use]
-    pub fn periodic_v(self) -> bool {
-        self == Self::Torus
-    }
-
-    /// True if the ends of v are poles.
-    #[must_use]
-    pub fn polar(self) -> bool {
-        self == Self::Ball
-    }
-
-    /// The name used in files and options.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Sheet => "sheet",
-            Self::Tube => "tube",
-            Self::Ball => "ball",
-            Self::Torus => "torus",
-        }
-    }
-
-    /// The shape with the given name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Sheet, Self::Tube, Self::Ball, Self::Torus].into_iter().find(|shape| shape.name() == name)
-    }
-}
 
 /// A knot square: level and integer position in the grid of that level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -130,29 +88,6 @@ pub struct Hierarchy {
     poles: Vec<PoleMap>,
     /// Node of each tube function; `None` if the function is replaced by pole nodes.
     node_of_function: Vec<Option<u32>>,
-}
-
-/// Extraction at a pole: two rings of tube functions from three pole nodes and the third ring.
-#[derive(Debug, Clone)]
-struct PoleMap {
-    level: usize,
-    at_top: bool,
-    /// First of the three pole nodes.
-    first_node: u32,
-    /// Ring values of the two splines that represent cosine and sine around the pole.
-    cosine: Vec<f64>,
-    sine: Vec<f64>,
-}
-
-/// Angles of the three pole vertices.
-const POLE_ANGLES: [f64; 3] = [0.0, 2.0 * std::f64::consts::FRAC_PI_3, 4.0 * std::f64::consts::FRAC_PI_3];
-
-impl PoleMap {
-    /// Weights (nonnegative, sum one) of the three pole nodes in the ring-1 coefficient
-    /// `β1_i = p + a cos_i + b sin_i`, with `T_k = p + 2 (a cos φ_k + b sin φ_k)`.
-    fn ring_weights(&self, i: usize) -> [f64; 3] {
-        POLE_ANGLES.map(|phi| (1.0 + self.cosine[i] * phi.cos() + self.sine[i] * phi.sin()) / 3.0)
-    }
 }
 
 impl Hierarchy {
@@ -529,13 +464,6 @@ impl Hierarchy {
         }
     }
 
-    /// The tube function in ring `r` (0 nearest the pole) and column `i`.
-    fn ring_function(&self, pole: &PoleMap, r: usize, i: usize) -> Cell {
-        let rows = grid(self.base, pole.level)[1];
-        let j = if pole.at_top { rows + 2 - r } else { r };
-        Cell { level: pole.level as u8, i: i as u32, j: j as u32 }
-    }
-
     fn build(shape: Shape, base: [usize; 2], split: Vec<Vec<bool>>) -> Self {
         let layout = Layout::new(shape, base, split);
         let pole_of_function = layout.hierarchy.pole_expansion(&layout.active);
@@ -578,101 +506,6 @@ impl Hierarchy {
             if self.shape.periodic_v() { rows } else { rows + 3 },
         ]
     }
-
-    /// Numbers the nodes: functions in their order, without two rings at each pole. These are replaced by
-    /// three pole nodes at the end.
-    fn number_nodes(&mut self, exists: &[Vec<bool>]) {
-        let mut replaced = vec![false; self.functions.len()];
-        if self.shape.polar() {
-            for at_top in [false, true] {
-                let level = (0..exists.len())
-                    .rev()
-                    .find(|&level| {
-                        let [columns, rows] = grid(self.base, level);
-                        exists[level][if at_top { (rows - 1) * columns } else { 0 }]
-                    })
-                    .unwrap_or(0);
-                let (mut cosine, mut sine) = (Vec::new(), Vec::new());
-                let n = self.base[0];
-                for i in 0..n {
-                    // Greville point of function i: (i − 1) cells.
-                    let angle = std::f64::consts::TAU * (i as f64 - 1.0) / n as f64;
-                    cosine.push(angle.cos());
-                    sine.push(angle.sin());
-                }
-                for l in 0..level {
-                    let basis = crate::basis::UniformBasis::new(3, n << l, crate::basis::End::Periodic)
-                        .expect("a ball has at least four columns");
-                    cosine = basis.refine(&cosine);
-                    sine = basis.refine(&sine);
-                }
-                self.poles.push(PoleMap { level, at_top, first_node: 0, cosine, sine });
-            }
-            for (n, f) in self.functions.iter().enumerate() {
-                for pole in &self.poles {
-                    let rows = grid(self.base, pole.level)[1];
-                    let ring =
-                        if pole.at_top { rows + 2 - (f.j as usize).min(rows + 2) } else { f.j as usize };
-                    replaced[n] |= usize::from(f.level) == pole.level && ring < 2;
-                }
-            }
-        }
-        for (n, f) in self.functions.iter().enumerate() {
-            if replaced[n] {
-                self.node_of_function.push(None);
-                continue;
-            }
-            self.node_of_function.push(Some(self.node_anchors.len() as u32));
-            let side = f.side();
-            let mut anchor = [(f64::from(f.i) - 1.0) * side, (f64::from(f.j) - 1.0) * side];
-            if self.shape.periodic_u() {
-                anchor[0] = anchor[0].rem_euclid(self.base[0] as f64);
-            }
-            if self.shape.periodic_v() {
-                anchor[1] = anchor[1].rem_euclid(self.base[1] as f64);
-            }
-            self.node_anchors.push(anchor);
-        }
-        for pole in &mut self.poles {
-            pole.first_node = self.node_anchors.len() as u32;
-            let v = if pole.at_top { self.base[1] as f64 } else { 0.0 };
-            for k in 0..3 {
-                self.node_anchors.push([self.base[0] as f64 * k as f64 / 3.0, v]);
-            }
-        }
-    }
-
-    /// For every tube function near a pole, the nodes of its coefficient with their weights.
-    ///
-    /// With clamped coefficients β0, β1, β2 of a meridian, the uniform ones are `c2 = β2`,
-    /// `c1 = 1.5 β1 − 0.5 β2`, `c0 = 6 β0 − 6 β1 + β2` (blossoming); β0 is the pole, β1 the ring that spans
-    /// its tangent plane.
-    fn pole_expansion(&self, active: &[Vec<u32>]) -> HashMap<u32, Vec<(u32, f64)>> {
-        let mut expansion = HashMap::new();
-        for pole in &self.poles {
-            let [columns, _] = grid(self.base, pole.level);
-            let [fu, _] = self.function_grid(pole.level);
-            for i in 0..columns {
-                let at = |r: usize| {
-                    let f = self.ring_function(pole, r, i);
-                    active[pole.level][f.j as usize * fu + f.i as usize]
-                };
-                let outer = self.node_of_function[at(2) as usize]
-                    .expect("the third ring is not replaced by pole nodes");
-                let ring = pole.ring_weights(i);
-                let mut first = vec![(outer, -0.5)];
-                let mut zeroth = vec![(outer, 1.0)];
-                for (k, w) in ring.iter().enumerate() {
-                    let node = pole.first_node + k as u32;
-                    first.push((node, 1.5 * w));
-                    zeroth.push((node, 2.0 - 6.0 * w));
-                }
-                expansion.insert(at(1), first);
-                expansion.insert(at(0), zeroth);
-            }
-        }
-        expansion
-    }
 }
 
 /// Numbers of columns and rows of cells at a level.
@@ -687,243 +520,6 @@ fn support_cell(i: usize, d: usize, cells: usize, periodic: bool) -> Option<usiz
         Some(c.rem_euclid(cells as i64) as usize)
     } else {
         (0..cells as i64).contains(&c).then_some(c as usize)
-    }
-}
-
-/// Splits further cells until all rules of nesting and grading are satisfied.
-fn close(shape: Shape, base: [usize; 2], split: &mut Vec<Vec<bool>>, max_level: usize) {
-    // Requirements propagate from fine to coarse levels, so one sweep is sufficient for grading. Poles can
-    // then require further splits, hence the loop.
-    loop {
-        let mut changed = false;
-        for level in (0..split.len()).rev() {
-            let [columns, rows] = grid(base, level);
-            if shape.polar() {
-                for pair in [[0, 1], [rows - 1, rows - 2]] {
-                    let any =
-                        pair.iter().any(|&j| split[level][j * columns..(j + 1) * columns].iter().any(|&s| s));
-                    if any {
-                        for j in pair {
-                            for s in &mut split[level][j * columns..(j + 1) * columns] {
-                                changed |= !*s;
-                                *s = true;
-                            }
-                        }
-                    }
-                }
-            }
-            if level == 0 {
-                continue;
-            }
-            // A split cell requires its parent and the eight neighbours of the parent to be split.
-            let [parent_columns, parent_rows] = grid(base, level - 1);
-            for j in 0..rows {
-                for i in 0..columns {
-                    if !split[level][j * columns + i] {
-                        continue;
-                    }
-                    for dj in -1..=1_i64 {
-                        for di in -1..=1_i64 {
-                            let ci = neighbour(i / 2, di, parent_columns, shape.periodic_u());
-                            let cj = neighbour(j / 2, dj, parent_rows, shape.periodic_v());
-                            if let (Some(ci), Some(cj)) = (ci, cj) {
-                                let s = &mut split[level - 1][cj * parent_columns + ci];
-                                changed |= !*s;
-                                *s = true;
-                            }
-                        }
-                    }
-                }
-            }
-        }
-        // Cells split at the last level need a level for their children.
-        if split.last().is_some_and(|level| level.iter().any(|&s| s))
-            && split.len() <= max_level.min(MAX_LEVEL)
-        {
-            let level = split.len();
-            split.push(vec![false; grid(base, level).iter().product()]);
-        }
-        if !changed {
-            break;
-        }
-    }
-}
-
-fn neighbour(c: usize, d: i64, cells: usize, periodic: bool) -> Option<usize> {
-    let n = c as i64 + d;
-    if periodic {
-        Some(n.rem_euclid(cells as i64) as usize)
-    } else {
-        (0..cells as i64).contains(&n).then_some(n as usize)
-    }
-}
-
-/// A hierarchy with numbered nodes but without leaves.
-struct Layout {
-    hierarchy: Hierarchy,
-    /// For each level, by function: its number, or `NOT_A_LEAF` if it is not active.
-    active: Vec<Vec<u32>>,
-    /// For each level, by function: true if its support consists of existing cells of that level.
-    inside: Vec<Vec<bool>>,
-}
-
-impl Layout {
-    fn new(shape: Shape, base: [usize; 2], mut split: Vec<Vec<bool>>) -> Self {
-        while split.len() > 1 && split.last().is_some_and(|level| level.iter().all(|&s| !s)) {
-            split.pop();
-        }
-        if split[split.len() - 1].iter().any(|&s| s) {
-            split.push(vec![false; grid(base, split.len()).iter().product()]);
-        }
-        let levels = split.len();
-        // A cell exists if its parent is split.
-        let exists: Vec<Vec<bool>> = (0..levels)
-            .map(|level| {
-                let [columns, rows] = grid(base, level);
-                (0..columns * rows)
-                    .map(|index| {
-                        level == 0
-                            || split[level - 1][(index / columns / 2) * (columns / 2) + (index % columns) / 2]
-                    })
-                    .collect()
-            })
-            .collect();
-        let mut hierarchy = Hierarchy {
-            shape,
-            base,
-            leaf_number: exists.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
-            leaves: Vec::new(),
-            functions: Vec::new(),
-            node_anchors: Vec::new(),
-            offsets: vec![0],
-            nodes: Vec::new(),
-            weights: Vec::new(),
-            sparse: OnceLock::new(),
-            poles: Vec::new(),
-            node_of_function: Vec::new(),
-            split,
-        };
-        let mut active: Vec<Vec<u32>> = Vec::with_capacity(levels);
-        let mut inside: Vec<Vec<bool>> = Vec::with_capacity(levels);
-        for level in 0..levels {
-            let [columns, rows] = grid(base, level);
-            let [fu, fv] = hierarchy.function_grid(level);
-            let mut number = vec![NOT_A_LEAF; fu * fv];
-            let mut in_level = vec![false; fu * fv];
-            let supports = |count: usize, cells: usize, periodic: bool| -> Vec<Vec<usize>> {
-                let cells_of = |f| (0..4).filter_map(move |d| support_cell(f, d, cells, periodic)).collect();
-                (0..count).map(cells_of).collect()
-            };
-            let (across, along) =
-                (supports(fu, columns, shape.periodic_u()), supports(fv, rows, shape.periodic_v()));
-            for j in 0..fv {
-                for i in 0..fu {
-                    let mut cells =
-                        along[j].iter().flat_map(|cj| across[i].iter().map(move |ci| cj * columns + ci));
-                    if !cells.clone().all(|cell| exists[level][cell]) {
-                        continue;
-                    }
-                    in_level[j * fu + i] = true;
-                    if !cells.all(|cell| hierarchy.split[level][cell]) {
-                        number[j * fu + i] = hierarchy.functions.len() as u32;
-                        hierarchy.functions.push(Cell { level: level as u8, i: i as u32, j: j as u32 });
-                    }
-                }
-            }
-            active.push(number);
-            inside.push(in_level);
-        }
-        hierarchy.number_nodes(&exists);
-        Self { hierarchy, active, inside }
-    }
-}
-
-/// Leaves in the order of the traversal, each with its nodes and their weights.
-#[derive(Default)]
-struct FoundLeaves {
-    cells: Vec<Cell>,
-    counts: Vec<u32>,
-    nodes: Vec<u32>,
-    weights: Vec<[f64; 16]>,
-}
-
-/// Traversal of the quadtree that collects the functions of each leaf and their coefficients.
-struct Walk<'a> {
-    layout: &'a Layout,
-    pole_of_function: &'a HashMap<u32, Vec<(u32, f64)>>,
-    found: FoundLeaves,
-}
-
-/// Functions with their sixteen coefficients on a cell.
-type Coefficients = Vec<(u32, [f64; 16])>;
-
-impl Walk<'_> {
-    /// Descends from a cell. `list` holds functions of coarser levels with their coefficients on this cell,
-    /// not yet truncated at this level.
-    fn descend(&mut self, cell: Cell, mut list: Coefficients) {
-        let level = usize::from(cell.level);
-        let hierarchy = &self.layout.hierarchy;
-        let [fu, _] = hierarchy.function_grid(level);
-        let mut own = [NOT_A_LEAF; 16];
-        for k in 0..16 {
-            let f = hierarchy.function_on_cell(cell, k);
-            let index = f.j as usize * fu + f.i as usize;
-            if self.layout.inside[level][index] {
-                for (_, w) in &mut list {
-                    w[k] = 0.0;
-                }
-            }
-            own[k] = self.layout.active[level][index];
-        }
-        list.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
-        for (k, &function) in own.iter().enumerate() {
-            if function != NOT_A_LEAF {
-                let mut w = [0.0; 16];
-                w[k] = 1.0;
-                list.push((function, w));
-            }
-        }
-        let columns = grid(hierarchy.base, level)[0];
-        if !hierarchy.split[level][cell.j as usize * columns + cell.i as usize] {
-            self.found_leaf(cell, &list);
-            return;
-        }
-        for half_v in 0..2 {
-            for half_u in 0..2 {
-                let child = Cell { level: cell.level + 1, i: 2 * cell.i + half_u, j: 2 * cell.j + half_v };
-                let halves =
-                    list.iter().map(|(f, w)| (*f, quarter(w, half_u as usize, half_v as usize))).collect();
-                self.descend(child, halves);
-            }
-        }
-    }
-
-    /// Converts functions to nodes: a pole node collects the coefficients of many functions.
-    fn found_leaf(&mut self, cell: Cell, list: &Coefficients) {
-        let mut merged: Coefficients = Vec::with_capacity(list.len());
-        let mut add = |node: u32, scale: f64, w: &[f64; 16]| {
-            let at = merged.iter().position(|(n, _)| *n == node).unwrap_or_else(|| {
-                merged.push((node, [0.0; 16]));
-                merged.len() - 1
-            });
-            for k in 0..16 {
-                merged[at].1[k] += scale * w[k];
-            }
-        };
-        for (function, w) in list {
-            if let Some(node) = self.layout.hierarchy.node_of_function[*function as usize] {
-                add(node, 1.0, w);
-            }
-            for &(node, scale) in self.pole_of_function.get(function).map_or(&[][..], |e| &e[..]) {
-                add(node, scale, w);
-            }
-        }
-        merged.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
-        merged.sort_unstable_by_key(|(node, _)| *node);
-        self.found.cells.push(cell);
-        self.found.counts.push(merged.len() as u32);
-        self.found.nodes.extend(merged.iter().map(|(node, _)| node));
-        self.found.weights.extend(merged.iter().map(|(_, w)| w));
     }
 }
 

@@ -24,8 +24,10 @@
 
 mod belief;
 mod criterion;
+mod evaluate;
 mod filter;
 mod observe;
+mod options;
 mod prior;
 mod quadtree;
 mod reading;
@@ -34,7 +36,8 @@ mod state;
 
 pub use belief::PatchBelief;
 pub use criterion::{InnovationSum, SubdivisionCriteria, SubdivisionReason, curvature_variation};
-pub use filter::{PatchFilter, PatchFilterOptions, PatchUpdate, StateLayout, Subdivision};
+pub use filter::{PatchFilter, PatchUpdate, Subdivision};
+pub use options::{PatchFilterOptions, StateLayout};
 pub use prior::{SmoothnessPrior, parameter_plane};
 pub use quadtree::{FilterPatch, PATCH_CELLS, PATCH_VERTICES, VertexSharing, patch_hierarchy};
 pub use reading::SurfaceReading;

@@ -5,7 +5,8 @@
 //! Not guaranteed: detection of outliers where there are no other readings yet.
 
 use super::belief::Workspace;
-use super::filter::{Member, PatchFilter, PatchUpdate, StateLayout};
+use super::filter::{Member, PatchFilter, PatchUpdate};
+use super::options::StateLayout;
 use super::quadtree::{SparseRow, vertex_of};
 use super::reading::{EquationKind, SurfaceReading};
 use crate::foot::{FootPoint, ProjectionOptions, project_onto};

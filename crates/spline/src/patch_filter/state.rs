@@ -5,7 +5,8 @@
 
 use super::belief::PatchBelief;
 use super::criterion::InnovationSum;
-use super::filter::{Member, PatchFilter, PatchFilterOptions, StateLayout};
+use super::filter::{Member, PatchFilter};
+use super::options::{PatchFilterOptions, StateLayout};
 use super::prior::SmoothnessPrior;
 use super::quadtree::{FilterPatch, Quadtree, VERTICES};
 use crate::hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape};

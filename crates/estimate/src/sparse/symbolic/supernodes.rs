@@ -1,7 +1,7 @@
 //! Elimination tree and supernodes.
 //!
-//! Input: a graph of nodes in elimination order. Output: the parent of each column, and groups of columns with
-//! (nearly) the same rows, in an order in which every subtree is contiguous.
+//! Input: a graph of nodes in elimination order. Output: the parent of each column, and groups of columns
+//! with (nearly) the same rows, in an order in which every subtree is contiguous.
 
 use super::NONE;
 use crate::sparse::pattern::Graph;
