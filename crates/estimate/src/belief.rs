@@ -38,6 +38,19 @@ impl Information {
     ///
     /// # Errors
     /// `Input` when shapes differ, a value is not finite, or `W` is not symmetric positive semidefinite.
+    ///
+    /// # Examples
+    /// ```
+    /// use nalgebra::{DMatrix, DVector};
+    /// use planish_estimate::Information;
+    ///
+    /// // Two readings of one unknown: 2 with variance 1, and 5 with variance 0.5.
+    /// let design = DMatrix::from_element(2, 1, 1.0);
+    /// let weight = DMatrix::from_diagonal(&DVector::from_vec(vec![1.0, 2.0]));
+    /// let information = Information::from_rows(&design, &weight, &DVector::from_vec(vec![2.0, 5.0]))?;
+    /// assert!((information.mean()?[0] - 4.0).abs() < 1e-12);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     pub fn from_rows(design: &DMatrix<f64>, weight: &DMatrix<f64>, reading: &DVector<f64>) -> Result<Self> {
         require_vector("the reading", reading, design.nrows())?;
         require_covariance("the weight", weight, design.nrows())?;
@@ -377,6 +390,19 @@ impl Belief {
     /// # Errors
     /// `Input` when an index is out of range or given twice, or when the numbers of values and indices
     /// differ.
+    ///
+    /// # Examples
+    /// ```
+    /// use nalgebra::{DMatrix, DVector};
+    /// use planish_estimate::Belief;
+    ///
+    /// let covariance = DMatrix::from_row_slice(2, 2, &[1.0, 0.8, 0.8, 1.0]);
+    /// let belief = Belief::from_covariance(DVector::zeros(2), covariance)?;
+    /// let rest = belief.condition(&[0], &DVector::from_element(1, 1.0))?;
+    /// assert!((rest.mean()?[0] - 0.8).abs() < 1e-12);
+    /// assert!((rest.covariance()?[(0, 0)] - 0.36).abs() < 1e-12);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     pub fn condition(&self, indices: &[usize], values: &DVector<f64>) -> Result<Self> {
         require_vector("the known values", values, indices.len())?;
         let free = complement(self.dimension(), indices)?;

@@ -152,6 +152,8 @@ pub fn least_squares(
     let mut termination = Termination::Limit;
     while iterations < options.max_iterations {
         iterations += 1;
+        // Solve the damped normal equations. Convergence uses the undamped step, because damping shortens
+        // steps far from the optimum as well.
         let normal = &prior.matrix + &point.information;
         let step = match damped_factor(&normal, damping) {
             Some(factor) => {
@@ -331,6 +333,7 @@ impl<'a, 'b> Batch<'a, 'b> {
                 return Ok(fit);
             }
         };
+        // Sandwich covariance from the expected slope and variance of the scores.
         let (mut slope, mut score) = (self.prior.matrix.clone(), self.prior.matrix.clone());
         for (i, at) in point.linearizations.iter().enumerate() {
             let weight = at.weight(&self.measurements[i].noise_covariance)?;

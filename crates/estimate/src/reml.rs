@@ -324,6 +324,7 @@ pub fn fellner_schall(
         }
         let (trial, after) = solve(next)?;
         evaluations += 1;
+        // Near the optimum, differences of the likelihood are rounding and must not halve steps.
         let rounding = 1e-12 * (1.0 + best.log_likelihood.abs());
         if trial.log_likelihood >= best.log_likelihood - rounding {
             (best, next) = (trial, after);

@@ -236,6 +236,15 @@ impl Loss {
 /// `Input` when the loss is invalid; `Undetermined` when there are no residuals or the mean slope is not
 /// positive.
 ///
+/// # Examples
+/// ```
+/// use planish_estimate::{Loss, sandwich_factor};
+///
+/// // With a Gaussian loss the factor is the mean square: the stated σ is too small by a factor of 2.
+/// assert_eq!(sandwich_factor(&Loss::Gaussian, &[2.0, -2.0, 2.0, -2.0])?, 4.0);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
+///
 /// # References
 /// Huber, Ronchetti, *Robust statistics*, 2009, section 7.6.
 pub fn sandwich_factor(loss: &Loss, normalized_residuals: &[f64]) -> Result<f64> {
@@ -400,6 +409,21 @@ pub struct GatedScale {
 ///
 /// # Errors
 /// `Undetermined` when there are no residuals; `Input` when one is not finite or the gate is below 1.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::gated_scale;
+///
+/// // σ = 1 with alternating residuals of ±0.5 and ±1.3, and one gross outlier.
+/// let mut residuals: Vec<f64> = (0..100)
+///     .map(|i| if i % 4 < 2 { 0.5 } else { 1.3 } * if i % 2 == 0 { 1.0 } else { -1.0 })
+///     .collect();
+/// residuals.push(1e6);
+/// let scale = gated_scale(&residuals, 3.0)?;
+/// assert_eq!(scale.kept, 100);
+/// assert!((scale.sigma - 1.0).abs() < 0.02);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn gated_scale(residuals: &[f64], gate: f64) -> Result<GatedScale> {
     if gate.is_nan() || gate < 1.0 {
         return Err(Error::input(format!(
@@ -453,6 +477,17 @@ impl StudentTScale {
     /// `Undetermined` when more than half of the residuals are zero or there are none; `Input` when one is
     /// not finite or the degrees are not positive.
     ///
+    /// # Examples
+    /// ```
+    /// use planish_estimate::StudentTScale;
+    ///
+    /// let residuals = [-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 100.0];
+    /// let scale = StudentTScale::fit(&residuals, Some(3.0))?;
+    /// assert!(scale.sigma < 3.0); // the standard deviation is 38
+    /// assert!(scale.weight(100.0) < 0.01);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
+    ///
     /// # References
     /// Lange, Little, Taylor, *Robust statistical modeling using the t distribution*, 1989; Liu, Rubin, *ML
     /// estimation of the t distribution using EM and its extensions*, 1995.
@@ -467,6 +502,7 @@ impl StudentTScale {
             ));
         }
         let n = residuals.len() as f64;
+        // Four degrees of freedom start between heavy tails and a Gaussian.
         let mut nu = degrees.unwrap_or(4.0);
         let limit = 1000;
         for iterations in 1..=limit {

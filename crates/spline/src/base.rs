@@ -158,6 +158,16 @@ impl BaseShape {
 ///
 /// # Errors
 /// `Undetermined` when a value is not finite.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Hierarchy, Shape, fit_function};
+///
+/// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?.into();
+/// let surface = fit_function(&space, |u, v| [u, v, u * v])?;
+/// assert!((surface.point(1.5, 2.5)[2] - 3.75).abs() < 1e-9);
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> [f64; 3]) -> Result<Surface> {
     if space.shape() == Shape::Ball {
         let tube = fit_function(&Arc::new(Hierarchy::uniform(Shape::Tube, space.base())?), f)?;
@@ -209,6 +219,17 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
 /// # Errors
 /// `Undetermined` for fewer than 4 points, coincident or collinear points, and coplanar points if `wanted` is
 /// not a sheet.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Shape, choose_base_shape};
+///
+/// let points: Vec<[f64; 3]> =
+///     (0..100).map(|k| [f64::from(k % 10), f64::from(k / 10), 0.01 * f64::from(k % 3)]).collect();
+/// let base = choose_base_shape(&points, &[], None)?;
+/// assert_eq!(base.shape, Shape::Sheet);
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn choose_base_shape(
     points: &[[f64; 3]],
     normals: &[[f64; 3]],
@@ -379,6 +400,15 @@ fn accumulate(m: &mut [f64; 6], d: [f64; 3]) {
 /// Jacobi rotations.
 ///
 /// The largest component is positive, so that equal input gives equal frames.
+///
+/// # Examples
+/// ```
+/// use planish_spline::symmetric_eigen;
+///
+/// let (vectors, values) = symmetric_eigen([1.0, 0.0, 0.0, 3.0, 0.0, 2.0]);
+/// assert_eq!(values, [3.0, 2.0, 1.0]);
+/// assert_eq!(vectors[0], [0.0, 1.0, 0.0]);
+/// ```
 #[must_use]
 pub fn symmetric_eigen(m: [f64; 6]) -> ([[f64; 3]; 3], [f64; 3]) {
     let mut a = [[m[0], m[1], m[2]], [m[1], m[3], m[4]], [m[2], m[4], m[5]]];

@@ -223,6 +223,17 @@ pub fn cubic_half(c: [f64; 4], half: usize) -> [f64; 4] {
 }
 
 /// Bézier ordinates of a cubic cell from its four B-spline coefficients.
+///
+/// # Examples
+/// ```
+/// use planish_spline::cubic_bezier;
+///
+/// // Coefficients of the straight line x = t on the cell [0, 1]: the Greville points.
+/// let ordinates = cubic_bezier([-1.0, 0.0, 1.0, 2.0]);
+/// for (found, expected) in ordinates.iter().zip([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0]) {
+///     assert!((found - expected).abs() < 1e-15);
+/// }
+/// ```
 #[inline]
 #[must_use]
 pub fn cubic_bezier(c: [f64; 4]) -> [f64; 4] {

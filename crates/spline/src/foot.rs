@@ -116,6 +116,7 @@ pub(crate) fn project_onto(
             converged = true;
             break;
         }
+        // Line search: shorten the step until the distance decreases.
         let mut share = (2.0 * side / longest).min(1.0);
         let mut moved = false;
         for _ in 0..6 {

@@ -166,6 +166,17 @@ impl Surface {
     /// A pole is evaluated in its tangent plane: normal curvatures of the meridians, `S_vv·n/|S_v|²`, give
     /// the second fundamental form by least squares over directions. A ball is C¹ there, so the form is that
     /// of the best quadric.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::BaseShape;
+    ///
+    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([32, 16])?;
+    /// let curvature = ball.curvature(3.0, 8.0).expect("a regular point");
+    /// assert!((curvature.gaussian() - 0.25).abs() < 0.01);
+    /// assert!((curvature.mean() + 0.5).abs() < 0.01); // negative with outward normals
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[must_use]
     pub fn curvature(&self, u: f64, v: f64) -> Option<Curvature> {
         let Some(inward) = self.pole_direction(v) else {

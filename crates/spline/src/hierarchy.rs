@@ -262,6 +262,16 @@ impl Hierarchy {
 
     /// The leaf that contains `(u, v)`, and the local coordinates in it. Periodic parameters are wrapped,
     /// others are clamped.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Shape};
+    ///
+    /// let space = Hierarchy::uniform(Shape::Tube, [8, 4])?;
+    /// let (leaf, local) = space.locate(9.25, 0.5); // u is periodic: 9.25 is 1.25
+    /// assert_eq!(space.parameters(leaf, local), [1.25, 0.5]);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[inline]
     #[must_use]
     pub fn locate(&self, u: f64, v: f64) -> (usize, [f64; 2]) {

@@ -73,6 +73,19 @@ impl Metric {
     ///
     /// # Errors
     /// `Input` when the numbers of leaves differ.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Metric, Shape, fit_function};
+    ///
+    /// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?.into();
+    /// let flat = fit_function(&space, |u, v| [u, v, 0.0])?;
+    /// let stretched = fit_function(&space, |u, v| [1.01 * u, v, 0.0])?;
+    /// let changes = Metric::new(&flat).changes(&stretched)?;
+    /// assert!((changes[0].mean[0] - (1.01 * 1.01 - 1.0)).abs() < 1e-9); // δE/E
+    /// assert!(changes[0].largest[2] < 1e-9); // δG/G
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     pub fn changes(&self, surface: &Surface) -> Result<Vec<MetricChange>> {
         let now = self.matching(surface)?;
         let leaf_change = |(then, now): (&[[f64; 3]; POINTS], &[[f64; 3]; POINTS])| {

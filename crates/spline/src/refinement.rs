@@ -20,6 +20,17 @@ use planish_estimate::{Error, Result};
 ///
 /// # Errors
 /// `Input` when `fine` does not refine `coarse`.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Hierarchy, Shape, two_scale_matrix};
+///
+/// let coarse = Hierarchy::uniform(Shape::Sheet, [4, 4])?;
+/// let alpha = two_scale_matrix(&coarse, &coarse.refine_all())?;
+/// assert_eq!((alpha.nrows(), alpha.ncols()), (11 * 11, 7 * 7));
+/// assert!(alpha.row_iter().all(|row| (row.sum() - 1.0).abs() < 1e-12)); // partition of unity
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<f64>> {
     if fine.shape() != coarse.shape() || fine.base() != coarse.base() {
         return Err(Error::input("refinement needs the same shape and base grid"));

@@ -160,6 +160,17 @@ impl Surface {
     ///
     /// # Errors
     /// `Input` when shape or base grid differ, or the other hierarchy is coarser somewhere.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::BaseShape;
+    ///
+    /// let coarse = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([8, 4])?;
+    /// let fine = coarse.refined(coarse.space().refine_all().into())?;
+    /// let (a, b) = (coarse.point(2.7, 1.1), fine.point(2.7, 1.1));
+    /// assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-12));
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     pub fn refined(&self, finer: Arc<Hierarchy>) -> Result<Self> {
         if finer.shape() != self.space.shape() || finer.base() != self.space.base() {
             return Err(Error::input("refinement needs the same shape and base grid"));
@@ -243,6 +254,12 @@ fn combine(c: &[[f64; 3]; 16], bu: &[f64; 4], bv: &[f64; 4], scale: f64) -> [f64
 }
 
 /// The sixteen tensor-product weights at leaf-local coordinates, `4 · row + column`.
+///
+/// # Examples
+/// ```
+/// let weights = planish_spline::leaf_weights(0.3, 0.8);
+/// assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+/// ```
 #[inline]
 #[must_use]
 pub fn leaf_weights(s: f64, t: f64) -> [f64; 16] {

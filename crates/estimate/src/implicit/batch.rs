@@ -354,6 +354,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         };
         let solved = factor.solve(&cross);
         let still = factor.solve(&right.rows(n, q).into_owned());
+        // Schur complement of the shared noise; `back` keeps what its own step needs.
         point.normal -= cross.tr_mul(&solved);
         point.right -= cross.tr_mul(&still);
         point.back.push((still, solved));
@@ -386,6 +387,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
             let decrement = factor.inverse_form(&point.right).sqrt();
             let mut trial = self.moved(point, &step);
             self.evaluate(&mut trial, None);
+            // A state that loses all readings has a small loss but is useless.
             let better = trial.loss <= point.loss && trial.used > 0;
             let gained = point.loss - trial.loss;
             if better {
@@ -481,6 +483,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 return;
             };
             let decrement = factor.inverse_form(&here.right).sqrt();
+            // The equations have no objective, so growth of the step is the only sign of divergence.
             if !decrement.is_finite() || decrement > 2.0 * previous {
                 return;
             }

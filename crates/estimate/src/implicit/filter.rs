@@ -102,6 +102,7 @@ impl KalmanFilter {
         let mut x = [0.0; MAX_STATE];
         x[..n].copy_from_slice(self.mean().as_slice());
         let mut u = zero;
+        // The branch of the prediction is kept during the iteration.
         let branch = best_branch(reading, &x[..n]);
         let mut spread = [0.0; MAX_STATE];
         let mut innovation = ImplicitInnovation {
@@ -112,6 +113,7 @@ impl KalmanFilter {
             iterations: 0,
             termination: Termination::Limit,
         };
+        // Iterate linearisation and update. Mean and covariance stay those before the reading.
         let mut previous = f64::INFINITY;
         loop {
             if !at.at(reading, branch, &x[..n], &u[..p], &zero[..p]) {
@@ -152,6 +154,7 @@ impl KalmanFilter {
             previous = moved;
         }
         let mut row_bias = [0.0; MAX_STATE];
+        // Bias correction, gate and margin decide on the final linearisation.
         if options.correct_bias && options.relinearization == Relinearization::StateAndNoise {
             innovation.residual -= curvature_bias(reading, branch, &x[..n], &u[..p], &at, &mut row_bias[..n]);
         }
@@ -161,6 +164,7 @@ impl KalmanFilter {
             innovation.accepted = false;
             return Ok(innovation);
         }
+        // Filters without noise iteration have no corrected reading yet: use the first-order foot point.
         if options.relinearization != Relinearization::StateAndNoise {
             for k in 0..p {
                 u[k] = at.normal[k] * at.distance;

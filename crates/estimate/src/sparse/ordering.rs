@@ -91,6 +91,16 @@ impl NodeOrdering {
     /// # Errors
     /// `Input` when coordinates are missing or not finite.
     ///
+    /// # Examples
+    /// ```
+    /// use planish_estimate::sparse::{BlockPattern, NodeOrdering};
+    ///
+    /// let pattern = BlockPattern::from_elements(3, [[0, 1], [1, 2]])?;
+    /// let ordering = NodeOrdering::nested_dissection(&pattern, &[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])?;
+    /// assert_eq!(ordering.old_from_new().len(), 3);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
+    ///
     /// # References
     /// George, *Nested dissection of a regular finite element mesh*, 1973.
     pub fn nested_dissection(pattern: &BlockPattern, coordinates: &[[f64; 2]]) -> Result<Self> {

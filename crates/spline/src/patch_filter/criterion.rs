@@ -134,6 +134,16 @@ impl SubdivisionCriteria {
 
 /// `sd(K) / max(|K̄|, σ_K)` of Gaussian curvatures `[K, σ]`, with σ_K the root mean square of the σ. If
 /// `discount_noise`, σ_K² is subtracted from `sd(K)²`. It is 0 for fewer than two curvatures.
+///
+/// # Examples
+/// ```
+/// use planish_spline::curvature_variation;
+///
+/// // K = 1 and 3 with a negligible σ: standard deviation over mean.
+/// let variation = curvature_variation(&[[1.0, 1e-9], [3.0, 1e-9]], true);
+/// assert!(variation > 0.5);
+/// assert_eq!(curvature_variation(&[[1.0, 5.0], [3.0, 5.0]], true), 0.0); // within σ
+/// ```
 #[must_use]
 pub fn curvature_variation(curvatures: &[[f64; 2]], discount_noise: bool) -> f64 {
     let n = curvatures.len() as f64;

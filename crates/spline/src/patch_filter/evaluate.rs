@@ -103,6 +103,7 @@ impl PatchFilter {
                 let sum = sums.entry(self.quadtree.function(*patch, vertex)).or_default();
                 let point = self.vertex(p, vertex);
                 for d in 0..3 {
+                    // The bound keeps weights finite for exactly known vertices.
                     let weight = 1.0 / self.vertex_variance(p, vertex, d).max(1e-200);
                     sum[d][0] += weight;
                     sum[d][1] += weight * point[d];

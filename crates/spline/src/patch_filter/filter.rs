@@ -408,12 +408,14 @@ impl PatchFilter {
         if !marked.contains(&true) {
             return Ok(Vec::new());
         }
+        // New quadtree with its priors.
         let quadtree = self.quadtree.subdivided(&marked)?;
         let priors = PatchCovariances::of_prior(&quadtree, &self.metric, self.prior.hold)?;
         let old: HashMap<FilterPatch, usize> =
             (0..).zip(&self.quadtree.patches).map(|(n, &p)| (p, n)).collect();
         let initial = self.initial.refined(Arc::clone(&quadtree.space))?;
         let layout = self.options.layout;
+        // Carry every belief over: the same patch by the identity, a child by the two-scale relation.
         let members = quadtree
             .patches
             .iter()
@@ -440,6 +442,7 @@ impl PatchFilter {
                 })
             })
             .collect::<Result<Vec<Member>>>()?;
+        // Patches that disappeared were subdivided, on request or for grading.
         let kept: std::collections::HashSet<FilterPatch> = quadtree.patches.iter().copied().collect();
         let divided = self
             .quadtree

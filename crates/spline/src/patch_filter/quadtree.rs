@@ -121,6 +121,16 @@ pub(super) struct Quadtree {
 ///
 /// # Errors
 /// `Input` when the base grid is not a multiple of 4 × 4 cells.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Hierarchy, Shape, patch_hierarchy};
+///
+/// let space = Hierarchy::uniform(Shape::Sheet, [8, 4])?;
+/// let patches = patch_hierarchy(&space)?;
+/// assert_eq!(patches.leaves().len(), 32); // two patches of 4 × 4 cells
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn patch_hierarchy(space: &Hierarchy) -> Result<Arc<Hierarchy>> {
     let mut tree = Quadtree::new(Arc::new(Hierarchy::uniform(space.shape(), space.base())?))?;
     loop {

@@ -240,6 +240,22 @@ impl FittedPrimitive {
 }
 
 /// Classifies readings by shape; `None` if there are too few or no shape fits.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Primitive, classify};
+///
+/// // A ring of readings around a hole in a plane.
+/// let points: Vec<[f64; 3]> = (0..60)
+///     .map(|k| (f64::from(k) * 0.1 * std::f64::consts::PI, 1.0 + 0.1 * f64::from(k % 5)))
+///     .map(|(angle, radius)| [radius * angle.cos(), radius * angle.sin(), 0.0])
+///     .collect();
+/// let normals = vec![[0.0, 0.0, 1.0]; points.len()];
+/// let found = classify(&points, &normals, &vec![1e-4; points.len()]).expect("a simple shape");
+/// assert!(matches!(found.best().primitive, Primitive::Plane { .. }));
+/// let prediction = found.predict([0.0, 0.0, 0.1], [0.0, 0.0, 1.0]);
+/// assert!(prediction.point[2].abs() < 1e-6);
+/// ```
 #[must_use]
 pub fn classify(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64]) -> Option<Classification> {
     if points.len() < MIN_READINGS {
