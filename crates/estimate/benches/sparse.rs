@@ -1,9 +1,9 @@
 //! Times of sparse information on bicubic grids: `cargo bench -p planish-estimate --bench sparse`.
 //!
-//! One row a problem, best of several runs in milliseconds, in memory that was used before. `ratio` is
-//! selected inverse over factorisation.
+//! One row per problem: best of several runs in milliseconds, with reused memory. `ratio` is the time of the
+//! selected inverse divided by that of the factorisation.
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
-#![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
+#![allow(clippy::unwrap_used, reason = "a bench stops at the first error")]
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -16,14 +16,14 @@ use planish_estimate::sparse::{
 
 fn best<T>(runs: usize, mut work: impl FnMut() -> T) -> (f64, T) {
     let mut result = None;
-    let mut least = f64::INFINITY;
+    let mut minimum = f64::INFINITY;
     for _ in 0..runs {
         drop(result.take());
         let start = Instant::now();
         result = Some(black_box(work()));
-        least = least.min(start.elapsed().as_secs_f64() * 1e3);
+        minimum = minimum.min(start.elapsed().as_secs_f64() * 1e3);
     }
-    (least, result.unwrap())
+    (minimum, result.unwrap())
 }
 
 fn row(name: &str, across: usize, along: usize, periodic: bool, b: usize, dissect: bool) {
@@ -83,8 +83,7 @@ fn row(name: &str, across: usize, along: usize, periodic: bool, b: usize, dissec
     }
     println!(
         "{name:<28} {:>7} {b:>2} {pattern_ms:>8.1} {order_ms:>8.1} {symbolic_ms:>8.1} {add_ms:>8.1} \
-         {factor_ms:>8.1} \
-         {solve_ms:>7.1} {inverse_ms:>8.1} {:>6.2} {:>8.2} {:>7.2} {:>7}",
+         {factor_ms:>8.1} {solve_ms:>7.1} {inverse_ms:>8.1} {:>6.2} {:>8.2} {:>7.2} {:>7}",
         nodes * b,
         inverse_ms / factor_ms,
         symbolic.factor_entries() as f64 / 1e6,

@@ -1,36 +1,49 @@
-//! What values of neighbours have in common.
+//! Correlation of the values of neighbouring points.
 //!
-//! Comes in: places, and a value at each. Goes out: means of products of two values by how near their places
-//! are. Places are halved across their longest side, again and again, so that batches of one level are alike
-//! in number and each is compact; a level costs `n` additions, as the products of all pairs in a batch are
-//! `(Σ z)² − Σ z²`. The variance of a mean of `m` values that are alike by `ρ` is `σ² (1/m + (1 − 1/m) ρ)`
+//! Input: points with one value each. Output: mean products of pairs of values, for a sequence of distances.
+//! The points are halved repeatedly across their longest side, so batches of one level are compact and of
+//! equal size. A level costs `n` additions, because the products of all pairs in a batch sum to
+//! `(Σ z)² − Σ z²`. The variance of a mean of `m` values with correlation `ρ` is `σ² (1/m + (1 − 1/m) ρ)`
 //! (batch means: C. Geyer, *Practical Markov chain Monte Carlo*, 1992).
 //!
-//! Where places are measured with the noise that the values are made of, neighbours are alike in their noise:
-//! of readings about a surface the nearest have the same distance from it. Feet on the surface are places
-//! that know nothing of it.
+//! The points must not contain the noise that makes up the values. Among readings near a surface, the closest
+//! pairs have similar distances from it by selection. Use the foot points on the surface instead: they do not
+//! depend on the distance.
 
 use planish_core::vector3::dot;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// So many places are halved by one thread.
-const ALONE: usize = 20_000;
+/// Fewer points than this are halved by one thread. Trades parallel work against the cost of scheduling.
+const SERIAL_POINTS: usize = 20_000;
 
-/// Places in nested batches: `2^k` of them at depth `k`.
+/// Points in nested batches: `2^k` batches at depth `k`.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::NestedBatches;
+///
+/// let points: Vec<[f64; 3]> = (0..16).map(|i| [f64::from(i), 0.0, 0.0]).collect();
+/// let batches = NestedBatches::new(&points);
+/// // The values change sign half way: only neighbours agree.
+/// let values: Vec<f64> = (0..16).map(|i| if i < 8 { 1.0 } else { -1.0 }).collect();
+/// let products = batches.products(&values, 1);
+/// assert_eq!(products[0].mean(), 1.0); // the smallest batches
+/// assert!(products[products.len() - 1].mean() < 0.0); // one batch of all points
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NestedBatches {
     order: Vec<u32>,
 }
 
-/// Products of the values of two places of one batch, summed over a level.
+/// Products of the values of two points of one batch, summed over a level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PairProducts {
-    /// Places in a batch, in the mean over all places.
+    /// Size of the batch of a point, averaged over all points.
     pub size: f64,
-    /// `Σ z_i z_j` over ordered pairs of different places.
+    /// `Σ z_i z_j` over ordered pairs of different points.
     pub sum: f64,
-    /// How many ordered pairs.
+    /// Number of ordered pairs.
     pub pairs: f64,
 }
 
@@ -41,8 +54,8 @@ impl PairProducts {
         self.sum / self.pairs
     }
 
-    /// The standard deviation of [`Self::mean`] where values are independent with unit variance:
-    /// `√(2/pairs)`, as each product is there twice.
+    /// Standard deviation of [`Self::mean`] for independent values of unit variance: `√(2/pairs)`, because
+    /// each product is counted twice.
     #[must_use]
     pub fn mean_sigma(&self) -> f64 {
         (2.0 / self.pairs).sqrt()
@@ -50,9 +63,9 @@ impl PairProducts {
 }
 
 impl NestedBatches {
-    /// Batches of places, `n log n`; the same places give the same batches.
+    /// Builds the batches. The same points give the same batches. Cost: `n log n`.
     #[must_use]
-    pub fn of(places: &[[f64; 3]]) -> Self {
+    pub fn new(places: &[[f64; 3]]) -> Self {
         let mut order: Vec<u32> = (0..places.len() as u32).collect();
         let axes = oblique();
         let turned: Vec<[f64; 3]> = places.iter().map(|p| axes.map(|axis| dot(axis, *p))).collect();
@@ -60,7 +73,7 @@ impl NestedBatches {
         Self { order }
     }
 
-    /// How many levels there are; the batches of the last have two to three places.
+    /// Number of levels; the batches of the last level hold two or three points.
     #[must_use]
     pub fn depth(&self) -> u32 {
         (self.order.len() / 2).max(1).ilog2() + 1
@@ -72,11 +85,11 @@ impl NestedBatches {
         (0..1_usize << depth).map(move |k| &self.order[bound(count, k, depth)..bound(count, k + 1, depth)])
     }
 
-    /// Products of the values of neighbours, smallest batches first. Only levels with at least `least`
-    /// batches are told.
+    /// Products of the values of neighbours, smallest batches first. Levels with fewer than `min_batches`
+    /// batches are omitted.
     #[must_use]
-    pub fn products(&self, values: &[f64], least: usize) -> Vec<PairProducts> {
-        let first = least.max(1).next_power_of_two().ilog2();
+    pub fn products(&self, values: &[f64], min_batches: usize) -> Vec<PairProducts> {
+        let first = min_batches.max(1).next_power_of_two().ilog2();
         (first..self.depth())
             .into_par_iter()
             .rev()
@@ -99,8 +112,10 @@ impl NestedBatches {
     }
 }
 
-/// Axes along which no grid is laid: about z, x and z by a radian each. Where a row of a grid is halved
-/// lengthwise, noise decides who is on which side, and those of one side are alike.
+/// Axes oblique to any grid: rotated about z, x and z by one radian each.
+///
+/// If a row of a grid were halved lengthwise, noise would decide on which side a point lies. Points of one
+/// side would then be correlated by selection.
 fn oblique() -> [[f64; 3]; 3] {
     let (s, c) = 1.0_f64.sin_cos();
     [
@@ -110,12 +125,12 @@ fn oblique() -> [[f64; 3]; 3] {
     ]
 }
 
-/// Where the `k`-th batch of a level begins.
+/// Start of the `k`-th batch of a level.
 fn bound(count: usize, k: usize, depth: u32) -> usize {
     ((count as u128 * k as u128) >> depth) as usize
 }
 
-/// Puts places in the order of their batches; `at` is the batch `order` is.
+/// Sorts the points of batch `k` of a level into its two halves, and so on recursively.
 fn halve(places: &[[f64; 3]], order: &mut [u32], all: Range<usize>, (k, depth): (usize, u32)) {
     if order.len() < 4 {
         return;
@@ -136,11 +151,11 @@ fn halve(places: &[[f64; 3]], order: &mut [u32], all: Range<usize>, (k, depth): 
         let [x, y] = [a, b].map(|i| places[*i as usize][longest]);
         x.total_cmp(&y).then(a.cmp(b))
     });
-    let alone = order.len() < ALONE;
+    let serial = order.len() < SERIAL_POINTS;
     let (left, right) = order.split_at_mut(middle);
     let mut lower = || halve(places, left, all.clone(), (2 * k, depth + 1));
     let mut upper = || halve(places, right, all.clone(), (2 * k + 1, depth + 1));
-    if alone {
+    if serial {
         lower();
         upper();
     } else {
@@ -160,13 +175,13 @@ mod tests {
         (0..count).map(|_| [random.random(), random.random(), 0.0]).collect()
     }
 
-    /// Every place is in one batch of every level, batches are those of the level above cut in two, and small
-    /// ones are compact.
+    /// Every point is in one batch of every level, batches are halves of those above, and small ones are
+    /// compact.
     #[test]
     fn batches_are_nested_and_compact() {
         for count in [0, 1, 2, 3, 5, 64, 1000, 50_001] {
             let places = places(count);
-            let batches = NestedBatches::of(&places);
+            let batches = NestedBatches::new(&places);
             let mut seen = vec![false; count];
             batches.order.iter().for_each(|i| seen[*i as usize] = true);
             assert!(seen.iter().all(|s| *s), "{count}");
@@ -177,22 +192,22 @@ mod tests {
             }
         }
         let places = places(50_001);
-        let batches = NestedBatches::of(&places);
+        let batches = NestedBatches::new(&places);
         for batch in batches.batches(10) {
             for axis in 0..2 {
                 let of = batch.iter().map(|i| places[*i as usize][axis]);
                 let extent = of.clone().fold(0.0, f64::max) - of.fold(1.0, f64::min);
-                // A square cut into 2^10 pieces, which lie askew.
+                // A square cut into 2^10 pieces, which lie obliquely.
                 assert!(extent < 4.0 / 32.0, "{extent}");
             }
         }
     }
 
-    /// Products of pairs are those that a double loop finds.
+    /// Products of pairs equal those of a double loop.
     #[test]
-    fn products_are_those_of_all_pairs() {
+    fn products_equal_those_of_a_double_loop() {
         let places = places(70);
-        let batches = NestedBatches::of(&places);
+        let batches = NestedBatches::new(&places);
         let values: Vec<f64> = (0..70).map(|i| f64::from(i).sin()).collect();
         for (level, found) in batches.products(&values, 1).iter().rev().enumerate() {
             let (mut sum, mut pairs) = (0.0, 0.0);
@@ -208,11 +223,11 @@ mod tests {
         }
     }
 
-    /// Noise has nothing in common, within the stated σ; a wave has while batches are shorter than it.
+    /// White noise is uncorrelated within the stated σ; a wave is correlated in batches shorter than it.
     #[test]
-    fn waves_are_told_from_noise() {
+    fn waves_are_distinguished_from_noise() {
         let places = places(20_000);
-        let batches = NestedBatches::of(&places);
+        let batches = NestedBatches::new(&places);
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let noise: Vec<f64> = (0..places.len()).map(|_| StandardNormal.sample(&mut random)).collect();
         for level in batches.products(&noise, 16) {

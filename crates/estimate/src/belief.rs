@@ -1,9 +1,9 @@
 //! Gaussian beliefs in information form, with prior and data kept apart.
 //!
-//! Comes in: means and covariances, rows of linear readings, linearised equations. Goes out: fused beliefs,
-//! their means and covariances, marginals and conditionals. Information adds for readings with independent
-//! errors that were linearised at the same state. Not guaranteed: that independence; where it is unknown use
-//! [`Belief::covariance_intersection`].
+//! Input: means and covariances, rows of linear readings, linearised equations. Output: fused beliefs, their
+//! means and covariances, marginals and conditionals. Information adds for readings with independent errors
+//! that were linearised at the same state. Not guaranteed: the independence of the errors. Use
+//! [`Belief::covariance_intersection`] if it is unknown.
 
 use crate::dense::{
     ScaledCholesky, diagonal_scale, eigen, is_finite, rank_tolerance, require_covariance, require_vector,
@@ -15,13 +15,13 @@ use nalgebra::{DMatrix, DVector};
 
 /// Gaussian information about a state: `Λ` and `η = Λ x̂`, possibly singular.
 ///
-/// The log-density is `−½ xᵀΛx + ηᵀx` up to a constant. `Λ` is symmetric positive semidefinite, state ×
-/// state.
+/// The log-density is `−½ xᵀΛx + ηᵀx` up to a constant. `Λ` is symmetric positive semidefinite, of shape
+/// state × state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Information {
-    /// `Λ`.
+    /// The information matrix `Λ`.
     pub matrix: DMatrix<f64>,
-    /// `η`.
+    /// The information vector `η`.
     pub vector: DVector<f64>,
 }
 
@@ -37,8 +37,20 @@ impl Information {
     /// `H` is readings × state, `W` readings × readings.
     ///
     /// # Errors
-    /// `Input` when shapes differ, a value is not finite, or `W` is no weight (not symmetric positive
-    /// semidefinite).
+    /// `Input` when shapes differ, a value is not finite, or `W` is not symmetric positive semidefinite.
+    ///
+    /// # Examples
+    /// ```
+    /// use nalgebra::{DMatrix, DVector};
+    /// use planish_estimate::Information;
+    ///
+    /// // Two readings of one unknown: 2 with variance 1, and 5 with variance 0.5.
+    /// let design = DMatrix::from_element(2, 1, 1.0);
+    /// let weight = DMatrix::from_diagonal(&DVector::from_vec(vec![1.0, 2.0]));
+    /// let information = Information::from_rows(&design, &weight, &DVector::from_vec(vec![2.0, 5.0]))?;
+    /// assert!((information.mean()?[0] - 4.0).abs() < 1e-12);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     pub fn from_rows(design: &DMatrix<f64>, weight: &DMatrix<f64>, reading: &DVector<f64>) -> Result<Self> {
         require_vector("the reading", reading, design.nrows())?;
         require_covariance("the weight", weight, design.nrows())?;
@@ -69,7 +81,7 @@ impl Information {
         Ok(Self { matrix: factor.inverse(), vector: factor.solve(mean) })
     }
 
-    /// How many unknowns the information is about.
+    /// Number of unknowns.
     #[must_use]
     pub fn dimension(&self) -> usize {
         self.vector.len()
@@ -83,7 +95,7 @@ impl Information {
         self.add_scaled(1.0, other)
     }
 
-    /// Adds a multiple of other information: `Λ += s Λ'`, `η += s η'`; `s = −1` takes it away again.
+    /// Adds a multiple of other information: `Λ += s Λ'`, `η += s η'`; `s = −1` removes it again.
     ///
     /// # Errors
     /// `Input` when the dimensions differ.
@@ -94,24 +106,24 @@ impl Information {
         Ok(())
     }
 
-    /// `s Λ` and `s η`: the same mean, with a covariance divided by `s`.
+    /// Multiplies `Λ` and `η` by `s`: the mean stays, the covariance is divided by `s`.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         Self { matrix: &self.matrix * factor, vector: &self.vector * factor }
     }
 
-    /// `x̂ = Λ⁻¹ η`. Cost: `n³/3`.
+    /// The mean `x̂ = Λ⁻¹ η`. Cost: `n³/3`.
     ///
     /// # Errors
-    /// `Undetermined` when `Λ` is singular, naming the largest component of the null direction.
+    /// `Undetermined` when `Λ` is singular; the message names the largest component of the null direction.
     pub fn mean(&self) -> Result<DVector<f64>> {
         Ok(self.factor()?.solve(&self.vector))
     }
 
-    /// `Σ = Λ⁻¹`. Cost: `n³`.
+    /// The covariance `Σ = Λ⁻¹`. Cost: `n³`.
     ///
     /// # Errors
-    /// `Undetermined` when `Λ` is singular, naming the largest component of the null direction.
+    /// `Undetermined` when `Λ` is singular; the message names the largest component of the null direction.
     pub fn covariance(&self) -> Result<DMatrix<f64>> {
         Ok(self.factor()?.inverse())
     }
@@ -126,8 +138,7 @@ impl Information {
         require_covariance(&format!("the matrix of {what}"), &self.matrix, n)
     }
 
-    /// Information about the unknowns `kept` when nothing is known of the others but this: the Schur
-    /// complement.
+    /// Marginal information about the unknowns `kept`: the Schur complement with respect to `dropped`.
     fn marginal(&self, kept: &[usize], dropped: &[usize]) -> Result<Self> {
         let matrix = |rows: &[usize], columns: &[usize]| {
             DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.matrix[(rows[i], columns[j])])
@@ -150,7 +161,7 @@ impl Information {
         })
     }
 
-    /// Information about the unknowns `free` when the others are known to be `values`.
+    /// Conditional information about the unknowns `free`, given that the others equal `values`.
     fn conditional(&self, free: &[usize], known: &[usize], values: &DVector<f64>) -> Self {
         let matrix = DMatrix::from_fn(free.len(), free.len(), |i, j| self.matrix[(free[i], free[j])]);
         let vector = DVector::from_fn(free.len(), |i, _| {
@@ -162,9 +173,9 @@ impl Information {
     }
 }
 
-/// A Gaussian belief that keeps what was assumed apart from what was measured: `Λ = Λ_prior + Λ_data`.
+/// A Gaussian belief that stores prior and data information separately: `Λ = Λ_prior + Λ_data`.
 ///
-/// Laws: [`Self::merge`] is commutative and associative, equals filtering all data in one go, and counts the
+/// Laws: [`Self::merge`] is commutative and associative, equals one update with all data, and counts the
 /// prior once.
 ///
 /// # Examples
@@ -194,7 +205,7 @@ pub struct Belief {
 }
 
 impl Belief {
-    /// A belief that is all prior, with the given mean and covariance.
+    /// A prior with the given mean and covariance, and no data.
     ///
     /// # Errors
     /// `Input` when shapes differ or the covariance is not symmetric positive definite.
@@ -203,7 +214,7 @@ impl Belief {
         Ok(Self { data: Information::zero(prior.dimension()), prior })
     }
 
-    /// A belief from prior and data information, of which either may be singular or zero.
+    /// A belief from prior and data information. Either may be singular or zero.
     ///
     /// # Errors
     /// `Input` when the dimensions differ, or when one is not finite, symmetric and positive semidefinite.
@@ -214,25 +225,25 @@ impl Belief {
         Ok(Self { prior, data })
     }
 
-    /// What was assumed.
+    /// Information of the prior.
     #[must_use]
     pub fn prior(&self) -> &Information {
         &self.prior
     }
 
-    /// What was measured.
+    /// Information of the data.
     #[must_use]
     pub fn data(&self) -> &Information {
         &self.data
     }
 
-    /// How many unknowns the belief is about.
+    /// Number of unknowns.
     #[must_use]
     pub fn dimension(&self) -> usize {
         self.prior.dimension()
     }
 
-    /// Prior and data together.
+    /// Sum of the information of prior and data.
     #[must_use]
     pub fn information(&self) -> Information {
         Information {
@@ -244,8 +255,8 @@ impl Belief {
     /// The mean. Cost: `n³/3`.
     ///
     /// # Errors
-    /// `Undetermined` when prior and data leave a direction without information; the message names its
-    /// largest component.
+    /// `Undetermined` when neither prior nor data have information along some direction; the message names
+    /// its largest component.
     pub fn mean(&self) -> Result<DVector<f64>> {
         self.information().mean()
     }
@@ -253,8 +264,8 @@ impl Belief {
     /// The covariance. Cost: `n³`.
     ///
     /// # Errors
-    /// `Undetermined` when prior and data leave a direction without information; the message names its
-    /// largest component.
+    /// `Undetermined` when neither prior nor data have information along some direction; the message names
+    /// its largest component.
     pub fn covariance(&self) -> Result<DMatrix<f64>> {
         self.information().covariance()
     }
@@ -268,8 +279,7 @@ impl Belief {
         self.data.add(&measurement.information(noise_covariance)?)
     }
 
-    /// Fuses two beliefs that started from the same prior and then saw independent data:
-    /// `Λ_prior + Λ_a + Λ_b`.
+    /// Merges two beliefs with the same prior and independent data: `Λ_prior + Λ_a + Λ_b`.
     ///
     /// # Errors
     /// `Input` when the dimensions or the priors differ.
@@ -277,7 +287,7 @@ impl Belief {
         require_same_dimension(self.dimension(), other.dimension())?;
         if !self.has_same_prior(other) {
             return Err(Error::input(
-                "beliefs with different priors cannot be merged, for nobody knows what the priors share: \
+                "beliefs with different priors cannot be merged, because their common part is unknown: \
                  state one prior for both, or use covariance intersection",
             ));
         }
@@ -286,25 +296,26 @@ impl Belief {
         Ok(merged)
     }
 
-    /// Whether both priors agree to twelve digits of their largest entries.
+    /// True if both priors agree to 1e-12 of their largest entries.
     #[must_use]
     pub fn has_same_prior(&self, other: &Self) -> bool {
         fn close(a: &[f64], b: &[f64]) -> bool {
-            let largest = a.iter().chain(b).fold(0.0_f64, |most, value| most.max(value.abs()));
+            let largest = a.iter().chain(b).fold(0.0_f64, |largest, value| largest.max(value.abs()));
             a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-12 * largest)
         }
         close(self.prior.matrix.as_slice(), other.prior.matrix.as_slice())
             && close(self.prior.vector.as_slice(), other.prior.vector.as_slice())
     }
 
-    /// The belief without data information that it shares with another: what a channel filter passes on.
+    /// Removes data information that this belief shares with another, as a channel filter does.
     ///
-    /// Children of one parent both hold the parent's data; `a.merge(&b.subtract_common(parent.data())?)`
-    /// counts it once: `Λ = Λ_prior + Λ_a + Λ_b − Λ_common`.
+    /// Two children of one parent both hold the data of the parent.
+    /// `a.merge(&b.subtract_common(parent.data())?)` counts these data once:
+    /// `Λ = Λ_prior + Λ_a + Λ_b − Λ_common`.
     ///
     /// # Errors
-    /// `Input` when the dimensions differ, or when the belief does not hold that information (the rest would
-    /// not be positive semidefinite, to 1e-9 of the information held).
+    /// `Input` when the dimensions differ, or when the belief does not contain that information: the
+    /// difference must be positive semidefinite to 1e-9 of the information of the data.
     ///
     /// # References
     /// Grime, Durrant-Whyte, *Data fusion in decentralized sensor networks*, 1994.
@@ -313,19 +324,19 @@ impl Belief {
         rest.data.add_scaled(-1.0, common)?;
         match smallest_scaled_eigenvalue(&rest.data.matrix, &self.data.matrix) {
             Some(smallest) if smallest >= -1e-9 => Ok(rest),
-            _ => Err(Error::input("information cannot be taken from a belief whose data do not hold it")),
+            _ => Err(Error::input("cannot subtract information that the data of the belief do not contain")),
         }
     }
 
-    /// Fuses two beliefs that share an unknown part of their data: `ω Λ_a + (1 − ω) Λ_b`, never
+    /// Merges two beliefs whose data overlap to an unknown extent: `ω Λ_a + (1 − ω) Λ_b`. The result is never
     /// overconfident.
     ///
-    /// Returns the belief and `ω`, chosen for the least determinant of the covariance. Priors and data are
-    /// mixed each by itself, so that a common prior stays whole. Cost: about forty factorisations.
+    /// Returns the belief and `ω`, which minimises the determinant of the covariance. Priors and data are
+    /// combined separately, so a common prior keeps its full weight. Cost: about forty factorisations.
     ///
     /// # Errors
-    /// `Input` when the dimensions differ; `Undetermined` when both beliefs together leave a direction
-    /// without information.
+    /// `Input` when the dimensions differ; `Undetermined` when neither belief has information along some
+    /// direction.
     ///
     /// # References
     /// Julier, Uhlmann, *A non-divergent estimation algorithm in the presence of unknown correlations*, 1997.
@@ -358,11 +369,11 @@ impl Belief {
         Ok((fused, best.at))
     }
 
-    /// The belief about some of the unknowns, in the order given.
+    /// The marginal belief about the unknowns at `indices`, in that order.
     ///
-    /// The prior of the marginal is the marginal of the prior; its data are all that is known beyond that.
-    /// Marginals of beliefs that share dropped unknowns are no longer independent given the rest: merge
-    /// first, then take the marginal. Cost: `n³/3`.
+    /// The prior of the result is the marginal of the prior; the data hold the remaining information.
+    /// Marginals of two beliefs that share dropped unknowns are not independent: merge first, then take the
+    /// marginal. Cost: `n³/3`.
     ///
     /// # Errors
     /// `Input` when an index is out of range or given twice.
@@ -374,11 +385,24 @@ impl Belief {
         Ok(Self { prior, data })
     }
 
-    /// The belief about the other unknowns, in ascending order, when those at `indices` are known to be
-    /// `values`.
+    /// The belief about the other unknowns in ascending order, given that those at `indices` equal `values`.
     ///
     /// # Errors
-    /// `Input` when an index is out of range or given twice, or when there are not as many values as indices.
+    /// `Input` when an index is out of range or given twice, or when the numbers of values and indices
+    /// differ.
+    ///
+    /// # Examples
+    /// ```
+    /// use nalgebra::{DMatrix, DVector};
+    /// use planish_estimate::Belief;
+    ///
+    /// let covariance = DMatrix::from_row_slice(2, 2, &[1.0, 0.8, 0.8, 1.0]);
+    /// let belief = Belief::from_covariance(DVector::zeros(2), covariance)?;
+    /// let rest = belief.condition(&[0], &DVector::from_element(1, 1.0))?;
+    /// assert!((rest.mean()?[0] - 0.8).abs() < 1e-12);
+    /// assert!((rest.covariance()?[(0, 0)] - 0.36).abs() < 1e-12);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     pub fn condition(&self, indices: &[usize], values: &DVector<f64>) -> Result<Self> {
         require_vector("the known values", values, indices.len())?;
         let free = complement(self.dimension(), indices)?;
@@ -399,9 +423,9 @@ fn require_same_dimension(expected: usize, found: usize) -> Result<()> {
 
 /// The indices below `n` that are not among `indices`.
 fn complement(n: usize, indices: &[usize]) -> Result<Vec<usize>> {
-    let mut taken = vec![false; n];
+    let mut used = vec![false; n];
     for &index in indices {
-        match taken.get_mut(index) {
+        match used.get_mut(index) {
             Some(seen) if !*seen => *seen = true,
             Some(_) => return Err(Error::input(format!("component {index} is given twice"))),
             None => {
@@ -409,12 +433,14 @@ fn complement(n: usize, indices: &[usize]) -> Result<Vec<usize>> {
             }
         }
     }
-    Ok((0..n).filter(|&i| !taken[i]).collect())
+    Ok((0..n).filter(|&i| !used[i]).collect())
 }
 
-/// The inverse on the range of a symmetric positive semidefinite matrix, with rank judged at unit diagonal.
+/// Pseudo-inverse of a symmetric positive semidefinite matrix. The rank is decided after scaling to unit
+/// diagonal.
 ///
-/// It depends on the scaling, but what a Schur complement makes of it does not.
+/// The pseudo-inverse depends on this scaling. The Schur complement built from it does not, because the
+/// coupling lies in the range of the matrix.
 fn pseudo_inverse(matrix: &DMatrix<f64>) -> Result<DMatrix<f64>> {
     let scale = diagonal_scale(matrix);
     let eigen = eigen(scaled_by(matrix, &scale))

@@ -1,18 +1,29 @@
-//! Consistency: do the deviations have the size that the stated covariances say?
+//! Consistency: tests whether deviations match their stated covariances.
 //!
-//! Comes in: deviations from a truth, or residuals, with their covariances. Goes out: χ² statistics with
-//! two-sided bands, the share within an interval, and whether residuals are white. Not guaranteed: that a
-//! consistent estimate is a good one.
+//! Input: deviations from the truth, or residuals, with their covariances. Output: χ² statistics with
+//! two-sided bands, coverage of intervals, and a test for white residuals. Not guaranteed: accuracy; a
+//! consistent estimate can have a large σ.
 
 use crate::dense::{ScaledCholesky, require_covariance, require_finite_number, require_vector};
 use crate::{Error, Result};
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF, Normal};
 
-/// `eᵀ Σ⁻¹ e`: χ² with as many degrees of freedom as `e` has components, when `e ~ N(0, Σ)`.
+/// `eᵀ Σ⁻¹ e`, distributed as χ² for `e ~ N(0, Σ)`, with as many degrees of freedom as `e` has components.
 ///
-/// With `e` an estimate minus the truth and `Σ` its covariance this is the NEES; with an innovation and its
-/// covariance, the NIS. Cost: `n³/3`.
+/// For an estimation error and its covariance this is the NEES (normalised estimation error squared); for an
+/// innovation it is the NIS. Cost: `n³/3`.
+///
+/// # Examples
+/// ```
+/// use nalgebra::{DMatrix, DVector};
+/// use planish_estimate::normalized_squared;
+///
+/// let deviation = DVector::from_vec(vec![0.2, -0.3]);
+/// let covariance = DMatrix::from_diagonal(&DVector::from_vec(vec![0.01, 0.09]));
+/// assert!((normalized_squared(&deviation, &covariance)? - 5.0).abs() < 1e-12);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # Errors
 /// `Input` when shapes differ or the covariance is not positive semidefinite; `Undetermined` when it is
@@ -28,7 +39,7 @@ pub fn normalized_squared(deviation: &DVector<f64>, covariance: &DMatrix<f64>) -
     Ok(factor.inverse_form(deviation))
 }
 
-/// The two-sided band in which a χ² statistic lies with a given confidence.
+/// Two-sided band of a χ² statistic at a given confidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChiSquareBand {
     /// The lower end.
@@ -67,7 +78,7 @@ impl ChiSquareBand {
             .map(|band| Self { lower: band.lower / redundancy, upper: band.upper / redundancy })
     }
 
-    /// The band of a sum of squares with the given degrees of freedom, which need not be whole.
+    /// The band of a sum of squares with the given degrees of freedom, which need not be an integer.
     ///
     /// # Errors
     /// `Input` when the degrees are not positive, or when the confidence is not between 0 and 1.
@@ -80,7 +91,7 @@ impl ChiSquareBand {
         Ok(Self { lower: distribution.inverse_cdf(tail), upper: distribution.inverse_cdf(1.0 - tail) })
     }
 
-    /// Whether a value lies in the band.
+    /// True if a value lies in the band.
     #[must_use]
     pub fn contains(&self, value: f64) -> bool {
         self.lower <= value && value <= self.upper
@@ -91,11 +102,11 @@ fn tail_of(confidence: f64) -> Result<f64> {
     if confidence > 0.0 && confidence < 1.0 {
         Ok(0.5 * (1.0 - confidence))
     } else {
-        Err(Error::input(format!("a confidence lies between 0 and 1, not at {confidence}")))
+        Err(Error::input(format!("a confidence must lie between 0 and 1, not {confidence}")))
     }
 }
 
-/// The mean of χ² values, such as NEES or NIS over runs, beside its band.
+/// Mean of χ² values, such as NEES or NIS over several runs, with its band.
 ///
 /// # Examples
 /// ```
@@ -116,7 +127,7 @@ pub struct ChiSquareMean {
 }
 
 impl ChiSquareMean {
-    /// No values yet, of the given degrees of freedom each.
+    /// An empty mean of values with the given degrees of freedom.
     ///
     /// # Errors
     /// `Input` when the degrees are not positive.
@@ -136,19 +147,19 @@ impl ChiSquareMean {
         Ok(())
     }
 
-    /// How many values there are.
+    /// Number of values.
     #[must_use]
     pub fn samples(&self) -> usize {
         self.samples
     }
 
-    /// The mean value; the degrees of freedom are expected. NaN without values.
+    /// The mean value; its expectation is the degrees of freedom. NaN without values.
     #[must_use]
     pub fn mean(&self) -> f64 {
         self.sum / self.samples as f64
     }
 
-    /// The mean over the degrees of freedom: the reduced χ². One is expected.
+    /// The reduced χ²: the mean divided by the degrees of freedom. Its expectation is 1.
     #[must_use]
     pub fn reduced(&self) -> f64 {
         self.mean() / self.degrees
@@ -162,7 +173,7 @@ impl ChiSquareMean {
         ChiSquareBand::of_mean(self.samples, self.degrees, confidence)
     }
 
-    /// Whether the mean lies in its band: above is overconfident, below is timid.
+    /// True if the mean lies in its band. Above it, the stated σ are too small; below it, too large.
     ///
     /// # Errors
     /// As [`Self::band`].
@@ -171,7 +182,7 @@ impl ChiSquareMean {
     }
 }
 
-/// Counts how often the truth lies in the stated interval, each case with a weight such as an area.
+/// Counts how often the truth lies in the stated interval, optionally weighted, for example by area.
 ///
 /// # Examples
 /// ```
@@ -195,7 +206,7 @@ pub struct Coverage {
 }
 
 impl Coverage {
-    /// Nothing counted yet, for the two-sided Gaussian interval of this probability: ±1.96 σ for 0.95.
+    /// An empty count for the two-sided Gaussian interval of this probability, for example ±1.96 σ for 0.95.
     ///
     /// # Errors
     /// `Input` when the probability is not between 0 and 1.
@@ -219,7 +230,7 @@ impl Coverage {
         self.add_weighted(deviation, sigma, 1.0)
     }
 
-    /// Counts a deviation with a weight, such as the area it stands for.
+    /// Counts a deviation with a weight, for example the area that it represents.
     ///
     /// # Errors
     /// `Input` when a value is not finite, or when `sigma` or the weight is negative.
@@ -228,7 +239,7 @@ impl Coverage {
         require_finite_number("a standard deviation", sigma)?;
         require_finite_number("a weight", weight)?;
         if sigma < 0.0 || weight < 0.0 {
-            return Err(Error::input("neither a standard deviation nor a weight can be negative"));
+            return Err(Error::input("a standard deviation and a weight must not be negative"));
         }
         self.count += 1;
         self.weight += weight;
@@ -239,7 +250,7 @@ impl Coverage {
         Ok(())
     }
 
-    /// Adds what was counted elsewhere for the same interval.
+    /// Adds another count of the same interval.
     ///
     /// # Errors
     /// `Input` when the intervals differ.
@@ -254,31 +265,30 @@ impl Coverage {
         Ok(())
     }
 
-    /// How many deviations were counted.
+    /// Number of deviations.
     #[must_use]
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// The share inside the interval, by weight. NaN when nothing was counted.
+    /// The weighted fraction inside the interval. NaN for an empty count.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.inside / self.weight
     }
 
-    /// The band of the share when the stated σ are right and the cases independent: lower and upper binomial
-    /// quantiles.
+    /// The band of [`Self::share`] for correct σ and independent cases: lower and upper binomial quantiles.
     ///
-    /// Weights count as `(Σ w)² / Σ w²` cases. Neighbours on a surface are not independent: then the band is
-    /// too narrow.
+    /// The effective number of weighted cases is `(Σ w)² / Σ w²`. Neighbours on a surface are correlated,
+    /// which makes the band too narrow.
     ///
     /// # Errors
-    /// `Input` when the confidence is not between 0 and 1; `Undetermined` when nothing was counted.
+    /// `Input` when the confidence is not between 0 and 1; `Undetermined` for an empty count.
     pub fn band(&self, confidence: f64) -> Result<(f64, f64)> {
         let tail = tail_of(confidence)?;
         let cases = (self.weight * self.weight / self.squared_weight).round();
         if cases.is_nan() || cases < 1.0 {
-            return Err(Error::undetermined("the coverage of no cases is not determined"));
+            return Err(Error::undetermined("a coverage needs at least one case"));
         }
         let binomial = Binomial::new(self.interval, cases as u64)
             .map_err(|cause| Error::input("a coverage band cannot be computed").with_source(cause))?;
@@ -286,26 +296,40 @@ impl Coverage {
     }
 }
 
-/// Whether a sequence of normalised residuals is white.
+/// Result of the test [`whiteness`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Whiteness {
     /// `n (n + 2) Σ ρ_k² / (n − k)` over the lags.
     pub statistic: f64,
-    /// The probability of a statistic at least as large when the sequence is white.
+    /// Probability of a statistic at least as large for a white sequence.
     pub p_value: f64,
 }
 
-/// The portmanteau test on the autocorrelations of a sequence at lags 1 to `lags`. Cost: `n · lags`.
+/// Tests a sequence of normalised residuals for autocorrelation at lags 1 to `lags` (Ljung–Box test). Cost:
+/// `n · lags`.
 ///
 /// # Errors
-/// `Input` when a value is not finite, there are no lags, or no more values than lags; `Undetermined` when
-/// all are equal.
+/// `Input` when a value is not finite, there are no lags, or not more values than lags; `Undetermined` when
+/// all values are equal.
 ///
 /// # References
 /// Ljung, Box, *On a measure of lack of fit in time series models*, 1978.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::whiteness;
+///
+/// let wave: Vec<f64> = (0..100).map(|i| (0.1 * f64::from(i)).sin()).collect();
+/// assert!(whiteness(&wave, 5)?.p_value < 1e-6); // neighbours are correlated
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn whiteness(residuals: &[f64], lags: usize) -> Result<Whiteness> {
     if lags == 0 || residuals.len() <= lags {
-        return Err(Error::input(format!("{} residuals cannot be tested at {lags} lags", residuals.len())));
+        return Err(Error::input(format!(
+            "the test of whiteness needs at least one lag and more residuals than lags, found {} \
+             residuals and {lags} lags",
+            residuals.len()
+        )));
     }
     for &residual in residuals {
         require_finite_number("a residual", residual)?;

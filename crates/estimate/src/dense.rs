@@ -1,8 +1,7 @@
-//! Factors of dense symmetric matrices that say which direction is undetermined.
+//! Factors of dense symmetric matrices that report undetermined directions.
 //!
-//! Comes in: an information or covariance matrix whose unknowns may have different units. Goes out: a factor,
-//! or the null direction in the way. Every judgement of rank is made after scaling to unit diagonal, hence
-//! free of units.
+//! Input: an information or covariance matrix whose unknowns may have different units. Output: a factor, or a
+//! null direction. Ranks are decided after scaling to unit diagonal, so they do not depend on units.
 
 use crate::{Error, Result};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
@@ -14,7 +13,7 @@ pub(crate) struct ScaledCholesky {
 }
 
 impl ScaledCholesky {
-    /// Factors a symmetric matrix of which only the lower triangle is read.
+    /// Factors a symmetric matrix. Only the lower triangle is read.
     pub(crate) fn new(matrix: &DMatrix<f64>) -> std::result::Result<Self, NullDirection> {
         if !is_finite(matrix) {
             return Err(NullDirection { finite: false, direction: DVector::zeros(matrix.nrows()), count: 0 });
@@ -26,7 +25,7 @@ impl ScaledCholesky {
             Some(factor) if factor.l_dirty().diagonal().iter().all(|pivot| pivot * pivot > threshold) => {
                 Ok(Self { scale, factor })
             }
-            _ => Err(NullDirection::of(scaled, &scale)),
+            _ => Err(NullDirection::from_scaled(scaled, &scale)),
         }
     }
 
@@ -69,7 +68,7 @@ impl ScaledCholesky {
     }
 }
 
-/// Why a matrix has no factor: a direction along which it holds nothing, or a value that is not finite.
+/// Why a matrix has no factor: a direction without information, or a value that is not finite.
 pub(crate) struct NullDirection {
     finite: bool,
     /// In the units of the unknowns; unit length after scaling each unknown by its information.
@@ -78,7 +77,7 @@ pub(crate) struct NullDirection {
 }
 
 impl NullDirection {
-    fn of(scaled: DMatrix<f64>, scale: &DVector<f64>) -> Self {
+    fn from_scaled(scaled: DMatrix<f64>, scale: &DVector<f64>) -> Self {
         let n = scaled.nrows();
         match eigen(scaled) {
             Some(eigen) => {
@@ -92,20 +91,19 @@ impl NullDirection {
         }
     }
 
-    /// The component that moves most along the direction.
+    /// The component with the largest magnitude in the direction.
     pub(crate) fn component(&self) -> usize {
         if self.direction.is_empty() { 0 } else { self.direction.iamax() }
     }
 
-    /// `what` is the noun that is undetermined, such as "the state".
+    /// Converts to an error; `what` names the undetermined quantity, for example "the state".
     pub(crate) fn into_error(self, what: &str) -> Error {
         if !self.finite {
             return Error::input(format!("{what} holds a value that is not finite"));
         }
         Error::undetermined(format!(
-            "{what} is not determined: {} of {} directions hold no information, and component {} is the \
-             largest of the \
-             weakest one; measure it or state a prior for it",
+            "{what} is undetermined: there is no information along {} of {} directions, and component {} is \
+             the largest of the weakest one; measure it or state a prior for it",
             self.count,
             self.direction.len(),
             self.component()
@@ -121,19 +119,22 @@ pub(crate) fn symmetric_part(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     (matrix + matrix.transpose()) * 0.5
 }
 
-/// Eigenvalues of a unit-diagonal matrix below this are rounding.
+/// Eigenvalues of a matrix with unit diagonal below this are rounding errors.
+///
+/// The backward error of a symmetric eigensolver or Cholesky factor is a small multiple of `n ε`. The factor
+/// 10 trades false rank deficits against accepting directions that hold only rounding noise.
 pub(crate) fn rank_tolerance(n: usize) -> f64 {
     10.0 * n as f64 * f64::EPSILON
 }
 
 pub(crate) fn eigen(matrix: DMatrix<f64>) -> Option<SymmetricEigen<f64, Dyn>> {
-    // The limit keeps a matrix that never settles from hanging the caller; QR needs two or three sweeps a
-    // value.
+    // The limit protects the caller from an iteration that never converges. QR needs two or three sweeps per
+    // eigenvalue.
     let limit = 100 * (matrix.nrows() + 1);
     if is_finite(&matrix) { SymmetricEigen::try_new(matrix, f64::EPSILON, limit) } else { None }
 }
 
-/// `1/√Mᵢᵢ`, and 1 where the diagonal is not positive.
+/// The scale `1/√Mᵢᵢ` of each unknown, or 1 if the diagonal is not positive.
 pub(crate) fn diagonal_scale(matrix: &DMatrix<f64>) -> DVector<f64> {
     matrix.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 })
 }
@@ -169,7 +170,8 @@ pub(crate) fn require_covariance(what: &str, covariance: &DMatrix<f64>, n: usize
             }
         }
     }
-    // The cheap proofs first: a weight of many independent readings is diagonal.
+    // Cheap sufficient conditions come first: the weight of many independent readings is diagonal, and needs
+    // no eigenvalue decomposition.
     if is_nonnegative_diagonal(covariance) || Cholesky::new(scaled).is_some() {
         return Ok(());
     }

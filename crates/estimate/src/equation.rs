@@ -1,41 +1,40 @@
-//! The measurement equation `g(z − v, x) = 0`: the one interface between models and estimation.
+//! The measurement equation `g(z − v, x) = 0`: the interface between models and estimation.
 //!
-//! Comes in: a model's misclosure and Jacobians at a state `x` and a noise `v`. Goes out: the information
-//! that a reading adds, and the noise that explains it. Not guaranteed: that a Jacobian is right;
-//! [`check_jacobians`] tells.
+//! Input: misclosure and Jacobians of a model at a state `x` and noise `v`. Output: the information that a
+//! reading adds, and the most likely noise. Not guaranteed: that the Jacobians are correct; test them with
+//! [`check_jacobians`].
 //!
-//! Sign convention, everywhere: the true value of a reading `z` is `z − v`, so that `v` is measured minus
-//! true, and `D = ∂g/∂v = −∂g/∂z`. For an explicit reading `z = h(x) + v` this gives `g = z − v − h(x)`,
-//! `H = −∂h/∂x`, `D = −I`.
+//! Sign convention: the true value of a reading `z` is `z − v`. So `v` is measured minus true, and
+//! `D = ∂g/∂v = −∂g/∂z`. For an explicit reading `z = h(x) + v` this gives `g = z − v − h(x)`, `H = −∂h/∂x`,
+//! `D = −I`.
 
 use crate::dense::{ScaledCholesky, require_vector, symmetric_part};
 use crate::{Error, Information, Result};
 use nalgebra::{DMatrix, DVector};
 
-/// How many unknowns, noise components and equations a measurement has.
+/// Numbers of unknowns, noise components and equations of a measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Dimensions {
     /// Components of the state `x`.
     pub state: usize,
-    /// Components of the noise `v`, which are those of the reading `z`.
+    /// Components of the noise `v`, as many as of the reading `z`.
     pub noise: usize,
-    /// Components of `g`; no more than `noise`, or the equations could not all hold.
+    /// Components of `g`; at most `noise`, or the equations could not all hold.
     pub equations: usize,
 }
 
 /// A measurement: `g(z − v, x) = 0` with noise `v ~ N(0, R)`.
 ///
-/// The reading `z` belongs to the implementation, `R` to the caller. Laws, checked by [`check_jacobians`]:
-/// `state_jacobian` is `∂g/∂x` and `noise_jacobian` is `∂g/∂v` at the arguments. Neither call may keep
-/// anything from an earlier one.
+/// The implementation holds the reading `z`, the caller holds `R`. Laws, checked by [`check_jacobians`]:
+/// `state_jacobian` is `∂g/∂x` and `noise_jacobian` is `∂g/∂v` at the arguments. Results do not depend on
+/// earlier calls.
 pub trait MeasurementEquation {
     /// The dimensions, the same at every call.
     fn dimensions(&self) -> Dimensions;
 
     /// Fills misclosure `g(z − v, x)`, state Jacobian `∂g/∂x` and noise Jacobian `∂g/∂v` of `out`.
     ///
-    /// `out` arrives with the right shapes and *unspecified* contents. A point where `g` is not defined is
-    /// told by NaN.
+    /// `out` arrives with the right shapes and *unspecified* contents. Set NaN where `g` is not defined.
     fn linearize(&self, x: &DVector<f64>, v: &DVector<f64>, out: &mut Linearization);
 
     /// The linearisation at `(x, v)`, newly allocated.
@@ -80,12 +79,12 @@ pub(crate) fn linearize_into<E: MeasurementEquation + ?Sized>(
     Ok(())
 }
 
-/// A measurement equation made linear: `g ≈ g0 + H (x − x0) + D (v − v0)`.
+/// A linearised measurement equation: `g ≈ g0 + H (x − x0) + D (v − v0)`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Linearization {
-    /// `x0`, the state at which it holds.
+    /// `x0`, the state of the linearisation.
     pub state: DVector<f64>,
-    /// `v0`, the noise at which it holds.
+    /// `v0`, the noise of the linearisation.
     pub noise: DVector<f64>,
     /// `g0 = g(z − v0, x0)`.
     pub misclosure: DVector<f64>,
@@ -96,7 +95,7 @@ pub struct Linearization {
 }
 
 impl Linearization {
-    /// All zero, in the given shapes.
+    /// A linearisation of the given shapes, filled with zeros.
     #[must_use]
     pub fn zero(dimensions: Dimensions) -> Self {
         Self {
@@ -114,15 +113,14 @@ impl Linearization {
         Dimensions { state: self.state.len(), noise: self.noise.len(), equations: self.misclosure.len() }
     }
 
-    /// The linear reading that stands for the equation: `y = H x0 + D v0 − g0`, of which `y = H x + D v`
-    /// holds.
+    /// The pseudo-reading `y = H x0 + D v0 − g0`, for which the linear equation `y = H x + D v` holds.
     #[must_use]
     pub fn pseudo_reading(&self) -> DVector<f64> {
         &self.state_jacobian * &self.state + self.unexplained()
     }
 
-    /// `D v0 − g0`: what is left of the pseudo-reading at `x = x0`, and the linearised misclosure at `v = 0`
-    /// but for its sign.
+    /// `D v0 − g0`: the residual of the pseudo-reading at `x = x0`. It is the negative linearised misclosure
+    /// at `v = 0`.
     #[must_use]
     pub fn unexplained(&self) -> DVector<f64> {
         &self.noise_jacobian * &self.noise - &self.misclosure
@@ -155,8 +153,8 @@ impl Linearization {
     /// `v`. Cost: `m³ + m² n + m n²` for `m` equations and `n` unknowns.
     ///
     /// # Errors
-    /// `Input` when `R` has a wrong dimension; `Undetermined` when `D R Dᵀ` is singular: an equation without
-    /// noise is a constraint, not a measurement.
+    /// `Input` when `R` has a wrong dimension; `Undetermined` when `D R Dᵀ` is singular, because an equation
+    /// without noise is a constraint and not a measurement.
     ///
     /// # References
     /// Koch, *Parameter estimation and hypothesis testing in linear models*, 1999, mixed model.
@@ -169,7 +167,7 @@ impl Linearization {
         })
     }
 
-    /// The most likely noise when the state is `x`: `v̂ = R Dᵀ W (D v0 − g0 − H (x − x0))`.
+    /// The most likely noise, given the state `x`: `v̂ = R Dᵀ W (D v0 − g0 − H (x − x0))`.
     ///
     /// This is the residual, measured minus corrected; `z − v̂` obeys the linearised equation at `x`.
     ///
@@ -178,17 +176,17 @@ impl Linearization {
     pub fn noise_estimate(&self, noise_covariance: &DMatrix<f64>, x: &DVector<f64>) -> Result<DVector<f64>> {
         require_vector("the state", x, self.state.len())?;
         let weight = self.weight(noise_covariance)?;
-        let left = self.unexplained() - &self.state_jacobian * (x - &self.state);
-        Ok(noise_covariance * (self.noise_jacobian.transpose() * weight.solve(&left)))
+        let residual = self.unexplained() - &self.state_jacobian * (x - &self.state);
+        Ok(noise_covariance * (self.noise_jacobian.transpose() * weight.solve(&residual)))
     }
 }
 
 /// The largest relative deviation of an equation's Jacobians from differences of its misclosure.
 ///
-/// Fourth-order central differences with spacing `step · max(1, |x_j|)`, and the same in `v`; each entry's
-/// deviation is divided by the largest entry of its column, after what rounding of `g` can do is taken off. A
-/// right Jacobian gives about `step⁴` times the curvature, below 1e-6 for `step = 1e-3` in natural units; a
-/// wrong one gives its relative mistake. Cost: `4 (n + p)` linearisations.
+/// Fourth-order central differences with spacing `step · max(1, |x_j|)`, and the same in `v`; each deviation
+/// is reduced by the possible rounding error of `g` and divided by the largest entry of its column. A correct
+/// Jacobian gives about `step⁴` times the curvature, below 1e-6 for `step = 1e-3` in natural units. A wrong
+/// one gives its relative error. Cost: `4 (n + p)` linearisations.
 ///
 /// # Errors
 /// `Input` when a dimension is wrong, `step` is not positive, or the equation is not defined near `(x, v)`.
@@ -200,7 +198,7 @@ impl Linearization {
 ///
 /// let wrong = Explicit::new(DVector::from_element(1, 4.0), 1, |x, prediction, jacobian| {
 ///     prediction[0] = x[0] * x[0];
-///     jacobian[(0, 0)] = x[0]; // 2x is right
+///     jacobian[(0, 0)] = x[0]; // correct: 2x
 /// });
 /// let deviation = check_jacobians(&wrong, &DVector::from_element(1, 3.0), &DVector::zeros(1), 1e-3)?;
 /// assert!((deviation - 0.5).abs() < 1e-6);
@@ -261,8 +259,8 @@ fn deviation_of_columns(
 ///
 /// let sum = Linear::new(DMatrix::from_element(1, 2, 1.0), DVector::from_element(1, 3.0))?;
 /// let anywhere = DVector::from_vec(vec![7.0, -5.0]);
-/// let noise = DMatrix::from_element(1, 1, 0.25);
-/// let information = sum.linearized(&anywhere, &DVector::zeros(1))?.information(&noise)?;
+/// let at = sum.linearized(&anywhere, &DVector::zeros(1))?;
+/// let information = at.information(&DMatrix::from_element(1, 1, 0.25))?;
 /// assert_eq!(information.matrix, DMatrix::from_element(2, 2, 4.0));
 /// assert_eq!(information.vector, DVector::from_element(2, 12.0));
 /// # Ok::<(), planish_estimate::Error>(())
@@ -274,7 +272,7 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// The reading `z` of `A x`, with `A` of as many rows as `z` has components.
+    /// A reading `z` of `A x`. `A` has as many rows as `z` has components.
     ///
     /// # Errors
     /// `Input` when the dimensions differ or a value is not finite.
@@ -338,7 +336,7 @@ impl<F: Fn(&DVector<f64>, &mut DVector<f64>, &mut DMatrix<f64>)> MeasurementEqua
 /// An implicit equation whose linearisation is a closure of `(x, v, out)`, as
 /// [`MeasurementEquation::linearize`].
 ///
-/// Unlike a trait's own implementation, the closure finds `out` filled with zeros.
+/// Unlike an implementation of the trait, the closure receives `out` filled with zeros.
 #[derive(Debug, Clone)]
 pub struct Implicit<F> {
     dimensions: Dimensions,
@@ -346,7 +344,7 @@ pub struct Implicit<F> {
 }
 
 impl<F: Fn(&DVector<f64>, &DVector<f64>, &mut Linearization)> Implicit<F> {
-    /// The equation of the given dimensions; the closure holds the reading.
+    /// An equation of the given dimensions; the closure holds the reading.
     pub fn new(dimensions: Dimensions, linearize: F) -> Self {
         Self { dimensions, linearize }
     }

@@ -1,13 +1,12 @@
 //! Readings of one implicit equation each: `g(z − L u, x) = 0` with whitened noise `u ~ N(0, I)`.
 //!
-//! Comes in: readings of a curve or surface, whose places on it are unknown. Goes out: their signed distances
-//! to it in standard deviations, filters that take them one at a time, a batch, the bias of both and the
-//! bound for both. Not guaranteed: the global optimum, nor anything where noise is larger than the radius of
-//! curvature.
+//! Input: readings of a curve or surface; the measured point on it is unknown. Output: signed distances in
+//! standard deviations, sequential filters, a batch fit, the bias from curvature, and the lower bound of the
+//! covariance. Not guaranteed: the global optimum; any accuracy if the noise exceeds the radius of curvature.
 //!
-//! This is [`MeasurementEquation`](crate::MeasurementEquation) for the frequent case of a single equation a
-//! reading, without allocation: `v = L u` with `R = L Lᵀ`. All readings of a batch that share noise (a sweep
-//! from one pose) have it as unknowns behind the state, with a unit prior: [`SharedNoise`].
+//! This is [`MeasurementEquation`](crate::MeasurementEquation) for the frequent case of a single equation per
+//! reading, without allocation: `v = L u` with `R = L Lᵀ`. If readings share noise (a sweep from one pose),
+//! the shared components are further unknowns behind the state, with a unit prior: see [`SharedNoise`].
 //!
 //! ```text
 //! ImplicitReading ─► signed_distance ─┬─► KalmanFilter::update_implicit     EKF, IEKF, NUIEKF
@@ -25,25 +24,26 @@ pub use batch::{ImplicitFit, ImplicitOptions, SharedNoise, fit_implicit, kanatan
 pub use bias::{NoiseHessian, curvature_bias};
 pub use filter::{ImplicitInnovation, ImplicitUpdate};
 
-/// Most whitened noise components of a reading: a ray in space has seven.
-pub const MOST_NOISE: usize = 8;
-/// Most unknowns of a state, shared noise included.
-pub const MOST_STATE: usize = 96;
+/// Maximum number of whitened noise components of a reading: a ray in space has seven. Fixed, so that
+/// readings need no allocation.
+pub const MAX_NOISE: usize = 8;
+/// Maximum number of unknowns of a state, including shared noise. Fixed, so that readings need no allocation.
+pub const MAX_STATE: usize = 96;
 
 /// A reading with one equation, `g(z − L u, x) = 0`, in whitened noise `u`.
 ///
-/// The equation may have branches (the facets of a polygon); each is smooth. Laws: `gradient` fills `∂g/∂x`
-/// and `∂g/∂u` of the branch; no call keeps anything from an earlier one. A point where `g` is not defined is
-/// told by NaN.
+/// The equation may have several smooth branches, such as the sides of a polygon. Laws: `gradient` fills
+/// `∂g/∂x` and `∂g/∂u` of the branch; results do not depend on earlier calls. `g` is NaN where it is not
+/// defined.
 pub trait ImplicitReading {
-    /// Components of the state, shared noise included; at most [`MOST_STATE`].
+    /// Number of components of the state, including shared noise; at most [`MAX_STATE`].
     fn state(&self) -> usize;
 
-    /// Components of the whitened noise; at most [`MOST_NOISE`].
+    /// Number of components of the whitened noise; at most [`MAX_NOISE`].
     fn noise(&self) -> usize;
 
-    /// `g`, with `∂g/∂x` and `∂g/∂u` of a branch. The slices have the lengths of `x` and `u` and unspecified
-    /// contents.
+    /// Returns `g` and fills `∂g/∂x` and `∂g/∂u` of a branch. The slices have the lengths of `x` and `u` and
+    /// unspecified contents.
     fn gradient(
         &self,
         branch: usize,
@@ -53,66 +53,67 @@ pub trait ImplicitReading {
         by_noise: &mut [f64],
     ) -> f64;
 
-    /// How many branches there are.
+    /// Number of branches.
     fn branches(&self) -> usize {
         1
     }
 
-    /// What it costs, as a squared number of standard deviations, that the corrected reading `z − L u` lies
-    /// beyond the ends of the branch.
+    /// Penalty, in squared standard deviations, for a corrected reading `z − L u` beyond the ends of the
+    /// branch.
     fn beyond_end_penalty(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let _ = (branch, x, u);
         0.0
     }
 
-    /// The branch that explains the reading best at no noise, where a reading knows a shorter way to it than
-    /// [`best_branch`].
+    /// The most likely branch at zero noise, if the reading can find it faster than [`best_branch`].
     fn nearest_branch(&self, x: &[f64]) -> Option<usize> {
         let _ = x;
         None
     }
 
-    /// How many standard deviations the corrected reading `z − L u` lies within the ends of the branch, where
-    /// it meets another at an angle: less than none beyond them, infinitely many where nothing ends.
+    /// Distance, in standard deviations, of the corrected reading `z − L u` from the ends of the branch,
+    /// where it meets another at an angle. Negative beyond an end, infinite if the branch has no ends.
     fn margin(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let _ = (branch, x, u);
         f64::INFINITY
     }
 
-    /// Fills `∂²g/∂u²` of a branch, or returns false: it is then taken by differences of the gradient.
+    /// Fills `∂²g/∂u²` of a branch and returns true. If it returns false, differences of the gradient are
+    /// used.
     fn noise_hessian(&self, branch: usize, x: &[f64], u: &[f64], hessian: &mut NoiseHessian) -> bool {
         let _ = (branch, x, u, hessian);
         false
     }
 
-    /// Variance of `g` beyond `|∂g/∂u|²`, where its second derivatives matter: what bounds the weight of a
-    /// product of facets at a corner, whose gradient vanishes there.
+    /// Variance of `g` beyond `|∂g/∂u|²`, from its second derivatives. It bounds the weight of a product of
+    /// facets at a corner, where the gradient vanishes.
     fn second_order_variance(&self, branch: usize, x: &[f64], u: &[f64]) -> f64 {
         let _ = (branch, x, u);
         0.0
     }
 }
 
-/// An equation made linear and divided by its standard deviation: `n·u = s − h (x − x0)` with `|n| = 1`.
+/// A linearised equation divided by its standard deviation: `n·u = s − h (x − x0)` with `|n| = 1`.
 #[derive(Debug, Clone, Copy)]
 pub struct Normalized {
     /// `s`: the signed distance from the origin of the noise to the linearised equation, in standard
     /// deviations.
     pub distance: f64,
-    /// `h = ∂g/∂x / |∂g/∂u|`; the first `state` are used.
-    pub row: [f64; MOST_STATE],
-    /// `n = ∂g/∂u / |∂g/∂u|`; the first `noise` are used.
-    pub normal: [f64; MOST_NOISE],
+    /// `h = ∂g/∂x / |∂g/∂u|`; the first `state` entries are used.
+    pub row: [f64; MAX_STATE],
+    /// `n = ∂g/∂u / |∂g/∂u|`; the first `noise` entries are used.
+    pub normal: [f64; MAX_NOISE],
     /// `|∂g/∂u|`.
     pub slope: f64,
 }
 
 impl Normalized {
     pub(crate) fn new() -> Self {
-        Self { distance: 0.0, row: [0.0; MOST_STATE], normal: [0.0; MOST_NOISE], slope: 1.0 }
+        Self { distance: 0.0, row: [0.0; MAX_STATE], normal: [0.0; MAX_NOISE], slope: 1.0 }
     }
 
-    /// Linearises at `(x, u)`; the distance is from `origin`. False where the equation is not defined.
+    /// Linearises at `(x, u)`; the distance is measured from `origin`. Returns false where the equation is
+    /// not defined.
     pub(crate) fn at<R: ImplicitReading + ?Sized>(
         &mut self,
         reading: &R,
@@ -145,13 +146,13 @@ impl Normalized {
     }
 }
 
-/// Moves `u` to the nearest noise that explains the reading at `x`: the foot of `origin` on
+/// Moves `u` to the smallest noise that explains the reading at `x`: the foot point of `origin` on
 /// `g(z − L u, x) = 0`.
 ///
 /// On return `at` is the linearisation there and `at.distance` the signed distance. Fixed point:
-/// `u = origin + n s`. Converges at once for distances below the radius of curvature; beyond, steps are
-/// shortened until they descend. False where the equation is not defined or does not settle. Cost: three or
-/// four gradients, some dozens beyond the radius of curvature.
+/// `u = origin + n s`. It converges fast for distances below the radius of curvature; beyond, steps are
+/// shortened until they descend. Returns false where the equation is not defined or the iteration does not
+/// converge. Cost: three or four gradients, dozens beyond the radius of curvature.
 pub fn signed_distance<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -168,7 +169,7 @@ pub fn signed_distance<R: ImplicitReading + ?Sized>(
             return false;
         }
         let mut moved = 0.0_f64;
-        let mut step = [0.0; MOST_NOISE];
+        let mut step = [0.0; MAX_NOISE];
         for k in 0..p {
             step[k] = origin[k] + at.normal[k] * at.distance - u[k];
             moved = moved.max(step[k].abs());
@@ -187,21 +188,22 @@ pub fn signed_distance<R: ImplicitReading + ?Sized>(
     if previous <= 1e-4 * (1.0 + at.distance.abs()) {
         return true;
     }
-    let is_near = previous <= 1e-2 * (1.0 + at.distance.abs());
-    let begun: [f64; MOST_NOISE] = std::array::from_fn(|k| u.get(k).copied().unwrap_or(0.0));
+    let is_close = previous <= 1e-2 * (1.0 + at.distance.abs());
+    let begun: [f64; MAX_NOISE] = std::array::from_fn(|k| u.get(k).copied().unwrap_or(0.0));
     if descend(reading, branch, x, origin, u, at) {
         return true;
     }
-    // What has not settled but is nearly there is good enough for a weight; what is not, is not.
+    // A nearly converged foot point is accurate enough for a robust weight; any other is rejected.
     u.copy_from_slice(&begun[..p]);
-    is_near && at.at(reading, branch, x, u, origin)
+    is_close && at.at(reading, branch, x, u, origin)
 }
 
-/// [`signed_distance`] beyond the radius of curvature, where its fixed point repels: the nearest place on the
-/// equation by Newton's steps along it, `(I − s B) t = −P (u − o)` with the form `B` of second derivatives
-/// (made definite where it is not), each followed by the way back onto the equation and as long as it brings
-/// `u` nearer to the origin (Absil, Mahony and Sepulchre 2008, *Optimization Algorithms on Matrix Manifolds*,
-/// chapter 6).
+/// [`signed_distance`] beyond the radius of curvature, where its fixed point is repelling.
+///
+/// Finds the nearest point of the equation by Newton steps along it: `(I − s B) t = −P (u − o)`, with the
+/// second fundamental form `B`. The matrix is made positive definite if necessary. Each step is followed by a
+/// projection onto the equation, and halved until `u` gets closer to the origin (Absil, Mahony and Sepulchre
+/// 2008, *Optimization Algorithms on Matrix Manifolds*, chapter 6).
 fn descend<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -210,9 +212,9 @@ fn descend<R: ImplicitReading + ?Sized>(
     u: &mut [f64],
     at: &mut Normalized,
 ) -> bool {
-    /// Of the least decrease, over what the slope promises (Armijo 1966).
+    /// Minimum decrease relative to the linear prediction (Armijo 1966).
     const DECREASE: f64 = 0.1;
-    /// A step is halved so many times.
+    /// Maximum number of halvings of a step.
     const HALVINGS: i32 = 12;
     let p = u.len();
     u.copy_from_slice(origin);
@@ -223,12 +225,12 @@ fn descend<R: ImplicitReading + ?Sized>(
     for _ in 0..40 {
         let (step, slope) = tangent_step(reading, branch, x, u, origin, at);
         let moved = step.amax();
-        let settled = 1e-6 * (1.0 + at.distance.abs());
-        if moved <= settled {
+        let converged = 1e-6 * (1.0 + at.distance.abs());
+        if moved <= converged {
             return true;
         }
         let before = squared(u);
-        let mut begun = [0.0; MOST_NOISE];
+        let mut begun = [0.0; MAX_NOISE];
         begun[..p].copy_from_slice(u);
         let nearer = (0..HALVINGS).map(|halving| 0.5_f64.powi(halving)).any(|share| {
             for k in 0..p {
@@ -245,8 +247,8 @@ fn descend<R: ImplicitReading + ?Sized>(
     false
 }
 
-/// Moves `u` along the gradients until it fulfils the equation, each step as long as it lessens `|g|`, and
-/// linearises there. False where it does not get there.
+/// Moves `u` along the gradient onto the equation and linearises there. Each step is halved until it reduces
+/// `|g|`. Returns false if this fails.
 fn onto_equation<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -268,7 +270,7 @@ fn onto_equation<R: ImplicitReading + ?Sized>(
         if way.abs() <= 1e-9 * (1.0 + at.distance.abs()) {
             return true;
         }
-        let mut begun = [0.0; MOST_NOISE];
+        let mut begun = [0.0; MAX_NOISE];
         begun[..p].copy_from_slice(u);
         let nearer = (0..10).map(|halving| 0.5_f64.powi(halving)).any(|share| {
             for k in 0..p {
@@ -284,8 +286,8 @@ fn onto_equation<R: ImplicitReading + ?Sized>(
     false
 }
 
-/// The step of [`descend`] from `u`, where `at` is the linearisation, and the derivative of `|u − o|²` along
-/// it.
+/// The step of [`descend`] from `u` and the derivative of `|u − o|²` along it; `at` is the linearisation at
+/// `u`.
 fn tangent_step<R: ImplicitReading + ?Sized>(
     reading: &R,
     branch: usize,
@@ -299,10 +301,11 @@ fn tangent_step<R: ImplicitReading + ?Sized>(
     let tangent = DVector::from_fn(p, |k, _| at.normal[k] * at.distance - off[k]);
     let form = bias::second_form(reading, branch, x, u, at);
     let bend = DMatrix::from_fn(p, p, |i, j| at.distance * form[i][j]);
-    // What is not definite is a ridge between two feet: with this much more it surely is.
-    let surely = bend.norm();
+    // The matrix is indefinite on a ridge between two foot points. Adding the norm of the form makes it
+    // positive definite.
+    let norm = bend.norm();
     let solved = [0.0, 0.1, 0.3, 1.0].into_iter().find_map(|share| {
-        let raised = DMatrix::identity(p, p) * (1.0 + share * surely) - &bend;
+        let raised = DMatrix::identity(p, p) * (1.0 + share * norm) - &bend;
         Some(raised.cholesky()?.solve(&tangent))
     });
     let step = solved.unwrap_or_else(|| tangent.clone());
@@ -310,7 +313,8 @@ fn tangent_step<R: ImplicitReading + ?Sized>(
     (step, slope)
 }
 
-/// The branch that explains a reading best: least `s² + beyond_end_penalty` at the first-order foot from `u`.
+/// The most likely branch of a reading: the minimum of `s² + penalty` at the first-order foot point, with the
+/// penalty of [`ImplicitReading::beyond_end_penalty`].
 pub fn best_branch<R: ImplicitReading + ?Sized>(reading: &R, x: &[f64]) -> usize {
     let count = reading.branches();
     if count <= 1 {
@@ -320,7 +324,7 @@ pub fn best_branch<R: ImplicitReading + ?Sized>(reading: &R, x: &[f64]) -> usize
         return branch;
     }
     let p = reading.noise();
-    let origin = [0.0; MOST_NOISE];
+    let origin = [0.0; MAX_NOISE];
     let mut at = Normalized::new();
     let mut best = (f64::INFINITY, 0);
     for branch in 0..count {
@@ -331,7 +335,7 @@ pub fn best_branch<R: ImplicitReading + ?Sized>(reading: &R, x: &[f64]) -> usize
         if cost >= best.0 {
             continue;
         }
-        let mut foot = [0.0; MOST_NOISE];
+        let mut foot = [0.0; MAX_NOISE];
         for k in 0..p {
             foot[k] = at.normal[k] * at.distance;
         }

@@ -1,35 +1,35 @@
 //! The Kalman filter in covariance form, for linear readings and for measurement equations.
 //!
-//! Comes in: a mean, a covariance, one measurement at a time. Goes out: the updated mean and covariance and
-//! the normalised innovation. The Joseph form keeps the covariance symmetric, and positive semidefinite to
-//! the rounding of its largest entry. Not guaranteed: that an iterated update converges (it says whether it
-//! did), nor that it finds the nearest of several optima.
+//! Input: a mean, a covariance, one measurement at a time. Output: the updated mean and covariance and the
+//! normalised innovation. The Joseph form keeps the covariance symmetric, and positive semidefinite up to the
+//! rounding of its largest entry. Not guaranteed: that an iterated update converges (its [`Termination`]
+//! reports this), nor that it finds the nearest of several optima.
 
 use crate::dense::{ScaledCholesky, is_finite, require_covariance, require_vector, symmetric_part};
 use crate::equation::linearize_into;
 use crate::{Belief, Error, Linearization, MeasurementEquation, Result, Termination};
 use nalgebra::{DMatrix, DVector};
 
-/// What a measurement had to say beyond what the filter expected.
+/// Difference between a measurement and the prediction of the filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Innovation {
-    /// `e = y − H x̂⁻`, reading minus prediction; for implicit equations of the pseudo-reading at the last
+    /// `e = y − H x̂⁻`, reading minus prediction. Implicit equations use the pseudo-reading of the last
     /// linearisation.
     pub residual: DVector<f64>,
     /// `S = H P Hᵀ + R`, the covariance of `e`.
     pub covariance: DMatrix<f64>,
     /// `K = P Hᵀ S⁻¹`, state × reading.
     pub gain: DMatrix<f64>,
-    /// `eᵀ S⁻¹ e`, distributed as χ² with as many degrees of freedom as `e` has components when the filter is
-    /// consistent.
+    /// `eᵀ S⁻¹ e`, distributed as χ² if the filter is consistent, with as many degrees of freedom as `e` has
+    /// components.
     pub normalized_squared: f64,
-    /// How often the equation was linearised; 1 for linear readings.
+    /// Number of linearisations; 1 for linear readings.
     pub iterations: usize,
-    /// Whether an iterated update settled.
+    /// How an iterated update ended.
     pub termination: Termination,
 }
 
-/// What a scalar reading had to say: [`Innovation`] without allocation.
+/// [`Innovation`] of a scalar reading, without allocation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScalarInnovation {
     /// `e = z − hᵀ x̂⁻`.
@@ -40,25 +40,25 @@ pub struct ScalarInnovation {
     pub normalized_squared: f64,
 }
 
-/// Where a nonlinear update takes its linearisation.
+/// Where a nonlinear update linearises the equation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Relinearization {
     /// Once, at the predicted state and zero noise: the extended Kalman filter.
     Never,
-    /// Repeatedly at the updated state, with zero noise: the iterated extended Kalman filter. Right only
-    /// where `g` is linear in the reading.
+    /// Repeatedly at the updated state, with zero noise: the iterated extended Kalman filter. Correct only if
+    /// `g` is linear in the reading.
     State,
     /// Repeatedly at the updated state and the updated noise: the noise-updated iterated filter, whose fixed
-    /// point is the most likely `(x, v)` that obeys the equation: Gauss–Helmert.
+    /// point is the most likely `(x, v)` that satisfies the equation (Gauss–Helmert).
     StateAndNoise,
 }
 
-/// How to do a nonlinear update.
+/// Options of a nonlinear update.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EquationUpdate {
     /// Where to linearise.
     pub relinearization: Relinearization,
-    /// The most linearisations.
+    /// Maximum number of linearisations.
     pub max_iterations: usize,
     /// Stop when no component of `x` and `v` moves by more than this many of its prior standard deviations.
     pub tolerance: f64,
@@ -71,13 +71,13 @@ impl EquationUpdate {
         Self { relinearization: Relinearization::Never, max_iterations: 1, tolerance: 1e-10 }
     }
 
-    /// Linearised anew in the state, up to 50 times (IEKF).
+    /// Relinearised in the state, up to 50 times (IEKF).
     #[must_use]
     pub fn iterated() -> Self {
         Self { relinearization: Relinearization::State, max_iterations: 50, ..Self::extended() }
     }
 
-    /// Linearised anew in the state and the noise, up to 50 times (NUIEKF).
+    /// Relinearised in state and noise, up to 50 times (NUIEKF).
     #[must_use]
     pub fn noise_updated() -> Self {
         Self { relinearization: Relinearization::StateAndNoise, ..Self::iterated() }
@@ -92,8 +92,8 @@ impl Default for EquationUpdate {
 
 /// A Kalman filter in covariance form: mean `x̂` and covariance `P`.
 ///
-/// Updates: `K = P Hᵀ (H P Hᵀ + R)⁻¹`, `x̂ ← x̂ + K (z − H x̂)`, `P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ`.
-/// Cost: `n² m` per update of `m` readings. An update that fails leaves the filter as it was.
+/// Updates: `K = P Hᵀ (H P Hᵀ + R)⁻¹`, `x̂ ← x̂ + K (z − H x̂)`, `P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ`. Cost:
+/// `n² m` per update of `m` readings. An update that fails leaves the filter unchanged.
 ///
 /// # Examples
 /// ```
@@ -151,12 +151,13 @@ impl KalmanFilter {
         &self.covariance
     }
 
-    /// Mean and covariance, for updates that keep the latter symmetric and positive semidefinite themselves.
+    /// Mean and covariance, for updates that themselves keep the covariance symmetric and positive
+    /// semidefinite.
     pub(crate) fn parts_mut(&mut self) -> (&mut DVector<f64>, &mut DMatrix<f64>) {
         (&mut self.mean, &mut self.covariance)
     }
 
-    /// Carries the state through `x ← F x + w`, `w ~ N(0, Q)`: `P ← F P Fᵀ + Q`.
+    /// Predicts the state by `x ← F x + w`, `w ~ N(0, Q)`: `P ← F P Fᵀ + Q`.
     ///
     /// `F` may have more or fewer rows than the state has components.
     ///
@@ -167,7 +168,7 @@ impl KalmanFilter {
         self.predict_to(transition * &self.mean, transition, process_covariance)
     }
 
-    /// Carries the state through a nonlinear `x ← f(x) + w`: `predicted` is `f(x̂)`, `transition` is `∂f/∂x`
+    /// Predicts the state by a nonlinear `x ← f(x) + w`: `predicted` is `f(x̂)`, `transition` is `∂f/∂x`
     /// there.
     ///
     /// # Errors
@@ -187,7 +188,7 @@ impl KalmanFilter {
         Ok(())
     }
 
-    /// What readings `z = H x + v` would have to say, without updating: for gates.
+    /// Innovation of readings `z = H x + v`, without an update. Use it for gates.
     ///
     /// # Errors
     /// `Input` when shapes differ or a value is not finite; `Undetermined` when `H P Hᵀ + R` is singular.
@@ -203,7 +204,7 @@ impl KalmanFilter {
         self.innovation_of(design, reading, noise_covariance)
     }
 
-    /// Takes in readings `z = H x + v`, `v ~ N(0, R)`.
+    /// Updates with readings `z = H x + v`, `v ~ N(0, R)`.
     ///
     /// # Errors
     /// As [`Self::innovation`].
@@ -219,7 +220,7 @@ impl KalmanFilter {
         Ok(innovation)
     }
 
-    /// Takes in one reading `z = hᵀ x + v`, `v ~ N(0, variance)`. Cost: `4 n²`.
+    /// Updates with one reading `z = hᵀ x + v`, `v ~ N(0, variance)`. Cost: `4 n²`.
     ///
     /// # Errors
     /// `Input` when shapes differ or a value is not finite or the variance negative; `Undetermined` when
@@ -240,7 +241,7 @@ impl KalmanFilter {
         let total = row.dot(&spread) + variance;
         if total.is_nan() || total <= 0.0 {
             return Err(Error::undetermined(
-                "a reading without noise says what is known already without doubt",
+                "a noise-free reading measures a direction that is already known exactly",
             ));
         }
         let residual = reading - row.dot(&self.mean);
@@ -255,11 +256,11 @@ impl KalmanFilter {
         Ok(ScalarInnovation { residual, variance: total, normalized_squared: residual * residual / total })
     }
 
-    /// Takes in a measurement `g(z − v, x) = 0`, `v ~ N(0, R)`.
+    /// Updates with a measurement `g(z − v, x) = 0`, `v ~ N(0, R)`.
     ///
     /// At each linearisation: `y = H x0 + D v0 − g0`, `x ← x̂ + P Hᵀ S⁻¹ (y − H x̂)`,
     /// `v ← R Dᵀ S⁻¹ (y − H x̂)` with `S = H P Hᵀ + D R Dᵀ`, where `x̂` and `P` stay those before the update.
-    /// Not converging is told in the innovation.
+    /// The innovation reports whether the iteration converged.
     ///
     /// # Errors
     /// `Input` when shapes differ or the equation is not defined at a state; `Undetermined` when `S` is
@@ -302,11 +303,11 @@ impl KalmanFilter {
                 noise_covariance,
             ));
             (x, v) = (next, next_noise);
-            let settled = options.relinearization == Relinearization::Never || moved <= options.tolerance;
-            // Readings far from the origin cannot settle beyond their rounding.
+            let converged = options.relinearization == Relinearization::Never || moved <= options.tolerance;
+            // Far from the origin, rounding of the reading limits how small a step can get.
             let stalled = moved >= previous && moved <= 1e-4;
             previous = moved;
-            if settled || stalled || iterations >= options.max_iterations {
+            if converged || stalled || iterations >= options.max_iterations {
                 self.covariance = joseph_covariance(
                     &self.covariance,
                     &at.state_jacobian,
@@ -315,7 +316,7 @@ impl KalmanFilter {
                 );
                 self.mean = x;
                 innovation.iterations = iterations;
-                innovation.termination = match (settled, stalled) {
+                innovation.termination = match (converged, stalled) {
                     (true, _) => Termination::Converged,
                     (_, true) => Termination::ReachedTolerance,
                     _ => Termination::Limit,
@@ -367,7 +368,7 @@ impl KalmanFilter {
 /// products where `m < n`.
 ///
 /// # Panics
-/// When the shapes do not fit.
+/// When the shapes do not match.
 ///
 /// # References
 /// Bucy, Joseph, *Filtering for stochastic processes with applications to guidance*, 1968.

@@ -1,29 +1,30 @@
 //! Batch least squares on measurement equations: Gauss–Newton and Levenberg–Marquardt on the Gauss–Helmert
 //! model.
 //!
-//! Comes in: equations `g(z − v, x) = 0` with noise covariances and losses, a prior, a start. Goes out: the
-//! most likely state, its covariance, the residuals, and how it ended. Not guaranteed: the global optimum.
+//! Input: equations `g(z − v, x) = 0` with noise covariances and losses, a prior, an initial state. Output:
+//! the most likely state, its covariance, the residuals, and the reason for stopping. Not guaranteed: the
+//! global optimum.
 
 use crate::dense::{ScaledCholesky, require_covariance, require_vector, symmetric_part};
 use crate::equation::linearize_into;
 use crate::{Error, Information, Linearization, Loss, LossMoments, MeasurementEquation, Result};
 use nalgebra::{DMatrix, DVector};
 
-/// How an iteration ended. Not converging is data, not an error.
+/// Why an iteration stopped. A failure to converge is a result, not an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Termination {
-    /// The step became negligible.
+    /// The last step was negligible.
     Converged,
-    /// The objective no longer decreased by more than its tolerance, though the step was not yet negligible.
+    /// The objective decreased by less than its tolerance, but the step was not negligible.
     ReachedTolerance,
-    /// The most iterations were done.
+    /// The maximum number of iterations was reached.
     Limit,
-    /// A direction of the state carries no information.
+    /// There is no information along some direction of the state.
     Undetermined,
 }
 
-/// A measurement of a batch: an equation, the covariance `R` of its noise, and its loss.
+/// A measurement: an equation, the covariance `R` of its noise, and its loss.
 #[derive(Clone)]
 pub struct Measurement<'a> {
     equation: &'a dyn MeasurementEquation,
@@ -46,17 +47,17 @@ impl<'a> Measurement<'a> {
     }
 }
 
-/// How to search for the optimum.
+/// Options of [`least_squares`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeastSquaresOptions {
-    /// The first damping, relative to the diagonal of the information. Zero is Gauss–Newton until a step
+    /// Initial damping, relative to the diagonal of the information. Zero means Gauss–Newton until a step
     /// fails.
     pub initial_damping: f64,
-    /// The most steps tried.
+    /// Maximum number of steps.
     pub max_iterations: usize,
     /// Converged when the Gauss–Newton step is shorter than this many posterior standard deviations.
     pub step_tolerance: f64,
-    /// Also done when a step lowers the objective by less than this share of it.
+    /// Stop when a step reduces the objective by less than this fraction.
     pub objective_tolerance: f64,
 }
 
@@ -66,51 +67,50 @@ impl Default for LeastSquaresOptions {
     }
 }
 
-/// The outcome of a batch.
+/// Result of [`least_squares`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeastSquaresFit {
     /// The state `x̂`.
     pub state: DVector<f64>,
     /// Its covariance, corrected for the losses; `None` where the state is undetermined.
     pub covariance: Option<DMatrix<f64>>,
-    /// What the measurements said, prior excluded, at the weights of the losses; linearised at `x̂`.
+    /// Information of the measurements without the prior, linearised at `x̂`, with the weights of the losses.
     pub information: Information,
     /// The residuals `v̂` of each measurement, measured minus corrected.
     pub residuals: Vec<DVector<f64>>,
     /// `√(v̂ᵀ R⁻¹ v̂)` of each measurement.
     pub normalized_residuals: Vec<f64>,
-    /// The weight that each measurement's loss gave it.
+    /// Weight of each measurement, from its loss.
     pub weights: Vec<f64>,
-    /// Each measurement's part of the effective unknowns, `w tr(W H Λ⁻¹ Hᵀ)`; `NaN` where the state is
-    /// undetermined.
+    /// Contribution of each measurement to the effective number of unknowns, `w tr(W H Λ⁻¹ Hᵀ)`; `NaN` where
+    /// the state is undetermined.
     pub leverages: Vec<f64>,
     /// `Σ ρ(r)` over the measurements, prior excluded.
     pub loss: f64,
-    /// Steps tried.
+    /// Number of steps.
     pub iterations: usize,
-    /// How it ended.
+    /// Why the iteration stopped.
     pub termination: Termination,
-    /// A direction of the state along which nothing is known, where there is one.
+    /// A direction of the state without information, if there is one.
     pub undetermined_direction: Option<DVector<f64>>,
 }
 
-/// The state that minimises `½ xᵀΛx − ηᵀx + Σ ρ(√(vᵀR⁻¹v))` subject to `g(z − v, x) = 0` of every
+/// The state that minimises `½ xᵀΛx − ηᵀx + Σ ρ(√(vᵀR⁻¹v))` subject to `g(z − v, x) = 0` for every
 /// measurement.
 ///
-/// The noise is linearised anew at every state, and each misclosure taken at the corrected reading `z − v`,
-/// so that the optimum is that of the constrained problem (Gauss–Helmert), not that of its first
-/// linearisation. Damped steps on the reweighted normal equations; a step is taken only when the objective
-/// falls. The covariance is `A⁻¹ B A⁻¹`, with the prior and each measurement's weighted information scaled by
-/// the loss's [moments](Loss::moments) for Gaussian data; with Gaussian losses it is the inverse information.
-/// Cost: `N (m³ + m n²) + n³` a step for `N` measurements of `m` equations.
+/// The noise is relinearised at every state, and misclosures are evaluated at the corrected readings `z − v`.
+/// Therefore the result is the optimum of the constrained problem (Gauss–Helmert), not of its first
+/// linearisation. Steps are damped solutions of the reweighted normal equations; a step is accepted only if
+/// the objective decreases. The covariance is `A⁻¹ B A⁻¹`, with the prior and each measurement's weighted
+/// information scaled by the loss's [moments](Loss::moments) for Gaussian data; with Gaussian losses it is
+/// the inverse information. Cost: `N (m³ + m n²) + n³` per step for `N` measurements of `m` equations.
 ///
 /// # Errors
 /// `Input` when shapes differ, a covariance or loss is not valid, or an equation is not defined at the start;
-/// `Undetermined` when an equation has no noise there. A state that stays undetermined is told in the fit.
+/// `Undetermined` when an equation has no noise there. The fit reports an undetermined state.
 ///
 /// # Examples
-/// A circle about the origin through noisy points; both coordinates of a point are noisy, so the equation is
-/// implicit.
+/// Radius of a circle about the origin. Both coordinates of a point are noisy, so the equation is implicit.
 /// ```
 /// use nalgebra::{DMatrix, DVector};
 /// use planish_estimate::{
@@ -152,6 +152,8 @@ pub fn least_squares(
     let mut termination = Termination::Limit;
     while iterations < options.max_iterations {
         iterations += 1;
+        // Solve the damped normal equations. Convergence uses the undamped step, because damping shortens
+        // steps far from the optimum as well.
         let normal = &prior.matrix + &point.information;
         let step = match damped_factor(&normal, damping) {
             Some(factor) => {
@@ -192,12 +194,12 @@ pub fn least_squares(
     batch.finish(point, iterations, termination)
 }
 
-/// The problem, with what does not change between steps.
+/// The problem: everything that does not change between steps.
 struct Batch<'a, 'b> {
     measurements: &'b [Measurement<'a>],
     prior: &'b Information,
     start: &'b DVector<f64>,
-    /// `∇` of the prior's part of the objective at the start.
+    /// Gradient of the prior term at the start.
     prior_gradient: DVector<f64>,
     moments: Vec<LossMoments>,
 }
@@ -207,7 +209,7 @@ struct Point {
     state: DVector<f64>,
     noises: Vec<DVector<f64>>,
     linearizations: Vec<Linearization>,
-    /// Prior and loss; the prior's part is zero at the start.
+    /// Prior term plus loss; the prior term is zero at the start.
     objective: f64,
     loss: f64,
     normalized_residuals: Vec<f64>,
@@ -234,7 +236,7 @@ impl<'a, 'b> Batch<'a, 'b> {
             let dimensions = measurement.equation.dimensions();
             if dimensions.state != n {
                 return Err(Error::input(format!(
-                    "measurement {i} is about {} unknowns, the start about {n}",
+                    "measurement {i} has {} unknowns, the start has {n}",
                     dimensions.state
                 )));
             }
@@ -301,7 +303,7 @@ impl<'a, 'b> Batch<'a, 'b> {
         if point.objective.is_finite() {
             Ok(point)
         } else {
-            Err(Error::input("the objective is not finite: give a start nearer to the answer"))
+            Err(Error::input("the objective is not finite: choose a start closer to the solution"))
         }
     }
 
@@ -331,13 +333,15 @@ impl<'a, 'b> Batch<'a, 'b> {
                 return Ok(fit);
             }
         };
+        // Sandwich covariance from the expected slope and variance of the scores.
         let (mut slope, mut score) = (self.prior.matrix.clone(), self.prior.matrix.clone());
         for (i, at) in point.linearizations.iter().enumerate() {
             let weight = at.weight(&self.measurements[i].noise_covariance)?;
             let information = at.state_jacobian.transpose() * weight.solve_matrix(&at.state_jacobian);
             fit.leverages[i] = fit.weights[i] * inverse.dot(&information);
             let moments = &self.moments[i];
-            // The weights leave outliers out; dividing by their mean makes good data count in full.
+            // The weights suppress outliers. Division by their expectation for Gaussian data restores the
+            // full information of inliers.
             let share = fit.weights[i] / moments.weight;
             slope += &information * (share * moments.slope);
             score += &information * (share * moments.influence_squared);
@@ -350,7 +354,7 @@ impl<'a, 'b> Batch<'a, 'b> {
     }
 }
 
-/// A measurement at a state, with the most likely noise there.
+/// A measurement linearised at a state and at the most likely noise.
 struct Corrected {
     noise: DVector<f64>,
     at: Linearization,
@@ -359,7 +363,7 @@ struct Corrected {
 }
 
 /// The most likely noise that makes the equation hold at `x`: `v ← R Dᵀ W (D v − g(z − v, x))` until it
-/// settles.
+/// converges.
 fn correct(
     measurement: &Measurement<'_>,
     x: &DVector<f64>,
@@ -371,8 +375,8 @@ fn correct(
     let mut v = noise.clone();
     let mut previous = f64::INFINITY;
     let mut relaxation = 1.0_f64;
-    // Fast for small noise. For noise beyond the curvature radius full steps overshoot ever more, and shorter
-    // ones do not.
+    // The fixed point converges fast for small noise. If the noise exceeds the radius of curvature, full
+    // steps diverge and shorter ones converge.
     for _ in 0..200 {
         linearize_into(measurement.equation, x, &v, &mut at)?;
         let weight = at.weight(covariance)?;
@@ -382,7 +386,7 @@ fn correct(
             .map(|i| step[i].abs() / covariance[(i, i)].sqrt().max(f64::MIN_POSITIVE))
             .fold(0.0, f64::max);
         let normalized_residual = weight.inverse_form(&unexplained).sqrt();
-        // Readings far from the origin cannot settle beyond their rounding.
+        // Far from the origin, rounding of the reading limits how small a step can get.
         let stalled = largest >= previous && largest <= 1e-4;
         if largest <= 0.01 * tolerance * (1.0 + normalized_residual) || stalled {
             v += step;
@@ -395,7 +399,7 @@ fn correct(
         previous = largest;
     }
     Err(Error::undetermined(
-        "the noise that explains the reading does not settle: the state is too far from it",
+        "the noise of a reading does not converge: the state is too far from the reading",
     ))
 }
 

@@ -1,21 +1,44 @@
-//! Estimation for Planish: every measurement is an equation, and information adds.
+//! Estimation for Planish: every measurement is an equation, and information adds up.
 //!
-//! This crate knows no geometry. Models plug in through one interface, the measurement equation
-//! `g(z − v, x) = 0` with noise `v ~ N(0, R)`; everything else is done to its linearisation:
+//! This crate contains no geometry. A model provides its measurement equation `g(z − v, x) = 0` with noise
+//! `v ~ N(0, R)`. All methods use its linearisation:
 //!
 //! ```text
 //! MeasurementEquation ─► Linearization ─┬─► Information ─► Belief            merge, update, marginals
-//!                                       ├─► KalmanFilter             one at a time, EKF, IEKF, NUIEKF
-//!                                       └─► least_squares                    a batch, with robust losses
-//! residuals ─► Loss, TruncatedNormal, VarianceComponents, SmoothnessModel    checks of the stated σ
-//! deviations ─► ChiSquareMean, Coverage, whiteness                           whether they were
+//!                                       ├─► KalmanFilter                     sequential: EKF, IEKF, NUIEKF
+//!                                       └─► least_squares                    batch, with robust losses
+//! residuals ─► Loss, TruncatedNormal, VarianceComponents, SmoothnessModel    estimates of σ and of weights
+//! deviations ─► ChiSquareMean, Coverage, whiteness                           tests of the stated σ
 //! ```
 //!
-//! Small states are dense; [`sparse`] holds the information of large ones.
+//! Small states use dense matrices; [`sparse`] is for large ones. [`implicit`] is a fast path for readings of
+//! one equation each.
 //!
-//! Residuals are measured minus predicted. Everything is `f64`; units are the caller's, and no judgement of
-//! rank depends on them. The same input gives the same bytes. What is not converged or not determined is told
-//! in the result; an [`Error`] is for what has no result.
+//! # Example
+//! Estimate a constant from two readings, then check a third against the result:
+//! ```
+//! use nalgebra::{DMatrix, DVector};
+//! use planish_estimate::{Belief, Information, KalmanFilter, Linear, MeasurementEquation};
+//!
+//! let one = DMatrix::identity(1, 1);
+//! let mut belief = Belief::from_information(Information::zero(1), Information::zero(1))?;
+//! for (value, variance) in [(10.2, 0.04), (9.9, 0.01)] {
+//!     let reading = Linear::new(one.clone(), DVector::from_element(1, value))?;
+//!     let at = reading.linearized(&DVector::zeros(1), &DVector::zeros(1))?;
+//!     belief.update(&at, &(&one * variance))?;
+//! }
+//! assert!((belief.mean()?[0] - 9.96).abs() < 1e-12);
+//! assert!((belief.covariance()?[(0, 0)] - 0.008).abs() < 1e-12);
+//!
+//! let mut filter = KalmanFilter::from_belief(&belief)?;
+//! let innovation = filter.update_scalar(&DVector::from_element(1, 1.0), 12.0, 0.01)?;
+//! assert!(innovation.normalized_squared > 100.0); // an outlier: 15 standard deviations
+//! # Ok::<(), planish_estimate::Error>(())
+//! ```
+//!
+//! Residuals are measured minus predicted. All values are `f64` in the units of the caller; decisions on rank
+//! do not depend on units. The same input gives the same bytes. Results report a failure to converge or an
+//! undetermined state. An [`Error`] means that there is no result.
 
 pub mod implicit;
 pub mod sparse;

@@ -1,11 +1,11 @@
-//! The maximum of a function of one variable by golden section with parabolic steps.
+//! Maximum of a function of one variable by golden section with parabolic steps.
 //!
-//! Comes in: an interval and a function that costs much. Goes out: the best point that was evaluated. Not
-//! guaranteed: the global maximum of a function with several.
+//! Input: an interval and an expensive function. Output: the best evaluated point. Not guaranteed: the global
+//! maximum if there are several.
 
 use crate::Result;
 
-/// A point that was evaluated.
+/// An evaluated point.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Evaluated {
     pub(crate) at: f64,
@@ -13,13 +13,13 @@ pub(crate) struct Evaluated {
 }
 
 impl Evaluated {
-    /// A point that was not evaluated: nothing is less.
+    /// A point that was not evaluated. Its value is below all others.
     fn unknown(at: f64) -> Self {
         Self { at, value: f64::NEG_INFINITY }
     }
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Maximum {
     pub(crate) best: Evaluated,
@@ -27,9 +27,10 @@ pub(crate) struct Maximum {
     pub(crate) converged: bool,
 }
 
+/// `(3 − √5)/2`, the fraction of golden section.
 const GOLDEN: f64 = 0.381_966_011_250_105_1;
 
-/// Maximises over `[low, high]` to `tolerance` in the argument, in at most `limit` evaluations.
+/// Maximises over `[low, high]` to `tolerance` in the argument, with at most `limit` evaluations.
 pub(crate) fn maximize_between(
     low: f64,
     high: f64,
@@ -44,8 +45,8 @@ pub(crate) fn maximize_between(
     Ok(Maximum { evaluations: found.evaluations + 1, ..found })
 }
 
-/// Brent's search between two points from one that is higher than both. Settled, too, when two parabolas in a
-/// row agree on their tops.
+/// Brent's search between two points, starting from a third with a higher value. It also stops when two
+/// successive parabolas agree on their vertex.
 ///
 /// Brent, *Algorithms for minimization without derivatives*, 1973, chapter 5.
 pub(crate) fn maximize_bracketed(
@@ -65,8 +66,8 @@ pub(crate) fn maximize_bracketed(
             return Ok(Maximum { best, evaluations, converged: true });
         }
         let candidate = parabolic_step(best, second, third);
-        // The top of the parabola before was gone to, and the one through it is no further: the maximum is as
-        // near.
+        // The last step went to the vertex of a parabola, and the new vertex is closer than the tolerance.
+        // Without this test the search would continue until the bracket itself is small.
         if follows_parabola && candidate.is_some_and(|candidate| candidate.abs() < tolerance) {
             return Ok(Maximum { best, evaluations, converged: true });
         }
@@ -115,7 +116,7 @@ pub(crate) fn maximize_bracketed(
     Ok(Maximum { best, evaluations: limit, converged: false })
 }
 
-/// From `best` to the top of the parabola through three points; `None` where there is none.
+/// Step from `best` to the vertex of the parabola through three points; `None` if they are collinear.
 fn parabolic_step(best: Evaluated, second: Evaluated, third: Evaluated) -> Option<f64> {
     let r = (best.at - second.at) * (best.value - third.value);
     let q = (best.at - third.at) * (best.value - second.value);

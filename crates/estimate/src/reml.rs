@@ -1,39 +1,39 @@
-//! The weight of a smoothness prior by restricted marginal likelihood.
+//! Weight of a smoothness prior by restricted maximum likelihood (REML).
 //!
-//! Comes in: how the log-determinant and the quadratic forms of a penalised solution depend on the weight `w`
-//! of the prior `w K`. Goes out: the weight that makes the data most likely, by search or by fixed point.
-//! Dense and sparse problems alike: solutions are the caller's. Not guaranteed: a finite weight; data that
-//! look exactly as smooth as the null space send it to its limit.
+//! Input: how the log-determinant and the quadratic forms of a penalised solution depend on the weight `w` of
+//! the prior `w K`. Output: the weight of maximum likelihood, by search or by fixed point. The caller solves
+//! the equations, so dense and sparse problems both work. Not guaranteed: a finite weight. Data that lie in
+//! the null space of the penalty send it to its bound.
 
 use crate::dense::{diagonal_scale, eigen, require_covariance, require_finite_number, scaled_by};
 use crate::line_search::{Evaluated, maximize_bracketed};
 use crate::{Error, ErrorKind, Result, Termination};
 use nalgebra::DMatrix;
 
-/// What is known of the scale `φ` of all covariances, data and prior alike.
+/// The common scale `φ` of the covariances of data and prior.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Dispersion {
-    /// The covariances are right but for this factor; 1 where the stated σ are to be believed.
+    /// Known scale; 1 if the stated σ are correct.
     Known(f64),
-    /// Estimated along with the weight: `φ = (RSS + w xᵀKx) / (n − M)`.
+    /// Estimated together with the weight: `φ = (RSS + w xᵀKx) / (n − M)`.
     Estimated,
 }
 
-/// What does not change with the weight of a smoothness prior.
+/// The quantities of a smoothing problem that do not depend on the weight.
 ///
 /// The model: readings `z = H x + v` with `v ~ N(0, φ W⁻¹)`, and `x` with prior information `w K / φ`, flat
-/// along the null space of `K`. Coordinates that share `K` count each: three times the rank, unknowns and
-/// equations, and sums in the evaluation.
+/// along the null space of `K`. If three coordinates share `K`, triple rank, unknowns and equations, and sum
+/// the quantities of the evaluation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothnessModel {
     /// The rank of `K`.
     pub rank: usize,
-    /// How many unknowns there are; `M = unknowns − rank` of them, the null space, have a flat prior.
+    /// Number of unknowns; the null space of dimension `M = unknowns − rank` has a flat prior.
     pub unknowns: usize,
-    /// How many scalar equations the data are.
+    /// Number of scalar equations of the data.
     pub equations: usize,
-    /// `log |K|₊`, the [pseudo-determinant](log_pseudo_determinant); shifts the likelihood only, so that 0
-    /// serves as well.
+    /// `log |K|₊`, the [pseudo-determinant](log_pseudo_determinant); it only shifts the likelihood, so 0
+    /// works as well.
     pub log_pseudo_determinant: f64,
     /// The scale of all covariances.
     pub dispersion: Dispersion,
@@ -48,7 +48,7 @@ pub struct SmoothnessEvaluation {
     pub residual: f64,
     /// `x̂ᵀ K x̂`.
     pub roughness: f64,
-    /// `tr((Λ + w K)⁻¹ K)`; only the Fellner–Schall update needs it.
+    /// `tr((Λ + w K)⁻¹ K)`; needed only by the Fellner–Schall update.
     pub trace: Option<f64>,
 }
 
@@ -71,12 +71,12 @@ impl SmoothnessModel {
         }
     }
 
-    /// `n − M`, as a number.
+    /// `n − M` as a floating-point number.
     fn contrasts(&self) -> f64 {
         (self.equations + self.rank) as f64 - self.unknowns as f64
     }
 
-    /// `φ`: as known, or as estimated at this weight.
+    /// `φ`, known or estimated at this weight.
     #[must_use]
     pub fn dispersion_at(&self, weight: f64, evaluation: &SmoothnessEvaluation) -> f64 {
         match self.dispersion {
@@ -85,8 +85,7 @@ impl SmoothnessModel {
         }
     }
 
-    /// The restricted log-likelihood of the weight, exact for Gaussian data up to a constant without `w` and
-    /// `φ`:
+    /// The restricted log-likelihood of the weight, up to a constant independent of `w` and `φ`:
     ///
     /// `½ [r log w + log|K|₊ − log|Λ + wK| − (RSS + w x̂ᵀKx̂)/φ − (n − M) log(2πφ)]`.
     ///
@@ -104,11 +103,11 @@ impl SmoothnessModel {
             - self.contrasts() * (std::f64::consts::TAU * scale).ln())
     }
 
-    /// The Fellner–Schall update `w ← φ (r − w tr(A⁻¹K))₊ / x̂ᵀKx̂`: positive, and at rest where the
+    /// The Fellner–Schall update `w ← φ (r − w tr(A⁻¹K))₊ / x̂ᵀKx̂`: positive, and stationary where the
     /// likelihood is.
     ///
-    /// `r − w tr(A⁻¹K)` is what the data determine of the penalised unknowns. It is never negative but for
-    /// rounding; the weight then falls to zero, as it grows to infinity without roughness: bound it.
+    /// `r − w tr(A⁻¹K)` is the number of penalised unknowns that the data determine, and is negative only by
+    /// rounding. The weight can fall to zero, or grow to infinity if the roughness vanishes: bound it.
     ///
     /// # Errors
     /// `Input` when the evaluation has no trace.
@@ -126,23 +125,25 @@ impl SmoothnessModel {
     }
 }
 
-/// How to look for the weight.
+/// Options of the search for the weight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothnessSearch {
-    /// The first weight to try.
+    /// Initial weight.
     pub start: f64,
-    /// The first step of `log w`: what the start may well be off by. Steps double until the likelihood falls.
+    /// First step of `log w`, the expected error of the initial weight. Steps double until the likelihood
+    /// falls.
     pub step: f64,
-    /// The least and the greatest weight to consider.
+    /// Minimum and maximum weight.
     pub bounds: (f64, f64),
-    /// Settled when `log w` is known to this.
+    /// Tolerance of `log w`.
     pub tolerance: f64,
-    /// The most solutions.
+    /// Maximum number of solutions.
     pub max_evaluations: usize,
 }
 
 impl SmoothnessSearch {
-    /// From a given weight, within sixteen powers of ten of it, to one per cent, in at most 60 solutions.
+    /// Starts at a given weight, with bounds of 16 powers of ten, a tolerance of 1 % and at most 60
+    /// solutions.
     #[must_use]
     pub fn from_start(start: f64) -> Self {
         Self { start, step: 2.0, bounds: (1e-16 * start, 1e16 * start), tolerance: 0.01, max_evaluations: 60 }
@@ -160,7 +161,8 @@ impl SmoothnessSearch {
             Ok(())
         } else {
             Err(Error::input(format!(
-                "a smoothness weight starts within positive bounds, with a positive tolerance: {self:?}"
+                "the search for a smoothness weight needs a start within positive bounds and a positive \
+                 tolerance: {self:?}"
             )))
         }
     }
@@ -171,7 +173,7 @@ impl SmoothnessSearch {
     }
 }
 
-/// The weight of a smoothness prior.
+/// The estimated weight of a smoothness prior.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothnessWeight {
     /// `w`.
@@ -180,29 +182,31 @@ pub struct SmoothnessWeight {
     pub dispersion: f64,
     /// The restricted log-likelihood there.
     pub log_likelihood: f64,
-    /// Whether the weight is at a bound: the data want none of the prior, or nothing else.
+    /// True if the weight is at a bound: the data support no smoothing, or only the null space.
     pub at_bound: bool,
-    /// How many solutions were made.
+    /// Number of solutions.
     pub evaluations: usize,
-    /// Whether the search settled.
+    /// Whether the search converged.
     pub termination: Termination,
 }
 
-/// The weight of greatest restricted likelihood, by a bracket around the start and golden section with
-/// parabolic steps.
+/// Finds the weight of maximum restricted likelihood: brackets it from the start, then uses golden section
+/// with parabolic steps.
 ///
-/// `evaluate` solves at a weight. Some ten solutions from a start within a factor of a hundred. Finds *a*
-/// maximum; the likelihood of one weight rarely has two.
+/// `evaluate` solves at a weight. A start within a factor of 100 needs about ten solutions. The result is *a*
+/// local maximum; the likelihood of a single weight rarely has two.
 ///
 /// # Errors
-/// Those of `evaluate`, but for `Undetermined` after the first solution, which rules out a weight; `Input`
-/// when the model or the search is not valid, or a likelihood is not finite.
+/// Those of `evaluate`, except `Undetermined` after the first solution, which only excludes that weight;
+/// `Input` when the model or the search is not valid, or a likelihood is not finite.
 ///
 /// # Examples
-/// One unknown with prior `N(0, 1/w)`, read once as 3 with σ = 1: the most likely prior variance is `3² − 1`.
+/// One unknown with prior `N(0, 1/w)` and one reading 3 with σ = 1: the most likely prior variance is
+/// `3² − 1`.
 /// ```
 /// use planish_estimate::{
-///     Dispersion, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch, maximize_restricted_likelihood,
+///     Dispersion, SmoothnessEvaluation, SmoothnessModel, SmoothnessSearch,
+///     maximize_restricted_likelihood,
 /// };
 ///
 /// let model = SmoothnessModel {
@@ -243,7 +247,7 @@ pub fn maximize_restricted_likelihood(
         let weight = log_weight.exp().clamp(search.bounds.0, search.bounds.1);
         let found = match solve_at(model, search, weight, &mut evaluate) {
             Ok(found) => found,
-            // A weight too small or too great to be solved with is not the most likely one.
+            // A weight without a solution is too small or too large, so it cannot be the optimum.
             Err(error) if error.kind() == ErrorKind::Undetermined && best.is_some() => {
                 return Ok(f64::NEG_INFINITY);
             }
@@ -259,12 +263,12 @@ pub fn maximize_restricted_likelihood(
     let mut evaluated = |at: f64| value_at(at).map(|value| Evaluated { at, value });
     let start = evaluated(search.start.ln())?;
     let first = evaluated((start.at + search.step).min(highest))?;
-    // Walk uphill with growing steps until the likelihood falls again or a bound is met.
+    // Bracket the maximum: walk uphill with doubled steps until the likelihood falls or a bound is reached.
     let is_uphill = first.value >= start.value && first.at > start.at;
     let (mut behind, mut inner) = if is_uphill { (start, first) } else { (first, start) };
     let mut step = if is_uphill { search.step } else { -search.step };
     let mut left = search.max_evaluations.saturating_sub(2);
-    let mut settled = false;
+    let mut converged = false;
     while left > 0 {
         let ahead = (inner.at + step).clamp(lowest, highest);
         let trial = if ahead == inner.at { inner } else { evaluated(ahead)? };
@@ -272,22 +276,22 @@ pub fn maximize_restricted_likelihood(
         if trial.value < inner.value || ahead == inner.at {
             let bracket = if behind.at < trial.at { [behind, inner, trial] } else { [trial, inner, behind] };
             let value_at = |at| evaluated(at).map(|found| found.value);
-            settled = maximize_bracketed(bracket, search.tolerance, left, value_at)?.converged;
+            converged = maximize_bracketed(bracket, search.tolerance, left, value_at)?.converged;
             break;
         }
         (behind, inner) = (inner, trial);
         step *= 2.0;
     }
-    let best = best.ok_or_else(|| Error::input("a search for a weight needs at least one solution"))?;
-    let termination = if settled { Termination::Converged } else { Termination::Limit };
+    let best = best.ok_or_else(|| Error::input("the search for a weight needs at least one solution"))?;
+    let termination = if converged { Termination::Converged } else { Termination::Limit };
     Ok(SmoothnessWeight { evaluations, termination, ..best })
 }
 
-/// The weight at rest under the [Fellner–Schall update](SmoothnessModel::fellner_schall_update), halving
-/// steps that lower the likelihood.
+/// Finds the fixed point of the [Fellner–Schall update](SmoothnessModel::fellner_schall_update), halving
+/// steps that reduce the likelihood.
 ///
-/// `evaluate` solves at a weight and gives the trace. Linear convergence: fast where the data determine the
-/// penalised unknowns well, and slow where they do not; there prefer [`maximize_restricted_likelihood`].
+/// `evaluate` solves at a weight and returns the trace. Convergence is linear: fast if the data determine the
+/// penalised unknowns well, slow otherwise. In the second case prefer [`maximize_restricted_likelihood`].
 ///
 /// # Errors
 /// Those of `evaluate`; `Input` when the model or the search is not valid, a likelihood is not finite, or a
@@ -320,6 +324,7 @@ pub fn fellner_schall(
         }
         let (trial, after) = solve(next)?;
         evaluations += 1;
+        // Near the optimum, differences of the likelihood are rounding and must not halve steps.
         let rounding = 1e-12 * (1.0 + best.log_likelihood.abs());
         if trial.log_likelihood >= best.log_likelihood - rounding {
             (best, next) = (trial, after);
@@ -352,21 +357,33 @@ fn solve_at(
 /// The rank of a symmetric positive semidefinite matrix and the logarithm of the product of its positive
 /// eigenvalues, `log |K|₊`.
 ///
-/// Rank is judged after scaling to unit diagonal: eigenvalues below `tolerance` of the largest are zero;
-/// 1e-10 serves for penalties that were integrated exactly. Cost: `10 n³`.
+/// The rank is decided after scaling to unit diagonal: eigenvalues below `tolerance` times the largest are
+/// zero. 1e-10 suits penalties that were integrated exactly. Cost: `10 n³`.
+///
+/// # Examples
+/// ```
+/// use nalgebra::DMatrix;
+/// use planish_estimate::log_pseudo_determinant;
+///
+/// // The penalty (x0 − x1)² does not see a common shift: rank 1, eigenvalues 0 and 2.
+/// let penalty = DMatrix::from_row_slice(2, 2, &[1.0, -1.0, -1.0, 1.0]);
+/// let (rank, log) = log_pseudo_determinant(&penalty, 1e-10)?;
+/// assert_eq!(rank, 1);
+/// assert!((log - 2.0_f64.ln()).abs() < 1e-12);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # Errors
 /// `Input` when the matrix is not symmetric positive semidefinite.
 pub fn log_pseudo_determinant(matrix: &DMatrix<f64>, tolerance: f64) -> Result<(usize, f64)> {
     require_covariance("the penalty", matrix, matrix.nrows())?;
-    let not_finite = || Error::input("the eigenvalues of the penalty do not settle");
+    let not_finite = || Error::input("the eigenvalue iteration of the penalty does not converge");
     let rank = {
         let scaled = eigen(scaled_by(matrix, &diagonal_scale(matrix))).ok_or_else(not_finite)?.eigenvalues;
         let largest = scaled.iter().copied().fold(0.0, f64::max);
         scaled.iter().filter(|&&value| value > tolerance * largest).count()
     };
-    // The scaling does not change the rank but does change the product: take the eigenvalues of the matrix
-    // itself.
+    // Scaling keeps the rank but changes the product, so the product uses eigenvalues of the unscaled matrix.
     let mut values: Vec<f64> =
         eigen(matrix.clone()).ok_or_else(not_finite)?.eigenvalues.iter().copied().collect();
     values.sort_by(|a, b| b.total_cmp(a));

@@ -1,26 +1,26 @@
-//! Robust losses, and scales that outliers and gates do not bend.
+//! Robust losses, and estimates of scale that are robust to outliers and corrected for gates.
 //!
-//! Comes in: *normalised residuals* `r = (measured − predicted) / σ`, a distance in standard deviations,
-//! never its square; or plain residuals of one group. Goes out: losses, weights and scales that are right for
-//! Gaussian data. Not guaranteed: a breakdown point beyond one half, and for a gate or a redescending loss a
-//! good answer from a bad start.
+//! Input: *normalised residuals* `r = (measured − predicted) / σ`, in standard deviations and never squared;
+//! or plain residuals of one group. Output: losses, weights and scales that are consistent for Gaussian data.
+//! Not guaranteed: a breakdown point above one half; a good result of a gate or a redescending loss from a
+//! poor start.
 
 use crate::{Error, Result, Termination};
 use statrs::distribution::{Continuous, ContinuousCDF, Normal};
 use statrs::function::gamma::{digamma, ln_gamma};
 
-/// How a *normalised residual* `r` is charged: `ρ(r)`, with the Gaussian's `r²/2` for the near ones.
+/// The loss `ρ(r)` of a *normalised residual* `r`; close to `r²/2` for small `r`.
 ///
-/// All functions take the residual itself in standard deviations, of either sign, and not its square. For a
-/// measurement of several equations `r` is the length `√(vᵀR⁻¹v)`. Laws: `ρ(0) = 0`, `ρ' = ψ`, `w = ψ/r`, `ψ`
-/// odd. Cost: constant.
+/// All functions take the residual in standard deviations, of either sign, not its square. For a measurement
+/// of several equations `r` is the length `√(vᵀR⁻¹v)`. Laws: `ρ(0) = 0`, `ρ' = ψ`, `w = ψ/r`, `ψ` odd. Cost:
+/// constant.
 ///
 /// # Examples
 /// ```
 /// use planish_estimate::Loss;
 ///
 /// let loss = Loss::huber();
-/// assert_eq!(loss.weight(1.0), 1.0); // one standard deviation: as Gaussian
+/// assert_eq!(loss.weight(1.0), 1.0); // one standard deviation: full weight
 /// assert_eq!(loss.weight(13.45), 0.1); // ten thresholds: a tenth of the weight
 /// assert!((loss.efficiency()? - 0.95).abs() < 1e-3);
 /// # Ok::<(), planish_estimate::Error>(())
@@ -35,18 +35,18 @@ pub enum Loss {
     Gaussian,
     /// `ρ = r²/2` within the threshold, linear beyond: convex, bounded influence.
     Huber {
-        /// Where the influence stops growing, in standard deviations.
+        /// The residual beyond which the influence is constant, in standard deviations.
         threshold: f64,
     },
     /// `ρ = (c²/2) ln(1 + (r/c)²)`: the influence falls as `1/r`.
     Cauchy {
-        /// `c`, where the weight is one half, in standard deviations.
+        /// `c`, the residual of weight one half, in standard deviations.
         scale: f64,
     },
-    /// `ρ = (c²/6) (1 − (1 − (r/c)²)³)` within the threshold, constant beyond: no influence at all from far
-    /// away.
+    /// `ρ = (c²/6) (1 − (1 − (r/c)²)³)` within the threshold, constant beyond: distant outliers have no
+    /// influence.
     Tukey {
-        /// `c`, beyond which a reading is ignored, in standard deviations.
+        /// `c`, beyond which readings have zero weight, in standard deviations.
         threshold: f64,
     },
     /// `ρ = ((ν+1)/2) ln(1 + r²/ν)`: the negative log-density of Student's t. Its weight at zero is
@@ -57,7 +57,7 @@ pub enum Loss {
     },
 }
 
-/// What a loss does to the covariance of an estimate from Gaussian data.
+/// Moments of a loss for Gaussian data. They determine the covariance of the estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LossMoments {
     /// `E[ψ²] / d`: the variance of one equation's score.
@@ -105,7 +105,7 @@ impl Loss {
         }
     }
 
-    /// `ρ(r)`: what a normalised residual costs.
+    /// `ρ(r)`: the loss of a normalised residual.
     #[must_use]
     pub fn rho(&self, normalized_residual: f64) -> f64 {
         let r = normalized_residual.abs();
@@ -128,7 +128,7 @@ impl Loss {
         normalized_residual * self.weight(normalized_residual)
     }
 
-    /// `ψ'(r)`: how the influence grows.
+    /// `ψ'(r)`: the derivative of the influence.
     #[must_use]
     pub fn psi_slope(&self, normalized_residual: f64) -> f64 {
         let squared = normalized_residual * normalized_residual;
@@ -161,8 +161,8 @@ impl Loss {
         }
     }
 
-    /// Expectations over Gaussian data for measurements of `equations` equations each, `r² ~ χ²` with as many
-    /// degrees.
+    /// Expectations over Gaussian data for measurements of `equations` equations each, with `r² ~ χ²` of as
+    /// many degrees of freedom.
     ///
     /// The covariance of an M-estimate is `(influence_squared / slope²) (Σ HᵀWH)⁻¹`. Cost: 4000 evaluations.
     ///
@@ -175,7 +175,7 @@ impl Loss {
     pub fn moments(&self, equations: usize) -> Result<LossMoments> {
         self.validate()?;
         if equations == 0 {
-            return Err(Error::input("a measurement without equations has no residual"));
+            return Err(Error::input("a measurement needs at least one equation"));
         }
         let d = equations as f64;
         let far = d.sqrt() + 12.0;
@@ -190,7 +190,7 @@ impl Loss {
         };
         let mut moments = LossMoments { influence_squared: 0.0, slope: 0.0, weight: 0.0 };
         let slope_at = |r: f64, inside: bool| match *self {
-            // At the kink each side has its own slope.
+            // The slope jumps at the kink, so each side is integrated with its own value.
             Self::Huber { .. } => f64::from(inside),
             _ => self.psi_slope(r),
         };
@@ -211,7 +211,7 @@ impl Loss {
             Ok(moments)
         } else {
             Err(Error::input(format!(
-                "{self:?} is too narrow: it ignores most good data of {equations} equations"
+                "{self:?} is too narrow: it rejects most inliers of {equations} equations"
             )))
         }
     }
@@ -226,15 +226,24 @@ impl Loss {
     }
 }
 
-/// The factor on `(Σ HᵀWH)⁻¹` that makes it the covariance of an M-estimate: `mean ψ² / (mean ψ')²` over the
+/// The factor that turns `(Σ HᵀWH)⁻¹` into the covariance of an M-estimate: `mean ψ² / (mean ψ')²` over the
 /// residuals.
 ///
-/// Assumes independent residuals of one equation each, many more than unknowns, outliers included. For data
-/// known to be Gaussian prefer [`Loss::moments`]. Cost: `n`.
+/// Assumes independent residuals of one equation each, including outliers, and many more residuals than
+/// unknowns. Prefer [`Loss::moments`] for data known to be Gaussian. Cost: `n`.
 ///
 /// # Errors
 /// `Input` when the loss is invalid; `Undetermined` when there are no residuals or the mean slope is not
 /// positive.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::{Loss, sandwich_factor};
+///
+/// // With a Gaussian loss the factor is the mean square: the stated σ is too small by a factor of 2.
+/// assert_eq!(sandwich_factor(&Loss::Gaussian, &[2.0, -2.0, 2.0, -2.0])?, 4.0);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 ///
 /// # References
 /// Huber, Ronchetti, *Robust statistics*, 2009, section 7.6.
@@ -246,14 +255,16 @@ pub fn sandwich_factor(loss: &Loss, normalized_residuals: &[f64]) -> Result<f64>
     if slope > 0.0 {
         Ok(influence * n / (slope * slope))
     } else {
-        Err(Error::undetermined("a robust loss ignores most of the residuals, so that they say nothing"))
+        Err(Error::undetermined(
+            "the robust loss gives zero weight to most residuals: the covariance is undetermined",
+        ))
     }
 }
 
-/// What a gate at ±k standard deviations leaves of a Gaussian.
+/// A Gaussian truncated by a gate at ±k standard deviations.
 ///
-/// `c(k) = 1 − 2 k φ(k) / (2 Φ(k) − 1)` is the variance of what passes over that of all. A scale taken from
-/// gated residuals is too small by `√c(k)`: 0.989 at k = 3, 0.880 at k = 2.
+/// `c(k) = 1 − 2 k φ(k) / (2 Φ(k) − 1)` is the variance inside the gate divided by the full variance. A scale
+/// estimated from gated residuals is too small by `√c(k)`: 0.989 at k = 3, 0.880 at k = 2.
 ///
 /// # Examples
 /// ```
@@ -278,7 +289,7 @@ impl TruncatedNormal {
     /// The gate `|r| ≤ k`, in true standard deviations.
     ///
     /// # Errors
-    /// `Input` when `k` is not positive; infinity is no gate.
+    /// `Input` when `k` is not positive. Infinity means no gate.
     pub fn new(gate: f64) -> Result<Self> {
         if gate.is_nan() || gate <= 0.0 {
             return Err(Error::input(format!("a gate must be positive, in standard deviations, not {gate}")));
@@ -286,7 +297,8 @@ impl TruncatedNormal {
         let normal = Normal::standard();
         let share_kept = 1.0 - 2.0 * normal.sf(gate);
         let variance_ratio = if gate < 1e-2 {
-            gate * gate / 3.0 * (1.0 - 2.0 * gate * gate / 15.0) // the closed form cancels
+            // Series, because the closed form loses its digits to cancellation.
+            gate * gate / 3.0 * (1.0 - 2.0 * gate * gate / 15.0)
         } else if gate.is_finite() {
             1.0 - 2.0 * gate * normal.pdf(gate) / share_kept
         } else {
@@ -295,25 +307,25 @@ impl TruncatedNormal {
         Ok(Self { gate, variance_ratio, share_kept })
     }
 
-    /// `k`.
+    /// The gate `k` in standard deviations.
     #[must_use]
     pub fn gate(&self) -> f64 {
         self.gate
     }
 
-    /// `c(k)`: variance of what passes over variance of all.
+    /// `c(k)`: variance inside the gate divided by the full variance.
     #[must_use]
     pub fn variance_ratio(&self) -> f64 {
         self.variance_ratio
     }
 
-    /// `2 Φ(k) − 1`: the share that passes.
+    /// `2 Φ(k) − 1`: the fraction inside the gate.
     #[must_use]
     pub fn share_kept(&self) -> f64 {
         self.share_kept
     }
 
-    /// The standard deviation of all, from that of what passed a gate at `k` *true* standard deviations.
+    /// The full standard deviation, from that of residuals inside a gate at `k` *true* standard deviations.
     #[must_use]
     pub fn corrected_sigma(&self, sigma_of_gated: f64) -> f64 {
         sigma_of_gated / self.variance_ratio.sqrt()
@@ -322,13 +334,23 @@ impl TruncatedNormal {
 
 /// The scale of residuals about their median: `1.4826 · median |r − median r|`.
 ///
-/// Estimates σ for Gaussian data; half of the data may be arbitrary. Same unit as the residuals. Cost: `n`.
+/// Estimates σ of Gaussian data in the unit of the residuals. Up to half of the data may be outliers. Cost:
+/// `n`.
 ///
 /// # Errors
 /// `Undetermined` when there are no residuals, `Input` when one is not finite.
 ///
 /// # References
 /// Hampel, *The influence curve and its role in robust estimation*, 1974.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::median_absolute_deviation;
+///
+/// let residuals = [-1.0, 0.0, 1.0, 2.0, 1000.0];
+/// assert!((median_absolute_deviation(&residuals)? - 1.4826).abs() < 1e-4);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn median_absolute_deviation(residuals: &[f64]) -> Result<f64> {
     let middle = median(residuals.to_vec())?;
     median_magnitude(residuals.iter().map(|r| r - middle))
@@ -349,7 +371,7 @@ fn median_magnitude(residuals: impl Iterator<Item = f64>) -> Result<f64> {
 
 fn median(mut values: Vec<f64>) -> Result<f64> {
     if values.is_empty() {
-        return Err(Error::undetermined("the scale of no residuals is not determined"));
+        return Err(Error::undetermined("a scale needs at least one residual"));
     }
     require_finite(&values)?;
     let half = values.len() / 2;
@@ -366,31 +388,46 @@ fn require_finite(values: &[f64]) -> Result<()> {
     }
 }
 
-/// A scale from residuals that pass their own gate.
+/// Result of [`gated_scale`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GatedScale {
     /// σ, corrected for the gate; same unit as the residuals.
     pub sigma: f64,
-    /// How many residuals are within the gate.
+    /// Number of residuals inside the gate.
     pub kept: usize,
-    /// Rounds of gating.
+    /// Number of rounds.
     pub iterations: usize,
-    /// Whether the gate settled.
+    /// Whether the gate converged.
     pub termination: Termination,
 }
 
-/// σ about zero from the residuals within ±k σ, iterated until gate and scale agree.
+/// Estimates σ about zero from the residuals within ±k σ, iterated until gate and scale agree.
 ///
-/// `σ² = mean(r² : |r| ≤ k σ) / c(k)` with `c` of [`TruncatedNormal`]: for Gaussian data the true σ is the
-/// fixed point. Starts from the median of magnitudes; the rounds are monotone, hence end. Cost: `n` per
-/// round, some ten rounds.
+/// `σ² = mean(r² : |r| ≤ k σ) / c(k)` with `c` of [`TruncatedNormal`]: the true σ of Gaussian data is the
+/// fixed point. The iteration starts from the median of magnitudes and is monotone, so it ends. Cost: `n` per
+/// round, about ten rounds.
 ///
 /// # Errors
 /// `Undetermined` when there are no residuals; `Input` when one is not finite or the gate is below 1.
+///
+/// # Examples
+/// ```
+/// use planish_estimate::gated_scale;
+///
+/// // σ = 1 with alternating residuals of ±0.5 and ±1.3, and one gross outlier.
+/// let mut residuals: Vec<f64> = (0..100)
+///     .map(|i| if i % 4 < 2 { 0.5 } else { 1.3 } * if i % 2 == 0 { 1.0 } else { -1.0 })
+///     .collect();
+/// residuals.push(1e6);
+/// let scale = gated_scale(&residuals, 3.0)?;
+/// assert_eq!(scale.kept, 100);
+/// assert!((scale.sigma - 1.0).abs() < 0.02);
+/// # Ok::<(), planish_estimate::Error>(())
+/// ```
 pub fn gated_scale(residuals: &[f64], gate: f64) -> Result<GatedScale> {
     if gate.is_nan() || gate < 1.0 {
         return Err(Error::input(format!(
-            "a gate of {gate} standard deviations is too narrow to tell a scale: use 1 or more"
+            "a gate of {gate} standard deviations is too narrow to estimate a scale: use at least 1"
         )));
     }
     let truncated = TruncatedNormal::new(gate)?;
@@ -404,34 +441,33 @@ pub fn gated_scale(residuals: &[f64], gate: f64) -> Result<GatedScale> {
             sum += r * r;
         }
         let next = truncated.corrected_sigma((sum / kept.max(1) as f64).sqrt());
-        let settled = (next - sigma).abs() <= 1e-12 * sigma;
+        let converged = (next - sigma).abs() <= 1e-12 * sigma;
         sigma = next;
-        if settled || iterations == limit {
-            let termination = if settled { Termination::Converged } else { Termination::Limit };
+        if converged || iterations == limit {
+            let termination = if converged { Termination::Converged } else { Termination::Limit };
             return Ok(GatedScale { sigma, kept, iterations, termination });
         }
     }
     unreachable!("the last round returns")
 }
 
-/// Student's t distribution fitted to residuals about zero.
+/// A Student t distribution about zero, fitted to residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StudentTScale {
-    /// The scale, not the standard deviation (which is `σ √(ν/(ν−2))` for `ν > 2`); same unit as the
-    /// residuals.
+    /// The scale in the unit of the residuals. The standard deviation is `σ √(ν/(ν−2))` for `ν > 2`.
     pub sigma: f64,
-    /// `ν`, between 0.1 and 1000; large is Gaussian.
+    /// Degrees of freedom `ν`, between 0.1 (heavy tails) and 1000 (nearly Gaussian).
     pub degrees: f64,
-    /// Rounds of expectation and maximisation.
+    /// Number of EM rounds.
     pub iterations: usize,
-    /// Whether scale and degrees settled.
+    /// Whether scale and degrees of freedom converged.
     pub termination: Termination,
 }
 
 impl StudentTScale {
     const DEGREES: (f64, f64) = (0.1, 1000.0);
 
-    /// Fits the scale, and the degrees of freedom unless they are given, by expectation and maximisation.
+    /// Fits the scale, and the degrees of freedom unless given, by expectation maximisation (EM).
     ///
     /// `u = (ν+1)/(ν + r²/σ²)`, `σ² = mean(u r²)`, and `ν` from
     /// `ln(ν/2) − ψ(ν/2) + 1 + mean(ln u − u) + ψ((ν₀+1)/2) − ln((ν₀+1)/2) = 0`. Cost: `n` per round, up to
@@ -440,6 +476,17 @@ impl StudentTScale {
     /// # Errors
     /// `Undetermined` when more than half of the residuals are zero or there are none; `Input` when one is
     /// not finite or the degrees are not positive.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_estimate::StudentTScale;
+    ///
+    /// let residuals = [-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 100.0];
+    /// let scale = StudentTScale::fit(&residuals, Some(3.0))?;
+    /// assert!(scale.sigma < 3.0); // the standard deviation is 38
+    /// assert!(scale.weight(100.0) < 0.01);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     ///
     /// # References
     /// Lange, Little, Taylor, *Robust statistical modeling using the t distribution*, 1989; Liu, Rubin, *ML
@@ -451,10 +498,11 @@ impl StudentTScale {
         let mut sigma = median_magnitude_scale(residuals)?;
         if sigma <= 0.0 {
             return Err(Error::undetermined(
-                "more than half of the residuals are zero: their scale is not determined",
+                "more than half of the residuals are zero: their scale is undetermined",
             ));
         }
         let n = residuals.len() as f64;
+        // Four degrees of freedom start between heavy tails and a Gaussian.
         let mut nu = degrees.unwrap_or(4.0);
         let limit = 1000;
         for iterations in 1..=limit {
@@ -489,7 +537,8 @@ impl StudentTScale {
     }
 }
 
-/// Solves `ln(ν/2) − ψ(ν/2) + constant = 0` for ν; the left side falls with ν from ∞ to `constant`.
+/// Solves `ln(ν/2) − ψ(ν/2) + constant = 0` for ν; the left side decreases with ν from ∞ to `constant`, so
+/// bisection finds the root.
 fn degrees_from(constant: f64) -> f64 {
     let (mut low, mut high) = (StudentTScale::DEGREES.0.ln(), StudentTScale::DEGREES.1.ln());
     for _ in 0..60 {

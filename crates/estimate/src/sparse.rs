@@ -1,21 +1,48 @@
 //! Sparse information: patterns, orderings, Cholesky factors and selected inverses.
 //!
-//! Comes in: small dense pieces of information, each over the few nodes of one element. Goes out: solutions,
-//! samples, log-determinants, and the entries of the covariance between nodes that share an element.
+//! Input: small dense matrices of information, each over the nodes of one element. Output: solutions,
+//! samples, log-determinants, and covariances between nodes that share an element.
 //!
 //! ```text
 //! elements ─► BlockPattern ─┬─► BlockInformation ─────────────┐
 //!                           └─► NodeOrdering ─► SymbolicFactor ─┴─► CholeskyFactor ─► SelectedInverse
 //! ```
 //!
-//! A *node* carries `b` unknowns (`b` = 1 when the coordinates do not couple, 3 when they do). The pattern,
-//! the ordering and the symbolic analysis know nodes only. Vectors are node-major:
-//! `x[(node·b + k)·columns + column]`, so that three right-hand sides of a matrix with `b = 1` lie in memory
-//! as one right-hand side of its expansion to `b = 3`.
+//! A *node* has `b` unknowns (`b` = 3 if the coordinates are coupled, otherwise 1). Pattern, ordering and
+//! symbolic analysis refer to nodes. Vectors are node-major: `x[(node·b + k)·columns + column]`, so three
+//! right-hand sides for `b = 1` have the same memory layout as one right-hand side for `b = 3`.
 //!
-//! Independent subtrees of the elimination tree are worked on side by side: the same input gives the same
-//! bytes whatever the number of threads. Not guaranteed: accuracy beyond what the condition of the
-//! information allows. A pivot that keeps no correct digit is reported as undetermined.
+//! Independent subtrees of the elimination tree are processed in parallel; the same input gives the same
+//! bytes for any number of threads. Not guaranteed: accuracy beyond the condition number of the information.
+//! A pivot without correct digits is reported as undetermined.
+//!
+//! # Example
+//! A chain of three unknowns with known differences and one known end:
+//! ```
+//! use planish_estimate::sparse::{
+//!     BlockInformation, BlockPattern, CholeskyFactor, NodeOrdering, SelectedInverse, SymbolicFactor,
+//! };
+//! use std::sync::Arc;
+//!
+//! let pattern = Arc::new(BlockPattern::from_elements(3, [[0, 1], [1, 2]])?);
+//! let ordering = NodeOrdering::amd(&pattern)?;
+//! let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &ordering, 1)?);
+//!
+//! let mut information = BlockInformation::zeros(pattern, 1, 1)?;
+//! information.add_element(&[0], &[1.0], &[10.0])?; // x0 = 10, σ = 1
+//! for i in 0..2 {
+//!     // x(i+1) − x(i) = 2, σ = 1
+//!     information.add_element(&[i, i + 1], &[1.0, -1.0, -1.0, 1.0], &[-2.0, 2.0])?;
+//! }
+//! let factor = CholeskyFactor::factorize(&symbolic, &information)?;
+//! let mut x = information.vector().to_vec();
+//! factor.solve_in_place(&mut x)?;
+//! assert!((x[2] - 14.0).abs() < 1e-12);
+//! // Variances add up along the chain.
+//! let variances = SelectedInverse::new(&factor).diagonal();
+//! assert!((variances[2] - 3.0).abs() < 1e-12);
+//! # Ok::<(), planish_estimate::Error>(())
+//! ```
 
 mod bordered;
 mod cholesky;

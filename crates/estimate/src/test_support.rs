@@ -7,7 +7,7 @@ macro_rules! dvector {
     ($($x:expr),*) => { nalgebra::DVector::<f64>::from_column_slice(&[$($x),*]) };
 }
 
-/// A matrix from its rows, which semicolons part.
+/// A matrix from its rows, separated by semicolons.
 macro_rules! dmatrix {
     ($($($x:expr),+);+) => {
         nalgebra::DMatrix::<f64>::from_rows(&[$(nalgebra::RowDVector::<f64>::from_row_slice(&[$($x),+])),+])
@@ -50,7 +50,7 @@ impl Gaussian {
     }
 }
 
-/// The largest difference of entries over the largest entry.
+/// The largest difference of entries divided by the largest entry.
 pub(crate) fn relative_difference(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
     (a - b).amax() / a.amax().max(b.amax()).max(f64::MIN_POSITIVE)
 }

@@ -1,18 +1,18 @@
-//! Variance components: what the residuals of each group say about its stated σ.
+//! Variance components: estimates of σ per group from residuals.
 //!
-//! Comes in: squared normalised residuals and leverages, sorted into groups (a sensor, a scan). Goes out: the
-//! factor between the σ that the residuals show and the one that was stated, its standard error, and whether
-//! they contradict each other. Not guaranteed: an answer for a group whose readings the unknowns absorb; its
-//! redundancy is near zero and its error large.
+//! Input: squared normalised residuals and leverages, sorted into groups (a sensor, a scan). Output: the
+//! ratio of estimated to stated σ, its standard error, and a test of the stated value. Not guaranteed: an
+//! estimate for a group whose readings the unknowns fit exactly. Its redundancy is near zero and its error
+//! large.
 
 use crate::dense::require_finite_number;
 use crate::{ChiSquareBand, Error, Result, Termination, TruncatedNormal};
 
-/// Sums over groups of readings, from which their variance factors follow.
+/// Sums over groups of readings for the estimation of variance factors.
 ///
-/// With `r` the residual over its stated σ and `h` its leverage (the reading's part of `tr(H Σ HᵀW)`), a
-/// group's variance factor is `s² = Σ r² / Σ (1 − h)`. Assumes independent readings, Gaussian but for what a
-/// gate took out. Cost: constant per reading.
+/// With `r` the residual over its stated σ and `h` its leverage (the contribution of the reading to
+/// `tr(H Σ HᵀW)`), the variance factor of a group is `s² = Σ r² / Σ (1 − h)`. Assumes independent Gaussian
+/// readings, possibly truncated by a gate. Cost: constant per reading.
 ///
 /// # Examples
 /// ```
@@ -44,21 +44,21 @@ struct Sums {
     count: usize,
 }
 
-/// What the residuals of one group say about its stated σ.
+/// Estimate of σ of one group from its residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VarianceComponent {
-    /// Estimated σ over stated σ.
+    /// Estimated σ divided by stated σ.
     pub sigma_factor: f64,
     /// The standard error of `sigma_factor`, `s / √(2 f)` for redundancy `f`.
     pub standard_error: f64,
-    /// `f = n − Σ h`: how many readings were free to deviate.
+    /// Redundancy `f = n − Σ h`, the degrees of freedom of the residuals.
     pub redundancy: f64,
-    /// How many readings there were.
+    /// Number of readings.
     pub count: usize,
 }
 
 impl VarianceComponent {
-    /// Whether the stated σ lies outside the two-sided interval of the given confidence: a χ² test of `f s²`.
+    /// True if the stated σ lies outside the two-sided confidence interval: a χ² test of `f s²`.
     ///
     /// # Errors
     /// `Input` when the confidence is not between 0 and 1.
@@ -69,13 +69,13 @@ impl VarianceComponent {
 }
 
 impl VarianceComponents {
-    /// No readings yet, in so many groups.
+    /// Empty sums for the given number of groups.
     #[must_use]
     pub fn new(groups: usize) -> Self {
         Self { groups: vec![Sums::default(); groups] }
     }
 
-    /// How many groups there are.
+    /// Number of groups.
     #[must_use]
     pub fn groups(&self) -> usize {
         self.groups.len()
@@ -89,10 +89,9 @@ impl VarianceComponents {
         self.add_sums(group, 1, squared_normalized_residual, leverage)
     }
 
-    /// Adds a reading that passed a gate, whose squares are short of `c(k)` on the average.
+    /// Adds a reading that passed a gate. Its square is too small by the factor `c(k)` on average.
     ///
-    /// The gate must be in units of the σ that this sum is to find: iterate when it was set by the stated
-    /// one.
+    /// The gate must be in units of the σ to be estimated. Iterate if it was set with the stated σ.
     ///
     /// # Errors
     /// As [`Self::add`].
@@ -128,7 +127,7 @@ impl VarianceComponents {
         Ok(())
     }
 
-    /// Adds the sums of another part of the same readings, such as another thread's.
+    /// Adds the sums of other readings, for example those of another thread.
     ///
     /// # Errors
     /// `Input` when the numbers of groups differ.
@@ -144,11 +143,11 @@ impl VarianceComponents {
         Ok(())
     }
 
-    /// What a group's residuals say.
+    /// Estimates σ of a group.
     ///
     /// # Errors
-    /// `Input` when there is no such group; `Undetermined` when its redundancy is below 1e-6: the unknowns
-    /// absorb its readings.
+    /// `Input` when there is no such group; `Undetermined` when its redundancy is below 1e-6, because the
+    /// unknowns fit its readings exactly.
     pub fn component(&self, group: usize) -> Result<VarianceComponent> {
         let sums = self
             .groups
@@ -157,8 +156,8 @@ impl VarianceComponents {
         let redundancy = sums.count as f64 - sums.leverage;
         if redundancy < 1e-6 {
             return Err(Error::undetermined(format!(
-                "the {} readings of group {group} leave no redundancy to tell their σ: add readings or \
-                 state σ",
+                "the {} readings of group {group} have no redundancy, so σ cannot be estimated: add readings \
+                 or state σ",
                 sums.count
             )));
         }
@@ -172,24 +171,24 @@ impl VarianceComponents {
     }
 }
 
-/// Variance factors of all groups, from a solution that was repeated until they agreed with its residuals.
+/// Result of [`iterate_variance_components`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct IteratedVarianceComponents {
-    /// Per group, relative to the σ that was stated at first. `None` where the readings do not tell; its σ
-    /// stays as stated.
+    /// One component per group, relative to the stated σ. `None` if the readings do not determine it; the
+    /// stated σ is then kept.
     pub components: Vec<Option<VarianceComponent>>,
-    /// How many solutions were made.
+    /// Number of solutions.
     pub iterations: usize,
-    /// Whether the factors settled.
+    /// Whether the factors converged.
     pub termination: Termination,
 }
 
-/// Repeats a solution with corrected σ until each group's residuals agree with it: `σ_g² ← σ_g² s_g²`.
+/// Repeats a solution with corrected σ until σ and residuals of each group agree: `σ_g² ← σ_g² s_g²`.
 ///
-/// `solve` is given each group's factor on its stated σ; it solves with those and adds every reading,
-/// normalised by the *corrected* σ, with the leverage of that solution. Settled when no factor changes by
-/// more than `tolerance`, relatively. The fixed point is that of Helmert's estimator, which is REML for
-/// Gaussian readings. Cost: `limit` solutions at most.
+/// `solve` receives the factor of σ of each group. It solves with the corrected σ and returns the sums of all
+/// readings, normalised by the *corrected* σ, with the leverages of that solution. The iteration stops when
+/// no factor changes by more than `tolerance` (relative). The fixed point is Helmert's estimator, which
+/// equals REML for Gaussian readings. Cost: `limit` solutions at most.
 ///
 /// # Errors
 /// Those of `solve`; `Input` when it returns another number of groups.
@@ -207,14 +206,12 @@ pub fn iterate_variance_components(
     for iterations in 1..=limit {
         let sums = solve(&factors)?;
         if sums.groups() != groups {
-            return Err(Error::input(format!(
-                "{} groups came back where {groups} were asked for",
-                sums.groups()
-            )));
+            return Err(Error::input(format!("expected sums of {groups} groups, found {}", sums.groups())));
         }
         let mut change = 0.0_f64;
         for group in 0..groups {
-            // A group without redundancy, or one that is met exactly, keeps its σ.
+            // A group without redundancy, or with residuals of exactly zero, keeps its σ: a factor of zero
+            // would give it infinite weight.
             let step = sums.component(group).ok().filter(|step| step.sigma_factor > 0.0);
             components[group] = step.map(|step| {
                 change = change.max(step.sigma_factor.ln().abs());

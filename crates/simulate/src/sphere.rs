@@ -381,7 +381,7 @@ impl Setting {
         let options = PatchFilterOptions {
             layout: StateLayout::Isotropic,
             maximum_depth: depth,
-            least_gain: 1e-3,
+            min_gain: 1e-3,
             ..PatchFilterOptions::default()
         };
         let mut filter = PatchFilter::new(&self.cylinder, &self.metric, prior, options)?;

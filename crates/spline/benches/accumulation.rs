@@ -1,11 +1,10 @@
-//! Positions with known parameters summed up on one thread:
+//! Accumulation of positions with known parameters on one thread:
 //! `cargo bench -p planish-spline --bench accumulation`.
 //!
-//! One row a grid: millions of positions a second, the best of several runs, through the stream of moments
-//! (with and without weights) and reading by reading through the weights themselves, with the same
-//! directionless information.
+//! One row per grid: millions of positions per second, best of several runs. Compares the stream of moments
+//! (with and without weights) to direct accumulation of each reading with the same isotropic information.
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
-#![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
+#![allow(clippy::unwrap_used, reason = "a bench stops at the first error")]
 
 use planish_spline::{CellInformation, Hierarchy, PositionSums, Shape, leaf_weights};
 use rand::{RngExt, SeedableRng};
@@ -15,7 +14,7 @@ use std::time::Instant;
 
 const POSITIONS: usize = 1 << 20;
 
-/// Seconds that this thread has run: Linux counts them; elsewhere those of the clock.
+/// CPU time of this thread in seconds on Linux; elsewhere elapsed time.
 fn seconds(since: Instant) -> f64 {
     let counted = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = counted.and_then(|line| line.split(' ').next()?.parse::<f64>().ok());

@@ -1,9 +1,9 @@
-//! Readings taken in by the patch filter on one thread: `cargo bench -p planish-spline --bench patch_filter`.
+//! Updates of the patch filter on one thread: `cargo bench -p planish-spline --bench patch_filter`.
 //!
-//! One row a layout: updates a second over many readings, the latency of single readings, and what a
-//! reconciliation costs.
+//! One row per layout: updates per second over many readings, latency of single readings, and cost of a
+//! reconciliation.
 #![allow(clippy::print_stdout, reason = "a bench prints its table")]
-#![allow(clippy::unwrap_used, reason = "a bench stops at the first surprise")]
+#![allow(clippy::unwrap_used, reason = "a bench stops at the first error")]
 
 use planish_spline::{
     Hierarchy, PatchFilter, PatchFilterOptions, Shape, SmoothnessPrior, StateLayout, SurfaceReading,

@@ -1,11 +1,10 @@
-//! Base shapes: the plane, cylinder, sphere or torus that a surface starts from.
+//! Base shapes: plane, cylinder, sphere or torus as the initial surface.
 //!
-//! Comes in: points, with normals where known. Goes out: a [`BaseShape`] with its frame, and from it a
-//! [`Surface`] or the parameters of a point. u runs around the axis, v along it (a ball: from the south pole
-//! up), normals point outwards.
+//! Input: points, optionally with normals. Output: a [`BaseShape`] with its frame, and from it a [`Surface`]
+//! or the parameters of a point. u runs around the axis and v along it (on a ball from the south pole
+//! upwards). Normals point outwards.
 //!
-//! Not guaranteed: that the automatic choice suits a shape that is none of the four; every caller lets users
-//! override it.
+//! Not guaranteed: a suitable choice for shapes unlike any of the four. Callers let users override it.
 
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::Surface;
@@ -14,12 +13,12 @@ use planish_estimate::{Error, Result};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// A simple surface with a natural (u, v).
+/// A simple surface with natural parameters (u, v).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BaseShape {
     /// The topology.
     pub shape: Shape,
-    /// Middle of the plane, axis midpoint, centre.
+    /// Centre of the plane or sphere, midpoint of the axis.
     pub centre: [f64; 3],
     /// Right-handed orthonormal frame. Sheet: u, v and normal; others: the third is the axis.
     pub frame: [[f64; 3]; 3],
@@ -87,7 +86,7 @@ impl BaseShape {
         p
     }
 
-    /// `(u, v)` of the base point that a point stands over: its direction from the axis or centre.
+    /// Parameters `(u, v)` of the base point below a point, from its direction from the axis or centre.
     #[must_use]
     pub fn parameters(&self, p: [f64; 3]) -> [f64; 2] {
         let d = sub(p, self.centre);
@@ -104,13 +103,13 @@ impl BaseShape {
         }
     }
 
-    /// A base grid with nearly square cells, about `cells` in all.
+    /// A base grid with nearly square cells, about `cells` in total.
     #[must_use]
     pub fn grid(&self, cells: usize) -> [usize; 2] {
         let lengths = match self.shape {
             Shape::Sheet => [2.0 * self.size[0], 2.0 * self.size[1]],
             Shape::Tube => [TAU * self.size[0], 2.0 * self.size[2]],
-            // Meridians of a long ball are longer than half its waist.
+            // Meridians of an elongated ball are longer than half its equator.
             Shape::Ball => [
                 PI * (self.size[0] + self.size[1]),
                 0.5 * PI * (self.size[2] + 0.5 * (self.size[0] + self.size[1])),
@@ -123,13 +122,24 @@ impl BaseShape {
         match self.shape {
             Shape::Sheet => [round(lengths[0], 2), round(lengths[1], 2)],
             Shape::Tube => [round(lengths[0], 6), round(lengths[1], 2)],
-            // Cosine and sine around a pole want at least eight columns.
+            // The splines of cosine and sine around a pole need at least eight columns.
             Shape::Ball => [round(lengths[0], 8) & !1, round(lengths[1], 4)],
             Shape::Torus => [round(lengths[0], 6), round(lengths[1], 6)],
         }
     }
 
-    /// A spline surface over a base grid that interpolates this shape's points in the least-squares sense.
+    /// A spline surface over a base grid that approximates this shape.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::BaseShape;
+    ///
+    /// let shape = BaseShape::cylinder([0.0; 3], [0.0, 0.0, 1.0], 1.0, 2.0);
+    /// let tube = shape.surface(shape.grid(200))?;
+    /// let p = tube.point(3.0, 2.0);
+    /// assert!((p[0].hypot(p[1]) - 1.0).abs() < 1e-3);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As for [`Hierarchy::uniform`].
@@ -139,16 +149,25 @@ impl BaseShape {
     }
 }
 
-/// The surface of a uniform space that interpolates a smooth function of `(u, v)` at its anchors, up to the
-/// space's order.
+/// The surface of a uniform space that interpolates a smooth function of `(u, v)` at its anchors.
 ///
 /// `f` takes base-grid units and must be defined one cell past open borders and poles. The collocation
 /// equations at the anchors are solved by Richardson iteration `c ← c + f(ξ) − S(ξ)`, which converges because
-/// their matrix (1/6, 4/6, 1/6 in each direction) has its spectrum in (0, 1]. A ball is interpolated as a
-/// tube first; its poles are the polar surface nearest to that tube.
+/// their matrix (1/6, 4/6, 1/6 in each direction) has its spectrum in (0, 1]. A ball is first interpolated as
+/// a tube; its poles are then the nearest polar surface.
 ///
 /// # Errors
 /// `Undetermined` when a value is not finite.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Hierarchy, Shape, fit_function};
+///
+/// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?.into();
+/// let surface = fit_function(&space, |u, v| [u, v, u * v])?;
+/// assert!((surface.point(1.5, 2.5)[2] - 3.75).abs() < 1e-9);
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> [f64; 3]) -> Result<Surface> {
     if space.shape() == Shape::Ball {
         let tube = fit_function(&Arc::new(Hierarchy::uniform(Shape::Tube, space.base())?), f)?;
@@ -178,7 +197,7 @@ pub fn fit_function(space: &Arc<Hierarchy>, f: impl Fn(f64, f64) -> [f64; 3]) ->
     Ok(surface)
 }
 
-/// The surface at any parameters, continued past an open border by its own polynomial.
+/// The surface at any parameters, continued beyond an open border by its polynomial.
 fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
     let space = surface.space();
     let [u0, v0] = space.wrap(u, v);
@@ -191,15 +210,26 @@ fn extrapolate(surface: &Surface, [u, v]: [f64; 2]) -> [f64; 3] {
     )
 }
 
-/// Chooses and fits a base shape to points, with outward unit normals where known.
+/// Chooses and fits a base shape to points with optional outward unit normals.
 ///
-/// A cloud whose normals all face one way is a sheet; one whose normals are all nearly perpendicular to an
-/// axis, and go all around it, is a tube; every other is a ball. `wanted` overrides the choice. Sizes take in
-/// every point.
+/// If all normals face one side, the cloud is a sheet. If they are nearly perpendicular to an axis and
+/// surround it, it is a tube. Otherwise it is a ball. `wanted` overrides the choice. The shape encloses all
+/// points.
 ///
 /// # Errors
-/// `Undetermined` for fewer than 4 points, points at one place or on one line, and points in one plane where
-/// `wanted` is no sheet.
+/// `Undetermined` for fewer than 4 points, coincident or collinear points, and coplanar points if `wanted` is
+/// not a sheet.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Shape, choose_base_shape};
+///
+/// let points: Vec<[f64; 3]> =
+///     (0..100).map(|k| [f64::from(k % 10), f64::from(k / 10), 0.01 * f64::from(k % 3)]).collect();
+/// let base = choose_base_shape(&points, &[], None)?;
+/// assert_eq!(base.shape, Shape::Sheet);
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn choose_base_shape(
     points: &[[f64; 3]],
     normals: &[[f64; 3]],
@@ -213,16 +243,16 @@ pub fn choose_base_shape(
     }
     let (mean, axes, variances) = principal_axes(points);
     if variances[0] <= 0.0 {
-        return Err(Error::undetermined("all points lie at one place: they determine no surface"));
+        return Err(Error::undetermined("all points coincide: they do not determine a surface"));
     }
     if variances[1] <= 1e-12 * variances[0] {
-        return Err(Error::undetermined("all points lie on one line: they determine no surface"));
+        return Err(Error::undetermined("all points lie on one line: they do not determine a surface"));
     }
     let known: Vec<[f64; 3]> = normals.iter().copied().filter(|n| dot(*n, *n) > 0.5).collect();
     let shape = wanted.unwrap_or_else(|| shape_from_normals(&known, variances));
     if shape != Shape::Sheet && variances[2] <= 1e-12 * variances[0] {
         return Err(Error::undetermined(format!(
-            "all points lie in one plane: they determine a sheet, but no {}",
+            "all points lie in one plane: they determine a sheet but not a {}",
             shape.name()
         )));
     }
@@ -233,11 +263,13 @@ pub fn choose_base_shape(
             if let Some(direction) = unit(sum)
                 && norm(sum) > 0.5 * known.len() as f64
             {
-                // The mean normal sees a sheet that is folded less than its points' flattest direction does.
+                // Use the mean normal: a folded sheet overlaps less along it than along the direction of
+                // least variance.
                 normal = direction;
             }
             let u = unit(add_scaled(axes[0], -dot(axes[0], normal), normal)).unwrap_or(tangents(normal).0);
-            // The frame is turned so that the sheet's sides lie along the smallest box around the points.
+            // Rotate the frame so that the sides of the sheet are those of the smallest box around the
+            // points.
             let (u, v) = smallest_box(points, u, cross(normal, u));
             let (lo, hi) = bounds(points, [u, v]);
             let centre = add(
@@ -248,7 +280,7 @@ pub fn choose_base_shape(
                 ),
                 [0.0; 3],
             );
-            // A margin of half a per cent keeps the outermost points inside.
+            // A margin of 0.5 % keeps the outermost points inside.
             Ok(BaseShape::plane(
                 centre,
                 [u, v],
@@ -256,7 +288,7 @@ pub fn choose_base_shape(
             ))
         }
         Shape::Tube => {
-            let axis = least_normal_axis(&known).unwrap_or(axes[0]);
+            let axis = perpendicular_axis(&known).unwrap_or(axes[0]);
             let (e1, e2) = tangents(axis);
             let centre2 = circle_centre(points, e1, e2);
             let (lo, hi) = bounds(points, [axis, e1]);
@@ -275,8 +307,8 @@ pub fn choose_base_shape(
         Shape::Ball => {
             let (lo, hi) = bounds3(points, axes);
             let centre = (0..3).fold([0.0; 3], |c, d| add_scaled(c, 0.5 * (lo[d] + hi[d]), axes[d]));
-            // Poles lie where the shape is flattest: features (ears, handles) tend to lie along its longer
-            // directions.
+            // Place poles in the flattest direction, because features (ears, handles) tend to lie along the
+            // longer ones.
             let frame = [axes[0], axes[1], cross(axes[0], axes[1])];
             let size = [0, 1, 2].map(|d| 0.5 * (hi[d] - lo[d]));
             let largest = size[0].max(size[1]).max(size[2]);
@@ -299,10 +331,10 @@ pub fn choose_base_shape(
     }
 }
 
-/// Sheet, tube or ball from the spherical image of the cloud.
+/// Sheet, tube or ball from the distribution of normals.
 fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
     if normals.is_empty() {
-        // Nothing but positions: flat clouds are sheets.
+        // Without normals, flat clouds are sheets.
         return if variances[2] < 0.05 * variances[1] { Shape::Sheet } else { Shape::Ball };
     }
     let count = normals.len() as f64;
@@ -313,7 +345,7 @@ fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
             return Shape::Sheet;
         }
     }
-    if let Some(axis) = least_normal_axis(normals) {
+    if let Some(axis) = perpendicular_axis(normals) {
         let along = normals.iter().map(|n| dot(*n, axis).powi(2)).sum::<f64>() / count;
         let caps = normals.iter().filter(|n| dot(**n, axis).abs() > 0.8).count() as f64;
         let (e1, e2) = tangents(axis);
@@ -331,7 +363,7 @@ fn shape_from_normals(normals: &[[f64; 3]], variances: [f64; 3]) -> Shape {
 }
 
 /// The unit vector most nearly perpendicular to all normals.
-fn least_normal_axis(normals: &[[f64; 3]]) -> Option<[f64; 3]> {
+fn perpendicular_axis(normals: &[[f64; 3]]) -> Option<[f64; 3]> {
     if normals.len() < 3 {
         return None;
     }
@@ -367,7 +399,16 @@ fn accumulate(m: &mut [f64; 6], d: [f64; 3]) {
 /// Unit eigenvectors (largest value first) and eigenvalues of a symmetric `[xx, xy, xz, yy, yz, zz]`, by
 /// Jacobi rotations.
 ///
-/// Signs are fixed (the largest component is positive) so that equal input gives equal frames.
+/// The largest component is positive, so that equal input gives equal frames.
+///
+/// # Examples
+/// ```
+/// use planish_spline::symmetric_eigen;
+///
+/// let (vectors, values) = symmetric_eigen([1.0, 0.0, 0.0, 3.0, 0.0, 2.0]);
+/// assert_eq!(values, [3.0, 2.0, 1.0]);
+/// assert_eq!(vectors[0], [0.0, 1.0, 0.0]);
+/// ```
 #[must_use]
 pub fn symmetric_eigen(m: [f64; 6]) -> ([[f64; 3]; 3], [f64; 3]) {
     let mut a = [[m[0], m[1], m[2]], [m[1], m[3], m[4]], [m[2], m[4], m[5]]];
@@ -425,7 +466,7 @@ fn bounds3(points: &[[f64; 3]], directions: [[f64; 3]; 3]) -> ([f64; 3], [f64; 3
     })
 }
 
-/// u and v turned within their plane to the box of least area, in steps of three degrees.
+/// Rotates u and v within their plane to the box of minimum area, in steps of 3°.
 fn smallest_box(points: &[[f64; 3]], u: [f64; 3], v: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     let stride = points.len().div_ceil(4000);
     let some: Vec<[f64; 3]> = points.iter().copied().step_by(stride).collect();
@@ -443,8 +484,7 @@ fn smallest_box(points: &[[f64; 3]], u: [f64; 3], v: [f64; 3]) -> ([f64; 3], [f6
     turned(best)
 }
 
-/// Centre of the circle that fits the points' projections best (Kåsa's linear fit), in coordinates of e1 and
-/// e2.
+/// Centre of the circle fitted to the projected points (Kåsa's linear fit), in coordinates of e1 and e2.
 fn circle_centre(points: &[[f64; 3]], e1: [f64; 3], e2: [f64; 3]) -> [f64; 2] {
     let count = points.len() as f64;
     let mean = points.iter().fold([0.0; 2], |m, p| [m[0] + dot(*p, e1) / count, m[1] + dot(*p, e2) / count]);
@@ -484,7 +524,7 @@ mod tests {
                 );
             }
         }
-        assert!(worst < 0.02, "K r² is off by {worst}");
+        assert!(worst < 0.02, "the error of K r² is {worst}");
     }
 
     #[test]
@@ -503,7 +543,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_are_told_from_their_clouds() {
+    fn shapes_are_recognised_from_their_clouds() {
         let sample = |base: BaseShape, u_range: f64| -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
             let mut points = Vec::new();
             let mut normals = Vec::new();
@@ -532,7 +572,7 @@ mod tests {
                 );
             }
         }
-        // A quarter of a cylinder is a bent sheet.
+        // A quarter of a cylinder is a curved sheet.
         let (points, normals) = sample(tube, 0.25);
         assert_eq!(choose_base_shape(&points, &normals, None).unwrap().shape, Shape::Sheet);
     }

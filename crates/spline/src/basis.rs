@@ -1,15 +1,15 @@
 //! Uniform B-spline bases in one direction.
 //!
-//! Comes in: a degree, a number of unit cells, an end condition. Goes out: values and derivatives of the
-//! functions that live on a cell, the two-scale relation, knots and Greville points. All cells have length
-//! one; whoever uses another spacing scales the derivatives.
+//! Input: a degree, a number of unit cells, an end condition. Output: values and derivatives of the functions
+//! of a cell, the two-scale relation, knots and Greville points. All cells have length one; for another
+//! spacing, scale the derivatives.
 
 use planish_estimate::{Error, Result};
 
-/// Highest degree served.
+/// Maximum degree.
 pub const MAX_DEGREE: usize = 9;
 
-/// What happens where the cells end.
+/// Condition at the ends of the domain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum End {
     /// Uniform knots continue past the domain: `cells + degree` functions.
@@ -20,8 +20,8 @@ pub enum End {
 
 /// Uniform B-splines `B_i(t) = B(t − i + p)` of degree `p` over `cells` unit cells.
 ///
-/// Function `i` lives on the cells `i − p ..= i`; cell `c` sees the functions `c ..= c + p` (modulo `cells`
-/// where periodic).
+/// The support of function `i` is the cells `i − p ..= i`. The functions of cell `c` are `c ..= c + p`
+/// (modulo `cells` if periodic).
 ///
 /// # Examples
 /// ```
@@ -44,19 +44,19 @@ pub struct UniformBasis {
 }
 
 impl UniformBasis {
-    /// A basis of the given degree over that many cells.
+    /// A basis of the given degree over `cells` cells.
     ///
     /// # Errors
-    /// `Input` when the degree is above [`MAX_DEGREE`], there is no cell, or a periodic basis has fewer cells
-    /// than `degree + 1`, where a function would meet itself.
+    /// `Input` when the degree is above [`MAX_DEGREE`], there is no cell, or a periodic basis has fewer than
+    /// `degree + 1` cells, because a function would overlap itself.
     pub fn new(degree: usize, cells: usize, end: End) -> Result<Self> {
         if degree > MAX_DEGREE {
-            return Err(Error::input(format!("degree {degree} is above {MAX_DEGREE}, the highest served")));
+            return Err(Error::input(format!("degree {degree} is above the maximum of {MAX_DEGREE}")));
         }
         let least = if end == End::Periodic { degree + 1 } else { 1 };
         if cells < least {
             return Err(Error::input(format!(
-                "{cells} cells, but degree {degree} needs at least {least} here"
+                "degree {degree} needs at least {least} cells here, found {cells}"
             )));
         }
         Ok(Self { degree, cells, end })
@@ -92,7 +92,7 @@ impl UniformBasis {
         }
     }
 
-    /// Values at cell-local `t ∈ [0, 1]` of the `degree + 1` functions of any cell; the rest of the array is
+    /// Values at cell-local `t ∈ [0, 1]` of the `degree + 1` functions of any cell; the other entries are
     /// zero.
     ///
     /// Cost: `O(degree²)`; closed form for cubics.
@@ -117,7 +117,7 @@ impl UniformBasis {
         }
         uniform_values(self.degree - order, t, &mut values);
         for r in 0..order {
-            // Degree rises by one: the k-th derivative piece is w[k−1] − w[k] of the degree below.
+            // Raise the degree by one: the k-th derivative piece is w[k−1] − w[k] of the lower degree.
             let top = self.degree - order + r;
             let mut above = 0.0;
             for k in (0..=top + 1).rev() {
@@ -148,10 +148,10 @@ impl UniformBasis {
     /// Coefficients of the refined basis (twice the cells) that give the same spline.
     ///
     /// # Panics
-    /// When `coefficients` has not one entry for each function.
+    /// When the numbers of coefficients and functions differ.
     #[must_use]
     pub fn refine(&self, coefficients: &[f64]) -> Vec<f64> {
-        assert_eq!(coefficients.len(), self.functions(), "one coefficient for each function");
+        assert_eq!(coefficients.len(), self.functions(), "one coefficient per function");
         let fine = Self { cells: 2 * self.cells, ..*self };
         let mut out = vec![0.0; fine.functions()];
         for (i, &c) in coefficients.iter().enumerate() {
@@ -167,7 +167,7 @@ impl UniformBasis {
         out
     }
 
-    /// The Greville point of function `i`, where a control vertex acts most: the mean of its inner knots.
+    /// The Greville point of function `i`, where it has its maximum: the mean of its inner knots.
     #[must_use]
     pub fn greville(&self, i: usize) -> f64 {
         i as f64 - (self.degree as f64 - 1.0) / 2.0
@@ -183,7 +183,7 @@ fn uniform_values(degree: usize, t: f64, values: &mut [f64; MAX_DEGREE + 1]) {
         for k in (0..=p).rev() {
             let left = if k == 0 { 0.0 } else { values[k - 1] };
             let here = if k == p { 0.0 } else { values[k] };
-            // Piece k of degree p lives on knots k−p ..= k+1 around the cell [0, 1].
+            // The support of piece k of degree p is the knots k−p ..= k+1 around the cell [0, 1].
             values[k] = ((t + pf - k as f64) * left + (k as f64 + 1.0 - t) * here) / pf;
         }
     }
@@ -208,7 +208,7 @@ pub fn cubic(t: f64) -> [[f64; 4]; 4] {
     ]
 }
 
-/// Cubic coefficients of the first (`half = 0`) or second half of a cell, from the cell's own: exact (de
+/// Cubic coefficients of the first (`half = 0`) or second half of a cell from those of the cell (exact, de
 /// Casteljau–Boehm).
 #[inline]
 #[must_use]
@@ -223,6 +223,17 @@ pub fn cubic_half(c: [f64; 4], half: usize) -> [f64; 4] {
 }
 
 /// Bézier ordinates of a cubic cell from its four B-spline coefficients.
+///
+/// # Examples
+/// ```
+/// use planish_spline::cubic_bezier;
+///
+/// // Coefficients of the straight line x = t on the cell [0, 1]: the Greville points.
+/// let ordinates = cubic_bezier([-1.0, 0.0, 1.0, 2.0]);
+/// for (found, expected) in ordinates.iter().zip([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0]) {
+///     assert!((found - expected).abs() < 1e-15);
+/// }
+/// ```
 #[inline]
 #[must_use]
 pub fn cubic_bezier(c: [f64; 4]) -> [f64; 4] {

@@ -1,27 +1,25 @@
-//! Information that measurements in one leaf add to its sixteen coefficients, and its way to the nodes.
+//! Information of the measurements in one leaf about its sixteen coefficients, and its transfer to the nodes.
 //!
-//! Comes in: rows `Σ_k c_k a·P_k = z` with weights. Goes out: a dense symmetric element over the nodes that
-//! act on the leaf. Accumulation touches only this fixed block, whatever the hierarchy: observations stream,
-//! nothing is kept of them.
+//! Input: rows `Σ_k c_k a·P_k = z` with weights. Output: a dense symmetric element over the nodes of the
+//! leaf. Accumulation uses only a block of fixed size, so observations can be streamed.
 //!
 //! Layout: one 16 × 16 matrix over pairs `(k, l)` of coefficients for each of the six entries
-//! `xx xy xz yy yz zz` of a symmetric 3 × 3 block. A pair's block is symmetric because every row weighs all
-//! its coefficients along one and the same direction, and so is each matrix: of row `k` only the entries up
-//! to the end of the diagonal's four are filled, whole fours at a time.
+//! `xx xy xz yy yz zz` of a symmetric 3 × 3 block. The block of a pair is symmetric, because every row uses a
+//! single direction for all coefficients. Each matrix is therefore symmetric, and row `k` is filled only up
+//! to the SIMD group of four that contains the diagonal.
 
 use crate::hierarchy::Hierarchy;
 
-/// A symmetric matrix over the sixteen coefficients, its lower triangle filled in whole fours.
+/// A symmetric matrix over the sixteen coefficients with the lower triangle filled in groups of four.
 type Triangle = [[f64; 16]; 16];
 
-/// How many entries of row `k` are filled.
+/// Number of filled entries of row `k`.
 #[inline(always)]
 fn filled(k: usize) -> usize {
     4 * (k / 4 + 1)
 }
 
-/// Adds `w · row` to row `k` of a symmetric matrix whose lower triangle is filled in whole fours; no row is
-/// longer than `row`.
+/// Adds `w · row` to row `k` of a symmetric matrix whose lower triangle is filled in groups of four.
 #[inline(always)]
 pub(crate) fn add_to_triangle(line: &mut [f64], k: usize, w: f64, row: &[f64]) {
     let filled = filled(k).min(row.len());
@@ -30,7 +28,7 @@ pub(crate) fn add_to_triangle(line: &mut [f64], k: usize, w: f64, row: &[f64]) {
     }
 }
 
-/// Accumulated information `Λ`, `η` of one leaf's sixteen control points.
+/// Accumulated information `Λ`, `η` about the sixteen coefficients of one leaf.
 #[derive(Debug, Clone)]
 pub struct CellInformation {
     matrix: Box<[Triangle; 6]>,
@@ -44,7 +42,7 @@ impl Default for CellInformation {
 }
 
 impl CellInformation {
-    /// Forgets everything.
+    /// Sets all information to zero.
     pub fn clear(&mut self) {
         *self.matrix = [[[0.0; 16]; 16]; 6];
         self.vector = [[0.0; 3]; 16];
@@ -52,8 +50,8 @@ impl CellInformation {
 
     /// Adds the scalar measurement `a · Σ_k c_k P_k = value` with the given information (1/variance).
     ///
-    /// A position's normal component has `c` = the B-spline weights and `a` = the normal; a measured normal
-    /// has `c` = derivative weights. Cost: about 1,000 multiply-adds, by fours.
+    /// For the normal component of a position, `c` are the B-spline weights and `a` is the normal. For a
+    /// measured normal, `c` are derivative weights. Cost: about 1,000 multiply-adds in SIMD groups of four.
     #[inline]
     pub fn add_scalar(&mut self, c: &[f64; 16], a: [f64; 3], value: f64, information: f64) {
         let w = information;
@@ -109,7 +107,7 @@ impl CellInformation {
         }
     }
 
-    /// Adds another cell's information.
+    /// Adds the information of another cell.
     pub fn add(&mut self, other: &Self) {
         for (a, b) in self.matrix.iter_mut().zip(&*other.matrix) {
             for (a, b) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
@@ -123,11 +121,11 @@ impl CellInformation {
         }
     }
 
-    /// The element over the leaf's nodes: dense symmetric `3n × 3n` (row-major) and `3n`, into the given
-    /// buffers.
+    /// Writes the element over the nodes of the leaf to the buffers: dense symmetric `3n × 3n` (row-major)
+    /// and `3n`.
     ///
-    /// With the extraction `P = Eᵀ V` it is `E Λ Eᵀ` and `E η`. Cost: 96 multiply-adds for each weight that
-    /// is not zero, and six more for each node that it is paired with.
+    /// With the extraction `P = Eᵀ V` it is `E Λ Eᵀ` and `E η`. Cost: 96 multiply-adds per nonzero weight,
+    /// and six per pair of nodes.
     pub fn element(&self, space: &Hierarchy, leaf: usize, matrix: &mut Vec<f64>, vector: &mut Vec<f64>) {
         let (nodes, weights) = space.extraction(leaf);
         let n = nodes.len();
@@ -135,7 +133,7 @@ impl CellInformation {
         matrix.resize(9 * n * n, 0.0);
         vector.clear();
         vector.resize(3 * n, 0.0);
-        // Most weights are zero: away from changes of level each node is one coefficient.
+        // Skip zero weights: away from changes of level each node is one coefficient.
         let sparse: Vec<Vec<(usize, f64)>> = weights
             .iter()
             .map(|w| w.iter().copied().enumerate().filter(|(_, w)| *w != 0.0).collect())
@@ -181,13 +179,13 @@ impl CellInformation {
     }
 }
 
-/// The scalar element over the leaf's nodes of a symmetric form on its sixteen coefficients: `E K Eᵀ`, dense
-/// row-major.
+/// The scalar element `E K Eᵀ` over the nodes of a leaf, dense row-major, for a symmetric form `K` on its
+/// coefficients.
 #[must_use]
 pub fn scalar_element(space: &Hierarchy, leaf: usize, form: &[[f64; 16]; 16]) -> Vec<f64> {
     let (nodes, weights) = space.extraction(leaf);
     let n = nodes.len();
-    // Most weights are zero: away from changes of level each node is one coefficient.
+    // Skip zero weights: away from changes of level each node is one coefficient.
     let mut sparse = Vec::with_capacity(2 * n);
     let mut start = Vec::with_capacity(n + 1);
     for w in weights {
@@ -197,7 +195,7 @@ pub fn scalar_element(space: &Hierarchy, leaf: usize, form: &[[f64; 16]; 16]) ->
     start.push(sparse.len());
     let mut matrix = vec![0.0; n * n];
     if sparse.len() == n && start.windows(2).all(|pair| pair[1] == pair[0] + 1) {
-        // Each node is one coefficient.
+        // Fast path: each node is one coefficient.
         for (line, &(k, w)) in matrix.chunks_exact_mut(n).zip(&sparse) {
             for (value, &(l, x)) in line.iter_mut().zip(&sparse) {
                 *value = w * x * form[k][l];
@@ -249,7 +247,8 @@ pub fn variance_along(
     variance
 }
 
-/// A leaf's covariance reduced to its sixteen coefficients: cheap variances for the many points of one leaf.
+/// The covariance of a leaf reduced to its sixteen coefficients, for cheap variances at many points of the
+/// leaf.
 #[derive(Debug, Clone)]
 pub struct CellCovariance {
     /// `Cov(P_k, P_l)` as 3 × 3 blocks, `16 · k + l`.
@@ -257,7 +256,7 @@ pub struct CellCovariance {
 }
 
 impl CellCovariance {
-    /// `Eᵀ Σ E` from the dense covariance of the leaf's nodes.
+    /// Computes `Eᵀ Σ E` from the dense covariance of the nodes of the leaf.
     #[must_use]
     pub fn new(space: &Hierarchy, leaf: usize, covariance: &[f64]) -> Self {
         let (nodes, weights) = space.extraction(leaf);
@@ -320,7 +319,7 @@ mod tests {
     use crate::hierarchy::Shape;
     use crate::surface::leaf_weights;
 
-    /// Information of one row in node coordinates, written out by hand.
+    /// Compares the information of one row with the explicit product over nodes.
     #[test]
     fn element_equals_the_outer_product_of_the_row_over_the_nodes() {
         let uniform = Hierarchy::uniform(Shape::Ball, [8, 6]).unwrap();
@@ -349,7 +348,7 @@ mod tests {
                     assert!((matrix[i * n + j] - information * row[i] * row[j]).abs() < 1e-12);
                 }
             }
-            // And the variance along the row, from a made-up covariance, both ways.
+            // The variance along the row from an arbitrary covariance, computed in both ways.
             let covariance: Vec<f64> = (0..n * n).map(|e| if e % (n + 1) == 0 { 2.0 } else { 0.1 }).collect();
             let direct: f64 =
                 (0..n).map(|i| (0..n).map(|j| row[i] * covariance[i * n + j] * row[j]).sum::<f64>()).sum();

@@ -1,9 +1,9 @@
-//! Positions measured along one direction each, summed up leaf by leaf as moments.
+//! Positions measured along one direction each, accumulated by leaf as moments.
 //!
-//! Comes in: a stream of scalar readings `a · S(x, y) = z`, leaf by leaf. Goes out: the information about the
-//! nodes. What [`CellInformation::add_scalar`] adds with 960 multiply-adds a reading takes 340 here, and a
-//! leaf's sums a quarter of the memory: the way for clouds that come in many parts. See
-//! [`crate::moments`](CellMoments) for the image of the moments.
+//! Input: a stream of scalar readings `a · S(x, y) = z` by leaf. Output: the information about the nodes. A
+//! reading takes 340 multiply-adds instead of the 960 of [`CellInformation::add_scalar`], and the sums of a
+//! leaf a quarter of the memory. This suits clouds that arrive in many parts. See
+//! [`crate::moments`](CellMoments) for the map from moments to information.
 
 use crate::cell_information::CellInformation;
 use crate::hierarchy::Hierarchy;
@@ -80,7 +80,7 @@ impl DirectedMoments {
 ///     }
 /// });
 /// let information = sums.information(&SurfaceSystem::new(&space)?)?;
-/// // A shift along z is seen, one along x is not.
+/// // A shift along z is measured, one along x is not.
 /// let up = [0.0, 0.0, 1.0].repeat(space.node_count());
 /// let aside = [1.0, 0.0, 0.0].repeat(space.node_count());
 /// assert!((information.quadratic_form(&up)? - 4.0).abs() < 1e-12);
@@ -94,13 +94,13 @@ pub struct DirectedSums {
 }
 
 impl DirectedSums {
-    /// Nothing yet. Memory: 3 KB a leaf.
+    /// Empty sums. Memory: 3 KB per leaf.
     #[must_use]
     pub fn new(space: &Arc<Hierarchy>) -> Self {
         Self { space: Arc::clone(space), leaves: vec![DirectedMoments::default(); space.leaves().len()] }
     }
 
-    /// Adds what there is of each leaf: in parallel, the same bytes at any number of threads.
+    /// Adds the readings of each leaf in parallel. The result has the same bytes for any number of threads.
     pub fn add(&mut self, fill: impl Fn(usize, &mut DirectedMoments) + Sync) {
         (self.leaves.par_iter_mut().enumerate())
             .with_min_len(16)
@@ -110,10 +110,10 @@ impl DirectedSums {
     /// The information about the nodes, three unknowns each.
     ///
     /// # Errors
-    /// `Input` when the system is one of another hierarchy.
+    /// `Input` when the system belongs to another hierarchy.
     pub fn information(&self, system: &SurfaceSystem) -> Result<BlockInformation> {
         if system.space().leaves() != self.space.leaves() {
-            return Err(Error::input("the system is one of another hierarchy"));
+            return Err(Error::input("the system belongs to another hierarchy"));
         }
         system.accumulate(|leaf, cell| {
             let moments = &self.leaves[leaf];
@@ -133,10 +133,10 @@ mod tests {
     use crate::surface::leaf_weights;
 
     #[test]
-    fn moments_give_what_the_plain_path_gives() {
+    fn moments_equal_the_direct_accumulation() {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [5, 3]).unwrap().refine(&[6, 7]));
         let system = SurfaceSystem::new(&space).unwrap();
-        // Readings with directions all over the sphere.
+        // Readings with directions in all octants.
         let readings = |leaf: usize| {
             (0..7 * usize::from(!leaf.is_multiple_of(4))).map(move |k| {
                 let x = (leaf * 7 + k) as f64;

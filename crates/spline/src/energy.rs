@@ -1,13 +1,13 @@
 //! Smoothness energies of a surface, as quadratic forms on its leaves.
 //!
-//! Comes in: a reference [`Surface`] whose metric is frozen. Goes out: for every leaf, the thin-plate form on
-//! its sixteen coefficients, and the area of the leaf.
+//! Input: a reference [`Surface`] that defines the metric. Output: for every leaf, the thin-plate form on its
+//! sixteen coefficients, and its area.
 //!
 //! The thin-plate energy of a function f on the surface is `∫ |∇∇f|² dA` with the covariant Hessian
-//! `∇_a∇_b f = f_ab − Γ^c_ab f_c` of the reference's metric: it does not depend on how the surface is
-//! parametrised, so it stays finite at the poles of a ball and where a chart is stretched, which the
-//! parametric `∫ f_uu² + 2 f_uv² + f_vv²` does not. On a flat reference both are the same. Summed over the
-//! three coordinates it is the bending energy `∫ κ1² + κ2² dA` to leading order.
+//! `∇_a∇_b f = f_ab − Γ^c_ab f_c` of the metric of the reference. It does not depend on the parametrisation,
+//! so it stays finite at the poles of a ball and where a chart is stretched. The parametric energy
+//! `∫ f_uu² + 2 f_uv² + f_vv²` does not; both agree on a flat reference. Summed over the three coordinates it
+//! is the bending energy `∫ κ1² + κ2² dA` to leading order.
 //!
 //! # References
 //! Duchon, *Splines minimizing rotation-invariant semi-norms in Sobolev spaces*, 1977; do Carmo, *Riemannian
@@ -21,8 +21,8 @@ use planish_estimate::vector3::dot;
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
-/// Gauss–Legendre points and weights on [0, 1], four of them: exact to degree 7, as squares of cubics on a
-/// plane need.
+/// Four Gauss–Legendre points and weights on [0, 1]: exact to degree 7, sufficient for squares of cubics on a
+/// plane.
 const GAUSS: [(f64, f64); 4] = [
     (0.069_431_844_202_973_7, 0.173_927_422_568_726_9),
     (0.330_009_478_207_571_9, 0.326_072_577_431_273_1),
@@ -40,10 +40,10 @@ pub struct LeafEnergy {
 }
 
 impl LeafEnergy {
-    /// The energy of a leaf's sixteen coefficients, summed over the three coordinates: `∫ κ1² + κ2² dA` to
-    /// leading order.
+    /// The energy of the sixteen coefficients of a leaf, summed over the three coordinates: `∫ κ1² + κ2² dA`
+    /// to leading order.
     #[must_use]
-    pub fn of(&self, coefficients: &[[f64; 3]; 16]) -> f64 {
+    pub fn energy(&self, coefficients: &[[f64; 3]; 16]) -> f64 {
         let mut sum = 0.0;
         for k in 0..16 {
             for l in 0..16 {
@@ -54,12 +54,12 @@ impl LeafEnergy {
     }
 }
 
-/// A quadrature point of a leaf, for other integrals over the surface.
+/// A quadrature point of a leaf, for integrals over the surface.
 #[derive(Debug, Clone, Copy)]
 pub struct QuadraturePoint {
     /// Leaf-local coordinates.
     pub local: [f64; 2],
-    /// Share of the leaf's parameter area.
+    /// Fraction of the parameter area of the leaf.
     pub weight: f64,
 }
 
@@ -73,7 +73,7 @@ pub fn quadrature() -> [QuadraturePoint; 16] {
 }
 
 impl Surface {
-    /// The area of a leaf, by the rule of [`quadrature`].
+    /// The area of a leaf, integrated by [`quadrature`].
     #[must_use]
     pub fn leaf_area(&self, leaf: usize) -> f64 {
         let side = self.space().leaves()[leaf].side();
@@ -85,8 +85,22 @@ impl Surface {
 
     /// The thin-plate forms of all leaves of `space` in the metric of this surface.
     ///
-    /// `space` is this surface's own or a refinement of it. Cost: 16 jets and about 7,000 multiply-adds a
+    /// `space` is that of this surface or a refinement of it. Cost: 16 jets and about 7,000 multiply-adds per
     /// leaf, in parallel.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::BaseShape;
+    ///
+    /// // A sphere of radius r has the bending energy ∫ κ1² + κ2² dA = 8π for any r.
+    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([32, 16])?;
+    /// let forms = ball.thin_plate(ball.space());
+    /// let energy: f64 = (forms.iter().enumerate())
+    ///     .map(|(leaf, form)| form.energy(ball.leaf_coefficients(leaf)))
+    ///     .sum();
+    /// assert!((energy / (8.0 * std::f64::consts::PI) - 1.0).abs() < 0.05);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[must_use]
     pub fn thin_plate(&self, space: &Hierarchy) -> Vec<LeafEnergy> {
         let bases = quadrature().map(PointBasis::new);
@@ -135,7 +149,7 @@ impl Surface {
     }
 }
 
-/// The sixteen functions of a leaf at a quadrature point: what is the same for all leaves.
+/// The sixteen functions of a leaf at a quadrature point, common to all leaves.
 struct PointBasis {
     point: QuadraturePoint,
     /// Derivatives `u, v, uu, uv, vv` in local coordinates.
@@ -168,7 +182,8 @@ impl PointBasis {
         let a1 = 1.0 / e.sqrt();
         let b2 = (e / area2).sqrt();
         let a2 = -f / e * b2;
-        // The frame's coefficients of uu, uv and vv in each row, and with the symbols those of u and v.
+        // Coefficients of uu, uv and vv in each row of the frame, and those of u and v by the Christoffel
+        // symbols.
         let frame = [
             [a1 * a1, 0.0, 0.0],
             [SQRT_2 * a1 * a2, SQRT_2 * a1 * b2, 0.0],
@@ -228,8 +243,7 @@ mod tests {
 
     #[test]
     fn energy_does_not_depend_on_the_parametrisation() {
-        // The same quadratic function over the unit square, once on a straight and once on a bent chart of
-        // the plane.
+        // The same quadratic function over the unit square, on a straight and on a curved chart of the plane.
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [24, 24]).unwrap());
         let straight = fit_function(&space, |u, v| [u / 24.0, v / 24.0, 0.0]).unwrap();
         let warp = |u: f64, v: f64| {
@@ -258,7 +272,7 @@ mod tests {
         let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([16, 8]).unwrap();
         let fine_space = Arc::new(sphere.space().refine(&[40, 41, 56, 57]));
         let fine = sphere.refined(Arc::clone(&fine_space)).unwrap();
-        // Quadrature differs on split cells, hence not to the last digit.
+        // Quadrature differs on split cells, so the energies differ in the last digits.
         let (a, b) = (energy(&sphere, &sphere, 0), energy(&fine, &fine, 0));
         assert!((a / b - 1.0).abs() < 1e-5, "{a} {b}");
     }

@@ -1,8 +1,8 @@
 //! Vector fields over a surface, sampled at the 2 × 2 Gauss points of every leaf.
 //!
-//! Comes in: a [`SurfaceSystem`] and values at the points. Goes out: right-hand sides `∫ B_a f dA`, and, on
-//! the way there, points and tangents of the surface where the field is asked for. What depends on the four
-//! points alone is worked out once.
+//! Input: a [`SurfaceSystem`] and values at the points. Output: right-hand sides `∫ B_a f dA`, and points and
+//! tangents of the surface for the evaluation of the field. Quantities that depend only on the four points
+//! are computed once.
 
 use crate::basis::cubic;
 use crate::surface::{Surface, coordinates_in_fours};
@@ -12,9 +12,9 @@ use rayon::prelude::*;
 /// The 2 × 2 Gauss points of a leaf: exact for fields that are cubic in u and in v.
 #[derive(Debug, Clone)]
 pub struct FieldPoints {
-    /// The two places along each side.
+    /// The two coordinates along each side.
     along: [f64; 2],
-    /// Values and slopes of the four cubics there.
+    /// Values and slopes of the four cubics at these coordinates.
     value: [[f64; 4]; 2],
     slope: [[f64; 4]; 2],
 }
@@ -28,7 +28,7 @@ impl Default for FieldPoints {
 }
 
 impl FieldPoints {
-    /// Points a leaf.
+    /// Number of points per leaf.
     pub const COUNT: usize = 4;
 
     /// Leaf-local coordinates of the `n`-th point.
@@ -89,8 +89,7 @@ impl FieldPoints {
 }
 
 impl SurfaceSystem {
-    /// Area that each point stands for in the metric of a reference surface, leaf by leaf: for
-    /// [`Self::project_field`].
+    /// Area of each point in the metric of a reference surface, by leaf, for [`Self::project_field`].
     #[must_use]
     pub fn field_weights(&self, points: &FieldPoints, reference: &Surface) -> Vec<[f64; FieldPoints::COUNT]> {
         (0..self.space().leaves().len())
@@ -136,7 +135,7 @@ mod tests {
     use super::*;
     use crate::base::BaseShape;
 
-    /// A ball that grows moves where these say; a wrong tangent bends it.
+    /// Frames of a growing ball agree with its jets.
     #[test]
     fn frames_are_the_jets_of_the_surface_and_projections_integrate_it() {
         let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([12, 8]).unwrap();
@@ -156,7 +155,7 @@ mod tests {
                 }
             }
         }
-        // The nodes' functions add up to one: right-hand sides of a constant add up to the area, 16 π.
+        // The functions of the nodes sum to one, so right-hand sides of a constant sum to the area, 16 π.
         let sums = system.project_field(&points, &weights, |_| [[1.0, 0.0, -2.0]; FieldPoints::COUNT]);
         let total = sums.chunks_exact(3).fold([0.0; 3], |t, s| [t[0] + s[0], t[1] + s[1], t[2] + s[2]]);
         let area = 16.0 * std::f64::consts::PI;

@@ -1,11 +1,10 @@
-//! Foot points: the parameters of the surface point nearest to a measured one.
+//! Foot points: parameters of the surface point nearest to a measured point.
 //!
-//! Comes in: a [`Surface`], a point, and either starting parameters or a [`FootPointSearch`]. Goes out: a
+//! Input: a [`Surface`], a point, and either starting parameters or a [`FootPointSearch`]. Output: a
 //! [`FootPoint`] with leaf, local coordinates, jet and signed distance.
 //!
-//! Not guaranteed: the *global* nearest point. A projection goes downhill from where it starts; the search
-//! starts it at the sample whose position and normal agree best, which tells the two sides of a thin part
-//! apart.
+//! Not guaranteed: the *global* nearest point. A projection descends from its start. The search starts at the
+//! sample whose position and normal agree best, which distinguishes the two sides of a thin part.
 
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::{Jet, Surface};
@@ -13,59 +12,70 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use planish_estimate::vector3::{add, dot, norm, scale, sub, tangents};
 use planish_estimate::{Error, Result};
 
-/// Where a measured point projects to.
+/// The foot point of a measured point.
 #[derive(Debug, Clone, Copy)]
 pub struct FootPoint {
     /// The leaf of the foot point.
     pub leaf: u32,
     /// Coordinates inside the leaf, in `[0, 1]²`.
     pub local: [f64; 2],
-    /// Point and derivatives there.
+    /// Point and derivatives at the foot point.
     pub jet: Jet,
-    /// Unit normal there (zero where the surface is degenerate).
+    /// Unit normal at the foot point (zero if the surface is degenerate).
     pub normal: [f64; 3],
     /// Signed distance of the measured point along the normal.
     pub height: f64,
     /// Distance of the measured point from the normal line: zero up to the tolerance unless the foot point is
-    /// held at a border.
+    /// at a border.
     pub slip: f64,
-    /// Whether the foot point lies on the border of an open surface with the measured point beyond it.
+    /// True if the foot point lies on the border of an open surface and the measured point lies beyond it.
     pub at_border: bool,
-    /// Whether the iteration met its tolerance.
+    /// True if the iteration reached its tolerance.
     pub converged: bool,
 }
 
-/// When a projection stops.
+/// Stopping criteria of a projection.
 #[derive(Debug, Clone, Copy)]
 pub struct ProjectionOptions {
-    /// Steps at most.
+    /// Maximum number of steps.
     pub max_steps: usize,
-    /// The iteration ends when the foot point is off by no more than about this share of the leaf's side.
+    /// Tolerance of the foot point as a fraction of the side of the leaf.
     pub relative_tolerance: f64,
 }
 
 impl Default for ProjectionOptions {
     fn default() -> Self {
-        // A foot point off by h changes the height by κh²/2: 1e-5 of a cell is far below every noise.
+        // An error h of the foot point changes the height by κh²/2, so 1e-5 of a cell is far below any noise.
         Self { max_steps: 20, relative_tolerance: 1e-5 }
     }
 }
 
 impl Surface {
-    /// The foot point of `z`, by damped Newton from `(u, v)`.
+    /// The foot point of `z`, by damped Newton iteration from `(u, v)`.
     ///
-    /// Minimises `|S(u, v) − z|²/2`: full Newton where the Hessian is positive definite, Gauss–Newton
-    /// elsewhere; each step is halved until the distance falls. Cells are crossed freely; open borders hold
-    /// the foot point.
+    /// Minimises `|S(u, v) − z|²/2`: full Newton steps where the Hessian is positive definite, Gauss–Newton
+    /// steps elsewhere. Each step is shortened until the distance decreases. Steps may cross cells; open
+    /// borders constrain the foot point.
     ///
-    /// Cost: a few jets; typically 2 or 3 from a neighbouring sample and 1 when the surface has hardly moved.
+    /// Cost: typically 2 or 3 jets from a neighbouring sample, and 1 if the surface has hardly moved.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{BaseShape, ProjectionOptions};
+    ///
+    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([16, 8])?;
+    /// let foot = ball.project([3.0, 0.0, 0.0], [0.5, 4.5], &ProjectionOptions::default());
+    /// assert!(foot.converged);
+    /// assert!((foot.height - 1.0).abs() < 0.01); // 1 outside a radius of 2
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[must_use]
     pub fn project(&self, z: [f64; 3], start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
         project_onto(self.space(), |leaf, [s, t]| self.leaf_jet(leaf, s, t), z, start, options)
     }
 }
 
-/// [`Surface::project`] for a surface that is known by its jets alone: `jet_at(leaf, local)`.
+/// [`Surface::project`] for a surface given by its jets: `jet_at(leaf, local)`.
 pub(crate) fn project_onto(
     space: &Hierarchy,
     jet_at: impl Fn(usize, [f64; 2]) -> Jet,
@@ -91,13 +101,13 @@ pub(crate) fn project_onto(
                 open[d] && ((at[d] <= 0.0 && gradient[d] > 0.0) || (at[d] >= extent[d] && gradient[d] < 0.0));
         }
         let step = newton_step(&jet, r, gradient, held);
-        // No further than two cells at once: the model of the distance is local.
+        // Limit steps to two cells, because the quadratic model of the distance is local.
         let longest = step[0].abs().max(step[1].abs());
         if longest == 0.0 {
             converged = true;
             break;
         }
-        // The last step is so short that the jet itself tells where it leads.
+        // The last step is so short that the Taylor expansion replaces another evaluation.
         let inside = [0, 1].map(|d| local[d] + step[d] / side);
         if (longest / side).powi(2) < options.relative_tolerance
             && inside.iter().all(|c| (0.0..1.0).contains(c))
@@ -106,6 +116,7 @@ pub(crate) fn project_onto(
             converged = true;
             break;
         }
+        // Line search: shorten the step until the distance decreases.
         let mut share = (2.0 * side / longest).min(1.0);
         let mut moved = false;
         for _ in 0..6 {
@@ -131,7 +142,7 @@ pub(crate) fn project_onto(
             }
             share *= 0.35;
         }
-        // Newton converges quadratically: after a whole step of share s of a leaf about s² is left.
+        // Newton converges quadratically: after a full step of s leaf sides the error is about s².
         let left = if share < 1.0 { longest * share / side } else { (longest / side).powi(2) };
         if !moved || left < options.relative_tolerance {
             converged = true;
@@ -158,7 +169,7 @@ fn squared(a: [f64; 3]) -> f64 {
     dot(a, a)
 }
 
-/// `−H⁻¹ g`, directions that are held left out.
+/// The step `−H⁻¹ g` without the constrained directions.
 #[inline(always)]
 fn newton_step(jet: &Jet, r: [f64; 3], g: [f64; 2], held: [bool; 2]) -> [f64; 2] {
     let [e, f, gg] = jet.first_form();
@@ -188,7 +199,7 @@ fn newton_step(jet: &Jet, r: [f64; 3], g: [f64; 2], held: [bool; 2]) -> [f64; 2]
     }
 }
 
-/// Finds starting parameters for projections: samples of the surface in a tree over position and scaled
+/// Search for start parameters of projections: samples of the surface in a tree over position and scaled
 /// normal.
 pub struct FootPointSearch {
     tree: SampleTree,
@@ -196,37 +207,35 @@ pub struct FootPointSearch {
     normal_scale: f64,
 }
 
-/// The samples: a tree that splits along normals which are all the same finds nothing by it, and takes ten
-/// times as long; and over a plane that a sheet covers but once, no tree is needed.
+/// Search structure of the samples. Splitting a tree along equal normals costs ten times as much without
+/// benefit, so there is a tree of positions alone. A sheet that covers a plane once needs only a raster.
 enum SampleTree {
     Raster(Raster),
     Positions(ImmutableKdTree<f64, 3>),
     WithNormals(ImmutableKdTree<f64, 6>),
 }
 
-/// A sheet seen from above is one layer where no normal leans further than this from the mean: the cosine, of
-/// 60°.
-const STEEPEST: f64 = 0.5;
+/// Minimum cosine (60°) between all normals and the mean normal for a sheet to be a single layer.
+const MIN_LAYER_COSINE: f64 = 0.5;
 
-/// For each cell of a raster in a plane, the sample that lies nearest to its middle.
+/// For each cell of a raster in a plane, the sample nearest to its centre.
 struct Raster {
     origin: [f64; 3],
-    /// Two directions in the plane, each over the size of a cell.
+    /// Two directions in the plane, divided by the size of a cell.
     axes: [[f64; 3]; 2],
     size: [usize; 2],
     sample: Vec<u32>,
 }
 
 impl Raster {
-    /// A raster over the mean plane of samples with unit normals; none where they are no single layer above
-    /// it.
-    fn of_layer(samples: &[[f64; 3]], normals: &[[f64; 3]]) -> Option<Self> {
+    /// A raster over the mean plane of samples with unit normals; `None` if they are not a single layer.
+    fn from_layer(samples: &[[f64; 3]], normals: &[[f64; 3]]) -> Option<Self> {
         let mut mean = [0.0; 3];
         for normal in normals {
             mean = add(mean, *normal);
         }
         let up = scale(1.0 / norm(mean), mean);
-        let is_layer = normals.iter().all(|normal| dot(*normal, up) > STEEPEST);
+        let is_layer = normals.iter().all(|normal| dot(*normal, up) > MIN_LAYER_COSINE);
         if !is_layer {
             return None;
         }
@@ -241,7 +250,7 @@ impl Raster {
             }
         }
         let sides = bounds.map(|[low, high]| high - low);
-        // About a cell a sample; a sliver would have more.
+        // About one cell per sample; slivers get more.
         let cell = (sides[0] * sides[1] / samples.len() as f64).sqrt();
         let is_sliver = sides.iter().any(|side| side / cell > samples.len() as f64);
         if cell.is_nan() || cell <= 0.0 || is_sliver {
@@ -259,8 +268,7 @@ impl Raster {
         Some(raster)
     }
 
-    /// Every sample in its own cell; then each cell without any takes the nearest of those that its
-    /// neighbours have.
+    /// Enters every sample in its cell. Each empty cell then gets the nearest sample of its neighbours.
     fn fill(&mut self, samples: &[[f64; 3]]) {
         let places: Vec<[f64; 2]> = samples.iter().map(|p| self.place(*p)).collect();
         let [columns, rows] = self.size;
@@ -275,7 +283,7 @@ impl Raster {
                 self.sample[cell] = k;
             }
         }
-        // Two sweeps, down and up again, of nearest neighbours (Danielsson 1980).
+        // Two sweeps, downwards and upwards, propagate nearest samples (Danielsson 1980).
         let mut offer = |from: Option<usize>, cell: usize| {
             let Some(offered) = from.map(|from| self.sample[from]).filter(|&k| k != NO_SAMPLE) else {
                 return;
@@ -309,17 +317,17 @@ impl Raster {
         }
     }
 
-    /// In the plane, in cells.
+    /// Coordinates in the plane, in cells.
     #[inline]
     fn place(&self, p: [f64; 3]) -> [f64; 2] {
         self.axes.map(|axis| dot(axis, sub(p, self.origin)))
     }
 
-    /// The cell of a point; the nearest one beyond the raster.
+    /// The cell of a point, or the nearest cell for points outside.
     #[inline]
     fn cell(&self, p: [f64; 3]) -> usize {
         let [x, y] = self.place(p);
-        // Negative numbers become zero.
+        // The cast saturates: negative numbers become zero.
         (y as usize).min(self.size[1] - 1) * self.size[0] + (x as usize).min(self.size[0] - 1)
     }
 }
@@ -329,8 +337,8 @@ const NO_SAMPLE: u32 = u32::MAX;
 impl FootPointSearch {
     /// Samples every leaf at `per_side × per_side` points.
     ///
-    /// `normal_scale` is the length that opposite unit vectors are worth: two samples with opposite normals
-    /// are set `2 · normal_scale` apart. Zero searches by position alone.
+    /// `normal_scale` weighs normals against positions: opposite normals count like a distance of
+    /// `2 · normal_scale`. Zero searches by position alone.
     ///
     /// # Errors
     /// `Undetermined` when no sample of the surface is usable.
@@ -352,10 +360,10 @@ impl FootPointSearch {
             }
         }
         if samples.is_empty() {
-            return Err(Error::undetermined("the surface has no point to search from"));
+            return Err(Error::undetermined("the surface has no usable sample"));
         }
         let unusable = |e| Error::undetermined(format!("the surface samples cannot be searched: {e:?}"));
-        let layer = || Raster::of_layer(&samples, &normals).filter(|_| space.shape() == Shape::Sheet);
+        let layer = || Raster::from_layer(&samples, &normals).filter(|_| space.shape() == Shape::Sheet);
         let tree = if normal_scale > 0.0 {
             let with_normals = samples.iter().zip(&normals).map(|(p, n)| {
                 let n = scale(normal_scale, *n);
@@ -371,8 +379,8 @@ impl FootPointSearch {
         Ok(Self { tree, parameters, normal_scale })
     }
 
-    /// Parameters of the sample nearest to a point with this normal (zero where it is unknown); along the
-    /// mean normal, where the surface is a sheet of one layer and normals do not count.
+    /// Parameters of the sample nearest to a point with this normal (zero if unknown). For a sheet of one
+    /// layer, of the nearest sample along the mean normal, without regard to the normal.
     #[must_use]
     pub fn nearest(&self, z: [f64; 3], normal: [f64; 3]) -> [f64; 2] {
         let item = match &self.tree {
@@ -413,10 +421,9 @@ mod tests {
         }
     }
 
-    /// Design 4A: curvature lifts naive feet by about `H σ_t²`. At σ = 5 % of the radius that is 0.25 % of
-    /// it.
+    /// Curvature biases naive foot points by about `H σ_t²`: 0.25 % of the radius for σ = 5 % of it.
     #[test]
-    fn noise_along_a_sphere_lifts_no_foot_once_the_bias_is_off() {
+    fn tangential_noise_on_a_sphere_causes_no_bias_after_correction() {
         let sigma = 0.05;
         let sphere = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([32, 16]).unwrap();
         let search = FootPointSearch::new(&sphere, 2, 0.0).unwrap();
@@ -443,9 +450,9 @@ mod tests {
     }
 
     #[test]
-    fn over_a_sheet_of_one_layer_the_search_begins_as_near_as_a_tree_would() {
-        // Waves on a plane that leans, whose corners are cut off the raster's: some cells have no sample of
-        // their own.
+    fn the_raster_of_a_single_layer_finds_samples_as_near_as_a_tree() {
+        // Waves on a tilted plane, whose corners do not fill the raster: some cells have no sample of their
+        // own.
         let along = [[0.8, 0.0, 0.6], [0.0, 1.0, 0.0]];
         let plane = BaseShape::plane([100.0, -50.0, 7.0], along, [2.0, 1.0]).surface([16, 8]).unwrap();
         let vertices = (plane.vertices().iter())
@@ -466,7 +473,7 @@ mod tests {
             let foot = sheet.project(p, start, &ProjectionOptions::default());
             assert!(foot.converged && (foot.height - height).abs() < 1e-5, "{foot:?}");
         }
-        // Far outside, the nearest cell will do.
+        // Far outside, the nearest cell is used.
         let foot = sheet.project(
             [1e3, 1e3, 0.0],
             search.nearest([1e3, 1e3, 0.0], [0.0; 3]),
@@ -476,7 +483,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sheet_that_is_rolled_up_is_no_layer() {
+    fn a_rolled_up_sheet_is_not_a_single_layer() {
         let space = std::sync::Arc::new(crate::Hierarchy::uniform(Shape::Sheet, [16, 8]).unwrap());
         let rolled = crate::base::fit_function(&space, |u, v| [(0.3 * u).cos(), (0.3 * u).sin(), v]).unwrap();
         let search = FootPointSearch::new(&rolled, 2, 0.0).unwrap();
@@ -484,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn points_beyond_an_open_border_are_held_there() {
+    fn foot_points_of_points_beyond_an_open_border_stay_on_it() {
         let sheet = BaseShape::plane([0.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [1.0, 1.0])
             .surface([4, 4])
             .unwrap();

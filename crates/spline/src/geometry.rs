@@ -1,10 +1,10 @@
 //! Differential geometry at a surface point: fundamental forms, normals, curvatures and their directions.
 //!
-//! Comes in: a [`Jet`]. Goes out: normal, forms, principal, Gaussian and mean curvature. Curvature is
-//! positive where the surface bends towards its normal, so a sphere with outward normals has κ = −1/r.
+//! Input: a [`Jet`]. Output: normal, forms, principal, Gaussian and mean curvature. Curvature is positive if
+//! the surface bends towards its normal, so a sphere with outward normals has κ = −1/r.
 //!
-//! Not guaranteed: values where `S_u × S_v = 0`; on a ball's poles use [`crate::Surface::curvature`], which
-//! changes charts.
+//! Not guaranteed: values where `S_u × S_v = 0`; at the poles of a ball use [`crate::Surface::curvature`],
+//! which changes the chart.
 //!
 //! # References
 //! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, §3.3.
@@ -37,7 +37,8 @@ impl Curvature {
         0.5 * (self.principal[0] + self.principal[1])
     }
 
-    /// From the symmetric second fundamental form `[[a, b], [b, c]]` in an orthonormal tangent frame.
+    /// Computes curvatures from the symmetric second fundamental form `[[a, b], [b, c]]` in an orthonormal
+    /// tangent frame.
     fn from_orthonormal(normal: [f64; 3], e1: [f64; 3], e2: [f64; 3], [a, b, c]: [f64; 3]) -> Self {
         let mean = 0.5 * (a + c);
         let half = 0.5 * (a - c);
@@ -50,8 +51,8 @@ impl Curvature {
 }
 
 impl Jet {
-    /// The jet a short parameter step away, second derivatives taken as constant: the point is off by a sixth
-    /// of the third derivative times the cube of the step.
+    /// The jet after a short parameter step with constant second derivatives. The error of the point is a
+    /// sixth of the third derivative times the cube of the step.
     #[inline]
     pub(crate) fn shifted(&self, [u, v]: [f64; 2]) -> Self {
         let mut moved = *self;
@@ -70,14 +71,14 @@ impl Jet {
         [dot(self.du, self.du), dot(self.du, self.dv), dot(self.dv, self.dv)]
     }
 
-    /// Area element `√(EG − F²)`: area of the surface to area of the parameters.
+    /// Area element `√(EG − F²)`: area of the surface per area of the parameters.
     #[must_use]
     pub fn area_element(&self) -> f64 {
         let [e, f, g] = self.first_form();
         (e * g - f * f).max(0.0).sqrt()
     }
 
-    /// Unit normal; none where `S_u` and `S_v` are parallel or zero.
+    /// Unit normal; `None` if `S_u` and `S_v` are parallel or zero.
     #[must_use]
     pub fn normal(&self) -> Option<[f64; 3]> {
         unit(cross(self.du, self.dv))
@@ -90,7 +91,7 @@ impl Jet {
     }
 
     /// Unit normal, orthonormal tangents `e1`, `e2` and the second fundamental form in them:
-    /// `[II(e1, e1), II(e1, e2), II(e2, e2)]`; none where the parametrisation is singular.
+    /// `[II(e1, e1), II(e1, e2), II(e2, e2)]`; `None` if the parametrisation is singular.
     #[inline]
     fn orthonormal_form(&self) -> Option<OrthonormalForm> {
         let normal = self.normal()?;
@@ -106,26 +107,26 @@ impl Jet {
         Some(OrthonormalForm { normal, tangents: [e1, e2], form: [a, b, c] })
     }
 
-    /// Normal, principal curvatures and directions; none where the parametrisation is singular.
+    /// Normal, principal curvatures and directions; `None` if the parametrisation is singular.
     #[must_use]
     pub fn curvature(&self) -> Option<Curvature> {
         let OrthonormalForm { normal, tangents: [e1, e2], form } = self.orthonormal_form()?;
         Some(Curvature::from_orthonormal(normal, e1, e2, form))
     }
 
-    /// Mean curvature `H = (κ1 + κ2)/2`; none where the parametrisation is singular.
+    /// Mean curvature `H = (κ1 + κ2)/2`; `None` if the parametrisation is singular.
     #[must_use]
     pub fn mean_curvature(&self) -> Option<f64> {
         let [a, _, c] = self.orthonormal_form()?.form;
         Some(0.5 * (a + c))
     }
 
-    /// `tr(II R_t)/2`: the mean height above the surface that noise of covariance `R` along the tangent plane
-    /// feigns, to second order; none where the parametrisation is singular. `covariance` is
+    /// `tr(II R_t)/2`: the mean apparent height over the surface due to tangential noise of covariance `R`,
+    /// to second order; `None` if the parametrisation is singular. `covariance` is
     /// `[xx, xy, xz, yy, yz, zz]`.
     ///
-    /// On a sphere of radius r and isotropic noise this is `−σ²/r` along the outward normal's curvature sign,
-    /// so the expected signed distance of a noisy point is `−tr(II R_t)/2`.
+    /// For isotropic noise on a sphere of radius r with outward normals this is `−σ²/r`. The expected signed
+    /// distance of a noisy point is `−tr(II R_t)/2`.
     #[inline]
     #[must_use]
     pub fn tangential_bias(&self, covariance: &[f64; 6]) -> Option<f64> {
@@ -151,7 +152,7 @@ struct OrthonormalForm {
 }
 
 impl Surface {
-    /// Unit normal at `(u, v)`, poles of a ball included; none where the surface is degenerate.
+    /// Unit normal at `(u, v)`, including the poles of a ball; `None` if the surface is degenerate.
     #[must_use]
     pub fn normal(&self, u: f64, v: f64) -> Option<[f64; 3]> {
         match self.pole_direction(v) {
@@ -160,11 +161,22 @@ impl Surface {
         }
     }
 
-    /// Curvature at `(u, v)`, poles of a ball included; none where the surface is degenerate.
+    /// Curvature at `(u, v)`, including the poles of a ball; `None` if the surface is degenerate.
     ///
-    /// A pole is evaluated in the chart of its tangent plane: normal curvatures of the meridians,
-    /// `S_vv·n/|S_v|²`, give the second fundamental form by least squares over directions. A ball is C¹
-    /// there, so the form is that of the best quadric.
+    /// A pole is evaluated in its tangent plane: normal curvatures of the meridians, `S_vv·n/|S_v|²`, give
+    /// the second fundamental form by least squares over directions. A ball is C¹ there, so the form is that
+    /// of the best quadric.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::BaseShape;
+    ///
+    /// let ball = BaseShape::sphere([0.0; 3], 2.0, [0.0, 0.0, 1.0]).surface([32, 16])?;
+    /// let curvature = ball.curvature(3.0, 8.0).expect("a regular point");
+    /// assert!((curvature.gaussian() - 0.25).abs() < 0.01);
+    /// assert!((curvature.mean() + 0.5).abs() < 0.01); // negative with outward normals
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[must_use]
     pub fn curvature(&self, u: f64, v: f64) -> Option<Curvature> {
         let Some(inward) = self.pole_direction(v) else {
@@ -203,7 +215,7 @@ impl Surface {
         Some(Curvature::from_orthonormal(normal, e1, e2, [solve(0), solve(1), solve(2)]))
     }
 
-    /// +1 or −1: the way of growing distance from the pole, where `v` is at a pole of a ball.
+    /// Direction of v (+1 or −1) away from the pole, if `v` is at a pole of a ball.
     fn pole_direction(&self, v: f64) -> Option<f64> {
         let extent = self.space().extent()[1];
         let near = 1e-9 * extent;
@@ -218,14 +230,13 @@ impl Surface {
         }
     }
 
-    /// The pole's normal from two meridians a quarter turn apart; `S_u ∝ ∂S_v/∂u · distance`, which fixes the
-    /// side.
+    /// Normal at a pole from two meridians a quarter turn apart. `S_u ∝ ∂S_v/∂u · distance` determines its
+    /// sign.
     fn pole_normal(&self, v: f64, inward: f64) -> Option<[f64; 3]> {
         let quarter = self.space().extent()[0] / 4.0;
         let (a, b) = (self.jet(0.0, v).dv, self.jet(quarter, v).dv);
-        // Near the bottom pole S_u ≈ (v) ∂_u S_v: S_u × S_v ∥ b × a; near the top the distance is −(v − n):
-        // the side flips twice, once with the distance and once with nothing else, so the sign is that of the
-        // way inward.
+        // Near the bottom pole S_u ≈ v ∂_u S_v, so S_u × S_v ∥ b × a. Near the top pole the distance is n −
+        // v, so the sign changes with the direction away from the pole.
         unit(scale(inward, cross(b, a)))
     }
 }

@@ -1,18 +1,17 @@
-//! Bicubic height fields over scattered points, as smooth as the points bear out.
+//! Bicubic height fields over scattered points, with smoothness estimated from the data.
 //!
-//! Comes in: heights over places of a plane, each with its information. Goes out: a uniform bicubic B-spline
-//! (R. Mohr, C. Zhao, G. Koscielny, *Fusion of 3D B-spline surface patches*, 1994, eq. 3)
+//! Input: heights at points of a plane, each with its information. Output: a uniform bicubic B-spline (R.
+//! Mohr, C. Zhao, G. Koscielny, *Fusion of 3D B-spline surface patches*, 1994, eq. 3)
 //!
-//! `F(x, y) = Σ_ij α_ij B_i(x) B_j(y)`, the least of
-//! `Σ w_k (F(x_k, y_k) − z_k)² + τ ∫∫ (∂⁶F/∂x³∂y³)² + ε (F_xx² + 2 F_xy² + F_yy²)` (their eq. 4, and a term
+//! `F(x, y) = Σ_ij α_ij B_i(x) B_j(y)`, the minimum of
+//! `Σ w_k (F(x_k, y_k) − z_k)² + τ ∫∫ (∂⁶F/∂x³∂y³)² + ε (F_xx² + 2 F_xy² + F_yy²)` (their eq. 4, plus a term
 //! of second order), lengths in cells,
 //!
-//! with its covariance. Their energy alone is nothing for `3 (m + 3) + 3 (n + 3) − 9` functions: all
-//! quadratics of x with any spline of y for coefficients, and the reverse. Where the places leave gaps that
-//! makes the system singular; with the second term only planes are free. τ is the weight that makes the
-//! heights most likely (REML).
+//! with its covariance. Their energy alone is zero for `3 (m + 3) + 3 (n + 3) − 9` functions: all quadratics
+//! in x with splines of y as coefficients, and vice versa. Gaps in the data then make the system singular.
+//! With the second term only planes have zero energy. τ is estimated by REML.
 //!
-//! Not guaranteed: anything outside of the places' box; that one cell is fine enough for the shape.
+//! Not guaranteed: values outside the bounding box of the points; cells that are small enough for the shape.
 
 use crate::basis::cubic;
 use planish_estimate::sparse::{
@@ -25,11 +24,12 @@ use planish_estimate::{
 };
 use std::sync::Arc;
 
-/// `ε`: the term of second order beside that of sixth.
+/// `ε`: weight of the second-order term relative to the sixth-order term. A small value closes the null
+/// space; a large one flattens the field.
 const SECOND_ORDER: f64 = 1e-2;
-/// More control heights than this are a slip: the cell is too small.
-const MOST_CELLS: usize = 250_000;
-/// Gauss–Legendre on `[0, 1]`, exact to degree seven: products of cubics have six.
+/// Maximum number of control heights. More indicate a cell size that is too small by mistake.
+const MAX_CELLS: usize = 250_000;
+/// Gauss–Legendre points and weights on `[0, 1]`, exact to degree 7; products of cubics have degree 6.
 const NODES: [(f64, f64); 4] = [
     (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
     (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
@@ -37,18 +37,18 @@ const NODES: [(f64, f64); 4] = [
     (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
 ];
 
-/// A height over a place.
+/// A measured height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeightReading {
-    /// The place in the plane.
+    /// The point in the plane.
     pub place: [f64; 2],
-    /// The height over it.
+    /// The height at the point.
     pub height: f64,
-    /// One over its variance.
+    /// Inverse of its variance.
     pub information: f64,
 }
 
-/// A height, its slopes and its variance.
+/// A height with its slopes and variance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Height {
     /// `F(x, y)`.
@@ -67,18 +67,18 @@ pub struct HeightField {
     covariance: SelectedInverse,
     /// τ, in cells.
     pub weight: f64,
-    /// The scale of all covariances: one where it was taken as known.
+    /// The scale of all covariances; 1 if it was given as known.
     pub dispersion: f64,
 }
 
 impl HeightField {
-    /// The most likely field over cells of a given side.
+    /// Fits a field with cells of a given side.
     ///
-    /// Cost: some twenty sparse factorisations of `(m + 3)(n + 3)` unknowns.
+    /// Cost: about twenty sparse factorisations of `(m + 3)(n + 3)` unknowns.
     ///
     /// # Errors
-    /// `Input` for fewer than four readings, what is not finite or not positive, or more than a quarter of a
-    /// million cells; `Undetermined` where all places lie in a line.
+    /// `Input` for fewer than four readings, values that are not finite or not positive, or more than 250,000
+    /// cells; `Undetermined` if all points are collinear.
     ///
     /// # Examples
     /// ```
@@ -91,7 +91,7 @@ impl HeightField {
     ///     })
     ///     .collect();
     /// let field = HeightField::fit(&readings, 2.5, Dispersion::Known(1.0))?;
-    /// let middle = field.at([9.3, 8.1]).expect("a place among the readings");
+    /// let middle = field.at([9.3, 8.1]).expect("a point inside the grid");
     /// assert!((middle.height - (0.02 * 9.3 * 9.3 - 0.81)).abs() < 0.01 && middle.variance < 1e-4);
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
@@ -101,7 +101,7 @@ impl HeightField {
         }
         if readings.len() < 4 {
             return Err(Error::input(format!(
-                "a height field takes four heights or more, found {}",
+                "a height field needs at least four heights, found {}",
                 readings.len()
             )));
         }
@@ -113,7 +113,7 @@ impl HeightField {
         };
         if let Some(at) = readings.iter().position(bad) {
             return Err(Error::input(format!(
-                "height {at}: a finite place and height and a positive information are needed, found {:?}",
+                "height {at}: expected a finite point and height and a positive information, found {:?}",
                 readings[at]
             )));
         }
@@ -125,22 +125,22 @@ impl HeightField {
             }
         }
         let sides: [f64; 2] = std::array::from_fn(|k| ((high[k] - low[k]) / cell).ceil().max(1.0));
-        if sides[0] * sides[1] > MOST_CELLS as f64 {
+        if sides[0] * sides[1] > MAX_CELLS as f64 {
             return Err(Error::input(format!(
-                "cells of side {cell} are {} × {} of them: needed at most {MOST_CELLS}",
+                "a cell size of {cell} gives {} × {} cells: expected at most {MAX_CELLS}",
                 sides[0], sides[1]
             )));
         }
         let cells = sides.map(|s| s as usize);
         let mut field = Grid { origin: low, cell, cells };
-        // Centred, so that the places at both ends are in cells.
+        // Centre the grid, so that the points at both ends are inside.
         for k in 0..2 {
             field.origin[k] -= 0.5 * (cells[k] as f64 * cell - (high[k] - low[k]));
         }
         field.solve(readings, dispersion)
     }
 
-    /// The height over a place; `None` outside of the cells.
+    /// The height at a point; `None` outside the cells.
     #[must_use]
     pub fn at(&self, place: [f64; 2]) -> Option<Height> {
         let (first, local) = self.grid.locate(place);
@@ -151,7 +151,7 @@ impl HeightField {
         Some(self.within(&nodes, local, &self.covariance.dense(&nodes)?))
     }
 
-    /// [`HeightField::at`] for many places: what is known of a cell is looked up once for all of its places.
+    /// [`HeightField::at`] for many points: the covariance of a cell is looked up once for all of its points.
     #[must_use]
     pub fn at_all(&self, places: &[[f64; 2]]) -> Vec<Option<Height>> {
         let located: Vec<([usize; 2], [f64; 2])> = places.iter().map(|p| self.grid.locate(*p)).collect();
@@ -171,7 +171,7 @@ impl HeightField {
         all
     }
 
-    /// The height at a place of a cell whose control heights have such a covariance.
+    /// The height at a point of a cell, given the covariance of its control heights.
     fn within(&self, nodes: &[u32; 16], local: [f64; 2], covariance: &[f64]) -> Height {
         let Grid { cell, .. } = self.grid;
         let [x, y] = local.map(cubic);
@@ -192,7 +192,7 @@ impl HeightField {
     }
 }
 
-/// Whether a place of a cell is in it, but for rounding at the ends; what is not finite is nowhere.
+/// True if local coordinates lie in the cell, up to rounding at the ends. False if they are not finite.
 fn inside(local: [f64; 2]) -> bool {
     local.iter().all(|t| (-1e-9..=1.0 + 1e-9).contains(t))
 }
@@ -206,7 +206,7 @@ struct Grid {
 }
 
 impl Grid {
-    /// The cell under a place, the nearest where there is none, and where in it the place is.
+    /// The cell of a point (or the nearest one), and the local coordinates.
     fn locate(&self, place: [f64; 2]) -> ([usize; 2], [f64; 2]) {
         let t: [f64; 2] = std::array::from_fn(|k| (place[k] - self.origin[k]) / self.cell);
         let first: [usize; 2] = std::array::from_fn(|k| (t[k].max(0.0) as usize).min(self.cells[k] - 1));
@@ -282,7 +282,7 @@ impl Grid {
             let roughness = energy.quadratic_form(&x)?;
             Ok(SmoothnessEvaluation {
                 log_determinant: factor.log_determinant(),
-                // x solves (D + τ E) x = b, so that xᵀ D x = xᵀ b − τ xᵀ E x.
+                // x solves (D + τ E) x = b, so xᵀ D x = xᵀ b − τ xᵀ E x saves a product with D.
                 residual: (squares - along - weight * roughness).max(0.0),
                 roughness,
                 trace: None,
@@ -305,7 +305,7 @@ impl Grid {
     }
 }
 
-/// `∫∫ (∂⁶F/∂x³∂y³)² + ε (F_xx² + 2 F_xy² + F_yy²)` of a cell of side one, exactly.
+/// `∫∫ (∂⁶F/∂x³∂y³)² + ε (F_xx² + 2 F_xy² + F_yy²)` of a cell of unit side (exact).
 fn energy_of_cell() -> [f64; 256] {
     let gram: [[[f64; 4]; 4]; 4] = std::array::from_fn(|order| {
         let mut sum = [[0.0; 4]; 4];
@@ -360,8 +360,8 @@ mod tests {
     }
 
     #[test]
-    fn the_energy_is_that_of_the_polynomials() {
-        // Spline coefficients of x³y³ on one cell: the energy is 36² and what the second order gives.
+    fn the_energy_of_polynomials_is_analytic() {
+        // Spline coefficients of x³y³ on one cell: the energy is 36² plus the second-order term.
         let cube: Vec<f64> = (0..4)
             .map(|i| {
                 let g = i as f64 - 1.0;
@@ -378,9 +378,8 @@ mod tests {
     }
 
     #[test]
-    fn planes_alone_cost_nothing() {
-        // The printed energy leaves 3 (m + 3) + 3 (n + 3) − 9 functions free: fifteen of sixteen on a single
-        // cell.
+    fn only_planes_have_zero_energy() {
+        // The energy as printed is zero for 3 (m + 3) + 3 (n + 3) − 9 functions: 15 of 16 on a single cell.
         let element = DMatrix::from_row_slice(16, 16, &energy_of_cell());
         let eigen = element.symmetric_eigen().eigenvalues;
         let largest = eigen.iter().copied().fold(0.0, f64::max);
@@ -388,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn heights_are_found_with_a_sigma_that_is_true() {
+    fn heights_are_recovered_with_a_correct_sigma() {
         let (mut squares, mut covered, mut count) = (0.0, 0, 0);
         for seed in 0..6 {
             let field =
@@ -407,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_sigma_is_found_and_gaps_are_known_less() {
+    fn an_unknown_sigma_is_estimated_and_gaps_have_a_larger_sigma() {
         let mut readings = noisy(1500, 0.05, 9, true);
         for r in &mut readings {
             r.information = 1.0;
@@ -427,7 +426,7 @@ mod tests {
     }
 
     #[test]
-    fn what_makes_no_field_is_named() {
+    fn invalid_input_is_named() {
         let readings = noisy(10, 0.1, 1, false);
         let said = |readings: &[HeightReading], cell: f64| {
             HeightField::fit(readings, cell, Dispersion::Known(1.0)).unwrap_err().to_string()

@@ -1,78 +1,36 @@
 //! Truncated hierarchical bicubic B-splines over a quadtree of dyadic levels.
 //!
-//! Comes in: a topology, a base grid, and which cells are split. Goes out: numbered basis functions (*nodes*,
-//! each of which carries one control vertex) and, for every leaf cell, the *extraction*: the weights by which
-//! the nodes make up the sixteen B-spline coefficients of that cell. Everything else (evaluation,
-//! observations, energies, export) works on those sixteen coefficients and never sees the hierarchy.
+//! Input: a topology, a base grid, and the split cells. Output: numbered basis functions (*nodes*, each with
+//! one control vertex) and, for every leaf cell, the *extraction*: the weights of the nodes in the sixteen
+//! B-spline coefficients of that cell. Evaluation, observations, energies and export use only these sixteen
+//! coefficients, so they do not depend on the hierarchy.
 //!
 //! The base grid has unit cells: `u ∈ [0, base[0]]`, `v ∈ [0, base[1]]`; a cell of level `l` has side `2^−l`.
 //!
-//! Not guaranteed: that two hierarchies with the same cells come from the same refinements.
+//! Not guaranteed: a history. Two hierarchies with the same cells are equal, however they were refined.
 //!
 //! # References
 //! Giannelli, Jüttler, Speleers, *THB-splines: the truncated basis for hierarchical splines*, CAGD 2012.
 //! Toshniwal, Speleers, Hiemstra, Hughes, *Multi-degree smooth polar splines*, CMAME 2017 (poles).
 
 mod extraction;
+mod grading;
+mod layout;
+mod poles;
+mod shape;
 
 use crate::basis::cubic_half;
 use extraction::SparseExtraction;
+use grading::close;
+use layout::{FoundLeaves, Layout, Walk};
 use planish_estimate::{Error, Result};
+use poles::{POLE_ANGLES, PoleMap};
 use rayon::prelude::*;
+pub use shape::Shape;
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
-/// How the two parameter directions close.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Shape {
-    /// Open in both directions.
-    Sheet,
-    /// Periodic in u, open in v.
-    Tube,
-    /// Periodic in u, with a pole at each end of v.
-    Ball,
-    /// Periodic in both directions.
-    Torus,
-}
-
-impl Shape {
-    /// Whether u closes on itself.
-    #[must_use]
-    pub fn periodic_u(self) -> bool {
-        self != Self::Sheet
-    }
-
-    /// Whether v closes on itself.
-    #[must_use]
-    pub fn periodic_v(self) -> bool {
-        self == Self::Torus
-    }
-
-    /// Whether the ends of v are poles.
-    #[must_use]
-    pub fn polar(self) -> bool {
-        self == Self::Ball
-    }
-
-    /// The name used in files and options.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Sheet => "sheet",
-            Self::Tube => "tube",
-            Self::Ball => "ball",
-            Self::Torus => "torus",
-        }
-    }
-
-    /// The shape of that name.
-    #[must_use]
-    pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Sheet, Self::Tube, Self::Ball, Self::Torus].into_iter().find(|shape| shape.name() == name)
-    }
-}
-
-/// A knot square: level and integer position in that level's grid.
+/// A knot square: level and integer position in the grid of that level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Cell {
     /// 0 for the base grid; each level halves the side.
@@ -92,12 +50,13 @@ impl Cell {
     }
 }
 
-/// Finest level that can be asked for.
+/// Maximum level.
 pub const MAX_LEVEL: usize = 12;
 
 const NOT_A_LEAF: u32 = u32::MAX;
 
-/// A parameter inside `[0, n]`; almost all are, and a remainder takes long.
+/// Moves a parameter into `[0, n]`. The test comes first, because almost all are inside and a remainder is
+/// slow.
 #[inline]
 fn wrap_or_clamp(x: f64, n: f64, periodic: bool) -> f64 {
     if (0.0..n).contains(&x) {
@@ -114,12 +73,12 @@ fn wrap_or_clamp(x: f64, n: f64, periodic: bool) -> f64 {
 pub struct Hierarchy {
     shape: Shape,
     base: [usize; 2],
-    /// For each level, cell by cell (row by row): whether the cell exists and is split.
+    /// For each level, by cell (row-major): true if the cell exists and is split.
     split: Vec<Vec<bool>>,
-    /// For each level, cell by cell: the leaf's number or `NOT_A_LEAF`.
+    /// For each level, by cell: the number of the leaf, or `NOT_A_LEAF`.
     leaf_number: Vec<Vec<u32>>,
     leaves: Vec<Cell>,
-    /// Where each function of the tube (before poles are extracted) comes from: level, column, row.
+    /// Level, column and row of each function of the tube (before poles are extracted).
     functions: Vec<Cell>,
     node_anchors: Vec<[f64; 2]>,
     offsets: Vec<u32>,
@@ -127,49 +86,26 @@ pub struct Hierarchy {
     weights: Vec<[f64; 16]>,
     sparse: OnceLock<SparseExtraction>,
     poles: Vec<PoleMap>,
-    /// For each tube function its node, or none where a pole takes it over.
+    /// Node of each tube function; `None` if the function is replaced by pole nodes.
     node_of_function: Vec<Option<u32>>,
-}
-
-/// How the two rings of tube functions at a pole follow from three pole nodes and the third ring.
-#[derive(Debug, Clone)]
-struct PoleMap {
-    level: usize,
-    at_top: bool,
-    /// First of the three pole nodes.
-    first_node: u32,
-    /// Ring values of the two splines that stand for cosine and sine around the pole.
-    cosine: Vec<f64>,
-    sine: Vec<f64>,
-}
-
-/// The angles at which the three pole vertices sit.
-const POLE_ANGLES: [f64; 3] = [0.0, 2.0 * std::f64::consts::FRAC_PI_3, 4.0 * std::f64::consts::FRAC_PI_3];
-
-impl PoleMap {
-    /// Weights of the three pole nodes in the ring-1 coefficient `β1_i = p + a cos_i + b sin_i`,
-    /// with `T_k = p + 2 (a cos φ_k + b sin φ_k)`: not negative, sum one.
-    fn ring_weights(&self, i: usize) -> [f64; 3] {
-        POLE_ANGLES.map(|phi| (1.0 + self.cosine[i] * phi.cos() + self.sine[i] * phi.sin()) / 3.0)
-    }
 }
 
 impl Hierarchy {
     /// The unrefined hierarchy over a base grid of `base[0] × base[1]` cells.
     ///
     /// # Errors
-    /// `Input` when a periodic direction has fewer than 4 cells, a ball fewer than 4 rows, or another
-    /// direction none.
+    /// `Input` when a periodic direction has fewer than 4 cells, a ball has fewer than 4 rows, or another
+    /// direction has no cell.
     pub fn uniform(shape: Shape, base: [usize; 2]) -> Result<Self> {
-        let least =
+        let minimum =
             [if shape.periodic_u() { 4 } else { 1 }, if shape.periodic_v() || shape.polar() { 4 } else { 1 }];
         for d in 0..2 {
-            if base[d] < least[d] {
+            if base[d] < minimum[d] {
                 return Err(Error::input(format!(
-                    "a {} needs a base grid of at least {} × {} cells, got {} × {}",
+                    "a {} needs a base grid of at least {} × {} cells, found {} × {}",
                     shape.name(),
-                    least[0],
-                    least[1],
+                    minimum[0],
+                    minimum[1],
                     base[0],
                     base[1]
                 )));
@@ -188,7 +124,7 @@ impl Hierarchy {
     /// The hierarchy whose leaves are exactly the given cells.
     ///
     /// # Errors
-    /// `Input` when the cells do not tile the domain once, or break the rule that poles are split all around.
+    /// `Input` when the cells do not tile the domain exactly once, or a pole is not split all around.
     pub fn from_leaves(shape: Shape, base: [usize; 2], leaves: &[Cell]) -> Result<Self> {
         let mut hierarchy = Self::uniform(shape, base)?;
         let mut split = std::mem::take(&mut hierarchy.split);
@@ -223,24 +159,37 @@ impl Hierarchy {
         Ok(built)
     }
 
-    /// The hierarchy with the marked leaves split, and with them what nestedness and grading need:
-    /// neighbouring leaves differ by at most one level, poles are split all around.
+    /// Splits the marked leaves, and others that nestedness and grading require: neighbouring leaves differ
+    /// by at most one level, and poles are split all around.
     ///
-    /// A lone split cell activates no bicubic function: mark whole supports, as [`Hierarchy::support_leaves`]
-    /// gives them.
+    /// Splitting a single cell activates no bicubic function. Mark whole supports (see
+    /// [`Hierarchy::support_leaves`]).
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Shape};
+    ///
+    /// let coarse = Hierarchy::uniform(Shape::Sheet, [6, 6])?;
+    /// let support = coarse.support_leaves()[40].iter().map(|&leaf| leaf as usize).collect::<Vec<_>>();
+    /// let fine = coarse.refine(&support);
+    /// assert_eq!(fine.levels(), 2);
+    /// assert_eq!(fine.leaves().len(), 36 + 3 * support.len());
+    /// fine.sanity_check()?;
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[must_use]
     pub fn refine(&self, marked: &[usize]) -> Self {
-        Self::build(self.shape, self.base, self.split_also(marked))
+        Self::build(self.shape, self.base, self.split_with(marked))
     }
 
-    /// The nodes that [`Hierarchy::refine`] would give, for a fraction of its cost.
+    /// Number of nodes that [`Hierarchy::refine`] would produce, at a fraction of its cost.
     #[must_use]
     pub fn refined_node_count(&self, marked: &[usize]) -> usize {
-        Layout::new(self.shape, self.base, self.split_also(marked)).hierarchy.node_count()
+        Layout::new(self.shape, self.base, self.split_with(marked)).hierarchy.node_count()
     }
 
-    /// Which cells are split when the marked leaves are split too.
-    fn split_also(&self, marked: &[usize]) -> Vec<Vec<bool>> {
+    /// The split cells after splitting the marked leaves.
+    fn split_with(&self, marked: &[usize]) -> Vec<Vec<bool>> {
         let mut split = self.split.clone();
         for &leaf in marked {
             let cell = self.leaves[leaf];
@@ -267,7 +216,7 @@ impl Hierarchy {
         self.shape
     }
 
-    /// Cells of the base grid along u and v.
+    /// Number of cells of the base grid along u and v.
     #[must_use]
     pub fn base(&self) -> [usize; 2] {
         self.base
@@ -291,19 +240,19 @@ impl Hierarchy {
         &self.leaves
     }
 
-    /// Number of nodes, that is of control vertices.
+    /// Number of nodes, which is the number of control vertices.
     #[must_use]
     pub fn node_count(&self) -> usize {
         self.node_anchors.len()
     }
 
-    /// A parameter point for each node, where it acts most.
+    /// The anchor of each node: the parameters where its function is largest.
     #[must_use]
     pub fn node_anchors(&self) -> &[[f64; 2]] {
         &self.node_anchors
     }
 
-    /// The nodes that act on a leaf and, for each, its weights in the leaf's sixteen coefficients
+    /// The nodes whose functions are nonzero on a leaf and, for each, its weights in the sixteen coefficients
     /// (`4 · row + column`).
     #[must_use]
     pub fn extraction(&self, leaf: usize) -> (&[u32], &[[f64; 16]]) {
@@ -311,8 +260,18 @@ impl Hierarchy {
         (&self.nodes[range.clone()], &self.weights[range])
     }
 
-    /// The leaf that holds `(u, v)` and the local coordinates in it; periodic parameters wrap, others are
-    /// clamped.
+    /// The leaf that contains `(u, v)`, and the local coordinates in it. Periodic parameters are wrapped,
+    /// others are clamped.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Shape};
+    ///
+    /// let space = Hierarchy::uniform(Shape::Tube, [8, 4])?;
+    /// let (leaf, local) = space.locate(9.25, 0.5); // u is periodic: 9.25 is 1.25
+    /// assert_eq!(space.parameters(leaf, local), [1.25, 0.5]);
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     #[inline]
     #[must_use]
     pub fn locate(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
@@ -320,7 +279,8 @@ impl Hierarchy {
         self.cell_at(0, u, v).unwrap_or_else(|| self.locate_below(u, v))
     }
 
-    /// The leaf below the base grid that holds `(u, v)`.
+    /// The leaf below the base grid that contains `(u, v)`. Kept out of line, so that the common case of a
+    /// base cell stays small.
     #[inline(never)]
     fn locate_below(&self, u: f64, v: f64) -> (usize, [f64; 2]) {
         let mut level = 1;
@@ -332,8 +292,8 @@ impl Hierarchy {
         }
     }
 
-    /// The leaf of one level that holds `(u, v)`, and the local coordinates in it; none where the cell of
-    /// that level is no leaf.
+    /// The leaf of a level that contains `(u, v)`, and the local coordinates in it; `None` if the cell of
+    /// that level is not a leaf.
     #[inline(always)]
     fn cell_at(&self, level: usize, u: f64, v: f64) -> Option<(usize, [f64; 2])> {
         let [columns, rows] = grid(self.base, level);
@@ -346,8 +306,8 @@ impl Hierarchy {
         }
     }
 
-    /// The same parameters inside the domain: wrapped where periodic, clamped where open, carried across the
-    /// pole on a ball.
+    /// Moves parameters into the domain: wraps periodic directions, clamps open ones, and continues across
+    /// the pole of a ball.
     #[inline]
     #[must_use]
     pub fn wrap(&self, mut u: f64, mut v: f64) -> [f64; 2] {
@@ -372,7 +332,7 @@ impl Hierarchy {
         [(f64::from(cell.i) + local[0]) * side, (f64::from(cell.j) + local[1]) * side]
     }
 
-    /// The leaf that is this cell or contains it; none where the cell itself is split further.
+    /// The leaf that equals or contains a cell; `None` if the cell is split.
     #[must_use]
     pub fn leaf_over(&self, cell: Cell) -> Option<usize> {
         for level in (0..=usize::from(cell.level)).rev() {
@@ -390,7 +350,7 @@ impl Hierarchy {
         None
     }
 
-    /// The leaves on the support of a node.
+    /// For each node, the leaves of its support.
     #[must_use]
     pub fn support_leaves(&self) -> Vec<Vec<u32>> {
         let mut supports = vec![Vec::new(); self.node_count()];
@@ -402,23 +362,23 @@ impl Hierarchy {
         supports
     }
 
-    /// Sixteen coefficients, as numbers for each coordinate, of every leaf.
+    /// The sixteen coefficients of every leaf, from the control vertices.
     #[must_use]
     pub fn leaf_coefficients(&self, vertices: &[[f64; 3]]) -> Vec<[[f64; 3]; 16]> {
         self.sparse_extraction().coefficients(vertices)
     }
 
-    /// The extraction as a sparse matrix: made once, when it is first asked for.
+    /// The extraction as a sparse matrix, built on first use.
     pub(crate) fn sparse_extraction(&self) -> &SparseExtraction {
         self.sparse.get_or_init(|| SparseExtraction::new(self))
     }
 
-    /// Control vertices from a function that tells the sixteen coefficients of any cell that lies inside one
-    /// leaf of the *source*.
+    /// Control vertices of a given surface, described by the sixteen coefficients of any cell inside one leaf
+    /// of the *source*.
     ///
-    /// `coefficients(cell)` must give the coefficients, on that cell, of one and the same surface in the span
-    /// of this hierarchy. The coefficient of a truncated function equals that of the plain one on any leaf of
-    /// its own level (preservation of coefficients).
+    /// `coefficients(cell)` returns the coefficients on that cell; all must describe one surface in the span
+    /// of this hierarchy. The coefficient of a truncated function equals that of the untruncated one on any
+    /// leaf of its level (preservation of coefficients), so one leaf per function is sufficient.
     pub fn vertices_from(&self, mut coefficients: impl FnMut(Cell) -> [[f64; 3]; 16]) -> Vec<[f64; 3]> {
         let mut of_function: Vec<Option<[f64; 3]>> = vec![None; self.functions.len()];
         let index: HashMap<Cell, usize> = self.functions.iter().enumerate().map(|(n, &f)| (f, n)).collect();
@@ -447,8 +407,8 @@ impl Hierarchy {
                 of_function[n].unwrap_or([0.0; 3])
             };
             let columns = grid(self.base, pole.level)[0];
-            // β1 = (c1 + c2/2)/1.5, then p, a and b by least squares over the ring (exact where the surface
-            // is polar).
+            // β1 = (c1 + c2/2)/1.5, then p, a and b by least squares over the ring. This is exact for a polar
+            // surface.
             let mut sums = [[0.0; 3]; 3];
             let mut squares = [0.0; 2];
             for i in 0..columns {
@@ -473,11 +433,11 @@ impl Hierarchy {
         vertices
     }
 
-    /// Proves every invariant: leaves tile the domain, weights sum to one on every leaf, every node acts
-    /// somewhere.
+    /// Checks all invariants: leaves tile the domain, weights sum to one on every leaf, every node has a
+    /// support.
     ///
     /// # Errors
-    /// `Input` naming the first invariant that does not hold.
+    /// `Input` that names the first violated invariant.
     pub fn sanity_check(&self) -> Result<()> {
         let area: f64 = self.leaves.iter().map(|cell| cell.side() * cell.side()).sum();
         if (area - self.extent()[0] * self.extent()[1]).abs() > 1e-9 * area {
@@ -497,12 +457,12 @@ impl Hierarchy {
             }
         }
         match acts.iter().position(|&a| !a) {
-            Some(node) => Err(Error::input(format!("node {node} acts on no leaf"))),
+            Some(node) => Err(Error::input(format!("node {node} has no support"))),
             None => Ok(()),
         }
     }
 
-    /// The function that has local number `k = 4 · row + column` on a cell.
+    /// The function with local number `k = 4 · row + column` on a cell.
     fn function_on_cell(&self, cell: Cell, k: usize) -> Cell {
         let [columns, rows] = grid(self.base, usize::from(cell.level));
         let i = cell.i as usize + k % 4;
@@ -514,17 +474,11 @@ impl Hierarchy {
         }
     }
 
-    /// The tube function in ring `r` (0 nearest the pole) and column `i`.
-    fn ring_function(&self, pole: &PoleMap, r: usize, i: usize) -> Cell {
-        let rows = grid(self.base, pole.level)[1];
-        let j = if pole.at_top { rows + 2 - r } else { r };
-        Cell { level: pole.level as u8, i: i as u32, j: j as u32 }
-    }
-
     fn build(shape: Shape, base: [usize; 2], split: Vec<Vec<bool>>) -> Self {
         let layout = Layout::new(shape, base, split);
         let pole_of_function = layout.hierarchy.pole_expansion(&layout.active);
-        // Down the tree: coefficients of every function that still acts, truncated at each level.
+        // Descend the tree with the coefficients of all functions that are not yet zero, truncated at each
+        // level. Rows of base cells are independent, so they run in parallel and are joined in order.
         let rows: Vec<FoundLeaves> = (0..base[1] as u32)
             .into_par_iter()
             .map(|j| {
@@ -554,7 +508,7 @@ impl Hierarchy {
         hierarchy
     }
 
-    /// Functions in each direction at a level.
+    /// Number of functions in each direction at a level.
     fn function_grid(&self, level: usize) -> [usize; 2] {
         let [columns, rows] = grid(self.base, level);
         [
@@ -562,108 +516,14 @@ impl Hierarchy {
             if self.shape.periodic_v() { rows } else { rows + 3 },
         ]
     }
-
-    /// Numbers the nodes: functions in their own order, the two rings at each pole replaced by three pole
-    /// nodes at the end.
-    fn number_nodes(&mut self, exists: &[Vec<bool>]) {
-        let mut taken = vec![false; self.functions.len()];
-        if self.shape.polar() {
-            for at_top in [false, true] {
-                let level = (0..exists.len())
-                    .rev()
-                    .find(|&level| {
-                        let [columns, rows] = grid(self.base, level);
-                        exists[level][if at_top { (rows - 1) * columns } else { 0 }]
-                    })
-                    .unwrap_or(0);
-                let (mut cosine, mut sine) = (Vec::new(), Vec::new());
-                let n = self.base[0];
-                for i in 0..n {
-                    // Greville point of function i: (i − 1) cells.
-                    let angle = std::f64::consts::TAU * (i as f64 - 1.0) / n as f64;
-                    cosine.push(angle.cos());
-                    sine.push(angle.sin());
-                }
-                for l in 0..level {
-                    let basis = crate::basis::UniformBasis::new(3, n << l, crate::basis::End::Periodic)
-                        .expect("a ball has at least four columns");
-                    cosine = basis.refine(&cosine);
-                    sine = basis.refine(&sine);
-                }
-                self.poles.push(PoleMap { level, at_top, first_node: 0, cosine, sine });
-            }
-            for (n, f) in self.functions.iter().enumerate() {
-                for pole in &self.poles {
-                    let rows = grid(self.base, pole.level)[1];
-                    let ring =
-                        if pole.at_top { rows + 2 - (f.j as usize).min(rows + 2) } else { f.j as usize };
-                    taken[n] |= usize::from(f.level) == pole.level && ring < 2;
-                }
-            }
-        }
-        for (n, f) in self.functions.iter().enumerate() {
-            if taken[n] {
-                self.node_of_function.push(None);
-                continue;
-            }
-            self.node_of_function.push(Some(self.node_anchors.len() as u32));
-            let side = f.side();
-            let mut anchor = [(f64::from(f.i) - 1.0) * side, (f64::from(f.j) - 1.0) * side];
-            if self.shape.periodic_u() {
-                anchor[0] = anchor[0].rem_euclid(self.base[0] as f64);
-            }
-            if self.shape.periodic_v() {
-                anchor[1] = anchor[1].rem_euclid(self.base[1] as f64);
-            }
-            self.node_anchors.push(anchor);
-        }
-        for pole in &mut self.poles {
-            pole.first_node = self.node_anchors.len() as u32;
-            let v = if pole.at_top { self.base[1] as f64 } else { 0.0 };
-            for k in 0..3 {
-                self.node_anchors.push([self.base[0] as f64 * k as f64 / 3.0, v]);
-            }
-        }
-    }
-
-    /// For every tube function near a pole: the nodes it takes its coefficient from, with weights.
-    ///
-    /// With clamped coefficients β0, β1, β2 of a meridian, the uniform ones are `c2 = β2`,
-    /// `c1 = 1.5 β1 − 0.5 β2`, `c0 = 6 β0 − 6 β1 + β2` (blossoming); β0 is the pole, β1 the ring that spans
-    /// its tangent plane.
-    fn pole_expansion(&self, active: &[Vec<u32>]) -> HashMap<u32, Vec<(u32, f64)>> {
-        let mut expansion = HashMap::new();
-        for pole in &self.poles {
-            let [columns, _] = grid(self.base, pole.level);
-            let [fu, _] = self.function_grid(pole.level);
-            for i in 0..columns {
-                let at = |r: usize| {
-                    let f = self.ring_function(pole, r, i);
-                    active[pole.level][f.j as usize * fu + f.i as usize]
-                };
-                let outer = self.node_of_function[at(2) as usize].expect("the third ring is never taken");
-                let ring = pole.ring_weights(i);
-                let mut first = vec![(outer, -0.5)];
-                let mut zeroth = vec![(outer, 1.0)];
-                for (k, w) in ring.iter().enumerate() {
-                    let node = pole.first_node + k as u32;
-                    first.push((node, 1.5 * w));
-                    zeroth.push((node, 2.0 - 6.0 * w));
-                }
-                expansion.insert(at(1), first);
-                expansion.insert(at(0), zeroth);
-            }
-        }
-        expansion
-    }
 }
 
-/// Columns and rows of cells at a level.
+/// Numbers of columns and rows of cells at a level.
 fn grid(base: [usize; 2], level: usize) -> [usize; 2] {
     [base[0] << level, base[1] << level]
 }
 
-/// The `d`-th cell (of four) in the support of function `i`; none where it lies outside an open domain.
+/// The `d`-th cell (of four) in the support of function `i`; `None` if it lies outside an open domain.
 fn support_cell(i: usize, d: usize, cells: usize, periodic: bool) -> Option<usize> {
     let c = i as i64 - 3 + d as i64;
     if periodic {
@@ -673,244 +533,7 @@ fn support_cell(i: usize, d: usize, cells: usize, periodic: bool) -> Option<usiz
     }
 }
 
-/// Splits whatever else the rules demand, until nothing changes.
-fn close(shape: Shape, base: [usize; 2], split: &mut Vec<Vec<bool>>, max_level: usize) {
-    // Coarser levels are settled after finer ones have spoken, so one sweep from fine to coarse is enough
-    // for grading; poles can then demand more, hence the loop.
-    loop {
-        let mut changed = false;
-        for level in (0..split.len()).rev() {
-            let [columns, rows] = grid(base, level);
-            if shape.polar() {
-                for pair in [[0, 1], [rows - 1, rows - 2]] {
-                    let any =
-                        pair.iter().any(|&j| split[level][j * columns..(j + 1) * columns].iter().any(|&s| s));
-                    if any {
-                        for j in pair {
-                            for s in &mut split[level][j * columns..(j + 1) * columns] {
-                                changed |= !*s;
-                                *s = true;
-                            }
-                        }
-                    }
-                }
-            }
-            if level == 0 {
-                continue;
-            }
-            // A split cell needs its parent split, and the parent's eight neighbours too.
-            let [parent_columns, parent_rows] = grid(base, level - 1);
-            for j in 0..rows {
-                for i in 0..columns {
-                    if !split[level][j * columns + i] {
-                        continue;
-                    }
-                    for dj in -1..=1_i64 {
-                        for di in -1..=1_i64 {
-                            let ci = neighbour(i / 2, di, parent_columns, shape.periodic_u());
-                            let cj = neighbour(j / 2, dj, parent_rows, shape.periodic_v());
-                            if let (Some(ci), Some(cj)) = (ci, cj) {
-                                let s = &mut split[level - 1][cj * parent_columns + ci];
-                                changed |= !*s;
-                                *s = true;
-                            }
-                        }
-                    }
-                }
-            }
-        }
-        // Cells that were split at the last level need room for their children.
-        if split.last().is_some_and(|level| level.iter().any(|&s| s))
-            && split.len() <= max_level.min(MAX_LEVEL)
-        {
-            let level = split.len();
-            split.push(vec![false; grid(base, level).iter().product()]);
-        }
-        if !changed {
-            break;
-        }
-    }
-}
-
-fn neighbour(c: usize, d: i64, cells: usize, periodic: bool) -> Option<usize> {
-    let n = c as i64 + d;
-    if periodic {
-        Some(n.rem_euclid(cells as i64) as usize)
-    } else {
-        (0..cells as i64).contains(&n).then_some(n as usize)
-    }
-}
-
-/// A hierarchy whose nodes are numbered but whose leaves are still to be found.
-struct Layout {
-    hierarchy: Hierarchy,
-    /// For each level, function by function: its number, or `NOT_A_LEAF` where it does not act.
-    active: Vec<Vec<u32>>,
-    /// For each level, function by function: whether its support lies where cells of that level exist.
-    inside: Vec<Vec<bool>>,
-}
-
-impl Layout {
-    fn new(shape: Shape, base: [usize; 2], mut split: Vec<Vec<bool>>) -> Self {
-        while split.len() > 1 && split.last().is_some_and(|level| level.iter().all(|&s| !s)) {
-            split.pop();
-        }
-        if split[split.len() - 1].iter().any(|&s| s) {
-            split.push(vec![false; grid(base, split.len()).iter().product()]);
-        }
-        let levels = split.len();
-        // A cell exists where its parent is split.
-        let exists: Vec<Vec<bool>> = (0..levels)
-            .map(|level| {
-                let [columns, rows] = grid(base, level);
-                (0..columns * rows)
-                    .map(|index| {
-                        level == 0
-                            || split[level - 1][(index / columns / 2) * (columns / 2) + (index % columns) / 2]
-                    })
-                    .collect()
-            })
-            .collect();
-        let mut hierarchy = Hierarchy {
-            shape,
-            base,
-            leaf_number: exists.iter().map(|level| vec![NOT_A_LEAF; level.len()]).collect(),
-            leaves: Vec::new(),
-            functions: Vec::new(),
-            node_anchors: Vec::new(),
-            offsets: vec![0],
-            nodes: Vec::new(),
-            weights: Vec::new(),
-            sparse: OnceLock::new(),
-            poles: Vec::new(),
-            node_of_function: Vec::new(),
-            split,
-        };
-        let mut active: Vec<Vec<u32>> = Vec::with_capacity(levels);
-        let mut inside: Vec<Vec<bool>> = Vec::with_capacity(levels);
-        for level in 0..levels {
-            let [columns, rows] = grid(base, level);
-            let [fu, fv] = hierarchy.function_grid(level);
-            let mut number = vec![NOT_A_LEAF; fu * fv];
-            let mut in_level = vec![false; fu * fv];
-            let supports = |count: usize, cells: usize, periodic: bool| -> Vec<Vec<usize>> {
-                let cells_of = |f| (0..4).filter_map(move |d| support_cell(f, d, cells, periodic)).collect();
-                (0..count).map(cells_of).collect()
-            };
-            let (across, along) =
-                (supports(fu, columns, shape.periodic_u()), supports(fv, rows, shape.periodic_v()));
-            for j in 0..fv {
-                for i in 0..fu {
-                    let mut cells =
-                        along[j].iter().flat_map(|cj| across[i].iter().map(move |ci| cj * columns + ci));
-                    if !cells.clone().all(|cell| exists[level][cell]) {
-                        continue;
-                    }
-                    in_level[j * fu + i] = true;
-                    if !cells.all(|cell| hierarchy.split[level][cell]) {
-                        number[j * fu + i] = hierarchy.functions.len() as u32;
-                        hierarchy.functions.push(Cell { level: level as u8, i: i as u32, j: j as u32 });
-                    }
-                }
-            }
-            active.push(number);
-            inside.push(in_level);
-        }
-        hierarchy.number_nodes(&exists);
-        Self { hierarchy, active, inside }
-    }
-}
-
-/// Leaves in the order in which they were found, each with its nodes and their weights.
-#[derive(Default)]
-struct FoundLeaves {
-    cells: Vec<Cell>,
-    counts: Vec<u32>,
-    nodes: Vec<u32>,
-    weights: Vec<[f64; 16]>,
-}
-
-/// The walk down the quadtree that finds each leaf's functions and their coefficients.
-struct Walk<'a> {
-    layout: &'a Layout,
-    pole_of_function: &'a HashMap<u32, Vec<(u32, f64)>>,
-    found: FoundLeaves,
-}
-
-/// Functions with their sixteen coefficients on a cell.
-type Coefficients = Vec<(u32, [f64; 16])>;
-
-impl Walk<'_> {
-    /// `list`: functions of coarser levels with their coefficients on this cell, not yet truncated at this
-    /// level.
-    fn descend(&mut self, cell: Cell, mut list: Coefficients) {
-        let level = usize::from(cell.level);
-        let hierarchy = &self.layout.hierarchy;
-        let [fu, _] = hierarchy.function_grid(level);
-        let mut own = [NOT_A_LEAF; 16];
-        for k in 0..16 {
-            let f = hierarchy.function_on_cell(cell, k);
-            let index = f.j as usize * fu + f.i as usize;
-            if self.layout.inside[level][index] {
-                for (_, w) in &mut list {
-                    w[k] = 0.0;
-                }
-            }
-            own[k] = self.layout.active[level][index];
-        }
-        list.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
-        for (k, &function) in own.iter().enumerate() {
-            if function != NOT_A_LEAF {
-                let mut w = [0.0; 16];
-                w[k] = 1.0;
-                list.push((function, w));
-            }
-        }
-        let columns = grid(hierarchy.base, level)[0];
-        if !hierarchy.split[level][cell.j as usize * columns + cell.i as usize] {
-            self.found_leaf(cell, &list);
-            return;
-        }
-        for half_v in 0..2 {
-            for half_u in 0..2 {
-                let child = Cell { level: cell.level + 1, i: 2 * cell.i + half_u, j: 2 * cell.j + half_v };
-                let halves =
-                    list.iter().map(|(f, w)| (*f, quarter(w, half_u as usize, half_v as usize))).collect();
-                self.descend(child, halves);
-            }
-        }
-    }
-
-    /// Nodes and their weights from those of functions: a node at a pole gathers from many.
-    fn found_leaf(&mut self, cell: Cell, list: &Coefficients) {
-        let mut merged: Coefficients = Vec::with_capacity(list.len());
-        let mut add = |node: u32, scale: f64, w: &[f64; 16]| {
-            let at = merged.iter().position(|(n, _)| *n == node).unwrap_or_else(|| {
-                merged.push((node, [0.0; 16]));
-                merged.len() - 1
-            });
-            for k in 0..16 {
-                merged[at].1[k] += scale * w[k];
-            }
-        };
-        for (function, w) in list {
-            if let Some(node) = self.layout.hierarchy.node_of_function[*function as usize] {
-                add(node, 1.0, w);
-            }
-            for &(node, scale) in self.pole_of_function.get(function).map_or(&[][..], |e| &e[..]) {
-                add(node, scale, w);
-            }
-        }
-        merged.retain(|(_, w)| w.iter().any(|&x| x != 0.0));
-        merged.sort_unstable_by_key(|(node, _)| *node);
-        self.found.cells.push(cell);
-        self.found.counts.push(merged.len() as u32);
-        self.found.nodes.extend(merged.iter().map(|(node, _)| node));
-        self.found.weights.extend(merged.iter().map(|(_, w)| w));
-    }
-}
-
-/// Coefficients of one quarter of a cell from the cell's own sixteen: exact.
+/// Coefficients of one quarter of a cell from those of the cell (exact).
 #[must_use]
 pub fn quarter(w: &[f64; 16], half_u: usize, half_v: usize) -> [f64; 16] {
     let mut rows = [0.0; 16];

@@ -1,21 +1,21 @@
-//! Bending without stretch: a surface that keeps the lengths of another one, as measurements of its vertices.
+//! Bending without stretch: preserved lengths as measurements of the vertices of a surface.
 //!
-//! Comes in: a reference [`Surface`]. Goes out: its [`Metric`], the information that "lengths are as they
-//! were" gives about the vertices of another surface over the same hierarchy, and how far that one's first
-//! fundamental form has changed. Points with the same `(u, v)` are the same point of the sheet.
+//! Input: a reference [`Surface`]. Output: its [`Metric`], the information of "all lengths are preserved"
+//! about the vertices of another surface over the same hierarchy, and the change of the first fundamental
+//! form. Equal parameters `(u, v)` denote the same material point.
 //!
-//! An isometry keeps `E, F, G`; that it keeps Gaussian curvature follows, and is not enough: a plane that is
-//! stretched stays flat. At every quadrature point stand three strain gauges, a rosette: tangents `d_j` of
-//! unit length in the reference's metric, 60° apart. Each is one measurement,
+//! An isometry preserves `E, F, G`. It also preserves Gaussian curvature, but this is not sufficient: a
+//! stretched plane stays flat. Every quadrature point has three strain gauges, a rosette: tangents `d_j` of
+//! unit length in the metric of the reference, 60° apart. Each is one measurement,
 //!
 //! ```text
 //! |d_j S|² = 1,      d_j S = a_j S_u + b_j S_v,      linearised: 2 d_jS · d_j(S + δS) = 1 + |d_jS|²
 //! ```
 //!
-//! and the three know as much as E, F and G: `Σ_j (d_jᵀ ε d_j)² = 3/8 (2 tr ε² + (tr ε)²)` in any frame.
+//! and the three are equivalent to E, F and G: `Σ_j (d_jᵀ ε d_j)² = 3/8 (2 tr ε² + (tr ε)²)` in any frame.
 //!
-//! Not guaranteed: an exact isometry. A spline is one only in the limit of small cells; what is left shows in
-//! [`Metric::changes`].
+//! Not guaranteed: an exact isometry, which a spline reaches only in the limit of small cells.
+//! [`Metric::changes`] reports the remaining strain.
 //!
 //! # References
 //! do Carmo, *Differential Geometry of Curves and Surfaces*, 1976, section 4.2 (isometries keep the first
@@ -30,7 +30,7 @@ use planish_estimate::vector3::{add_scaled, dot, scale};
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 
-/// Quadrature points of a leaf.
+/// Number of quadrature points of a leaf.
 const POINTS: usize = 16;
 /// Directions of the gauges in an orthonormal frame.
 const GAUGES: [[f64; 2]; 3] = [[1.0, 0.0], [0.5, 0.866_025_403_784_438_6], [-0.5, 0.866_025_403_784_438_6]];
@@ -38,24 +38,23 @@ const GAUGES: [[f64; 2]; 3] = [[1.0, 0.0], [0.5, 0.866_025_403_784_438_6], [-0.5
 /// The first fundamental form of a surface at the quadrature points of every leaf.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Metric {
-    /// `E, F, G` leaf by leaf.
+    /// `E, F, G` by leaf.
     forms: Vec<[[f64; 3]; POINTS]>,
 }
 
-/// How far the first fundamental form of one leaf has changed, over its quadrature points:
-/// `δE/E, δF/√(EG), δG/G`.
+/// Change of the first fundamental form of one leaf over its quadrature points: `δE/E, δF/√(EG), δG/G`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MetricChange {
-    /// The mean of each size.
+    /// Mean absolute value of each.
     pub mean: [f64; 3],
-    /// The largest of each.
+    /// Maximum absolute value of each.
     pub largest: [f64; 3],
 }
 
 impl Metric {
-    /// That of a surface.
+    /// The metric of a surface.
     #[must_use]
-    pub fn of(surface: &Surface) -> Self {
+    pub fn new(surface: &Surface) -> Self {
         let points = quadrature();
         let forms = (0..surface.space().leaves().len())
             .into_par_iter()
@@ -65,15 +64,28 @@ impl Metric {
         Self { forms }
     }
 
-    /// Takes the forms of one leaf from another metric over the same hierarchy.
-    pub fn take_leaf(&mut self, leaf: usize, from: &Self) {
+    /// Copies the forms of one leaf from another metric over the same hierarchy.
+    pub fn copy_leaf(&mut self, leaf: usize, from: &Self) {
         self.forms[leaf] = from.forms[leaf];
     }
 
-    /// How far the form of another surface over the same hierarchy differs, leaf by leaf.
+    /// Change of the forms in another surface over the same hierarchy, by leaf.
     ///
     /// # Errors
-    /// `Input` when the other has another number of leaves.
+    /// `Input` when the numbers of leaves differ.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::{Hierarchy, Metric, Shape, fit_function};
+    ///
+    /// let space = Hierarchy::uniform(Shape::Sheet, [4, 4])?.into();
+    /// let flat = fit_function(&space, |u, v| [u, v, 0.0])?;
+    /// let stretched = fit_function(&space, |u, v| [1.01 * u, v, 0.0])?;
+    /// let changes = Metric::new(&flat).changes(&stretched)?;
+    /// assert!((changes[0].mean[0] - (1.01 * 1.01 - 1.0)).abs() < 1e-9); // δE/E
+    /// assert!(changes[0].largest[2] < 1e-9); // δG/G
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     pub fn changes(&self, surface: &Surface) -> Result<Vec<MetricChange>> {
         let now = self.matching(surface)?;
         let leaf_change = |(then, now): (&[[f64; 3]; POINTS], &[[f64; 3]; POINTS])| {
@@ -94,10 +106,10 @@ impl Metric {
     fn matching(&self, surface: &Surface) -> Result<Self> {
         let leaves = surface.space().leaves().len();
         if leaves == self.forms.len() {
-            return Ok(Self::of(surface));
+            return Ok(Self::new(surface));
         }
         Err(Error::input(format!(
-            "a metric of {} leaves cannot be compared with a surface of {leaves}",
+            "cannot compare a metric of {} leaves with a surface of {leaves}",
             self.forms.len()
         )))
     }
@@ -105,18 +117,18 @@ impl Metric {
 
 impl SurfaceSystem {
     /// The information that a surface has this metric, linearised at `surface`: each gauge is a measurement
-    /// of `|d_j S|²`, all points of a leaf together with the standard deviation `sigma[leaf]`, a share. (A
-    /// sheet that stretches by 0.1 % changes it by 0.002.)
+    /// of `|d_j S|²`. All points of a leaf together have the relative standard deviation `sigma[leaf]`. (A
+    /// stretch of 0.1 % changes `|d_j S|²` by 0.002.)
     ///
-    /// Cost: about 50,000 multiply-adds a leaf.
+    /// Cost: about 50,000 multiply-adds per leaf.
     ///
     /// # Errors
-    /// `Input` when metric or σ are of another number of leaves, or the matrix would be too large.
+    /// `Input` when the numbers of leaves differ, or the matrix would be too large.
     pub fn isometry(&self, surface: &Surface, metric: &Metric, sigma: &[f64]) -> Result<BlockInformation> {
         let leaves = self.space().leaves().len();
         if metric.forms.len() != leaves || sigma.len() != leaves {
             return Err(Error::input(format!(
-                "needed a metric and σ of {leaves} leaves, found {} and {}",
+                "expected a metric and σ of {leaves} leaves, found {} and {}",
                 metric.forms.len(),
                 sigma.len()
             )));
@@ -146,7 +158,7 @@ fn directional(jet: &Jet, a: f64, b: f64) -> [f64; 3] {
     add_scaled(scale(a, jet.du), b, jet.dv)
 }
 
-/// The derivatives of a leaf's sixteen functions by local coordinates.
+/// Derivatives of the sixteen functions of a leaf with respect to local coordinates.
 fn slopes(q: &QuadraturePoint) -> [[f64; 16]; 2] {
     let [bu, bv] = q.local.map(cubic);
     [
@@ -155,7 +167,7 @@ fn slopes(q: &QuadraturePoint) -> [[f64; 16]; 2] {
     ]
 }
 
-/// The gauges by their components along `S_u` and `S_v`; none where the surface has no tangent plane.
+/// Components of the gauges along `S_u` and `S_v`; `None` if the surface has no tangent plane.
 fn rosette([e, f, g]: &[f64; 3]) -> Option<[[f64; 2]; 3]> {
     let area2 = e * g - f * f;
     if !(*e > 0.0 && area2 > 1e-12 * (e + g) * (e + g)) {
@@ -173,7 +185,7 @@ mod tests {
     use crate::hierarchy::{Hierarchy, Shape};
     use std::sync::Arc;
 
-    /// A skew grid of the plane, 3 × 2 long, and the same rolled onto a cylinder along a slanted line.
+    /// A skew 3 × 2 grid of the plane, and the same grid rolled onto a cylinder along a slanted line.
     fn flat_and_rolled(space: &Arc<Hierarchy>, radius: f64) -> [Surface; 2] {
         let material = |u: f64, v: f64| [u / 4.0 + 0.1 * v / 4.0, v / 4.0];
         let flat = fit_function(space, |u, v| {
@@ -192,12 +204,12 @@ mod tests {
     fn a_rolled_sheet_keeps_the_metric_and_a_stretched_one_does_not() {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [12, 8]).unwrap());
         let [flat, rolled] = flat_and_rolled(&space, 1.5);
-        let metric = Metric::of(&flat);
+        let metric = Metric::new(&flat);
         let worst = |surface: &Surface| {
             let all = metric.changes(surface).unwrap();
             all.iter().flat_map(|c| c.largest).fold(0.0, f64::max)
         };
-        // Splines roll to the third order of cell over radius.
+        // The error of a rolled spline is of third order in cell size over radius.
         assert!(worst(&rolled) < 2e-4, "{}", worst(&rolled));
         let longer = flat.vertices().iter().map(|[x, y, z]| [1.02 * x, *y, *z]).collect();
         let longer = flat.with_vertices(longer).unwrap();
@@ -205,11 +217,11 @@ mod tests {
     }
 
     #[test]
-    fn the_equations_hold_at_an_isometry_and_point_back_to_it() {
+    fn the_equations_hold_at_an_isometry_and_lead_back_to_it() {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [12, 8]).unwrap());
         let [flat, rolled] = flat_and_rolled(&space, 1.5);
         let system = SurfaceSystem::new(&space).unwrap();
-        let metric = Metric::of(&flat);
+        let metric = Metric::new(&flat);
         let sigma = vec![1e-3; space.leaves().len()];
         let misfit = |surface: &Surface| {
             let information = system.isometry(surface, &metric, &sigma).unwrap();
@@ -224,7 +236,7 @@ mod tests {
         let wider = rolled.with_vertices(wider).unwrap();
         let (at_rest, stretched) = (misfit(&rolled).1, misfit(&wider).1);
         assert!(size(&at_rest) < 0.02 * size(&stretched), "{} {}", size(&at_rest), size(&stretched));
-        // One Gauss–Newton step takes the stretch back, bends and rigid motions held by a trace.
+        // One Gauss–Newton step removes the stretch; a small prior fixes bending and rigid motions.
         let mut information = misfit(&wider).0;
         let hold = 1e-9 * information.diagonal().iter().sum::<f64>() / information.dimension() as f64;
         information.add_diagonal(hold);

@@ -1,34 +1,18 @@
-//! Positions with known parameters, summed up cell by cell as moments.
+//! Positions with known parameters, accumulated by cell as moments.
 //!
-//! Comes in: a stream of `(u, v)`, positions and their information. Goes out: the information about the
-//! coefficients, or about the nodes of a hierarchy. What is kept does not grow with the number of positions.
+//! Input: a stream of `(u, v)`, positions and their information. Output: the information about the
+//! coefficients, or about the nodes of a hierarchy. Memory does not grow with the number of positions.
 //!
 //! On one cell every product `b_k b_l` of two cubic weights is a polynomial of degree six in the local
-//! coordinate. The sixteen weights' 16 × 16 information is therefore a linear image of the 7 × 7 moments
-//! `Σ w sⁱ tʲ`, and its vector of the 4 × 4 moments `Σ w z sⁱ tʲ`: 97 sums instead of 184. With
-//! `s, t ∈ [−1, 1]` the image loses no more than rounding of the sums.
+//! coordinate. Therefore the 16 × 16 information of the sixteen weights is a linear function of the 7 × 7
+//! moments `Σ w sⁱ tʲ`, and its vector of the 4 × 4 moments `Σ w z sⁱ tʲ`: 97 sums instead of 184. With
+//! `s, t ∈ [−1, 1]` the function is well conditioned.
 //!
-//! Not guaranteed: the same last digit on machines with other instructions.
+//! Not guaranteed: the same last digit on machines with other SIMD instructions.
 
-use crate::hierarchy::{Hierarchy, Shape};
-use crate::system::SurfaceSystem;
-use planish_estimate::sparse::BlockInformation;
-use planish_estimate::{Error, Result};
-use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
-use std::ops::Range;
-use std::sync::Arc;
+mod position_sums;
 
-/// Positions of one cell that are gathered before they are summed up.
-const RUN: usize = 64;
-/// Positions that are sorted by cell together, and how many such parts make a batch. Fixed, so that sums do
-/// not depend on threads.
-const PART: usize = 1 << 14;
-const PARTS: usize = 16;
-/// The leaf of a number without a reading.
-const PASSED_OVER: u32 = u32::MAX;
-/// Cells that one task sums up: few enough for all threads to have work, many enough to be worth a task.
-const CELLS_AT_ONCE: usize = 64;
+pub use position_sums::{AffineMap, PositionReading, PositionSums};
 
 /// The B-spline weights of a cell as polynomials in `s = 2 x − 1`: coefficient of `sⁱ` in weight `k`, times
 /// 48.
@@ -61,21 +45,21 @@ pub struct CellMoments {
     gram: [[f64; 8]; 7],
     /// `Σ w z sⁱ tʲ` at `[d][j][i]`, `i, j ≤ 3`, for the three coordinates of the positions.
     values: [[[f64; 4]; 4]; 3],
-    /// `Σ w z²` of the three coordinates, and how many positions there are.
+    /// `Σ w z²` of the three coordinates, and the number of positions.
     squares: [f64; 4],
 }
 
 /// A position on a cell.
 #[derive(Debug, Clone, Copy, Default)]
 struct Reading {
-    /// In `[−1, 1]²`.
+    /// Local coordinates in `[−1, 1]²`.
     local: [f64; 2],
-    /// Relative to the origin of the sums.
+    /// Position relative to the origin of the sums.
     position: [f64; 3],
     information: f64,
 }
 
-/// `a b + c`, rounded once where the machine does it in one.
+/// `a b + c`, as a fused operation if the machine has one.
 #[inline(always)]
 fn multiply_add<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FUSED { a.mul_add(b, c) } else { a * b + c }
@@ -95,7 +79,7 @@ impl CellMoments {
         self.add_run::<false>(&[Reading { local, position, information }]);
     }
 
-    /// Adds another cell's moments, its information times a factor.
+    /// Adds the moments of another cell, with its information multiplied by a factor.
     pub fn merge(&mut self, other: &Self, factor: f64) {
         for (a, b) in self.gram.as_flattened_mut().iter_mut().zip(other.gram.as_flattened()) {
             *a += factor * b;
@@ -111,14 +95,14 @@ impl CellMoments {
         self.squares[3] += other.squares[3];
     }
 
-    /// Adds the moments of one quarter of this cell, whose sides are half as long: `quarter` says which along
+    /// Adds the moments of one quarter of this cell, whose sides are half as long; `quarter` selects it along
     /// each direction.
     ///
     /// With `S = (s ± 1)/2` the moments of `S` are binomial sums of those of `s`.
     fn add_quarter(&mut self, fine: &Self, quarter: [usize; 2]) {
         let [along_u, along_v] = quarter.map(|half| &POWERS_OF_HALF[half]);
         for j in 0..7 {
-            // Σ over powers of t first.
+            // Sum over powers of t first.
             let mut row = [0.0; 7];
             for (l, weight) in along_v[j][..=j].iter().enumerate() {
                 for (sum, m) in row.iter_mut().zip(&fine.gram[l]) {
@@ -143,7 +127,7 @@ impl CellMoments {
         }
     }
 
-    /// Adds a run: the sums stay in registers, first those of the matrix, then those of the vector.
+    /// Adds a run of positions. Sums of the matrix and then of the vector stay in registers.
     #[inline(always)]
     fn add_run<const FUSED: bool>(&mut self, run: &[Reading]) {
         let mut gram = self.gram;
@@ -189,7 +173,7 @@ impl CellMoments {
         (self.values, self.squares) = (values, squares);
     }
 
-    /// How many positions there are.
+    /// Number of positions.
     #[must_use]
     pub fn count(&self) -> usize {
         self.squares[3] as usize
@@ -198,7 +182,7 @@ impl CellMoments {
     /// The information about the sixteen coefficients: the matrix of each coordinate, and the vectors of all
     /// three.
     ///
-    /// `Λ_kl = Σ w b_k b_l`, `η_k = Σ w b_k z`. Cost: some 1,500 multiply-adds.
+    /// `Λ_kl = Σ w b_k b_l`, `η_k = Σ w b_k z`. Cost: about 1,500 multiply-adds.
     #[must_use]
     pub fn information(&self) -> ([[f64; 16]; 16], [[f64; 3]; 16]) {
         (matrix_of_moments(&self.gram), vector_of_moments(&self.values))
@@ -211,7 +195,7 @@ pub(crate) fn matrix_of_moments(gram: &[[f64; 8]; 7]) -> [[f64; 16]; 16] {
     let mut matrix = [[0.0; 16]; 16];
     for k in 0..4 {
         for l in 0..=k {
-            // Summed over powers of s first.
+            // Sum over powers of s first.
             let mut along = [0.0; 7];
             for (sum, row) in along.iter_mut().zip(gram) {
                 *sum = (0..7).map(|i| products[k][l][i] * row[i]).sum();
@@ -262,383 +246,8 @@ fn weight_products() -> [[[f64; 7]; 4]; 4] {
     products
 }
 
-/// Sums of positions with known parameters over a hierarchy: a stream goes in, moments stay.
-///
-/// # Examples
-/// ```
-/// use planish_spline::{Hierarchy, PositionSums, Shape, SurfaceSystem};
-/// use std::sync::Arc;
-///
-/// let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4])?);
-/// let mut sums = PositionSums::new(&space);
-/// sums.add(&[[0.5, 0.5], [3.2, 1.0]], &[[0.5, 0.5, 1.0], [3.2, 1.0, 1.1]], None)?;
-/// assert_eq!(sums.count(), 2);
-/// let information = sums.information(&SurfaceSystem::new(&space)?)?;
-/// // Weights sum to one: so does what each reading adds.
-/// assert!((information.quadratic_form(&vec![1.0; information.dimension()])? - 2.0).abs() < 1e-12);
-/// # Ok::<(), planish_estimate::Error>(())
-/// ```
-#[derive(Debug, Clone)]
-pub struct PositionSums {
-    space: Arc<Hierarchy>,
-    cells: Vec<CellMoments>,
-    /// Positions are summed up relative to this, the first one: squares of far coordinates would drown what
-    /// differs.
-    origin: Option<[f64; 3]>,
-    count: usize,
-    parts: Vec<Part>,
-}
-
-/// An affine map of the parameters.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AffineMap {
-    /// `o`, `a` and `b` of `z = o + u a + v b`.
-    pub map: [[f64; 3]; 3],
-    /// For each coordinate, the share of its variance that the map leaves; as exact as squares of coordinates
-    /// are.
-    pub unexplained_share: [f64; 3],
-}
-
-/// Readings sorted by leaf.
-#[derive(Debug, Clone, Default)]
-struct Part {
-    /// The leaf of each number, in the order in which they came; [`PASSED_OVER`] where there is no reading.
-    leaves: Vec<u32>,
-    /// Where each leaf's readings start in `sorted`.
-    start: Vec<u32>,
-    sorted: Vec<Reading>,
-}
-
-/// A position on a surface, at known parameters.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PositionReading {
-    /// `(u, v)`, in the units of the base grid.
-    pub parameters: [f64; 2],
-    /// Where it is.
-    pub position: [f64; 3],
-    /// 1/variance of each coordinate.
-    pub information: f64,
-}
-
-impl Part {
-    /// Takes the readings of some numbers, checks them, finds their leaves and sorts by them.
-    fn sort(
-        &mut self,
-        space: &Hierarchy,
-        origin: [f64; 3],
-        numbers: Range<usize>,
-        read: &impl Fn(usize) -> Option<PositionReading>,
-    ) -> Result<()> {
-        let [nu, nv] = space.extent();
-        // Where a direction is closed every finite parameter will do.
-        let range = |n: f64, closed: bool| if closed { f64::MIN..=f64::MAX } else { 0.0..=n };
-        let (inside_u, inside_v) =
-            (range(nu, space.shape().periodic_u()), range(nv, space.shape().periodic_v()));
-        self.leaves.clear();
-        self.start.clear();
-        self.start.resize(space.leaves().len() + 1, 0);
-        for k in numbers.clone() {
-            let Some(reading) = read(k) else {
-                self.leaves.push(PASSED_OVER);
-                continue;
-            };
-            let ([u, v], z) = (reading.parameters, reading.position);
-            let is_weight = (0.0..=f64::MAX).contains(&reading.information);
-            if !(inside_u.contains(&u)
-                && inside_v.contains(&v)
-                && (z[0] + z[1] + z[2]).is_finite()
-                && is_weight)
-            {
-                return Err(unusable(k, [nu, nv], &reading));
-            }
-            let (leaf, _) = space.locate(u, v);
-            self.leaves.push(leaf as u32);
-            self.start[leaf + 1] += 1;
-        }
-        let mut sum = 0;
-        for start in &mut self.start {
-            sum += *start;
-            *start = sum;
-        }
-        self.sorted.resize(sum as usize, Reading::default());
-        // Filling moves every start to the next leaf's; shifted by one they are what they were. Asking twice
-        // is cheaper than keeping.
-        for (&leaf, k) in self.leaves.iter().zip(numbers) {
-            if leaf == PASSED_OVER {
-                continue;
-            }
-            let Some(reading) = read(k) else { continue };
-            let ([u, v], z) = (reading.parameters, reading.position);
-            let (_, [x, y]) = space.locate(u, v);
-            let place = &mut self.start[leaf as usize];
-            self.sorted[*place as usize] = Reading {
-                local: [2.0 * x - 1.0, 2.0 * y - 1.0],
-                position: [z[0] - origin[0], z[1] - origin[1], z[2] - origin[2]],
-                information: reading.information,
-            };
-            *place += 1;
-        }
-        self.start.rotate_right(1);
-        self.start[0] = 0;
-        Ok(())
-    }
-
-    #[inline(always)]
-    fn of(&self, leaf: usize) -> &[Reading] {
-        &self.sorted[self.start[leaf] as usize..self.start[leaf + 1] as usize]
-    }
-}
-
-impl PositionSums {
-    /// Nothing yet. Memory: 850 bytes a leaf, and a buffer of 10 MB once something is added.
-    #[must_use]
-    pub fn new(space: &Arc<Hierarchy>) -> Self {
-        Self {
-            space: Arc::clone(space),
-            cells: vec![CellMoments::default(); space.leaves().len()],
-            origin: None,
-            count: 0,
-            parts: Vec::new(),
-        }
-    }
-
-    /// How many positions were added.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        self.count
-    }
-
-    /// Adds positions at parameters `u ∈ [0, extent]`, each with information (1/variance) about every
-    /// coordinate: 1 where none is given.
-    ///
-    /// Call it piece by piece: nothing is kept but the sums. In parallel on the current rayon pool; pieces of
-    /// a multiple of 262,144 give the same bytes as one call, at any number of threads.
-    ///
-    /// # Errors
-    /// `Input`, with the number of the reading, when parameters lie outside the domain of an open direction,
-    /// an information is negative, anything is not finite, or the slices differ in length. Readings of whole
-    /// batches before it have been added then.
-    pub fn add(
-        &mut self,
-        parameters: &[[f64; 2]],
-        positions: &[[f64; 3]],
-        information: Option<&[f64]>,
-    ) -> Result<()> {
-        if positions.len() != parameters.len() || information.is_some_and(|w| w.len() != parameters.len()) {
-            return Err(Error::input(format!(
-                "{} parameters, {} positions and {} weights: needed as many of each",
-                parameters.len(),
-                positions.len(),
-                information.map_or(parameters.len(), <[f64]>::len)
-            )));
-        }
-        self.add_from(parameters.len(), |k| {
-            Some(PositionReading {
-                parameters: parameters[k],
-                position: positions[k],
-                information: information.map_or(1.0, |w| w[k]),
-            })
-        })
-    }
-
-    /// [`Self::add`] for readings that are asked for one by one, from any thread: `read(k)` for `k` below
-    /// `size`, none to pass over one. Each is asked for twice and has to be the same.
-    ///
-    /// # Errors
-    /// As for [`Self::add`]; the number in messages is `k`.
-    pub fn add_from(
-        &mut self,
-        size: usize,
-        read: impl Fn(usize) -> Option<PositionReading> + Sync,
-    ) -> Result<()> {
-        let origin = match self.origin {
-            Some(origin) => origin,
-            None => match (0..size).find_map(|k| Some((k, read(k)?))) {
-                None => return Ok(()),
-                Some((k, first)) if !first.position.iter().all(|x| x.is_finite()) => {
-                    return Err(unusable(k, self.space.extent(), &first));
-                }
-                Some((_, first)) => *self.origin.insert(first.position),
-            },
-        };
-        for start in (0..size).step_by(PART * PARTS) {
-            self.add_batch(start..size.min(start + PART * PARTS), origin, &read)?;
-        }
-        Ok(())
-    }
-
-    fn add_batch(
-        &mut self,
-        numbers: Range<usize>,
-        origin: [f64; 3],
-        read: &(impl Fn(usize) -> Option<PositionReading> + Sync),
-    ) -> Result<()> {
-        let space = &*self.space;
-        let parts = numbers.len().div_ceil(PART);
-        if self.parts.len() < parts {
-            self.parts.resize_with(parts, Part::default);
-        }
-        let parts = &mut self.parts[..parts];
-        (parts.par_iter_mut().enumerate()).try_for_each(|(p, part)| {
-            let first = numbers.start + p * PART;
-            part.sort(space, origin, first..numbers.end.min(first + PART), read)
-        })?;
-        let parts = &*parts;
-        let arch = pulp::Arch::new();
-        (self.cells.par_chunks_mut(CELLS_AT_ONCE).enumerate()).for_each(|(chunk, cells)| {
-            arch.dispatch(CellsOfBatch { parts, first_leaf: chunk * CELLS_AT_ONCE, cells });
-        });
-        self.count += parts.iter().map(|part| part.sorted.len()).sum::<usize>();
-        Ok(())
-    }
-
-    /// The hierarchy.
-    #[must_use]
-    pub fn space(&self) -> &Arc<Hierarchy> {
-        &self.space
-    }
-
-    /// `Σ w`.
-    #[must_use]
-    pub fn weight(&self) -> f64 {
-        self.cells.iter().map(|cell| cell.gram[0][0]).sum()
-    }
-
-    /// Adds what another has summed up over the same hierarchy, its information times a factor.
-    ///
-    /// # Errors
-    /// `Input` when the hierarchies differ in their leaves.
-    pub fn merge(&mut self, other: &Self, factor: f64) -> Result<()> {
-        if self.space.shape() != other.space.shape() || self.space.leaves() != other.space.leaves() {
-            return Err(Error::input("sums over different hierarchies cannot be added"));
-        }
-        let Some(from) = other.origin else {
-            return Ok(());
-        };
-        let to = *self.origin.get_or_insert(from);
-        let by = std::array::from_fn(|d| from[d] - to[d]);
-        (self.cells.par_iter_mut().zip(&other.cells))
-            .with_min_len(CELLS_AT_ONCE)
-            .for_each(|(own, other)| own.merge(&other.moved(by), factor));
-        self.count += other.count;
-        Ok(())
-    }
-
-    /// The same positions summed up over cells twice as long and wide; the last row or column may lie half
-    /// outside the domain.
-    ///
-    /// Parameters there are half of those here. As exact as rounding.
-    ///
-    /// # Errors
-    /// `Input` when the shape is closed or the grid not uniform.
-    pub fn coarsened(&self) -> Result<Self> {
-        let [nu, nv] = self.space.base();
-        if self.space.shape() != Shape::Sheet || self.space.leaves().len() != nu * nv {
-            return Err(Error::input("only sums over a uniform grid of a sheet can be coarsened"));
-        }
-        let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [nu.div_ceil(2), nv.div_ceil(2)])?);
-        let mut coarse = Self::new(&space);
-        (coarse.cells.par_iter_mut().zip(space.leaves())).with_min_len(16).for_each(|(cell, leaf)| {
-            for quarter in [[0, 0], [1, 0], [0, 1], [1, 1]] {
-                let [i, j] = [2 * leaf.i as usize + quarter[0], 2 * leaf.j as usize + quarter[1]];
-                if i < nu && j < nv {
-                    let (fine, _) = self.space.locate(i as f64, j as f64);
-                    cell.add_quarter(&self.cells[fine], quarter);
-                }
-            }
-        });
-        (coarse.origin, coarse.count) = (self.origin, self.count);
-        Ok(coarse)
-    }
-
-    /// Where positions are counted from in [`Self::information`]: the solution there lies relative to it.
-    #[must_use]
-    pub fn origin(&self) -> [f64; 3] {
-        self.origin.unwrap_or([0.0; 3])
-    }
-
-    /// `Σ w z²` of each coordinate, relative to the origin.
-    #[must_use]
-    pub fn squares(&self) -> [f64; 3] {
-        std::array::from_fn(|d| self.cells.iter().map(|cell| cell.squares[d]).sum())
-    }
-
-    /// Which leaves have readings.
-    #[must_use]
-    pub fn observed(&self) -> Vec<bool> {
-        self.cells.iter().map(|cell| cell.count() > 0).collect()
-    }
-
-    /// The affine map of the parameters that is nearest to the positions; none where the parameters lie on
-    /// one line.
-    ///
-    /// Normal equations of `z ≈ o + u a + v b` about the mean, from the lowest moments of the cells.
-    #[must_use]
-    pub fn affine(&self) -> Option<AffineMap> {
-        // Sums of w (1, u, v)ᵀ(1, u, v) and of w (1, u, v) z, with u = (i + (s + 1)/2) side on each cell.
-        let (mut gram, mut values) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
-        for (cell, leaf) in self.cells.iter().zip(self.space.leaves()) {
-            let side = leaf.side();
-            let half = 0.5 * side;
-            let (u0, v0) = ((f64::from(leaf.i) + 0.5) * side, (f64::from(leaf.j) + 0.5) * side);
-            // (1, u, v) are these combinations of (1, s, t).
-            let rows = [[1.0, 0.0, 0.0], [u0, half, 0.0], [v0, 0.0, half]];
-            let m = &cell.gram;
-            let of_cell =
-                [[m[0][0], m[0][1], m[1][0]], [m[0][1], m[0][2], m[1][1]], [m[1][0], m[1][1], m[2][0]]];
-            for a in 0..3 {
-                for b in 0..3 {
-                    gram[a][b] += (0..3)
-                        .map(|i| rows[a][i] * (0..3).map(|j| of_cell[i][j] * rows[b][j]).sum::<f64>())
-                        .sum::<f64>();
-                }
-                for d in 0..3 {
-                    let z = &cell.values[d];
-                    values[a][d] += rows[a][0] * z[0][0] + rows[a][1] * z[0][1] + rows[a][2] * z[1][0];
-                }
-            }
-        }
-        let weight = gram[0][0];
-        let mean = [gram[0][1] / weight, gram[0][2] / weight];
-        let spread = |a: usize, b: usize| gram[a][b] - weight * mean[a - 1] * mean[b - 1];
-        let (uu, uv, vv) = (spread(1, 1), spread(1, 2), spread(2, 2));
-        let determinant = uu * vv - uv * uv;
-        if determinant <= 1e-12 * uu * vv || determinant.is_nan() {
-            return None;
-        }
-        let mut map = [[0.0; 3]; 3];
-        let mut unexplained_share = [0.0; 3];
-        let squares = self.squares();
-        for d in 0..3 {
-            let middle = values[0][d] / weight;
-            let (uz, vz) = (values[1][d] - values[0][d] * mean[0], values[2][d] - values[0][d] * mean[1]);
-            let (a, b) = ((vv * uz - uv * vz) / determinant, (uu * vz - uv * uz) / determinant);
-            map[0][d] = self.origin()[d] + middle - a * mean[0] - b * mean[1];
-            (map[1][d], map[2][d]) = (a, b);
-            let total = squares[d] - weight * middle * middle;
-            unexplained_share[d] = if total > 0.0 { (total - a * uz - b * vz) / total } else { 0.0 };
-        }
-        Some(AffineMap { map, unexplained_share })
-    }
-
-    /// The information about the nodes: one matrix for each coordinate, three vectors, relative to the
-    /// origin.
-    ///
-    /// # Errors
-    /// `Input` when the system is one of another hierarchy.
-    pub fn information(&self, system: &SurfaceSystem) -> Result<BlockInformation> {
-        if system.space().leaves() != self.space.leaves() {
-            return Err(Error::input("the system is one of another hierarchy"));
-        }
-        system.assemble_scalar(|leaf| {
-            let cell = &self.cells[leaf];
-            (cell.count() > 0).then(|| cell.information())
-        })
-    }
-}
-
 impl CellMoments {
-    /// The moments of the same positions moved by a vector.
+    /// The moments of the positions after a translation.
     fn moved(&self, by: [f64; 3]) -> Self {
         let mut moved = *self;
         for d in 0..3 {
@@ -650,71 +259,6 @@ impl CellMoments {
             }
         }
         moved
-    }
-}
-
-/// What is wrong with a reading.
-#[cold]
-fn unusable(number: usize, [nu, nv]: [f64; 2], reading: &PositionReading) -> Error {
-    let PositionReading { parameters: [u, v], position, information } = *reading;
-    Error::input(if !(0.0..=f64::MAX).contains(&information) {
-        format!(
-            "reading {number}: needed an information (1/variance) that is finite and not negative, found \
-             {information}"
-        )
-    } else if position.iter().all(|x| x.is_finite()) {
-        format!("reading {number}: needed parameters in [0, {nu}] × [0, {nv}], found ({u}, {v})")
-    } else {
-        format!("reading {number}: needed finite coordinates, found {position:?}")
-    })
-}
-
-/// Some cells and all that the parts of a batch have for them.
-struct CellsOfBatch<'a> {
-    parts: &'a [Part],
-    first_leaf: usize,
-    cells: &'a mut [CellMoments],
-}
-
-impl WithSimd for CellsOfBatch<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        if S::IS_SCALAR {
-            self.add::<false>();
-        } else {
-            self.add::<true>();
-        }
-    }
-}
-
-impl CellsOfBatch<'_> {
-    /// Part after part, in runs that are worth the loading of the sums.
-    #[inline(always)]
-    fn add<const FUSED: bool>(self) {
-        let mut run = [Reading::default(); RUN];
-        for (offset, cell) in self.cells.iter_mut().enumerate() {
-            let mut len = 0;
-            for part in self.parts {
-                let mut own = part.of(self.first_leaf + offset);
-                if own.len() >= RUN {
-                    cell.add_run::<FUSED>(own);
-                    continue;
-                }
-                while !own.is_empty() {
-                    let (now, later) = own.split_at(own.len().min(RUN - len));
-                    run[len..len + now.len()].copy_from_slice(now);
-                    len += now.len();
-                    own = later;
-                    if len == RUN {
-                        cell.add_run::<FUSED>(&run);
-                        len = 0;
-                    }
-                }
-            }
-            cell.add_run::<FUSED>(&run[..len]);
-        }
     }
 }
 

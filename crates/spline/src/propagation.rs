@@ -1,16 +1,13 @@
-//! What a surface must be where nobody measured it, if it is symmetric or made of simple shapes: the
-//! estimators.
+//! Estimators for completing unobserved parts of a surface: symmetries and simple shapes.
 //!
 //! | module | what |
-//! |---|---|
-//! | facets | a cloud as a few hundred independent pieces, each a quadric with its covariance |
-//! | maps | reflections and rotations, with their derivatives |
-//! | pairs | pieces that a symmetry lays on one another |
-//! | starts | where the search for a symmetry starts |
-//! | primitive | planes, spheres and cylinders, and which of them a patch is |
-//! | symmetry | the axis or plane that makes the pieces agree, and whether they do |
+//! |---|---| | facets | a cloud as a few hundred independent facets, each a quadric with its covariance | |
+//! maps | reflections and rotations, with their derivatives | | pairs | facets that a symmetry maps onto each
+//! other | | starts | initial values of a symmetry | | primitive | planes, spheres and cylinders, and the
+//! classification of a patch | | symmetry | estimate and test of an axis or plane of symmetry |
 //!
-//! Comes in: points with normals. Goes out: a symmetry with its covariance, and how well the cloud obeys it.
+//! Input: points with normals. Output: a symmetry with its covariance, and a test of whether the cloud
+//! supports it.
 
 mod facets;
 mod maps;

@@ -1,12 +1,12 @@
-//! Refinement of a belief: vertices by the two-scale relation, covariance with the detail's own uncertainty.
+//! Refinement of a belief: vertices by the two-scale relation, covariance with the uncertainty of detail.
 //!
-//! Comes in: the covariance of coarse vertices and the smoothness prior of the fine ones. Goes out: the
-//! covariance of the fine vertices, `Σ_f = α Σ αᵀ + Q`.
+//! Input: the covariance of coarse vertices and the smoothness prior of the fine ones. Output: the covariance
+//! of the fine vertices, `Σ_f = α Σ αᵀ + Q`.
 //!
-//! `α Σ αᵀ` alone (Wang et al., eq. 18) has the rank of the coarse patch: it claims that no detail can exist.
-//! Under the fine prior with precision `K_f`, split the fine vertices into their energy projection on the
-//! coarse space, `c = P f`, `P = (αᵀ K_f α)⁻¹ αᵀ K_f`, and the rest, which is independent of `c`. Coarse data
-//! speak of `c` only, so the rest keeps its prior covariance
+//! `α Σ αᵀ` alone (Wang et al., eq. 18) has the rank of the coarse patch: it excludes any detail. Under the
+//! fine prior with precision `K_f`, split the fine vertices into their energy projection on the coarse space,
+//! `c = P f`, `P = (αᵀ K_f α)⁻¹ αᵀ K_f`, and the rest, which is independent of `c`. Coarse data measure only
+//! `c`, so the rest keeps its prior covariance
 //!
 //! ```text
 //! Q = K_f⁻¹ − α (αᵀ K_f α)⁻¹ αᵀ,        P Q Pᵀ = 0,      P Σ_f Pᵀ = Σ.
@@ -20,6 +20,17 @@ use planish_estimate::{Error, Result};
 ///
 /// # Errors
 /// `Input` when `fine` does not refine `coarse`.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Hierarchy, Shape, two_scale_matrix};
+///
+/// let coarse = Hierarchy::uniform(Shape::Sheet, [4, 4])?;
+/// let alpha = two_scale_matrix(&coarse, &coarse.refine_all())?;
+/// assert_eq!((alpha.nrows(), alpha.ncols()), (11 * 11, 7 * 7));
+/// assert!(alpha.row_iter().all(|row| (row.sum() - 1.0).abs() < 1e-12)); // partition of unity
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<f64>> {
     if fine.shape() != coarse.shape() || fine.base() != coarse.base() {
         return Err(Error::input("refinement needs the same shape and base grid"));
@@ -29,7 +40,7 @@ pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<
     }
     let (rows, columns) = (fine.node_count(), coarse.node_count());
     let mut alpha = DMatrix::zeros(rows, columns);
-    // Three columns at a time ride on the three coordinates of a vertex.
+    // Compute three columns at a time, as the three coordinates of a vertex.
     for first in (0..columns).step_by(3) {
         let mut unit = vec![[0.0; 3]; columns];
         for d in 0..3.min(columns - first) {
@@ -55,11 +66,11 @@ pub fn two_scale_matrix(coarse: &Hierarchy, fine: &Hierarchy) -> Result<DMatrix<
     Ok(alpha)
 }
 
-/// `Q`: what the fine prior leaves open once the coarse projection is known.
+/// `Q`: the covariance of the fine prior, given the coarse projection.
 ///
-/// `prior_fine` is the fine precision `K_f`; its null space (polynomials, constants) must be held by the
-/// coarse space, as it is for every smoothness energy here: it is given a unit precision that cancels in the
-/// difference. Cost: `O(n³)` dense.
+/// `prior_fine` is the fine precision `K_f`; the coarse space must contain its null space (constants,
+/// polynomials), as for every smoothness energy here. The null space gets a unit precision, which cancels in
+/// the difference. Cost: `O(n³)` dense.
 ///
 /// # Errors
 /// `Undetermined` when `prior_fine` has a null space beyond that of the coarse vertices.
@@ -68,17 +79,17 @@ pub fn detail_covariance(
     prior_fine: &DMatrix<f64>,
     null_space: &DMatrix<f64>,
 ) -> Result<DMatrix<f64>> {
-    // K + N Nᵀ with N the coarse-representable null space: proper, and the added part acts on c alone.
+    // K + N Nᵀ is proper. N is in the coarse space, so the added term affects only c.
     let scale = prior_fine.diagonal().mean();
     let proper = prior_fine + scale * null_space * null_space.transpose();
     let inverse = proper
         .clone()
         .cholesky()
-        .ok_or_else(|| Error::undetermined("the fine prior leaves more open than the given null space"))?
+        .ok_or_else(|| Error::undetermined("the fine prior has a larger null space than the given one"))?
         .inverse();
     let coarse = (alpha.transpose() * &proper * alpha)
         .cholesky()
-        .ok_or_else(|| Error::undetermined("the coarse vertices are not independent in the fine space"))?
+        .ok_or_else(|| Error::undetermined("the coarse vertices are linearly dependent in the fine space"))?
         .inverse();
     let q = inverse - alpha * coarse * alpha.transpose();
     Ok(0.5 * (&q + q.transpose()))
@@ -105,7 +116,7 @@ pub fn energy_projection(
     (&right * alpha)
         .cholesky()
         .map(|c| c.solve(&right))
-        .ok_or_else(|| Error::undetermined("the coarse vertices are not independent in the fine space"))
+        .ok_or_else(|| Error::undetermined("the coarse vertices are linearly dependent in the fine space"))
 }
 
 #[cfg(test)]
@@ -134,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn carried_covariance_keeps_the_coarse_projection_and_gains_the_detail() {
+    fn refined_covariance_keeps_the_coarse_projection_and_adds_the_detail() {
         let coarse = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
         let fine = Arc::new(coarse.refine_all());
         let alpha = two_scale_matrix(&coarse, &fine).unwrap();
@@ -152,23 +163,22 @@ mod tests {
         let rank = |m: &DMatrix<f64>| {
             let values = m.clone().symmetric_eigen().eigenvalues;
             let largest = values.amax();
-            assert!(values.min() > -1e-9 * largest, "a covariance must not be indefinite");
+            assert!(values.min() > -1e-9 * largest, "a covariance must be positive semidefinite");
             values.iter().filter(|&&v| v > 1e-11 * largest).count()
         };
         assert_eq!(rank(&printed), n, "α Σ αᵀ alone has the rank of the coarse patch");
-        assert_eq!(rank(&carried), fine.node_count(), "with Q every detail is possible");
+        assert_eq!(rank(&carried), fine.node_count(), "with Q all detail is possible");
         let p = energy_projection(&alpha, &k_fine, &null).unwrap();
         assert!((&p * &alpha - DMatrix::identity(n, n)).amax() < 1e-9);
         assert!(
             (&p * &carried * p.transpose() - &sigma).amax() < 1e-8 * sigma.amax(),
-            "coarse covariance must be left unchanged"
+            "the coarse covariance must not change"
         );
     }
 
-    /// Data known at the coarse level, then refined, equal the same data put straight into the fine prior
-    /// through the projection.
+    /// Refining a belief from coarse data equals adding these data to the fine prior through the projection.
     #[test]
-    fn carrying_a_belief_equals_conditioning_the_fine_prior_on_the_coarse_data() {
+    fn refining_a_belief_equals_conditioning_the_fine_prior_on_the_coarse_data() {
         let coarse = Arc::new(Hierarchy::uniform(Shape::Sheet, [3, 3]).unwrap());
         let fine = Arc::new(coarse.refine_all());
         let alpha = two_scale_matrix(&coarse, &fine).unwrap();
@@ -180,7 +190,7 @@ mod tests {
         let sigma = (&k_coarse + &data).cholesky().unwrap().inverse();
         let q = detail_covariance(&alpha, &k_fine, &null).unwrap();
         let carried = refine_covariance(&alpha, &sigma, &q);
-        // In the fine space: K_f restricted to the detail is untouched, data act through P.
+        // In the fine space: data act through P, and K_f restricted to the detail is unchanged.
         let p = energy_projection(&alpha, &k_fine, &null).unwrap();
         let direct = (&k_fine + p.transpose() * &data * &p).cholesky().unwrap().inverse();
         assert!((&carried - &direct).amax() < 1e-6 * direct.amax());

@@ -1,9 +1,9 @@
 //! A hierarchical B-spline surface: a hierarchy and its control vertices.
 //!
-//! Comes in: a [`Hierarchy`] and one vertex for each node. Goes out: points and derivatives at any
-//! parameters, by leaf, exactly refined surfaces. Derivatives are with respect to base-grid units of u and v.
+//! Input: a [`Hierarchy`] and one vertex per node. Output: points and derivatives at any parameters, and
+//! exact refinements. Derivatives are with respect to u and v in base-grid units.
 //!
-//! Not guaranteed: that the surface is free of folds; `S_u = 0` at the poles of a ball by construction.
+//! Not guaranteed: a surface without folds. `S_u = 0` at the poles of a ball by construction.
 
 use crate::basis::cubic;
 use crate::hierarchy::{Cell, Hierarchy, quarter3};
@@ -57,19 +57,19 @@ pub struct ThirdDerivatives {
 pub struct Surface {
     space: Arc<Hierarchy>,
     vertices: Vec<[f64; 3]>,
-    /// The sixteen coefficients of every leaf: what evaluation reads.
+    /// The sixteen coefficients of every leaf. Stored, because evaluation needs only these.
     local: Vec<[[f64; 3]; 16]>,
 }
 
 impl Surface {
-    /// The surface with these control vertices, one for each node.
+    /// A surface with the given control vertices, one per node.
     ///
     /// # Errors
-    /// `Input` when the count differs from the hierarchy's nodes or a coordinate is not finite.
+    /// `Input` when the numbers of vertices and nodes differ or a coordinate is not finite.
     pub fn new(space: Arc<Hierarchy>, vertices: Vec<[f64; 3]>) -> Result<Self> {
         if vertices.len() != space.node_count() {
             return Err(Error::input(format!(
-                "{} control vertices, but the hierarchy has {} nodes",
+                "expected one control vertex per node, found {} vertices for {} nodes",
                 vertices.len(),
                 space.node_count()
             )));
@@ -81,13 +81,13 @@ impl Surface {
         Ok(Self { space, vertices, local })
     }
 
-    /// The hierarchy beneath the surface.
+    /// The hierarchy.
     #[must_use]
     pub fn space(&self) -> &Arc<Hierarchy> {
         &self.space
     }
 
-    /// The control vertices, node by node.
+    /// The control vertices, one per node.
     #[must_use]
     pub fn vertices(&self) -> &[[f64; 3]] {
         &self.vertices
@@ -99,8 +99,8 @@ impl Surface {
         &self.local[leaf]
     }
 
-    /// The sixteen coefficients on any cell that is a leaf or lies inside one; none where the surface is
-    /// split further.
+    /// The sixteen coefficients on a cell that is a leaf or lies inside one; `None` if the surface is finer
+    /// there.
     #[must_use]
     pub fn cell_coefficients(&self, cell: Cell) -> Option<[[f64; 3]; 16]> {
         let leaf = self.space.leaf_over(cell)?;
@@ -142,7 +142,7 @@ impl Surface {
         jet_of(&self.local[leaf], 1.0 / self.space.leaves()[leaf].side(), s, t)
     }
 
-    /// Third derivatives at `(u, v)`: constant jumps across knots are possible, as for every cubic spline.
+    /// Third derivatives at `(u, v)`. They can jump across knots, as for every cubic spline.
     #[must_use]
     pub fn third_derivatives(&self, u: f64, v: f64) -> ThirdDerivatives {
         let (leaf, [s, t]) = self.space.locate(u, v);
@@ -156,25 +156,35 @@ impl Surface {
         }
     }
 
-    /// The same surface over a finer hierarchy: exact.
+    /// The same surface over a finer hierarchy (exact).
     ///
     /// # Errors
-    /// `Input` when the other hierarchy has another shape or base grid, or is somewhere coarser than this
-    /// one.
+    /// `Input` when shape or base grid differ, or the other hierarchy is coarser somewhere.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_spline::BaseShape;
+    ///
+    /// let coarse = BaseShape::sphere([0.0; 3], 1.0, [0.0, 0.0, 1.0]).surface([8, 4])?;
+    /// let fine = coarse.refined(coarse.space().refine_all().into())?;
+    /// let (a, b) = (coarse.point(2.7, 1.1), fine.point(2.7, 1.1));
+    /// assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-12));
+    /// # Ok::<(), planish_spline::Error>(())
+    /// ```
     pub fn refined(&self, finer: Arc<Hierarchy>) -> Result<Self> {
         if finer.shape() != self.space.shape() || finer.base() != self.space.base() {
             return Err(Error::input("refinement needs the same shape and base grid"));
         }
         if let Some(cell) = finer.leaves().iter().find(|&&cell| self.space.leaf_over(cell).is_none()) {
             return Err(Error::input(format!(
-                "the other hierarchy is coarser at {cell:?}: it cannot hold this surface"
+                "the other hierarchy is coarser at {cell:?} and cannot represent this surface"
             )));
         }
         let vertices = finer.vertices_from(|cell| self.cell_coefficients(cell).unwrap_or([[0.0; 3]; 16]));
         Self::new(finer, vertices)
     }
 
-    /// The same space with other vertices.
+    /// A surface over the same space with other vertices.
     ///
     /// # Errors
     /// As for [`Surface::new`].
@@ -183,8 +193,8 @@ impl Surface {
     }
 }
 
-/// Coordinates of a coefficient in a four, which machines add and multiply at once: the fourth is whatever
-/// lies next to them.
+/// The coordinates of a coefficient as the first three of four SIMD lanes. The fourth lane holds an adjacent
+/// value and is ignored.
 #[inline(always)]
 pub(crate) fn coordinates_in_fours(c: &[[f64; 3]; 16], k: usize) -> [f64; 4] {
     let flat = c.as_flattened();
@@ -194,7 +204,7 @@ pub(crate) fn coordinates_in_fours(c: &[[f64; 3]; 16], k: usize) -> [f64; 4] {
     }
 }
 
-/// The jet of sixteen coefficients; `h` is one over the leaf's side.
+/// The jet of sixteen coefficients; `h` is the inverse of the side of the leaf.
 #[inline(always)]
 pub(crate) fn jet_of(c: &[[f64; 3]; 16], h: f64, s: f64, t: f64) -> Jet {
     let (bu, bv) = (cubic(s), cubic(t));
@@ -244,6 +254,12 @@ fn combine(c: &[[f64; 3]; 16], bu: &[f64; 4], bv: &[f64; 4], scale: f64) -> [f64
 }
 
 /// The sixteen tensor-product weights at leaf-local coordinates, `4 · row + column`.
+///
+/// # Examples
+/// ```
+/// let weights = planish_spline::leaf_weights(0.3, 0.8);
+/// assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+/// ```
 #[inline]
 #[must_use]
 pub fn leaf_weights(s: f64, t: f64) -> [f64; 16] {
@@ -268,7 +284,7 @@ mod tests {
         let vertices =
             (0..space.node_count()).map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())).collect();
         let surface = Surface::new(space.refine(&[3, 4, 8, 9]).into(), Vec::new());
-        assert!(surface.is_err(), "a wrong number of vertices must be refused");
+        assert!(surface.is_err(), "a wrong number of vertices is an error");
         let surface = Surface::new(space.into(), vertices).unwrap();
         let surface = surface.refined(surface.space().refine(&[3, 4, 8, 9]).into()).unwrap();
         let (u, v, h) = (3.21, 1.37, 1e-5);

@@ -1,9 +1,8 @@
-//! The sparse equations of a surface's control vertices: pattern, ordering and symbolic factor of one
-//! hierarchy.
+//! Sparse equations of the control vertices: pattern, ordering and symbolic factor of a hierarchy.
 //!
-//! Comes in: a [`Hierarchy`]. Goes out: places to accumulate information leaf by leaf, the smoothness prior
-//! as information, and factors. Three unknowns a node: the coordinates of its vertex. Made once for a
-//! hierarchy and used for every iteration.
+//! Input: a [`Hierarchy`]. Output: information accumulated by leaf, the smoothness prior as information, and
+//! factors. Each node has three unknowns, the coordinates of its vertex. Built once per hierarchy and used
+//! for every iteration.
 
 use crate::cell_information::{CellInformation, add_to_triangle, scalar_element};
 use crate::energy::{LeafEnergy, quadrature};
@@ -17,8 +16,8 @@ use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
-/// Leaves whose elements are made side by side before they are added, one after the other, to the global
-/// matrix.
+/// Number of leaves whose elements are computed in parallel before they are added in order to the global
+/// matrix. Trades memory against parallel work.
 const BATCH: usize = 256;
 
 /// Sparse equations over the nodes of a hierarchy.
@@ -27,14 +26,14 @@ pub struct SurfaceSystem {
     space: Arc<Hierarchy>,
     pattern: Arc<BlockPattern>,
     ordering: NodeOrdering,
-    /// For three unknowns a node; not every use of a system needs it.
+    /// For three unknowns per node; built on first use, because not every use needs it.
     symbolic: OnceLock<Arc<SymbolicFactor>>,
     symbolic_scalar: Arc<SymbolicFactor>,
     scatters: Vec<ElementScatter>,
 }
 
 impl SurfaceSystem {
-    /// Pattern, nested-dissection ordering and symbolic factor of a hierarchy.
+    /// Computes pattern, nested-dissection ordering and symbolic factor of a hierarchy.
     ///
     /// # Errors
     /// `Input` when the hierarchy is too large for the sparse matrices.
@@ -73,7 +72,7 @@ impl SurfaceSystem {
         &self.pattern
     }
 
-    /// No information yet.
+    /// Zero information with three coupled coordinates per node.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
@@ -81,10 +80,11 @@ impl SurfaceSystem {
         BlockInformation::zeros(Arc::clone(&self.pattern), 3, 1)
     }
 
-    /// Accumulates information leaf by leaf: `fill(leaf, cell)` adds what is known of that leaf and says
-    /// whether it added anything.
+    /// Accumulates information by leaf: `fill(leaf, cell)` adds the readings of that leaf and returns true if
+    /// there are any.
     ///
-    /// Leaves are filled in parallel and added in order: the same bytes at any number of threads.
+    /// Leaves are filled in parallel and added in order, which gives the same bytes for any number of
+    /// threads.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
@@ -104,12 +104,12 @@ impl SurfaceSystem {
         Ok(information)
     }
 
-    /// Accumulates scalar rows over the nodes themselves, one unknown a node: `rows(leaf, add)` calls
-    /// `add(weights over the sixteen coefficients, direction, value, information)` for each measurement, and
-    /// vertex `a` may move along `directions[a]` only.
+    /// Accumulates scalar rows for one unknown per node: vertex `a` moves along `directions[a]` only.
+    /// `rows(leaf, add)` calls `add(weights over the sixteen coefficients, direction, value, information)`
+    /// for each measurement.
     ///
-    /// The cheaper way where leaves hold few readings: about `n (4 + n/2)` multiply-adds a reading for `n`
-    /// nodes on its leaf.
+    /// Cheaper than [`Self::accumulate`] for few readings per leaf: about `n (4 + n/2)` multiply-adds per
+    /// reading for `n` nodes on its leaf.
     ///
     /// # Errors
     /// `Input` when the matrix would be too large.
@@ -125,7 +125,7 @@ impl SurfaceSystem {
             |(), leaf| {
                 let (nodes, weights) = self.space.extraction(leaf);
                 let n = nodes.len();
-                // Most weights are zero: each node is few of the sixteen coefficients.
+                // Skip zero weights: a node affects only a few of the sixteen coefficients.
                 let sparse: Vec<(usize, usize, f64)> = weights
                     .iter()
                     .enumerate()
@@ -158,8 +158,8 @@ impl SurfaceSystem {
         Ok(information)
     }
 
-    /// Adds what is known of each leaf, a matrix and a vector over its nodes: made in parallel, a batch at a
-    /// time, and added in order. `scratch` makes what a thread reuses from leaf to leaf.
+    /// Adds a matrix and a vector over the nodes of each leaf, computed in parallel by batches and added in
+    /// order. `scratch` creates the buffers that a thread reuses.
     fn add_elements<S>(
         &self,
         information: &mut BlockInformation,
@@ -181,8 +181,7 @@ impl SurfaceSystem {
         Ok(())
     }
 
-    /// The surface's unit normal at every node's anchor: the direction in which the node's vertex moves the
-    /// shape.
+    /// Unit normal at the anchor of every node: the direction in which its vertex changes the shape.
     #[must_use]
     pub fn node_normals(&self, surface: &Surface) -> Vec<[f64; 3]> {
         self.space
@@ -196,8 +195,7 @@ impl SurfaceSystem {
             .collect()
     }
 
-    /// Information of three coordinates seen by vertices that move along one direction each: `d_iᵀ Λ_ij d_j`
-    /// and `d_iᵀ η_i`.
+    /// Restricts information to one direction per vertex: `d_iᵀ Λ_ij d_j` and `d_iᵀ η_i`.
     ///
     /// # Errors
     /// `Input` when the information has another pattern.
@@ -239,13 +237,14 @@ impl SurfaceSystem {
         self.assemble_energy(&reference.thin_plate(&self.space))
     }
 
-    /// [`Self::thin_plate`] of a uniform grid over an affine reference: every leaf has the form of the first.
+    /// [`Self::thin_plate`] of a uniform grid over an affine reference. All leaves have the same form, so
+    /// only one is computed.
     ///
     /// # Errors
     /// `Input` when the grid is not uniform, or the matrix would be too large.
     pub fn thin_plate_over_plane(&self, reference: &Surface) -> Result<BlockInformation> {
         if self.space.levels() > 1 {
-            return Err(Error::input("the leaves of a hierarchy are not all alike"));
+            return Err(Error::input("the hierarchy is not uniform: its leaves differ in size"));
         }
         let form = reference.leaf_thin_plate(0);
         self.assemble_forms(|_| form)
@@ -259,8 +258,8 @@ impl SurfaceSystem {
         self.assemble_forms(|leaf| leaves[leaf].thin_plate)
     }
 
-    /// The information of one unknown a node with three right-hand sides, from that about the sixteen
-    /// coefficients of every leaf that has any.
+    /// Information of one unknown per node with three right-hand sides, from that about the sixteen
+    /// coefficients of the leaves.
     pub(crate) fn assemble_scalar(
         &self,
         form: impl Fn(usize) -> Option<([[f64; 16]; 16], [[f64; 3]; 16])> + Sync,
@@ -300,10 +299,10 @@ impl SurfaceSystem {
         Ok(matrix)
     }
 
-    /// A weak hold on tangential motion: at every point of the reference, information `1/σ²` a leaf about the
-    /// two tangential coordinates, with σ that share of the leaf's size; the normal coordinate is left free.
+    /// A weak prior on tangential motion: information `1/σ²` per leaf about the two tangential coordinates,
+    /// with σ a fraction `share` of the size of the leaf. The normal coordinate stays free.
     ///
-    /// Measurements of position say nothing of how vertices slide along the surface; without this they would
+    /// Positions do not determine how vertices slide along the surface, so without this prior they would
     /// drift.
     ///
     /// # Errors
@@ -316,8 +315,8 @@ impl SurfaceSystem {
                 let jet = reference.jet(u, v);
                 let Some(n) = jet.normal() else { continue };
                 let [e, _, g] = jet.first_form();
-                // The shorter side of the leaf on the surface, but for slivers at poles no less than a tenth
-                // of the longer.
+                // The shorter side of the leaf, but at least a tenth of the longer one: slivers at poles
+                // would be held too stiffly.
                 let size2 = (e.min(g)).max(0.01 * e.max(g)) * side * side;
                 let w = q.weight / (share * share * size2);
                 let information = [
@@ -357,7 +356,7 @@ impl SurfaceSystem {
         })
     }
 
-    /// Factors a matrix of one unknown a node.
+    /// Factors a matrix of one unknown per node.
     ///
     /// # Errors
     /// `Undetermined` when it is not positive definite.
@@ -365,7 +364,7 @@ impl SurfaceSystem {
         CholeskyFactor::factorize(&self.symbolic_scalar, matrix)
     }
 
-    /// [`Self::factorize_scalar`] in the memory of an earlier factor of this system, where there is one.
+    /// [`Self::factorize_scalar`] that reuses the memory of an earlier factor of this system.
     ///
     /// # Errors
     /// As for [`Self::factorize_scalar`].
@@ -395,7 +394,7 @@ impl SurfaceSystem {
         CholeskyFactor::factorize(symbolic, information)
     }
 
-    /// The surface of solved vertices.
+    /// The surface with the solved vertices.
     ///
     /// # Errors
     /// `Input` when a vertex is not finite.
@@ -411,7 +410,7 @@ fn add_outer(matrix: &mut [f64], vector: &mut [f64], row: &[f64], value: f64, w:
     for (a, (line, v)) in matrix.chunks_exact_mut(n).zip(vector).enumerate() {
         let wa = w * row[a];
         *v += wa * value;
-        // What lands above the diagonal is overwritten when the triangle is mirrored.
+        // Values above the diagonal are overwritten when the triangle is mirrored.
         add_to_triangle(line, a, wa, row);
     }
 }

@@ -1,10 +1,10 @@
-//! What a measured orientation or curvature says of the control vertices: rows of the linearised equations at
-//! a surface point.
+//! Linearised equations of measured orientations and curvatures: rows over the control vertices at a surface
+//! point.
 //!
-//! Comes in: a surface and a place on it. Goes out: weights over the leaf's sixteen coefficients by which a
-//! motion of the vertices along the normal turns the tangent plane and bends the surface there.
+//! Input: a surface and a point on it. Output: weights over the sixteen coefficients of the leaf, which give
+//! the change of tangent plane and curvature for motions of the vertices along the normal.
 //!
-//! With the orthonormal tangents `e_i = M_ia S_a` of the surface as it is, a measured unit normal `m` and a
+//! With the orthonormal tangents `e_i = M_ia S_a` of the current surface, a measured unit normal `m` and a
 //! measured second fundamental form `C` obey, to first order in a displacement `δP`,
 //!
 //! ```text
@@ -12,22 +12,22 @@
 //! II_ij(P + δP) = II_ij + Σ_k M_ia M_jb (∂_ab b_k − Γ^c_ab ∂_c b_k) n·δP_k = e_iᵀ C e_j
 //! ```
 //!
-//! The tangents have unit length, so a surface gains nothing by collapsing; the covariant derivative is what
-//! makes the second line hold for any parametrisation, where the equations of the paper (6 and 7) ask for
+//! The tangents have unit length, so a collapsing surface does not reduce the residuals. The covariant
+//! derivative makes the second line valid for any parametrisation; equations 6 and 7 of the paper require
 //! unit speed.
 //!
-//! The second line holds for vertices that all move along the one normal `n` of the place. Where each moves
-//! along its own, as when a ball grows, tangents are stretched as well, `e_c·δS_i = −II_ic φ`, and the
-//! tangents of unit length turn that into curvature (the term `−2 S_aᵀ C δS_b` of the equation
-//! `n·S_ab = S_aᵀ C S_b`). With `δ_k` the place of coefficient `k` from here, where the normal is
-//! `n − II δ_k` to first order, its row becomes
+//! The second line assumes that all vertices move along the normal `n` of the point. If each vertex moves
+//! along its own normal, as in a growing ball, tangents are stretched, too: `e_c·δS_i = −II_ic φ`. Unit
+//! tangents turn this into curvature (the term `−2 S_aᵀ C δS_b` of the equation `n·S_ab = S_aᵀ C S_b`). With
+//! `δ_k` the offset of coefficient `k` from the point, where the normal is `n − II δ_k` to first order, its
+//! row becomes
 //!
 //! ```text
 //! b_k,ij + b_k,i (II² δ_k)_j + b_k,j (II² δ_k)_i
 //! ```
 //!
-//! which for a motion `φ` that is the same everywhere adds up to `2 II² φ`: of a ball of radius R
-//! `δII = φ/R²`, where the plain row says `−φ/R²`.
+//! For a constant motion `φ` the additional terms sum to `2 II² φ`. A growing ball of radius R then has the
+//! correct `δII = φ/R²`; the simple row gives `−φ/R²`.
 //!
 //! Not guaranteed: terms of second order in the size of a cell.
 //!
@@ -44,21 +44,21 @@ use planish_estimate::vector3::{cross, dot, norm, scale, unit};
 pub struct TangentRows {
     /// The unit normal.
     pub normal: [f64; 3],
-    /// Orthonormal tangents, with the normal a right-handed frame.
+    /// Orthonormal tangents, a right-handed frame with the normal.
     pub tangents: [[f64; 3]; 2],
-    /// The second fundamental form in them: `[II_11, II_12, II_22]`.
+    /// The second fundamental form in this frame: `[II_11, II_12, II_22]`.
     pub form: [f64; 3],
     /// `∂_{e_i} b_k`: weights over the sixteen coefficients.
     pub slopes: [[f64; 16]; 2],
-    /// `∇²b_k (e_i, e_j)` for `11, 12, 22`: vertices move along the normal here.
+    /// `∇²b_k (e_i, e_j)` for `11, 12, 22`, if vertices move along the normal of the point.
     pub bends: [[f64; 16]; 3],
-    /// The same where every vertex moves along its own normal; weights of the components of these motions
-    /// along the normal here.
+    /// The same if every vertex moves along its own normal: weights of the components of these motions along
+    /// the normal of the point.
     pub bends_along_normals: [[f64; 16]; 3],
 }
 
 impl Surface {
-    /// The frame and rows at leaf-local coordinates; none where the parametrisation is singular.
+    /// Frame and rows at leaf-local coordinates; `None` if the parametrisation is singular.
     #[must_use]
     pub fn tangent_rows(&self, leaf: usize, [s, t]: [f64; 2]) -> Option<TangentRows> {
         let jet = self.leaf_jet(leaf, s, t);
@@ -67,7 +67,7 @@ impl Surface {
 }
 
 impl TangentRows {
-    /// From the jet at local coordinates of a cell whose side is `1/h`.
+    /// Frame and rows from the jet at local coordinates of a cell of side `1/h`.
     pub(crate) fn new(jet: &Jet, h: f64, [s, t]: [f64; 2]) -> Option<Self> {
         let normal = jet.normal()?;
         // S_u = l e1, S_v = m e1 + q e2.
@@ -85,8 +85,8 @@ impl TangentRows {
             std::array::from_fn(|k| scale * bv[order_v][k / 4] * bu[order_u][k % 4])
         };
         let first = [weights(1, 0), weights(0, 1)];
-        // Second derivatives along parameters, what the coordinates' own bending adds taken off: Γ^c_ab S_c
-        // is the tangential part of S_ab.
+        // Covariant second derivatives: subtract the contribution of the coordinates. Γ^c_ab S_c is the
+        // tangential part of S_ab.
         let second = [(weights(2, 0), jet.duu), (weights(1, 1), jet.duv), (weights(0, 2), jet.dvv)].map(
             |(mut w, along)| {
                 let by_frame = [dot(along, e1), dot(along, e2)];
@@ -110,7 +110,8 @@ impl TangentRows {
         });
         let [a, b, c] = form;
         let squared = [[a * a + b * b, b * (a + c)], [b * (a + c), b * b + c * c]];
-        // Coefficients stand at Greville's places, one cell apart from the lower corner's −1.
+        // Offsets of the coefficients from the point: Greville points have a spacing of one cell, starting at
+        // −1.
         let bent: [[f64; 2]; 16] = std::array::from_fn(|k| {
             let [du, dv] = [(k % 4) as f64 - 1.0 - s, (k / 4) as f64 - 1.0 - t].map(|off| off / h);
             let place = [l * du + m * dv, q * dv];
@@ -123,14 +124,14 @@ impl TangentRows {
         Some(Self { normal, tangents: [e1, e2], form, slopes, bends, bends_along_normals })
     }
 
-    /// How far the tangents are from the plane that a measured unit normal stands on: `[m·e_1, m·e_2]`, sines
-    /// of the angles.
+    /// Sines of the angles between the tangents and the plane perpendicular to a measured unit normal:
+    /// `[m·e_1, m·e_2]`.
     #[must_use]
     pub fn tilt(&self, measured: [f64; 3]) -> [f64; 2] {
         self.tangents.map(|e| dot(measured, e))
     }
 
-    /// A measured curvature tensor `[xx, xy, xz, yy, yz, zz]` minus the surface's: `[11, 12, 22]`.
+    /// A measured curvature tensor `[xx, xy, xz, yy, yz, zz]` minus that of the surface: `[11, 12, 22]`.
     #[must_use]
     pub fn bend(&self, measured: &[f64; 6]) -> [f64; 3] {
         let [xx, xy, xz, yy, yz, zz] = *measured;
@@ -148,7 +149,7 @@ impl TangentRows {
 }
 
 /// The tensor `κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` of principal curvatures, `d2 = n × d1`, as `[xx, xy, xz, yy, yz, zz]`;
-/// what of `d1` is not tangential is taken off. None where nothing is left, or the normal is none.
+/// The normal component of `d1` is removed. `None` if nothing remains or the normal is not a unit vector.
 #[must_use]
 pub fn curvature_tensor([k1, k2]: [f64; 2], direction: [f64; 3], normal: [f64; 3]) -> Option<[f64; 6]> {
     let n = unit(normal)?;
@@ -186,7 +187,7 @@ mod tests {
         let rows = surface.tangent_rows(leaf, local).unwrap();
         let measured = unit(add_scaled(rows.normal, 1e-3, rows.tangents[0])).unwrap();
         let step = 1e-6;
-        // One vertex after the other moves along the normal of the point.
+        // Each vertex in turn moves along the normal of the point.
         for node in surface.space().extraction(leaf).0 {
             let mut vertices = surface.vertices().to_vec();
             let moved = &mut vertices[*node as usize];
@@ -201,14 +202,14 @@ mod tests {
             let told = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
             let now = after.tangent_rows(leaf, local).unwrap();
             let tensor = |rows: &TangentRows, e: [f64; 3], f: [f64; 3]| {
-                // II(e, f) of fixed directions, by the frame of the surface as it is.
+                // II(e, f) of fixed directions in the frame of the current surface.
                 let [a, b] = [e, f].map(|x| rows.tangents.map(|t| dot(t, x)));
                 a[0] * b[0] * rows.form[0]
                     + (a[0] * b[1] + a[1] * b[0]) * rows.form[1]
                     + a[1] * b[1] * rows.form[2]
             };
             for i in 0..2 {
-                // The frame may spin in its plane; what counts is the tilt along the direction as it was.
+                // The frame may rotate in its plane, so compare the tilt along the original direction.
                 let tilt = |rows: &TangentRows, e: [f64; 3]| {
                     let inside = rows.tangents.map(|t| dot(t, e));
                     dot(measured, scale(inside[0], rows.tangents[0]))
@@ -230,10 +231,10 @@ mod tests {
         }
     }
 
-    /// A ball of radius R that grows by δ has curvatures of `−1/R` that become smaller: `δII = δ/R²` along
-    /// both tangents. Shifted as a whole it keeps them.
+    /// The curvature `−1/R` of a ball that grows by δ changes by `δII = δ/R²` along both tangents. A
+    /// translation does not change it.
     #[test]
-    fn a_ball_that_grows_bends_less_and_one_that_is_shifted_does_not() {
+    fn growth_of_a_ball_reduces_its_curvature_and_translation_does_not() {
         let space = Arc::new(Hierarchy::uniform(Shape::Ball, [32, 16]).unwrap());
         let radius = 5.0;
         let step = std::f64::consts::PI / 16.0;
@@ -255,21 +256,21 @@ mod tests {
             (row.iter().zip(coefficients)).map(|(w, p)| w * dot(motion(*p), rows.normal)).sum()
         };
         let grown = |p: [f64; 3]| unit(p).unwrap();
-        // Shifted along the normal here, each vertex by that part of it that is along its own.
+        // Translation along the normal of the point: each vertex moves by the component along its own normal.
         let shifted = |p: [f64; 3]| scale(dot(grown(p), rows.normal), grown(p));
         for n in [0, 2] {
             let growth = told(&grown, &rows.bends_along_normals[n]);
             assert!((growth - unit_change).abs() < 0.06 * unit_change, "{growth} {unit_change}");
             let shift = told(&shifted, &rows.bends_along_normals[n]);
             assert!(shift.abs() < 0.05 * unit_change, "{shift}");
-            // The row of motions along one normal has the wrong sign for growth.
+            // The row for motions along one normal has the wrong sign for growth.
             assert!(told(&grown, &rows.bends[n]) < -0.9 * unit_change);
         }
     }
 
-    /// One vertex after the other of a half cylinder moves along its own normal.
+    /// Each vertex of a half cylinder in turn moves along its own normal.
     #[test]
-    fn rows_along_normals_are_the_derivatives_for_vertices_that_move_along_theirs() {
+    fn rows_along_normals_are_the_derivatives_for_motions_along_own_normals() {
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [13, 8]).unwrap());
         let (radius, turn) = (30.0, 0.2);
         let cylinder = crate::base::fit_function(&space, |u, v| {
@@ -297,7 +298,7 @@ mod tests {
             let told = |w: &[f64; 16]| w.iter().zip(&displaced).map(|(w, d)| w * d).sum::<f64>() / step;
             let now = after.tangent_rows(leaf, local).unwrap();
             for n in 0..3 {
-                // The first tangent stays within the plane of the first direction, to first order.
+                // The first tangent stays in the plane of the first direction, to first order.
                 let change = (now.form[n] - rows.form[n]) / step;
                 plain += (change - told(&rows.bends[n])).powi(2);
                 along += (change - told(&rows.bends_along_normals[n])).powi(2);
@@ -307,23 +308,23 @@ mod tests {
     }
 
     #[test]
-    fn the_paper_s_second_derivatives_would_call_a_plane_bent() {
-        // A plane with uneven parameters: S_uu is not zero, curvature is.
+    fn plain_second_derivatives_report_curvature_of_a_plane() {
+        // A plane with nonuniform parameters: S_uu is not zero, but the curvature is.
         let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
         let plane = crate::base::fit_function(&space, |u, v| [u + 0.2 * u * u, v, 0.0]).unwrap();
         let rows = plane.tangent_rows(5, [0.4, 0.4]).unwrap();
         assert!(rows.form.iter().all(|k| k.abs() < 1e-12));
         let jet = plane.leaf_jet(5, 0.4, 0.4);
         assert!(norm(jet.duu) > 0.3);
-        // A tilt of the plane as a whole bends nothing: covariant rows say so, plain second derivatives do
-        // not.
+        // A tilt of the plane does not change its curvature. Covariant rows are zero, plain second
+        // derivatives are not.
         let told =
             |w: &[f64; 16]| -> f64 { w.iter().zip(plane.leaf_coefficients(5)).map(|(w, c)| w * c[0]).sum() };
         assert!(told(&rows.bends[0]).abs() < 1e-12);
     }
 
     #[test]
-    fn a_cylinder_s_tensor_is_read_back() {
+    fn the_tensor_of_a_cylinder_is_recovered() {
         let tensor = curvature_tensor([0.0, -0.5], [0.1, 0.0, 1.0], [1.0, 0.0, 0.0]).unwrap();
         assert_eq!(tensor, [0.0, 0.0, 0.0, -0.5, 0.0, 0.0]);
         assert!(curvature_tensor([1.0, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]).is_none());

@@ -1,79 +1,81 @@
-//! Triangle meshes of a surface, within a chord error.
+//! Triangle meshes of a surface with a bounded chord error.
 //!
-//! Comes in: a [`Surface`] and a tolerance. Goes out: vertices with their normals and parameters, and
-//! triangles that run counter-clockwise around `S_u × S_v`. Every leaf is divided into a grid of its own, by
-//! powers of two; neighbours share the vertices along their common side, whatever their levels, and the
-//! rectangles beside a denser neighbour become fans around their middle. So there are no cracks and no
-//! T-vertices: a ball or torus gives a watertight mesh.
+//! Input: a [`Surface`] and a tolerance. Output: vertices with their normals and parameters, and triangles
+//! that run counter-clockwise around `S_u × S_v`. Every leaf is divided into a grid by powers of two.
+//! Neighbours of any level share the vertices along their common side; rectangles next to a denser neighbour
+//! become fans around their centre. Therefore the mesh has no cracks and no T-vertices, and a ball or torus
+//! is watertight.
 //!
-//! Places are counted on one integer lattice, the finest that any leaf asks for, wrapped where the surface
-//! closes: two leaves mean the same vertex when they mean the same lattice point. A pole of a ball is one
-//! vertex.
+//! Points are identified on an integer lattice, as fine as the finest leaf and wrapped in periodic
+//! directions. Two leaves share a vertex if its lattice point is the same. A pole of a ball is one vertex.
 //!
-//! Not guaranteed: that the mesh does not cross itself where the surface folds.
+//! Not guaranteed: a mesh without self-intersections if the surface has folds.
 //!
 //! # References
 //! Filip, Magedson, Markot, *Surface algorithms using bounds on derivatives*, CAGD 1986 (chord error).
 
+mod leaf_plan;
+
 use crate::hierarchy::{Cell, Shape};
 use crate::surface::Surface;
-use planish_estimate::vector3::{cross, distance, dot, norm, unit};
+use leaf_plan::{LeafPlan, Vertex};
+use planish_estimate::vector3::norm;
 use planish_estimate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Highest [`TessellationOptions::max_divisions`].
-const MOST_DIVISIONS: u32 = 64;
-/// Leaves that one thread takes at a time.
+/// Maximum of [`TessellationOptions::max_divisions`].
+const MAX_DIVISIONS: u32 = 64;
+/// Number of leaves per task.
 const CHUNK: usize = 128;
 
-/// How fine a mesh is wanted.
+/// Options of [`tessellate`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TessellationOptions {
-    /// Largest distance between the surface and its triangles, in the model's unit.
+    /// Maximum distance between the surface and its triangles, in the unit of the model.
     pub tolerance: f64,
-    /// Most divisions along a side of a leaf, 1 to 64; what is no power of two is rounded down to one.
+    /// Maximum number of divisions along a side of a leaf, 1 to 64; rounded down to a power of two.
     pub max_divisions: u32,
 }
 
 impl Default for TessellationOptions {
-    /// A micrometre where the unit is the millimetre, and up to 64 divisions.
+    /// Tolerance 0.001 (1 µm if the unit is mm), at most 64 divisions.
     fn default() -> Self {
-        Self { tolerance: 1e-3, max_divisions: MOST_DIVISIONS }
+        Self { tolerance: 1e-3, max_divisions: MAX_DIVISIONS }
     }
 }
 
 /// A triangle mesh of a surface.
 ///
-/// All lists but the triangles run over the vertices.
+/// All lists except the triangles have one entry per vertex.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tessellation {
     /// Vertex positions in the model's unit.
     pub positions: Vec<[f64; 3]>,
-    /// Unit normals along `S_u × S_v`; where the surface is degenerate that of the nearest point that has
-    /// one, zero where there is none in the leaf.
+    /// Unit normals along `S_u × S_v`. Where the surface is degenerate, the normal of the nearest regular
+    /// point; zero if the leaf has none.
     pub normals: Vec<[f64; 3]>,
-    /// `(u, v)` in base-grid units. A vertex on a seam has the parameters of the side where they start from
-    /// zero.
+    /// `(u, v)` in base-grid units. A vertex on a seam has the parameters of the side that starts at zero.
     pub parameters: Vec<[f64; 2]>,
-    /// A leaf that holds the vertex.
+    /// A leaf that contains the vertex.
     pub leaf: Vec<u32>,
     /// Coordinates in that leaf, in `[0, 1]²`.
     pub local: Vec<[f64; 2]>,
-    /// Vertex indices, counter-clockwise seen from the side that the normals point to.
+    /// Vertex indices, counter-clockwise as seen from the side of the normals.
     pub triangles: Vec<[u32; 3]>,
-    /// Leaves where [`TessellationOptions::max_divisions`] kept the tolerance from being reached.
+    /// Number of leaves where [`TessellationOptions::max_divisions`] prevents the tolerance.
     pub limited_leaves: usize,
 }
 
-/// A mesh of the surface whose distance from it is at most the tolerance.
+/// Computes a mesh whose distance from the surface is at most the tolerance.
 ///
-/// In a rectangle of `h_u × h_v` the linear interpolant over any triangle is off by at most
-/// `(h_u² |S_uu| + 2 h_u h_v |S_uv| + h_v² |S_vv|)/8`, derivatives bounded over the leaf by differences of
-/// its coefficients. Each leaf takes the fewest divisions that bring this below the tolerance.
+/// In a rectangle of `h_u × h_v` the error of the linear interpolant over any triangle is at most
+/// `(h_u² |S_uu| + 2 h_u h_v |S_uv| + h_v² |S_vv|)/8`, where differences of the coefficients bound the
+/// derivatives over the leaf. Each leaf gets the smallest number of divisions that brings this below the
+/// tolerance.
 ///
-/// The same bytes at any number of threads. Cost: one jet a vertex, one table look-up for each vertex on a
-/// leaf's border.
+/// The result has the same bytes for any number of threads. Cost: one jet per vertex, one table look-up per
+/// vertex on the border of a leaf.
 ///
 /// # Errors
 /// `Input` when the tolerance is not positive, the divisions are not in 1 to 64, or the mesh would have more
@@ -94,8 +96,8 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
     let least = triangles_of(&divided);
     if least > 1 << 31 {
         return Err(Error::input(format!(
-            "a mesh tolerance of {} takes {least} triangles or more, above the limit of 2^31: ask for a \
-             larger one",
+            "a mesh tolerance of {} needs at least {least} triangles, more than the limit of 2^31: use a \
+             larger tolerance",
             options.tolerance
         )));
     }
@@ -139,25 +141,25 @@ pub fn tessellate(surface: &Surface, options: &TessellationOptions) -> Result<Te
     Ok(mesh)
 }
 
-/// How many triangles [`tessellate`] makes at least: a few per cent less than it does, for the fans between
-/// levels.
+/// Lower bound of the number of triangles of [`tessellate`]. It is a few per cent too low, because it does
+/// not count fans between levels.
 ///
-/// Cost: far below that of the mesh; for choosing a tolerance.
+/// Use it to choose a tolerance; it is much cheaper than the mesh.
 ///
 /// # Errors
 /// `Input` when the tolerance is not positive or the divisions are not in 1 to 64.
-pub fn least_triangles(surface: &Surface, options: &TessellationOptions) -> Result<u64> {
+pub fn min_triangles(surface: &Surface, options: &TessellationOptions) -> Result<u64> {
     divide(surface, options).map(|divided| triangles_of(&divided))
 }
 
 /// The divisions of every leaf; see [`divisions`].
 fn divide(surface: &Surface, options: &TessellationOptions) -> Result<Vec<([u32; 2], bool)>> {
     if !(options.tolerance > 0.0 && options.tolerance.is_finite()) {
-        return Err(Error::input(format!("needed a mesh tolerance > 0, found {}", options.tolerance)));
+        return Err(Error::input(format!("expected a mesh tolerance > 0, found {}", options.tolerance)));
     }
-    if !(1..=MOST_DIVISIONS).contains(&options.max_divisions) {
+    if !(1..=MAX_DIVISIONS).contains(&options.max_divisions) {
         return Err(Error::input(format!(
-            "needed 1 to {MOST_DIVISIONS} divisions of a leaf at most, found {}",
+            "expected a maximum of 1 to {MAX_DIVISIONS} divisions of a leaf, found {}",
             options.max_divisions
         )));
     }
@@ -169,12 +171,12 @@ fn divide(surface: &Surface, options: &TessellationOptions) -> Result<Vec<([u32;
         .collect())
 }
 
-/// Two triangles a rectangle.
+/// Number of triangles: two per rectangle.
 fn triangles_of(divided: &[([u32; 2], bool)]) -> u64 {
     divided.iter().map(|(n, _)| 2_u64 << (n[0] + n[1])).sum()
 }
 
-/// Binary logarithms of the divisions along u and v, and whether the limit was hit.
+/// Binary logarithms of the divisions along u and v, and true if the limit was reached.
 fn divisions(c: &[[f64; 3]; 16], tolerance: f64, most: u32) -> ([u32; 2], bool) {
     // Derivatives in leaf-local coordinates are convex combinations of these differences.
     let (mut uu, mut uv, mut vv) = (0.0_f64, 0.0_f64, 0.0_f64);
@@ -220,14 +222,14 @@ enum Side {
 
 const SIDES: [Side; 4] = [Side::Bottom, Side::Right, Side::Top, Side::Left];
 
-/// The integer lattice that all vertices lie on.
+/// The integer lattice of all vertices.
 struct Lattice<'a> {
     surface: &'a Surface,
     /// Level of the finest leaf.
     finest: u32,
     /// Lattice steps along the side of a cell of the finest level, as a binary logarithm.
     depth: u32,
-    /// For each leaf the lattice steps between its own grid lines along u and v.
+    /// For each leaf, lattice steps between its grid lines along u and v.
     steps: Vec<[u32; 2]>,
 }
 
@@ -242,7 +244,7 @@ impl<'a> Lattice<'a> {
         Self { surface, finest, depth: total - finest, steps }
     }
 
-    /// The border of a leaf: what both it and its neighbours ask for.
+    /// Computes the border of a leaf: the union of its vertices and those of its neighbours.
     fn plan(&self, leaf: usize) -> LeafPlan {
         let space = self.surface.space();
         let cell = space.leaves()[leaf];
@@ -284,7 +286,7 @@ impl<'a> Lattice<'a> {
             .ring_places()
             .into_iter()
             .map(|place| {
-                // A pole is one lattice point, whatever its column.
+                // A pole is one lattice point for all columns.
                 let x = if place.at_pole { 0 } else { start[0] + u64::from(place.x) };
                 key(x, start[1] + u64::from(place.y))
             })
@@ -295,7 +297,7 @@ impl<'a> Lattice<'a> {
         plan
     }
 
-    /// Distances along a side, from its start, of all vertices on it.
+    /// Collects the distances of all vertices of a side from its start.
     fn side_offsets(&self, cell: Cell, leaf: usize, side: Side, out: &mut Vec<u32>) {
         let space = self.surface.space();
         let shift = self.finest - u32::from(cell.level);
@@ -337,266 +339,12 @@ impl<'a> Lattice<'a> {
     }
 }
 
-/// The vertices of a leaf, counted: its border ring first, then the inner points of its grid, then the
-/// middles of fans.
-struct LeafPlan {
-    /// Lattice steps along a side of the leaf.
-    length: u32,
-    /// Lattice steps between its own grid lines, along u and v.
-    steps: [u32; 2],
-    /// Distances along the sides in the order of [`SIDES`], each from its start in u or v, both ends
-    /// included; a side that is a pole has one entry.
-    offsets: Vec<u32>,
-    ends: [u32; 4],
-    polar: [bool; 4],
-    /// Counter-clockwise from the lower left corner: lattice points at first, vertex numbers after
-    /// [`number_vertices`].
-    ring: Vec<u64>,
-    /// Number of the first vertex that this leaf brings.
-    first_own: u32,
-    /// Which of the ring it brings.
-    own_ring: Vec<u32>,
-    middles: u32,
-}
-
-/// Where a vertex of the ring is: lattice coordinates in the leaf.
-#[derive(Debug, Clone, Copy, Default)]
-struct RingPlace {
-    x: u32,
-    y: u32,
-    at_pole: bool,
-}
-
-/// A vertex, evaluated.
-struct Vertex {
-    leaf: u32,
-    local: [f64; 2],
-    position: [f64; 3],
-    normal: [f64; 3],
-}
-
-impl LeafPlan {
-    /// Divisions along u and v.
-    fn grid(&self) -> [u32; 2] {
-        self.steps.map(|step| self.length / step)
-    }
-
-    fn side(&self, s: usize) -> &[u32] {
-        let from = if s == 0 { 0 } else { self.ends[s - 1] as usize };
-        &self.offsets[from..self.ends[s] as usize]
-    }
-
-    /// Edges along the border.
-    fn ring_length(&self) -> usize {
-        self.offsets.len() - 4
-    }
-
-    /// Where in the ring the `k`-th vertex of a side is, counted in the direction of u or v.
-    fn ring_index(&self, s: usize, k: usize) -> usize {
-        let edges = |s: usize| self.side(s).len() - 1;
-        let index = match SIDES[s] {
-            Side::Bottom => k,
-            Side::Right => edges(0) + k,
-            Side::Top => edges(0) + edges(1) + edges(2) - k,
-            Side::Left => self.ring_length() - k,
-        };
-        index % self.ring_length()
-    }
-
-    /// Where the vertices of the ring are.
-    fn ring_places(&self) -> Vec<RingPlace> {
-        let mut places = vec![RingPlace::default(); self.ring_length()];
-        for (s, side) in SIDES.into_iter().enumerate() {
-            for (k, &offset) in self.side(s).iter().enumerate() {
-                let place = &mut places[self.ring_index(s, k)];
-                if place.at_pole {
-                    continue;
-                }
-                let [x, y] = match side {
-                    Side::Bottom => [offset, 0],
-                    Side::Right => [self.length, offset],
-                    Side::Top => [offset, self.length],
-                    Side::Left => [0, offset],
-                };
-                let at_pole = self.polar[s];
-                *place = RingPlace { x, y, at_pole };
-            }
-        }
-        places
-    }
-
-    /// Whether a rectangle of the grid touches no border.
-    fn is_inside(&self, a: u32, b: u32) -> bool {
-        let [nu, nv] = self.grid();
-        a > 0 && b > 0 && a + 1 < nu && b + 1 < nv
-    }
-
-    fn inner_count(&self) -> u32 {
-        let [nu, nv] = self.grid();
-        (nu - 1) * (nv - 1)
-    }
-
-    fn inner(&self, a: u32, b: u32) -> u32 {
-        self.ring_length() as u32 + (b - 1) * (self.grid()[0] - 1) + a - 1
-    }
-
-    /// The place in the ring of a distance along a side; at a pole, the pole.
-    fn on_side(&self, s: usize, offset: u32) -> u32 {
-        let k = self.side(s).partition_point(|&o| o < offset);
-        self.ring_index(s, k.min(self.side(s).len() - 1)) as u32
-    }
-
-    fn grid_point(&self, a: u32, b: u32) -> u32 {
-        let [nu, nv] = self.grid();
-        let (x, y) = (a * self.steps[0], b * self.steps[1]);
-        if b == 0 {
-            self.on_side(0, x)
-        } else if b == nv {
-            self.on_side(2, x)
-        } else if a == nu {
-            self.on_side(1, y)
-        } else if a == 0 {
-            self.on_side(3, y)
-        } else {
-            self.inner(a, b)
-        }
-    }
-
-    /// All vertices around a rectangle of the grid, counter-clockwise; a side at a pole is one vertex.
-    fn polygon(&self, a: u32, b: u32, out: &mut Vec<u32>) {
-        let [nu, nv] = self.grid();
-        let [x, y] = [a * self.steps[0], b * self.steps[1]];
-        out.clear();
-        // Vertices strictly inside a border side, between two places.
-        let between = |s: usize, from: u32, to: u32| {
-            let offsets = self.side(s);
-            let first = offsets.partition_point(|&o| o <= from);
-            let last = offsets.partition_point(|&o| o < to);
-            (first..last.max(first)).map(move |k| self.ring_index(s, k) as u32)
-        };
-        out.push(self.grid_point(a, b));
-        if b == 0 && !self.polar[0] {
-            out.extend(between(0, x, x + self.steps[0]));
-        }
-        out.push(self.grid_point(a + 1, b));
-        if a + 1 == nu {
-            out.extend(between(1, y, y + self.steps[1]));
-        }
-        out.push(self.grid_point(a + 1, b + 1));
-        if b + 1 == nv && !self.polar[2] {
-            out.extend(between(2, x, x + self.steps[0]).rev());
-        }
-        out.push(self.grid_point(a, b + 1));
-        if a == 0 {
-            out.extend(between(3, y, y + self.steps[1]).rev());
-        }
-        out.dedup();
-        if out.first() == out.last() {
-            out.pop();
-        }
-    }
-
-    /// Whether a polygon in row `b` of the grid has more corners than two triangles (at a pole: one) serve.
-    fn needs_middle(&self, b: u32, polygon: &[u32]) -> bool {
-        let at_pole = self.polar[0] && b == 0 || self.polar[2] && b + 1 == self.grid()[1];
-        polygon.len() > if at_pole { 3 } else { 4 }
-    }
-
-    /// Visits the rectangles of the grid in order: column, row, corners, and whether it is a fan around its
-    /// middle.
-    fn for_each_polygon(&self, mut visit: impl FnMut(u32, u32, &[u32], bool)) {
-        let [nu, nv] = self.grid();
-        let mut polygon = Vec::new();
-        for b in 0..nv {
-            for a in 0..nu {
-                if self.is_inside(a, b) {
-                    let corners = [
-                        self.inner(a, b),
-                        self.inner(a + 1, b),
-                        self.inner(a + 1, b + 1),
-                        self.inner(a, b + 1),
-                    ];
-                    visit(a, b, &corners, false);
-                } else {
-                    self.polygon(a, b, &mut polygon);
-                    visit(a, b, &polygon, self.needs_middle(b, &polygon));
-                }
-            }
-        }
-    }
-
-    /// The vertices that this leaf brings, in the order of their numbers.
-    fn vertices(&self, surface: &Surface, leaf: usize) -> Vec<Vertex> {
-        let mut out = Vec::with_capacity(self.own_ring.len() + (self.inner_count() + self.middles) as usize);
-        let scale = 1.0 / f64::from(self.length);
-        let mut add = |x: f64, y: f64, at_pole: bool| {
-            let local = [x * scale, y * scale];
-            let jet = surface.leaf_jet(leaf, local[0], local[1]);
-            out.push(Vertex {
-                leaf: leaf as u32,
-                local,
-                position: jet.point,
-                normal: normal(surface, leaf, local, at_pole),
-            });
-        };
-        let places = self.ring_places();
-        for &index in &self.own_ring {
-            let place = places[index as usize];
-            add(f64::from(place.x), f64::from(place.y), place.at_pole);
-        }
-        let [nu, nv] = self.grid();
-        let [hu, hv] = self.steps.map(f64::from);
-        for b in 1..nv {
-            for a in 1..nu {
-                add(f64::from(a) * hu, f64::from(b) * hv, false);
-            }
-        }
-        if self.middles > 0 {
-            self.for_each_polygon(|a, b, _, middle| {
-                if middle {
-                    add((f64::from(a) + 0.5) * hu, (f64::from(b) + 0.5) * hv, false);
-                }
-            });
-        }
-        out
-    }
-
-    fn triangulate(&self, positions: &[[f64; 3]], out: &mut Vec<[u32; 3]>) {
-        let ring = self.ring_length() as u32;
-        let first_inner = self.first_own + self.own_ring.len() as u32;
-        let number = |index: u32| {
-            if index < ring { self.ring[index as usize] as u32 } else { first_inner + (index - ring) }
-        };
-        let mut middle = first_inner + self.inner_count();
-        self.for_each_polygon(|_, _, polygon, has_middle| {
-            if has_middle {
-                for k in 0..polygon.len() {
-                    let next = polygon[(k + 1) % polygon.len()];
-                    out.push([middle, number(polygon[k]), number(next)]);
-                }
-                middle += 1;
-            } else if let [a, b, c, d] = *polygon {
-                let [a, b, c, d] = [a, b, c, d].map(number);
-                let length = |p: u32, q: u32| distance(positions[p as usize], positions[q as usize]);
-                if length(a, c) <= length(b, d) {
-                    out.extend([[a, b, c], [a, c, d]]);
-                } else {
-                    out.extend([[a, b, d], [b, c, d]]);
-                }
-            } else if let [a, b, c] = *polygon {
-                out.push([a, b, c].map(number));
-            }
-        });
-    }
-}
-
-/// Gives every lattice point on a border its number, in the order of the leaves, and each leaf's inner
-/// vertices theirs.
+/// Numbers all vertices in the order of the leaves: lattice points on borders once, then inner vertices.
 fn number_vertices(plans: &mut [LeafPlan]) -> Result<usize> {
     let ring: usize = plans.iter().map(|plan| plan.ring.len()).sum();
     let mut known: HashMap<u64, u32> = HashMap::with_capacity(ring / 2);
     let mut next = 0_u32;
-    let full = || Error::input("the mesh has more than 2^32 vertices: ask for a larger mesh tolerance");
+    let full = || Error::input("the mesh has more than 2^32 vertices: use a larger mesh tolerance");
     for plan in plans {
         plan.first_own = next;
         for index in 0..plan.ring.len() {
@@ -613,29 +361,6 @@ fn number_vertices(plans: &mut [LeafPlan]) -> Result<usize> {
             .ok_or_else(full)?;
     }
     Ok(next as usize)
-}
-
-/// The unit normal at a leaf-local point, or that of the nearest point towards the leaf's middle that has
-/// one.
-fn normal(surface: &Surface, leaf: usize, local: [f64; 2], at_pole: bool) -> [f64; 3] {
-    if at_pole {
-        let [u, v] = surface.space().parameters(leaf, local);
-        if let Some(normal) = surface.normal(u, v) {
-            return normal;
-        }
-    }
-    for towards in [0.0, 1e-6, 1e-4, 1e-2, 0.1, 0.5, 1.0] {
-        let [s, t] = local.map(|x| x + towards * (0.5 - x));
-        let jet = surface.leaf_jet(leaf, s, t);
-        let n = cross(jet.du, jet.dv);
-        // Below this the direction of S_u × S_v is rounding.
-        if dot(n, n) > 1e-24 * dot(jet.du, jet.du) * dot(jet.dv, jet.dv)
-            && let Some(normal) = unit(n)
-        {
-            return normal;
-        }
-    }
-    [0.0; 3]
 }
 
 #[cfg(test)]

@@ -60,7 +60,7 @@ impl PatchRules {
         SubdivisionCriteria {
             curvature_variation: usual.curvature_variation.filter(|_| self.refine_by.curvature()),
             chi_square: usual.chi_square.filter(|_| self.refine_by.residuals()),
-            most_patches: self.max_coefficients / VERTICES_PER_PATCH,
+            max_patches: self.max_coefficients / VERTICES_PER_PATCH,
             ..usual
         }
     }

@@ -3,7 +3,7 @@
 use super::curve::{beyond, distance, distance_hessian, nearest_piece, within};
 use super::kind::ContourKind;
 use super::soft_constraint::SoftConstraint;
-use planish_estimate::implicit::{ImplicitReading, MOST_NOISE, MOST_STATE, NoiseHessian};
+use planish_estimate::implicit::{ImplicitReading, MAX_NOISE, MAX_STATE, NoiseHessian};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// What a sensor saw.
@@ -264,7 +264,7 @@ impl<'a> ContourEquation<'a> {
     /// σ along a piece of a point that is held to it: `√(det C / nᵀCn)`.
     fn sigma_along(&self, branch: usize, theta: &[f64], p: [f64; 2], [cos, sin]: [f64; 2]) -> f64 {
         let [xx, xy, yy] = self.sighting.covariance();
-        let mut by_theta = [0.0; MOST_STATE];
+        let mut by_theta = [0.0; MAX_STATE];
         let n = distance(&self.model.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
         let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
         let across =
@@ -279,10 +279,10 @@ impl<'a> ContourEquation<'a> {
             let at = distance(kind, theta, branch, p, by_theta);
             return (at.value, at.by_point);
         }
-        let mut values = [0.0; MOST_STATE];
-        let mut slopes = [[0.0; 2]; MOST_STATE];
-        let mut piece_theta = [0.0; MOST_STATE];
-        let count = kind.pieces().min(MOST_STATE);
+        let mut values = [0.0; MAX_STATE];
+        let mut slopes = [[0.0; 2]; MAX_STATE];
+        let mut piece_theta = [0.0; MAX_STATE];
+        let count = kind.pieces().min(MAX_STATE);
         let k = theta.len();
         for (i, (value, slope)) in values.iter_mut().zip(&mut slopes).take(count).enumerate() {
             let at = distance(kind, theta, i, p, &mut piece_theta[..k]);
@@ -399,7 +399,7 @@ impl ImplicitReading for ContourEquation<'_> {
             }
         }
         if count == 4 {
-            let mut by_theta = [0.0; MOST_STATE];
+            let mut by_theta = [0.0; MAX_STATE];
             let n = distance(&self.model.kind, theta, branch, p, &mut by_theta[..theta.len()]).by_point;
             let normal = [cos * n[0] + sin * n[1], cos * n[1] - sin * n[0]];
             let [turned, stretched] = place.by_heading.map(|d| normal[0] * d[0] + normal[1] * d[1]);
@@ -457,13 +457,13 @@ impl ImplicitReading for ContourEquation<'_> {
         }
         // ½ |g_uu|², the variance of ½ uᵀ g_uu u, by differences of the gradient.
         let (n, p) = (x.len(), u.len());
-        let mut by_state = [0.0; MOST_STATE];
-        let mut place = [0.0; MOST_NOISE];
+        let mut by_state = [0.0; MAX_STATE];
+        let mut place = [0.0; MAX_NOISE];
         place[..p].copy_from_slice(u);
         let spacing = 0.05;
         let mut sum = 0.0;
         for j in 0..p {
-            let mut sides = [[0.0; MOST_NOISE]; 2];
+            let mut sides = [[0.0; MAX_NOISE]; 2];
             for (side, sign) in sides.iter_mut().zip([1.0, -1.0]) {
                 place[j] = u[j] + sign * spacing;
                 self.gradient(branch, x, &place[..p], &mut by_state[..n], &mut side[..p]);

@@ -3,7 +3,7 @@
 use super::reading::{ContourEquation, ContourModel};
 use super::*;
 use nalgebra::DVector;
-use planish_estimate::implicit::{ImplicitReading, MOST_NOISE};
+use planish_estimate::implicit::{ImplicitReading, MAX_NOISE};
 use planish_estimate::{ChiSquareMean, normalized_squared};
 
 const SENSOR: SensorOptions = SensorOptions {
@@ -95,7 +95,7 @@ fn check(reading: &ContourEquation<'_>, branch: usize, x: &[f64], u: &[f64], nam
             "{name}, {k}: {stated} for {difference}"
         );
     }
-    let mut hessian = [[0.0; MOST_NOISE]; MOST_NOISE];
+    let mut hessian = [[0.0; MAX_NOISE]; MAX_NOISE];
     if !reading.noise_hessian(branch, x, u, &mut hessian) {
         return;
     }

@@ -2,7 +2,7 @@
 
 use super::shape::{Chart, PrimitiveKind, distance, overshoot, within};
 use nalgebra::{Matrix3, Vector3};
-use planish_estimate::implicit::{ImplicitReading, MOST_STATE};
+use planish_estimate::implicit::{ImplicitReading, MAX_STATE};
 
 /// What a sensor saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,7 +95,7 @@ impl ShapeReading<'_> {
     /// `dᵀ Q⁻¹ d` of a displacement `d` in a side's plane, with `Q` the covariance of a point that is held to
     /// that plane.
     fn squared_along(&self, x: &[f64], branch: usize, p: &Vector3<f64>, d: &Vector3<f64>) -> f64 {
-        let mut by_state = [0.0; MOST_STATE];
+        let mut by_state = [0.0; MAX_STATE];
         let (_, n) = distance(self.shape, self.chart, x, branch, p, &mut by_state[..x.len()]);
         let covariance = self.ray.covariance();
         let pull = covariance * n;

@@ -44,7 +44,7 @@ fn merge_is_commutative_associative_equals_the_batch_and_counts_the_prior_once()
     let left = a.merge(b).unwrap().merge(c).unwrap();
     assert_same(&left, &a.merge(&b.merge(c).unwrap()).unwrap(), 1e-14);
     assert_same(&left, &updated(&prior, &readings.concat()), 1e-13);
-    // Merging what knows nothing new changes nothing.
+    // Merging a belief without data changes nothing.
     assert_same(&a.merge(&prior).unwrap(), a, 1e-15);
     assert!(
         relative_difference(
@@ -55,7 +55,7 @@ fn merge_is_commutative_associative_equals_the_batch_and_counts_the_prior_once()
 }
 
 #[test]
-fn beliefs_with_different_priors_are_refused_rather_than_double_counted() {
+fn beliefs_with_different_priors_are_rejected() {
     let a = Belief::from_covariance(dvector![0.0], scalar(1.0)).unwrap();
     let b = Belief::from_covariance(dvector![0.0], scalar(1.1)).unwrap();
     assert_eq!(a.merge(&b).unwrap_err().kind(), ErrorKind::Input);
@@ -80,8 +80,8 @@ fn linearising_a_linear_equation_elsewhere_gives_the_same_information() {
 
 #[test]
 fn a_null_direction_is_reported_with_its_largest_component() {
-    // Only x0 + x1 is read: the null direction is (1, −1, 0), and with x1 in units a thousand times finer it
-    // is x1 that moves.
+    // Only x0 + x1 is read: the null direction is (1, −1, 0), and in units a thousand times finer x1 is its
+    // largest component.
     let data = Information::from_rows(
         &dmatrix![1.0, 1e-3, 0.0; 0.0, 0.0, 1.0],
         &DMatrix::identity(2, 2),
@@ -109,7 +109,7 @@ fn rank_does_not_depend_on_units() {
 }
 
 #[test]
-fn invalid_covariances_are_refused() {
+fn invalid_covariances_are_rejected() {
     for covariance in [
         dmatrix![1.0, 2.0; 2.0, 1.0],
         dmatrix![1.0, 0.5; 0.1, 1.0],
@@ -140,8 +140,8 @@ fn a_marginal_has_the_rows_of_the_covariance_and_keeps_the_prior_apart() {
 }
 
 #[test]
-fn a_marginal_over_unknowns_that_nothing_tells_leaves_the_others_as_they_are() {
-    // x1 is never read: its information is zero, and dropping it must not spoil x0.
+fn a_marginal_over_unmeasured_unknowns_does_not_change_the_others() {
+    // x1 is never measured, so its information is zero. Dropping it must not affect x0.
     let data = Information::from_rows(&dmatrix![2.0, 0.0], &scalar(1.0), &dvector![6.0]).unwrap();
     let belief = Belief::from_information(Information::zero(2), data).unwrap();
     let marginal = belief.marginal(&[0]).unwrap();
@@ -174,8 +174,8 @@ fn children_of_one_parent_count_the_parents_data_once() {
 }
 
 #[test]
-fn covariance_intersection_is_never_overconfident_whatever_is_shared() {
-    // Two beliefs that share a fraction of their data: the fused covariance must bound the true mean square.
+fn covariance_intersection_is_never_overconfident() {
+    // Two beliefs share a fraction of their data. The merged covariance must bound the true mean square.
     let (a, b) = (dmatrix![1.0, 0.2; 0.2, 4.0], dmatrix![3.0, -0.4; -0.4, 0.8]);
     let beliefs =
         [&a, &b].map(|covariance| Belief::from_covariance(dvector![0.0, 0.0], covariance.clone()).unwrap());
@@ -192,7 +192,7 @@ fn covariance_intersection_is_never_overconfident_whatever_is_shared() {
         let actual = &ga * &a * ga.transpose() + &gb * &b * gb.transpose() + &half + half.transpose();
         assert!((&stated - actual).symmetric_eigenvalues().min() > -1e-9);
     }
-    // The weight is the best one, and the same belief fused with itself gains nothing.
+    // The weight is optimal, and merging a belief with itself adds no information.
     let det = |w: f64| {
         (a.clone().try_inverse().unwrap() * w + b.clone().try_inverse().unwrap() * (1.0 - w)).determinant()
     };
@@ -202,7 +202,7 @@ fn covariance_intersection_is_never_overconfident_whatever_is_shared() {
 }
 
 #[test]
-fn covariance_intersection_of_partial_beliefs_is_determined_where_both_together_are() {
+fn covariance_intersection_combines_partial_beliefs() {
     let row = |design| Information::from_rows(&design, &scalar(1.0), &dvector![1.0]).unwrap();
     let of = |data| Belief::from_information(Information::zero(2), data).unwrap();
     let (first, second) = (of(row(dmatrix![1.0, 0.0])), of(row(dmatrix![0.0, 1.0])));

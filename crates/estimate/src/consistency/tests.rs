@@ -15,7 +15,7 @@ fn bands_are_the_published_quantiles() {
             "{band:?}"
         );
     }
-    // Many degrees: 1 ± 1.96 √(2/f).
+    // Many degrees of freedom: 1 ± 1.96 √(2/f).
     let band = ChiSquareBand::reduced(1e6, 0.95).unwrap();
     assert!((band.upper - 1.0 - 1.96 * 2e-6_f64.sqrt()).abs() < 1e-5, "{band:?}");
     assert!(ChiSquareBand::of_sum(0.0, 0.95).is_err() && ChiSquareBand::of_sum(3.0, 1.0).is_err());
@@ -23,7 +23,7 @@ fn bands_are_the_published_quantiles() {
 }
 
 #[test]
-fn nees_of_simulated_linear_problems_lies_in_its_band_and_tells_overconfidence() {
+fn nees_of_simulated_linear_problems_lies_in_its_band_and_detects_overconfidence() {
     let mut random = Gaussian::seeded(61);
     let n = 4;
     let (mut honest, mut overconfident) =
@@ -51,7 +51,7 @@ fn nees_of_simulated_linear_problems_lies_in_its_band_and_tells_overconfidence()
 }
 
 #[test]
-fn a_singular_covariance_is_undetermined_and_an_indefinite_one_is_wrong() {
+fn a_singular_covariance_is_undetermined_and_an_indefinite_one_is_an_input_error() {
     let deviation = DVector::from_element(2, 1.0);
     let singular = normalized_squared(&deviation, &dmatrix![1.0, 1.0; 1.0, 1.0]);
     assert_eq!(singular.unwrap_err().kind(), ErrorKind::Undetermined);
@@ -60,7 +60,7 @@ fn a_singular_covariance_is_undetermined_and_an_indefinite_one_is_wrong() {
 }
 
 #[test]
-fn coverage_of_right_sigmas_lies_in_its_band_and_of_wrong_ones_does_not() {
+fn coverage_of_correct_sigmas_lies_in_its_band_and_of_wrong_ones_does_not() {
     let mut random = Gaussian::seeded(62);
     let mut right = Coverage::of_interval(0.95).unwrap();
     let mut understated = Coverage::of_interval(0.95).unwrap();
@@ -84,7 +84,7 @@ fn binomial_band_is_the_published_one() {
         coverage.add(0.0, 1.0).unwrap();
     }
     assert_eq!(coverage.band(0.95).unwrap(), (0.3, 0.7));
-    // Ten heavy cases are ten cases; light ones beside them hardly count (Kish 1965).
+    // Ten cases of equal weight count as ten; additional cases of small weight hardly count (Kish 1965).
     let mut heavy = Coverage::of_interval(0.5).unwrap();
     for _ in 0..10 {
         heavy.add_weighted(0.0, 1.0, 2.0).unwrap();

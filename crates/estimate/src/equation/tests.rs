@@ -2,7 +2,7 @@ use super::*;
 use crate::ErrorKind;
 use crate::test_support::{Gaussian, dmatrix, dvector, relative_difference};
 
-/// A point on a circle (centre, radius) read with noise in both coordinates; `mistake` spoils one entry of a
+/// A point on a circle (centre, radius) with noise in both coordinates; `mistake` is added to one entry of a
 /// Jacobian.
 fn circle(z: [f64; 2], mistake: f64) -> impl MeasurementEquation {
     Implicit::new(Dimensions { state: 3, noise: 2, equations: 1 }, move |x, v, out| {
@@ -14,18 +14,18 @@ fn circle(z: [f64; 2], mistake: f64) -> impl MeasurementEquation {
 }
 
 #[test]
-fn the_checker_passes_right_jacobians_and_tells_the_size_of_a_mistake() {
+fn the_checker_accepts_correct_jacobians_and_reports_the_size_of_an_error() {
     let (x, v) = (dvector![0.3, -0.2, 1.5], dvector![0.1, 0.05]);
     assert!(check_jacobians(&circle([1.0, 1.2], 0.0), &x, &v, 1e-3).unwrap() < 1e-10);
     let deviation = check_jacobians(&circle([1.0, 1.2], 0.01), &x, &v, 1e-3).unwrap();
     assert!((deviation - 0.01 / 1.01).abs() < 1e-6, "{deviation}");
-    // The sign of D is a convention that is easily taken the wrong way round.
+    // The sign of D is a convention and easily confused.
     assert!((check_jacobians(&circle([1.0, 1.2], -2.0), &x, &v, 1e-3).unwrap() - 2.0).abs() < 1e-6);
     assert!(check_jacobians(&circle([1.0, 1.2], 0.0), &x, &v, 0.0).is_err());
 }
 
 #[test]
-fn the_checker_does_not_take_rounding_of_large_readings_for_a_mistake() {
+fn the_checker_ignores_rounding_of_large_readings() {
     let far = Explicit::new(dvector![0.0], 2, |x, prediction, jacobian| {
         prediction[0] = x[0].sin() + 1e6;
         jacobian[(0, 0)] = x[0].cos();
@@ -64,7 +64,7 @@ fn the_noise_estimate_makes_the_linearised_equation_hold_and_is_the_smallest() {
     let cost = |v: &DVector<f64>| v.dot(&covariance.clone().cholesky().unwrap().solve(v));
     let along = dvector![-at.noise_jacobian[1], at.noise_jacobian[0]] * 1e-2;
     assert!(cost(&v) < cost(&(&v + &along)) && cost(&v) < cost(&(&v - &along)));
-    // The same square as the normalised misclosure.
+    // Its normalised square equals that of the misclosure.
     let left = at.unexplained() - &at.state_jacobian * (&x - &at.state);
     assert!(
         (cost(&v) - left[0] * left[0] / at.reading_covariance(&covariance).unwrap()[(0, 0)]).abs() < 1e-12
@@ -72,7 +72,7 @@ fn the_noise_estimate_makes_the_linearised_equation_hold_and_is_the_smallest() {
 }
 
 #[test]
-fn a_constraint_without_noise_is_no_measurement() {
+fn a_constraint_without_noise_is_rejected() {
     let at = circle([0.3, -0.2], 0.0).linearized(&dvector![0.3, -0.2, 1.0], &dvector![0.0, 0.0]).unwrap();
     let error = at.information(&DMatrix::identity(2, 2)).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Undetermined);

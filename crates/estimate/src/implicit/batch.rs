@@ -1,37 +1,37 @@
-//! All implicit readings at once: Gauss–Helmert with corrected misclosures, shared noise, bias correction and
-//! losses.
+//! Batch fit of implicit readings: Gauss–Helmert with corrected misclosures, shared noise, bias correction
+//! and losses.
 //!
-//! Beside [`least_squares`](crate::least_squares), which takes any equations, this one takes tens of
-//! thousands of single ones a second, chooses facets, and corrects the bias.
+//! [`least_squares`](crate::least_squares) accepts any equations. This fit handles tens of thousands of
+//! single equations per second, chooses branches, and corrects the bias.
 
 use super::{
-    ImplicitReading, MOST_NOISE, MOST_STATE, Normalized, best_branch, curvature_bias, signed_distance,
+    ImplicitReading, MAX_NOISE, MAX_STATE, Normalized, best_branch, curvature_bias, signed_distance,
 };
 use crate::dense::ScaledCholesky;
 use crate::{Error, Loss, Result, Termination};
 use nalgebra::{DMatrix, DVector};
 
-/// Which readings share noise.
+/// Assignment of readings to groups with shared noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SharedNoise<'a> {
-    /// How many unknowns at the end of each reading's state are whitened shared noise.
+    /// Number of whitened shared noise components at the end of the state of each reading.
     pub size: usize,
-    /// The group of each reading; readings of one group share their noise. Groups are numbered from 0 without
+    /// Group of each reading; readings of one group share their noise. Groups are numbered from 0 without
     /// gaps.
     pub groups: &'a [usize],
 }
 
-/// How to search.
+/// Options of [`fit_implicit`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImplicitOptions {
-    /// What a distance is charged.
+    /// Loss of the normalised distances.
     pub loss: Loss,
-    /// Whether the mean that curvature causes is taken off each distance at the end.
+    /// If true, the mean distance caused by curvature is subtracted at the end.
     pub correct_bias: bool,
-    /// Readings nearer to the ends of their branch than so many standard deviations, at the optimum of all,
-    /// are then left out: which branch they are of is not certain, and the likelier one is a biased choice.
+    /// Reject readings closer than this many standard deviations to an end of their branch, after a first
+    /// fit. Their branch is uncertain, and choosing the more likely one is biased.
     pub margin: Option<f64>,
-    /// The most steps tried.
+    /// Maximum number of steps.
     pub max_iterations: usize,
     /// Converged when a step is shorter than this many posterior standard deviations.
     pub step_tolerance: f64,
@@ -49,41 +49,40 @@ impl Default for ImplicitOptions {
     }
 }
 
-/// The outcome of a batch of implicit readings.
+/// Result of [`fit_implicit`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImplicitFit {
     /// The state, without shared noise.
     pub state: DVector<f64>,
-    /// Its covariance, for Gaussian data; `None` where it is undetermined.
+    /// Its covariance for Gaussian data; `None` if it is undetermined.
     pub covariance: Option<DMatrix<f64>>,
-    /// Signed distance of each reading in standard deviations, the bias taken off; NaN where it has none.
+    /// Signed distance of each reading in standard deviations, with the bias subtracted; NaN if undefined.
     pub distances: Vec<f64>,
-    /// The branch that each reading is on.
+    /// Branch of each reading.
     pub branches: Vec<usize>,
-    /// The loss's weight of each reading; 0 where it has no distance, or was left out.
+    /// Weight of each reading, from its loss; 0 if its distance is undefined or it was rejected.
     pub weights: Vec<f64>,
     /// Whitened shared noise of each group.
     pub shared: Vec<DVector<f64>>,
-    /// `Σ ρ(s) + ½ Σ |shared|²` of all readings, before the bias correction and before any are left out near
-    /// ends.
+    /// `Σ ρ(s) + ½ Σ |shared|²` of all readings, before the bias correction and before readings near ends are
+    /// rejected.
     pub loss: f64,
-    /// Steps tried.
+    /// Number of steps.
     pub iterations: usize,
-    /// How it ended.
+    /// Why the iteration stopped.
     pub termination: Termination,
 }
 
-/// The state that minimises `Σ ρ(s_i(x)) + ½ Σ |shared|²`: most likely readings on the equation, each at its
-/// own place.
+/// Fits a state to implicit readings: minimises `Σ ρ(s_i(x)) + ½ Σ |shared|²`.
 ///
-/// `s_i` is the [`signed_distance`] at `x`, so that misclosures are those at the corrected readings.
-/// Levenberg–Marquardt with the shared noise eliminated group by group; then, where asked, solves
-/// `Σ w (hᵀ (s − b) − c) = 0` with [`curvature_bias`]'s `b` and `c`. That second equation has no objective:
-/// its few steps are taken as they come, and given up where they grow. Bias from *shared* noise is not
-/// corrected. Cost a step: four gradients and `n²` a reading.
+/// `s_i` is the [`signed_distance`] at `x`, so misclosures are evaluated at the corrected readings. The
+/// method is Levenberg–Marquardt with the shared noise eliminated group by group. The bias correction then
+/// solves `Σ w (hᵀ (s − b) − c) = 0` with `b` and `c` of [`curvature_bias`]. These equations have no
+/// objective, so their steps are not damped; the correction stops if they grow. Bias from *shared* noise is
+/// not corrected. Cost per step: four gradients and `n²` per reading.
 ///
 /// # Errors
-/// `Input` when shapes differ, or when no reading has a distance at the start.
+/// `Input` when shapes differ, or when no reading has a foot point at the start.
 ///
 /// # References
 /// Helmert 1907; Pope 1972, as [`least_squares`](crate::least_squares); Kanatani and Rangarajan 2011, *Hyper
@@ -98,14 +97,16 @@ pub fn fit_implicit<R: ImplicitReading>(
     let mut point = batch.point(start.clone());
     batch.evaluate(&mut point, None);
     if point.used == 0 || !point.loss.is_finite() {
-        return Err(Error::input("no reading has a distance to the start: give one nearer to the readings"));
+        return Err(Error::input(
+            "no reading has a foot point on the start: choose a start closer to the readings",
+        ));
     }
     let (iterations, mut termination) = batch.descend(&mut point);
     let loss = point.loss;
     if let Some(margin) = options.margin
         && termination != Termination::Undetermined
     {
-        batch.leave_out(&mut point, margin);
+        batch.reject_near_ends(&mut point, margin);
     }
     if options.correct_bias && termination != Termination::Undetermined {
         batch.correct(&mut point);
@@ -127,13 +128,13 @@ pub fn fit_implicit<R: ImplicitReading>(
     })
 }
 
-/// The Kanatani–Cramér–Rao bound: `(Σ hᵀ h)⁻¹` at the true state and true readings, which bounds every
-/// unbiased estimate to first order when the true places of the readings are unknown.
+/// The Kanatani–Cramér–Rao bound: `(Σ hᵀ h)⁻¹` at the true state and the true readings. To first order it
+/// bounds the covariance of every unbiased estimate if the true measured points are unknown.
 ///
-/// `readings` are noise-free ones, with the σ of the noisy ones.
+/// `readings` are noise-free, with the σ of the noisy readings.
 ///
 /// # Errors
-/// `Input` when shapes differ; `Undetermined` when the readings leave a direction of the state free.
+/// `Input` when shapes differ; `Undetermined` when the readings do not determine some direction of the state.
 ///
 /// # References
 /// Kanatani 1998, *Cramér–Rao lower bounds for curve fitting*; Chernov and Lesort 2004, *Statistical
@@ -153,39 +154,40 @@ pub fn kanatani_cramer_rao<R: ImplicitReading>(
 
 struct Batch<'a, R> {
     readings: &'a [R],
-    /// Readings of each group, or one group of all without shared noise.
+    /// Readings of each group; a single group of all readings if there is no shared noise.
     members: Vec<Vec<usize>>,
     size: usize,
     dimension: usize,
     options: ImplicitOptions,
-    /// Readings that do not count, by their place near an end.
-    left_out: Vec<bool>,
+    /// Readings rejected because they are close to an end of their branch.
+    rejected: Vec<bool>,
     at: Normalized,
 }
 
-/// What [`curvature_bias`] says of all readings.
+/// Results of [`curvature_bias`] for all readings.
 struct Biases {
-    /// Of each distance.
+    /// Bias of each distance.
     distances: Vec<f64>,
-    /// Of the scores of each group, summed up.
+    /// Sum of the biases of the scores of each group.
     rows: Vec<DVector<f64>>,
 }
 
-/// A state with everything that belongs to it.
+/// A state with its distances and normal equations.
 #[derive(Clone)]
 struct Point {
     state: DVector<f64>,
     shared: Vec<DVector<f64>>,
-    noises: Vec<[f64; MOST_NOISE]>,
+    noises: Vec<[f64; MAX_NOISE]>,
     distances: Vec<f64>,
     branches: Vec<usize>,
     weights: Vec<f64>,
     loss: f64,
     used: usize,
-    /// Shared noise eliminated.
+    /// Normal matrix with the shared noise eliminated.
     normal: DMatrix<f64>,
     right: DVector<f64>,
-    /// Per group: `(C⁻¹ b, C⁻¹ B)` of `C s = b − B x`, to step the shared noise with the state.
+    /// Per group: `(C⁻¹ b, C⁻¹ B)` of `C s = b − B x`, which give the step of the shared noise from that of
+    /// the state.
     back: Vec<(DVector<f64>, DMatrix<f64>)>,
 }
 
@@ -199,10 +201,10 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         let size = shared.map_or(0, |s| s.size);
         if let Some(wrong) = readings
             .iter()
-            .position(|r| r.state() != dimension + size || r.state() > MOST_STATE || r.noise() > MOST_NOISE)
+            .position(|r| r.state() != dimension + size || r.state() > MAX_STATE || r.noise() > MAX_NOISE)
         {
             return Err(Error::input(format!(
-                "reading {wrong} is about {} unknowns, needed {dimension} and {size} of shared noise",
+                "reading {wrong} has {} unknowns, expected {dimension} and {size} of shared noise",
                 readings[wrong].state()
             )));
         }
@@ -212,11 +214,13 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
             None => members.push((0..readings.len()).collect()),
             Some(shared) => {
                 if shared.groups.len() != readings.len() {
-                    return Err(Error::input("every reading needs a group where noise is shared"));
+                    return Err(Error::input("with shared noise every reading needs a group"));
                 }
                 for (i, &group) in shared.groups.iter().enumerate() {
                     if group >= readings.len() {
-                        return Err(Error::input("groups of shared noise must be numbered without gaps"));
+                        return Err(Error::input(
+                            "groups of shared noise must be numbered from 0 without gaps",
+                        ));
                     }
                     if group >= members.len() {
                         members.resize(group + 1, Vec::new());
@@ -231,7 +235,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
             size,
             dimension,
             options,
-            left_out: vec![false; readings.len()],
+            rejected: vec![false; readings.len()],
             at: Normalized::new(),
         })
     }
@@ -242,7 +246,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         Point {
             state,
             shared: vec![DVector::zeros(self.size); self.members.len()],
-            noises: vec![[0.0; MOST_NOISE]; count],
+            noises: vec![[0.0; MAX_NOISE]; count],
             distances: vec![f64::NAN; count],
             branches: vec![usize::MAX; count],
             weights: vec![0.0; count],
@@ -254,11 +258,11 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         }
     }
 
-    /// Distances, objective and normal equations at a point; with the biases to take off, where given.
+    /// Computes distances, objective and normal equations at a point, with the biases subtracted if given.
     fn evaluate(&mut self, point: &mut Point, biases: Option<&Biases>) {
         let (n, q) = (self.dimension, self.size);
         let m = n + q;
-        let mut x = [0.0; MOST_STATE];
+        let mut x = [0.0; MAX_STATE];
         x[..n].copy_from_slice(point.state.as_slice());
         point.normal.fill(0.0);
         point.right.fill(0.0);
@@ -280,7 +284,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 let reading = &self.readings[i];
                 let p = reading.noise();
                 let branch = best_branch(reading, &x[..m]);
-                let origin = [0.0; MOST_NOISE];
+                let origin = [0.0; MAX_NOISE];
                 let noise = &mut point.noises[i];
                 if branch != point.branches[i] {
                     noise.fill(0.0);
@@ -289,7 +293,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 let mut found =
                     signed_distance(reading, branch, &x[..m], &origin[..p], &mut noise[..p], &mut self.at);
                 if !found {
-                    // A foot of an earlier state may be a bad start.
+                    // The foot point of an earlier state can be a bad start: try again from zero noise.
                     noise.fill(0.0);
                     found = signed_distance(
                         reading,
@@ -303,14 +307,14 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 if !found {
                     noise.fill(0.0);
                     (point.distances[i], point.weights[i]) = (f64::NAN, 0.0);
-                    // As far as a gate would ever look: a reading without a foot must not look like a good
-                    // one.
+                    // Charge a reading without a foot point like a distance beyond any gate. A smaller loss
+                    // would reward states that lose foot points.
                     point.loss += self.options.loss.rho(30.0);
                     continue;
                 }
                 let distance = self.at.distance - biases.map_or(0.0, |b| b.distances[i]);
                 point.distances[i] = distance;
-                if self.left_out[i] {
+                if self.rejected[i] {
                     point.weights[i] = 0.0;
                     continue;
                 }
@@ -335,7 +339,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         }
     }
 
-    /// Adds a group's equations to those of the state, its shared noise eliminated.
+    /// Adds the equations of a group to those of the state and eliminates its shared noise.
     fn eliminate(&self, point: &mut Point, full: &DMatrix<f64>, right: &DVector<f64>) {
         let (n, q) = (self.dimension, self.size);
         point.normal += full.view((0, 0), (n, n));
@@ -344,12 +348,13 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
             return;
         }
         let cross = full.view((n, 0), (q, n)).into_owned();
-        // Never singular: the unit prior of the noise is in it.
+        // Never singular, because it contains the unit prior of the noise.
         let Some(factor) = full.view((n, n), (q, q)).into_owned().cholesky() else {
             return;
         };
         let solved = factor.solve(&cross);
         let still = factor.solve(&right.rows(n, q).into_owned());
+        // Schur complement of the shared noise; `back` keeps what its own step needs.
         point.normal -= cross.tr_mul(&solved);
         point.right -= cross.tr_mul(&still);
         point.back.push((still, solved));
@@ -382,6 +387,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
             let decrement = factor.inverse_form(&point.right).sqrt();
             let mut trial = self.moved(point, &step);
             self.evaluate(&mut trial, None);
+            // A state that loses all readings has a small loss but is useless.
             let better = trial.loss <= point.loss && trial.used > 0;
             let gained = point.loss - trial.loss;
             if better {
@@ -404,11 +410,11 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         (self.options.max_iterations, Termination::Limit)
     }
 
-    /// Leaves out readings near the ends of their branches, and searches anew; all stay where the rest does
-    /// not determine the state.
-    fn leave_out(&mut self, point: &mut Point, margin: f64) {
+    /// Rejects readings near the ends of their branches and fits again. Keeps them if the others do not
+    /// determine the state.
+    fn reject_near_ends(&mut self, point: &mut Point, margin: f64) {
         let m = self.dimension + self.size;
-        let mut x = [0.0; MOST_STATE];
+        let mut x = [0.0; MAX_STATE];
         for _ in 0..3 {
             let mut next = vec![false; self.readings.len()];
             x[..self.dimension].copy_from_slice(point.state.as_slice());
@@ -421,15 +427,15 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                         && reading.margin(point.branches[i], &x[..m], noise) < margin;
                 }
             }
-            if next == self.left_out {
+            if next == self.rejected {
                 return;
             }
-            let before = std::mem::replace(&mut self.left_out, next);
+            let before = std::mem::replace(&mut self.rejected, next);
             let mut trial = point.clone();
             self.evaluate(&mut trial, None);
             let (_, termination) = self.descend(&mut trial);
             if termination == Termination::Undetermined || ScaledCholesky::new(&trial.normal).is_err() {
-                self.left_out = before;
+                self.rejected = before;
                 self.evaluate(point, None);
                 return;
             }
@@ -439,14 +445,14 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
 
     fn biases(&mut self, point: &Point) -> Biases {
         let m = self.dimension + self.size;
-        let mut x = [0.0; MOST_STATE];
+        let mut x = [0.0; MAX_STATE];
         x[..self.dimension].copy_from_slice(point.state.as_slice());
         let mut biases = Biases {
             distances: vec![0.0; self.readings.len()],
             rows: vec![DVector::zeros(m); self.members.len()],
         };
-        let origin = [0.0; MOST_NOISE];
-        let mut row_bias = [0.0; MOST_STATE];
+        let origin = [0.0; MAX_NOISE];
+        let mut row_bias = [0.0; MAX_STATE];
         for (group, members) in self.members.iter().enumerate() {
             x[self.dimension..m].copy_from_slice(point.shared[group].as_slice());
             for &i in members {
@@ -466,6 +472,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
         biases
     }
 
+    /// Solves the bias-corrected equations. Steps may not grow: the equations have no objective to test.
     fn correct(&mut self, point: &mut Point) {
         let mut previous = f64::INFINITY;
         for _ in 0..25 {
@@ -476,6 +483,7 @@ impl<'a, R: ImplicitReading> Batch<'a, R> {
                 return;
             };
             let decrement = factor.inverse_form(&here.right).sqrt();
+            // The equations have no objective, so growth of the step is the only sign of divergence.
             if !decrement.is_finite() || decrement > 2.0 * previous {
                 return;
             }

@@ -1,17 +1,19 @@
-//! What curvature makes of noise: the mean of a signed distance is not zero, and it leans with its row.
+//! Bias from curvature: the mean of a signed distance is not zero, and is correlated with its row.
 
-use super::{ImplicitReading, MOST_NOISE, MOST_STATE, Normalized};
+use super::{ImplicitReading, MAX_NOISE, MAX_STATE, Normalized};
 use std::f64::consts::FRAC_PI_2;
 
-/// Spacing of differences, in standard deviations: the noise itself is one.
+/// Spacing of numerical differences, in standard deviations.
+///
+/// A smaller one loses digits to rounding, a larger one averages over curvature; the noise itself is 1.
 const SPACING: f64 = 0.05;
-/// Below this curvature (one over standard deviations) the second order is all there is, to 2e-4 standard
-/// deviations.
-const BENT: f64 = 0.1;
-/// How far along the most curved direction its changes are looked for, in standard deviations.
+/// Curvature (per standard deviation) below which the second order is accurate to 2e-4 standard deviations.
+const SECOND_ORDER_CURVATURE: f64 = 0.1;
+/// Distance along the most curved direction over which changes of curvature are measured, in standard
+/// deviations. It is of the order of the noise, which is 1.
 const REACH: f64 = 1.2;
-/// Where one expansion of the modified Bessel functions gives way to the other, and both for orders 0 and 1:
-/// of `I₀` and `I₁/z` in `(z/3.75)²`, and of `√z e^{−z} I` in `3.75/z`.
+/// Argument that separates two expansions of the modified Bessel functions of orders 0 and 1 (Abramowitz and
+/// Stegun 1964, 9.8.1 to 9.8.4): `I₀` and `I₁/z` in `(z/3.75)²`, and `√z e^{−z} I` in `3.75/z`.
 const BESSEL_SPLIT: f64 = 3.75;
 const BESSEL_NEAR: [[f64; 7]; 2] = [
     [1.0, 3.515_622_9, 3.089_942_4, 1.206_749_2, 0.265_973_2, 0.036_076_8, 0.004_581_3],
@@ -42,31 +44,31 @@ const BESSEL_FAR: [[f64; 9]; 2] = [
     ],
 ];
 
-/// Second derivatives by the noise.
-pub type NoiseHessian = [[f64; MOST_NOISE]; MOST_NOISE];
+/// Second derivatives with respect to the noise.
+pub type NoiseHessian = [[f64; MAX_NOISE]; MAX_NOISE];
 
-/// The mean of a reading's score `hᵀ s`, as its corrected reading shows it: returns `b` and fills `c`, so
-/// that `hᵀ (s − b) − c` has no mean to fourth order in the noise.
+/// Bias of the score `hᵀ s` of a reading: returns `b` and fills `c`, so that `hᵀ (s − b) − c` has zero mean
+/// to fourth order in the noise.
 ///
-/// The equation is a hypersurface in whitened noise; a reading is a standard normal step from its true place
-/// on it, and all that is known of that place is the foot `u` of the reading. With the second fundamental
-/// form `K = T g_uu T / |g_u|` (`T` the projector on the tangents), `κ` the curvature of the most curved
-/// direction, primes derivatives along it, and `R(κ)` the mean of a distance to a circle of that curvature,
-/// which is Rice's, `½κ + ⅛κ³ + …`:
+/// The equation is a hypersurface in whitened noise. A reading is a standard normal step from its true point
+/// on it, and the foot point `u` is the only estimate of that point. With the second fundamental form
+/// `K = T g_uu T / |g_u|` (`T` the projector on the tangents), `κ` the curvature of the most curved
+/// direction, primes derivatives along it, and `R(κ) = ½κ + ⅛κ³ + …` the mean distance to a circle of that
+/// curvature (Rice):
 ///
 /// ```text
 /// b = −R(κ) − ½ (tr K − κ) + ⅛ κ''
 /// c = ½ (κ h')'
 /// ```
 ///
-/// Both follow from `E F = F + ½ ΔF + ⅛ Δ²F` for functions of a standard normal step. At the true place
-/// itself the mean of `s` has `−⅛ κ''`; the other quarter, and `c`, make up for taking `K` and `h` at a foot
-/// that is itself uncertain by one standard deviation. `at` is the linearisation at `u`. Nothing is corrected
-/// where the reading states a variance of second order.
+/// Both follow from `E F = F + ½ ΔF + ⅛ Δ²F` for functions of a standard normal step. At the true point the
+/// mean of `s` contains `−⅛ κ''`. The remaining `¼ κ''`, and `c`, correct for evaluating `K` and `h` at a
+/// foot point that is uncertain by one standard deviation. `at` is the linearisation at `u`. The bias is zero
+/// if the reading has a second-order variance.
 ///
-/// Cost: one set of second derivatives, and where `|K|` exceeds 0.1 two gradients and two sets more. Assumes
-/// that curvature changes little within a standard deviation; where the noise is half of the radius of
-/// curvature some 5 % of `b` are left.
+/// Cost: one set of second derivatives; if `|K|` exceeds 0.1, also two gradients and two more sets. Assumes
+/// that curvature changes little within a standard deviation. About 5 % of `b` remain if the noise is half of
+/// the radius of curvature.
 ///
 /// # References
 /// Kanatani 1998, *Cramér–Rao lower bounds for curve fitting*; Okatani and Kanatani 2009, *On bias correction
@@ -88,7 +90,7 @@ pub fn curvature_bias<R: ImplicitReading + ?Sized>(
     let form = second_form(reading, branch, x, u, at);
     let total: f64 = (0..p).map(|k| form[k][k]).sum();
     let square: f64 = form[..p].iter().flat_map(|row| &row[..p]).map(|f| f * f).sum();
-    if square < BENT * BENT {
+    if square < SECOND_ORDER_CURVATURE * SECOND_ORDER_CURVATURE {
         return -0.5 * total;
     }
     let (curvature, along) = principal(&form, p);
@@ -96,11 +98,11 @@ pub fn curvature_bias<R: ImplicitReading + ?Sized>(
     let mut sides = [0.0; 2];
     let mut nodes = [Normalized::new(), Normalized::new()];
     for ((side, node), sign) in sides.iter_mut().zip(&mut nodes).zip([1.0, -1.0]) {
-        // On the circle of that curvature, one reach along its arc.
+        // Step along the osculating circle, because a straight step leaves the surface.
         let turn = sign * REACH * curvature;
         let (sin, cos) = turn.sin_cos();
         let (forth, down) = (sin / curvature, (1.0 - cos) / curvature);
-        let mut place = [0.0; MOST_NOISE];
+        let mut place = [0.0; MAX_NOISE];
         for k in 0..p {
             place[k] = u[k] + forth * along[k] - down * at.normal[k];
         }
@@ -111,7 +113,7 @@ pub fn curvature_bias<R: ImplicitReading + ?Sized>(
         *side = (0..p).map(|k| form[k][k]).sum::<f64>() - rest;
     }
     let squared = REACH * REACH;
-    // Beyond twice the curvature itself the series means nothing.
+    // The series is meaningless if the change exceeds twice the curvature itself.
     let change = ((sides[0] - 2.0 * curvature + sides[1]) / squared)
         .clamp(-2.0 * curvature.abs(), 2.0 * curvature.abs());
     let (ahead, behind) = (0.5 * (curvature + sides[0]), 0.5 * (curvature + sides[1]));
@@ -131,12 +133,12 @@ pub(super) fn second_form<R: ImplicitReading + ?Sized>(
     at: &Normalized,
 ) -> NoiseHessian {
     let p = u.len();
-    let mut hessian = [[0.0; MOST_NOISE]; MOST_NOISE];
+    let mut hessian = [[0.0; MAX_NOISE]; MAX_NOISE];
     if !reading.noise_hessian(branch, x, u, &mut hessian) {
         differences(reading, branch, x, u, &mut hessian);
     }
     let normal = &at.normal;
-    let mut image = [0.0; MOST_NOISE];
+    let mut image = [0.0; MAX_NOISE];
     let mut twice = 0.0;
     for i in 0..p {
         image[i] = (0..p).map(|j| hessian[i][j] * normal[j]).sum();
@@ -161,11 +163,11 @@ fn differences<R: ImplicitReading + ?Sized>(
     hessian: &mut NoiseHessian,
 ) {
     let (n, p) = (x.len(), u.len());
-    let mut by_state = [0.0; MOST_STATE];
-    let mut place = [0.0; MOST_NOISE];
+    let mut by_state = [0.0; MAX_STATE];
+    let mut place = [0.0; MAX_NOISE];
     place[..p].copy_from_slice(u);
     for j in 0..p {
-        let mut sides = [[0.0; MOST_NOISE]; 2];
+        let mut sides = [[0.0; MAX_NOISE]; 2];
         for (side, sign) in sides.iter_mut().zip([1.0, -1.0]) {
             place[j] = u[j] + sign * SPACING;
             reading.gradient(branch, x, &place[..p], &mut by_state[..n], &mut side[..p]);
@@ -177,8 +179,8 @@ fn differences<R: ImplicitReading + ?Sized>(
     }
 }
 
-/// The eigenvalue of largest magnitude and its vector, by powers: its accuracy matters little.
-fn principal(form: &NoiseHessian, p: usize) -> (f64, [f64; MOST_NOISE]) {
+/// The eigenvalue of largest magnitude and its eigenvector, by power iteration; low accuracy is sufficient.
+fn principal(form: &NoiseHessian, p: usize) -> (f64, [f64; MAX_NOISE]) {
     let square = |k: usize| form[k][..p].iter().map(|f| f * f).sum::<f64>();
     let largest = (0..p).max_by(|&a, &b| square(a).total_cmp(&square(b))).unwrap_or(0);
     let mut vector = form[largest];
@@ -188,7 +190,7 @@ fn principal(form: &NoiseHessian, p: usize) -> (f64, [f64; MOST_NOISE]) {
         for component in &mut vector[..p] {
             *component /= length;
         }
-        let mut next = [0.0; MOST_NOISE];
+        let mut next = [0.0; MAX_NOISE];
         for i in 0..p {
             next[i] = (0..p).map(|j| form[i][j] * vector[j]).sum();
         }
@@ -202,8 +204,8 @@ fn principal(form: &NoiseHessian, p: usize) -> (f64, [f64; MOST_NOISE]) {
     (value, vector.map(|component| component / length))
 }
 
-/// `E |(r + n, t)| − r` with `r = 1/κ` and standard normal `n`, `t`: the mean of a distance to a circle, odd
-/// in `κ`. Rice's, `√(π/2) L(−r²/2) − r` with `L(−2z) = e^{−z} ((1 + 2z) I₀(z) + 2z I₁(z))`.
+/// `E |(r + n, t)| − r` with `r = 1/κ` and standard normal `n`, `t`: the mean distance to a circle, odd in
+/// `κ`. Rice: `√(π/2) L(−r²/2) − r` with `L(−2z) = e^{−z} ((1 + 2z) I₀(z) + 2z I₁(z))`.
 fn rice(curvature: f64) -> f64 {
     let squared = curvature * curvature;
     if squared < 0.04 {

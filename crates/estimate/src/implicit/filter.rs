@@ -1,27 +1,27 @@
-//! One implicit reading at a time: EKF, IEKF and NUIEKF without allocation in their iterations.
+//! Sequential filters for implicit readings: EKF, IEKF and NUIEKF, without allocation in their iterations.
 
-use super::{ImplicitReading, MOST_NOISE, MOST_STATE, Normalized, best_branch, curvature_bias};
+use super::{ImplicitReading, MAX_NOISE, MAX_STATE, Normalized, best_branch, curvature_bias};
 use crate::{Error, Termination};
 use crate::{KalmanFilter, Loss, Relinearization, Result};
 
-/// How to take in an implicit reading.
+/// Options of an update with an implicit reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImplicitUpdate {
     /// Where to linearise.
     pub relinearization: Relinearization,
-    /// Whether the mean distance that curvature causes is taken off. Only where the noise is relinearised is
-    /// that the bias.
+    /// If true, the mean distance caused by curvature is subtracted. Only effective if the noise is
+    /// relinearised.
     pub correct_bias: bool,
-    /// The most linearisations.
+    /// Maximum number of linearisations.
     pub max_iterations: usize,
     /// Stop when neither state nor noise moves by more than this many standard deviations.
     pub tolerance: f64,
-    /// A reading whose innovation exceeds this many standard deviations is left out.
+    /// Reject a reading whose innovation exceeds this many standard deviations.
     pub gate: Option<f64>,
-    /// A reading nearer to the end of its branch than so many standard deviations is left out: it may be of
-    /// the next one.
+    /// Reject a reading closer than this many standard deviations to an end of its branch: it may belong to
+    /// the next branch.
     pub margin: Option<f64>,
-    /// What an innovation is charged; its weight divides the reading's variance.
+    /// Loss of the innovation; the variance of the reading is divided by its weight.
     pub loss: Loss,
 }
 
@@ -40,47 +40,47 @@ impl ImplicitUpdate {
         }
     }
 
-    /// Linearised anew in the state (IEKF).
+    /// Relinearised in the state (IEKF).
     #[must_use]
     pub fn iterated() -> Self {
         Self { relinearization: Relinearization::State, max_iterations: 30, ..Self::extended() }
     }
 
-    /// Linearised anew in state and noise (NUIEKF), corrected for curvature.
+    /// Relinearised in state and noise (NUIEKF), corrected for curvature.
     #[must_use]
     pub fn noise_updated() -> Self {
         Self { relinearization: Relinearization::StateAndNoise, correct_bias: true, ..Self::iterated() }
     }
 }
 
-/// What an implicit reading had to say.
+/// Result of an update with an implicit reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImplicitInnovation {
-    /// The innovation over the reading's own standard deviation.
+    /// The innovation divided by the standard deviation of the reading.
     pub residual: f64,
     /// Its variance, `1 + h P hᵀ`.
     pub variance: f64,
-    /// `residual² / variance`: χ² of one degree when the filter is consistent.
+    /// `residual² / variance`: distributed as χ² with one degree of freedom if the filter is consistent.
     pub normalized_squared: f64,
-    /// Whether it passed the gate and changed the state.
+    /// True if the reading passed the gate and changed the state.
     pub accepted: bool,
-    /// How often the equation was linearised.
+    /// Number of linearisations.
     pub iterations: usize,
-    /// Whether the update settled.
+    /// How the iteration ended.
     pub termination: Termination,
 }
 
 impl KalmanFilter {
-    /// Takes in a reading `g(z − L u, x) = 0`, `u ~ N(0, I)`.
+    /// Updates with a reading `g(z − L u, x) = 0`, `u ~ N(0, I)`.
     ///
     /// With `h = g_x/|g_u|`, `n = g_u/|g_u|` and `s = n·u − g/|g_u|` at `(x_i, u_i)`: `e = s − h (x̂ − x_i)`,
-    /// `S = 1 + h P hᵀ`, `x_{i+1} = x̂ + P hᵀ e / S`, `u_{i+1} = n e / S`. At the end the mean of the score
-    /// by [`curvature_bias`] is taken off. The facet is chosen at the prediction. Cost: about `n²` an
+    /// `S = 1 + h P hᵀ`, `x_{i+1} = x̂ + P hᵀ e / S`, `u_{i+1} = n e / S`. Finally the mean of the score by
+    /// [`curvature_bias`] is subtracted. The branch is chosen at the prediction. Cost: about `n²` per
     /// iteration.
     ///
     /// # Errors
-    /// `Input` when the state has another dimension, or when the equation is not defined there. The filter
-    /// then stays as it was.
+    /// `Input` when the state has another dimension, or when the equation is not defined there. The filter is
+    /// then unchanged.
     ///
     /// # References
     /// Bondarenko, Halevi, Shpitalni 2004; Weiss-Cohen, Bondarenko, Halevi 2009, eq. 2.17.
@@ -90,20 +90,21 @@ impl KalmanFilter {
         options: &ImplicitUpdate,
     ) -> Result<ImplicitInnovation> {
         let (n, p) = (self.mean().len(), reading.noise());
-        if reading.state() != n || n > MOST_STATE || p > MOST_NOISE {
+        if reading.state() != n || n > MAX_STATE || p > MAX_NOISE {
             return Err(Error::input(format!(
-                "a reading of {} unknowns and {p} noises does not fit a state of {n}",
+                "a reading of {} unknowns and {p} noise components does not match a state of {n}",
                 reading.state()
             )));
         }
-        let undefined = || Error::input("a reading's equation is not defined at the predicted state");
-        let zero = [0.0; MOST_NOISE];
+        let undefined = || Error::input("the equation of a reading is not defined at the predicted state");
+        let zero = [0.0; MAX_NOISE];
         let mut at = Normalized::new();
-        let mut x = [0.0; MOST_STATE];
+        let mut x = [0.0; MAX_STATE];
         x[..n].copy_from_slice(self.mean().as_slice());
         let mut u = zero;
+        // The branch of the prediction is kept during the iteration.
         let branch = best_branch(reading, &x[..n]);
-        let mut spread = [0.0; MOST_STATE];
+        let mut spread = [0.0; MAX_STATE];
         let mut innovation = ImplicitInnovation {
             residual: 0.0,
             variance: 1.0,
@@ -112,6 +113,7 @@ impl KalmanFilter {
             iterations: 0,
             termination: Termination::Limit,
         };
+        // Iterate linearisation and update. Mean and covariance stay those before the reading.
         let mut previous = f64::INFINITY;
         loop {
             if !at.at(reading, branch, &x[..n], &u[..p], &zero[..p]) {
@@ -151,7 +153,8 @@ impl KalmanFilter {
             }
             previous = moved;
         }
-        let mut row_bias = [0.0; MOST_STATE];
+        let mut row_bias = [0.0; MAX_STATE];
+        // Bias correction, gate and margin decide on the final linearisation.
         if options.correct_bias && options.relinearization == Relinearization::StateAndNoise {
             innovation.residual -= curvature_bias(reading, branch, &x[..n], &u[..p], &at, &mut row_bias[..n]);
         }
@@ -161,6 +164,7 @@ impl KalmanFilter {
             innovation.accepted = false;
             return Ok(innovation);
         }
+        // Filters without noise iteration have no corrected reading yet: use the first-order foot point.
         if options.relinearization != Relinearization::StateAndNoise {
             for k in 0..p {
                 u[k] = at.normal[k] * at.distance;
@@ -172,18 +176,20 @@ impl KalmanFilter {
             innovation.accepted = false;
             return Ok(innovation);
         }
-        self.absorb(&spread[..n], innovation.residual, innovation.variance - 1.0 + 1.0 / weight);
+        self.update_with_spread(&spread[..n], innovation.residual, innovation.variance - 1.0 + 1.0 / weight);
         if row_bias[..n].iter().any(|c| *c != 0.0) {
-            // What the score has beyond its mean distance moves the state by the covariance after the
-            // reading.
+            // The bias of the score beyond the mean distance shifts the state. It needs the updated
+            // covariance.
             self.shift(&row_bias[..n], -weight);
         }
         Ok(innovation)
     }
 
-    /// Takes in a scalar reading of known `P hᵀ` and `S = h P hᵀ + R`, with `R` of one or more:
-    /// `P − P hᵀ h P / S`, which then loses no digits that matter, and stays symmetric bit by bit.
-    fn absorb(&mut self, spread: &[f64], residual: f64, total: f64) {
+    /// Updates with a scalar reading of known `P hᵀ` and `S = h P hᵀ + R`, for `R ≥ 1`.
+    ///
+    /// The short form `P − P hᵀ h P / S` is safe here: with `R ≥ 1` cancellation is harmless, and symmetry is
+    /// exact because both triangles are written together.
+    fn update_with_spread(&mut self, spread: &[f64], residual: f64, total: f64) {
         let n = spread.len();
         let (mean, covariance) = self.parts_mut();
         let scale = 1.0 / total;

@@ -1,4 +1,4 @@
-//! Laws: circles of which everything is known in closed form.
+//! Laws, tested on circles with closed-form solutions.
 
 use super::*;
 use crate::{
@@ -57,7 +57,7 @@ fn start() -> DVector<f64> {
 }
 
 #[test]
-fn the_mean_of_a_distance_is_that_of_the_rice_distribution() {
+fn the_mean_of_a_distance_equals_that_of_the_rice_distribution() {
     // E|z| − R for z at distance R from the centre: σ √(π/2) L½(−R²/2σ²) − R; values by SciPy.
     for (ratio, mean) in [(2.5, 0.211_201_5), (3.0, 0.172_577_3), (5.0, 0.101_069_6)] {
         let reading = OnCircle { point: [0.0, ratio], sigma: 1.0 };
@@ -73,7 +73,7 @@ fn the_mean_of_a_distance_is_that_of_the_rice_distribution() {
 }
 
 #[test]
-fn a_foot_is_the_nearest_point_from_inside_and_outside() {
+fn a_foot_point_is_the_nearest_point_from_inside_and_outside() {
     for point in [[7.0, -1.0], [3.3, -1.4]] {
         let reading = OnCircle { point, sigma: 0.5 };
         let mut at = Normalized::new();
@@ -85,8 +85,8 @@ fn a_foot_is_the_nearest_point_from_inside_and_outside() {
     }
 }
 
-/// A point near the unit circle, far less sure along x than along y: beyond the radius of curvature in
-/// standard deviations.
+/// A point near the unit circle with much larger noise along x than along y, beyond the radius of curvature
+/// in standard deviations.
 struct Uneven {
     point: [f64; 2],
 }
@@ -114,7 +114,7 @@ impl ImplicitReading for Uneven {
 }
 
 #[test]
-fn feet_beyond_the_radius_of_curvature_are_found() {
+fn foot_points_beyond_the_radius_of_curvature_are_found() {
     let mut random = ChaCha8Rng::seed_from_u64(3);
     let mut repelled = 0;
     for _ in 0..300 {
@@ -128,7 +128,7 @@ fn feet_beyond_the_radius_of_curvature_are_found() {
         };
         let found = u.iter().map(|u| u * u).sum::<f64>();
         let angle = (point[1] - UNEVEN[1] * u[1]).atan2(point[0] - UNEVEN[0] * u[0]);
-        // On the circle, as near as its neighbours, and as far as the distance says.
+        // The foot point lies on the circle, no neighbour is closer, and the distance is correct.
         assert!((found - squared(angle)).abs() < 1e-4 * (1.0 + found), "{point:?}: {u:?}");
         assert!((found.sqrt() - at.distance.abs()).abs() < 1e-2 * (1.0 + found.sqrt()), "{point:?}");
         for step in [-0.01, 0.01] {
@@ -146,7 +146,7 @@ fn feet_beyond_the_radius_of_curvature_are_found() {
 }
 
 #[test]
-fn the_batch_is_that_of_least_squares() {
+fn the_batch_equals_least_squares() {
     let readings = points(40, 0.1, 3);
     let options = ImplicitOptions { correct_bias: false, step_tolerance: 1e-9, ..ImplicitOptions::default() };
     let fit = fit_implicit(&readings, None, &start(), &options).expect("a fit");
@@ -179,8 +179,8 @@ fn the_batch_is_that_of_least_squares() {
 }
 
 #[test]
-fn correction_takes_off_the_essential_bias_of_the_radius() {
-    // σ²/2R = 0.01 for σ = 0.2, R = 2: a hundred runs of a hundred readings know it to 0.0004.
+fn correction_removes_the_essential_bias_of_the_radius() {
+    // σ²/2R = 0.01 for σ = 0.2, R = 2: 100 runs of 100 readings determine it to 0.0004.
     let (runs, sigma) = (100, 0.2);
     let mut radius = [0.0; 2];
     let mut nees = ChiSquareMean::new(3.0).expect("degrees");
@@ -204,7 +204,7 @@ fn correction_takes_off_the_essential_bias_of_the_radius() {
 }
 
 #[test]
-fn the_noise_updated_filter_does_what_the_batch_does() {
+fn the_noise_updated_filter_agrees_with_the_batch() {
     let readings = points(400, 0.15, 11);
     let batch = fit_implicit(&readings, None, &start(), &ImplicitOptions::default()).expect("a fit");
     let first = fit_implicit(&readings[..20], None, &start(), &ImplicitOptions::default()).expect("a fit");
@@ -214,13 +214,13 @@ fn the_noise_updated_filter_does_what_the_batch_does() {
     }
     let covariance = batch.covariance.expect("determined");
     let off = filter.mean() - &batch.state;
-    // They differ by what is left of linearisation: a small part of a standard deviation.
+    // They differ by the remaining linearisation error, a small fraction of a standard deviation.
     assert!(normalized_squared(&off, &covariance).expect("a value") < 0.1);
     assert!((filter.covariance() - &covariance).amax() < 0.05 * covariance.amax());
 }
 
 #[test]
-fn a_gate_leaves_the_filter_as_it_was() {
+fn a_gated_reading_does_not_change_the_filter() {
     let mut filter = KalmanFilter::new(DVector::from_column_slice(&TRUTH), DMatrix::identity(3, 3) * 1e-4)
         .expect("a filter");
     let before = filter.clone();
@@ -232,7 +232,7 @@ fn a_gate_leaves_the_filter_as_it_was() {
 }
 
 #[test]
-fn a_loss_bounds_what_outliers_do() {
+fn a_loss_bounds_the_influence_of_outliers() {
     let mut readings = points(200, 0.05, 5);
     for k in 0..20 {
         readings[10 * k].point[0] += 1.5;
@@ -244,7 +244,7 @@ fn a_loss_bounds_what_outliers_do() {
     assert!((0..20).filter(|k| fit.weights[10 * k] == 0.0).count() >= 18);
 }
 
-/// A point near a circle whose whole group was shifted along x by shared noise.
+/// A point near a circle; shared noise shifts all points of its group along x.
 struct Shifted(OnCircle);
 
 impl ImplicitReading for Shifted {
@@ -267,8 +267,7 @@ impl ImplicitReading for Shifted {
 
 #[test]
 fn shared_noise_is_one_unknown_of_its_group() {
-    // Every group has shifts of σ = 0.3 in x: the centre is known to 0.3/√groups there, however many readings
-    // there are.
+    // Groups are shifted along x with σ = 0.3. So σ of the centre is 0.3/√groups for any number of readings.
     let mut nees = ChiSquareMean::new(3.0).expect("degrees");
     let mut random = ChaCha8Rng::seed_from_u64(2);
     for run in 0..60 {

@@ -53,8 +53,8 @@ fn scalar_and_vector_updates_agree() {
 
 #[test]
 fn joseph_form_stays_symmetric_and_positive_for_extreme_ratios() {
-    // Variances of a million against these: thirteen orders of magnitude leave no eigenvalue below zero, and
-    // beyond what doubles hold the largest variance's rounding is all that may be missing.
+    // Prior variances are 1e6. Up to thirteen orders of magnitude no eigenvalue is negative; beyond that only
+    // by the rounding of the largest variance.
     for (variance, rounding) in [(1e-7, 0.0), (1e-12, 1e-8), (1e-20, 1e-8), (0.0, 1e-8)] {
         for seed in 0..20 {
             let mut random = Gaussian::seeded(230 + seed);
@@ -111,8 +111,8 @@ fn nees_and_nis_of_a_tracked_state_lie_in_their_bands() {
     assert!(nis.is_consistent(0.99).unwrap(), "{} {:?}", nis.mean(), nis.band(0.99));
 }
 
-/// Ranges at uncertain bearings from the origin to a circle; all readings as one equation of `m` rows and
-/// `2 m` noises.
+/// Ranges at uncertain bearings from the origin to a circle: one equation of `m` rows and `2 m` noise
+/// components.
 fn circle_by_range(readings: Vec<[f64; 2]>) -> impl MeasurementEquation {
     let m = readings.len();
     Implicit::new(Dimensions { state: 3, noise: 2 * m, equations: m }, move |x, v, out| {
@@ -176,12 +176,12 @@ fn noise_updated_filter_beats_the_extended_one_on_a_circle() {
     let [extended, iterated, noise_updated] = squares.map(f64::sqrt);
     assert!(noise_updated < 0.6 * extended, "{extended} {iterated} {noise_updated}");
     assert!(noise_updated < iterated, "{extended} {iterated} {noise_updated}");
-    // Three unknowns: the noise-updated one knows how well it knows them; the extended one does not.
+    // Three unknowns: the noise-updated filter is consistent, the extended filter is not.
     assert!((nees[2] - 3.0).abs() < 0.6 && nees[0] > 6.0, "{nees:?}");
 }
 
 #[test]
-fn noise_updated_filter_rests_where_gauss_helmert_does() {
+fn noise_updated_filter_converges_to_the_gauss_helmert_solution() {
     let mut random = Gaussian::seeded(27);
     for _ in 0..5 {
         let case = circle_case(&mut random);
@@ -203,7 +203,7 @@ fn noise_updated_filter_rests_where_gauss_helmert_does() {
         let fit = fit.unwrap();
         assert!((&fit.state - filter.mean()).amax() < 1e-7, "{} {}", fit.state, filter.mean());
         assert!(relative_difference(fit.covariance.as_ref().unwrap(), filter.covariance()) < 1e-6);
-        // The normalised innovation there is twice the objective: prior and noise.
+        // The normalised innovation equals twice the objective of prior and noise.
         let moved = &fit.state - &case.prior_mean;
         let objective = 2.0 * fit.loss + moved.dot(&(&prior.matrix * &moved));
         assert!((innovation.normalized_squared - objective).abs() < 1e-6 * objective);
@@ -227,7 +227,7 @@ fn all_schemes_agree_on_linear_equations() {
 }
 
 #[test]
-fn an_iteration_that_does_not_settle_is_told_and_a_bad_input_changes_nothing() {
+fn a_diverging_iteration_is_reported_and_invalid_input_changes_nothing() {
     let equation = Explicit::new(dvector![4.0], 1, |x, prediction, jacobian| {
         prediction[0] = x[0] * x[0];
         jacobian[(0, 0)] = 2.0 * x[0];

@@ -22,7 +22,7 @@ fn solve(measurements: &[Measurement<'_>], start: &DVector<f64>) -> LeastSquares
 }
 
 #[test]
-fn a_linear_batch_is_the_belief_and_its_leverages_add_up() {
+fn a_linear_batch_equals_the_belief_and_its_leverages_add_up() {
     let mut random = Gaussian::seeded(31);
     let truth = random.vector(4);
     let equations = line_readings(&mut random, &truth, 20, 0.1);
@@ -56,7 +56,7 @@ fn circle(z: [f64; 2]) -> impl MeasurementEquation {
 }
 
 #[test]
-fn corrected_readings_lie_on_the_fitted_circle_and_the_objective_is_at_its_least() {
+fn corrected_readings_lie_on_the_fitted_circle_and_the_objective_is_minimal() {
     let mut random = Gaussian::seeded(32);
     let covariance = dmatrix![0.02, 0.006; 0.006, 0.01];
     let points: Vec<[f64; 2]> = (0..15)
@@ -105,7 +105,7 @@ fn corrected_readings_lie_on_the_fitted_circle_and_the_objective_is_at_its_least
 }
 
 #[test]
-fn a_far_start_that_defeats_undamped_steps_still_arrives() {
+fn a_far_start_where_undamped_steps_diverge_still_converges() {
     // Undamped Gauss–Newton diverges on arctan from 2.
     let equation = Explicit::new(dvector![0.0], 1, |x, prediction, jacobian| {
         prediction[0] = x[0].atan();
@@ -136,7 +136,7 @@ fn large_offsets_and_small_sigmas_end_by_tolerance_and_not_by_error() {
 }
 
 #[test]
-fn what_the_data_do_not_determine_is_data_and_not_a_guess() {
+fn an_undetermined_direction_is_reported_and_not_guessed() {
     let sum = Linear::new(dmatrix![1.0, 1.0, 0.0], dvector![2.0]).unwrap();
     let fit = solve(&[Measurement::new(&sum, scalar(1.0))], &DVector::zeros(3));
     assert_eq!(fit.termination, Termination::Undetermined);
@@ -147,7 +147,7 @@ fn what_the_data_do_not_determine_is_data_and_not_a_guess() {
 }
 
 #[test]
-fn running_out_of_steps_is_told() {
+fn reaching_the_maximum_number_of_steps_is_reported() {
     let equations: Vec<_> = [[2.0, 0.1], [0.0, 2.1], [-1.9, 0.0], [0.1, -2.0]].map(circle).into();
     let readings: Vec<_> = equations.iter().map(|z| Measurement::new(z, DMatrix::identity(2, 2))).collect();
     let options = LeastSquaresOptions { max_iterations: 1, ..LeastSquaresOptions::default() };
@@ -171,7 +171,7 @@ fn wrong_shapes_are_input_errors_that_name_the_measurement() {
 }
 
 #[test]
-fn stated_covariance_of_robust_fits_is_that_of_many_runs() {
+fn stated_covariance_of_robust_fits_matches_many_runs() {
     let sigma = 0.2;
     for (loss, seed) in [(Loss::huber(), 33), (Loss::tukey(), 34), (Loss::Huber { threshold: 0.5 }, 35)] {
         let mut random = Gaussian::seeded(seed);

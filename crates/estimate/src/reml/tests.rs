@@ -4,7 +4,7 @@ use crate::test_support::{Gaussian, dmatrix};
 use crate::{ErrorKind, Information};
 use nalgebra::DVector;
 
-/// Values on a grid read with noise, their second differences penalised: a discrete smoothing spline.
+/// Noisy values on a grid with penalised second differences: a discrete smoothing spline.
 struct Smoothing {
     design: DMatrix<f64>,
     weight: DMatrix<f64>,
@@ -52,8 +52,8 @@ impl Smoothing {
         })
     }
 
-    /// The density of contrasts that the null space does not touch, with their full covariance: no shortcut
-    /// shared.
+    /// Density of contrasts orthogonal to the null space, with their full covariance. It shares no code with
+    /// the implementation.
     fn brute_force(&self, weight: f64, dispersion: Dispersion) -> f64 {
         let eigen = self.penalty.clone().symmetric_eigen();
         let inverted = eigen.eigenvalues.map(|value| if value > 1e-9 { 1.0 / value } else { 0.0 });
@@ -61,7 +61,7 @@ impl Smoothing {
             &eigen.eigenvectors * DMatrix::from_diagonal(&inverted) * eigen.eigenvectors.transpose() / weight;
         let line = DMatrix::from_fn(16, 2, |i, j| if j == 0 { 1.0 } else { i as f64 });
         let fixed = (&self.design * line).qr().q();
-        // An orthonormal basis of what is orthogonal to the fixed part.
+        // An orthonormal basis of the complement of the fixed part.
         let projector = DMatrix::identity(50, 50) - &fixed * fixed.transpose();
         let basis = projector.symmetric_eigen();
         let columns: Vec<_> = (0..50)
@@ -85,7 +85,7 @@ impl Smoothing {
 }
 
 #[test]
-fn likelihood_is_that_of_the_contrasts_up_to_a_constant() {
+fn likelihood_equals_that_of_the_contrasts_up_to_a_constant() {
     let problem = smoothing(71, 0.2, 0.3);
     for dispersion in [Dispersion::Known(1.0), Dispersion::Known(2.5), Dispersion::Estimated] {
         let model = problem.model(dispersion);
@@ -130,7 +130,7 @@ fn search_and_fixed_point_find_the_same_weight_as_a_fine_grid() {
 }
 
 #[test]
-fn a_start_near_the_answer_needs_few_solutions() {
+fn a_start_near_the_optimum_needs_few_solutions() {
     let problem = smoothing(73, 0.2, 0.2);
     let model = problem.model(Dispersion::Known(1.0));
     let best =
@@ -185,7 +185,7 @@ fn a_maximum_next_to_a_bound_and_a_start_on_it_are_found() {
 }
 
 #[test]
-fn pseudo_determinant_leaves_out_the_null_space_only() {
+fn pseudo_determinant_excludes_only_the_null_space() {
     let (rank, log) =
         log_pseudo_determinant(&dmatrix![2.0, -2.0, 0.0; -2.0, 2.0, 0.0; 0.0, 0.0, 1e-12], 1e-10).unwrap();
     assert_eq!(rank, 2);
@@ -194,7 +194,7 @@ fn pseudo_determinant_leaves_out_the_null_space_only() {
 }
 
 #[test]
-fn models_and_searches_that_make_no_sense_are_refused() {
+fn invalid_models_and_searches_are_rejected() {
     let problem = smoothing(75, 0.2, 0.2);
     let search = SmoothnessSearch::from_start(1.0);
     let good = problem.model(Dispersion::Known(1.0));

@@ -35,7 +35,7 @@ fn influence_is_the_slope_of_the_loss_and_weight_its_quotient_for_every_loss() {
 
 #[test]
 fn losses_take_distances_and_not_their_squares() {
-    // A reading three standard deviations off costs a Gaussian 4.5; taking 3 for a square would make it 1.5.
+    // The Gaussian loss of a residual of 3 is 4.5. If 3 were interpreted as a square, it would be 1.5.
     assert_eq!(Loss::Gaussian.rho(3.0), 4.5);
     assert_eq!(Loss::Huber { threshold: 2.0 }.rho(3.0), 4.0);
     assert_eq!(Loss::Tukey { threshold: 3.0 }.rho(5.0), 1.5);
@@ -45,7 +45,7 @@ fn losses_take_distances_and_not_their_squares() {
 
 #[test]
 fn tuning_constants_have_their_published_efficiency() {
-    // Holland, Welsch 1977: 95 % at 1.345, 2.385, 4.685. The median's is 2/π, the limit of a narrow Huber
+    // Holland, Welsch 1977: 95 % at 1.345, 2.385, 4.685. The median has 2/π, the limit of a narrow Huber
     // loss.
     for loss in [Loss::huber(), Loss::cauchy(), Loss::tukey()] {
         assert!((loss.efficiency().unwrap() - 0.95).abs() < 5e-4, "{loss:?}");
@@ -62,7 +62,7 @@ fn tuning_constants_have_their_published_efficiency() {
 }
 
 #[test]
-fn losses_without_a_positive_constant_are_refused() {
+fn losses_without_a_positive_constant_are_rejected() {
     for loss in
         [Loss::Huber { threshold: 0.0 }, Loss::Cauchy { scale: f64::NAN }, Loss::StudentT { degrees: -1.0 }]
     {
@@ -97,8 +97,9 @@ fn gated_variance_is_unbiased_after_the_correction() {
 }
 
 #[test]
-fn truncation_has_its_limits() {
-    // Wide: nothing is lost. Narrow: a uniform distribution, variance k²/3; both sides of the series agree.
+fn truncation_has_the_correct_limits() {
+    // A wide gate changes nothing. A narrow one gives a uniform distribution of variance k²/3. Series and
+    // closed form agree where they meet.
     assert_eq!(TruncatedNormal::new(f64::INFINITY).unwrap().variance_ratio(), 1.0);
     let ratio = |gate| TruncatedNormal::new(gate).unwrap().variance_ratio();
     assert!((ratio(1e-3) / (1e-6 / 3.0) - 1.0).abs() < 1e-6);

@@ -1,17 +1,17 @@
-//! A few unknowns that many readings share, beside the sparse ones: an arrow of equations.
+//! Sparse equations with a dense border: a few unknowns shared by many readings.
 //!
-//! Comes in: the factor of the sparse part `A`, its coupling `C` with few further unknowns, and their own
-//! information `P`. Goes out: solutions of the whole, the covariance of the few, and what their uncertainty
-//! adds to the covariance of the many:
+//! Input: the factor of the sparse part `A`, its coupling `C` with a few shared unknowns, and their
+//! information `P`. Output: solutions of the full system, the covariance of the shared unknowns, and their
+//! contribution to the covariance of the sparse unknowns:
 //!
 //! ```text
 //! [ A   C ] [x]   [g]        S = P − Cᵀ A⁻¹ C        Σ_pp = S⁻¹
 //! [ Cᵀ  P ] [p] = [h]                                Σ_xx = A⁻¹ + (A⁻¹C) S⁻¹ (A⁻¹C)ᵀ
 //! ```
 //!
-//! The second term of `Σ_xx` has the rank of `p`: correlated errors are kept as a low-rank term, and no
-//! sparse matrix fills in. Not guaranteed: digits of unknowns of `p` that the whole determines only by
-//! differences of much larger numbers; give each a prior.
+//! The second term of `Σ_xx` has the rank of `p`. Correlated errors are therefore stored as a low-rank term,
+//! and the sparse matrix stays sparse. Not guaranteed: accuracy of shared unknowns that are determined only
+//! by small differences of large numbers; give each of them a prior.
 
 use std::ops::Range;
 
@@ -20,11 +20,14 @@ use nalgebra::{Cholesky, DMatrix, Dyn};
 use super::CholeskyFactor;
 use crate::{Error, Result};
 
-/// Directions of which a larger share of the information than the first is noise count as known less, of the
-/// second as unknown.
-const MOST_NOISE: (f64, f64) = (0.25, 0.75);
+/// Fractions of noise in the information along a direction. Above the first the information is reduced, above
+/// the second it is zero.
+///
+/// The estimate of the noise itself scatters. Lower fractions discard real information, higher ones keep
+/// noise.
+const NOISE_FRACTIONS: (f64, f64) = (0.25, 0.75);
 
-/// The reduced equations of the few unknowns, factored.
+/// Factored equations of the shared unknowns.
 #[derive(Debug, Clone)]
 pub struct Bordered {
     /// `A⁻¹ C`, `n × m`, row by row.
@@ -34,17 +37,18 @@ pub struct Bordered {
 }
 
 impl Bordered {
-    /// Reduces and factors. `coupling` is `C`, `n × m`, row by row; `corner` is `P`, `m × m`, symmetric.
+    /// Eliminates the sparse unknowns and factors the rest. `coupling` is `C`, `n × m`, row by row; `corner`
+    /// is `P`, `m × m`, symmetric.
     ///
     /// Cost: `m` solutions with the factor, `n m²` and `m³/3`; memory `n m`.
     ///
     /// # Errors
-    /// `Input` when the sizes do not fit; `Undetermined` when `S` is not positive definite: the few unknowns
-    /// are not determined by readings and their own prior together.
+    /// `Input` when sizes do not match; `Undetermined` when `S` is not positive definite, because readings
+    /// and prior together do not determine the shared unknowns.
     ///
     /// # Examples
-    /// One unknown read as 3 with information 4, by a sensor whose offset has information 4, too: half of the
-    /// information is left.
+    /// One unknown, read as 3 with information 4 by a sensor whose offset also has information 4. Half of the
+    /// information remains.
     /// ```
     /// use planish_estimate::sparse::{
     ///     BlockInformation, BlockPattern, Bordered, CholeskyFactor, NodeOrdering, SymbolicFactor,
@@ -56,7 +60,7 @@ impl Bordered {
     /// let mut information = BlockInformation::zeros(pattern, 1, 1)?;
     /// information.add_element(&[0], &[4.0], &[12.0])?;
     /// let factor = CholeskyFactor::factorize(&symbolic, &information)?;
-    /// // z = x + p: the offset's own information and the reading's.
+    /// // z = x + p: the information of the offset plus that of the reading.
     /// let bordered = Bordered::new(&factor, &[4.0], &[4.0 + 4.0])?;
     /// let (mut x, mut p) = (vec![12.0], vec![12.0]);
     /// bordered.solve_in_place(&factor, &[4.0], &mut x, &mut p)?;
@@ -69,30 +73,31 @@ impl Bordered {
         let (solved, symmetric) = reduce(factor, coupling, corner)?;
         let complement = Cholesky::new(symmetric).ok_or_else(|| {
             Error::undetermined(
-                "what readings share is determined neither by them nor by what was known before",
+                "the unknowns shared by readings are determined neither by the readings nor by their prior",
             )
         })?;
         Ok(Self { solved, complement })
     }
 
-    /// `P − Cᵀ A⁻¹ C` alone, `m × m`, which need not be positive definite.
+    /// Returns `P − Cᵀ A⁻¹ C`, `m × m`, which need not be positive definite.
     ///
     /// # Errors
-    /// `Input` when the sizes do not fit.
+    /// `Input` when sizes do not match.
     pub fn complement_of(factor: &CholeskyFactor, coupling: &[f64], corner: &[f64]) -> Result<Vec<f64>> {
         Ok(reduce(factor, coupling, corner)?.1.as_slice().to_vec())
     }
 
-    /// How many unknowns are shared.
+    /// Number of shared unknowns.
     #[must_use]
     pub fn shared(&self) -> usize {
         self.complement.l_dirty().nrows()
     }
 
-    /// Solves for both: `x` from `g`, `p` from `h`. `factor` and `coupling` are those of [`Self::new`].
+    /// Solves the full system: replaces `g` by `x` and `h` by `p`. `factor` and `coupling` are those of
+    /// [`Self::new`].
     ///
     /// # Errors
-    /// `Input` when the sizes do not fit.
+    /// `Input` when sizes do not match.
     pub fn solve_in_place(
         &self,
         factor: &CholeskyFactor,
@@ -103,7 +108,7 @@ impl Bordered {
         let m = self.shared();
         if p.len() != m || x.len() * m != self.solved.len() || coupling.len() != self.solved.len() {
             return Err(Error::input(format!(
-                "needed {} and {m} right-hand sides, found {} and {}",
+                "expected {} and {m} right-hand sides, found {} and {}",
                 self.solved.len() / m.max(1),
                 x.len(),
                 p.len()
@@ -132,68 +137,68 @@ impl Bordered {
         self.complement.inverse().as_slice().to_vec()
     }
 
-    /// `pᵀ S p`: the square of a step of the shared unknowns in standard deviations, the others left open.
+    /// `pᵀ S p`: squared length, in standard deviations, of a step of the shared unknowns. The sparse
+    /// unknowns are free.
     ///
     /// # Errors
-    /// `Input` when there are other than `m` of them.
+    /// `Input` when `p` does not have `m` components.
     pub fn shared_length2(&self, p: &[f64]) -> Result<f64> {
         let l = self.complement.l_dirty();
         let m = l.nrows();
         if p.len() != m {
-            return Err(Error::input(format!("needed {m} shared unknowns, found {}", p.len())));
+            return Err(Error::input(format!("expected {m} shared unknowns, found {}", p.len())));
         }
         Ok((0..m).map(|column| (column..m).map(|row| l[(row, column)] * p[row]).sum::<f64>().powi(2)).sum())
     }
 
-    /// `S`, the information about the shared unknowns when all others are left open, `m × m`.
+    /// `S`, the marginal information about the shared unknowns, `m × m`.
     #[must_use]
     pub fn shared_information(&self) -> Vec<f64> {
         let l = self.complement.l();
         (&l * l.transpose()).as_slice().to_vec()
     }
 
-    /// The same without the information about the shared unknowns that is only `noise`, but never below what
-    /// `least` says, and by how much their corner `P` has changed. All are `m × m`.
+    /// Removes the information about the shared unknowns that is due to `noise`, but keeps at least `floor`.
+    /// Also returns the change of `P`. All matrices are `m × m`.
     ///
-    /// Along the common eigenvectors of `noise` and `S`, with `μ` the share of noise in `S`, `1 − μ` of `S`
-    /// is kept where `μ` is less than a quarter; of more an ever smaller part, and nothing from three
-    /// quarters on, as noise scatters about its mean. In the metric of `least` no eigenvalue of what is left
-    /// may fall below one.
+    /// Let `μ` be the fraction of noise in `S` along a common eigenvector of both. `1 − μ` of `S` is kept for
+    /// `μ` below 1/4, a decreasing part of it above, and nothing from 3/4 on, because the noise scatters
+    /// about its mean. In the metric of `floor` no eigenvalue of the result is below 1.
     ///
     /// # Errors
-    /// `Input` when `least` is not positive definite, or a size does not fit.
-    pub fn without_noise(mut self, noise: &[f64], least: &[f64]) -> Result<(Self, Vec<f64>)> {
+    /// `Input` when `floor` is not positive definite, or sizes do not match.
+    pub fn without_noise(mut self, noise: &[f64], floor: &[f64]) -> Result<(Self, Vec<f64>)> {
         let m = self.shared();
-        let wrong = || Error::input(format!("needed a positive definite least information of {m} × {m}"));
-        if noise.len() != m * m || least.len() != m * m {
+        let wrong = || Error::input(format!("expected a positive definite minimum information of {m} × {m}"));
+        if noise.len() != m * m || floor.len() != m * m {
             return Err(wrong());
         }
         let before = DMatrix::from_column_slice(m, m, &self.shared_information());
         let noise = DMatrix::from_column_slice(m, m, noise);
         let kept = with_eigenvalues(&self.complement.l(), &noise, |share| {
-            let believed = (MOST_NOISE.1 - share) / (MOST_NOISE.1 - MOST_NOISE.0);
-            (1.0 - share).max(0.0) * believed.clamp(0.0, 1.0)
+            let trust = (NOISE_FRACTIONS.1 - share) / (NOISE_FRACTIONS.1 - NOISE_FRACTIONS.0);
+            (1.0 - share).max(0.0) * trust.clamp(0.0, 1.0)
         });
-        let least = Cholesky::new(DMatrix::from_column_slice(m, m, least)).ok_or_else(wrong)?;
-        let after = (kept.and_then(|kept| with_eigenvalues(&least.l(), &kept, |value| value.max(1.0))))
+        let floor = Cholesky::new(DMatrix::from_column_slice(m, m, floor)).ok_or_else(wrong)?;
+        let after = (kept.and_then(|kept| with_eigenvalues(&floor.l(), &kept, |value| value.max(1.0))))
             .ok_or_else(wrong)?;
         let change = (&after - before).as_slice().to_vec();
         self.complement = Cholesky::new(after).ok_or_else(wrong)?;
         Ok((self, change))
     }
 
-    /// Directions of some of the shared unknowns of which the readings took away less than a `share` of what
-    /// variance `prior`, the information about them alone, leaves them: each as long as one σ of the prior,
-    /// orthogonal in its metric.
+    /// Directions of some shared unknowns whose prior variance the readings reduce by less than the fraction
+    /// `share`. Each direction is one σ of the prior long; they are orthogonal in the metric of the prior,
+    /// whose information about these unknowns is `prior`.
     ///
-    /// Eigenvectors of `L₀ᵀ Σ L₀` with eigenvalues above `1 − share`, where `L₀ L₀ᵀ` is the prior and `Σ`
-    /// their part of `S⁻¹`.
+    /// Eigenvectors of `L₀ᵀ Σ L₀` with eigenvalues above `1 − share`, where `L₀ L₀ᵀ` is the prior and `Σ` the
+    /// block of `S⁻¹`.
     ///
     /// # Errors
     /// `Input` when the prior is not positive definite or of another size.
     pub fn undetermined(&self, of: Range<usize>, prior: &[f64], share: f64) -> Result<Vec<Vec<f64>>> {
         let m = of.len();
-        let wrong = || Error::input(format!("needed a positive definite prior of {m} × {m}"));
+        let wrong = || Error::input(format!("expected a positive definite prior of {m} × {m}"));
         if prior.len() != m * m || of.end > self.shared() {
             return Err(wrong());
         }
@@ -220,7 +225,8 @@ impl Bordered {
     }
 }
 
-/// `L V f(Λ) Vᵀ Lᵀ` of a symmetric matrix `L V Λ Vᵀ Lᵀ`; none where `L` is singular.
+/// Applies `f` to the generalised eigenvalues: `L V f(Λ) Vᵀ Lᵀ` for a symmetric matrix `L V Λ Vᵀ Lᵀ`. `None`
+/// if `L` is singular.
 fn with_eigenvalues(l: &DMatrix<f64>, matrix: &DMatrix<f64>, f: impl Fn(f64) -> f64) -> Option<DMatrix<f64>> {
     let half = l.solve_lower_triangular(matrix)?;
     let whitened = l.solve_lower_triangular(&half.transpose())?;
@@ -230,13 +236,14 @@ fn with_eigenvalues(l: &DMatrix<f64>, matrix: &DMatrix<f64>, f: impl Fn(f64) -> 
     Some(0.5 * (&made + made.transpose()))
 }
 
-/// `A⁻¹ C` and `P − Cᵀ A⁻¹ C`.
+/// Computes `A⁻¹ C` and `P − Cᵀ A⁻¹ C`.
 fn reduce(factor: &CholeskyFactor, coupling: &[f64], corner: &[f64]) -> Result<(Vec<f64>, DMatrix<f64>)> {
     let m = corner.len().isqrt();
     let n = factor.symbolic().pattern().nodes() * factor.symbolic().block_size();
     if m * m != corner.len() || coupling.len() != n * m {
         return Err(Error::input(format!(
-            "{n} sparse unknowns and a corner of {} entries need a coupling of {n} × {m}, found {} entries",
+            "{n} sparse unknowns and a corner of {} entries require a coupling of {n} × {m}, found {} \
+             entries",
             corner.len(),
             coupling.len()
         )));
@@ -245,7 +252,7 @@ fn reduce(factor: &CholeskyFactor, coupling: &[f64], corner: &[f64]) -> Result<(
     if m > 0 {
         factor.solve_in_place(&mut solved)?;
     }
-    // Both have their rows one after the other: as columns they are transposed.
+    // Both are row-major, so reading them as column-major gives their transposes.
     let (c, f) = (DMatrix::from_column_slice(m, n, coupling), DMatrix::from_column_slice(m, n, &solved));
     let reduced = DMatrix::from_column_slice(m, m, corner) - &c * f.transpose();
     let symmetric = 0.5 * (&reduced + reduced.transpose());
@@ -261,8 +268,8 @@ mod tests {
     const N: usize = 12;
     const M: usize = 3;
 
-    /// A chain of unknowns, of which every reading `x_i − x_{i+1} + row · p` shares three offsets.
-    fn whole() -> (CholeskyFactor, Vec<f64>, Vec<f64>, DMatrix<f64>) {
+    /// A chain of unknowns whose readings `x_i − x_{i+1} + row · p` share three offsets.
+    fn chain_with_offsets() -> (CholeskyFactor, Vec<f64>, Vec<f64>, DMatrix<f64>) {
         let pattern =
             Arc::new(BlockPattern::from_elements(N, (0..N as u32 - 1).map(|i| [i, i + 1])).unwrap());
         let symbolic = Arc::new(SymbolicFactor::analyse(&pattern, &NodeOrdering::natural(N), 1).unwrap());
@@ -294,8 +301,8 @@ mod tests {
     }
 
     #[test]
-    fn solutions_and_covariances_are_those_of_the_dense_whole() {
-        let (factor, coupling, corner, dense) = whole();
+    fn solutions_and_covariances_equal_those_of_the_dense_system() {
+        let (factor, coupling, corner, dense) = chain_with_offsets();
         let bordered = Bordered::new(&factor, &coupling, &corner).unwrap();
         let inverse = dense.clone().try_inverse().unwrap();
         let right = nalgebra::DVector::from_fn(N + M, |i, _| (i as f64).cos());
@@ -325,9 +332,9 @@ mod tests {
     }
 
     #[test]
-    fn directions_that_readings_leave_as_they_were_are_found() {
-        let (factor, coupling, corner, _) = whole();
-        // A fourth unknown that no reading has.
+    fn directions_without_information_from_readings_are_found() {
+        let (factor, coupling, corner, _) = chain_with_offsets();
+        // A fourth unknown that appears in no reading.
         let coupling: Vec<f64> =
             coupling.chunks_exact(M).flat_map(|row| [row[0], row[1], row[2], 0.0]).collect();
         let (mut corner4, mut prior) = ([0.0; 16], [0.0; 16]);
@@ -343,42 +350,43 @@ mod tests {
         let only = found.iter().find(|v| v[3].abs() > 1.0).unwrap();
         assert!((only[3].abs() - 2.0).abs() < 1e-9 && only[..3].iter().all(|c| c.abs() < 1e-9), "{found:?}");
         assert!(bordered.undetermined(0..4, &prior[1..], 0.1).is_err());
-        // The fourth alone is a direction as well, one σ long.
+        // The fourth unknown alone is also such a direction, one σ long.
         let alone = bordered.undetermined(3..4, &[0.25], 0.1).unwrap();
         assert!((alone[0][0].abs() - 2.0).abs() < 1e-9 && alone.len() == 1);
     }
 
     #[test]
-    fn information_that_is_noise_is_left_out_down_to_what_is_known_in_any_case() {
-        let (factor, coupling, corner, _) = whole();
+    fn noise_is_removed_from_the_information_down_to_the_floor() {
+        let (factor, coupling, corner, _) = chain_with_offsets();
         let bordered = Bordered::new(&factor, &coupling, &corner).unwrap();
         let before = bordered.shared_information();
-        let least: Vec<f64> = (0..M * M).map(|k| if k % (M + 1) == 0 { 0.2 } else { 0.0 }).collect();
-        let none = bordered.clone().without_noise(&[0.0; M * M], &least).unwrap();
+        let floor: Vec<f64> = (0..M * M).map(|k| if k % (M + 1) == 0 { 0.2 } else { 0.0 }).collect();
+        let none = bordered.clone().without_noise(&[0.0; M * M], &floor).unwrap();
         assert!(none.1.iter().all(|c| c.abs() < 1e-12));
         let of_noise = |share: f64| -> Vec<f64> {
             let noise: Vec<f64> = before.iter().map(|s| share * s).collect();
-            let (left, change) = bordered.clone().without_noise(&noise, &least).unwrap();
+            let (left, change) = bordered.clone().without_noise(&noise, &floor).unwrap();
             let left = left.shared_information();
             for (k, s) in left.iter().enumerate() {
                 assert!((before[k] + change[k] - s).abs() < 1e-12);
             }
             left
         };
-        // A tenth is taken off, as far as the least allows; of what is mostly noise only the least is left.
+        // A tenth is removed, as far as the floor allows. Only the floor remains of information that is
+        // mostly noise.
         for (k, s) in of_noise(0.1).iter().enumerate() {
-            let floor = if least[k] > 0.0 { least[k] } else { f64::NEG_INFINITY };
-            assert!(*s > floor - 1e-12 && (0.9 * before[k] - s).abs() < 0.2, "{s} {}", before[k]);
+            let bound = if floor[k] > 0.0 { floor[k] } else { f64::NEG_INFINITY };
+            assert!(*s > bound - 1e-12 && (0.9 * before[k] - s).abs() < 0.2, "{s} {}", before[k]);
         }
-        for (s, least) in of_noise(0.9).iter().zip(&least) {
-            assert!((s - least).abs() < 1e-12);
+        for (s, floor) in of_noise(0.9).iter().zip(&floor) {
+            assert!((s - floor).abs() < 1e-12);
         }
     }
 
     #[test]
-    fn a_shared_unknown_that_nothing_determines_is_said_to_be() {
-        let (factor, coupling, mut corner, _) = whole();
-        // The corner that would leave no information at all.
+    fn an_undetermined_shared_unknown_is_reported() {
+        let (factor, coupling, mut corner, _) = chain_with_offsets();
+        // A corner for which no information about the shared unknowns remains.
         let bordered = Bordered::new(&factor, &coupling, &corner).unwrap();
         for (c, s) in corner.iter_mut().zip(bordered.shared_information()) {
             *c -= s * (1.0 + 1e-9);

@@ -1,9 +1,9 @@
 //! The sparse Cholesky factor of an information matrix.
 //!
-//! Comes in: a symbolic analysis and numbers. Goes out: `P Λ Pᵀ = L Lᵀ`, solutions, samples and the
-//! log-determinant. The method is multifrontal: each supernode's dense front takes up its children's updates,
-//! is factored by dense kernels, and leaves an update to its parent. Not guaranteed: a factor of a matrix
-//! that is singular to working precision; that is an error which names the node.
+//! Input: a symbolic analysis and numbers. Output: `P Λ Pᵀ = L Lᵀ`, solutions, samples and the
+//! log-determinant. The method is multifrontal: the dense front of a supernode adds the updates of its
+//! children, is factored by dense kernels, and passes an update to its parent. Not guaranteed: a factor of a
+//! matrix that is singular to working precision. This is an error that names the node.
 
 use std::sync::Arc;
 
@@ -21,10 +21,11 @@ use super::tree::{Walk, by_columns};
 use super::{BlockInformation, BlockPattern, SymbolicFactor};
 use crate::{Error, Result};
 
-/// A pivot below this multiple of its diagonal entry counts as zero: cancellation alone leaves as much.
+/// A pivot below this multiple of its diagonal entry counts as zero: cancellation alone can leave as much.
 ///
-/// Seen on singular grids of differences: up to 20 ε.
-const LEAST_PIVOT: f64 = 128.0 * f64::EPSILON;
+/// Up to 20 ε were observed on singular grids of differences. A larger value would reject weak priors (tests
+/// `singular_information_is_undetermined_although_rounding_leaves_a_pivot`, `weak_priors_are_accepted`).
+const MIN_PIVOT: f64 = 128.0 * f64::EPSILON;
 
 /// The factor `L` of `P Λ Pᵀ = L Lᵀ`.
 ///
@@ -48,14 +49,14 @@ const LEAST_PIVOT: f64 = 128.0 * f64::EPSILON;
 #[derive(Clone)]
 pub struct CholeskyFactor {
     symbolic: Arc<SymbolicFactor>,
-    /// One column-major panel a supernode; the upper triangle of its diagonal block has no meaning.
+    /// One column-major panel per supernode; the upper triangle of its diagonal block is unspecified.
     values: Vec<f64>,
 }
 
 impl CholeskyFactor {
     /// Factors an information matrix.
     ///
-    /// Cost: [`SymbolicFactor::flops`], dense; memory: the factor, plus updates on their way to parents.
+    /// Cost: [`SymbolicFactor::flops`] in dense kernels. Memory: the factor, plus pending updates to parents.
     ///
     /// # Errors
     /// `Undetermined` when the matrix is not positive definite, or singular to working precision; the message
@@ -66,8 +67,8 @@ impl CholeskyFactor {
             .refactorize(information)
     }
 
-    /// Factors other information of the same pattern in the memory of this factor. Gives the same bytes as
-    /// [`Self::factorize`].
+    /// Factors other information of the same pattern and reuses the memory. The result has the same bytes as
+    /// that of [`Self::factorize`].
     ///
     /// # Errors
     /// As [`Self::factorize`].
@@ -77,7 +78,7 @@ impl CholeskyFactor {
             || !BlockPattern::same(information.pattern(), symbolic.pattern())
         {
             return Err(Error::input(
-                "the information has another pattern or block size than the symbolic analysis",
+                "pattern or block size of the information differ from the symbolic analysis",
             ));
         }
         self.values.resize(symbolic.stored_values(), 0.0);
@@ -87,13 +88,13 @@ impl CholeskyFactor {
         }
     }
 
-    /// The analysis behind the factor.
+    /// The symbolic analysis.
     #[must_use]
     pub fn symbolic(&self) -> &Arc<SymbolicFactor> {
         &self.symbolic
     }
 
-    /// Memory of the numbers, in bytes.
+    /// Memory of the values in bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.values.len() * size_of::<f64>()
@@ -119,19 +120,19 @@ impl CholeskyFactor {
     /// # Errors
     /// `Input` when the length of `x` is no multiple of the dimension.
     pub fn solve_in_place(&self, x: &mut [f64]) -> Result<()> {
-        let mut parts = SupernodeVectors::take(&self.symbolic, x, |row| self.place_of(row))?;
+        let mut parts = SupernodeVectors::from_rows(&self.symbolic, x, |row| self.place_of(row))?;
         self.forward(&mut parts);
         self.backward(&mut parts);
         parts.copy_to(x, |row| self.place_of(row));
         Ok(())
     }
 
-    /// `x ← L⁻¹ P x`: whitens. `|L⁻¹ P η|² = ηᵀ Λ⁻¹ η`. The result is in the order of elimination.
+    /// `x ← L⁻¹ P x`: whitens a vector, so that `|L⁻¹ P η|² = ηᵀ Λ⁻¹ η`. The result is in elimination order.
     ///
     /// # Errors
     /// `Input` when the length of `x` is no multiple of the dimension.
     pub fn solve_lower_in_place(&self, x: &mut [f64]) -> Result<()> {
-        let mut parts = SupernodeVectors::take(&self.symbolic, x, |row| self.place_of(row))?;
+        let mut parts = SupernodeVectors::from_rows(&self.symbolic, x, |row| self.place_of(row))?;
         self.forward(&mut parts);
         parts.copy_to(x, |row| row);
         Ok(())
@@ -139,7 +140,7 @@ impl CholeskyFactor {
 
     /// `z ← Pᵀ L⁻ᵀ z`: for `z` of independent standard normals the result has covariance `Λ⁻¹`.
     ///
-    /// `z` is in the order of elimination, the result in that of the nodes.
+    /// `z` is in elimination order, the result in node order.
     ///
     /// # Errors
     /// `Input` when the length of `z` is no multiple of the dimension.
@@ -147,7 +148,7 @@ impl CholeskyFactor {
     /// # References
     /// Rue and Held, *Gaussian Markov Random Fields*, 2005, algorithm 2.4.
     pub fn solve_lower_transpose_in_place(&self, z: &mut [f64]) -> Result<()> {
-        let mut parts = SupernodeVectors::take(&self.symbolic, z, |row| row)?;
+        let mut parts = SupernodeVectors::from_rows(&self.symbolic, z, |row| row)?;
         self.backward(&mut parts);
         parts.copy_to(z, |row| self.place_of(row));
         Ok(())
@@ -163,7 +164,7 @@ impl CholeskyFactor {
         &self.values[self.symbolic.value_start[s]..self.symbolic.value_start[s + 1]]
     }
 
-    /// Where an unknown, numbered in the order of elimination, lies in the order of the nodes.
+    /// Index in node order of an unknown given in elimination order.
     fn place_of(&self, unknown: usize) -> usize {
         let b = self.symbolic.block_size();
         self.symbolic.old_from_new[unknown / b] as usize * b + unknown % b
@@ -242,18 +243,17 @@ impl CholeskyFactor {
     }
 }
 
-/// Vectors cut up by supernodes: those of one supernode lie one after the other.
+/// Vectors split by supernodes; the vectors of one supernode are contiguous.
 struct SupernodeVectors {
     vectors: usize,
-    /// Start of each supernode's part, and the end.
+    /// Start of the part of each supernode, and the end.
     start: Vec<usize>,
     values: Vec<f64>,
 }
 
 impl SupernodeVectors {
-    /// Takes rows of `x`, each of as many numbers as there are vectors: unknown `i` of the elimination is row
-    /// `row_of(i)`.
-    fn take(symbolic: &SymbolicFactor, x: &[f64], row_of: impl Fn(usize) -> usize) -> Result<Self> {
+    /// Copies rows of `x` with one value per vector. Unknown `i` in elimination order is row `row_of(i)`.
+    fn from_rows(symbolic: &SymbolicFactor, x: &[f64], row_of: impl Fn(usize) -> usize) -> Result<Self> {
         let vectors = columns_of("a vector", symbolic.dimension(), x.len())?;
         let b = symbolic.block_size();
         let start: Vec<usize> =
@@ -265,7 +265,7 @@ impl SupernodeVectors {
         Ok(Self { vectors, start, values })
     }
 
-    /// The reverse of [`Self::take`].
+    /// The reverse of [`Self::from_rows`].
     fn copy_to(&self, x: &mut [f64], row_of: impl Fn(usize) -> usize) {
         Self::each_place(&self.start, self.vectors, |unknown, vector, place| {
             x[row_of(unknown) * self.vectors + vector] = self.values[place];
@@ -311,7 +311,7 @@ fn assemble(symbolic: &SymbolicFactor, s: usize, information: &BlockInformation,
     }
 }
 
-/// Where elimination broke down: the unknown, in the order of elimination.
+/// The unknown, in elimination order, at which elimination broke down.
 struct Breakdown {
     unknown: usize,
 }
@@ -319,15 +319,14 @@ struct Breakdown {
 impl Breakdown {
     fn explain(&self, symbolic: &SymbolicFactor, information: &BlockInformation) -> Error {
         if !information.values().iter().all(|value| value.is_finite()) {
-            return Error::input("the information has entries that are not finite numbers");
+            return Error::input("the information has entries that are not finite");
         }
         let b = symbolic.block_size();
         let node = symbolic.old_from_new[self.unknown / b];
         let of = if b == 1 { String::new() } else { format!(" (unknown {} of {b})", self.unknown % b) };
         Error::undetermined(format!(
-            "the information is not positive definite: elimination breaks down at node {node}{of}, which \
-             the data and the \
-             prior leave undetermined; add data there or a stronger prior"
+            "the information is not positive definite: elimination breaks down at node {node}{of}. \
+             Data and prior do not determine it: add data there or use a stronger prior"
         ))
     }
 }
@@ -367,7 +366,7 @@ fn eliminate(
         for k in 0..columns {
             let unknown = first + k;
             let old = symbolic.old_from_new[unknown / b] as usize * b + unknown % b;
-            let enough = top[(k, k)] * top[(k, k)] > LEAST_PIVOT * diagonal[old];
+            let enough = top[(k, k)] * top[(k, k)] > MIN_PIVOT * diagonal[old];
             if !enough {
                 return Err(Breakdown { unknown });
             }
@@ -394,13 +393,13 @@ fn eliminate(
     })
 }
 
-/// Columns of an update that are computed together. On bicubic grids 32 to 128 differ by less than 15 % in
-/// time.
+/// Columns of an update computed together. On bicubic grids, values from 32 to 128 differ by less than 15 %
+/// in time.
 const SQUARE_COLUMNS: usize = 64;
-/// Rows of a panel that are solved together: fixed, so that threads change nothing.
+/// Rows of a panel solved together. Fixed, so that results do not depend on the number of threads.
 const SOLVED_ROWS: usize = 192;
 
-/// `B ← B L⁻ᵀ`, in pieces of rows side by side.
+/// `B ← B L⁻ᵀ`, in parallel over blocks of rows.
 fn solve_rows(top: MatRef<'_, f64>, mut below: MatMut<'_, f64>) {
     if below.nrows() > SOLVED_ROWS {
         let half = (below.nrows() / 2).next_multiple_of(8);
@@ -411,8 +410,8 @@ fn solve_rows(top: MatRef<'_, f64>, mut below: MatMut<'_, f64>) {
     }
 }
 
-/// `U ← −B Bᵀ` in the lower triangle. Blocks on the diagonal are computed whole: that is faster than to spare
-/// half.
+/// `U ← −B Bᵀ` in the lower triangle. Diagonal blocks are computed completely: this is faster than computing
+/// only half of them.
 fn minus_square(below: MatRef<'_, f64>, update: &mut [f64]) {
     let height = below.nrows();
     by_columns(update, height, SQUARE_COLUMNS, |from, columns| {
@@ -430,9 +429,10 @@ fn minus_square(below: MatRef<'_, f64>, update: &mut [f64]) {
     });
 }
 
-/// Adds the lower triangle of a child's update to its parent's front, in the columns that `here` selects.
+/// Adds the lower triangle of the update of a child to the front of its parent, in the columns that `here`
+/// selects.
 ///
-/// The target's columns and rows count from `shift` in the front.
+/// `shift` is the first column and row of the target within the front.
 fn extend_add(
     child: &[f64],
     size: usize,

@@ -1,8 +1,8 @@
-//! An information matrix and its vectors over the nodes of a pattern.
+//! Sparse information matrix and vectors over the nodes of a pattern.
 //!
-//! Comes in: dense information of single elements, or whole information to merge. Goes out: `Λ` and `η` of
+//! Input: dense information of single elements, or other sparse information to merge. Output: `Λ` and `η` of
 //! `p(x) ∝ exp(−½ xᵀΛx + ηᵀx)`. Not guaranteed: that `Λ` is positive definite; [`super::CholeskyFactor`]
-//! finds out.
+//! checks this.
 
 use std::sync::Arc;
 
@@ -11,23 +11,23 @@ use nalgebra::DMatrix;
 use super::BlockPattern;
 use crate::{Error, Result};
 
-/// Where the entries of one element's dense matrix go, found once and used for every accumulation.
+/// Positions of the entries of the dense matrix of an element, computed once and used for every accumulation.
 ///
 /// For `k` nodes it holds `k(k+1)/2` positions of four bytes each.
 #[derive(Debug, Clone)]
 pub struct ElementScatter {
     nodes: Box<[u32]>,
-    /// Position of each pair `(a, c)`, `c ≤ a`, with [`TRANSPOSED`] and [`REPEATED`] in the two upper bits.
+    /// Position of each pair `(a, c)`, `c ≤ a`, with the flags [`TRANSPOSED`] and [`REPEATED`] in the two
+    /// upper bits.
     slots: Box<[u32]>,
     repeats: bool,
     pattern_nodes: usize,
     pattern_entries: usize,
 }
 
-/// The dense block `(a, c)` belongs to the upper triangle: it is stored transposed.
+/// The dense block `(a, c)` belongs to the upper triangle, so its transpose is stored.
 const TRANSPOSED: u32 = 1 << 31;
-/// Two different places of the element hold the same node: block and transposed block both go to its
-/// diagonal.
+/// The element contains a node twice: block and transposed block are both added to its diagonal.
 const REPEATED: u32 = 1 << 30;
 const POSITION: u32 = REPEATED - 1;
 
@@ -71,15 +71,15 @@ impl ElementScatter {
 
 fn not_coupled(i: u32, j: u32) -> Error {
     Error::input(format!(
-        "nodes {i} and {j} are not coupled in the pattern: give the element to the pattern first"
+        "nodes {i} and {j} are not coupled in the pattern: build the pattern with this element"
     ))
 }
 
 /// Information over the nodes of a shared pattern: the matrix `Λ` in `b × b` blocks and the vectors `η`.
 ///
 /// Shapes: `Λ` is `n·b × n·b` for n nodes; `η` is `n·b × columns`, node-major (row-major). With `b = 1` and
-/// three columns, the coordinates x, y, z share one matrix; with `b = 3` and one column they couple. Both
-/// keep `η` in the same layout.
+/// three columns, the coordinates x, y, z share one matrix; with `b = 3` and one column they are coupled.
+/// Both have the same layout of `η`.
 ///
 /// # Examples
 /// ```
@@ -98,13 +98,13 @@ pub struct BlockInformation {
     pattern: Arc<BlockPattern>,
     block: usize,
     columns: usize,
-    /// Block `(i, j)`, `i ≥ j`, row-major, at `position(i, j)·b²`; diagonal blocks are stored whole.
+    /// Block `(i, j)`, `i ≥ j`, row-major, at `position(i, j)·b²`; diagonal blocks are stored completely.
     values: Vec<f64>,
     vector: Vec<f64>,
 }
 
 impl BlockInformation {
-    /// No information: zeros, for blocks of `block × block` and `columns` right-hand sides.
+    /// Zero information with blocks of `block × block` and `columns` right-hand sides.
     ///
     /// # Errors
     /// `Input` when `block` is zero.
@@ -117,25 +117,25 @@ impl BlockInformation {
         Ok(Self { pattern, block, columns, values, vector })
     }
 
-    /// The shared pattern.
+    /// The pattern.
     #[must_use]
     pub fn pattern(&self) -> &Arc<BlockPattern> {
         &self.pattern
     }
 
-    /// Unknowns per node.
+    /// Number of unknowns per node.
     #[must_use]
     pub fn block_size(&self) -> usize {
         self.block
     }
 
-    /// Right-hand sides.
+    /// Number of right-hand sides.
     #[must_use]
     pub fn columns(&self) -> usize {
         self.columns
     }
 
-    /// Unknowns: nodes times block size.
+    /// Number of unknowns: nodes times block size.
     #[must_use]
     pub fn dimension(&self) -> usize {
         self.pattern.nodes() * self.block
@@ -147,7 +147,8 @@ impl BlockInformation {
         &self.values
     }
 
-    /// The blocks, to be written, e.g. when a saved model is read. Diagonal blocks must stay symmetric.
+    /// Mutable access to the blocks, for example to restore a saved model. Diagonal blocks must stay
+    /// symmetric.
     pub fn values_mut(&mut self) -> &mut [f64] {
         &mut self.values
     }
@@ -158,12 +159,12 @@ impl BlockInformation {
         &self.vector
     }
 
-    /// The information vectors, to be written.
+    /// Mutable access to the information vectors.
     pub fn vector_mut(&mut self) -> &mut [f64] {
         &mut self.vector
     }
 
-    /// Sets all information to zero and keeps the memory.
+    /// Sets all information to zero, without freeing memory.
     pub fn clear(&mut self) {
         self.values.fill(0.0);
         self.vector.fill(0.0);
@@ -182,25 +183,25 @@ impl BlockInformation {
         })
     }
 
-    /// Adds one element's information, with a search for its entries.
+    /// Adds the information of one element. Searches for its entries.
     ///
-    /// `matrix` is the dense symmetric `k·b × k·b` information, row-major, of which the lower triangle is
-    /// read (and the whole diagonal blocks); `vector` is `k·b × columns`, node-major. Prefer
-    /// [`Self::add_scattered`] for elements that come again.
+    /// `matrix` is the dense symmetric `k·b × k·b` information, row-major; its lower triangle and its
+    /// diagonal blocks are read. `vector` is `k·b × columns`, node-major. Prefer [`Self::add_scattered`] for
+    /// elements that are added repeatedly.
     ///
     /// # Errors
-    /// `Input` when nodes are not coupled in the pattern or when a length is wrong; nothing is added then.
+    /// `Input` when nodes are not coupled in the pattern or when a length is wrong. Nothing is added then.
     pub fn add_element(&mut self, nodes: &[u32], matrix: &[f64], vector: &[f64]) -> Result<()> {
         let scatter = ElementScatter::new(&self.pattern, nodes)?;
         self.add_scattered(&scatter, matrix, vector)
     }
 
-    /// Adds one element's information through its scatter map; shapes as in [`Self::add_element`].
+    /// Adds the information of one element by its scatter map; shapes as in [`Self::add_element`].
     ///
     /// Cost: k(k+1)/2 · b² additions.
     ///
     /// # Errors
-    /// `Input` when the map belongs to another pattern or when a length is wrong; nothing is added then.
+    /// `Input` when the map belongs to another pattern or when a length is wrong. Nothing is added then.
     pub fn add_scattered(&mut self, scatter: &ElementScatter, matrix: &[f64], vector: &[f64]) -> Result<()> {
         let (b, columns, k) = (self.block, self.columns, scatter.nodes.len());
         if scatter.pattern_nodes != self.pattern.nodes() || scatter.pattern_entries != self.pattern.entries()
@@ -261,12 +262,12 @@ impl BlockInformation {
     pub fn add_scaled(&mut self, other: &Self, weight: f64) -> Result<()> {
         if !BlockPattern::same(&self.pattern, &other.pattern) {
             return Err(Error::input(
-                "information over different patterns does not add: use the union of both patterns",
+                "cannot add information over different patterns: use the union of both patterns",
             ));
         }
         if self.block != other.block || self.columns != other.columns {
             return Err(Error::input(format!(
-                "information in blocks of {} with {} columns does not add to blocks of {} with {} columns",
+                "cannot add information in blocks of {} with {} columns to blocks of {} with {} columns",
                 other.block, other.columns, self.block, self.columns
             )));
         }
@@ -279,7 +280,7 @@ impl BlockInformation {
         Ok(())
     }
 
-    /// The same information written on a wider pattern.
+    /// The same information on a larger pattern.
     ///
     /// # Errors
     /// `Input` when the wider pattern lacks an entry of this one.
@@ -380,7 +381,7 @@ impl BlockInformation {
         Ok(())
     }
 
-    /// `y += Λ x` for one unknown a node.
+    /// `y += Λ x` for one unknown per node.
     fn multiply_scalars(&self, x: &[f64], y: &mut [f64]) {
         for (node, &of_node) in x.iter().enumerate() {
             let range = self.pattern.column_range(node);
@@ -396,8 +397,7 @@ impl BlockInformation {
         }
     }
 
-    /// The same information about `x + by`: `η ← η + Λ by`, `Λ` as it is; `by` is node-major, of the vector's
-    /// own length.
+    /// Transforms to information about `x + by`: `η ← η + Λ by`. `by` is node-major, as long as `η`.
     ///
     /// # Errors
     /// `Input` when `by` has another length.
@@ -423,16 +423,16 @@ impl BlockInformation {
 
     /// `Λ ⊗ I_b` on the same pattern: one unknown per node becomes `block` independent ones.
     ///
-    /// The vectors keep their layout: `columns` must be a multiple of `block`, as 3 columns become 1 column
-    /// of 3.
+    /// The layout of the vectors does not change, so `columns` must be a multiple of `block`: 3 columns
+    /// become 1 column of 3.
     ///
     /// # Errors
-    /// `Input` when this information already has more than one unknown per node, or when the columns do not
-    /// divide.
+    /// `Input` when this information already has more than one unknown per node, or when `columns` is not a
+    /// multiple of `block`.
     pub fn expanded(&self, block: usize) -> Result<Self> {
         if self.block != 1 || block == 0 || !self.columns.is_multiple_of(block) {
             return Err(Error::input(format!(
-                "blocks of {} with {} columns do not expand to blocks of {block}",
+                "cannot expand blocks of {} with {} columns to blocks of {block}",
                 self.block, self.columns
             )));
         }
@@ -446,7 +446,7 @@ impl BlockInformation {
         Ok(expanded)
     }
 
-    /// The dense matrix, for small problems and for checks.
+    /// The dense matrix, for small problems and tests.
     #[must_use]
     pub fn to_dense(&self) -> DMatrix<f64> {
         let b = self.block;
@@ -470,17 +470,17 @@ pub(super) fn expect_length(what: &str, expected: usize, found: usize) -> Result
     if expected == found {
         Ok(())
     } else {
-        Err(Error::input(format!("{what} needs {expected} entries, {found} were given")))
+        Err(Error::input(format!("{what} needs {expected} entries, found {found}")))
     }
 }
 
-/// How many columns a node-major array over `dimension` unknowns holds.
+/// Number of columns of a node-major array over `dimension` unknowns.
 pub(super) fn columns_of(what: &str, dimension: usize, length: usize) -> Result<usize> {
     if dimension == 0 && length == 0 {
         Ok(0)
     } else if dimension > 0 && length.is_multiple_of(dimension) {
         Ok(length / dimension)
     } else {
-        Err(Error::input(format!("{what} needs a multiple of {dimension} entries, {length} were given")))
+        Err(Error::input(format!("{what} needs a multiple of {dimension} entries, found {length}")))
     }
 }

@@ -1,7 +1,7 @@
-//! In which order the nodes are eliminated.
+//! Elimination order of the nodes.
 //!
-//! Comes in: a pattern, and for the geometric ordering a point in the parameter plane for each node. Goes
-//! out: a permutation of nodes that keeps the factor sparse. Not guaranteed: least fill, which is NP-hard.
+//! Input: a pattern, and for the geometric ordering a point in the parameter plane per node. Output: a
+//! permutation of nodes that keeps the factor sparse. Not guaranteed: minimum fill, which is NP-hard.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::SymbolicSparseColMatRef;
@@ -11,13 +11,14 @@ use super::BlockPattern;
 use super::pattern::Graph;
 use crate::{Error, Result};
 
-/// Pieces of at most this many nodes are not dissected further.
+/// Parts of at most this many nodes are not dissected further.
 ///
-/// On bicubic grids (7 × 7 stencil) 20 to 100 differ by less than 10 % in the time of the factorisation.
+/// On bicubic grids (7 × 7 stencil), values from 20 to 100 change the time of the factorisation by less than
+/// 10 %.
 const LEAF_NODES: usize = 40;
-/// A piece that is smaller than this part of its parent counts as a failed cut by value; the cut goes by rank
-/// instead.
-const LEAST_SHARE: f64 = 0.3;
+/// A cut at a coordinate is rejected if one part is smaller than this fraction of the whole. The cut then
+/// uses the rank, which balances the parts but does not follow grid lines.
+const MIN_SHARE: f64 = 0.3;
 
 /// A permutation of nodes for elimination.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -26,16 +27,16 @@ pub struct NodeOrdering {
 }
 
 impl NodeOrdering {
-    /// The order in which the nodes are numbered.
+    /// The order of the node numbers.
     #[must_use]
     pub fn natural(nodes: usize) -> Self {
         Self { old_from_new: (0..nodes as u32).collect() }
     }
 
-    /// A given permutation: `old_from_new[k]` is the node that is eliminated as the k-th.
+    /// A given permutation: `old_from_new[k]` is the k-th node to be eliminated.
     ///
     /// # Errors
-    /// `Input` when a node is missing or comes twice.
+    /// `Input` when a node is missing or repeated.
     pub fn from_permutation(old_from_new: Vec<u32>) -> Result<Self> {
         let mut seen = vec![false; old_from_new.len()];
         for &node in &old_from_new {
@@ -43,7 +44,7 @@ impl NodeOrdering {
                 Some(place) if !*place => *place = true,
                 _ => {
                     return Err(Error::input(format!(
-                        "node {node} comes twice or does not exist: no permutation"
+                        "node {node} is repeated or does not exist: not a permutation"
                     )));
                 }
             }
@@ -51,7 +52,7 @@ impl NodeOrdering {
         Ok(Self { old_from_new })
     }
 
-    /// Approximate minimum degree, for patterns without coordinates.
+    /// Approximate minimum degree ordering, for patterns without coordinates.
     ///
     /// # Errors
     /// `Unsupported` when the pattern is too large for the index type.
@@ -61,8 +62,8 @@ impl NodeOrdering {
     pub fn amd(pattern: &BlockPattern) -> Result<Self> {
         let nodes = pattern.nodes();
         let too_large = |_| Error::unsupported("the pattern is too large for the minimum-degree ordering");
-        // The lower triangle by columns, read as the upper triangle by columns of the transposed, is what AMD
-        // takes; it looks at the pattern of A + Aᵀ, so either triangle serves.
+        // AMD uses the pattern of A + Aᵀ, so either triangle works. The lower triangle by columns is the
+        // upper triangle by columns of the transpose.
         let mut starts: Vec<u64> = Vec::with_capacity(nodes + 1);
         let mut rows: Vec<u64> = Vec::with_capacity(pattern.entries());
         starts.push(0);
@@ -79,23 +80,33 @@ impl NodeOrdering {
         Self::from_permutation(forward.into_iter().map(|node| node as u32).collect())
     }
 
-    /// Geometric nested dissection: pieces are halved at a coordinate, the nodes between the halves come
-    /// last.
+    /// Geometric nested dissection: halves the nodes recursively at a coordinate. Nodes between the halves
+    /// come last.
     ///
-    /// `coordinates[node]` is a point in the parameter plane, in any unit. Both directions are tried at every
-    /// piece, and the cut with the smaller separator for its balance is taken. The separator is found in the
-    /// graph: the nodes of one half that are coupled with the other. So periodic directions and nested levels
-    /// of refinement need no care. Cost: O(e log n) for e entries of the pattern.
+    /// `coordinates[node]` is a point in the parameter plane, in any unit. Each part is cut in both
+    /// directions; the better compromise of separator size and balance is kept. The separator is found in the
+    /// graph: the nodes of one half that are coupled to the other. Periodic directions and refinement levels
+    /// therefore need no special treatment. Cost: O(e log n) for e entries of the pattern.
     ///
     /// # Errors
     /// `Input` when coordinates are missing or not finite.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_estimate::sparse::{BlockPattern, NodeOrdering};
+    ///
+    /// let pattern = BlockPattern::from_elements(3, [[0, 1], [1, 2]])?;
+    /// let ordering = NodeOrdering::nested_dissection(&pattern, &[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])?;
+    /// assert_eq!(ordering.old_from_new().len(), 3);
+    /// # Ok::<(), planish_estimate::Error>(())
+    /// ```
     ///
     /// # References
     /// George, *Nested dissection of a regular finite element mesh*, 1973.
     pub fn nested_dissection(pattern: &BlockPattern, coordinates: &[[f64; 2]]) -> Result<Self> {
         if coordinates.len() != pattern.nodes() {
             return Err(Error::input(format!(
-                "nested dissection needs a point for each of {} nodes, {} were given",
+                "nested dissection needs a point for each of {} nodes, found {}",
                 pattern.nodes(),
                 coordinates.len()
             )));
@@ -114,7 +125,7 @@ impl NodeOrdering {
         Ok(Self { old_from_new: dissection.order })
     }
 
-    /// The nodes in the order of elimination.
+    /// The nodes in elimination order.
     #[must_use]
     pub fn old_from_new(&self) -> &[u32] {
         &self.old_from_new
@@ -128,12 +139,12 @@ const HIGH: u8 = 2;
 struct Dissection<'a> {
     graph: Graph,
     coordinates: &'a [[f64; 2]],
-    /// The half of the piece at hand that holds a node.
+    /// The half of the current part to which each node belongs.
     side: Vec<u8>,
     order: Vec<u32>,
 }
 
-/// A piece in three parts, none coupled across except through the separator.
+/// Two parts that are coupled only through the separator.
 struct Cut {
     low: Vec<u32>,
     high: Vec<u32>,
@@ -141,7 +152,7 @@ struct Cut {
 }
 
 impl Cut {
-    /// Cost of a cut: the cube of the separator for its own elimination, more when one part stays large.
+    /// Cost of a cut: the size of the separator, increased by the imbalance of the parts.
     fn cost(&self) -> f64 {
         let total = (self.low.len() + self.high.len() + self.separator.len()) as f64;
         let larger = self.low.len().max(self.high.len()) as f64;
@@ -159,7 +170,7 @@ impl Dissection<'_> {
         let (first, second) = (self.cut(&piece, 0), self.cut(&piece, 1));
         let (mut cut, along) = if second.cost() < first.cost() { (second, 0) } else { (first, 1) };
         if cut.low.is_empty() && cut.high.is_empty() {
-            // Everything is coupled with everything.
+            // All nodes are coupled, so no cut exists.
             piece.sort_unstable();
             self.order.append(&mut piece);
             return;
@@ -178,7 +189,7 @@ impl Dissection<'_> {
         self.order.append(&mut cut.separator);
     }
 
-    /// Halves a piece at a coordinate of the given axis and takes out the separator.
+    /// Halves a part at a coordinate of the given axis and extracts the separator.
     fn cut(&mut self, piece: &[u32], axis: usize) -> Cut {
         let value = |node: u32| self.coordinates[node as usize][axis];
         let mut sorted = piece.to_vec();
@@ -186,11 +197,12 @@ impl Dissection<'_> {
         let by_rank = |a: &u32, b: &u32| value(*a).total_cmp(&value(*b)).then(a.cmp(b));
         let (_, &mut median, _) = sorted.select_nth_unstable_by(middle, by_rank);
         let at = value(median);
-        // Nodes with the median's own coordinate go to one side together, so that grid lines stay whole.
+        // Nodes with exactly the coordinate of the median go to the same side, so that grid lines are not
+        // split.
         let below = piece.iter().filter(|&&node| value(node) < at).count();
         let up_to = piece.iter().filter(|&&node| value(node) <= at).count();
         let share = |count: usize| count.min(piece.len() - count) as f64 / piece.len() as f64;
-        let is_low: Box<dyn Fn(u32) -> bool> = if share(below).max(share(up_to)) < LEAST_SHARE {
+        let is_low: Box<dyn Fn(u32) -> bool> = if share(below).max(share(up_to)) < MIN_SHARE {
             Box::new(|node| by_rank(&node, &median).is_lt())
         } else if share(below) >= share(up_to) {
             Box::new(|node| value(node) < at)
@@ -218,7 +230,7 @@ impl Dissection<'_> {
                 count[usize::from(side - LOW)] += 1;
             }
         }
-        // Of two equally small borders, that of the larger half.
+        // If both borders have the same size, use that of the larger half.
         let from_low = count[0] < count[1] || (count[0] == count[1] && size[0] >= size[1]);
         let giving = if from_low { LOW } else { HIGH };
         let mut cut = Cut { low: Vec::new(), high: Vec::new(), separator: Vec::new() };

@@ -1,21 +1,19 @@
-//! A supernode's panel applied to a few vectors, in the widest instructions the machine has.
+//! Products of a supernode panel with a few vectors, using the widest SIMD instructions of the machine.
 //!
-//! Comes in: a column-major panel `L_CC` over `L_RC` and vectors that lie one after the other. Goes out: the
-//! vectors, changed in place. General kernels for products of matrices lose most of their time on so few
-//! vectors.
+//! Input: a column-major panel `L_CC` over `L_RC`, and contiguous vectors. Output: the vectors, changed in
+//! place. General matrix products are slow for so few vectors.
 //!
-//! Not guaranteed: the same last digit on machines with other instructions.
+//! Not guaranteed: the same last digit on machines with other SIMD instructions.
 
 use pulp::{Simd, WithSimd};
 
-/// Columns of a panel that are applied to a vector together: the vector is read and written once for all of
-/// them.
+/// Columns of a panel applied together, so that the vector is read and written once for all of them.
 const TOGETHER: usize = 4;
 
 /// `own ← L_CC⁻¹ own`, then `below ← below − L_RC own`.
 pub(super) struct Elimination<'a> {
     pub panel: &'a [f64],
-    /// Numbers of a column of the panel.
+    /// Length of a column of the panel.
     pub stride: usize,
     pub vectors: usize,
     pub own: &'a mut [f64],
@@ -53,7 +51,7 @@ impl WithSimd for Elimination<'_> {
 /// `own ← L_CC⁻ᵀ (own − L_RCᵀ known)`.
 pub(super) struct BackSubstitution<'a> {
     pub panel: &'a [f64],
-    /// Numbers of a column of the panel.
+    /// Length of a column of the panel.
     pub stride: usize,
     pub vectors: usize,
     pub own: &'a mut [f64],

@@ -1,12 +1,11 @@
-//! Which nodes are coupled.
+//! Sparsity pattern: which nodes are coupled.
 //!
-//! Comes in: elements, each a list of nodes that couple with one another. Goes out: the lower triangle, with
-//! the diagonal, column by column with sorted rows. Not guaranteed: that every node is in an element; its
-//! diagonal entry is there all the same.
+//! Input: elements, each a list of coupled nodes. Output: the lower triangle with the diagonal, by columns
+//! with sorted rows. Not guaranteed: that every node belongs to an element. Diagonal entries always exist.
 
 use crate::{Error, Result};
 
-/// The most entries a pattern may hold: two bits of a 32-bit position are kept for [`super::ElementScatter`].
+/// Maximum number of entries: [`super::ElementScatter`] needs two bits of a 32-bit position.
 const MAX_ENTRIES: usize = (1 << 30) - 1;
 
 /// The symmetric sparsity pattern of an information matrix over nodes.
@@ -42,9 +41,7 @@ impl BlockPattern {
         E: AsRef<[u32]>,
     {
         if nodes > MAX_ENTRIES {
-            return Err(Error::input(format!(
-                "a pattern holds at most {MAX_ENTRIES} nodes, {nodes} were asked for"
-            )));
+            return Err(Error::input(format!("a pattern holds at most {MAX_ENTRIES} nodes, found {nodes}")));
         }
         let mut element_start = vec![0_usize];
         let mut element_nodes: Vec<u32> = Vec::new();
@@ -68,7 +65,8 @@ impl BlockPattern {
             element_nodes.extend_from_slice(&sorted);
             element_start.push(element_nodes.len());
         }
-        // For each node, where the rest of each of its elements (from the node on) lies in `element_nodes`.
+        // For each node, the range in `element_nodes` of the rest of each of its elements, starting at the
+        // node.
         for node in 0..nodes {
             memberships[node + 1] += memberships[node];
         }
@@ -111,14 +109,14 @@ impl BlockPattern {
         Ok(Self { column_start, rows })
     }
 
-    /// The pattern that holds the entries of both.
+    /// The union of two patterns.
     ///
     /// # Errors
     /// `Input` when the numbers of nodes differ, or when the union is too large for 30-bit positions.
     pub fn union(&self, other: &Self) -> Result<Self> {
         if self.nodes() != other.nodes() {
             return Err(Error::input(format!(
-                "patterns over {} and {} nodes have no union",
+                "cannot unite patterns over {} and {} nodes",
                 self.nodes(),
                 other.nodes()
             )));
@@ -148,13 +146,13 @@ impl BlockPattern {
         Ok(Self { column_start, rows })
     }
 
-    /// The number of nodes.
+    /// Number of nodes.
     #[must_use]
     pub fn nodes(&self) -> usize {
         self.column_start.len() - 1
     }
 
-    /// The number of stored entries: the lower triangle with the diagonal.
+    /// Number of stored entries: the lower triangle with the diagonal.
     #[must_use]
     pub fn entries(&self) -> usize {
         self.rows.len()
@@ -186,13 +184,13 @@ impl BlockPattern {
         self.rows[range.clone()].binary_search(&row).ok().map(|at| range.start + at)
     }
 
-    /// Whether both are the same pattern; quick when they are the same object.
+    /// True if both patterns are equal; fast for the same object.
     pub(super) fn same(a: &std::sync::Arc<Self>, b: &std::sync::Arc<Self>) -> bool {
         std::sync::Arc::ptr_eq(a, b) || a == b
     }
 }
 
-/// The neighbours of each node, without the node itself: the whole graph of a pattern.
+/// The graph of a pattern: the neighbours of each node, without the node itself.
 pub(super) struct Graph {
     start: Vec<usize>,
     neighbours: Vec<u32>,

@@ -1,8 +1,7 @@
-//! The covariance where the factor has entries.
+//! Entries of the covariance on the pattern of the factor.
 //!
-//! Comes in: a Cholesky factor. Goes out: the entries of `Λ⁻¹` on the pattern of `L + Lᵀ`, which holds every
-//! pair of nodes that share an element. Not guaranteed: covariances of nodes far from each other; solve for
-//! those.
+//! Input: a Cholesky factor. Output: the entries of `Λ⁻¹` on the pattern of `L + Lᵀ`, which contains every
+//! pair of nodes that share an element. Not guaranteed: covariances of distant nodes; solve for those.
 
 use std::sync::Arc;
 
@@ -17,7 +16,7 @@ use super::tree::{Spare, Walk, by_columns};
 use super::{BlockInformation, BlockPattern, CholeskyFactor, SymbolicFactor};
 use crate::{Error, Result};
 
-/// Columns of a product that are computed together: fixed, so that threads change nothing.
+/// Columns of a product computed together. Fixed, so that results do not depend on the number of threads.
 const TOGETHER: usize = 64;
 
 /// Selected entries of the covariance `Z = Λ⁻¹`, exact up to rounding.
@@ -28,8 +27,8 @@ const TOGETHER: usize = 64;
 /// Z_RC = −Z_RR Y        Z_CC = L_CC⁻ᵀ L_CC⁻¹ − Yᵀ Z_RC
 /// ```
 ///
-/// `Z_RR` is known by then: R is coupled in the parent's front. Cost: about twice the operations of the
-/// factorisation.
+/// `Z_RR` is already known, because R is part of the front of the parent. Cost: about twice the operations of
+/// the factorisation.
 ///
 /// # References
 /// Takahashi, Fagan, Chin, *Formation of a sparse bus impedance matrix*, 1973; Erisman and Tinney, *On
@@ -38,20 +37,20 @@ const TOGETHER: usize = 64;
 #[derive(Clone)]
 pub struct SelectedInverse {
     symbolic: Arc<SymbolicFactor>,
-    /// Panels as those of the factor, diagonal blocks whole.
+    /// Panels as in the factor, with complete diagonal blocks.
     values: Vec<f64>,
 }
 
 impl SelectedInverse {
-    /// The selected inverse behind a factor.
+    /// Computes the selected inverse from a factor.
     #[must_use]
     pub fn new(factor: &CholeskyFactor) -> Self {
         Self { symbolic: Arc::clone(factor.symbolic()), values: vec![0.0; factor.symbolic().stored_values()] }
             .refresh(factor)
     }
 
-    /// The selected inverse behind another factor, in the memory of this one. Gives the same bytes as
-    /// [`Self::new`].
+    /// Computes the selected inverse from another factor and reuses the memory. The result has the same bytes
+    /// as that of [`Self::new`].
     #[must_use]
     pub fn refresh(self, factor: &CholeskyFactor) -> Self {
         let symbolic = factor.symbolic();
@@ -82,13 +81,13 @@ impl SelectedInverse {
         Self { symbolic: Arc::clone(symbolic), values }
     }
 
-    /// The analysis behind the selected inverse.
+    /// The symbolic analysis.
     #[must_use]
     pub fn symbolic(&self) -> &Arc<SymbolicFactor> {
         &self.symbolic
     }
 
-    /// Memory of the numbers, in bytes.
+    /// Memory of the values in bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.values.len() * size_of::<f64>()
@@ -96,7 +95,7 @@ impl SelectedInverse {
 
     /// The `b × b` covariance of the unknowns of node `i` (rows) with those of node `j` (columns), row-major.
     ///
-    /// `None` when the pair is not in the factor or a node does not exist.
+    /// `None` if the pair is not in the factor or a node does not exist.
     #[must_use]
     pub fn block(&self, i: u32, j: u32) -> Option<Vec<f64>> {
         let b = self.symbolic.block_size();
@@ -104,8 +103,8 @@ impl SelectedInverse {
         self.copy_block(i, j, &mut block, b).then_some(block)
     }
 
-    /// Copies block `(i, j)` to a row-major target whose rows are `stride` apart; false when the pair is not
-    /// there.
+    /// Copies block `(i, j)` to a row-major target with the given `stride` of rows. Returns false if the pair
+    /// is not in the factor.
     fn copy_block(&self, i: u32, j: u32, target: &mut [f64], stride: usize) -> bool {
         let symbolic = &*self.symbolic;
         let nodes = symbolic.new_from_old.len() as u32;
@@ -144,14 +143,15 @@ impl SelectedInverse {
 
     /// The dense `k·b × k·b` covariance of k nodes, row-major.
     ///
-    /// Always there for nodes of one element of the pattern; `None` when some pair is not in the factor.
+    /// Always available for the nodes of one element of the pattern. `None` if some pair is not in the
+    /// factor.
     #[must_use]
     pub fn dense(&self, nodes: &[u32]) -> Option<Vec<f64>> {
         let mut covariance = Vec::new();
         self.dense_into(nodes, &mut covariance).then_some(covariance)
     }
 
-    /// As [`Self::dense`], into memory that is used again; false when some pair is not in the factor.
+    /// [`Self::dense`] into a reused buffer. Returns false if some pair is not in the factor.
     pub fn dense_into(&self, nodes: &[u32], covariance: &mut Vec<f64>) -> bool {
         let symbolic = &*self.symbolic;
         let b = symbolic.block_size();
@@ -164,7 +164,7 @@ impl SelectedInverse {
         let mut order: Vec<(u32, usize)> =
             (nodes.iter().enumerate()).map(|(a, &node)| (symbolic.new_from_old[node as usize], a)).collect();
         order.sort_unstable();
-        // Columns of one supernode have their rows at the same places: they are looked for once.
+        // Columns of one supernode share their rows, so the search for rows is done once.
         let mut places = vec![0; order.len()];
         let mut supernode = usize::MAX;
         for (c, &(column, across)) in order.iter().enumerate() {
@@ -203,8 +203,7 @@ impl SelectedInverse {
 
     /// `tr(Λ⁻¹ K)` for a matrix `K` on the same pattern.
     ///
-    /// `K` may have one unknown per node where `Λ` has b: it is then meant as `K ⊗ I_b`. Cost: O(entries of
-    /// K).
+    /// If `K` has one unknown per node and `Λ` has b, `K ⊗ I_b` is used. Cost: O(entries of K).
     ///
     /// # Errors
     /// `Input` when `K` has another pattern or block size.
@@ -213,7 +212,7 @@ impl SelectedInverse {
         let b = symbolic.block_size();
         let own = matrix.block_size();
         if !BlockPattern::same(matrix.pattern(), symbolic.pattern()) || (own != b && own != 1) {
-            return Err(Error::input("the matrix has another pattern or block size than the covariance"));
+            return Err(Error::input("pattern or block size of the matrix differ from the covariance"));
         }
         let pattern = symbolic.pattern();
         let mut is_diagonal = vec![false; pattern.entries()];
@@ -239,7 +238,7 @@ impl SelectedInverse {
                     part += covariance(k, k) * values[0];
                 }
             }
-            // A pair of nodes stands for both triangles.
+            // An off-diagonal pair represents both triangles.
             trace += if is_diagonal[slot.entry()] { part } else { 2.0 * part };
         }
         Ok(trace)
@@ -252,7 +251,7 @@ impl std::fmt::Debug for SelectedInverse {
     }
 }
 
-/// `Z_CC` and `Z_RC` of a supernode, whose `Z_RR` is known, into its panel.
+/// Computes `Z_CC` and `Z_RC` of a supernode from its `Z_RR` and stores them in its panel.
 fn invert_panel(factor: &CholeskyFactor, s: usize, panel: &mut [f64], z_rows: &[f64], spare: &mut Spare) {
     let symbolic = factor.symbolic();
     let (columns, height) = (symbolic.columns(s), symbolic.height(s));
@@ -280,7 +279,7 @@ fn invert_panel(factor: &CholeskyFactor, s: usize, panel: &mut [f64], z_rows: &[
         let z_rows = MatRef::from_column_major_slice(&z_rows[..height * height], height, height);
         let mut gain = spare.take(height * columns);
         by_columns(&mut gain[..height * columns], height, TOGETHER, |from, part| {
-            // The inverse is zero above its diagonal.
+            // The inverse of a lower triangle is zero above its diagonal.
             let width = part.len() / height;
             matmul(
                 MatMut::from_column_major_slice_mut(part, height, width),
@@ -310,7 +309,7 @@ fn invert_panel(factor: &CholeskyFactor, s: usize, panel: &mut [f64], z_rows: &[
     mirror(panel, columns + height, columns);
 }
 
-/// `Z_RR` of a child, both triangles, from its parent's front.
+/// Gathers `Z_RR` of a child, both triangles, from the front of its parent.
 fn gather(
     runs: &[Run],
     size: usize,
@@ -339,7 +338,7 @@ fn gather(
     mirror(part, size, size);
 }
 
-/// `C ← −A B`, in pieces of columns side by side.
+/// `C ← −A B`, in parallel over blocks of columns.
 fn minus_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, c: MatMut<'_, f64>) {
     if c.ncols() > TOGETHER {
         let half = (c.ncols() / 2).next_multiple_of(4);
@@ -351,7 +350,7 @@ fn minus_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, c: MatMut<'_, f64>) {
     }
 }
 
-/// Copies the lower triangle of the first `columns` rows and columns to the upper, tile by tile for the
+/// Copies the lower triangle of the first `columns` rows and columns to the upper one, in tiles that fit the
 /// cache.
 fn mirror(values: &mut [f64], stride: usize, columns: usize) {
     const TILE: usize = 16;

@@ -1,25 +1,22 @@
-//! What a factorisation needs to know before it sees numbers.
+//! Symbolic analysis of a factorisation.
 //!
-//! Comes in: a pattern, an ordering and the unknowns per node. Goes out: supernodes (groups of columns with
-//! the same rows), their tree, where each entry of the information goes, and where each update goes in its
-//! parent. The analysis is made once per pattern; every refit reuses it. Not guaranteed: that stored entries
-//! are nonzero; supernodes are merged when a few stored zeros make the dense work faster.
+//! Input: a pattern, an ordering and the unknowns per node. Output: supernodes (groups of columns with the
+//! same rows), their tree, and the target positions of all entries and updates. The analysis is done once per
+//! pattern and reused for every factorisation. Not guaranteed: that stored entries are nonzero. Supernodes
+//! are merged if a few stored zeros make the dense kernels faster.
+
+mod supernodes;
 
 use std::sync::Arc;
 
 use super::pattern::Graph;
 use super::{BlockPattern, NodeOrdering};
 use crate::{Error, Result};
+use supernodes::{elimination_tree, relaxed_supernodes};
 
 pub(super) const NONE: u32 = u32::MAX;
 
-/// A child is merged into its parent when the merged supernode has at most so many columns (unknowns) and at
-/// most this part of its entries are stored zeros. The optimum is flat: half or twice the numbers of columns
-/// cost at most 15 % of the time of the factorisation on bicubic grids (200 × 200 with b = 1, 64 × 64 with b
-/// = 3), other parts less.
-const MERGE_COLUMNS_AND_ZEROS: [(usize, f64); 3] = [(32, 0.6), (128, 0.2), (usize::MAX, 0.05)];
-
-/// Where a block of the information lies in the values of the factor.
+/// Position of a block of the information in the values of the factor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Slot {
     /// Index of the block's first entry.
@@ -57,19 +54,19 @@ impl EntrySlot {
     }
 }
 
-/// Rows of a supernode that also lie next to each other in the front of its parent, counted in unknowns.
+/// A run of rows of a supernode that are contiguous in the front of its parent, counted in unknowns.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Run {
-    /// First row among the supernode's rows.
+    /// First row, counted in the rows of the supernode.
     pub from: u32,
-    /// Its place in the parent's front: the parent's columns first, then its rows.
+    /// Its position in the front of the parent: first the columns of the parent, then its rows.
     pub to: u32,
     pub length: u32,
 }
 
 impl Run {
-    /// The part that lies in the parent's columns and the part in its rows, each as (from, to, length); `to`
-    /// counts from the first column or row.
+    /// Splits the run into the part in the columns of the parent and the part in its rows, each as (from, to,
+    /// length). `to` counts from the first column or row.
     pub(super) fn split(self, columns: usize) -> [(usize, usize, usize); 2] {
         let (from, to, length) = (self.from as usize, self.to as usize, self.length as usize);
         let own = columns.saturating_sub(to).min(length);
@@ -101,11 +98,11 @@ pub struct SymbolicFactor {
     child_start: Vec<usize>,
     children: Vec<u32>,
     roots: Vec<u32>,
-    /// The first supernode of the subtree that ends in each.
+    /// First supernode of the subtree that ends in each supernode.
     first_below: Vec<u32>,
-    /// Operations of a factorisation in the subtree that ends in each.
+    /// Operations of a factorisation in the subtree that ends in each supernode.
     tree_flops: Vec<f64>,
-    /// Start of each supernode's values: a column-major panel of (columns + rows)·b by columns·b.
+    /// Start of the values of each supernode: a column-major panel of (columns + rows)·b by columns·b.
     pub(super) value_start: Vec<usize>,
     /// The slots of all entries, by supernode.
     slots: Vec<EntrySlot>,
@@ -115,7 +112,7 @@ pub struct SymbolicFactor {
 impl SymbolicFactor {
     /// Analyses a pattern for elimination in the given order, with `block` unknowns per node.
     ///
-    /// Cost: O(entries of the factor over nodes); the unknowns per node do not count.
+    /// Cost: O(entries of the factor over nodes), independent of the unknowns per node.
     ///
     /// # Errors
     /// `Input` when the ordering belongs to another number of nodes, or when `block` is zero.
@@ -123,7 +120,8 @@ impl SymbolicFactor {
         let nodes = pattern.nodes();
         if ordering.old_from_new().len() != nodes || block == 0 {
             return Err(Error::input(format!(
-                "an ordering of {} nodes with {block} unknowns each does not fit a pattern of {nodes} nodes",
+                "an ordering of {} nodes with {block} unknowns each does not match a pattern of \
+                 {nodes} nodes",
                 ordering.old_from_new().len()
             )));
         }
@@ -199,8 +197,8 @@ impl SymbolicFactor {
         }
     }
 
-    /// The rows of each supernode: those of its columns in the matrix, and those of its children that it
-    /// keeps.
+    /// Finds the rows of each supernode: the rows of its columns in the matrix, and those of its children
+    /// below its columns.
     fn find_rows(&mut self, graph: &Graph) {
         let mut seen_by = vec![NONE; self.old_from_new.len()];
         for s in 0..self.supernodes() {
@@ -292,7 +290,7 @@ impl SymbolicFactor {
         (self.slots, self.slot_start) = (slots, start);
     }
 
-    /// The block in row `i` and column `j ≤ i` (new numbering), when it is in the factor.
+    /// Position of the block in row `i` and column `j ≤ i` (new numbering), if it is in the factor.
     pub(super) fn locate(&self, i: u32, j: u32) -> Option<Slot> {
         let s = self.supernode_of[j as usize] as usize;
         let (begin, end) = (self.supernode_start[s], self.supernode_start[s + 1]);
@@ -315,37 +313,37 @@ impl SymbolicFactor {
         &self.pattern
     }
 
-    /// Unknowns per node.
+    /// Number of unknowns per node.
     #[must_use]
     pub fn block_size(&self) -> usize {
         self.block
     }
 
-    /// Unknowns: nodes times block size.
+    /// Number of unknowns: nodes times block size.
     #[must_use]
     pub fn dimension(&self) -> usize {
         self.old_from_new.len() * self.block
     }
 
-    /// The number of supernodes.
+    /// Number of supernodes.
     #[must_use]
     pub fn supernodes(&self) -> usize {
         self.parent.len()
     }
 
-    /// The nodes in the order in which they are eliminated: the given ordering, postordered.
+    /// The nodes in elimination order: the given ordering, postordered.
     #[must_use]
     pub fn old_from_new(&self) -> &[u32] {
         &self.old_from_new
     }
 
-    /// Stored numbers of a factor, the zeros of merged supernodes and of upper triangles included.
+    /// Number of stored values of a factor, including zeros of merged supernodes and upper triangles.
     #[must_use]
     pub fn stored_values(&self) -> usize {
         self.value_start[self.supernodes()]
     }
 
-    /// Entries of the lower triangle of `L`, the zeros of merged supernodes included.
+    /// Number of entries of the lower triangle of `L`, including zeros of merged supernodes.
     #[must_use]
     pub fn factor_entries(&self) -> usize {
         (0..self.supernodes())
@@ -353,7 +351,7 @@ impl SymbolicFactor {
             .sum()
     }
 
-    /// Multiplications and additions of one factorisation.
+    /// Number of multiplications and additions of one factorisation.
     #[must_use]
     pub fn flops(&self) -> f64 {
         (0..self.supernodes()).map(|s| self.flops_of(s)).sum()
@@ -369,7 +367,7 @@ impl SymbolicFactor {
         &self.roots
     }
 
-    /// The first supernode of the subtree that ends in `s`: the subtree is the run from there to `s`.
+    /// First supernode of the subtree that ends in `s`. The subtree is the range from there to `s`.
     pub(super) fn first_below(&self, s: usize) -> usize {
         self.first_below[s] as usize
     }
@@ -379,17 +377,17 @@ impl SymbolicFactor {
         self.tree_flops[s]
     }
 
-    /// Stored numbers of the factor in the subtree that ends in `s`.
+    /// Number of stored values of the factor in the subtree that ends in `s`.
     pub(super) fn tree_values(&self, s: usize) -> usize {
         self.value_start[s + 1] - self.value_start[self.first_below(s)]
     }
 
-    /// Unknowns that a supernode eliminates.
+    /// Number of unknowns that a supernode eliminates.
     pub(super) fn columns(&self, s: usize) -> usize {
         (self.supernode_start[s + 1] - self.supernode_start[s]) as usize * self.block
     }
 
-    /// Unknowns below the diagonal block of a supernode.
+    /// Number of unknowns below the diagonal block of a supernode.
     pub(super) fn height(&self, s: usize) -> usize {
         (self.row_start[s + 1] - self.row_start[s]) * self.block
     }
@@ -436,178 +434,4 @@ fn inverse(permutation: &[u32]) -> Vec<u32> {
         inverse[old as usize] = new as u32;
     }
     inverse
-}
-
-/// The parent of each column, and the entries of each column of the factor with its diagonal.
-fn elimination_tree(graph: &Graph, nodes: usize) -> (Vec<u32>, Vec<u32>) {
-    let mut parent = vec![NONE; nodes];
-    let mut ancestor = vec![NONE; nodes];
-    for row in 0..nodes as u32 {
-        for &column in graph.neighbours(row as usize).iter().filter(|&&column| column < row) {
-            let mut at = column;
-            while at != row {
-                let next = std::mem::replace(&mut ancestor[at as usize], row);
-                if next == NONE {
-                    parent[at as usize] = row;
-                    break;
-                }
-                at = next;
-            }
-        }
-    }
-    // Row i of the factor is the subtree of the tree that leads from the row's entries in the matrix to i.
-    let mut counts = vec![1_u32; nodes];
-    let mut seen_by = vec![NONE; nodes];
-    for row in 0..nodes as u32 {
-        seen_by[row as usize] = row;
-        for &column in graph.neighbours(row as usize).iter().filter(|&&column| column < row) {
-            let mut at = column;
-            while seen_by[at as usize] != row {
-                seen_by[at as usize] = row;
-                counts[at as usize] += 1;
-                at = parent[at as usize];
-            }
-        }
-    }
-    (parent, counts)
-}
-
-struct Groups {
-    /// The columns in their final order.
-    order: Vec<u32>,
-    start: Vec<u32>,
-    parent: Vec<u32>,
-}
-
-/// Groups columns into supernodes, merges small ones into their parents, and orders all along the tree.
-fn relaxed_supernodes(parent: &[u32], counts: &[u32], block: usize) -> Groups {
-    let nodes = parent.len();
-    let order = postorder(parent);
-    // Fundamental supernodes: runs of the postorder in which each column is the parent of the one before and
-    // has its rows.
-    let mut group_of = vec![0_u32; nodes];
-    let mut top = Vec::new();
-    for (k, &node) in order.iter().enumerate() {
-        let joins = k > 0 && {
-            let before = order[k - 1] as usize;
-            parent[before] == node && counts[before] == counts[node as usize] + 1
-        };
-        if joins {
-            top.pop();
-        }
-        group_of[node as usize] = top.len() as u32;
-        top.push(node);
-    }
-    let groups = top.len();
-    let mut columns = vec![0_usize; groups];
-    for &group in &group_of {
-        columns[group as usize] += 1;
-    }
-    let rows: Vec<usize> = top.iter().map(|&node| counts[node as usize] as usize - 1).collect();
-    let mut group_parent: Vec<u32> = top
-        .iter()
-        .map(|&node| match parent[node as usize] {
-            NONE => NONE,
-            above => group_of[above as usize],
-        })
-        .collect();
-    let mut entries: Vec<usize> = (0..groups).map(|g| trapezoid(columns[g], rows[g])).collect();
-
-    let mut children: Vec<Vec<u32>> = vec![Vec::new(); groups];
-    for g in 0..groups {
-        if group_parent[g] != NONE {
-            children[group_parent[g] as usize].push(g as u32);
-        }
-    }
-    let mut merged_into: Vec<u32> = (0..groups as u32).collect();
-    for g in 0..groups {
-        loop {
-            let zeros_with = |child: usize| {
-                let merged = trapezoid(columns[g] + columns[child], rows[g]);
-                (merged - entries[g] - entries[child], merged)
-            };
-            let best = children[g].iter().enumerate().min_by_key(|&(_, &child)| zeros_with(child as usize).0);
-            let Some((at, &child)) = best else { break };
-            let child = child as usize;
-            let (zeros, merged) = zeros_with(child);
-            let width = (columns[g] + columns[child]) * block;
-            let fits = MERGE_COLUMNS_AND_ZEROS
-                .iter()
-                .any(|&(most, part)| width <= most && zeros as f64 <= part * merged as f64);
-            if !fits {
-                break;
-            }
-            columns[g] += columns[child];
-            entries[g] += entries[child];
-            merged_into[child] = g as u32;
-            children[g].swap_remove(at);
-            let grandchildren = std::mem::take(&mut children[child]);
-            for &grandchild in &grandchildren {
-                group_parent[grandchild as usize] = g as u32;
-            }
-            children[g].extend(grandchildren);
-        }
-    }
-
-    // Final order: supernodes along their tree, columns of one supernode in the postorder of the columns.
-    for g in (0..groups).rev() {
-        merged_into[g] = merged_into[merged_into[g] as usize];
-    }
-    let mut members: Vec<Vec<u32>> = vec![Vec::new(); groups];
-    for &node in &order {
-        members[merged_into[group_of[node as usize] as usize] as usize].push(node);
-    }
-    let mut final_of = vec![NONE; groups];
-    let (mut final_order, mut start, mut survivors) = (Vec::with_capacity(nodes), vec![0_u32], Vec::new());
-    let tree: Vec<u32> = (0..groups)
-        .map(|g| if merged_into[g] == g as u32 { group_parent[g] } else { merged_into[g] })
-        .collect();
-    for g in postorder(&tree) {
-        if merged_into[g as usize] == g {
-            final_of[g as usize] = survivors.len() as u32;
-            survivors.push(g);
-            final_order.append(&mut members[g as usize]);
-            start.push(final_order.len() as u32);
-        }
-    }
-    let parent = survivors
-        .iter()
-        .map(|&g| match group_parent[g as usize] {
-            NONE => NONE,
-            above => final_of[merged_into[above as usize] as usize],
-        })
-        .collect();
-    Groups { order: final_order, start, parent }
-}
-
-fn trapezoid(columns: usize, rows: usize) -> usize {
-    columns * (columns + 1) / 2 + columns * rows
-}
-
-/// Children before parents, each subtree in one run; siblings in the order of their numbers.
-fn postorder(parent: &[u32]) -> Vec<u32> {
-    let count = parent.len();
-    let (mut first_child, mut next_sibling) = (vec![NONE; count], vec![NONE; count]);
-    let mut stack = Vec::new();
-    for node in (0..count).rev() {
-        match parent[node] {
-            NONE => stack.push(node as u32),
-            above => {
-                next_sibling[node] = first_child[above as usize];
-                first_child[above as usize] = node as u32;
-            }
-        }
-    }
-    let mut order = Vec::with_capacity(count);
-    while let Some(&node) = stack.last() {
-        let child = first_child[node as usize];
-        if child == NONE {
-            order.push(node);
-            stack.pop();
-        } else {
-            first_child[node as usize] = next_sibling[child as usize];
-            stack.push(child);
-        }
-    }
-    order
 }

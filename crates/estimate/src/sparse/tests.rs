@@ -16,8 +16,8 @@ struct Problem {
 }
 
 impl Problem {
-    /// A grid of `across × along` nodes with elements of `degree + 1` nodes each way, periodic in u when
-    /// asked.
+    /// A grid of `across × along` nodes with elements of `degree + 1` nodes each way, optionally periodic in
+    /// u.
     fn grid(across: usize, along: usize, degree: usize, periodic: bool) -> Self {
         let mut elements = Vec::new();
         for v in 0..along - degree {
@@ -118,8 +118,8 @@ fn assert_close(what: &str, found: &[f64], expected: &[f64], relative: f64) {
 #[test]
 fn accumulation_equals_the_dense_sum() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    // Unsorted nodes, and one that comes twice, as on a periodic surface with fewer columns than the degree
-    // wants.
+    // Unsorted nodes and a repeated node, as on a periodic surface with fewer columns than the degree
+    // requires.
     let elements: [&[u32]; 4] = [&[4, 1, 2], &[0, 3], &[2, 5, 2], &[5]];
     let pattern = Arc::new(BlockPattern::from_elements(6, elements).unwrap());
     for (b, columns) in [(1, 3), (3, 1), (2, 2)] {
@@ -349,12 +349,12 @@ fn merging_commutes_and_associates() {
     assert_close("matrix", left.values(), right.values(), 1e-15);
     assert_close("vector", left.vector(), right.vector(), 1e-15);
 
-    // Taking away again what was added.
+    // Subtraction of what was added.
     let mut back = left;
     back.add_scaled(&c, -1.0).unwrap();
     assert_close("difference", back.values(), ab.values(), 1e-14);
 
-    // Another pattern is refused, and its union takes both.
+    // Another pattern is rejected; the union of both patterns accepts both.
     let other = Arc::new(BlockPattern::from_elements(60, [[0, 59]]).unwrap());
     let far = BlockInformation::zeros(Arc::clone(&other), 3, 1).unwrap();
     assert_eq!(back.add_scaled(&far, 1.0).unwrap_err().kind(), ErrorKind::Input);
@@ -408,7 +408,7 @@ fn the_number_of_threads_does_not_change_a_byte() {
         };
         let one = run(1);
         for threads in [2, 5] {
-            assert!(one == run(threads), "{threads} threads give other bytes with b = {b}");
+            assert!(one == run(threads), "{threads} threads give different bytes with b = {b}");
         }
     }
 }
@@ -462,7 +462,7 @@ fn an_undetermined_node_is_named() {
             information.add_to_diagonal_block(node, &block).unwrap();
             let failure = factor_with(&information, &ordering).unwrap_err();
             assert_eq!(failure.kind(), ErrorKind::Undetermined);
-            // A negative diagonal breaks down at its own node, at the latest.
+            // A negative diagonal breaks down at its own node or earlier.
             assert!(failure.to_string().contains(&format!("node {node}")), "{failure}");
         }
     }
@@ -476,7 +476,7 @@ fn an_undetermined_node_is_named() {
 
 #[test]
 fn singular_information_is_undetermined_although_rounding_leaves_a_pivot() {
-    // Differences alone: the mean is free. Rounding may leave a tiny positive last pivot.
+    // Differences do not determine the mean. Rounding may leave a tiny positive last pivot.
     let mut random = ChaCha8Rng::seed_from_u64(22);
     for seed in 0..20 {
         let problem = Problem::grid(8, 7, 1, false);
@@ -492,7 +492,7 @@ fn singular_information_is_undetermined_although_rounding_leaves_a_pivot() {
 }
 
 #[test]
-fn weak_priors_are_not_refused() {
+fn weak_priors_are_accepted() {
     // Twelve orders of magnitude between data and prior still determine the answer.
     let pattern = Arc::new(BlockPattern::from_elements(2, [[0, 1]]).unwrap());
     let mut information = BlockInformation::zeros(pattern, 1, 1).unwrap();

@@ -1,31 +1,31 @@
-//! The trace of a covariance times a matrix by random probes, for when the selected inverse is not wanted.
+//! Trace of a covariance times a matrix by random probes, cheaper than a selected inverse.
 //!
-//! Comes in: a factor, a matrix, a seed. Goes out: an estimate with its own standard error, the same for the
-//! same seed.
+//! Input: a factor, a matrix, a seed. Output: an estimate with its standard error; the same seed gives the
+//! same result.
 
 use super::{BlockInformation, CholeskyFactor};
 use crate::{Error, Result};
 
-/// Probes that are solved together.
+/// Number of probes solved together.
 const BATCH: usize = 8;
 
-/// A trace found by random probes.
+/// Estimate of a trace by random probes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TraceEstimate {
     /// The mean over the probes; unbiased.
     pub value: f64,
     /// The standard error of the mean; NaN for a single probe.
     pub standard_error: f64,
-    /// How many probes were used.
+    /// Number of probes.
     pub probes: usize,
 }
 
 /// `tr(Λ⁻¹ K)` as the mean of `(Λ⁻¹ z)ᵀ K z` over random `z` of independent ±1.
 ///
-/// `matrix` has as many unknowns as the factor; its pattern may be another. Cost: one solution per probe.
+/// `matrix` has as many unknowns as the factor; its pattern may differ. Cost: one solution per probe.
 ///
 /// # Errors
-/// `Input` when the dimensions differ or when no probes are asked for.
+/// `Input` when the dimensions differ or `probes` is zero.
 ///
 /// # References
 /// Hutchinson, *A stochastic estimator of the trace of the influence matrix for Laplacian smoothing splines*,
@@ -39,8 +39,8 @@ pub fn stochastic_trace(
     let dimension = factor.symbolic().dimension();
     if matrix.dimension() != dimension || probes == 0 {
         return Err(Error::input(format!(
-            "a trace needs probes and a matrix of dimension {dimension}; {probes} probes and dimension {} \
-             were given",
+            "a trace needs probes and a matrix of dimension {dimension}, found {probes} probes and \
+             dimension {}",
             matrix.dimension()
         )));
     }
@@ -48,7 +48,7 @@ pub fn stochastic_trace(
     let mut samples: Vec<f64> = Vec::with_capacity(probes);
     while samples.len() < probes {
         let columns = BATCH.min(probes - samples.len());
-        // Probe by probe, so that the first probes are the same however many follow.
+        // Draw probe by probe, so that the first probes do not depend on the total number.
         let mut z = vec![0.0; dimension * columns];
         for column in 0..columns {
             for row in 0..dimension {

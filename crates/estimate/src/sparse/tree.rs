@@ -1,30 +1,29 @@
-//! Walks along the tree of supernodes, independent subtrees side by side.
+//! Parallel traversal of the tree of supernodes.
 //!
-//! Comes in: a symbolic analysis, data that lie in the order of the supernodes, and what is to be done at
-//! each of them. Goes out: the data, changed in place. Upwards each supernode takes what its children leave,
-//! downwards what its parent leaves it.
+//! Input: a symbolic analysis, data in the order of the supernodes, and a function to apply to each
+//! supernode. Output: the data, changed in place. Upwards, a supernode receives results of its children;
+//! downwards, of its parent.
 //!
-//! A supernode's result depends on its children or its parent only, never on who works beside it: the same
-//! bytes at any number of threads. Subtrees with little work are walked by one thread in one loop. What
-//! passes between supernodes lies on a stack there: in a postorder the children's parts are always the
-//! topmost.
+//! A result depends only on the children or the parent, so it has the same bytes for any number of threads.
+//! One thread processes a subtree with little work in a single loop, with a stack of intermediate results: in
+//! postorder the results of the children are always on top.
 
 use rayon::prelude::*;
 
 use super::SymbolicFactor;
 
-/// Subtrees of less work than this share of the whole are walked by one thread, as are trees of less work
-/// than [`LEAST_WORK`] operations.
+/// Subtrees with less than this fraction of the total work are processed by one thread, as are trees below
+/// [`MIN_PARALLEL_WORK`] operations.
 const SERIAL_SHARE: f64 = 1.0 / 48.0;
-/// Waking a second thread costs some 10 µs.
-const LEAST_WORK: f64 = 2e5;
+/// Minimum number of operations for parallel work: waking a second thread costs about 10 µs.
+const MIN_PARALLEL_WORK: f64 = 2e5;
 
-/// Memory of one walker: parts that were used up, to be used again.
+/// Buffers of one thread for reuse.
 #[derive(Default)]
 pub(super) struct Spare(Vec<Vec<f64>>);
 
 impl Spare {
-    /// A part of at least `length` numbers, whatever they are.
+    /// A buffer of at least `length` values with unspecified contents.
     pub(super) fn take(&mut self, length: usize) -> Vec<f64> {
         let mut part = self.0.pop().unwrap_or_default();
         if part.len() < length {
@@ -38,14 +37,14 @@ impl Spare {
     }
 }
 
-/// How a tree is walked: where the data of each supernode begin, and how much work a subtree is.
+/// A traversal: the start of the data of each supernode, and the work of each subtree.
 pub(super) struct Walk<'a> {
     symbolic: &'a SymbolicFactor,
-    /// Start of each supernode's data, and the end.
+    /// Start of the data of each supernode, and the end.
     start: &'a [usize],
     /// Operations of the subtree that ends in a supernode.
     work: &'a (dyn Fn(usize) -> f64 + Sync),
-    /// Subtrees of no more work than this are walked by one thread.
+    /// Subtrees of at most this work are processed by one thread.
     grain: f64,
 }
 
@@ -56,14 +55,14 @@ impl<'a> Walk<'a> {
         work: &'a (dyn Fn(usize) -> f64 + Sync),
     ) -> Self {
         let total: f64 = symbolic.roots().iter().map(|&root| work(root as usize)).sum();
-        Self { symbolic, start, work, grain: (SERIAL_SHARE * total).max(LEAST_WORK) }
+        Self { symbolic, start, work, grain: (SERIAL_SHARE * total).max(MIN_PARALLEL_WORK) }
     }
 
-    /// From the leaves to the roots: `visit(supernode, own data, parts of its children, memory)` gives the
-    /// part for its parent.
+    /// Traverses from the leaves to the roots: `visit(supernode, own data, parts of its children, buffers)`
+    /// returns the part for its parent.
     ///
     /// # Errors
-    /// That of the first supernode, in the order of elimination, of those that were visited.
+    /// The error of the first failing supernode, in elimination order, among those that were visited.
     pub(super) fn ascend<E: Send>(
         &self,
         data: &mut [f64],
@@ -72,7 +71,7 @@ impl<'a> Walk<'a> {
         self.ascend_each(self.symbolic.roots(), data, visit).map(|_| ())
     }
 
-    /// Walks the subtrees of neighbouring siblings, which `data` belong to.
+    /// Traverses the subtrees of adjacent siblings; `data` are theirs.
     fn ascend_each<E: Send>(
         &self,
         siblings: &[u32],
@@ -102,7 +101,7 @@ impl<'a> Walk<'a> {
             parts.append(&mut right?);
             return Ok(parts);
         }
-        // Alone: go down to where the tree branches, then up again.
+        // A single subtree: process what is below its first branching in parallel, then its chain upwards.
         let chain = self.chain(first as usize);
         let branching = chain[chain.len() - 1];
         let below = self.start[branching] - self.start[self.symbolic.first_below(first as usize)];
@@ -129,16 +128,16 @@ impl<'a> Walk<'a> {
         let (mut parts, mut spare) = (Vec::<Vec<f64>>::new(), Spare::default());
         for s in first..=last {
             let own = &mut data[self.start[s] - self.start[first]..self.start[s + 1] - self.start[first]];
-            let taken = parts.len() - self.symbolic.children(s).len();
-            let part = visit(s, own, &parts[taken..], &mut spare)?;
-            parts.drain(taken..).for_each(|part| spare.give_back(part));
+            let first_part = parts.len() - self.symbolic.children(s).len();
+            let part = visit(s, own, &parts[first_part..], &mut spare)?;
+            parts.drain(first_part..).for_each(|part| spare.give_back(part));
             parts.push(part);
         }
         Ok(parts)
     }
 
-    /// From the roots to the leaves: `visit(supernode, own data, part from its parent, memory)` gives the
-    /// parts for its children, in their order. Roots get an empty part.
+    /// Traverses from the roots to the leaves: `visit(supernode, own data, part from its parent, buffers)`
+    /// returns the parts for its children, in their order. Roots receive an empty part.
     pub(super) fn descend(
         &self,
         data: &mut [f64],
@@ -205,14 +204,14 @@ impl<'a> Walk<'a> {
         for s in (first..=last).rev() {
             let own = &mut data[self.start[s] - self.start[first]..self.start[s + 1] - self.start[first]];
             let Some(part) = parts.pop() else {
-                unreachable!("every supernode gets its part before it is visited")
+                unreachable!("a supernode is visited after its parent pushed its part")
             };
             parts.append(&mut visit(s, own, &part, &mut spare));
             spare.give_back(part);
         }
     }
 
-    /// A supernode and those below it, as long as each has one child only.
+    /// A supernode and its descendants, as long as each has exactly one child.
     fn chain(&self, top: usize) -> Vec<usize> {
         let mut chain = vec![top];
         while let &[child] = self.symbolic.children(chain[chain.len() - 1]) {
@@ -221,15 +220,15 @@ impl<'a> Walk<'a> {
         chain
     }
 
-    /// Numbers of data of the subtrees of siblings.
+    /// Length of the data of the subtrees of siblings.
     fn length_of(&self, siblings: &[u32]) -> usize {
         let (first, last) = (siblings[0] as usize, siblings[siblings.len() - 1] as usize);
         self.start[last + 1] - self.start[self.symbolic.first_below(first)]
     }
 }
 
-/// Calls `work(first, part)` for pieces of `piece` columns each of a column-major matrix with columns of
-/// `stride` numbers, side by side where there are several.
+/// Calls `work(first, part)` in parallel for blocks of `piece` columns of a column-major matrix with columns
+/// of length `stride`.
 pub(super) fn by_columns(
     values: &mut [f64],
     stride: usize,

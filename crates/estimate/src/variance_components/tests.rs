@@ -3,7 +3,7 @@ use crate::test_support::Gaussian;
 use crate::{ErrorKind, Information};
 use nalgebra::{DMatrix, DVector};
 
-/// Readings of a few unknowns by two sensors, both stated to have σ = 1.
+/// Readings of a few unknowns by two sensors with stated σ = 1.
 struct TwoSensors {
     design: DMatrix<f64>,
     reading: DVector<f64>,
@@ -37,7 +37,7 @@ impl TwoSensors {
 }
 
 #[test]
-fn a_sigma_understated_threefold_is_recovered_and_the_other_left_alone() {
+fn an_understated_sigma_is_recovered_and_a_correct_one_is_kept() {
     let mut random = Gaussian::seeded(51);
     let sensors = two_sensors(&mut random, [900, 900], [3.0, 1.0]);
     let found = iterate_variance_components(2, 1e-6, 50, |factors| sensors.solve(factors)).unwrap();
@@ -49,7 +49,7 @@ fn a_sigma_understated_threefold_is_recovered_and_the_other_left_alone() {
 }
 
 #[test]
-fn leverages_keep_small_groups_unbiased_and_the_standard_error_true() {
+fn leverages_keep_small_groups_unbiased_and_the_standard_error_correct() {
     // Twelve readings and six unknowns: without the leverages the factor would be √½.
     let mut random = Gaussian::seeded(52);
     let (runs, mut squares, mut contradicted) = (2000, 0.0, 0);
@@ -70,7 +70,7 @@ fn leverages_keep_small_groups_unbiased_and_the_standard_error_true() {
 }
 
 #[test]
-fn gated_readings_count_as_if_nothing_had_been_cut() {
+fn gated_readings_give_the_sigma_of_all_readings() {
     let mut random = Gaussian::seeded(53);
     let gate = TruncatedNormal::new(2.0).unwrap();
     let (mut gated, mut naive) = (VarianceComponents::new(1), VarianceComponents::new(1));
@@ -83,7 +83,7 @@ fn gated_readings_count_as_if_nothing_had_been_cut() {
 }
 
 #[test]
-fn sums_of_parts_are_the_sums_of_the_whole() {
+fn merged_sums_equal_the_sums_of_all_readings() {
     let mut random = Gaussian::seeded(54);
     let values: Vec<f64> = (0..100).map(|_| random.number().powi(2)).collect();
     let (mut whole, mut a, mut b) =

@@ -134,7 +134,7 @@ fn differences(patches: &[MergePatch], overlap: &Overlap, i: usize, j: usize) ->
 /// Adds the products of all pairs within each batch to the sums of its size.
 fn add(differences: &[Difference], sums: &mut [Sums; SIZES]) {
     let places: Vec<[f64; 3]> = differences.iter().map(|d| d.at).collect();
-    let batches = NestedBatches::of(&places);
+    let batches = NestedBatches::new(&places);
     let top = (differences.len() / MAX_BATCH).max(1).ilog2();
     let step = differences.len().div_ceil(MAX_SAMPLES).max(1);
     for depth in top..batches.depth() {

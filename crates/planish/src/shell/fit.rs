@@ -15,11 +15,11 @@ mod page;
 mod report;
 mod rough_start;
 
-use super::looks::{Known, picture_of, write_moved};
+use super::appearance::{Known, picture_of, write_moved};
 use super::surface::mesh_outputs;
 use crate::job::Job;
 use crate::report::{ReportOutput, with_page};
-pub use figures::{FlowReport, FrameReport, PoseReport, ReadingsReport, ShellFitReport};
+pub use figures::{CameraPoseReport, FlowReport, FrameReport, ReadingsReport, ShellFitReport};
 use input::{Frame, FrameFiles, Moved, Units};
 use nalgebra::DVector;
 use page::{ShownShell, shell_page};
@@ -178,7 +178,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
         progress,
         outputs: outputs_of_frames(job, &frames),
         inputs: inputs_with_frames(job, &frames),
-        units: Units::of(job.unit),
+        units: Units::new(job.unit),
         warnings: Vec::new(),
         written: Vec::new(),
     };
@@ -405,7 +405,7 @@ impl Run<'_> {
         let given: Vec<Camera> = frame.fitted.iter().map(|view| view.camera).collect();
         let measured: Vec<f64> =
             (sigma.iter().zip(&observed)).filter(|(_, o)| **o == 1).map(|(s, _)| *s).collect();
-        let of = [&fit.points, &fit.outlines, &fit.tracks].map(ReadingsReport::of);
+        let of = [&fit.points, &fit.outlines, &fit.tracks].map(ReadingsReport::from_source);
         let [points, outlines, tracks] = of;
         let mut done = ShellFitReport {
             rms_points: points.map(|r| r.rms),
@@ -467,8 +467,8 @@ fn frame_report(
 ) -> FrameReport {
     FrameReport {
         frame: name.to_owned(),
-        rms_points: ReadingsReport::of(&fit.points).map(|r| r.rms),
-        rms_silhouettes_px: ReadingsReport::of(&fit.outlines).map(|r| r.rms),
+        rms_points: ReadingsReport::from_source(&fit.points).map(|r| r.rms),
+        rms_silhouettes_px: ReadingsReport::from_source(&fit.outlines).map(|r| r.rms),
         iou: (!iou.is_empty()).then(|| iou.values().sum::<f64>() / iou.len() as f64),
         surprise: predicted.map(|q| (&fit.parameters - q).norm() / fit.covariance.trace().sqrt()),
         sigma: SigmaSummary::from_values(sigma.to_vec()).median,

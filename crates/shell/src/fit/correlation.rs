@@ -68,7 +68,7 @@ impl ResidualCorrelation {
             return Self::NONE;
         }
         let places: Vec<[f64; 3]> = residuals.iter().map(|r| r.at).collect();
-        let batches = NestedBatches::of(&places);
+        let batches = NestedBatches::new(&places);
         let products = |of: &dyn Fn(&Residual) -> f64| {
             let values: Vec<f64> = residuals.iter().map(of).collect();
             batches.products(&values, MIN_BATCHES)

@@ -1,8 +1,8 @@
 //! The extraction of all leaves as one sparse matrix.
 //!
-//! Comes in: a [`Hierarchy`]. Goes out: coefficients of all leaves from control vertices, and the transpose
-//! of that map for right-hand sides. Most coefficients are one vertex each; the dense weights of
-//! [`Hierarchy::extraction`] are mostly zeros. The same bytes at any number of threads.
+//! Input: a [`Hierarchy`]. Output: coefficients of all leaves from control vertices, and the transposed map
+//! for right-hand sides. Most coefficients equal one vertex, so the dense weights of
+//! [`Hierarchy::extraction`] are mostly zero. The result has the same bytes for any number of threads.
 
 use super::Hierarchy;
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ impl Rows {
     }
 }
 
-/// The weights of nodes in the coefficients of leaves, by coefficient and by node.
+/// Weights of the nodes in the coefficients of the leaves, stored by coefficient and by node.
 #[derive(Debug, Clone)]
 pub(crate) struct SparseExtraction {
     /// Row `16 · leaf + k`: nodes.
@@ -83,7 +83,7 @@ impl SparseExtraction {
             .collect()
     }
 
-    /// What values of all coefficients are for the nodes: node-major, three columns.
+    /// Applies the transpose: sums values of all coefficients at the nodes. Node-major, three columns.
     pub(crate) fn gather(&self, of_leaves: &[[[f64; 3]; 16]]) -> Vec<f64> {
         (0..self.by_node.start.len() - 1)
             .into_par_iter()

@@ -110,7 +110,7 @@ fn ball_has_one_point_and_one_tangent_plane_at_each_pole() {
 }
 
 #[test]
-fn a_lone_split_cell_activates_no_function_but_a_whole_support_does() {
+fn a_single_split_cell_activates_no_function_but_a_whole_support_does() {
     let uniform = Hierarchy::uniform(Shape::Sheet, [8, 8]).unwrap();
     let (middle, _) = uniform.locate(4.5, 4.5);
     assert_eq!(uniform.refine(&[middle]).node_count(), uniform.node_count());
@@ -120,7 +120,7 @@ fn a_lone_split_cell_activates_no_function_but_a_whole_support_does() {
 }
 
 #[test]
-fn neighbouring_leaves_differ_by_one_level_at_most() {
+fn neighbouring_leaves_differ_by_at_most_one_level() {
     for shape in SHAPES {
         let hierarchy = refined(shape, 11);
         for (leaf, &cell) in hierarchy.leaves().iter().enumerate() {

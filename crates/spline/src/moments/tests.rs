@@ -1,8 +1,11 @@
+use super::position_sums::{PART, PARTS};
 use super::*;
-use crate::hierarchy::Shape;
+use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::leaf_weights;
+use crate::system::SurfaceSystem;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
 
 fn readings(n: usize, extent: [f64; 2], seed: u64) -> (Vec<[f64; 2]>, Vec<[f64; 3]>, Vec<f64>) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -13,7 +16,7 @@ fn readings(n: usize, extent: [f64; 2], seed: u64) -> (Vec<[f64; 2]>, Vec<[f64; 
     (at, z, w)
 }
 
-/// What the weights themselves say, reading by reading.
+/// Information from the weights of each reading.
 fn by_weights(local: &[[f64; 2]], z: &[[f64; 3]], w: &[f64]) -> ([[f64; 16]; 16], [[f64; 3]; 16]) {
     let (mut matrix, mut vector) = ([[0.0; 16]; 16], [[0.0; 3]; 16]);
     for ((x, z), w) in local.iter().zip(z).zip(w) {
@@ -45,9 +48,9 @@ fn assert_same(
     }
 }
 
-/// Moments lose nothing: otherwise every fit of known parameters would be of other weights.
+/// Moments must be lossless, or every fit with known parameters would be wrong.
 #[test]
-fn moments_of_one_cell_are_the_information_of_its_weights() {
+fn moments_of_one_cell_give_the_information_of_its_weights() {
     let (at, z, w) = readings(500, [1.0, 1.0], 1);
     let mut cell = CellMoments::default();
     for ((&x, &z), &w) in at.iter().zip(&z).zip(&w) {
@@ -56,9 +59,9 @@ fn moments_of_one_cell_are_the_information_of_its_weights() {
     assert_same(&cell.information(), &by_weights(&at, &z, &w), 500.0);
 }
 
-/// The fast path, with its sorting, instructions and threads, against the plain one.
+/// Compares the fast path, with sorting, SIMD and threads, to the direct one.
 #[test]
-fn the_stream_gives_what_the_plain_path_gives_on_every_leaf() {
+fn the_stream_equals_the_direct_path_on_every_leaf() {
     for shape in [Shape::Sheet, Shape::Tube, Shape::Ball, Shape::Torus] {
         let uniform = Hierarchy::uniform(shape, [6, 5]).unwrap();
         let marked: Vec<usize> =
@@ -82,7 +85,7 @@ fn the_stream_gives_what_the_plain_path_gives_on_every_leaf() {
 }
 
 #[test]
-fn threads_and_pieces_do_not_change_a_bit_of_the_sums() {
+fn sums_do_not_depend_on_threads_or_pieces() {
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [20, 30]).unwrap());
     let (at, z, _) = readings(2 * PART * PARTS + 5, space.extent(), 3);
     let summed = |threads: usize, pieces: usize| {
@@ -100,7 +103,7 @@ fn threads_and_pieces_do_not_change_a_bit_of_the_sums() {
 }
 
 #[test]
-fn sums_of_two_sessions_add_whatever_their_origins() {
+fn sums_of_two_sessions_with_different_origins_add() {
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
     let system = SurfaceSystem::new(&space).unwrap();
     let (at, z, w) = readings(1000, space.extent(), 4);
@@ -122,7 +125,7 @@ fn sums_of_two_sessions_add_whatever_their_origins() {
 }
 
 #[test]
-fn readings_that_cannot_be_used_are_named() {
+fn invalid_readings_are_named() {
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [4, 4]).unwrap());
     let mut sums = PositionSums::new(&space);
     sums.add(&[[1.0, 1.0]], &[[0.0; 3]], None).unwrap();
@@ -138,9 +141,9 @@ fn readings_that_cannot_be_used_are_named() {
     assert!(sums.add(&[[0.0; 2]], &[], None).unwrap_err().to_string().contains("1 parameters, 0 positions"));
 }
 
-/// The metric of a sheet, and which coordinates are exact, come from this.
+/// The metric of a sheet and the choice of exact coordinates depend on this map.
 #[test]
-fn the_affine_map_of_the_readings_is_found_whatever_their_cells() {
+fn the_affine_map_of_the_readings_is_found_for_any_cells() {
     let uniform = Hierarchy::uniform(Shape::Sheet, [6, 5]).unwrap();
     let marked: Vec<usize> =
         [(2.5, 2.5), (3.5, 2.5), (2.5, 3.5), (3.5, 3.5)].map(|(u, v)| uniform.locate(u, v).0).to_vec();
@@ -165,7 +168,7 @@ fn the_affine_map_of_the_readings_is_found_whatever_their_cells() {
 }
 
 #[test]
-fn coarser_cells_have_the_sums_of_what_lies_on_them() {
+fn coarser_cells_have_the_sums_of_their_positions() {
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [7, 4]).unwrap());
     let (parameters, positions, weights) = readings(3_000, [7.0, 4.0], 11);
     let mut sums = PositionSums::new(&space);

@@ -1,11 +1,9 @@
-//! The belief of one patch: mean and dense covariance of its control vertices, updated one scalar measurement
-//! at a time.
+//! The belief of a patch: mean and dense covariance of its control vertices, updated by scalar measurements.
 //!
-//! Comes in: rows `hᵀ x = z` with a variance, most of them sparse. Goes out: the updated belief and what the
-//! measurement said beyond what was expected. Columns of the mean share one covariance: three coordinates
-//! where noise has no direction.
+//! Input: rows `hᵀ x = z` with a variance, usually sparse. Output: the updated belief and the innovation.
+//! Columns of the mean share one covariance, for example three coordinates with isotropic noise.
 //!
-//! Not guaranteed: that a variance far below the rounding of the covariance is told from zero.
+//! Not guaranteed: a distinction between zero and a variance far below the rounding of the covariance.
 //!
 //! # References
 //! Bucy, Joseph, *Filtering for stochastic processes with applications to guidance*, 1968 (the symmetric
@@ -25,16 +23,16 @@ pub struct PatchBelief {
     covariance: Vec<f64>,
 }
 
-/// Vectors of an update, used again by the next: an update takes no memory.
+/// Buffers of an update, reused so that updates do not allocate.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Workspace {
     spread: Vec<f64>,
     gain: Vec<f64>,
 }
 
-/// What a scalar measurement said beyond what was expected: one residual for each column of the mean.
+/// Innovation of a scalar measurement: one residual per column of the mean.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Surprise {
+pub(super) struct ColumnInnovation {
     pub residual: [f64; 3],
     /// `S = hᵀ Σ h + r`
     pub variance: f64,
@@ -44,24 +42,24 @@ impl PatchBelief {
     /// A belief from its mean, `dimension × columns` and row-major, and its covariance.
     ///
     /// # Errors
-    /// `Input` when the sizes do not fit, a number is not finite, or there are more than three columns.
+    /// `Input` when sizes do not match, a value is not finite, or there are more than three columns.
     pub fn from_covariance(columns: usize, mean: Vec<f64>, covariance: Vec<f64>) -> Result<Self> {
         if !(1..=3).contains(&columns) || !mean.len().is_multiple_of(columns) {
             return Err(Error::input(format!(
-                "a patch's mean of {} numbers cannot have {columns} columns",
+                "a mean of {} values cannot have {columns} columns",
                 mean.len()
             )));
         }
         let dimension = mean.len() / columns;
         if covariance.len() != dimension * dimension {
             return Err(Error::input(format!(
-                "a patch of {dimension} unknowns needs a covariance of {} numbers, got {}",
+                "a patch of {dimension} unknowns needs a covariance of {} values, found {}",
                 dimension * dimension,
                 covariance.len()
             )));
         }
         if mean.iter().chain(&covariance).any(|x| !x.is_finite()) {
-            return Err(Error::input("a patch's belief holds a number that is not finite"));
+            return Err(Error::input("the belief of a patch contains a value that is not finite"));
         }
         let mut belief = Self { dimension, columns, mean, covariance };
         belief.symmetrize();
@@ -85,7 +83,7 @@ impl PatchBelief {
         self.dimension
     }
 
-    /// How many columns of the mean share the covariance.
+    /// Number of columns of the mean, which share the covariance.
     #[must_use]
     pub fn columns(&self) -> usize {
         self.columns
@@ -111,7 +109,7 @@ impl PatchBelief {
         DMatrix::from_row_slice(self.dimension, self.dimension, &self.covariance)
     }
 
-    /// Moves the `k`-th number of the mean by `by(k)`.
+    /// Adds `by(k)` to the `k`-th value of the mean.
     pub(super) fn translate(&mut self, by: impl Fn(usize) -> f64) {
         for (k, m) in self.mean.iter_mut().enumerate() {
             *m += by(k);
@@ -149,17 +147,17 @@ impl PatchBelief {
             .sum()
     }
 
-    /// Takes in `hᵀ x = value + v`, `v ~ N(0, variance)`, for every column at once:
-    /// `k = Σh/S`, `x ← x + k (z − hᵀx)`, `Σ ← (I − k hᵀ) Σ (I − k hᵀ)ᵀ + r k kᵀ`.
+    /// Updates with `hᵀ x = value + v`, `v ~ N(0, variance)`, for all columns: `k = Σh/S`,
+    /// `x ← x + k (z − hᵀx)`, `Σ ← (I − k hᵀ) Σ (I − k hᵀ)ᵀ + r k kᵀ`.
     ///
-    /// Cost: `dimension · (row length + 2.5 dimension)` multiply-adds; no memory is taken.
+    /// Cost: `dimension · (row length + 2.5 dimension)` multiply-adds, without allocation.
     pub(super) fn update(
         &mut self,
         row: &[(u16, f64)],
         value: [f64; 3],
         variance: f64,
         workspace: &mut Workspace,
-    ) -> Result<Surprise> {
+    ) -> Result<ColumnInnovation> {
         let n = self.dimension;
         workspace.spread.clear();
         workspace.spread.resize(n, 0.0);
@@ -174,7 +172,7 @@ impl PatchBelief {
         let total = expected.max(0.0) + variance;
         if !(total > 0.0 && total.is_finite()) {
             return Err(Error::undetermined(
-                "a reading without noise says what is known already without doubt",
+                "a noise-free reading measures a value that is already known exactly",
             ));
         }
         let predicted = self.mean_of(row);
@@ -190,12 +188,12 @@ impl PatchBelief {
                 *m += k * r;
             }
         }
-        // Products are arranged so that entries (i, j) and (j, i) round alike.
+        // Products are arranged so that entries (i, j) and (j, i) have the same rounding.
         for ((line, &k), &s) in self.covariance.chunks_exact_mut(n).zip(gain).zip(spread.iter()) {
             for ((entry, &kj), &sj) in line.iter_mut().zip(gain).zip(spread.iter()) {
                 *entry -= (k * sj + s * kj) - total * (k * kj);
             }
         }
-        Ok(Surprise { residual, variance: total })
+        Ok(ColumnInnovation { residual, variance: total })
     }
 }

@@ -1,68 +1,69 @@
-//! When a patch is divided: where its curvature varies, or where its readings surprise it.
+//! Criteria for the subdivision of a patch: variation of curvature, and large innovations.
 //!
-//! Comes in: Gaussian curvatures of a patch with their σ, and the squared normalised innovations of its
-//! readings by cell. Goes out: a [`SubdivisionReason`] or none.
+//! Input: Gaussian curvatures of a patch with their σ, and the squared normalised innovations of its readings
+//! by cell. Output: a [`SubdivisionReason`] or `None`.
 //!
-//! Curvature: `sd(K) / max(|K̄|, σ_K) > limit`, K taken at the middles of the sixteen cells (the paper's eq.
-//! 13 divides a variance by a mean: it has units and blows up at `K̄ = 0`). From `sd(K)²` the mean of σ_K² is
-//! taken off, unless that is switched off: curvature of second derivatives is badly known long after
-//! positions are well known, and what varies within its σ asks for no finer patches. Readings: over each 2 ×
-//! 2 block of cells, the least on which a finer function lives, the sum of squared normalised innovations is
-//! χ² with one degree of freedom each; the block speaks when the sum is that many standard deviations too
-//! large (Wilson–Hilferty).
+//! Curvature: `sd(K) / max(|K̄|, σ_K) > limit`, with K at the centres of the sixteen cells. (Eq. 13 of the
+//! paper divides a variance by a mean: it has units and is infinite at `K̄ = 0`.) By default the mean of σ_K²
+//! is subtracted from `sd(K)²`. Second derivatives are much less accurate than positions, and a variation
+//! within their σ does not justify finer patches.
 //!
-//! Not guaranteed: that weak detail is found by its curvature before it is well measured; the readings'
-//! criterion finds it by numbers.
+//! Readings: a 2 × 2 block of cells is the smallest support of a finer function. Over each block, the sum of
+//! squared normalised innovations is χ² with one degree of freedom per reading. The criterion is met if the
+//! sum is too large by the given number of standard deviations (Wilson–Hilferty).
+//!
+//! Not guaranteed: detection of weak detail by curvature before it is well measured. The criterion of
+//! readings detects it with enough data.
 //!
 //! # References
 //! Wang, Wang 1994, eq. 11–13; Wilson, Hilferty, *The distribution of chi-square*, PNAS 1931.
 
 use crate::surface::Jet;
 
-/// When to divide a patch; a criterion that is none is not asked.
+/// Criteria for subdivision; `None` disables a criterion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SubdivisionCriteria {
-    /// The most `sd(K) / max(|K̄|, σ_K)` of a patch that is left whole.
+    /// Maximum `sd(K) / max(|K̄|, σ_K)` of a patch that is not subdivided.
     pub curvature_variation: Option<f64>,
-    /// Whether the variation that σ_K explains is taken off first.
+    /// If true, the variation explained by σ_K is subtracted first.
     pub discount_noise: bool,
-    /// How many standard deviations the innovations of a 2 × 2 block may be too large.
+    /// Maximum excess of the innovations of a 2 × 2 block, in standard deviations.
     pub chi_square: Option<f64>,
-    /// Scalar readings that a block, and a patch, needs before it is judged.
-    pub least_readings: u64,
-    /// No more patches than this, but for what grading asks for.
-    pub most_patches: usize,
+    /// Minimum number of scalar readings of a block, and of a patch.
+    pub min_readings: u64,
+    /// Maximum number of patches, apart from those required by grading.
+    pub max_patches: usize,
 }
 
 impl Default for SubdivisionCriteria {
-    /// The paper's limit of 0.5 beside a χ² of 3 standard deviations, on 24 scalar readings or more; noise is
-    /// discounted.
+    /// A curvature variation of 0.5 (the limit of the paper) with noise subtracted, and a χ² excess of 3
+    /// standard deviations with at least 24 scalar readings.
     fn default() -> Self {
         Self {
             curvature_variation: Some(0.5),
             discount_noise: true,
             chi_square: Some(3.0),
-            least_readings: 24,
-            most_patches: usize::MAX,
+            min_readings: 24,
+            max_patches: usize::MAX,
         }
     }
 }
 
-/// Why a patch was divided.
+/// Why a patch was subdivided.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SubdivisionReason {
     /// `sd(K) / max(|K̄|, σ_K)` was this large.
     CurvatureVariation(f64),
-    /// Innovations were this many standard deviations too large.
+    /// Innovations were too large by this many standard deviations.
     ChiSquare(f64),
-    /// A neighbour was divided, and neighbouring cells may differ by one level only.
+    /// A neighbour was subdivided: neighbouring cells differ by at most one level.
     Grading,
-    /// It was asked for.
+    /// The caller requested it.
     Requested,
 }
 
 impl SubdivisionReason {
-    /// Which of two reasons is the stronger: readings speak before curvature.
+    /// Order of reasons: readings come before curvature.
     pub(super) fn strength(self) -> (u8, f64) {
         match self {
             Self::Requested => (3, 0.0),
@@ -76,26 +77,28 @@ impl SubdivisionReason {
 /// Squared normalised innovations of one cell.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct InnovationSum {
-    /// Scalar readings.
+    /// Number of scalar readings.
     pub count: u64,
     /// `Σ e²/S`
     pub normalized_squared: f64,
-    /// Scalar readings beyond the gate, which the other two leave out.
+    /// Number of scalar readings beyond the gate, not included in the other two.
     pub far: u64,
 }
 
-/// Readings beyond the gate are gross errors where they are fewer than this share, and shape that the patch
-/// does not have where they are more.
-const MOST_GROSS: f64 = 0.25;
-/// Fewer far readings are no shape.
-const LEAST_FAR: u64 = 6;
-/// What a far reading adds to a sum of squares.
+/// Maximum fraction of readings beyond the gate that are treated as outliers. More of them indicate shape
+/// that the patch cannot represent.
+///
+/// A lower value subdivides patches at outliers; a higher one rejects good readings of small features.
+const MAX_OUTLIER_FRACTION: f64 = 0.25;
+/// Minimum number of readings beyond the gate that indicate shape.
+const MIN_FAR: u64 = 6;
+/// Contribution of a reading beyond the gate to a sum of squares, the square of 4 standard deviations.
 const FAR_SQUARED: f64 = 16.0;
 
 impl InnovationSum {
-    /// Whether so many of the readings are far that they are shape.
+    /// True if enough readings are beyond the gate to indicate shape.
     pub(super) fn far_is_shape(&self) -> bool {
-        self.far >= LEAST_FAR && self.far as f64 > MOST_GROSS * (self.count + self.far) as f64
+        self.far >= MIN_FAR && self.far as f64 > MAX_OUTLIER_FRACTION * (self.count + self.far) as f64
     }
 
     fn with(self, other: &Self) -> Self {
@@ -108,17 +111,18 @@ impl InnovationSum {
 }
 
 impl SubdivisionCriteria {
-    /// `curvatures`: value and σ at the middle of each cell, none where the surface is singular.
+    /// Applies the criteria. `curvatures` returns value and σ at the centre of each cell, or `None` if the
+    /// surface is singular.
     pub(super) fn reason(
         &self,
         innovations: &[InnovationSum; 16],
         curvatures: impl FnOnce() -> Option<[[f64; 2]; 16]>,
     ) -> Option<SubdivisionReason> {
-        if innovations.iter().map(|s| s.count + s.far).sum::<u64>() < self.least_readings {
+        if innovations.iter().map(|s| s.count + s.far).sum::<u64>() < self.min_readings {
             return None;
         }
         if let Some(limit) = self.chi_square {
-            let worst = worst_block(innovations, self.least_readings);
+            let worst = worst_block(innovations, self.min_readings);
             if worst > limit {
                 return Some(SubdivisionReason::ChiSquare(worst));
             }
@@ -128,8 +132,18 @@ impl SubdivisionCriteria {
     }
 }
 
-/// `sd(K) / max(|K̄|, σ_K)` of Gaussian curvatures `[K, σ]`, σ_K the root mean square of the σ; of `sd(K)`
-/// what is beyond σ_K where noise is discounted. Of fewer than two it is 0.
+/// `sd(K) / max(|K̄|, σ_K)` of Gaussian curvatures `[K, σ]`, with σ_K the root mean square of the σ. If
+/// `discount_noise`, σ_K² is subtracted from `sd(K)²`. It is 0 for fewer than two curvatures.
+///
+/// # Examples
+/// ```
+/// use planish_spline::curvature_variation;
+///
+/// // K = 1 and 3 with a negligible σ: standard deviation over mean.
+/// let variation = curvature_variation(&[[1.0, 1e-9], [3.0, 1e-9]], true);
+/// assert!(variation > 0.5);
+/// assert_eq!(curvature_variation(&[[1.0, 5.0], [3.0, 5.0]], true), 0.0); // within σ
+/// ```
 #[must_use]
 pub fn curvature_variation(curvatures: &[[f64; 2]], discount_noise: bool) -> f64 {
     let n = curvatures.len() as f64;
@@ -144,15 +158,15 @@ pub fn curvature_variation(curvatures: &[[f64; 2]], discount_noise: bool) -> f64
     if beyond > 0.0 { beyond.sqrt() / scale } else { 0.0 }
 }
 
-/// By how many standard deviations the innovations of the worst 2 × 2 block are too large.
-fn worst_block(innovations: &[InnovationSum; 16], least: u64) -> f64 {
+/// Largest excess of the innovations of a 2 × 2 block, in standard deviations.
+fn worst_block(innovations: &[InnovationSum; 16], min_readings: u64) -> f64 {
     let mut worst = f64::NEG_INFINITY;
     for row in 0..3 {
         for column in 0..3 {
             let block = [0, 1, 4, 5].map(|k| innovations[4 * row + column + k]);
             let all = block.iter().fold(InnovationSum::default(), InnovationSum::with);
             let far = if all.far_is_shape() { all.far } else { 0 };
-            if all.count + far < least.max(1) {
+            if all.count + far < min_readings.max(1) {
                 continue;
             }
             let n = (all.count + far) as f64;
@@ -164,8 +178,8 @@ fn worst_block(innovations: &[InnovationSum; 16], least: u64) -> f64 {
     worst
 }
 
-/// Gaussian curvature and its gradient by the five derivatives of a jet (`u, v, uu, uv, vv`); none where the
-/// surface is singular.
+/// Gaussian curvature and its gradient with respect to the five derivatives of a jet (`u, v, uu, uv, vv`);
+/// `None` if the surface is singular.
 pub(super) fn gaussian_curvature(jet: &Jet) -> Option<(f64, [[f64; 3]; 5])> {
     let value = jet.curvature()?.gaussian();
     let mut gradient = [[0.0; 3]; 5];

@@ -1,13 +1,12 @@
-//! One reading taken in: located, told as scalar rows, held against what was expected, and filtered into its
-//! patch.
+//! Update with one reading: locate it, form scalar rows, test the innovation, and update the patch.
 //!
-//! Comes in: a [`SurfaceReading`]. Goes out: the patch's belief after it, and what the reading said that was
-//! not expected.
+//! Input: a [`SurfaceReading`]. Output: the updated belief of the patch, and the innovation.
 //!
-//! Not guaranteed: that a gross error in a place where nothing is known yet is found.
+//! Not guaranteed: detection of outliers where there are no other readings yet.
 
 use super::belief::Workspace;
-use super::filter::{Member, PatchFilter, PatchUpdate, StateLayout};
+use super::filter::{Member, PatchFilter, PatchUpdate};
+use super::options::StateLayout;
 use super::quadtree::{SparseRow, vertex_of};
 use super::reading::{EquationKind, SurfaceReading};
 use crate::foot::{FootPoint, ProjectionOptions, project_onto};
@@ -21,11 +20,11 @@ pub(super) struct ScalarReading {
     row: SparseRow,
     value: [f64; 3],
     variance: f64,
-    /// How many numbers it holds: three of a position whose coordinates share one covariance.
+    /// Number of scalar values: three for a position whose coordinates share one covariance.
     numbers: usize,
 }
 
-/// Where a reading falls.
+/// Patch and cell of a reading.
 #[derive(Clone, Copy)]
 struct Place {
     patch: usize,
@@ -35,33 +34,34 @@ struct Place {
 }
 
 impl PatchFilter {
-    /// Takes in one reading: its patch's belief is updated at once, in time and memory that do not depend on
-    /// what came before.
+    /// Updates the patch of a reading, at a cost that does not depend on the number of earlier readings.
     ///
-    /// Cost: two to four thousand multiply-adds times three for [`StateLayout::Height`],
-    /// [`StateLayout::Isotropic`] and [`StateLayout::Normal`]; ten times that for every equation of
-    /// [`StateLayout::Full`]. Neighbours hear of it at the next [`Self::reconcile`].
+    /// Cost: 6,000 to 12,000 multiply-adds for [`StateLayout::Height`], [`StateLayout::Isotropic`] and
+    /// [`StateLayout::Normal`]; ten times as much for every equation of [`StateLayout::Full`]. Neighbours
+    /// receive the information at the next [`Self::reconcile`].
     ///
     /// # Errors
-    /// `Input` for numbers that are not finite, negative variances, directions that are no unit vectors;
-    /// `Undetermined` where the surface has no tangent plane for a normal, or the reading has no noise where
-    /// there is no doubt left; `Unsupported` for readings along a direction in an isotropic filter, and for
-    /// positions in one along normals.
+    /// `Input` for values that are not finite, negative variances, and directions that are not unit vectors.
+    /// `Undetermined` if the surface has no tangent plane for a normal, or if a noise-free reading measures
+    /// something known exactly. `Unsupported` for readings along a direction in an isotropic filter, and for
+    /// positions in a filter along normals.
     pub fn observe(&mut self, reading: &SurfaceReading) -> Result<PatchUpdate> {
         self.observe_within(reading, f64::INFINITY)
     }
 
-    /// [`Self::observe`], but a reading of which a number is more than `gate` standard deviations from what
-    /// is expected is left out and counted as far. Where more than a quarter of the readings of a cell are
-    /// far they are no gross errors but shape that the patch does not have: they are then taken in with as
-    /// much doubt as they are far, and the criteria will have the patch divided.
+    /// [`Self::observe`] with a gate: rejects and counts a reading with an innovation beyond `gate` standard
+    /// deviations.
+    ///
+    /// If more than a quarter of the readings of a cell are beyond the gate, they are not outliers but shape
+    /// that the patch cannot represent. They are then used with a variance that matches their distance, and
+    /// the criteria subdivide the patch.
     ///
     /// # Errors
     /// As for [`Self::observe`].
     pub fn observe_within(&mut self, reading: &SurfaceReading, gate: f64) -> Result<PatchUpdate> {
         let [u, v] = reading.parameters();
         if !(u.is_finite() && v.is_finite()) {
-            return Err(Error::input("a reading's parameters are not finite"));
+            return Err(Error::input("the parameters of a reading are not finite"));
         }
         let (leaf, local) = self.quadtree.space.locate(u, v);
         let (patch, cell) = self.quadtree.patch_of_leaf[leaf];
@@ -73,12 +73,17 @@ impl PatchFilter {
         };
         let mut scalars = std::mem::take(&mut self.scalars);
         let count = self.scalar_rows(reading, place, &mut scalars);
-        let taken = count.and_then(|count| self.take(place, &mut scalars[..count], gate));
+        let taken = count.and_then(|count| self.update_patch(place, &mut scalars[..count], gate));
         self.scalars = scalars;
         taken
     }
 
-    fn take(&mut self, place: Place, scalars: &mut [ScalarReading], gate: f64) -> Result<PatchUpdate> {
+    fn update_patch(
+        &mut self,
+        place: Place,
+        scalars: &mut [ScalarReading],
+        gate: f64,
+    ) -> Result<PatchUpdate> {
         let mut update = PatchUpdate {
             patch: self.quadtree.patches[place.patch],
             equations: scalars.iter().map(|s| s.numbers).sum(),
@@ -113,7 +118,7 @@ impl PatchFilter {
         Ok(update)
     }
 
-    /// The rows of a reading, written to `out`; how many.
+    /// Writes the rows of a reading to `out` and returns their number.
     fn scalar_rows(
         &self,
         reading: &SurfaceReading,
@@ -185,18 +190,18 @@ impl PatchFilter {
                 }
                 (StateLayout::Isotropic, EquationKind::Form(..)) => {
                     return Err(Error::unsupported(
-                        "a filter whose coordinates share one covariance takes positions with noise alike \
-                         in all directions: use the full layout",
+                        "a filter whose coordinates share one covariance accepts only positions with \
+                         isotropic noise: use the full layout",
                     ));
                 }
-                (StateLayout::Normal, _) => unreachable!("a filter along normals has rows of its own"),
+                (StateLayout::Normal, _) => unreachable!("a filter along normals has separate rows"),
             }
         }
         Ok(count)
     }
 
-    /// The foot point of `z` on the surface as it is known, by damped Newton from `(u, v)`:
-    /// [`crate::Surface::project`] without a surface being made. Every patch answers for its own cells.
+    /// The foot point of `z` on the current estimate, by damped Newton from `(u, v)`:
+    /// [`crate::Surface::project`] without building a surface. Every patch provides its own cells.
     #[must_use]
     pub fn project(&self, z: [f64; 3], start: [f64; 2], options: &ProjectionOptions) -> FootPoint {
         let space = &self.quadtree.space;
@@ -209,8 +214,7 @@ impl PatchFilter {
     }
 }
 
-/// The square of the largest residual where one is more than `gate` standard deviations from what is
-/// expected.
+/// The square of the largest normalised innovation, if it is beyond `gate` standard deviations.
 fn farthest(member: &Member, scalars: &[ScalarReading], gate: f64) -> Option<f64> {
     let (mut worst, mut largest) = (0.0_f64, 0.0_f64);
     for scalar in scalars {
@@ -218,7 +222,7 @@ fn farthest(member: &Member, scalars: &[ScalarReading], gate: f64) -> Option<f64
         let variance = member.belief.variance_of(&scalar.row).max(0.0) + scalar.variance;
         let residual = [0, 1, 2].map(|d| scalar.value[d] - expected[d]);
         let columns = &residual[..member.belief.columns()];
-        // The three columns of one number are one vector along its direction.
+        // The three columns of one value form a vector along its direction.
         let square = if scalar.numbers == 1 {
             dot3(columns)
         } else {
@@ -234,7 +238,8 @@ fn dot3(x: &[f64]) -> f64 {
     x.iter().map(|x| x * x).sum()
 }
 
-/// Updates a patch by one row; the square of what was not expected over its variance, over all columns.
+/// Updates a patch with one row. Returns the squared innovation divided by its variance, summed over all
+/// columns.
 fn filtered(member: &mut Member, scalar: &ScalarReading, workspace: &mut Workspace) -> Result<f64> {
     let surprise = (member.belief).update(&scalar.row, scalar.value, scalar.variance, workspace)?;
     Ok(dot(surprise.residual, surprise.residual) / surprise.variance)

@@ -1,18 +1,17 @@
-//! The smoothness prior that patch filter and global filter share.
+//! The smoothness prior of the patch filter and the global filter.
 //!
-//! Comes in: a weight, a hold and the surface in whose metric smoothness is meant. Goes out: the prior's
-//! information over the nodes of a hierarchy, and from it the prior covariance of any patch's vertices.
+//! Input: a weight, a hold, and the surface that defines the metric. Output: the information of the prior
+//! over the nodes of a hierarchy, and the prior covariance of the vertices of any patch.
 //!
-//! The departure `x` of each coordinate from the initial surface has the density `exp(−½ xᵀ Λ x)` with
+//! The deviation `x` of each coordinate from the initial surface has the density `exp(−½ xᵀ Λ x)` with
 //!
 //! ```text
 //! Λ = weight · (K + hold · M),    K = ∫ |∇∇f|² dA (thin plate),    M = ∫ f² dA.
 //! ```
 //!
-//! The hold makes the prior proper, which a filter in covariance form needs: without it planes would have
-//! infinite variance. Both forms are integrals over the same surface, so the prior of a coarse space is that
-//! of any finer one seen through the two-scale relation, `αᵀ Λ_f α = Λ_c`: exactly so where the metric is
-//! that of a plane.
+//! The hold makes the prior proper, as a filter in covariance form requires: without it planes would have
+//! infinite variance. Both forms are integrals over the same surface. Therefore the priors of a coarse and a
+//! finer space are related by `αᵀ Λ_f α = Λ_c`, exactly for the metric of a plane.
 
 use super::quadtree::{Quadtree, VERTICES};
 use crate::energy::LeafEnergy;
@@ -26,13 +25,13 @@ use planish_estimate::sparse::{
 use planish_estimate::{Error, Result};
 use std::sync::Arc;
 
-/// A proper smoothness prior on the departure from an initial surface.
+/// A proper smoothness prior on the deviation from an initial surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothnessPrior {
     /// Weight of the thin-plate energy: 1 over the model's unit squared, per unit of energy.
     pub weight: f64,
-    /// Weight of `∫ f² dA` beside that of the energy, in 1 over the metric's length to the fourth: features
-    /// much longer than `hold^(−1/4)` are held back.
+    /// Weight of `∫ f² dA` relative to the energy, in 1/length⁴ of the metric. It suppresses features much
+    /// longer than `hold^(−1/4)`.
     pub hold: f64,
 }
 
@@ -47,15 +46,15 @@ impl SmoothnessPrior {
             return Ok(());
         }
         Err(Error::input(format!(
-            "a proper smoothness prior needs a weight and a hold above 0, got {} and {}",
+            "a proper smoothness prior needs a positive weight and hold, found {} and {}",
             self.weight, self.hold
         )))
     }
 
-    /// The information `Λ` of one coordinate of the departure, over the nodes of a system: `b = 1`, three
+    /// The information `Λ` of one coordinate of the deviation over the nodes of a system: `b = 1`, three
     /// right-hand sides of zero.
     ///
-    /// `metric` is the surface in whose metric energies are taken: of the system's space, or coarser.
+    /// `metric` defines the metric of the energies; its space is that of the system or coarser.
     ///
     /// # Errors
     /// `Input` when the numbers are not positive or `metric` is finer than the system's space.
@@ -65,7 +64,7 @@ impl SmoothnessPrior {
         let metric = metric.refined(Arc::clone(system.space()))?;
         let mut leaves = metric.thin_plate(system.space());
         for (leaf, cell) in leaves.iter_mut().zip(system.space().leaves()) {
-            // Of a leaf half as wide the form is four times as large.
+            // The form of a leaf of half the side is four times as large.
             let share = stiffest * f64::from(1_u32 << (2 * cell.level)) / trace(leaf);
             if share < 1.0 {
                 for entry in leaf.thin_plate.iter_mut().flatten() {
@@ -82,33 +81,35 @@ impl SmoothnessPrior {
     }
 }
 
-/// Where a surface is folded its metric is singular somewhere, and a quadrature point that happens to lie
-/// near it has an energy before which all others are rounding: so many times the median of all leaves is the
-/// most that one leaf is given. Those at a pole have some 10⁵ times as much and keep it.
-const STIFFEST_LEAF: f64 = 1e7;
+/// Maximum energy of a leaf relative to the median of all leaves.
+///
+/// The metric of a folded surface is singular somewhere. A quadrature point near the singularity would have
+/// an energy that reduces all others to rounding. Leaves at a pole have about 10⁵ times the median, and must
+/// keep it.
+const MAX_RELATIVE_ENERGY: f64 = 1e7;
 
 fn trace(leaf: &LeafEnergy) -> f64 {
     (0..16).map(|k| leaf.thin_plate[k][k]).sum()
 }
 
-/// The largest trace of a leaf's thin-plate form over the surface's own base grid.
+/// The maximum trace of the thin-plate form of a leaf over the base grid of the surface.
 fn stiffest(metric: &Surface) -> f64 {
     let level = |leaf: usize| metric.space().leaves()[leaf].level;
     let mut traces: Vec<f64> = (metric.thin_plate(metric.space()).iter().enumerate())
         .map(|(leaf, energy)| trace(energy) / f64::from(1_u32 << (2 * level(leaf))))
         .collect();
     let middle = traces.len() / 2;
-    STIFFEST_LEAF * *traces.select_nth_unstable_by(middle, f64::total_cmp).1
+    MAX_RELATIVE_ENERGY * *traces.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// The plane `(u, v, 0)` over a sheet: energies in its metric are those of the parameters.
+/// The plane `(u, v, 0)` over a sheet. Energies in its metric are parametric energies.
 ///
 /// # Errors
-/// `Input` for another shape than a sheet, which has no such plane.
+/// `Input` for shapes other than a sheet, which have no such plane.
 pub fn parameter_plane(space: &Arc<Hierarchy>) -> Result<Surface> {
     if space.shape() != Shape::Sheet {
         return Err(Error::input(format!(
-            "a {} does not lie in a plane: take the metric of its initial surface",
+            "a {} does not lie in a plane: use the metric of its initial surface",
             space.shape().name()
         )));
     }
@@ -117,23 +118,24 @@ pub fn parameter_plane(space: &Arc<Hierarchy>) -> Result<Surface> {
     Surface::new(coarse, vertices)?.refined(Arc::clone(space))
 }
 
-/// Covariances of patches' vertices, from information over nodes.
+/// Covariances of the vertices of patches, from information over nodes.
 ///
-/// The vertices of a patch are coupled in the pattern, so Takahashi's equations find all their covariances:
-/// two to three times the work of one factor, where a solve for each patch would be a hundred times that.
+/// The vertices of a patch are coupled in the pattern, so the selected inverse contains all their
+/// covariances. It costs two to three times as much as the factor; a solve per patch would cost a hundred
+/// times more.
 pub(super) struct PatchCovariances {
     inverse: SelectedInverse,
 }
 
 impl PatchCovariances {
-    /// Those of the prior, for weight 1.
+    /// Covariances of the prior, for weight 1.
     pub fn of_prior(quadtree: &Quadtree, metric: &Surface, hold: f64) -> Result<Self> {
         let system = SurfaceSystem::new(&quadtree.space)?;
         let unit = SmoothnessPrior { weight: 1.0, hold };
         Self::of_information(quadtree, &unit.information(&system, metric)?)
     }
 
-    /// Those of any information of one coordinate over the nodes.
+    /// Covariances from information of one coordinate over the nodes.
     pub fn of_information(quadtree: &Quadtree, information: &BlockInformation) -> Result<Self> {
         let space = &quadtree.space;
         let coupled = (0..quadtree.patches.len()).map(|patch| nodes_of(&quadtree.extraction(patch)));
@@ -144,7 +146,7 @@ impl PatchCovariances {
         Ok(Self { inverse: SelectedInverse::new(&factor) })
     }
 
-    /// `E Λ⁻¹ Eᵀ` with the patch's extraction `E`.
+    /// The covariance `E Λ⁻¹ Eᵀ` of a patch with extraction `E`.
     pub fn covariance(&self, quadtree: &Quadtree, patch: usize) -> Result<DMatrix<f64>> {
         let rows = quadtree.extraction(patch);
         let nodes = nodes_of(&rows);
@@ -160,7 +162,7 @@ impl PatchCovariances {
     }
 }
 
-/// The nodes that a patch's extraction takes weights from, each once.
+/// The nodes in the extraction of a patch, each once.
 fn nodes_of(rows: &[Vec<(u32, f64)>]) -> Vec<u32> {
     let mut nodes: Vec<u32> = rows.iter().flatten().map(|(node, _)| *node).collect();
     nodes.sort_unstable();
@@ -168,7 +170,7 @@ fn nodes_of(rows: &[Vec<(u32, f64)>]) -> Vec<u32> {
     nodes
 }
 
-/// The nearest positive semidefinite matrix: negative eigenvalues, which rounding makes, become zero.
+/// The nearest positive semidefinite matrix: negative eigenvalues, caused by rounding, become zero.
 pub(super) fn positive_part(matrix: DMatrix<f64>) -> DMatrix<f64> {
     let symmetric = 0.5 * (&matrix + matrix.transpose());
     let mut eigen = symmetric.symmetric_eigen();

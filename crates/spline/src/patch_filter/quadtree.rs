@@ -1,16 +1,16 @@
-//! The quadtree of leaf patches over a hierarchy, and what neighbouring patches share.
+//! The quadtree of leaf patches over a hierarchy, and the vertices that neighbours share.
 //!
-//! Comes in: a [`Hierarchy`] whose leaf cells come in blocks of 4 × 4. Goes out: the patches, each with its 7
-//! × 7 coefficients, and for every two neighbours the shared linear functions of both.
+//! Input: a [`Hierarchy`] whose leaf cells form blocks of 4 × 4. Output: the patches, each with 7 × 7
+//! coefficients, and the shared linear functions of every two neighbours.
 //!
-//! The control vertices of a patch fall in nine classes: one of its own in the middle, those shared with one
-//! neighbour across an edge (north, south, east, west), and those that are also shared across a corner. Two
-//! patches of one level share 7 × 3 vertices across an edge and 3 × 3 across a corner. Where the neighbour is
-//! one level coarser, the three outer layers of the finer patch are the subdivided vertices of the coarser
-//! one: 15 numbers of the coarser patch make 21 of the finer.
+//! The control vertices of a patch fall into nine classes: the centre, those shared across one edge (north,
+//! south, east, west), and those also shared across a corner. Two patches of one level share 7 × 3 vertices
+//! across an edge and 3 × 3 across a corner. If the neighbour is one level coarser, the three outer layers of
+//! the finer patch are subdivided vertices of the coarser one: 15 values of the coarser patch determine 21 of
+//! the finer.
 //!
-//! Not guaranteed: shared functions of neighbours across the pole of a ball; their patches share the pole
-//! through those beside them.
+//! Not guaranteed: shared functions of patches on opposite sides of a pole. They are connected by the patches
+//! between them.
 
 use crate::hierarchy::{Cell, Hierarchy};
 use nalgebra::DMatrix;
@@ -18,17 +18,17 @@ use planish_estimate::{Error, Result};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Cells of a patch along each direction.
+/// Number of cells of a patch in each direction.
 pub const PATCH_CELLS: usize = 4;
-/// Control vertices of a patch along each direction.
+/// Number of control vertices of a patch in each direction.
 pub const PATCH_VERTICES: usize = PATCH_CELLS + 3;
-/// Control vertices of a patch.
+/// Number of control vertices of a patch.
 pub(super) const VERTICES: usize = PATCH_VERTICES * PATCH_VERTICES;
 
 /// A leaf patch: 4 × 4 cells of one level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Patch {
-    /// How often the base patch was divided.
+pub struct FilterPatch {
+    /// Subdivision depth.
     pub depth: u8,
     /// Column among the patches of this depth.
     pub i: u32,
@@ -36,8 +36,8 @@ pub struct Patch {
     pub j: u32,
 }
 
-impl Patch {
-    /// The cell of the patch in that column and row.
+impl FilterPatch {
+    /// The cell in the given column and row of the patch.
     fn cell(self, column: usize, row: usize) -> Cell {
         Cell {
             level: self.depth,
@@ -46,21 +46,20 @@ impl Patch {
         }
     }
 
-    /// The patch of which this is a quarter.
+    /// The patch that contains this one as a quarter.
     pub(super) fn parent(self) -> Option<Self> {
         Some(Self { depth: self.depth.checked_sub(1)?, i: self.i / 2, j: self.j / 2 })
     }
 }
 
-/// Which neighbours of the same size hold a control vertex too: the nine classes of a patch's vertices, and
-/// what lies between.
+/// The neighbours of the same size that share a control vertex: one of the nine classes of vertices.
 ///
 /// # Examples
 /// ```
 /// use planish_spline::VertexSharing;
-/// let corner = VertexSharing::of(0, 6);
+/// let corner = VertexSharing::new(0, 6);
 /// assert_eq!((corner.west, corner.north, corner.copies()), (true, true, 4));
-/// assert_eq!(VertexSharing::of(3, 3).copies(), 1);
+/// assert_eq!(VertexSharing::new(3, 3).copies(), 1);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct VertexSharing {
@@ -75,9 +74,9 @@ pub struct VertexSharing {
 }
 
 impl VertexSharing {
-    /// The class of the vertex in that column and row, each from 0 to 6.
+    /// The class of the vertex in the given column and row, each from 0 to 6.
     #[must_use]
-    pub fn of(column: usize, row: usize) -> Self {
+    pub fn new(column: usize, row: usize) -> Self {
         Self {
             west: column < 3,
             east: column + 3 >= PATCH_VERTICES,
@@ -86,17 +85,18 @@ impl VertexSharing {
         }
     }
 
-    /// How many patches of a uniform grid hold the vertex: 1, 2 or 4.
+    /// Number of patches of a uniform grid that contain the vertex: 1, 2 or 4.
     #[must_use]
     pub fn copies(self) -> usize {
         (1 + usize::from(self.west || self.east)) * (1 + usize::from(self.south || self.north))
     }
 }
 
-/// A linear function of a patch's coefficients.
+/// A linear function of the coefficients of a patch.
 pub(super) type SparseRow = Vec<(u16, f64)>;
 
-/// What two neighbours share: `rows[0]` of the first patch's coefficients equal `rows[1]` of the second's.
+/// Shared functions of two neighbours: `rows[0]` of the coefficients of the first patch equal `rows[1]` of
+/// the second.
 #[derive(Debug, Clone)]
 pub(super) struct Separator {
     pub patches: [u32; 2],
@@ -107,8 +107,8 @@ pub(super) struct Separator {
 #[derive(Debug, Clone)]
 pub(super) struct Quadtree {
     pub space: Arc<Hierarchy>,
-    pub patches: Vec<Patch>,
-    /// For every leaf cell its patch and the cell's number in it, `4 · row + column`.
+    pub patches: Vec<FilterPatch>,
+    /// For every leaf cell, its patch and its number in the patch, `4 · row + column`.
     pub patch_of_leaf: Vec<(u32, u8)>,
     pub separators: Vec<Separator>,
     /// Separators of each patch, in a fixed order.
@@ -117,11 +117,20 @@ pub(super) struct Quadtree {
     leaves: Vec<[u32; 16]>,
 }
 
-/// The coarsest hierarchy of whole patches whose cells are nowhere coarser than those of a hierarchy over the
-/// same base grid.
+/// The coarsest hierarchy of whole patches that is nowhere coarser than the given hierarchy.
 ///
 /// # Errors
-/// `Input` when the base grid is no multiple of 4 × 4 cells.
+/// `Input` when the base grid is not a multiple of 4 × 4 cells.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Hierarchy, Shape, patch_hierarchy};
+///
+/// let space = Hierarchy::uniform(Shape::Sheet, [8, 4])?;
+/// let patches = patch_hierarchy(&space)?;
+/// assert_eq!(patches.leaves().len(), 32); // two patches of 4 × 4 cells
+/// # Ok::<(), planish_spline::Error>(())
+/// ```
 pub fn patch_hierarchy(space: &Hierarchy) -> Result<Arc<Hierarchy>> {
     let mut tree = Quadtree::new(Arc::new(Hierarchy::uniform(space.shape(), space.base())?))?;
     loop {
@@ -134,7 +143,7 @@ pub fn patch_hierarchy(space: &Hierarchy) -> Result<Arc<Hierarchy>> {
         if !marked.contains(&true) {
             return Ok(tree.space);
         }
-        tree = tree.divided(&marked)?;
+        tree = tree.subdivided(&marked)?;
     }
 }
 
@@ -142,20 +151,20 @@ impl Quadtree {
     /// The patches of a hierarchy.
     ///
     /// # Errors
-    /// `Input` when the base grid is no multiple of 4 × 4 cells, or a leaf cell's block is not whole.
+    /// `Input` when the base grid is not a multiple of 4 × 4 cells, or leaf cells do not form whole patches.
     pub fn new(space: Arc<Hierarchy>) -> Result<Self> {
         if space.base().iter().any(|n| !n.is_multiple_of(PATCH_CELLS)) {
             return Err(Error::input(format!(
-                "patches have 4 × 4 cells: needed a base grid in multiples of 4, found {} × {}",
+                "patches have 4 × 4 cells: expected a base grid in multiples of 4, found {} × {}",
                 space.base()[0],
                 space.base()[1]
             )));
         }
         let number: HashMap<Cell, u32> = (0..).zip(space.leaves()).map(|(n, &cell)| (cell, n)).collect();
-        let mut patches: Vec<Patch> = space
+        let mut patches: Vec<FilterPatch> = space
             .leaves()
             .iter()
-            .map(|cell| Patch {
+            .map(|cell| FilterPatch {
                 depth: cell.level,
                 i: cell.i / PATCH_CELLS as u32,
                 j: cell.j / PATCH_CELLS as u32,
@@ -169,9 +178,9 @@ impl Quadtree {
             let mut own = [0; 16];
             for (k, leaf) in own.iter_mut().enumerate() {
                 let cell = patch.cell(k % PATCH_CELLS, k / PATCH_CELLS);
-                *leaf = *number
-                    .get(&cell)
-                    .ok_or_else(|| Error::input(format!("the cells around {cell:?} are no whole patch")))?;
+                *leaf = *number.get(&cell).ok_or_else(|| {
+                    Error::input(format!("the cells around {cell:?} do not form a whole patch"))
+                })?;
                 patch_of_leaf[*leaf as usize] = (p, k as u8);
             }
             leaves.push(own);
@@ -182,8 +191,8 @@ impl Quadtree {
         Ok(made)
     }
 
-    /// The patches after those marked are divided into four, with what grading needs besides.
-    pub fn divided(&self, marked: &[bool]) -> Result<Self> {
+    /// The quadtree after subdivision of the marked patches and of those that grading requires.
+    pub fn subdivided(&self, marked: &[bool]) -> Result<Self> {
         let mut marked = marked.to_vec();
         loop {
             let cells: Vec<usize> = (0..self.patches.len())
@@ -192,7 +201,7 @@ impl Quadtree {
                 .map(|leaf| leaf as usize)
                 .collect();
             let space = Arc::new(self.space.refine(&cells));
-            // Grading splits cells; patches are divided whole.
+            // Grading splits single cells; extend it to whole patches.
             let left: std::collections::HashSet<Cell> = space.leaves().iter().copied().collect();
             let mut changed = false;
             for (p, patch) in self.patches.iter().enumerate() {
@@ -206,7 +215,7 @@ impl Quadtree {
         }
     }
 
-    /// The 49 coefficients of a patch as weights of nodes.
+    /// The 49 coefficients of a patch as weighted sums of nodes.
     pub fn extraction(&self, patch: usize) -> Vec<Vec<(u32, f64)>> {
         (0..VERTICES)
             .map(|vertex| {
@@ -237,8 +246,8 @@ impl Quadtree {
         out
     }
 
-    /// The function of its level that a vertex of a patch belongs to.
-    pub fn function(&self, patch: Patch, vertex: usize) -> Cell {
+    /// The function, on the level of the patch, of a vertex.
+    pub fn function(&self, patch: FilterPatch, vertex: usize) -> Cell {
         let at = patch.cell(vertex % PATCH_VERTICES, vertex / PATCH_VERTICES);
         let wrapped = |x: u32, base: usize, periodic: bool| match periodic {
             true => x % ((base as u32) << patch.depth),
@@ -268,14 +277,15 @@ impl Quadtree {
         }
         let mut separators: Vec<Separator> = shared
             .into_iter()
-            // What patches share across a corner alone, those beside both share too.
+            // Corner-only neighbours are covered by the patches beside both.
             .filter(|(_, pairs)| pairs.len() > 9)
             .map(|(patches, pairs)| Separator {
                 patches,
                 rows: [0, 1].map(|side| pairs.iter().map(|pair| vec![(pair[side], 1.0)]).collect()),
             })
             .collect();
-        let index: HashMap<Patch, u32> = (0..).zip(&self.patches).map(|(p, &patch)| (patch, p)).collect();
+        let index: HashMap<FilterPatch, u32> =
+            (0..).zip(&self.patches).map(|(p, &patch)| (patch, p)).collect();
         for (p, patch) in (0..).zip(&self.patches) {
             for side in Side::ALL {
                 if let Some(coarser) = self.coarser_neighbour(*patch, side).and_then(|q| index.get(&q)) {
@@ -293,8 +303,8 @@ impl Quadtree {
         self.separators = separators;
     }
 
-    /// The place of a patch of half the depth beyond a side, where the domain goes on there.
-    fn coarser_neighbour(&self, patch: Patch, side: Side) -> Option<Patch> {
+    /// The patch one level coarser beyond a side, if the domain continues there.
+    fn coarser_neighbour(&self, patch: FilterPatch, side: Side) -> Option<FilterPatch> {
         let depth = patch.depth.checked_sub(1)?;
         let step = |x: u32, d: i64, base: usize, periodic: bool| {
             let count = (base as i64 / PATCH_CELLS as i64) << patch.depth;
@@ -304,17 +314,17 @@ impl Quadtree {
         };
         let (shape, base) = (self.space.shape(), self.space.base());
         let [di, dj] = side.step();
-        let found = Patch {
+        let found = FilterPatch {
             depth,
             i: step(patch.i, di, base[0], shape.periodic_u())?,
             j: step(patch.j, dj, base[1], shape.periodic_v())?,
         };
-        // Inside the own parent there is no coarser leaf.
+        // There is no coarser leaf inside the parent.
         (Some(found) != patch.parent()).then_some(found)
     }
 }
 
-/// Where in a patch the `k`-th of the sixteen coefficients of its `cell`-th cell lies.
+/// Index in the patch of the `k`-th of the sixteen coefficients of its `cell`-th cell.
 #[inline]
 pub(super) fn vertex_of(cell: usize, k: usize) -> usize {
     (cell / PATCH_CELLS + k / 4) * PATCH_VERTICES + cell % PATCH_CELLS + k % 4
@@ -340,9 +350,9 @@ impl Side {
         }
     }
 
-    /// What a patch shares with the coarser neighbour beyond this side: vertices of the coarser, recovered
-    /// from the finer by the left inverse of the two-scale relation.
-    fn separator(self, coarser: u32, finer: u32, patch: Patch) -> Separator {
+    /// Shared functions of a patch and its coarser neighbour beyond this side: vertices of the coarser patch,
+    /// recovered from the finer one by the left inverse of the two-scale relation.
+    fn separator(self, coarser: u32, finer: u32, patch: FilterPatch) -> Separator {
         let across = DMatrix::from_row_slice(3, 3, &[0.5, 0.5, 0.0, 0.125, 0.75, 0.125, 0.0, 0.5, 0.5]);
         let along = two_scale_rows();
         let inverse = |m: &DMatrix<f64>| {
@@ -352,7 +362,7 @@ impl Side {
         };
         let (across, along) = (inverse(&across), inverse(&along));
         let lies_along_u = matches!(self, Self::West | Self::East);
-        // The finer patch's layers at its low side are the coarser one's at its high side.
+        // Layers at the low side of the finer patch correspond to layers at the high side of the coarser one.
         let (fine_first, coarse_first) = match self {
             Self::West | Self::South => (0, PATCH_CELLS),
             Self::East | Self::North => (PATCH_CELLS, 0),
@@ -396,8 +406,8 @@ fn two_scale_rows() -> DMatrix<f64> {
     rows
 }
 
-/// The 49 vertices of a quarter of a patch from the patch's own 49 (the two-scale relation), `half` telling
-/// which quarter.
+/// The two-scale relation: the 49 vertices of a quarter of a patch from those of the patch. `half` selects
+/// the quarter.
 pub(super) fn quarter_matrix(half: [usize; 2]) -> DMatrix<f64> {
     let along = two_scale_rows();
     let mut alpha = DMatrix::zeros(VERTICES, VERTICES);

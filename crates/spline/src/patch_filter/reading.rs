@@ -1,26 +1,24 @@
-//! Measurements of a surface at known parameters, as scalar equations of sixteen control vertices.
+//! Measurements of a surface at known parameters, as scalar equations in sixteen control vertices.
 //!
-//! Comes in: a [`SurfaceReading`] and the surface as it is known so far. Goes out: up to three equations
+//! Input: a [`SurfaceReading`] and the current estimate of the surface. Output: up to three equations
 //! `a · Σ_k c_k P_k = z` with independent noise.
 //!
 //! | reading | equations |
-//! |---|---|
-//! | position, noise alike in all directions | `S = z`, three coordinates at once |
-//! | position with covariance `R` | `e_i · S = e_i · z`, variance `λ_i`, along the eigenvectors of `R` |
-//! | along a direction | `a · S = z` |
-//! | normal `n` | `n · t1 = 0`, `n · t2 = 0` |
-//! | principal curvatures | `n · S_ab = II_ab` for ab = 11, 12, 22 with `II = κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` |
+//! |---|---| | position, isotropic noise | `S = z`, three coordinates at once | | position with covariance
+//! `R` | `e_i · S = e_i · z`, variance `λ_i`, along the eigenvectors of `R` | | along a direction |
+//! `a · S = z` | | normal `n` | `n · t1 = 0`, `n · t2 = 0` | | principal curvatures | `n · S_ab = II_ab` for
+//! ab = 11, 12, 22 with `II = κ1 d1 d1ᵀ + κ2 d2 d2ᵀ` |
 //!
-//! Derivatives of normals and curvatures are taken along an orthonormal tangent frame `t1 ∥ S_u`, `t2` of the
-//! surface as it is known: the equations of S_u and S_v (or of uu, uv, vv) in another basis, in which the
-//! noise of a normal or of a curvature matrix is independent. Equations are linearised at the estimate with
-//! their whole gradient. For a normal, `g = n · t` with the *unit* tangent t: `∂g = (n · N) N · ∂S_t` with
-//! the surface's own normal N. A gradient of `n` alone, or a length |S_u| that is frozen and not
-//! differentiated, would reward a surface that shrinks: noise of the normals times a shorter tangent is a
-//! smaller residual, which made a sphere measured to 12 % by 1 % too small. For curvatures
-//! `g = n · S_ab − S_aᵀ II S_b`, tangents included. What the estimate was off by shows in second order.
+//! Normals and curvatures use an orthonormal tangent frame `t1 ∥ S_u`, `t2` of the estimate. In this basis
+//! the noise components of a normal or of a curvature matrix are independent. Equations are linearised at the
+//! estimate with their full gradient. For a normal, `g = n · t` with the *unit* tangent t and
+//! `∂g = (n · N) N · ∂S_t`, where N is the normal of the surface. If the length |S_u| were not
+//! differentiated, a shrinking surface would reduce the residuals, because normal noise is multiplied by a
+//! shorter tangent. A sphere with 12 % noise then became 1 % too small. For curvatures
+//! `g = n · S_ab − S_aᵀ II S_b`, with gradients of the tangents. Errors of the estimate enter in second
+//! order.
 //!
-//! Not guaranteed: a good linearisation where the surface is far from its place; positions before normals,
+//! Not guaranteed: a good linearisation far from the true surface. Observe positions before normals, and
 //! normals before curvatures.
 //!
 //! # References
@@ -37,27 +35,27 @@ use planish_estimate::{Error, Result};
 /// A measurement of a surface at parameters `(u, v)`, in base-grid units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceReading {
-    /// A position whose noise has the same variance in every direction.
+    /// A position with isotropic noise.
     Position {
-        /// Where on the surface.
+        /// Parameters `(u, v)`.
         parameters: [f64; 2],
-        /// What was measured.
+        /// The measured value.
         point: [f64; 3],
         /// Variance of each coordinate.
         variance: f64,
     },
     /// A position with a full covariance.
     PositionWithCovariance {
-        /// Where on the surface.
+        /// Parameters `(u, v)`.
         parameters: [f64; 2],
-        /// What was measured.
+        /// The measured value.
         point: [f64; 3],
         /// `xx xy xz yy yz zz`.
         covariance: [f64; 6],
     },
     /// The component of a position along a unit direction: a height, or a distance along a normal.
     Along {
-        /// Where on the surface.
+        /// Parameters `(u, v)`.
         parameters: [f64; 2],
         /// Unit direction.
         direction: [f64; 3],
@@ -68,16 +66,16 @@ pub enum SurfaceReading {
     },
     /// A unit normal.
     Normal {
-        /// Where on the surface.
+        /// Parameters `(u, v)`.
         parameters: [f64; 2],
-        /// What was measured.
+        /// The measured value.
         normal: [f64; 3],
-        /// Standard deviation of its tilt along either tangent, in radians.
+        /// Standard deviation of its tilt along each tangent, in radians.
         sigma_rad: f64,
     },
-    /// Principal curvatures with their directions; positive where the surface bends towards the normal.
+    /// Principal curvatures with their directions; positive if the surface bends towards the normal.
     Curvature {
-        /// Where on the surface.
+        /// Parameters `(u, v)`.
         parameters: [f64; 2],
         /// The unit normal.
         normal: [f64; 3],
@@ -85,27 +83,27 @@ pub enum SurfaceReading {
         principal: [f64; 2],
         /// Their unit directions.
         directions: [[f64; 3]; 2],
-        /// Standard deviation of either normal curvature; the mixed one has half the variance.
+        /// Standard deviation of each normal curvature; the mixed one has half the variance.
         sigma: f64,
     },
 }
 
-/// One scalar equation, or three alike, over the sixteen coefficients of a cell.
+/// A scalar equation, or three with equal rows, over the sixteen coefficients of a cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Equation {
     pub what: EquationKind,
     pub variance: f64,
-    /// Share of the variance of detail that the equation sees, 1 for positions.
+    /// Fraction of the detail variance that affects the equation; 1 for positions.
     pub sees_detail: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
 #[allow(
     clippy::large_enum_variant,
-    reason = "it lives on the stack for one reading; a box would take memory at every update"
+    reason = "it is on the stack for one reading; a box would allocate at every update"
 )]
 pub(super) enum EquationKind {
-    /// `Σ c_k P_k = z`, each coordinate by itself.
+    /// `Σ c_k P_k = z`, for each coordinate.
     Point([f64; 16], [f64; 3]),
     /// `Σ f_k · P_k = z`.
     Form([[f64; 3]; 16], f64),
@@ -122,7 +120,7 @@ impl Equation {
 }
 
 impl SurfaceReading {
-    /// Where on the surface.
+    /// Parameters `(u, v)`.
     #[must_use]
     pub fn parameters(&self) -> [f64; 2] {
         match *self {
@@ -151,21 +149,21 @@ impl SurfaceReading {
             }
         };
         if !values || !finite(&self.parameters()) {
-            return Err(Error::input("a reading holds a number that is not finite"));
+            return Err(Error::input("a reading contains a value that is not finite"));
         }
         if !(variance >= 0.0 && variance.is_finite()) {
             return Err(Error::input(format!(
-                "a reading's variance or σ must be a number that is not below 0, got {variance}"
+                "the variance or σ of a reading must not be negative, found {variance}"
             )));
         }
         match directions.iter().find(|d| !is_unit(d)) {
-            Some(d) => Err(Error::input(format!("{d:?} is no unit direction"))),
+            Some(d) => Err(Error::input(format!("{d:?} is not a unit vector"))),
             None => Ok(()),
         }
     }
 
-    /// The equations at local coordinates of a cell of that side; `jet` gives the surface there as it is
-    /// known. They are written to `out`, none behind the last.
+    /// Writes the equations at local coordinates of a cell to `out`, followed by `None`. `jet` returns the
+    /// estimate of the surface there.
     pub(super) fn equations(
         &self,
         [s, t]: [f64; 2],
@@ -193,13 +191,12 @@ impl SurfaceReading {
                 out[0] = Some(Equation::along(leaf_weights(s, t), direction, value, variance));
             }
             Self::Normal { normal, sigma_rad, .. } => {
-                let frame = TangentFrame::of(&jet())?;
+                let frame = TangentFrame::from_jet(&jet())?;
                 let own = cross(frame.tangents[0], frame.tangents[1]);
                 let facing = dot(normal, own);
                 for ((to, along), tangent) in out.iter_mut().zip(frame.from_parameters).zip(frame.tangents) {
                     let weights = first_derivative([s, t], side, along);
-                    // A tangent turns by the normal part of its derivative's change; its length has no part
-                    // in it.
+                    // Only the normal component of a change turns a tangent; its length does not matter.
                     *to = Some(Equation {
                         sees_detail: 0.0,
                         ..Equation::along(
@@ -212,7 +209,7 @@ impl SurfaceReading {
                 }
             }
             Self::Curvature { normal, principal, directions, sigma, .. } => {
-                let frame = TangentFrame::of(&jet())?;
+                let frame = TangentFrame::from_jet(&jet())?;
                 let bend = |t: [f64; 3]| -> [f64; 3] {
                     let along = [0, 1].map(|k| principal[k] * dot(directions[k], t));
                     [0, 1, 2].map(|d| along[0] * directions[0][d] + along[1] * directions[1][d])
@@ -239,7 +236,7 @@ impl SurfaceReading {
     }
 }
 
-/// A reading along the surface's normal, or another direction: `Σ_k c_k P_k` moves by the residual along it.
+/// A reading along a direction, usually the normal: the residual moves `Σ_k c_k P_k` along it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Offset {
     pub weights: [f64; 16],
@@ -250,9 +247,8 @@ pub(super) struct Offset {
 }
 
 impl SurfaceReading {
-    /// What a reading says of the surface along one direction, with the rows of [`TangentRows`]: vertices
-    /// move along the normal, and motion within the surface neither turns nor bends it. Written to `out`,
-    /// none behind the last.
+    /// Writes the equations of a reading for vertices that move along the normal to `out`, followed by
+    /// `None`. They use the rows of [`TangentRows`]: tangential motion neither turns nor bends the surface.
     pub(super) fn offsets(
         &self,
         local: [f64; 2],
@@ -302,7 +298,7 @@ impl SurfaceReading {
             }
             Self::Position { .. } | Self::PositionWithCovariance { .. } => {
                 return Err(Error::unsupported(
-                    "a filter along normals takes positions as readings along the normal at their foot \
+                    "a filter along normals needs positions as readings along the normal at their foot \
                      points",
                 ));
             }
@@ -313,7 +309,7 @@ impl SurfaceReading {
 
 fn no_tangent_plane() -> Error {
     Error::undetermined(
-        "the surface has no tangent plane yet where a normal or a curvature was measured: give positions \
+        "the surface has no tangent plane at the parameters of a normal or curvature: observe positions \
          first",
     )
 }
@@ -322,14 +318,14 @@ fn is_unit(d: &[f64; 3]) -> bool {
     (dot(*d, *d) - 1.0).abs() < 1e-6
 }
 
-/// Orthonormal tangents and the parameter steps that go along them.
+/// Orthonormal tangents and the parameter steps along them.
 struct TangentFrame {
     tangents: [[f64; 3]; 2],
     from_parameters: [[f64; 2]; 2],
 }
 
 impl TangentFrame {
-    fn of(jet: &Jet) -> Result<Self> {
+    fn from_jet(jet: &Jet) -> Result<Self> {
         let t1 = unit(jet.du).ok_or_else(no_tangent_plane)?;
         let (l, m) = (norm(jet.du), dot(jet.dv, t1));
         let across = [0, 1, 2].map(|d| jet.dv[d] - m * t1[d]);

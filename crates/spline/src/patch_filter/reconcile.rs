@@ -1,27 +1,25 @@
-//! Reconciliation of neighbouring patches at what they share, without counting anything twice.
+//! Reconciliation of neighbouring patches at shared vertices, without counting information twice.
 //!
-//! Comes in: what a patch believed of the shared vertices before and after its own readings. Goes out: a
-//! [`Message`], the *new* information alone, and the neighbour's belief after it. This is the channel filter:
-//! information that both had in common, the prior and what was inherited from one parent, cancels in the
-//! difference.
+//! Input: beliefs of a patch about shared vertices before and after its own readings. Output: a [`Message`]
+//! with the *new* information only, and the updated belief of the neighbour. This is the channel filter:
+//! common information (the prior, and information inherited from one parent) cancels in the difference.
 //!
-//! With `s = G x` the shared vertices, `(Σ⁻, μ⁻)` and `(Σ⁺, μ⁺)` what the sender believes of them before and
-//! after, the new information is `Λ = (Σ⁺)⁻¹ − (Σ⁻)⁻¹`. It is found in the whitened frame of `Σ⁻ = L Lᵀ`,
-//! where `L⁻¹ (Σ⁻ − Σ⁺) L⁻ᵀ` has eigenvalues `γ ∈ [0, 1)` with vectors `q`: each is one scalar reading
+//! With `s = G x` the shared vertices, `(Σ⁻, μ⁻)` and `(Σ⁺, μ⁺)` the beliefs of the sender before and after,
+//! the new information is `Λ = (Σ⁺)⁻¹ − (Σ⁻)⁻¹`. It is computed in the whitened frame of `Σ⁻ = L Lᵀ`, where
+//! `L⁻¹ (Σ⁻ − Σ⁺) L⁻ᵀ` has eigenvalues `γ ∈ [0, 1)` with vectors `q`: each is one scalar reading
 //!
 //! ```text
 //! qᵀL⁻¹ s = qᵀL⁻¹ (μ⁻ + (μ⁺ − μ⁻)/γ),    variance (1 − γ)/γ,
 //! ```
 //!
-//! independent of the others. The receiver takes them in as it takes in any reading, so its interior moves
-//! with the shared vertices: mean by `Σ_is Σ_ss⁻¹ δ`, cross covariance and own covariance too. That is eq.
-//! 20–22 of the paper with three corrections: what is common is removed first (eq. 21 as printed halves the
-//! variance of two children that hold the same information); the cross term is `Σ_ii,ij (Σ_i + Σ_j)⁻¹ Σ_j`
-//! (eq. 22 as printed is transposed and gives indefinite covariances); and the interior is updated (as
-//! printed it is not).
+//! independent of the others. The receiver uses them like any reading, so its interior follows the shared
+//! vertices: the mean by `Σ_is Σ_ss⁻¹ δ`, and all covariances. These are eq. 20–22 of the paper with three
+//! corrections. Common information is removed first: eq. 21 as printed halves the variance of two children
+//! with the same information. The cross term is `Σ_ii,ij (Σ_i + Σ_j)⁻¹ Σ_j`: eq. 22 as printed is transposed
+//! and gives indefinite covariances. The interior is updated, too.
 //!
-//! Not guaranteed: optimality where patches form a loop. On a chain of patches, messages carry all there is;
-//! in a grid each reading reaches each patch once, by one way, and what would come by other ways is left out.
+//! Not guaranteed: optimality if patches form a loop. On a chain, messages carry all information. In a grid
+//! each reading reaches each patch on one path; information on other paths is dropped.
 //!
 //! # References
 //! Grime, Durrant-Whyte, *Data fusion in decentralized sensor networks*, Control Engineering Practice 1994
@@ -34,9 +32,9 @@ use nalgebra::{DMatrix, DVector};
 use planish_estimate::Result;
 use std::collections::VecDeque;
 
-/// Directions in which the sender is surer than this share of its largest variance are left out: rounding
-/// rules there.
-const LEAST_VARIANCE: f64 = 1e-11;
+/// Directions with a variance below this fraction of the largest are ignored, because they are dominated by
+/// rounding.
+const MIN_RELATIVE_VARIANCE: f64 = 1e-11;
 
 /// New information about shared vertices: independent scalar readings of them.
 #[derive(Debug, Clone, Default)]
@@ -53,9 +51,10 @@ struct SharedReading {
 }
 
 impl Message {
-    /// What the sender learned of the shared functions `rows` between two of its beliefs; shares of variance
-    /// below `least_gain` are left out. Cost: two symmetric eigenproblems of the size of what is shared.
-    pub fn between(before: &PatchBelief, after: &PatchBelief, rows: &[SparseRow], least_gain: f64) -> Self {
+    /// The information about the shared functions `rows` that the sender gained between two beliefs. Relative
+    /// reductions of variance below `min_gain` are dropped. Cost: two symmetric eigenproblems of the number
+    /// of shared functions.
+    pub fn between(before: &PatchBelief, after: &PatchBelief, rows: &[SparseRow], min_gain: f64) -> Self {
         let old = shared_covariance(before, rows);
         let lost = &old - shared_covariance(after, rows);
         if lost.amax() <= 1e-15 * old.amax() {
@@ -64,8 +63,8 @@ impl Message {
         let eigen = old.symmetric_eigen();
         let largest = eigen.eigenvalues.amax();
         let kept: Vec<usize> =
-            (0..rows.len()).filter(|&k| eigen.eigenvalues[k] > LEAST_VARIANCE * largest).collect();
-        // W = D^−½ Uᵀ whitens the sender's earlier belief.
+            (0..rows.len()).filter(|&k| eigen.eigenvalues[k] > MIN_RELATIVE_VARIANCE * largest).collect();
+        // W = D^−½ Uᵀ whitens the earlier belief of the sender.
         let whiten = DMatrix::from_fn(kept.len(), rows.len(), |r, c| {
             eigen.eigenvectors[(c, kept[r])] / eigen.eigenvalues[kept[r]].sqrt()
         });
@@ -74,7 +73,7 @@ impl Message {
         let readings = (0..kept.len())
             .filter_map(|k| {
                 let gain = gained.eigenvalues[k].min(1.0 - 1e-12);
-                (gain > least_gain).then(|| {
+                (gain > min_gain).then(|| {
                     let row: DVector<f64> = whiten.tr_mul(&gained.eigenvectors.column(k));
                     let at = |m: &DMatrix<f64>, c: usize| m.column(c).dot(&row);
                     let mut value = [0.0; 3];
@@ -89,13 +88,14 @@ impl Message {
         Self { readings }
     }
 
-    /// Whether there is nothing new.
+    /// True if there is no new information.
     pub fn is_empty(&self) -> bool {
         self.readings.is_empty()
     }
 
-    /// Gives a neighbour the new information, `rows` being the shared functions in its own coefficients.
-    pub fn give(&self, to: &mut PatchBelief, rows: &[SparseRow], workspace: &mut Workspace) -> Result<()> {
+    /// Updates a neighbour with the new information. `rows` are the shared functions in the coefficients of
+    /// the neighbour.
+    pub fn apply(&self, to: &mut PatchBelief, rows: &[SparseRow], workspace: &mut Workspace) -> Result<()> {
         let mut dense = vec![0.0; to.dimension()];
         for reading in &self.readings {
             dense.fill(0.0);
@@ -130,7 +130,7 @@ fn shared_covariance(belief: &PatchBelief, rows: &[SparseRow]) -> DMatrix<f64> {
     0.5 * (&m + m.transpose())
 }
 
-/// `G μ`, a column for each column of the mean.
+/// `G μ`, with one column per column of the mean.
 fn shared_mean(belief: &PatchBelief, rows: &[SparseRow]) -> DMatrix<f64> {
     let columns = belief.columns();
     DMatrix::from_fn(rows.len(), columns, |r, c| {
@@ -138,31 +138,30 @@ fn shared_mean(belief: &PatchBelief, rows: &[SparseRow]) -> DMatrix<f64> {
     })
 }
 
-/// The shared functions of a separator for a state of three coordinates a vertex.
+/// The shared functions of a separator for a state with three coordinates per vertex.
 fn for_coordinates(rows: &[SparseRow]) -> Vec<SparseRow> {
     rows.iter()
         .flat_map(|row| (0..3).map(move |d| row.iter().map(|&(k, w)| (3 * k + d, w)).collect()))
         .collect()
 }
 
-/// A patch that learned something of its own: its number, and its belief before and after.
+/// A patch with new readings: its index, and its belief before and after.
 pub(super) struct News {
     pub patch: usize,
     pub before: PatchBelief,
     pub after: PatchBelief,
 }
 
-/// Carries what patches learned of their own to all others, each by one way: breadth first from where it was
-/// learned.
+/// Sends the new information of each patch to all others along one path, breadth first from its origin.
 ///
-/// Beliefs already hold their own patch's readings. Every message is made from the receiver's belief as it
-/// passes, so what reaches a patch by a neighbour is weakened by what lies between.
+/// Beliefs already contain the readings of their own patch. Each receiver forms the message to the next patch
+/// from its own change, so information is attenuated along the path.
 pub(super) fn spread(
     quadtree: &Quadtree,
     beliefs: &mut [&mut PatchBelief],
     news: &[News],
     three_coordinates: bool,
-    least_gain: f64,
+    min_gain: f64,
 ) -> Result<()> {
     let rows: Vec<[Vec<SparseRow>; 2]> = quadtree
         .separators
@@ -188,13 +187,13 @@ pub(super) fn spread(
                 }
                 let after = if from == learned.patch { &learned.after } else { &*beliefs[from] };
                 let rows = &rows[separator as usize];
-                let message = Message::between(&before, after, &rows[side], least_gain);
+                let message = Message::between(&before, after, &rows[side], min_gain);
                 if message.is_empty() {
                     continue;
                 }
                 reached[to] = number;
                 let earlier = beliefs[to].clone();
-                message.give(beliefs[to], &rows[1 - side], &mut workspace)?;
+                message.apply(beliefs[to], &rows[1 - side], &mut workspace)?;
                 queue.push_back((to, earlier));
             }
         }

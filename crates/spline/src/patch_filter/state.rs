@@ -1,13 +1,14 @@
-//! A patch filter as plain numbers, to be saved and resumed.
+//! State of a patch filter as plain data, for saving and resuming.
 //!
-//! Comes in: a [`PatchFilter`]. Goes out: a [`PatchFilterState`] that holds all of it, and the filter again,
-//! which goes on as if nothing had happened, to the last bit.
+//! Input: a [`PatchFilter`]. Output: its [`PatchFilterState`], and a filter from such a state that continues
+//! with identical results, bit for bit.
 
 use super::belief::PatchBelief;
 use super::criterion::InnovationSum;
-use super::filter::{Member, PatchFilter, PatchFilterOptions, StateLayout};
+use super::filter::{Member, PatchFilter};
+use super::options::{PatchFilterOptions, StateLayout};
 use super::prior::SmoothnessPrior;
-use super::quadtree::{Patch, Quadtree, VERTICES};
+use super::quadtree::{FilterPatch, Quadtree, VERTICES};
 use crate::hierarchy::{Cell, Hierarchy, MAX_LEVEL, Shape};
 use crate::surface::Surface;
 use nalgebra::DMatrix;
@@ -15,51 +16,51 @@ use planish_estimate::vector3::add;
 use planish_estimate::{Error, Result};
 use std::sync::Arc;
 
-/// All that a patch filter knows.
+/// Complete state of a patch filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PatchFilterState {
     /// The topology.
     pub shape: Shape,
-    /// Base cells along u and v.
+    /// Number of base cells along u and v.
     pub base: [usize; 2],
     /// Vertices of the initial surface over the base grid.
     pub initial_vertices: Vec<[f64; 3]>,
-    /// Vertices of the surface whose metric smoothness is meant in, over the base grid.
+    /// Vertices of the surface that defines the metric of the smoothness prior, over the base grid.
     pub metric_vertices: Vec<[f64; 3]>,
     /// The prior.
     pub prior: SmoothnessPrior,
-    /// How it works.
+    /// The options.
     pub options: PatchFilterOptions,
-    /// Readings taken in so far.
+    /// Number of readings used so far.
     pub readings: u64,
     /// The leaf patches.
     pub patches: Vec<PatchState>,
 }
 
-/// All that is kept of one leaf patch.
+/// State of one leaf patch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PatchState {
-    /// Which.
-    pub patch: Patch,
-    /// What it believes.
+    /// The patch.
+    pub patch: FilterPatch,
+    /// Its belief.
     pub belief: PatchBelief,
-    /// What it believed before the readings that its neighbours have not heard of.
+    /// The belief before readings that neighbours have not yet received.
     pub before: Option<PatchBelief>,
     /// Prior covariance of one coordinate, 49 × 49.
     pub prior_covariance: Vec<f64>,
-    /// What its readings said, cell by cell.
+    /// Sums of squared innovations, by cell.
     pub innovations: [InnovationSum; 16],
 }
 
 impl PatchFilterState {
-    /// The same in coordinates whose origin lies at `−by`: every point moves by `by`, no covariance changes.
+    /// Moves every point by `by`. Covariances do not change.
     pub fn translate(&mut self, by: [f64; 3]) {
         for vertices in [&mut self.initial_vertices, &mut self.metric_vertices] {
             for p in vertices {
                 *p = add(*p, by);
             }
         }
-        // The unknowns of a mean are coordinates in turn, or heights alone.
+        // The unknowns are x, y, z in turn, or heights alone.
         let heights = self.options.layout == StateLayout::Height;
         for patch in &mut self.patches {
             for belief in [Some(&mut patch.belief), patch.before.as_mut()].into_iter().flatten() {
@@ -70,7 +71,7 @@ impl PatchFilterState {
 }
 
 impl PatchFilter {
-    /// All that the filter knows, as plain numbers.
+    /// The complete state of the filter.
     #[must_use]
     pub fn state(&self) -> PatchFilterState {
         PatchFilterState {
@@ -97,17 +98,17 @@ impl PatchFilter {
         }
     }
 
-    /// The filter that had this state.
+    /// Restores a filter from its state.
     ///
     /// # Errors
-    /// `Input` when parts of the state do not fit each other.
+    /// `Input` when parts of the state are inconsistent.
     pub fn from_state(state: &PatchFilterState) -> Result<Self> {
         state.prior.validate()?;
         let deepest = state.options.maximum_depth;
         if usize::from(deepest) > MAX_LEVEL || state.patches.iter().any(|p| p.patch.depth > deepest) {
             return Err(Error::input(format!(
-                "a patch filter's state has patches deeper than its maximum depth of {deepest}, or that is \
-                 beyond {MAX_LEVEL}"
+                "the state of a patch filter has patches deeper than its maximum depth of {deepest}, or this \
+                 exceeds {MAX_LEVEL}"
             )));
         }
         let base = Arc::new(Hierarchy::uniform(state.shape, state.base)?);
@@ -128,7 +129,7 @@ impl PatchFilter {
         let quadtree = Quadtree::new(Arc::clone(&space))?;
         let refined = initial.refined(space)?;
         if quadtree.patches.len() != state.patches.len() {
-            return Err(Error::input("a patch filter's state lists a patch twice"));
+            return Err(Error::input("the state of a patch filter lists a patch twice"));
         }
         let sizes = state.options.layout.size();
         let members = quadtree
@@ -136,11 +137,10 @@ impl PatchFilter {
             .iter()
             .enumerate()
             .map(|(p, patch)| {
-                let own = state
-                    .patches
-                    .iter()
-                    .find(|s| s.patch == *patch)
-                    .ok_or_else(|| Error::input(format!("a patch filter's state lacks {patch:?}")))?;
+                let own =
+                    state.patches.iter().find(|s| s.patch == *patch).ok_or_else(|| {
+                        Error::input(format!("the state of a patch filter lacks {patch:?}"))
+                    })?;
                 let beliefs = [Some(&own.belief), own.before.as_ref()];
                 if own.prior_covariance.len() != VERTICES * VERTICES
                     || beliefs.iter().flatten().any(|b| (b.dimension(), b.columns()) != sizes)

@@ -1,3 +1,5 @@
+mod inheritance;
+
 use super::*;
 use crate::hierarchy::{Hierarchy, Shape};
 use crate::surface::{Surface, leaf_weights};
@@ -22,12 +24,8 @@ fn filter(base: [usize; 2], layout: StateLayout, prior: SmoothnessPrior) -> Patc
 
 fn filter_to_depth(depth: u8, base: [usize; 2], layout: StateLayout, prior: SmoothnessPrior) -> PatchFilter {
     let plane = plane(base);
-    let options = PatchFilterOptions {
-        layout,
-        least_gain: 1e-9,
-        maximum_depth: depth,
-        ..PatchFilterOptions::default()
-    };
+    let options =
+        PatchFilterOptions { layout, min_gain: 1e-9, maximum_depth: depth, ..PatchFilterOptions::default() };
     PatchFilter::new(&plane, &plane, prior, options).unwrap()
 }
 
@@ -47,8 +45,8 @@ fn positions(base: [usize; 2], count: usize, sigma: f64, seed: u64) -> Vec<Surfa
         .collect()
 }
 
-/// The global filter over a filter's space: mean and covariance of all vertices (three coordinates a node),
-/// in information form.
+/// The global filter over the space of a patch filter, in information form: all vertices with three
+/// coordinates per node.
 struct Global {
     space: Arc<Hierarchy>,
     information: DMatrix<f64>,
@@ -56,7 +54,7 @@ struct Global {
 }
 
 impl Global {
-    fn of(space: &Arc<Hierarchy>, prior: SmoothnessPrior) -> Self {
+    fn new(space: &Arc<Hierarchy>, prior: SmoothnessPrior) -> Self {
         let coarse = plane(space.base());
         let system = SurfaceSystem::new(space).unwrap();
         let scalar = prior.information(&system, &coarse).unwrap().to_dense();
@@ -136,12 +134,12 @@ fn differences(filter: &PatchFilter, global: &Posterior, direction: [f64; 3]) ->
 }
 
 #[test]
-fn one_patch_is_the_global_filter_in_any_order() {
+fn one_patch_equals_the_global_filter_in_any_order() {
     let base = [4, 4];
     let mut readings = positions(base, 60, 0.05, 3);
     for k in 0..3 {
         let mut filter = filter(base, StateLayout::Isotropic, PRIOR);
-        let mut global = Global::of(filter.space(), PRIOR);
+        let mut global = Global::new(filter.space(), PRIOR);
         readings.rotate_left(17 * k);
         for reading in &readings {
             filter.observe(reading).unwrap();
@@ -153,10 +151,10 @@ fn one_patch_is_the_global_filter_in_any_order() {
 }
 
 #[test]
-fn directed_readings_in_one_full_patch_are_the_global_filter() {
+fn directed_readings_in_one_full_patch_equal_the_global_filter() {
     let base = [4, 4];
     let mut filter = filter(base, StateLayout::Full, PRIOR);
-    let mut global = Global::of(filter.space(), PRIOR);
+    let mut global = Global::new(filter.space(), PRIOR);
     for (k, reading) in positions(base, 40, 0.05, 5).into_iter().enumerate() {
         let SurfaceReading::Position { parameters, point, .. } = reading else {
             continue;
@@ -185,10 +183,10 @@ fn heights_are_the_third_coordinate_of_positions() {
     }
     let (a, b) = (heights.surface().unwrap(), points.surface().unwrap());
     assert!((a.point(1.3, 2.2)[2] - b.point(1.3, 2.2)[2]).abs() < 1e-12);
-    assert!((a.point(1.3, 2.2)[0] - 1.3).abs() < 1e-12, "the plan is known");
+    assert!((a.point(1.3, 2.2)[0] - 1.3).abs() < 1e-12, "coordinates in the plane are fixed");
     let z = [0.0, 0.0, 1.0];
     assert!((heights.variance_along(1.3, 2.2, z) / points.variance_along(1.3, 2.2, z) - 1.0).abs() < 1e-12);
-    // A reading along a slanted direction is one of the height.
+    // A reading along an oblique direction measures the height.
     let slanted = SurfaceReading::Along {
         parameters: [1.3, 2.2],
         direction: [0.6, 0.0, 0.8],
@@ -200,12 +198,12 @@ fn heights_are_the_third_coordinate_of_positions() {
     assert!(points.observe(&slanted).is_err(), "coordinates would no longer share a covariance");
 }
 
-/// A strip has no loops: messages carry all there is, once or in parts.
+/// A strip has no loops, so messages carry all information, at once or in parts.
 #[test]
-fn a_strip_of_patches_is_the_global_filter() {
+fn a_strip_of_patches_equals_the_global_filter() {
     let base = [16, 4];
     let mut filter = filter(base, StateLayout::Isotropic, PRIOR);
-    let mut global = Global::of(filter.space(), PRIOR);
+    let mut global = Global::new(filter.space(), PRIOR);
     assert_eq!(filter.patches().len(), 4);
     for (k, reading) in positions(base, 120, 0.05, 11).iter().enumerate() {
         filter.observe(reading).unwrap();
@@ -220,12 +218,12 @@ fn a_strip_of_patches_is_the_global_filter() {
     assert!(mean < 1e-4 && sigma < 1e-4, "{mean:e} {sigma:e}");
 }
 
-/// Loops, levels beside each other, division half way: close to the global filter, and never much surer than
-/// it.
+/// With loops, adjacent levels and a subdivision in between, the filter is close to the global one and its σ
+/// is never much smaller.
 #[test]
 fn an_adaptive_quadtree_stays_within_half_a_sigma_of_the_global_filter() {
     let base = [4, 4];
-    // Weights about as restricted likelihood sets them for such a wave, and four times that.
+    // Weights close to those of restricted likelihood for such a wave, and four times as large.
     for (seed, weight, first) in [(1, 25.0, 0), (1, 25.0, 40), (2, 100.0, 40)] {
         let prior = SmoothnessPrior { weight, ..PRIOR };
         let mut filter = filter_to_depth(2, base, StateLayout::Isotropic, prior);
@@ -239,8 +237,8 @@ fn an_adaptive_quadtree_stays_within_half_a_sigma_of_the_global_filter() {
             filter.observe(reading).unwrap();
         }
         filter.reconcile().unwrap();
-        assert_eq!(filter.patches().len(), 7, "one child of four is divided again");
-        let mut global = Global::of(filter.space(), prior);
+        assert_eq!(filter.patches().len(), 7, "one of four children is subdivided again");
+        let mut global = Global::new(filter.space(), prior);
         for reading in &readings {
             global.add(reading);
         }
@@ -252,10 +250,10 @@ fn an_adaptive_quadtree_stays_within_half_a_sigma_of_the_global_filter() {
     }
 }
 
-/// A filter that expects detail is never surer than one that does not, and as sure where patches have their
-/// last depth.
+/// A filter that expects detail never has a smaller σ than one that does not, and the same σ at the maximum
+/// depth.
 #[test]
-fn detail_that_may_come_widens_sigma() {
+fn expected_detail_increases_sigma() {
     let plane = plane([4, 4]);
     let filter = |expect_detail: bool| {
         let options = PatchFilterOptions { maximum_depth: 1, expect_detail, ..PatchFilterOptions::default() };
@@ -276,12 +274,12 @@ fn detail_that_may_come_widens_sigma() {
         filter.observe(&reading).unwrap();
     }
     let ratio = careful.variance_along(1.7, 2.4, z) / plain.variance_along(1.7, 2.4, z);
-    assert!((ratio - 1.0).abs() < 0.01, "the last depth holds all detail there is: {ratio}");
+    assert!((ratio - 1.0).abs() < 0.01, "patches of maximum depth represent all detail: {ratio}");
 }
 
-/// What was learned without directions stays when directions come.
+/// The estimate of an isotropic filter is kept when readings with directions follow.
 #[test]
-fn the_full_layout_goes_on_from_the_isotropic_one() {
+fn the_full_layout_continues_from_the_isotropic_one() {
     let mut isotropic = filter([8, 4], StateLayout::Isotropic, PRIOR);
     let mut full = filter([8, 4], StateLayout::Full, PRIOR);
     for reading in positions([8, 4], 40, 0.05, 41) {
@@ -308,13 +306,13 @@ fn the_full_layout_goes_on_from_the_isotropic_one() {
     assert!(heights.with_full_layout().is_err());
 }
 
-/// In the stiff limit every reading counts once everywhere, though patches form loops.
+/// In the stiff limit every reading counts once everywhere, although patches form loops.
 #[test]
 fn nothing_is_counted_twice_around_a_loop() {
     let prior = SmoothnessPrior { weight: 1e5, hold: 1e-6 };
     let base = [12, 12];
     let mut filter = filter(base, StateLayout::Isotropic, prior);
-    let mut global = Global::of(filter.space(), prior);
+    let mut global = Global::new(filter.space(), prior);
     for reading in positions(base, 50, 0.5, 13) {
         filter.observe(&reading).unwrap();
         global.add(&reading);
@@ -327,148 +325,8 @@ fn nothing_is_counted_twice_around_a_loop() {
     assert!(mean < 0.3 && sigma < 0.1, "{mean} {sigma}");
 }
 
-/// Children of one parent hold the same information: to reconcile them must change nothing.
-/// (Eq. 21 of the paper as printed halves their variance, without any new reading.)
 #[test]
-fn reconciling_what_was_inherited_changes_nothing() {
-    let mut filter = filter_to_depth(1, [4, 4], StateLayout::Isotropic, PRIOR);
-    for reading in positions([4, 4], 30, 0.05, 17) {
-        filter.observe(&reading).unwrap();
-    }
-    filter.divide(&[filter.patches()[0]]).unwrap();
-    let before = filter.state();
-    filter.reconcile().unwrap();
-    assert_eq!(before, filter.state(), "no reading came: nothing is new");
-
-    // As printed: the two children's covariances of their 21 shared vertices, fused as if independent.
-    // Patches go by column: the third lies east of the first.
-    let [a, b] = [0, 2].map(|p| filter.belief(p).covariance_matrix());
-    let shared: Vec<(usize, usize)> =
-        (0..7).flat_map(|row| (0..3).map(move |c| (7 * row + 4 + c, 7 * row + c))).collect();
-    let of = |m: &DMatrix<f64>, side: usize| {
-        let at = |k: usize| if side == 0 { shared[k].0 } else { shared[k].1 };
-        DMatrix::from_fn(21, 21, |r, c| m[(at(r), at(c))])
-    };
-    let (a, b) = (of(&a, 0), of(&b, 1));
-    let difference = (&a - &b).amax() / a.amax();
-    assert!(difference < 1e-9, "both inherit the same: {difference:e}");
-    let printed = &a * (&a + &b).pseudo_inverse(1e-12).unwrap() * &b;
-    assert!((printed[(10, 10)] / a[(10, 10)] - 0.5).abs() < 1e-6, "as printed the variance halves");
-}
-
-#[test]
-fn children_inherit_the_coarse_projection_and_gain_detail() {
-    let mut filter = filter_to_depth(1, [4, 4], StateLayout::Isotropic, PRIOR);
-    for reading in positions([4, 4], 60, 0.02, 19) {
-        filter.observe(&reading).unwrap();
-    }
-    let parent = filter.belief(0).covariance_matrix();
-    let before = filter.surface().unwrap();
-    filter.divide(&[filter.patches()[0]]).unwrap();
-    let after = filter.surface().unwrap();
-    for (p, patch) in filter.patches().iter().enumerate() {
-        let alpha = quarter_matrix([patch.i as usize, patch.j as usize]);
-        let printed = &alpha * &parent * alpha.transpose();
-        let child = filter.belief(p).covariance_matrix();
-        let rank = |m: &DMatrix<f64>| {
-            let values = m.clone().symmetric_eigen().eigenvalues;
-            assert!(values.min() > -1e-10 * values.amax(), "a covariance must not be indefinite");
-            values.iter().filter(|&&x| x > 1e-10 * values.amax()).count()
-        };
-        assert_eq!(rank(&printed), 25, "eq. 18 alone: the rank of the parent's quarter");
-        assert_eq!(rank(&child), VERTICES, "with Q every detail is possible");
-        let least = (child - printed).symmetric_eigen().eigenvalues.min();
-        assert!(least > -1e-9 * parent.amax(), "Q takes nothing away: {least:e}");
-    }
-    for k in 0..50 {
-        let (u, v) = (0.077 * f64::from(k), 4.0 - 0.08 * f64::from(k));
-        let (a, b) = (before.point(u, v), after.point(u, v));
-        assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-9), "division does not move the surface");
-    }
-    // The children's prior is that of the finer space: α Σ_prior αᵀ + Q.
-    let global = Global::of(filter.space(), PRIOR).solve();
-    let fresh = {
-        let mut fresh = filter_to_depth(1, [4, 4], StateLayout::Isotropic, PRIOR);
-        fresh.divide(&[fresh.patches()[0]]).unwrap();
-        fresh
-    };
-    let (mean, sigma) = differences(&fresh, &global, [0.0, 0.0, 1.0]);
-    assert!(mean < 1e-7 && sigma < 1e-7, "patch and global prior agree: {mean:e} {sigma:e}");
-}
-
-/// Patches of two levels side by side: the prior of every patch is that of the truncated hierarchy, before
-/// and after grading lets go.
-#[test]
-fn priors_follow_the_hierarchy_when_neighbours_are_divided() {
-    let mut filter = filter_to_depth(3, [8, 8], StateLayout::Isotropic, PRIOR);
-    for patch in [0, 0, 0] {
-        filter.divide(&[filter.patches()[patch]]).unwrap();
-        let global = Global::of(filter.space(), PRIOR).solve();
-        let (mean, sigma) = differences(&filter, &global, [0.0, 0.0, 1.0]);
-        assert!(mean < 1e-6 && sigma < 1e-6, "{mean:e} {sigma:e}");
-    }
-}
-
-#[test]
-fn neighbours_share_the_same_numbers_on_any_surface() {
-    for (shape, base, marks) in [
-        (Shape::Sheet, [8, 8], vec![true, false, false, false]),
-        (Shape::Tube, [8, 8], vec![true, false, false, false]),
-        (Shape::Torus, [8, 8], vec![false, false, false, true]),
-        (Shape::Ball, [8, 12], vec![true, false, false, false, false, false]),
-    ] {
-        let uniform = Quadtree::new(Arc::new(Hierarchy::uniform(shape, base).unwrap())).unwrap();
-        let tree = uniform.divided(&marks).unwrap();
-        let space = Arc::clone(&tree.space);
-        let vertices =
-            (0..space.node_count()).map(|i| [0, 1, 2].map(|d| ((7 * i + 3 * d) as f64).sin())).collect();
-        let surface = Surface::new(space, vertices).unwrap();
-        let levels: std::collections::HashSet<u8> = tree.patches.iter().map(|p| p.depth).collect();
-        assert!(levels.len() == 2 || shape == Shape::Ball, "{shape:?} has two levels");
-        let mut mixed = 0;
-        for separator in &tree.separators {
-            let of = separator
-                .patches
-                .map(|p| tree.coefficients(p as usize, |leaf| *surface.leaf_coefficients(leaf)));
-            mixed += usize::from(separator.rows[1][0].len() > 1);
-            for (a, b) in separator.rows[0].iter().zip(&separator.rows[1]) {
-                for d in 0..3 {
-                    let value = |row: &[(u16, f64)], c: &[[f64; 3]]| -> f64 {
-                        row.iter().map(|&(k, w)| w * c[usize::from(k)][d]).sum()
-                    };
-                    let difference = value(a, &of[0]) - value(b, &of[1]);
-                    assert!(difference.abs() < 1e-10, "{shape:?} {:?}: {difference}", separator.patches);
-                }
-            }
-        }
-        assert!(mixed > 0 || shape == Shape::Ball, "{shape:?} has neighbours of two levels");
-    }
-}
-
-#[test]
-fn a_patch_in_a_grid_has_nine_classes_of_vertices() {
-    let tree = Quadtree::new(Arc::new(Hierarchy::uniform(Shape::Sheet, [12, 12]).unwrap())).unwrap();
-    let mut copies = std::collections::HashMap::new();
-    for patch in &tree.patches {
-        for k in 0..VERTICES {
-            *copies.entry(tree.function(*patch, k)).or_insert(0) += 1;
-        }
-    }
-    let middle = Patch { depth: 0, i: 1, j: 1 };
-    let mut classes = std::collections::HashMap::new();
-    for k in 0..VERTICES {
-        let class = VertexSharing::of(k % 7, k / 7);
-        assert_eq!(copies[&tree.function(middle, k)], class.copies(), "vertex {k}");
-        *classes.entry((class.west, class.east, class.south, class.north)).or_insert(0) += 1;
-    }
-    let mut sizes: Vec<i32> = classes.into_values().collect();
-    sizes.sort_unstable();
-    assert_eq!(sizes, [1, 3, 3, 3, 3, 9, 9, 9, 9]);
-    assert!(tree.separators.iter().all(|s| s.rows[0].len() == 21));
-}
-
-#[test]
-fn a_resumed_filter_goes_on_to_the_last_bit() {
+fn a_resumed_filter_continues_bit_for_bit() {
     let base = [8, 4];
     let readings = positions(base, 90, 0.05, 23);
     let mut filter = filter_to_depth(3, base, StateLayout::Isotropic, PRIOR);
@@ -490,7 +348,7 @@ fn a_resumed_filter_goes_on_to_the_last_bit() {
     assert_eq!(filter.state(), resumed.state());
     let mut broken = filter.state();
     broken.patches.pop();
-    assert!(PatchFilter::from_state(&broken).is_err(), "a missing patch must be refused");
+    assert!(PatchFilter::from_state(&broken).is_err(), "a missing patch is an error");
 }
 
 #[test]
@@ -506,9 +364,9 @@ fn memory_does_not_grow_with_readings() {
     assert_eq!(filter.readings(), 1001);
 }
 
-/// Normals and curvatures of a sphere, with few positions: the surface finds its radius.
+/// The radius of a sphere is recovered from normals and curvatures with few positions.
 #[test]
-fn normals_and_curvatures_of_a_sphere_lower_error_and_sigma() {
+fn normals_and_curvatures_of_a_sphere_reduce_error_and_sigma() {
     let radius = 5.0;
     let at = |u: f64, v: f64| {
         let (x, y) = (u - 2.0, v - 2.0);
@@ -559,7 +417,7 @@ fn normals_and_curvatures_of_a_sphere_lower_error_and_sigma() {
 }
 
 #[test]
-fn patches_are_divided_where_shape_asks_for_it_and_nowhere_else() {
+fn patches_are_subdivided_only_where_the_shape_requires_it() {
     let base = [8, 8];
     let mut random = ChaCha8Rng::seed_from_u64(31);
     let bump = |u: f64, v: f64| 0.8 * (-3.0 * ((u - 1.7).powi(2) + (v - 2.1).powi(2))).exp();
@@ -589,14 +447,14 @@ fn patches_are_divided_where_shape_asks_for_it_and_nowhere_else() {
             println!("curvature {curvature} round {round}: {now:?}");
             divided.extend(now);
         }
-        let bumpy = Patch { depth: 0, i: 0, j: 0 };
+        let bumpy = FilterPatch { depth: 0, i: 0, j: 0 };
         let reason = divided.iter().find(|s| s.patch == bumpy).expect("the bump's patch is divided").reason;
         match curvature {
             true => assert!(matches!(reason, SubdivisionReason::CurvatureVariation(x) if x > 0.5)),
             false => assert!(matches!(reason, SubdivisionReason::ChiSquare(x) if x > 3.0)),
         }
         {
-            let plain = Patch { depth: 0, i: 1, j: 1 };
+            let plain = FilterPatch { depth: 0, i: 1, j: 1 };
             assert!(
                 divided.iter().all(|s| s.patch != plain || s.reason == SubdivisionReason::Grading),
                 "the flat corner stays whole"
@@ -607,7 +465,7 @@ fn patches_are_divided_where_shape_asks_for_it_and_nowhere_else() {
 }
 
 #[test]
-fn wrong_readings_and_options_are_refused_and_change_nothing() {
+fn wrong_readings_and_options_are_rejected_and_change_nothing() {
     let mut filter = filter([4, 4], StateLayout::Full, PRIOR);
     let state = filter.state();
     let good = ([1.0, 1.0], [0.0, 0.0, 1.0]);
@@ -629,5 +487,5 @@ fn wrong_readings_and_options_are_refused_and_change_nothing() {
     let even = plane([4, 4]);
     let flat = SmoothnessPrior { hold: 0.0, ..PRIOR };
     assert!(PatchFilter::new(&even, &even, flat, PatchFilterOptions::default()).is_err());
-    assert!(filter.divide(&[Patch { depth: 1, i: 0, j: 0 }]).is_err());
+    assert!(filter.divide(&[FilterPatch { depth: 1, i: 0, j: 0 }]).is_err());
 }

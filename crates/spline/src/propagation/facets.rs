@@ -1,10 +1,10 @@
-//! A cloud as independent pieces: each a quadric over a plane, fitted to readings that no other piece uses.
+//! A cloud as independent facets: each is a quadric over a plane, fitted to readings that no other facet
+//! uses.
 //!
-//! Pieces stand for the surface where it was measured. As no reading is in two of them, their errors are
-//! independent, and what is estimated from them has the covariance that error propagation says.
+//! Facets represent the measured surface. No reading belongs to two facets, so their errors are independent
+//! and error propagation gives the covariance of estimates from them.
 //!
-//! Not guaranteed: pieces where the surface bends by more than a quadric can follow within one of them; those
-//! lie off by that.
+//! Not guaranteed: accuracy where the surface deviates from a quadric within a facet.
 
 use nalgebra::{SMatrix, SVector};
 use planish_estimate::vector3::{add, add_scaled, dot, scale, sub, tangents, unit};
@@ -13,30 +13,31 @@ use std::collections::BTreeMap;
 
 /// Coefficients of a quadric: `c0 + c1 x + c2 y + c3 x² + c4 xy + c5 y²`.
 pub(super) const COEFFICIENTS: usize = 6;
-/// Readings of a piece, at least: three times what a quadric takes.
-const LEAST_READINGS: usize = 18;
-/// Pieces that a cloud is cut into, at most, and the share of its readings that they must hold.
-const MOST_FACETS: usize = 1200;
-const LEAST_SHARE: f64 = 0.75;
-/// Sides of the cubes that cut the cloud, over its size: the first, the growth, the last.
+/// Minimum number of readings of a facet: three times the number of coefficients of a quadric.
+const MIN_READINGS: usize = 18;
+/// Maximum number of facets, and minimum fraction of readings in facets. More and smaller facets follow the
+/// shape better, but each has fewer readings and the search for pairs is slower.
+const MAX_FACETS: usize = 1200;
+const MIN_SHARE: f64 = 0.75;
+/// Side of the cubes that divide the cloud, relative to its size: first value, growth, last value.
 const FINEST: f64 = 1.0 / 40.0;
 const GROWTH: f64 = 1.25;
 const COARSEST: f64 = 1.0 / 5.0;
-/// Length of the mean normal of a piece, at least: sharp edges are no quadrics.
-const LEAST_MEAN_NORMAL: f64 = 0.85;
-/// Pieces that say anything of a shape.
-const LEAST_FACETS: usize = 12;
-/// The median of a χ² with many degrees of freedom is less than their number by this.
+/// Minimum length of the mean normal of a facet. It excludes sharp edges, which are not quadrics.
+const MIN_MEAN_NORMAL: f64 = 0.85;
+/// Minimum number of facets for a symmetry.
+const MIN_FACETS: usize = 12;
+/// The median of χ² is smaller than its degrees of freedom by this (for many of them).
 const MEDIAN_BELOW_MEAN: f64 = 2.0 / 3.0;
 
-/// A piece of a measured surface.
+/// A facet of a measured surface.
 #[derive(Debug, Clone)]
 pub struct Facet {
-    /// Its place: on the quadric, over the mean of its readings.
+    /// The point of the quadric over the mean of its readings.
     pub point: [f64; 3],
-    /// The outward unit normal there.
+    /// The outward unit normal at this point.
     pub normal: [f64; 3],
-    /// How many readings it stands for.
+    /// Number of its readings.
     pub readings: usize,
     origin: [f64; 3],
     axes: [[f64; 3]; 3],
@@ -44,56 +45,57 @@ pub struct Facet {
     covariance: SMatrix<f64, COEFFICIENTS, COEFFICIENTS>,
 }
 
-/// How far a place lies from a piece, and what that depends on.
+/// Height of a point over a facet, with derivatives.
 pub(super) struct Height {
-    /// Distance along the normal.
+    /// Distance along the normal of the facet.
     pub value: f64,
-    /// Its derivative by the place: the normal of the quadric there.
+    /// Derivative with respect to the point: the normal of the quadric there.
     pub normal: [f64; 3],
-    /// Its derivative by the coefficients.
+    /// Derivative with respect to the coefficients.
     pub by_coefficients: SVector<f64, COEFFICIENTS>,
-    /// Distance along the tangent plane.
+    /// Distance within the tangent plane.
     pub slip: f64,
 }
 
-/// A cloud in pieces.
+/// A cloud divided into facets.
 #[derive(Debug, Clone)]
 pub struct Facets {
-    /// The pieces.
+    /// The facets.
     pub all: Vec<Facet>,
-    /// For each point of the cloud, its piece.
+    /// For each point of the cloud, its facet.
     pub of_point: Vec<Option<u32>>,
-    /// Side of the cubes that cut the cloud.
+    /// Side of the cubes that divide the cloud.
     pub side: f64,
     /// Diagonal of the box around the cloud.
     pub size: f64,
-    /// Residual variance over that stated, the median over the pieces.
+    /// Median over the facets of residual variance divided by stated variance.
     pub variance_factor: f64,
 }
 
 impl Facets {
-    /// Cuts a cloud into cubes, apart by the side that their normals point to, and fits a quadric to each.
+    /// Divides a cloud into cubes, separates points with different directions of normals, and fits a quadric
+    /// to each group.
     ///
-    /// `variance` is that of each point along its normal; only the ratios matter where `believed` is false,
-    /// and in any case what the readings scatter about the quadrics replaces it where that is more.
+    /// `variance` is that of each point along its normal. If `trusted` is false, only its ratios are used. In
+    /// both cases the scatter about the quadrics replaces it if it is larger.
     ///
     /// # Errors
-    /// `Undetermined` for a cloud that is too small or too rough to be cut into a dozen pieces.
-    pub fn new(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64], believed: bool) -> Result<Self> {
+    /// `Undetermined` for a cloud that is too small or too rough for a dozen facets.
+    pub fn new(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64], trusted: bool) -> Result<Self> {
         let (lo, hi) = points.iter().fold(([f64::MAX; 3], [f64::MIN; 3]), |(lo, hi), p| {
             ([0, 1, 2].map(|d| lo[d].min(p[d])), [0, 1, 2].map(|d| hi[d].max(p[d])))
         });
         let size = dot(sub(hi, lo), sub(hi, lo)).sqrt();
         let mut side = FINEST * size;
-        let mut cut = cut_up(points, normals, lo, side);
+        let mut cut = group_points(points, normals, lo, side);
         while side < COARSEST * size && !fits(&cut, points.len()) {
             side *= GROWTH;
-            cut = cut_up(points, normals, lo, side);
+            cut = group_points(points, normals, lo, side);
         }
         let mut made =
             Self { all: Vec::new(), of_point: vec![None; points.len()], side, size, variance_factor: 1.0 };
         let mut factors = Vec::new();
-        for members in cut.values().filter(|m| m.len() >= LEAST_READINGS) {
+        for members in cut.values().filter(|m| m.len() >= MIN_READINGS) {
             if let Some((facet, factor)) = Facet::fitted(points, normals, variance, members) {
                 for &i in members {
                     made.of_point[i as usize] = Some(made.all.len() as u32);
@@ -102,16 +104,16 @@ impl Facets {
                 factors.push(factor);
             }
         }
-        if made.all.len() < LEAST_FACETS {
+        if made.all.len() < MIN_FACETS {
             return Err(Error::undetermined(format!(
-                "the readings make {} pieces of smooth surface, and a symmetry needs {LEAST_FACETS}: they \
-                 are too few or too rough",
+                "the readings form {} smooth facets, but a symmetry needs at least {MIN_FACETS}: the \
+                 readings are too few or too rough",
                 made.all.len()
             )));
         }
         let middle = factors.len() / 2;
         let factor = *factors.select_nth_unstable_by(middle, f64::total_cmp).1;
-        made.variance_factor = if believed { factor.max(1.0) } else { factor };
+        made.variance_factor = if trusted { factor.max(1.0) } else { factor };
         for facet in &mut made.all {
             facet.covariance *= made.variance_factor;
         }
@@ -119,8 +121,8 @@ impl Facets {
     }
 }
 
-/// The points of each cube and side.
-fn cut_up(
+/// The points of each cube and direction of normals.
+fn group_points(
     points: &[[f64; 3]],
     normals: &[[f64; 3]],
     lo: [f64; 3],
@@ -139,15 +141,15 @@ fn cut_up(
     cut
 }
 
-/// Whether enough of the readings are in pieces that are not too many.
+/// True if the facets contain enough readings and are not too many.
 fn fits(cut: &BTreeMap<[i64; 4], Vec<u32>>, total: usize) -> bool {
-    let full = || cut.values().filter(|m| m.len() >= LEAST_READINGS);
-    full().map(Vec::len).sum::<usize>() as f64 >= LEAST_SHARE * total as f64 && full().count() <= MOST_FACETS
+    let full = || cut.values().filter(|m| m.len() >= MIN_READINGS);
+    full().map(Vec::len).sum::<usize>() as f64 >= MIN_SHARE * total as f64 && full().count() <= MAX_FACETS
 }
 
 impl Facet {
-    /// A quadric by weighted least squares, and the median of its squared residuals over their variance; none
-    /// for readings on a line or an edge.
+    /// Fits a quadric by weighted least squares. Also returns the median of squared residuals divided by
+    /// their variance. `None` for readings on a line or an edge.
     fn fitted(
         points: &[[f64; 3]],
         normals: &[[f64; 3]],
@@ -160,7 +162,7 @@ impl Facet {
             scale(1.0 / count, sum)
         };
         let (origin, turned) = (mean(points), mean(normals));
-        let normal = unit(turned).filter(|_| dot(turned, turned) >= LEAST_MEAN_NORMAL * LEAST_MEAN_NORMAL)?;
+        let normal = unit(turned).filter(|_| dot(turned, turned) >= MIN_MEAN_NORMAL * MIN_MEAN_NORMAL)?;
         let (e1, e2) = tangents(normal);
         let axes = [e1, e2, normal];
         let local = |p: [f64; 3]| axes.map(|a| dot(a, sub(p, origin)));
@@ -173,7 +175,7 @@ impl Facet {
         }
         let mut normal_matrix = SMatrix::<f64, COEFFICIENTS, COEFFICIENTS>::zeros();
         let mut right = SVector::<f64, COEFFICIENTS>::zeros();
-        // Coordinates of about one keep the matrix well scaled.
+        // Coordinates of the order of one keep the matrix well conditioned.
         for &i in members {
             let [x, y, z] = local(points[i as usize]);
             let row = monomials(x / spread, y / spread);
@@ -209,7 +211,7 @@ impl Facet {
         Some((made, chi2 / (degrees - MEDIAN_BELOW_MEAN)))
     }
 
-    /// How far a place lies above the quadric.
+    /// Height of a point over the quadric.
     pub(super) fn height(&self, p: [f64; 3]) -> Height {
         let [x, y, z] = self.axes.map(|a| dot(a, sub(p, self.origin)));
         let c = &self.coefficients;
@@ -232,12 +234,12 @@ impl Facet {
         &self.covariance
     }
 
-    /// Variance of a height that depends so on the coefficients.
+    /// Variance of a height with the given derivatives.
     pub(super) fn variance(&self, by_coefficients: &SVector<f64, COEFFICIENTS>) -> f64 {
         (by_coefficients.transpose() * self.covariance * by_coefficients)[(0, 0)]
     }
 
-    /// How the piece's own place moves along its normal with the coefficients.
+    /// Derivatives of the height of the facet's own point with respect to the coefficients.
     pub(super) fn own() -> SVector<f64, COEFFICIENTS> {
         monomials(0.0, 0.0)
     }
@@ -255,7 +257,7 @@ mod tests {
     use rand_distr::StandardNormal;
 
     #[test]
-    fn pieces_of_a_noisy_sphere_lie_on_it_within_their_sigma() {
+    fn facets_of_a_noisy_sphere_lie_on_it_within_their_sigma() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let sigma = 0.02;
         let (mut points, mut normals) = (Vec::new(), Vec::new());
@@ -265,7 +267,7 @@ mod tests {
             points.push(scale(3.0 + sigma * rng.sample::<f64, _>(StandardNormal), n));
             normals.push(n);
         }
-        // The stated variance is four times too small: the scatter says so.
+        // The stated variance is four times too small, which the scatter reveals.
         let facets = Facets::new(&points, &normals, &vec![0.25 * sigma * sigma; points.len()], true).unwrap();
         assert!((facets.variance_factor - 4.0).abs() < 0.4, "{}", facets.variance_factor);
         let squares: f64 = facets
@@ -274,8 +276,7 @@ mod tests {
             .map(|f| (dot(f.point, f.point).sqrt() - 3.0).powi(2) / f.variance(&Facet::own()))
             .sum();
         let mean = squares / facets.all.len() as f64;
-        // A mean of so many squares: within four of its standard errors, and the fourth order that a quadric
-        // leaves.
+        // The mean of squares, within four standard errors plus the fourth-order error of a quadric.
         assert!(
             facets.all.len() > 100 && (mean - 1.0).abs() < 4.0 * (2.0 / facets.all.len() as f64).sqrt() + 0.1,
             "{mean}"

@@ -1,23 +1,23 @@
-//! The maps of a symmetry, and how they change with its axis or plane.
+//! The maps of a symmetry, and their derivatives with respect to axis or plane.
 
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, tangents};
 use std::f64::consts::TAU;
 
-/// A symmetry with its place.
+/// A symmetry with its axis or plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Symmetry {
-    /// About an axis: by `2π/order`, or by any angle where there is none.
+    /// Rotation about an axis: by `2π/order`, or by any angle if there is no order.
     Rotation {
-        /// A point of the axis, the nearest to the middle of the cloud.
+        /// The point of the axis nearest to the centre of the cloud.
         point: [f64; 3],
         /// Its unit direction.
         direction: [f64; 3],
-        /// How many times a turn repeats the shape.
+        /// Number of repetitions of the shape in a full turn.
         order: Option<u32>,
     },
-    /// In a plane.
+    /// Reflection in a plane.
     Mirror {
-        /// A point of the plane, the nearest to the middle of the cloud.
+        /// The point of the plane nearest to the centre of the cloud.
         point: [f64; 3],
         /// Its unit normal.
         normal: [f64; 3],
@@ -38,12 +38,11 @@ impl Map {
     }
 }
 
-/// Numbers that place a symmetry, at most: an axis takes two shifts and two tilts, a plane one shift and two
-/// tilts.
-pub(super) const MOST_PARAMETERS: usize = 4;
+/// Maximum number of parameters: an axis has two shifts and two tilts, a plane one shift and two tilts.
+pub(super) const MAX_PARAMETERS: usize = 4;
 
 impl Symmetry {
-    /// How many numbers place it.
+    /// Number of parameters.
     #[must_use]
     pub fn parameters(&self) -> usize {
         match self {
@@ -52,7 +51,7 @@ impl Symmetry {
         }
     }
 
-    /// A point that the map leaves in place.
+    /// A fixed point of the maps.
     #[must_use]
     pub fn point(&self) -> [f64; 3] {
         match *self {
@@ -69,11 +68,11 @@ impl Symmetry {
         }
     }
 
-    /// A direction carried along by a map.
+    /// The image of a direction.
     pub(super) fn carry(&self, map: Map, v: [f64; 3]) -> [f64; 3] {
         match (*self, map) {
             (Self::Rotation { direction: d, .. }, Map::Turn { sin, cos }) => {
-                // Rodrigues' formula.
+                // Rodrigues' rotation formula.
                 add_scaled(add_scaled(scale(cos, v), sin, cross(d, v)), (1.0 - cos) * dot(d, v), d)
             }
             (Self::Mirror { normal, .. }, _) => add_scaled(v, -2.0 * dot(normal, v), normal),
@@ -81,13 +80,13 @@ impl Symmetry {
         }
     }
 
-    /// A point carried along by a map.
+    /// The image of a point.
     pub(super) fn apply(&self, map: Map, p: [f64; 3]) -> [f64; 3] {
         add(self.point(), self.carry(map, sub(p, self.point())))
     }
 
-    /// The image of a point and its normal: turned by the angle about the axis, or reflected where there is
-    /// none.
+    /// The image of a point and its normal: rotated by the angle about the axis, or reflected if there is no
+    /// angle.
     #[must_use]
     pub fn image(&self, angle: Option<f64>, point: [f64; 3], normal: [f64; 3]) -> ([f64; 3], [f64; 3]) {
         let map = angle.map_or(Map::Reflect, Map::turn);
@@ -100,14 +99,14 @@ impl Symmetry {
         self.cylindrical(point)[2]
     }
 
-    /// Derivatives of [`Symmetry::apply`] by the parameters, as [`Symmetry::moved`] takes them.
-    pub(super) fn derivatives(&self, map: Map, p: [f64; 3]) -> [[f64; 3]; MOST_PARAMETERS] {
+    /// Derivatives of [`Symmetry::apply`] with respect to the parameters of [`Symmetry::moved`].
+    pub(super) fn derivatives(&self, map: Map, p: [f64; 3]) -> [[f64; 3]; MAX_PARAMETERS] {
         let (e1, e2) = tangents(self.direction());
         let r = sub(p, self.point());
         match *self {
             Self::Rotation { direction: d, .. } => {
                 let shift = |e: [f64; 3]| sub(e, self.carry(map, e));
-                // The axis turned by ω = d × e: the map changes by [ω]R − R[ω].
+                // If the axis rotates by ω = d × e, the map changes by [ω]R − R[ω].
                 let tilt = |e: [f64; 3]| {
                     let w = cross(d, e);
                     sub(cross(w, self.carry(map, r)), self.carry(map, cross(w, r)))
@@ -121,7 +120,7 @@ impl Symmetry {
         }
     }
 
-    /// The same symmetry elsewhere: shifts along the tangents (the normal) of its direction, then tilts in
+    /// Moves the symmetry: shifts along the tangents of its axis (or the normal of its plane), then tilts in
     /// radians.
     pub(super) fn moved(&self, by: &[f64]) -> Self {
         let d = self.direction();
@@ -142,7 +141,7 @@ impl Symmetry {
         }
     }
 
-    /// The same symmetry with its point the nearest to a given one.
+    /// The same symmetry with its reference point nearest to a given point.
     pub(super) fn near(self, p: [f64; 3]) -> Self {
         match self {
             Self::Rotation { point, direction, order } => Self::Rotation {
@@ -156,7 +155,7 @@ impl Symmetry {
         }
     }
 
-    /// The maps of a symmetry that has finitely many, but the one that moves nothing.
+    /// The maps of a finite symmetry, without the identity.
     pub(super) fn maps(&self) -> Vec<Map> {
         match *self {
             Self::Rotation { order: Some(n), .. } => {
@@ -193,7 +192,7 @@ mod tests {
             let all = symmetry.derivatives(map, p);
             for k in 0..symmetry.parameters() {
                 let step = |h: f64| {
-                    let mut by = [0.0; MOST_PARAMETERS];
+                    let mut by = [0.0; MAX_PARAMETERS];
                     by[k] = h;
                     symmetry.moved(&by).apply(map, p)
                 };

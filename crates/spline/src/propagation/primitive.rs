@@ -1,13 +1,13 @@
-//! Planes, spheres and cylinders by least squares, and which of them a patch of surface is.
+//! Least-squares planes, spheres and cylinders, and classification of a patch of surface.
 //!
-//! Comes in: readings around a gap, with variances. Goes out: the shape that explains them with the fewest
-//! numbers, its covariance, and what the others would say; or none, where none explains them.
+//! Input: readings around a gap, with variances. Output: the most likely shape, its covariance, and the
+//! alternatives; `None` if no shape fits.
 //!
-//! Residuals are distances along the normal. The least of `BIC = χ² + p ln n` wins among shapes that pass
-//! their χ² test; the others that pass count with `exp(−BIC/2)`, and what they predict otherwise is part of
-//! the prediction's variance.
+//! Residuals are distances along the normal. Among shapes that pass their χ² test, the one with the minimum
+//! `BIC = χ² + p ln n` is chosen. The others have weight `exp(−BIC/2)`; the spread of their predictions is
+//! part of the variance.
 //!
-//! Not guaranteed: that a gap is of the shape that surrounds it.
+//! Not guaranteed: that the surface inside a gap continues the surrounding shape.
 //!
 //! # References
 //! Schwarz, *Estimating the dimension of a model*, Annals of Statistics 6 (1978), for the BIC.
@@ -16,35 +16,35 @@ use crate::symmetric_eigen;
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3, Vector4};
 use planish_estimate::vector3::{add, add_scaled, dot, norm, scale, sub, tangents, unit, upper_triangle};
 
-/// Numbers of a shape, at most: a cylinder has five.
-const MOST_PARAMETERS: usize = 5;
-/// Readings that are too few to tell.
-const LEAST_READINGS: usize = 24;
-/// Steps of Gauss–Newton.
+/// Maximum number of parameters: a cylinder has five.
+const MAX_PARAMETERS: usize = 5;
+/// Minimum number of readings for a classification.
+const MIN_READINGS: usize = 24;
+/// Maximum number of Gauss–Newton steps.
 const STEPS: usize = 25;
-/// A shape passes where its χ² over the degrees of freedom is within so many standard deviations of one.
-const PASSES: f64 = 3.0;
-/// A radius larger than so many times the patch is that of a plane.
-const FLATTEST: f64 = 100.0;
+/// Maximum excess of the reduced χ² over 1, in standard deviations, for a shape to be accepted.
+const MAX_EXCESS: f64 = 3.0;
+/// Maximum radius relative to the size of the patch. A larger one cannot be distinguished from a plane.
+const MAX_RELATIVE_RADIUS: f64 = 100.0;
 
 /// A simple shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Primitive {
-    /// Through a point, with a unit normal.
+    /// A plane.
     Plane {
-        /// A point of it.
+        /// A point of the plane.
         point: [f64; 3],
         /// Its unit normal.
         normal: [f64; 3],
     },
-    /// About a centre.
+    /// A sphere.
     Sphere {
         /// Its centre.
         centre: [f64; 3],
         /// Its radius.
         radius: f64,
     },
-    /// About an axis.
+    /// A cylinder.
     Cylinder {
         /// A point of the axis.
         point: [f64; 3],
@@ -60,7 +60,7 @@ pub enum Primitive {
 pub struct FittedPrimitive {
     /// The shape.
     pub primitive: Primitive,
-    covariance: SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>,
+    covariance: SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>,
     /// Residual χ², and its degrees of freedom.
     pub chi_square: f64,
     /// See `chi_square`.
@@ -69,26 +69,26 @@ pub struct FittedPrimitive {
     pub bic: f64,
 }
 
-/// What a patch is, and what else it may be.
+/// Classification of a patch, with alternatives.
 #[derive(Debug, Clone)]
 pub struct Classification {
-    /// The shapes that pass, the likeliest first.
+    /// The accepted shapes, the most likely first.
     pub candidates: Vec<FittedPrimitive>,
-    /// Their probabilities, if it is one of them.
+    /// Their probabilities, given that one of them is true.
     pub probabilities: Vec<f64>,
-    /// How far the readings depart from the first beyond their noise, as a variance; at least what could not
-    /// have been noticed.
+    /// Variance of the deviation of the readings from the first shape beyond their noise; at least the
+    /// smallest that could be detected.
     pub doubt: f64,
 }
 
-/// What a classified patch says of a place.
+/// Prediction of a surface point by a classified patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prediction {
-    /// The point of the likeliest shape.
+    /// The point of the most likely shape.
     pub point: [f64; 3],
     /// Its unit normal there.
     pub normal: [f64; 3],
-    /// Variance along it: of the shape's place, of the doubt which shape it is, and of the departure from it.
+    /// Variance along the normal, from the parameters, the classification, and the deviation from the shape.
     pub variance: f64,
 }
 
@@ -103,7 +103,7 @@ impl Primitive {
         }
     }
 
-    /// How many numbers place it.
+    /// Number of parameters.
     #[must_use]
     pub fn parameters(&self) -> usize {
         match self {
@@ -113,7 +113,7 @@ impl Primitive {
         }
     }
 
-    /// The radius, where it has one.
+    /// The radius, if it has one.
     #[must_use]
     pub fn radius(&self) -> Option<f64> {
         match *self {
@@ -122,9 +122,8 @@ impl Primitive {
         }
     }
 
-    /// Distance of a point, the direction away from the shape there, and the distance's derivatives by the
-    /// parameters.
-    fn distance(&self, p: [f64; 3]) -> (f64, [f64; 3], SVector<f64, MOST_PARAMETERS>) {
+    /// Distance of a point, its gradient, and the derivatives with respect to the parameters.
+    fn distance(&self, p: [f64; 3]) -> (f64, [f64; 3], SVector<f64, MAX_PARAMETERS>) {
         match *self {
             Self::Plane { point, normal } => {
                 let (e1, e2) = tangents(normal);
@@ -149,7 +148,7 @@ impl Primitive {
         }
     }
 
-    fn moved(&self, by: &SVector<f64, MOST_PARAMETERS>) -> Self {
+    fn moved(&self, by: &SVector<f64, MAX_PARAMETERS>) -> Self {
         let tilted = |d: [f64; 3], a: f64, b: f64| {
             let (e1, e2) = tangents(d);
             unit(add_scaled(add_scaled(d, a, e1), b, e2)).unwrap_or(d)
@@ -157,7 +156,7 @@ impl Primitive {
         match *self {
             Self::Plane { point, normal } => Self::Plane {
                 point: add_scaled(point, by[0], normal),
-                // A tilt of the normal raises the distance of what lies that way.
+                // Sign: a tilt of the normal increases the distance of points on that side.
                 normal: tilted(normal, by[1], by[2]),
             },
             Self::Sphere { centre, radius } => {
@@ -176,13 +175,13 @@ impl Primitive {
 }
 
 impl FittedPrimitive {
-    /// Gauss–Newton from a start; none where the readings do not place the shape.
+    /// Gauss–Newton from a start; `None` if the readings do not determine the shape.
     fn from_start(start: Primitive, points: &[[f64; 3]], variance: &[f64], size: f64) -> Option<Self> {
         let mut primitive = start;
         let p = start.parameters();
         let normal_equations = |primitive: &Primitive| {
-            let mut matrix = SMatrix::<f64, MOST_PARAMETERS, MOST_PARAMETERS>::zeros();
-            let mut right = SVector::<f64, MOST_PARAMETERS>::zeros();
+            let mut matrix = SMatrix::<f64, MAX_PARAMETERS, MAX_PARAMETERS>::zeros();
+            let mut right = SVector::<f64, MAX_PARAMETERS>::zeros();
             let mut chi_square = 0.0;
             for (z, v) in points.iter().zip(variance) {
                 let (d, _, row) = primitive.distance(*z);
@@ -190,7 +189,7 @@ impl FittedPrimitive {
                 right -= row * (d / v);
                 chi_square += d * d / v;
             }
-            for k in p..MOST_PARAMETERS {
+            for k in p..MAX_PARAMETERS {
                 matrix[(k, k)] = 1.0;
             }
             (matrix, right, chi_square)
@@ -205,7 +204,7 @@ impl FittedPrimitive {
                 next = primitive.moved(&(by * share));
             }
             primitive = next;
-            if primitive.radius().is_some_and(|r| !(r > 0.0 && r < FLATTEST * size)) {
+            if primitive.radius().is_some_and(|r| !(r > 0.0 && r < MAX_RELATIVE_RADIUS * size)) {
                 return None;
             }
             if (by.transpose() * right)[(0, 0)] < 1e-6 {
@@ -214,7 +213,7 @@ impl FittedPrimitive {
         }
         let (matrix, _, chi_square) = normal_equations(&primitive);
         let mut covariance = matrix.cholesky()?.inverse();
-        for k in p..MOST_PARAMETERS {
+        for k in p..MAX_PARAMETERS {
             covariance[(k, k)] = 0.0;
         }
         let n = points.len() as f64;
@@ -227,9 +226,9 @@ impl FittedPrimitive {
         })
     }
 
-    /// Whether the residuals are the noise of the readings.
+    /// True if the residuals are consistent with the noise of the readings.
     fn passes(&self) -> bool {
-        self.chi_square <= self.degrees + PASSES * (2.0 * self.degrees).sqrt()
+        self.chi_square <= self.degrees + MAX_EXCESS * (2.0 * self.degrees).sqrt()
     }
 
     /// σ of the parameters: of a plane its shift and tilts, of a sphere centre and radius, of a cylinder
@@ -240,10 +239,26 @@ impl FittedPrimitive {
     }
 }
 
-/// Tells which shape readings are of; none where they are too few, or no shape explains them.
+/// Classifies readings by shape; `None` if there are too few or no shape fits.
+///
+/// # Examples
+/// ```
+/// use planish_spline::{Primitive, classify};
+///
+/// // A ring of readings around a hole in a plane.
+/// let points: Vec<[f64; 3]> = (0..60)
+///     .map(|k| (f64::from(k) * 0.1 * std::f64::consts::PI, 1.0 + 0.1 * f64::from(k % 5)))
+///     .map(|(angle, radius)| [radius * angle.cos(), radius * angle.sin(), 0.0])
+///     .collect();
+/// let normals = vec![[0.0, 0.0, 1.0]; points.len()];
+/// let found = classify(&points, &normals, &vec![1e-4; points.len()]).expect("a simple shape");
+/// assert!(matches!(found.best().primitive, Primitive::Plane { .. }));
+/// let prediction = found.predict([0.0, 0.0, 0.1], [0.0, 0.0, 1.0]);
+/// assert!(prediction.point[2].abs() < 1e-6);
+/// ```
 #[must_use]
 pub fn classify(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64]) -> Option<Classification> {
-    if points.len() < LEAST_READINGS {
+    if points.len() < MIN_READINGS {
         return None;
     }
     let middle = mean(points);
@@ -254,7 +269,7 @@ pub fn classify(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64]) -> 
         .filter(FittedPrimitive::passes)
         .collect();
     candidates.sort_by(|a, b| a.bic.total_cmp(&b.bic));
-    // Several starts may have ended in one shape.
+    // Several starts may converge to the same shape.
     let mut kinds = Vec::new();
     candidates.retain(|c| {
         let new = !kinds.contains(&c.primitive.name());
@@ -275,13 +290,13 @@ pub fn classify(points: &[[f64; 3]], normals: &[[f64; 3]], variance: &[f64]) -> 
 }
 
 impl Classification {
-    /// The likeliest shape.
+    /// The most likely shape.
     #[must_use]
     pub fn best(&self) -> &FittedPrimitive {
         &self.candidates[0]
     }
 
-    /// The surface beside a place whose normal is about so.
+    /// Predicts the surface near a point, given an approximate normal.
     #[must_use]
     pub fn predict(&self, place: [f64; 3], facing: [f64; 3]) -> Prediction {
         let best = self.best();
@@ -304,8 +319,8 @@ fn mean(points: &[[f64; 3]]) -> [f64; 3] {
     scale(1.0 / points.len() as f64, points.iter().fold([0.0; 3], |s, p| add(s, *p)))
 }
 
-/// First guesses: the plane of least squares, the sphere of the algebraic fit, and cylinders along the
-/// directions that normals avoid.
+/// Initial values: the least-squares plane, the algebraic sphere, and cylinders along directions
+/// perpendicular to most normals.
 fn starts(points: &[[f64; 3]], normals: &[[f64; 3]], middle: [f64; 3]) -> Vec<Primitive> {
     let moments = |of: &[[f64; 3]], centre: [f64; 3]| {
         upper_triangle(|i, j| of.iter().map(|p| (p[i] - centre[i]) * (p[j] - centre[j])).sum())
@@ -334,7 +349,7 @@ fn algebraic_sphere(points: &[[f64; 3]], middle: [f64; 3]) -> Option<Primitive> 
     (square > 0.0).then(|| Primitive::Sphere { centre: add(middle, centre), radius: square.sqrt() })
 }
 
-/// The same across a direction.
+/// The algebraic fit of a circle in the projection along a direction.
 fn algebraic_cylinder(points: &[[f64; 3]], middle: [f64; 3], direction: [f64; 3]) -> Option<Primitive> {
     let (e1, e2) = tangents(direction);
     let (mut matrix, mut right) = (Matrix3::zeros(), Vector3::zeros());
@@ -396,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn plane_sphere_and_cylinder_are_told_apart_and_predict_the_gap_within_their_sigma() {
+    fn plane_sphere_and_cylinder_are_distinguished_and_predict_the_gap_within_their_sigma() {
         type Surface = fn(f64, f64) -> ([f64; 3], [f64; 3]);
         for (name, surface) in [("sphere", ball as Surface), ("cylinder", pipe), ("plane", table)] {
             let mut squares = 0.0;
@@ -407,7 +422,7 @@ mod tests {
                 assert_eq!(found.best().primitive.name(), name);
                 let (p, n) = surface(0.1, -0.2);
                 let predicted = found.predict(p, n);
-                // The doubt is no error of these exact shapes.
+                // These shapes are exact, so the doubt is not part of their error.
                 let variance = predicted.variance - found.doubt;
                 squares += dot(sub(p, predicted.point), n).powi(2) / variance / runs as f64;
                 assert!(dot(predicted.normal, n) > 0.999);
@@ -418,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn a_freeform_is_none_of_them() {
+    fn a_freeform_surface_is_not_classified() {
         let wavy = |x: f64, y: f64| {
             let z = 0.2 * (2.0 * x).sin() * (1.5 * y).cos();
             ([x, y, z], [0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-//! Where the search for a symmetry starts.
+//! Initial values for the search for a symmetry.
 
 use super::facets::Facets;
 use super::maps::Symmetry;
@@ -8,21 +8,22 @@ use nalgebra::{Matrix3, Vector3};
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit, upper_triangle};
 use std::f64::consts::TAU;
 
-/// Random pairs of pieces that are looked at, and how many of them become starts.
-const LOOKED_AT: u64 = 20_000;
-const MOST_STARTS: usize = 200;
-/// Pieces that are each other's images face each other's way to within this cosine.
-const LEAST_COSINE: f64 = 0.97;
-/// Pairs nearer than so many sides place nothing.
-const LEAST_APART: f64 = 3.0;
+/// Number of random pairs of facets to examine, and maximum number of starts. More pairs find weaker
+/// symmetries at a higher cost.
+const EXAMINED_PAIRS: u64 = 20_000;
+const MAX_STARTS: usize = 200;
+/// Minimum cosine between the normal of a facet and that of the image of its partner.
+const MIN_COSINE: f64 = 0.97;
+/// Minimum distance of a pair, in sides of a facet. Closer pairs do not determine a symmetry.
+const MIN_SEPARATION: f64 = 3.0;
 
-/// First guesses of a symmetry.
+/// Initial values of a symmetry.
 pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: [f64; 3]) -> Vec<Symmetry> {
     let points: Vec<[f64; 3]> = facets.all.iter().map(|f| f.point).collect();
     let (_, axes, _) = principal_axes(&points);
     match kind {
         SymmetryKind::Rotation { order, towards } => {
-            let complex = LineComplex::of(facets, middle);
+            let complex = LineComplex::new(facets, middle);
             let directions = towards.into_iter().chain(complex.directions()).chain(axes).filter_map(unit);
             let mut all: Vec<Symmetry> = directions
                 .map(|direction| Symmetry::Rotation {
@@ -46,7 +47,7 @@ pub(super) fn starts(facets: &Facets, kind: SymmetryKind, middle: [f64; 3]) -> V
     }
 }
 
-/// What the first random pairs give that are each other's images in some symmetry.
+/// Symmetries of random pairs of facets that can be images of each other.
 fn random_pairs(facets: &Facets, guess: impl Fn(usize, usize) -> Option<Symmetry>) -> Vec<Symmetry> {
     let count = facets.all.len() as u64;
     let mut state = 0x9E37_79B9_7F4A_7C15_u64;
@@ -57,33 +58,33 @@ fn random_pairs(facets: &Facets, guess: impl Fn(usize, usize) -> Option<Symmetry
         state ^= state << 17;
         (state >> 11) % count
     };
-    let candidates = (0..LOOKED_AT).filter_map(|_| {
+    let candidates = (0..EXAMINED_PAIRS).filter_map(|_| {
         let (a, b) = (next() as usize, next() as usize);
         guess(a, b)
     });
-    candidates.take(MOST_STARTS).collect()
+    candidates.take(MAX_STARTS).collect()
 }
 
-/// The plane in the middle between two pieces, if each faces as the other's image does.
+/// The mid-plane of two facets, if it maps the normal of one to that of the other.
 fn plane_between(facets: &Facets, a: usize, b: usize) -> Option<Symmetry> {
     let (a, b) = (&facets.all[a], &facets.all[b]);
     let apart = sub(b.point, a.point);
     let normal = unit(apart)?;
     let image = add_scaled(a.normal, -2.0 * dot(a.normal, normal), normal);
-    (dot(apart, normal) > LEAST_APART * facets.side && dot(image, b.normal) > LEAST_COSINE)
+    (dot(apart, normal) > MIN_SEPARATION * facets.side && dot(image, b.normal) > MIN_COSINE)
         .then(|| Symmetry::Mirror { point: scale(0.5, add(a.point, b.point)), normal })
 }
 
-/// The axis about which a turn by `2π/order` carries one piece to another, normals included.
+/// The axis about which a turn by `2π/order` maps one facet to another, including normals.
 fn turn_between(facets: &Facets, a: usize, b: usize, order: u32) -> Option<Symmetry> {
     let (a, b) = (&facets.all[a], &facets.all[b]);
     let apart = sub(b.point, a.point);
-    if dot(apart, apart) < (LEAST_APART * facets.side).powi(2) {
+    if dot(apart, apart) < (MIN_SEPARATION * facets.side).powi(2) {
         return None;
     }
-    // The axis lies in the plane of the bisector of both normals and of what stands on them; its angle β with
-    // either follows from sin(ψ/2) = sin(φ/2) sin β, where ψ is the angle between the normals and φ that of
-    // the turn.
+    // The axis lies in the plane spanned by the bisector of both normals and their cross product. Its angle β
+    // with each normal follows from sin(ψ/2) = sin(φ/2) sin β, where ψ is the angle between the normals and φ
+    // that of the rotation.
     let half = 0.5 * TAU / f64::from(order);
     let (sum, across) = (add(a.normal, b.normal), cross(a.normal, b.normal));
     let (bisector, across) = (unit(sum)?, unit(across)?);
@@ -115,7 +116,7 @@ struct LineComplex {
 }
 
 impl LineComplex {
-    fn of(facets: &Facets, middle: [f64; 3]) -> Self {
+    fn new(facets: &Facets, middle: [f64; 3]) -> Self {
         let mut made = Self {
             moments: Matrix3::zeros(),
             mixed: Matrix3::zeros(),

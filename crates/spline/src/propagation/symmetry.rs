@@ -1,120 +1,119 @@
-//! The symmetry of a cloud: an axis or a plane by least squares, with its covariance, and the test of whether
-//! there is one.
+//! Symmetry of a cloud: a least-squares axis or plane with its covariance, and a test of whether it exists.
 //!
-//! A symmetry lays pieces of the surface on one another. Of each pair the residual is how far the image of
-//! one lies above the quadric of the other, `r = n·(g(p) − q)`; the axis or plane is where `Σ w r²` is least
-//! (Gauss–Newton, with Tukey's weights, because parts may break the symmetry). Starts are the axis that is
-//! nearest to all normals (a linear line complex), principal axes, and the maps of random pairs of pieces;
-//! the mean of a cloud is none of them, because of a thing that was seen from one side it does not lie on the
-//! axis.
+//! A symmetry maps facets of the surface onto each other. The residual of a pair is the height of the image
+//! of one facet over the quadric of the other, `r = n·(g(p) − q)`. The axis or plane minimises `Σ w r²`
+//! (Gauss–Newton, with Tukey's weights, because parts may break the symmetry). Starts are the axis nearest to
+//! all normals (a linear line complex), principal axes, and the maps of random pairs. The mean of the cloud
+//! is not used: if an object is seen from one side, its mean is not on the axis.
 //!
-//! Normals of pieces are noisy, and noise in `J` would look like information: the derivative by the normal of
-//! the image stands in as an instrument `Z`, as its error is independent of that of `r` and `J`. A piece is
-//! in many pairs. With `r = J θ + Σ_f M_f ε_f` and independent errors `ε_f` of the pieces, the estimate
-//! `θ̂ = −N⁻¹ Zᵀ W r`, `N = Zᵀ W J`, has the covariance `N⁻¹ (Σ_f Zᵀ W M_f C_f M_fᵀ W Z) N⁻ᵀ`, whatever the
-//! weights.
+//! Normals of facets are noisy, and noise in `J` would look like information. Therefore the derivative with
+//! the normal of the image is used as an instrument `Z`; its error is independent of those of `r` and `J`. A
+//! facet belongs to many pairs. With `r = J θ + Σ_f M_f ε_f` and independent errors `ε_f` of the facets, the
+//! estimate `θ̂ = −N⁻¹ Zᵀ W r`, `N = Zᵀ W J`, has the covariance `N⁻¹ (Σ_f Zᵀ W M_f C_f M_fᵀ W Z) N⁻ᵀ` for
+//! any weights.
 //!
-//! Not guaranteed: the best of several symmetries of one kind.
+//! Not guaranteed: the best one of several symmetries of a kind.
 //!
 //! # References
 //! Pottmann & Randrup, *Rotational and helical surface approximation for reverse engineering*, Computing 60
 //! (1998), for the line complex.
 
 use super::facets::{COEFFICIENTS, Facets};
-use super::maps::{MOST_PARAMETERS, Symmetry};
+use super::maps::{MAX_PARAMETERS, Symmetry};
 use super::pairs::{Pair, pairs};
 use super::starts::starts;
 use nalgebra::{SMatrix, SVector};
 use planish_estimate::vector3::{add, scale};
 use rayon::prelude::*;
 
-/// Reach of pairs over the side of the pieces: at the start and at the end.
+/// Reach of pairs relative to the side of the facets: initial and final value. A wide reach tolerates poor
+/// starts; a narrow one compares only overlapping facets.
 const FIRST_REACH: f64 = 2.0;
 const LAST_REACH: f64 = 0.9;
-/// Steps of a start, and at the end.
+/// Number of Gauss–Newton steps for a start, and for the final refinement.
 const START_STEPS: usize = 6;
 const STEPS: usize = 16;
-/// Pieces that starts are compared by, and how many starts are followed to the end.
+/// Number of facets used to compare starts, and number of starts to refine.
 const START_SOURCES: usize = 160;
 const FOLLOWED: usize = 8;
-/// A symmetry is none where its pieces depart by more than this share of the size beyond their noise.
-const MOST_DEPARTURE: f64 = 0.001;
-/// Departures at the start, over the size.
+/// Maximum deviation from symmetry beyond noise, relative to the size of the cloud.
+const MAX_DEPARTURE: f64 = 0.001;
+/// Initial deviation, relative to the size.
 const FIRST_DEPARTURE: f64 = 0.03;
-/// Tukey's constant, and the number of σ within which a piece agrees.
+/// Tukey's constant (95 % efficiency), and the number of σ within which a facet agrees.
 const TUKEY: f64 = 4.685;
 const AGREES: f64 = 3.5;
-/// Of a symmetry more than this share of the pieces agree: a one-sided test at 5 %.
-const LEAST_AGREEMENT: f64 = 0.8;
+/// Minimum fraction of agreeing facets, in a one-sided test at 5 %.
+const MIN_AGREEMENT: f64 = 0.8;
 const ONE_SIDED: f64 = 1.645;
-/// Pieces compared, at least, and their share.
-const LEAST_COMPARED: usize = 20;
-const LEAST_COMPARED_SHARE: f64 = 0.15;
-/// σ of a symmetry's place over the size of the cloud, at most.
-const MOST_SHIFT: f64 = 0.02;
-/// σ of a plane's tilt in radians, at most.
-const MOST_TILT: f64 = 0.05;
-/// The median of the absolute value of a normal number times this is its σ.
+/// Minimum number and fraction of compared facets.
+const MIN_COMPARED: usize = 20;
+const MIN_COMPARED_SHARE: f64 = 0.15;
+/// Maximum σ of the position of a symmetry, relative to the size of the cloud.
+const MAX_SHIFT_SIGMA: f64 = 0.02;
+/// Maximum σ of the tilt of a plane in radians.
+const MAX_TILT_SIGMA: f64 = 0.05;
+/// Factor from the median absolute value of a Gaussian to its σ.
 const FROM_MEDIAN: f64 = 1.4826;
-/// Orders of rotation that are proposed.
+/// Orders of rotation to test.
 const PROPOSED_ORDERS: [u32; 5] = [6, 5, 4, 3, 2];
 
-/// Which symmetry to look for.
+/// Kind of symmetry to search for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SymmetryKind {
-    /// About an axis.
+    /// Rotation about an axis.
     Rotation {
-        /// How many times a turn repeats the shape; any angle where there is none.
+        /// Number of repetitions of the shape in a full turn; `None` for any angle.
         order: Option<u32>,
-        /// About where the axis points; a start, no more.
+        /// Approximate direction of the axis, used only as a start.
         towards: Option<[f64; 3]>,
     },
-    /// In a plane.
+    /// Reflection in a plane.
     Mirror {
-        /// About where the normal points; a start, no more.
+        /// Approximate direction of the normal, used only as a start.
         towards: Option<[f64; 3]>,
     },
 }
 
-/// A symmetry that was found.
+/// An estimated symmetry.
 #[derive(Debug, Clone)]
 pub struct FittedSymmetry {
     /// The symmetry.
     pub symmetry: Symmetry,
     /// Covariance of its shifts (unit of length squared) and tilts (radians squared): along the tangents of
     /// an axis, along the normal of a plane.
-    pub covariance: SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>,
-    /// How far images depart from what they meet beyond the noise of both, as a standard deviation.
+    pub covariance: SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>,
+    /// Deviation of images from their partners beyond the noise of both, as a standard deviation.
     pub departure: f64,
-    /// Pieces that meet another, and how many of them agree with it.
+    /// Number of facets with a partner; `agreeing` of them agree with it.
     pub compared: usize,
     /// See `compared`.
     pub agreeing: usize,
-    /// For each piece, whether its images may stand for readings.
+    /// For each facet, true if its images may be used as readings.
     pub obeys: Vec<bool>,
-    /// Whether the cloud supports it: enough pieces were compared, more than 80 % of them agree, and its
-    /// place is known.
+    /// True if the cloud supports the symmetry: enough facets were compared, more than 80 % of them agree,
+    /// and its position is determined.
     pub supported: bool,
 }
 
 impl FittedSymmetry {
-    /// The one that more pieces speak for.
+    /// Strength of the evidence, for comparison of symmetries.
     fn evidence(&self) -> f64 {
-        self.agreeing as f64 - LEAST_AGREEMENT * self.compared as f64
+        self.agreeing as f64 - MIN_AGREEMENT * self.compared as f64
     }
 
-    /// Variance that the errors of the symmetry give the image of a point, along a direction.
+    /// Variance of the image of a point along a direction, due to the error of the symmetry.
     #[must_use]
     pub fn image_variance(&self, angle: Option<f64>, point: [f64; 3], along: [f64; 3]) -> f64 {
         let map = angle.map_or(super::maps::Map::Reflect, super::maps::Map::turn);
         let derivatives = self.symmetry.derivatives(map, point);
-        let row = SVector::<f64, MOST_PARAMETERS>::from_fn(|k, _| {
+        let row = SVector::<f64, MAX_PARAMETERS>::from_fn(|k, _| {
             planish_estimate::vector3::dot(along, derivatives[k])
         });
         (row.transpose() * self.covariance * row)[(0, 0)].max(0.0)
     }
 
-    /// σ of its place along each direction it is determined in, then of its direction in radians.
+    /// σ of its position along each determined direction, and of its direction in radians.
     #[must_use]
     pub fn sigmas(&self) -> (Vec<f64>, [f64; 2]) {
         let sigma = |k: usize| self.covariance[(k, k)].max(0.0).sqrt();
@@ -123,7 +122,7 @@ impl FittedSymmetry {
     }
 }
 
-/// The symmetry of this kind that a cloud is nearest to, supported or not; none where no pieces meet.
+/// The best symmetry of a kind, supported or not; `None` if no facets have partners.
 #[must_use]
 pub fn fit_symmetry(facets: &Facets, kind: SymmetryKind) -> Option<FittedSymmetry> {
     let count = facets.all.len();
@@ -143,16 +142,15 @@ pub fn fit_symmetry(facets: &Facets, kind: SymmetryKind) -> Option<FittedSymmetr
         .map(|(_, start)| {
             let found = refine(facets, start, middle, START_STEPS, stride);
             let met = pairs(facets, &found, FIRST_REACH * facets.side, stride);
-            (agreement(&met, MOST_DEPARTURE * facets.size), found)
+            (agreement(&met, MAX_DEPARTURE * facets.size), found)
         })
         .collect();
     let (_, best) = followed.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
     let best = refine(facets, best, middle, STEPS, 1);
-    judge(facets, best)
+    evaluate(facets, best)
 }
 
-/// The symmetry that a cloud supports, if any: of revolution before all others, then the one that most pieces
-/// speak for.
+/// The supported symmetry, if any: revolution has priority, then the one with the most evidence.
 #[must_use]
 pub fn propose_symmetry(facets: &Facets) -> Option<FittedSymmetry> {
     let rotation = |order| SymmetryKind::Rotation { order, towards: None };
@@ -160,7 +158,8 @@ pub fn propose_symmetry(facets: &Facets) -> Option<FittedSymmetry> {
     supported(rotation(None)).or_else(|| {
         let mirror = supported(SymmetryKind::Mirror { towards: None });
         let turns = PROPOSED_ORDERS.map(|order| supported(rotation(Some(order))));
-        // A rotation by a quarter is one by half, too: on equal terms the higher order comes first.
+        // A rotation of order four is also one of order two, so the higher order comes first at equal
+        // evidence.
         let all = turns.into_iter().chain([mirror]).flatten();
         all.fold(None, |best: Option<FittedSymmetry>, next| match best {
             Some(best) if best.evidence() >= next.evidence() => Some(best),
@@ -169,7 +168,7 @@ pub fn propose_symmetry(facets: &Facets) -> Option<FittedSymmetry> {
     })
 }
 
-/// How many pieces agree, the nearer the more.
+/// Weighted number of agreeing pairs: closer pairs count more.
 fn agreement(found: &[Pair], within: f64) -> f64 {
     let (mut score, mut last, mut best) = (0.0, u32::MAX, 0.0_f64);
     for pair in found {
@@ -190,15 +189,15 @@ fn refine(facets: &Facets, start: Symmetry, middle: [f64; 3], steps: usize, stri
         let reach = facets.side * (FIRST_REACH + share * (LAST_REACH - FIRST_REACH));
         let found = pairs(facets, &symmetry, reach, stride);
         let most = FIRST_DEPARTURE * facets.size * (0.02_f64).powf(share);
-        let departure = departure_of(&found).clamp(0.0, most.max(MOST_DEPARTURE * facets.size));
-        let normal = Normal::of(&symmetry, &found, departure, facets.size);
+        let departure = departure_of(&found).clamp(0.0, most.max(MAX_DEPARTURE * facets.size));
+        let normal = Normal::new(&symmetry, &found, departure, facets.size);
         let Some(by) = normal.step() else { break };
         symmetry = symmetry.moved(by.as_slice()).near(middle);
     }
     symmetry
 }
 
-/// What residuals have beyond the noise of the pieces, as a standard deviation; robust.
+/// Robust standard deviation of the residuals beyond the noise of the facets.
 fn departure_of(found: &[Pair]) -> f64 {
     if found.is_empty() {
         return 0.0;
@@ -214,15 +213,15 @@ fn departure_of(found: &[Pair]) -> f64 {
 
 /// The normal equations of one step.
 struct Normal {
-    matrix: SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>,
-    right: SVector<f64, MOST_PARAMETERS>,
-    /// What is known before: the place to within the size, the direction to within a radian.
-    before: SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>,
+    matrix: SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>,
+    right: SVector<f64, MAX_PARAMETERS>,
+    /// Weak prior: the position within the size, the direction within a radian.
+    before: SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>,
     weights: Vec<f64>,
 }
 
 impl Normal {
-    fn of(symmetry: &Symmetry, found: &[Pair], departure: f64, size: f64) -> Self {
+    fn new(symmetry: &Symmetry, found: &[Pair], departure: f64, size: f64) -> Self {
         let shifts = symmetry.parameters() - 2;
         let before =
             SMatrix::from_diagonal(&SVector::from_fn(|k, _| if k < shifts { size.powi(-2) } else { 1.0 }));
@@ -244,20 +243,19 @@ impl Normal {
         made
     }
 
-    fn step(&self) -> Option<SVector<f64, MOST_PARAMETERS>> {
+    fn step(&self) -> Option<SVector<f64, MAX_PARAMETERS>> {
         Some(self.matrix.cholesky()?.solve(&self.right))
     }
 
-    /// The covariance of the estimate from that of the pieces, each of which departs by its share of
-    /// `departure`.
+    /// Covariance of the estimate from those of the facets, each with its contribution to `departure`.
     fn covariance(
         &self,
         facets: &Facets,
         found: &[Pair],
         departure: f64,
-    ) -> Option<SMatrix<f64, MOST_PARAMETERS, MOST_PARAMETERS>> {
+    ) -> Option<SMatrix<f64, MAX_PARAMETERS, MAX_PARAMETERS>> {
         let inverse = self.matrix.cholesky()?.inverse();
-        let mut by_facet = vec![SMatrix::<f64, MOST_PARAMETERS, COEFFICIENTS>::zeros(); facets.all.len()];
+        let mut by_facet = vec![SMatrix::<f64, MAX_PARAMETERS, COEFFICIENTS>::zeros(); facets.all.len()];
         for (pair, &w) in found.iter().zip(&self.weights) {
             let gain = inverse * pair.instrument * w;
             by_facet[pair.from as usize] += gain * pair.by_from.transpose();
@@ -273,14 +271,14 @@ impl Normal {
     }
 }
 
-/// Says how well the cloud obeys a symmetry that was refined.
-fn judge(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
+/// Tests a refined symmetry against the cloud.
+fn evaluate(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
     let found = pairs(facets, &symmetry, LAST_REACH * facets.side, 1);
     let departure = departure_of(&found);
-    let allowed = departure.min(MOST_DEPARTURE * facets.size);
-    let normal = Normal::of(&symmetry, &found, allowed, facets.size);
+    let allowed = departure.min(MAX_DEPARTURE * facets.size);
+    let normal = Normal::new(&symmetry, &found, allowed, facets.size);
     let covariance = normal.covariance(facets, &found, allowed)?;
-    // The residuals of each piece, both as image and as what images meet, in σ of their mean.
+    // The residuals of each facet, as image and as partner, in σ of their mean.
     let mut means = vec![(0.0, 0.0, 0.0); facets.all.len()];
     for pair in &found {
         for facet in [pair.from, pair.to] {
@@ -308,12 +306,11 @@ fn judge(facets: &Facets, symmetry: Symmetry) -> Option<FittedSymmetry> {
     };
     let (shifts, tilts) = made.sigmas();
     let n = compared as f64;
-    let enough = compared >= LEAST_COMPARED && n >= LEAST_COMPARED_SHARE * facets.all.len() as f64;
-    let more_than_chance =
-        made.evidence() > ONE_SIDED * (n * LEAST_AGREEMENT * (1.0 - LEAST_AGREEMENT)).sqrt();
-    let placed = shifts.iter().all(|s| *s < MOST_SHIFT * facets.size);
+    let enough = compared >= MIN_COMPARED && n >= MIN_COMPARED_SHARE * facets.all.len() as f64;
+    let more_than_chance = made.evidence() > ONE_SIDED * (n * MIN_AGREEMENT * (1.0 - MIN_AGREEMENT)).sqrt();
+    let placed = shifts.iter().all(|s| *s < MAX_SHIFT_SIGMA * facets.size);
     let mirror = matches!(symmetry, Symmetry::Mirror { .. });
-    let turned = !mirror || tilts.iter().all(|t| *t < MOST_TILT);
+    let turned = !mirror || tilts.iter().all(|t| *t < MAX_TILT_SIGMA);
     made.supported = enough && more_than_chance && placed && turned;
     Some(made)
 }

@@ -1,7 +1,7 @@
 use super::*;
 use crate::base::BaseShape;
 use crate::hierarchy::Hierarchy;
-use planish_estimate::vector3::{add_scaled, scale, sub};
+use planish_estimate::vector3::{add_scaled, cross, distance, dot, scale, sub};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ fn base(shape: Shape) -> BaseShape {
     }
 }
 
-/// A bumpy surface refined here and there, `rounds` levels deep.
+/// A bumpy surface with random refinement, `rounds` levels deep.
 fn bumpy(shape: Shape, rounds: usize, seed: usize) -> Surface {
     let mut surface = base(shape).surface([8, 6]).unwrap();
     for round in 0..=rounds {
@@ -48,17 +48,20 @@ fn bumpy(shape: Shape, rounds: usize, seed: usize) -> Surface {
     surface
 }
 
-/// Proves that edges have one triangle or two, which run along them opposite ways, and that vertices are
-/// used; gives border edges and the Euler characteristic.
+/// Checks that every edge has one or two triangles of opposite direction and that all vertices are used.
+/// Returns border edges and the Euler characteristic.
 fn check(mesh: &Tessellation) -> (usize, i64) {
     let mut edges: HashMap<[u32; 2], i64> = HashMap::new();
     let mut used = vec![false; mesh.positions.len()];
     for t in &mesh.triangles {
         for k in 0..3 {
             let (a, b) = (t[k], t[(k + 1) % 3]);
-            assert_ne!(a, b, "a collapsed triangle {t:?}");
+            assert_ne!(a, b, "degenerate triangle {t:?}");
             used[a as usize] = true;
-            assert!(edges.insert([a, b], 1).is_none(), "two triangles run along {a}-{b} the same way");
+            assert!(
+                edges.insert([a, b], 1).is_none(),
+                "two triangles traverse {a}-{b} in the same direction"
+            );
         }
     }
     assert!(used.iter().all(|&u| u), "an unused vertex");
@@ -73,7 +76,7 @@ fn options(tolerance: f64) -> TessellationOptions {
 }
 
 #[test]
-fn meshes_have_no_cracks_whatever_the_levels() {
+fn meshes_have_no_cracks_between_levels() {
     for shape in SHAPES {
         for (rounds, seed) in [(0, 0), (1, 1), (2, 2), (3, 3), (3, 4)] {
             let surface = bumpy(shape, rounds, seed);
@@ -112,7 +115,7 @@ fn vertices_lie_on_the_surface_at_their_parameters() {
 }
 
 #[test]
-fn triangles_turn_around_the_normals_and_a_ball_faces_outward() {
+fn triangles_are_oriented_by_the_normals_and_a_ball_faces_outward() {
     for shape in SHAPES {
         let surface = base(shape).surface([12, 8]).unwrap();
         let mesh = tessellate(&surface, &options(0.003)).unwrap();
@@ -147,26 +150,26 @@ fn a_pole_is_one_vertex_with_its_normal() {
 }
 
 #[test]
-fn a_plane_takes_two_triangles_for_each_leaf() {
+fn a_plane_has_two_triangles_per_leaf() {
     let surface = base(Shape::Sheet).surface([5, 4]).unwrap();
     let mesh = tessellate(&surface, &options(1e-9)).unwrap();
     assert_eq!(mesh.triangles.len(), 40);
 }
 
 #[test]
-fn the_limit_of_divisions_is_kept_and_told() {
+fn the_limit_of_divisions_is_respected_and_reported() {
     let surface = bumpy(Shape::Torus, 1, 8);
     let limited = TessellationOptions { tolerance: 1e-12, max_divisions: 5 };
     let mesh = tessellate(&surface, &limited).unwrap();
     assert_eq!(mesh.limited_leaves, surface.space().leaves().len());
-    // Four divisions each way; beside finer leaves a fan takes more than two triangles.
+    // Four divisions in each direction; a fan next to finer leaves has more than two triangles.
     let grid = surface.space().leaves().len() * 32;
     assert!(mesh.triangles.len() > grid && mesh.triangles.len() < 2 * grid);
     check(&mesh);
 }
 
 #[test]
-fn wrong_options_are_refused() {
+fn wrong_options_are_rejected() {
     let surface = base(Shape::Sheet).surface([2, 2]).unwrap();
     for (tolerance, max_divisions) in
         [(0.0, 8), (-1.0, 8), (f64::NAN, 8), (f64::INFINITY, 8), (1.0, 0), (1.0, 65)]
@@ -178,7 +181,7 @@ fn wrong_options_are_refused() {
 
 #[test]
 fn a_collapsed_patch_still_gets_normals() {
-    // The first three rows of vertices each drawn into one point: S_u = 0 along v = 0.
+    // The first three rows of vertices each collapse to a point: S_u = 0 along v = 0.
     let space = Arc::new(Hierarchy::uniform(Shape::Sheet, [3, 3]).unwrap());
     let vertices = space.node_anchors().iter().map(|&[u, v]| [u * (v - 1.0).max(0.0), v, 0.0]).collect();
     let surface = Surface::new(space, vertices).unwrap();

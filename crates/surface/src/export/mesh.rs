@@ -15,7 +15,7 @@ use planish_estimate::Result;
 use planish_exchange::Unit;
 use planish_exchange::mesh::{Column, MeshColumns, write_mesh};
 use planish_mesh::{TriangleMesh, VertexCurvature};
-use planish_spline::{Surface, TessellationOptions, least_triangles, tessellate};
+use planish_spline::{Surface, TessellationOptions, min_triangles, tessellate};
 use std::path::Path;
 
 /// Approximate maximum of triangles of meshes without a requested tolerance: a file of some 40 MB.
@@ -165,8 +165,7 @@ pub fn affordable_tolerance(surface: &Surface, wanted: f64, most_triangles: u64)
     // A leaf takes at least two triangles, so a limit below that could never be met.
     loop {
         let options = TessellationOptions { tolerance, ..TessellationOptions::default() };
-        if least_triangles(surface, &options)?
-            <= most_triangles.max(2 * surface.space().leaves().len() as u64)
+        if min_triangles(surface, &options)? <= most_triangles.max(2 * surface.space().leaves().len() as u64)
         {
             return Ok(tolerance);
         }

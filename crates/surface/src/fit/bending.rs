@@ -209,7 +209,7 @@ impl Lengths {
             sigma.push(sigma_of_lengths(&posterior, of_fit, local)?);
             measured.push(first.model.observed[of_fit].is_measured());
         }
-        Ok(Self { metric: Metric::of(reference), sigma, measured })
+        Ok(Self { metric: Metric::new(reference), sigma, measured })
     }
 
     /// Marks leaves without a reading of this state as inferred, if other times have measured them.
@@ -223,11 +223,11 @@ impl Lengths {
 
     /// Adds the lengths of leaves that this state is the first to measure.
     fn add_measured(&mut self, state: &Fit) -> Result<()> {
-        let own = Metric::of(&state.model.surface);
+        let own = Metric::new(&state.model.surface);
         let posterior = state.posterior();
         for leaf in 0..self.measured.len() {
             if state.model.observed[leaf].is_measured() && !self.measured[leaf] {
-                self.metric.take_leaf(leaf, &own);
+                self.metric.copy_leaf(leaf, &own);
                 self.sigma[leaf] = sigma_of_lengths(&posterior, leaf, [0.5, 0.5])?;
                 self.measured[leaf] = true;
             }

@@ -31,7 +31,7 @@ impl BendingEnergy {
     pub(super) fn new(system: &SurfaceSystem, surface: &Surface) -> Result<Self> {
         let mut leaves = surface.thin_plate(system.space());
         for (leaf, energy) in leaves.iter_mut().enumerate() {
-            if energy.of(surface.leaf_coefficients(leaf)) > MAX_LEAF_BENDING {
+            if energy.energy(surface.leaf_coefficients(leaf)) > MAX_LEAF_BENDING {
                 for entry in energy.thin_plate.iter_mut().flatten() {
                     *entry *= STIFFENING;
                 }
@@ -48,7 +48,7 @@ impl BendingEnergy {
         let bends: Vec<f64> = (0..self.leaves.len())
             .into_par_iter()
             .with_min_len(256)
-            .map(|leaf| self.leaves[leaf].of(surface.leaf_coefficients(leaf)))
+            .map(|leaf| self.leaves[leaf].energy(surface.leaf_coefficients(leaf)))
             .collect();
         self.total = bends.iter().filter(|&&b| b <= MAX_LEAF_BENDING).sum();
     }

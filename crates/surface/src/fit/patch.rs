@@ -176,7 +176,7 @@ pub(crate) fn first_fit_of(
         PatchFilterOptions {
             layout: StateLayout::Normal,
             maximum_depth: depth,
-            least_gain: MIN_GAIN,
+            min_gain: MIN_GAIN,
             ..PatchFilterOptions::default()
         },
     )?;

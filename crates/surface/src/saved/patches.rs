@@ -4,8 +4,8 @@ use super::{Tensors, tensor};
 use planish_estimate::{Error, Result};
 use planish_exchange::model::{Tensor, TensorData};
 use planish_spline::{
-    InnovationSum, PATCH_VERTICES, Patch, PatchBelief, PatchFilter, PatchFilterOptions, PatchFilterState,
-    PatchState, Shape, SmoothnessPrior, StateLayout,
+    FilterPatch, InnovationSum, PATCH_VERTICES, PatchBelief, PatchFilter, PatchFilterOptions,
+    PatchFilterState, PatchState, Shape, SmoothnessPrior, StateLayout,
 };
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -90,7 +90,7 @@ impl Notes {
             weight: prior.weight,
             hold: prior.hold,
             maximum_depth: options.maximum_depth,
-            least_gain: options.least_gain,
+            least_gain: options.min_gain,
             expect_detail: options.expect_detail,
             linearize_at_initial: options.linearize_at_initial,
             readings: filter.readings(),
@@ -145,7 +145,7 @@ impl Notes {
                     InnovationSum { count: count as u64, normalized_squared, far: far as u64 }
                 };
                 Ok(PatchState {
-                    patch: Patch { depth, i: cells[3 * p + 1], j: cells[3 * p + 2] },
+                    patch: FilterPatch { depth, i: cells[3 * p + 1], j: cells[3 * p + 2] },
                     belief: PatchBelief::from_covariance(
                         columns,
                         mean,
@@ -166,7 +166,7 @@ impl Notes {
             options: PatchFilterOptions {
                 layout,
                 maximum_depth: self.maximum_depth,
-                least_gain: self.least_gain,
+                min_gain: self.least_gain,
                 expect_detail: self.expect_detail,
                 linearize_at_initial: self.linearize_at_initial,
             },

@@ -23,10 +23,10 @@ fn plane(base: [usize; 2]) -> Surface {
 }
 
 fn options(layout: StateLayout, maximum_depth: u8) -> PatchFilterOptions {
-    PatchFilterOptions { layout, maximum_depth, least_gain: 1e-9, ..PatchFilterOptions::default() }
+    PatchFilterOptions { layout, maximum_depth, min_gain: 1e-9, ..PatchFilterOptions::default() }
 }
 
-/// Heights over a plan, with some normals between them.
+/// Heights over a plane, with some normals between them.
 fn readings(base: [usize; 2], count: usize, sigma: f64, seed: u64) -> Vec<SurfaceReading> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     (0..count)
@@ -43,10 +43,9 @@ fn readings(base: [usize; 2], count: usize, sigma: f64, seed: u64) -> Vec<Surfac
         .collect()
 }
 
-/// Where all readings are along one normal, the filter along normals is the filter of heights: what it adds
-/// is only where normals turn.
+/// If all readings are along one normal, the filter along normals equals the filter of heights.
 #[test]
-fn along_one_normal_it_is_the_filter_of_heights() {
+fn along_one_normal_it_equals_the_filter_of_heights() {
     let base = [8, 4];
     let flat = plane(base);
     let [mut heights, mut along] = [StateLayout::Height, StateLayout::Normal]
@@ -71,10 +70,9 @@ fn along_one_normal_it_is_the_filter_of_heights() {
     assert!(along.observe(&position).is_err(), "its parameters would count as measured");
 }
 
-/// Readings that a batch took in first and readings that stream in later must make the belief that all of
-/// them make one by one.
+/// A first fit followed by a stream gives the same belief as streaming all readings.
 #[test]
-fn a_first_fit_and_a_stream_know_what_a_stream_alone_knows() {
+fn a_first_fit_and_a_stream_equal_a_stream_alone() {
     let base = [4, 4];
     let flat = plane(base);
     let all = readings(base, 80, 0.05, 7);
@@ -116,10 +114,10 @@ fn a_first_fit_and_a_stream_know_what_a_stream_alone_knows() {
     }
 }
 
-/// One wild reading is left out and changes nothing; a step that most readings of a place agree on is taken
-/// in, and asks for division.
+/// A single outlier is rejected and changes nothing. A step confirmed by most readings is used and causes
+/// subdivision.
 #[test]
-fn gross_errors_are_left_out_and_shape_is_not() {
+fn outliers_are_rejected_and_shape_is_not() {
     let base = [4, 4];
     let flat = plane(base);
     let mut filter = PatchFilter::new(&flat, &flat, PRIOR, options(StateLayout::Normal, 2)).unwrap();
@@ -134,7 +132,7 @@ fn gross_errors_are_left_out_and_shape_is_not() {
     assert_eq!(filter.belief(0), &before);
     assert_eq!(filter.readings(), 200);
     let criteria = SubdivisionCriteria { curvature_variation: None, ..SubdivisionCriteria::default() };
-    assert!(filter.clone().refine(&criteria).unwrap().is_empty(), "one is no shape");
+    assert!(filter.clone().refine(&criteria).unwrap().is_empty(), "a single outlier is not shape");
     for k in 0..60 {
         filter.observe_within(&wild(2.2 + 0.01 * f64::from(k)), 4.0).unwrap();
     }
@@ -157,7 +155,7 @@ fn bowl() -> Surface {
     fit_function(&space, |u, v| [u, v, 0.08 * ((u - 2.0).powi(2) + 0.5 * (v - 1.5).powi(2))]).unwrap()
 }
 
-/// Positions with noise of a direction, normals and curvatures near the bowl.
+/// Positions with anisotropic noise, normals and curvatures near the bowl.
 fn mixed(bowl: &Surface, count: usize) -> Vec<SurfaceReading> {
     let mut random = ChaCha8Rng::seed_from_u64(31);
     (0..count)
@@ -224,8 +222,8 @@ fn global_mean(at: &Surface, readings: &[SurfaceReading]) -> DMatrix<f64> {
     information.cholesky().unwrap().solve(&vector)
 }
 
-/// Whoever reads first must not decide: twenty orders of positions, normals and curvatures give one surface,
-/// and both filters the same.
+/// The order of readings must not matter: twenty orders of positions, normals and curvatures give one surface
+/// in both filters.
 #[test]
 fn twenty_orders_of_a_mixed_set_give_one_surface() {
     let bowl = bowl();

@@ -1,12 +1,13 @@
-//! Eq. 20–22 of the paper, as printed and put right, on two segments that share vertices.
+//! Eq. 20–22 of the paper, as printed and corrected, on two segments that share vertices.
 
 use super::*;
 
-/// Two beliefs that share a prior and differ by readings of their own: five unknowns each, the last two of
-/// one the first two of the other. Comes back with the belief of all eight.
+/// Two beliefs with a common prior and different readings. Each has five unknowns; the last two of one are
+/// the first two of the other. Also returns the belief of all eight.
 fn two_segments() -> (PatchBelief, [PatchBelief; 2], DMatrix<f64>) {
     let n = 8;
-    // A chain: neighbours differ little, so the two sides are independent once the shared two are known.
+    // A chain with small differences between neighbours, so the two sides are independent given the shared
+    // two.
     let mut precision = DMatrix::<f64>::identity(n, n) * 0.01;
     for i in 0..n - 2 {
         let second = [1.0, -2.0, 1.0];
@@ -42,18 +43,18 @@ fn rows(from: u16) -> Vec<SparseRow> {
 }
 
 #[test]
-fn what_a_neighbour_is_told_makes_it_the_joint_estimate() {
+fn a_message_gives_the_neighbour_the_joint_estimate() {
     let (before, [first, second], joint) = two_segments();
     let message = Message::between(&before, &first, &rows(3), 1e-12);
-    let mut told = second.clone();
-    message.give(&mut told, &rows(0), &mut Workspace::default()).unwrap();
+    let mut receiver = second.clone();
+    message.apply(&mut receiver, &rows(0), &mut Workspace::default()).unwrap();
     let expected = joint.view((3, 3), (5, 5));
-    let difference = (told.covariance_matrix() - expected).amax();
+    let difference = (receiver.covariance_matrix() - expected).amax();
     assert!(difference < 1e-9 * expected.amax(), "interior and cross terms too: {difference:e}");
-    assert!(Message::between(&first, &first, &rows(3), 1e-12).is_empty(), "nothing learned, nothing to tell");
+    assert!(Message::between(&first, &first, &rows(3), 1e-12).is_empty(), "no new readings, no message");
 }
 
-/// With the printed cross term, and the interior left as it was, the assembled covariance is indefinite.
+/// With the cross term as printed and an unchanged interior, the assembled covariance is indefinite.
 #[test]
 fn the_printed_cross_term_makes_covariances_indefinite() {
     let (_, [first, second], _) = two_segments();
@@ -71,16 +72,16 @@ fn the_printed_cross_term_makes_covariances_indefinite() {
         m.view_mut((3, 3), (2, 2)).copy_from(&fused);
         0.5 * (&m + m.transpose())
     };
-    let least = |m: &DMatrix<f64>| m.clone().symmetric_eigen().eigenvalues.min();
+    let smallest = |m: &DMatrix<f64>| m.clone().symmetric_eigen().eigenvalues.min();
     let interior = sigma.view((0, 0), (3, 3)).into_owned();
     // Eq. 22: Σ_ii,ij Σ_j (Σ_i + Σ_j)⁻¹, and Σ_ii,ii "need not be updated".
     let printed = assemble(interior.clone(), &(&cross * &shared_j * &inverse_sum));
-    // Put right: Σ_ii,ij (Σ_i + Σ_j)⁻¹ Σ_j, and the interior follows.
+    // Corrected: Σ_ii,ij (Σ_i + Σ_j)⁻¹ Σ_j, and the interior follows.
     let regression = &cross * shared_i.clone().try_inverse().unwrap();
     let moved = interior + &regression * (&fused - &shared_i) * regression.transpose();
     let right = assemble(moved, &(&cross * &inverse_sum * &shared_j));
-    assert!(least(&right) > 0.0, "put right it is a covariance: {}", least(&right));
-    // And it is what an update by the neighbour's estimate of the shared vertices gives.
+    assert!(smallest(&right) > 0.0, "corrected, it is a covariance: {}", smallest(&right));
+    // It equals an update with the estimate of the neighbour for the shared vertices.
     let mut by_update = first.clone();
     let eigen = shared_j.clone().symmetric_eigen();
     for k in 0..2 {
@@ -90,7 +91,8 @@ fn the_printed_cross_term_makes_covariances_indefinite() {
     }
     assert!((by_update.covariance_matrix() - &right).amax() < 1e-9 * right.amax());
     let worse = (0..200).any(|k| {
-        // The printed term commutes only by luck: turn the neighbour's uncertainty and it turns indefinite.
+        // The printed term commutes only by coincidence: with a rotated covariance of the neighbour it is
+        // indefinite.
         let angle = f64::from(k) * 0.0157;
         let (s, c) = angle.sin_cos();
         let turn = DMatrix::from_row_slice(2, 2, &[c, -s, s, c]);
@@ -103,7 +105,7 @@ fn the_printed_cross_term_makes_covariances_indefinite() {
         m.view_mut((0, 3), (3, 2)).copy_from(&cross);
         m.view_mut((3, 0), (2, 3)).copy_from(&cross.transpose());
         m.view_mut((3, 3), (2, 2)).copy_from(&(0.5 * (&fused + fused.transpose())));
-        least(&m) < -1e-3 * m.amax()
+        smallest(&m) < -1e-3 * m.amax()
     });
-    assert!(worse, "the printed eq. 22 never was indefinite");
+    assert!(worse, "eq. 22 as printed was never indefinite");
 }

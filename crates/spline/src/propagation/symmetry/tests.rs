@@ -8,7 +8,7 @@ const SIGMA: f64 = 0.01;
 const AXIS: [f64; 3] = [0.2, -0.3, 0.932_737_905_308_881_5];
 const POINT: [f64; 3] = [5.0, -2.0, 1.0];
 
-/// A cloud over `(h, a)` with `r(h, a)` about an axis, seen from one side where `half_angle` is less than π.
+/// A cloud over `(h, a)` with `r(h, a)` about an axis, seen from one side if `half_angle` is less than π.
 fn cloud(seed: u64, half_angle: f64, radius: impl Fn(f64, f64) -> f64) -> Facets {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let d = unit(AXIS).unwrap();
@@ -38,7 +38,7 @@ fn vase(h: f64, _: f64) -> f64 {
     1.0 + 0.3 * (2.0 * h).sin() + 0.1 * h
 }
 
-/// The deviation of an estimate in its own parameters: shifts, tilts.
+/// The deviation of an estimate in its parameters: shifts, tilts.
 fn axis_errors(found: &FittedSymmetry) -> [f64; 4] {
     let Symmetry::Rotation { point, direction, .. } = found.symmetry else {
         panic!("no rotation");
@@ -48,7 +48,7 @@ fn axis_errors(found: &FittedSymmetry) -> [f64; 4] {
         d = d.map(|c| -c);
     }
     let (e1, e2) = tangents(direction);
-    // The true axis where it passes the estimated point.
+    // The point of the true axis nearest to the estimated point.
     let along = dot(sub(point, POINT), direction) / dot(d, direction);
     let there = [0, 1, 2].map(|k| POINT[k] + along * d[k]);
     let off = sub(there, point);
@@ -68,7 +68,7 @@ fn axis_of_a_vase_seen_from_one_side_lies_within_its_sigma() {
         nees += (e.transpose() * found.covariance.try_inverse().unwrap() * e)[(0, 0)] / runs as f64;
         assert!(e.norm() < 0.05, "{e}");
     }
-    // The mean of 24 squares of normal numbers, four at a time: 4 ± 1.15.
+    // The mean of 24 values of χ² with four degrees of freedom: 4 ± 1.15 (two standard errors).
     assert!((1.0..8.0).contains(&nees), "{nees}");
 }
 
@@ -77,7 +77,7 @@ fn plane_of_a_mirrored_shape_lies_within_its_sigma() {
     let mut nees = 0.0;
     let runs = 10;
     for seed in 0..runs {
-        // Even in the angle: the mirror plane holds the axis and e1.
+        // Even in the angle: the mirror plane contains the axis and e1.
         let shape =
             |h: f64, a: f64| vase(h, a) + 0.2 * (a.cos() * (1.5 * h).cos()) + 0.1 * (2.0 * a).cos() * h;
         let facets = cloud(seed, 2.0, shape);
@@ -99,7 +99,7 @@ fn plane_of_a_mirrored_shape_lies_within_its_sigma() {
 }
 
 #[test]
-fn what_is_proposed_is_there_and_a_freeform_has_none() {
+fn proposed_symmetries_exist_and_a_freeform_surface_has_none() {
     let facets = cloud(1, 1.2, vase);
     let found = propose_symmetry(&facets).unwrap();
     assert!(matches!(found.symmetry, Symmetry::Rotation { order: None, .. }));
@@ -122,7 +122,7 @@ fn what_is_proposed_is_there_and_a_freeform_has_none() {
 }
 
 #[test]
-fn a_handle_is_no_part_of_the_revolution() {
+fn a_handle_does_not_belong_to_the_revolution() {
     // A bump of a fifth of the radius on one side.
     let handled = |h: f64, a: f64| vase(h, a) + 0.25 * (-(h * h + (a - 0.3).powi(2)) / 0.04).exp();
     let facets = cloud(7, 1.2, handled);
@@ -131,7 +131,7 @@ fn a_handle_is_no_part_of_the_revolution() {
     assert!(found.supported);
     let e = axis_errors(&found);
     assert!(e.iter().all(|e| e.abs() < 0.03), "{e:?}");
-    // Pieces on the bump may not be propagated; most others may.
+    // Facets on the bump must not be propagated; most others may.
     let d = unit(AXIS).unwrap();
     let (e1, e2) = tangents(d);
     let (mut on, mut kept_on, mut off, mut kept_off) = (0, 0, 0, 0);
