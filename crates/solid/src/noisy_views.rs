@@ -48,8 +48,8 @@ pub struct NoisyView {
 pub struct MatchOptions {
     /// Probability that any equal coordinates are treated as different (family-wise level).
     pub level: f64,
-    /// Maximum share of the extent of the object that would pass the test. Beyond it, agreement is no evidence,
-    /// and coordinates are not matched.
+    /// Maximum share of the extent of the object that would pass the test. Beyond it, agreement is no
+    /// evidence, and coordinates are not matched.
     pub max_chance: f64,
 }
 
