@@ -242,8 +242,8 @@ fn complete(sewn: &mut StitchedMesh, bound: &NamedPatch, ready: &mut Ready) -> R
 /// What became of crossings that patches had.
 fn still_crossing(mesh: &TriangleMesh) -> Result<String> {
     Ok(match MeshSearch::try_new(mesh)?.self_crossings().pairs {
-        0 => "the merged mesh crosses itself nowhere".to_owned(),
-        pairs => format!("the merged mesh crosses itself, too: {pairs} pairs of its triangles"),
+        0 => "the merged mesh does not intersect itself".to_owned(),
+        pairs => format!("the merged mesh intersects itself, too: {pairs} pairs of its triangles"),
     })
 }
 

@@ -320,9 +320,9 @@ fn self_intersecting_patch_is_named() {
         &format!("v 5 0 5\nv 12 0.3 9\nv 12 0.1 8.5\nf {} {} {}\n", vertices + 1, vertices + 2, vertices + 3);
     std::fs::write(path("b.obj"), text).expect("a file");
     let said = planish(folder.path(), &["merge", "a.obj", "b.obj"]).ok();
-    assert!(said.stderr.contains("b.obj crosses itself"), "{}", said.stderr);
+    assert!(said.stderr.contains("b.obj intersects itself"), "{}", said.stderr);
     assert!(said.stderr.contains(&format!("and {faces} (counted from 0)")), "{}", said.stderr);
-    assert!(said.stderr.contains("the merged mesh crosses itself"), "{}", said.stderr);
+    assert!(said.stderr.contains("the merged mesh intersects itself"), "{}", said.stderr);
 }
 
 /// Objects of kilometres and of nanometres are merged like objects of millimetres.

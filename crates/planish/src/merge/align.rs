@@ -1,28 +1,28 @@
-//! Patches a little off, brought together before they are merged.
+//! Alignment of patches before they are merged.
 //!
-//! Input: patches in frames that agree but for small motions, all facing alike. Output: the same in the
-//! frame of the first, and the motion of each with its covariance.
+//! Input: patches whose frames agree except for small motions, with consistent orientation. Output: the
+//! patches in the frame of the first, and the motion of each with its covariance.
 //!
-//! Every vertex `p` of a patch `i` that lies on another, `j`, says how far both are apart along the normal
-//! there (Y. Chen, G. Medioni 1992: point to plane),
+//! Every vertex `p` of a patch `i` that overlaps a patch `j` gives one residual: the distance to the foot
+//! point `q` along the normal (point to plane, Y. Chen, G. Medioni 1992),
 //!
 //! ```text
 //! r = n · (p − q),   ∂r/∂ξ_i = (n, (p − c_i) × n),   ∂r/∂ξ_j = −(n, (p − c_j) × n),
 //! ξ = (translation, rotation vector) about the patch's centroid c
 //! ```
 //!
-//! and all pairs are brought to rest together, as K. Pulli (1999) asks, by Gauss-Newton steps with a
-//! redescending loss. A vertex stands for its area `A`; what both patches say there is worth
-//! `A / (σ_i² A + σ_j² a_j)`, `a_j` the area of a vertex of the other patch: so much is known of a smooth
-//! difference of two samplings with independent errors, however many vertices one of them has. Both ways of
-//! looking count half: each sees the other's triangles as chords, and the two errors of that are opposite.
+//! All pairs are solved together (K. Pulli 1999) by Gauss-Newton steps with a redescending loss. A vertex
+//! represents its area `A`. Its residual has the weight `A / (σ_i² A + σ_j² a_j)`, where `a_j` is the area of
+//! a vertex of the other patch. This is the information about a smooth difference of two samplings with
+//! independent errors, and it does not grow if one patch is sampled more densely. Both directions of a pair
+//! count half: each measures to the chords of the other patch, and the two chord errors have opposite signs.
 //!
-//! Beside what they say of one another, patches stay where they are by a [`Hold`]: a motion that leaves the
-//! overlaps as they are is not made. The covariance of the motions is that of the equations, times how much
-//! more the sums of residuals over regions of space vary than independent errors would: neighbours that err
-//! alike (smoothed patches, poses within a patch) are told by that.
+//! A weak prior ([`PosePrior`]) keeps patches in place along motions that do not change the overlaps. The
+//! covariance of the motions is that of the normal equations times a factor for correlated errors (smoothed
+//! patches, pose errors within a patch). The factor compares the variance of sums of residuals over regions
+//! of space with that of independent errors.
 //!
-//! Not guaranteed: that patches are found which stand farther off than the hold says; that a patch bends.
+//! Not guaranteed: patches that are farther off than the prior allows may not be found. Patches stay rigid.
 
 mod equations;
 
@@ -38,41 +38,41 @@ use planish_mesh::{BoundingBox, MergePatch, MeshSearch, Neighbours, TriangleMesh
 use planish_sense::Pose;
 use planish_surface::model::ScanPoseReport;
 
-/// Vertices of a patch that are used, at most.
-const MOST_VERTICES: usize = 5000;
-/// A motion that leaves the residuals less than so many of its places apart is not told by them.
-const LEAST_RESIDUALS: usize = 12;
-const MOST_ROUNDS: u32 = 60;
-/// So many steps are made whole.
+/// Maximum number of vertices per patch. More of them only cost time: the weights do not depend on density.
+const MAX_VERTICES: usize = 5000;
+/// Minimum number of residuals of a patch: twice the six parameters of its motion.
+const MIN_RESIDUALS: usize = 12;
+const MAX_ROUNDS: u32 = 60;
+/// Number of full Gauss-Newton steps. Later steps are averaged, because overlaps at borders change from step
+/// to step.
 const FULL_STEPS: f64 = 10.0;
-/// So many times normals are averaged with their neighbours'.
-const SMOOTHED: usize = 2;
-/// Places nearer to a border than so many edges say nothing.
-const FROM_BORDER: usize = 2;
-/// A step that moves no place by more than so many of the smallest σ of a motion ends the search.
-const AT_REST: f64 = 0.05;
-/// A direction whose variance is more than this share of what was held before is open.
-const DETERMINED: f64 = 0.25;
-/// The least scale of residuals, as a share of the size of all patches: what rounding to single precision
-/// does.
-const LEAST_SCALE: f64 = 1e-7;
-/// Patches that are parts of one object lie at most so many σ apart when they are aligned, and, where σ
-/// is not stated, at most an edge.
-const APART: f64 = 5.0;
-/// Planes and balls leave three directions open, nothing that patches share leaves more.
-const MOST_OPEN: usize = 4;
-/// Places are sought within so many scales of the residuals.
+/// Rounds of averaging normals with their neighbours.
+const NORMAL_SMOOTHING_ROUNDS: usize = 2;
+/// Minimum distance of a used vertex from the border, in edges.
+const BORDER_EDGES: usize = 2;
+/// The iteration has converged when a step is at most this many σ of every motion.
+const CONVERGED: f64 = 0.05;
+/// A direction is undetermined if its posterior variance is more than this fraction of its prior variance.
+const MAX_VARIANCE_RATIO: f64 = 0.25;
+/// Minimum scale of residuals relative to the size of all patches: the rounding of single-precision files.
+const MIN_SCALE: f64 = 1e-7;
+/// Maximum distance of aligned patches of one object, in σ. Without stated σ, the limit is one edge.
+const MAX_DISTANCE: f64 = 5.0;
+/// Number of undetermined directions from which a distant patch is an error. Planes and spheres leave three
+/// directions open, and no overlap of real surfaces leaves more.
+const MANY_UNDETERMINED: usize = 4;
+/// Search distance for foot points, in scales of the residuals.
 const REACH: f64 = 8.0;
 
-/// How far patches may stand off before they are aligned, as one σ.
+/// σ of the initial poses of patches.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Hold {
+struct PosePrior {
     translation: f64,
     rotation_rad: f64,
 }
 
-impl Hold {
-    /// One percent of the diagonal of all patches, and one degree.
+impl PosePrior {
+    /// 1 % of the diagonal of all patches, and 1°.
     fn from_size(size: f64) -> Self {
         Self { translation: 0.01 * size, rotation_rad: 1.0_f64.to_radians() }
     }
@@ -82,38 +82,37 @@ impl Hold {
     }
 }
 
-/// A patch as it takes part.
+/// A patch during alignment.
 struct Side<'a> {
     patch: &'a MergePatch,
     search: &'a MeshSearch,
-    /// Of the vertices, smoothed.
+    /// Smoothed normals of the vertices.
     normals: Vec<[f64; 3]>,
-    /// Whether a vertex lies a few edges from the border: nearer ones know their normals from one side only,
-    /// and scanners see them worst.
+    /// Whether a vertex is far enough from the border. Normals at the border use triangles of one side only,
+    /// and scanners measure borders worst.
     within: Vec<bool>,
-    /// The area of a vertex: a third of its triangles'.
+    /// Area of each vertex: a third of the area of its triangles.
     areas: Vec<f64>,
-    /// Every so many-th vertex speaks, for so many of them.
+    /// Every `stride`-th vertex is used and represents `stride` vertices.
     stride: usize,
     middle: [f64; 3],
-    /// Half its diagonal.
+    /// Half the diagonal of the bounding box.
     radius: f64,
     pose: Pose,
 }
 
 impl Side<'_> {
-    /// σ of a vertex; one if none is known.
+    /// σ of a vertex, or 1 if the patch has none.
     fn sigma(&self, vertex: usize) -> f64 {
         self.patch.sigma.get(vertex).copied().unwrap_or(1.0)
     }
 }
 
-/// Moves all patches but the first to where they lie on one another. Gives the motion of each, and what a
-/// user should know.
+/// Moves all patches except the first so that overlaps agree. Returns the motion of each patch, and warnings.
 ///
 /// # Errors
-/// `Undetermined` where nothing lies on anything within reach, or a patch is far from what is near it and
-/// hardly any of its directions is told; `Interrupted` when told to stop.
+/// `Undetermined` if no patches overlap within reach, or if a patch stays far from its neighbours and hardly
+/// any direction of its motion is determined; `Interrupted` on request.
 pub(super) fn align(
     patches: &mut [MergePatch],
     searches: &mut [MeshSearch],
@@ -138,9 +137,9 @@ pub(super) fn align(
         }
         if !motion.undetermined.is_empty() {
             warnings.push(format!(
-                "the overlaps leave {} of the six directions of {} open: there it stays where it was (see \
-                 `undetermined` of its pose in the JSON); what is shared may be \
-                 small, flat or round",
+                "the overlaps do not determine {} of the six directions of motion of {}: along these it \
+                 was not moved (see `undetermined` of its pose in the JSON); the overlap may be small, \
+                 flat or round",
                 motion.undetermined.len(),
                 names[k]
             ));
@@ -162,8 +161,8 @@ pub(super) fn align(
     Ok((reports, warnings))
 }
 
-/// Adds to the variance along each vertex's normal what the pose is not known to. Where patches are fused
-/// afterwards it counts like an error of each vertex alone.
+/// Adds the pose's variance to the variance of each vertex along its normal. The later fusion treats it as
+/// an independent error of each vertex.
 fn add_pose_variance(patch: &mut MergePatch, covariance: &[[f64; 6]; 6], origin: [f64; 3]) {
     if patch.sigma.is_empty() {
         return;
@@ -180,13 +179,13 @@ fn add_pose_variance(patch: &mut MergePatch, covariance: &[[f64; 6]; 6], origin:
 /// The motion of one patch.
 struct Motion {
     pose: Pose,
-    /// Of translation and rotation vector about the axes; none for what is held still.
+    /// Covariance of translation and rotation vector; none for a patch that was not moved.
     covariance: Option<[[f64; 6]; 6]>,
-    /// Directions that stay open, each as long as one σ of the hold.
+    /// Undetermined directions, each with the length of one σ of the prior.
     undetermined: Vec<[f64; 6]>,
 }
 
-/// The motions of all patches, and what a user should know.
+/// Motions of all patches, and warnings.
 fn motions(
     patches: &[MergePatch],
     searches: &[MeshSearch],
@@ -197,75 +196,79 @@ fn motions(
         (patches.iter().zip(searches)).map(|(patch, search)| side(patch, search)).collect();
     let all = patches.iter().flat_map(|p| p.mesh.positions.iter().copied());
     let size = BoundingBox::around(all).map_or(0.0, |b| b.diagonal());
-    let hold = Hold::from_size(size);
+    let prior = PosePrior::from_size(size);
     let stated = patches.iter().all(|p| !p.sigma.is_empty());
     let spacing = (sides.iter())
         .map(|s| (s.patch.mesh.area() / s.patch.mesh.positions.len().max(1) as f64).sqrt())
         .fold(0.0, f64::max);
     let sigma = (sides.iter()).flat_map(|s| s.patch.sigma.iter().copied()).fold(0.0, f64::max);
-    let least_reach = 2.0 * spacing + REACH * sigma;
-    // Two σ of the hold of each of both, and what a turn does at the end of a patch.
-    let turn = sides.iter().map(|s| s.radius).fold(0.0, f64::max) * hold.rotation_rad;
-    let mut reach = least_reach.max(3.0 * (hold.translation + turn));
+    let min_reach = 2.0 * spacing + REACH * sigma;
+    // Three σ of the prior: a translation, and a rotation at the end of the largest patch.
+    let turn = sides.iter().map(|s| s.radius).fold(0.0, f64::max) * prior.rotation_rad;
+    let mut reach = min_reach.max(3.0 * (prior.translation + turn));
     let mut warnings = Vec::new();
     for round in 0_u32.. {
-        progress.check("aligning", f64::from(round) / f64::from(MOST_ROUNDS))?;
+        progress.check("aligning", f64::from(round) / f64::from(MAX_ROUNDS))?;
         let rows = residuals(&sides, reach);
-        let lengths: Vec<f64> = rows.iter().map(|r| r.off).collect();
+        let lengths: Vec<f64> = rows.iter().map(|r| r.distance).collect();
         let normalised: Vec<f64> = rows.iter().map(Residual::normalised).collect();
-        if rows.len() < LEAST_RESIDUALS {
+        if rows.len() < MIN_RESIDUALS {
             return Err(Error::undetermined(format!(
-                "no two of the {} patches lie within {reach:.3} of one another: patches are aligned that \
-                 stand a percent of their size and a degree off",
+                "no two of the {} patches come within {reach:.3} of one another: only patches that are \
+                 wrong by about 1 % of their size and 1° can be aligned",
                 patches.len()
             )));
         }
-        let least = if stated { 1.0 } else { LEAST_SCALE * size };
-        let scale = median_magnitude_scale(&normalised)?.max(least);
-        let equations = Equations::new(&sides, &rows, scale, &hold)?;
+        let min_scale = if stated { 1.0 } else { MIN_SCALE * size };
+        let scale = median_magnitude_scale(&normalised)?.max(min_scale);
+        let equations = Equations::new(&sides, &rows, scale, &prior)?;
         let (step, largest) = equations.step(sides.len());
-        // Feet that come and go at borders make steps go to and fro: later ones are averaged.
+        // Foot points that appear and disappear at borders make full steps oscillate. A share of 1/n averages
+        // the later ones.
         let share = (FULL_STEPS / f64::from(round + 1)).min(1.0);
         let largest = share * largest;
-        let at_rest = largest <= AT_REST;
+        let converged = largest <= CONVERGED;
         for (side, by) in sides.iter_mut().zip(&step) {
             let middle = side.middle_now();
             side.pose = about(by.map(|x| share * x), middle).after(&side.pose);
         }
-        reach = (REACH * median_magnitude_scale(&lengths)?).max(least_reach).min(reach);
-        if at_rest || round + 1 == MOST_ROUNDS {
-            if !at_rest {
+        reach = (REACH * median_magnitude_scale(&lengths)?).max(min_reach).min(reach);
+        if converged || round + 1 == MAX_ROUNDS {
+            if !converged {
                 warnings.push(format!(
-                    "the alignment is not at rest after {MOST_ROUNDS} rounds: its last step was \
+                    "the alignment did not converge in {MAX_ROUNDS} rounds: the last step was \
                      {largest:.2} σ of a pose"
                 ));
             }
             let covariances = equations.covariances(excess_variance(&rows, scale, size, stated));
             let motions: Vec<Motion> =
-                (0..sides.len()).map(|k| motion(k, &sides, &rows, &covariances, &hold)).collect();
-            warnings.extend(not_told(&sides, &rows, names));
-            // How far a patch lies from its neighbours, in what it should at most.
+                (0..sides.len()).map(|k| motion(k, &sides, &rows, &covariances, &prior)).collect();
+            warnings.extend(unaligned(&sides, &rows, names));
+            // A patch that is still far from its neighbours is not a part of the object.
             for (k, motion) in motions.iter().enumerate().skip(1) {
-                let (off, normalised) = apart(k, &rows)?;
+                let (distance, normalised) = distance_scales(k, &rows)?;
                 let how = match stated {
-                    true if normalised > APART => {
-                        format!("{off:.3} apart, {normalised:.0} σ of their difference")
+                    true if normalised > MAX_DISTANCE => {
+                        format!("{distance:.3} apart ({normalised:.0} σ of their difference)")
                     }
-                    false if off > spacing => format!("{off:.3} apart, farther than edges are long"),
+                    false if distance > spacing => {
+                        format!("{distance:.3} apart (more than the length of an edge)")
+                    }
                     _ => continue,
                 };
-                if motion.undetermined.len() >= MOST_OPEN {
+                if motion.undetermined.len() >= MANY_UNDETERMINED {
                     return Err(Error::undetermined(format!(
-                        "{} cannot be aligned: what is near it on other patches is {how}, and tells {} of \
-                         its six directions; check that it is a part of the same thing, in the same frame \
-                         and unit (--unit), and that its σ is true",
+                        "{} cannot be aligned: it and the patches near it are {how}, and the overlap \
+                         determines only {} of the six directions of its motion; check that it belongs to \
+                         the same object, that frame and unit (--unit) are the same, and that its σ is \
+                         correct",
                         names[k],
                         6 - motion.undetermined.len()
                     )));
                 }
                 warnings.push(format!(
-                    "{} and what is near it on other patches are still {how}: it is no part of the same \
-                     thing, in another unit, or its σ is too small",
+                    "{} and the patches near it are still {how}: it belongs to a different object, has \
+                     another unit, or its σ is too small",
                     names[k]
                 ));
             }
@@ -275,22 +278,22 @@ fn motions(
     unreachable!("the last round returns")
 }
 
-/// Patches that too little lies on.
-fn not_told<'a>(
+/// Messages about patches with too few residuals.
+fn unaligned<'a>(
     sides: &'a [Side],
     rows: &'a [Residual],
     names: &'a [String],
 ) -> impl Iterator<Item = String> + 'a {
     (1..sides.len())
-        .filter(|k| residual_count(*k, rows) < LEAST_RESIDUALS)
-        .map(|k| format!("{} lies on no other patch within reach: it was not aligned", names[k]))
+        .filter(|k| residual_count(*k, rows) < MIN_RESIDUALS)
+        .map(|k| format!("{} overlaps no other patch within reach: it was not aligned", names[k]))
 }
 
-/// The scale of what is between a patch and others: as a length, and in σ where they are stated. Nothing
-/// where it lies on none.
-fn apart(k: usize, rows: &[Residual]) -> Result<(f64, f64)> {
+/// Robust scale of the distances between a patch and others: as a length, and in σ if they are stated. Zero
+/// without overlap.
+fn distance_scales(k: usize, rows: &[Residual]) -> Result<(f64, f64)> {
     let mine = || rows.iter().filter(|r| r.here == k || r.there == k);
-    let off: Vec<f64> = mine().map(|r| r.off).collect();
+    let off: Vec<f64> = mine().map(|r| r.distance).collect();
     if off.is_empty() {
         return Ok((0.0, 0.0));
     }
@@ -302,14 +305,21 @@ fn residual_count(k: usize, rows: &[Residual]) -> usize {
     rows.iter().filter(|r| r.here == k || r.there == k).count()
 }
 
-fn motion(k: usize, sides: &[Side], rows: &[Residual], covariances: &DMatrix<f64>, hold: &Hold) -> Motion {
+fn motion(
+    k: usize,
+    sides: &[Side],
+    rows: &[Residual],
+    covariances: &DMatrix<f64>,
+    prior: &PosePrior,
+) -> Motion {
     let pose = sides[k].pose;
-    if k == 0 || residual_count(k, rows) < LEAST_RESIDUALS {
+    if k == 0 || residual_count(k, rows) < MIN_RESIDUALS {
         return Motion { pose, covariance: None, undetermined: Vec::new() };
     }
     let start = 6 * (k - 1);
     let about_middle = Matrix6::from_fn(|a, b| covariances[(start + a, start + b)]);
-    // A turn about the middle moves the frame's origin, too.
+    // The covariance is that of a rotation about the centre; in the frame of the pose, rotation also moves
+    // the origin.
     let arm = sub(pose.translation, sides[k].middle_now());
     let of_frame = |v: [f64; 6]| -> [f64; 6] {
         let [x, y, z, a, b, c] = v;
@@ -319,11 +329,11 @@ fn motion(k: usize, sides: &[Side], rows: &[Residual], covariances: &DMatrix<f64
     let columns: [[f64; 6]; 6] =
         std::array::from_fn(|b| of_frame(std::array::from_fn(|a| about_middle[(a, b)])));
     let rows_too: [[f64; 6]; 6] = std::array::from_fn(|a| of_frame(std::array::from_fn(|b| columns[b][a])));
-    let held = Matrix6::from_fn(|a, b| about_middle[(a, b)] / (hold.sigma(a) * hold.sigma(b)));
+    let held = Matrix6::from_fn(|a, b| about_middle[(a, b)] / (prior.sigma(a) * prior.sigma(b)));
     let open = held.symmetric_eigen();
     let undetermined = (0..6)
-        .filter(|v| open.eigenvalues[*v] > DETERMINED)
-        .map(|v| of_frame(std::array::from_fn(|a| hold.sigma(a) * open.eigenvectors[(a, v)])))
+        .filter(|v| open.eigenvalues[*v] > MAX_VARIANCE_RATIO)
+        .map(|v| of_frame(std::array::from_fn(|a| prior.sigma(a) * open.eigenvectors[(a, v)])))
         .collect();
     Motion { pose, covariance: Some(rows_too), undetermined }
 }
@@ -334,7 +344,7 @@ impl Side<'_> {
     }
 }
 
-/// The motion by a translation and a turn about a place.
+/// Motion by a translation and a rotation vector about a centre.
 fn about(by: [f64; 6], middle: [f64; 3]) -> Pose {
     let [x, y, z, a, b, c] = by;
     let turn = Pose::from_rotation_vector([a, b, c], [0.0; 3]);
@@ -361,7 +371,7 @@ fn side<'a>(patch: &'a MergePatch, search: &'a MeshSearch) -> Side<'a> {
         normals: smooth_normals(mesh, &neighbours),
         within: within_border(mesh, &neighbours),
         areas,
-        stride: mesh.positions.len().div_ceil(MOST_VERTICES).max(1),
+        stride: mesh.positions.len().div_ceil(MAX_VERTICES).max(1),
         middle: bounds.as_ref().map_or([0.0; 3], BoundingBox::center),
         radius: bounds.as_ref().map_or(0.0, |b| 0.5 * b.diagonal()),
         pose: Pose::identity(),
@@ -370,11 +380,11 @@ fn side<'a>(patch: &'a MergePatch, search: &'a MeshSearch) -> Side<'a> {
     }
 }
 
-/// Normals of the vertices, averaged with their neighbours': their noise would seem to tell of motions along
-/// the surface.
+/// Vertex normals, averaged with their neighbours. Noise of normals would appear as information about motions
+/// along the surface.
 fn smooth_normals(mesh: &TriangleMesh, neighbours: &Neighbours) -> Vec<[f64; 3]> {
     let mut normals = mesh.vertex_normals();
-    for _ in 0..SMOOTHED {
+    for _ in 0..NORMAL_SMOOTHING_ROUNDS {
         normals = (0..normals.len())
             .map(|v| {
                 let around = neighbours.of_vertex(v as u32).iter().map(|n| normals[*n as usize]);
@@ -385,15 +395,15 @@ fn smooth_normals(mesh: &TriangleMesh, neighbours: &Neighbours) -> Vec<[f64; 3]>
     normals
 }
 
-/// Whether vertices are at least [`FROM_BORDER`] edges from a border.
+/// Whether vertices are at least [`BORDER_EDGES`] edges from a border.
 fn within_border(mesh: &TriangleMesh, neighbours: &Neighbours) -> Vec<bool> {
-    // Around a vertex inside, each neighbour is named by two triangles.
+    // Each neighbour of an interior vertex appears in exactly two triangles.
     let closed = |v: usize| {
         let around = neighbours.of_vertex(v as u32);
         around.iter().all(|n| around.iter().filter(|m| *m == n).count() == 2)
     };
     let mut within: Vec<bool> = (0..mesh.positions.len()).map(closed).collect();
-    for _ in 1..FROM_BORDER {
+    for _ in 1..BORDER_EDGES {
         within = (0..within.len())
             .map(|v| within[v] && neighbours.of_vertex(v as u32).iter().all(|n| within[*n as usize]))
             .collect();

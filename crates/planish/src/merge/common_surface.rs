@@ -1,14 +1,17 @@
-//! One surface where patches share places.
+//! A common surface in the overlaps of patches.
 //!
-//! Input: patches and where they lie on one another. Output: where their vertices come to lie. Shared
-//! places are covered with pieces, each a height field over the plane of its mean normal (R. Mohr, C. Zhao,
-//! G. Koscielny 1994 take the direction from the origin to the region's centroid, their eq. 2, which serves
-//! only where the origin lies well inside the object), refitted by a bicubic spline ([`HeightField`]), and
-//! blended: a place is where the pieces about it say, each by how near its middle is. Pieces follow the
-//! surface from neighbour to neighbour and end where normals turn away, so that what is no height field is
-//! several.
+//! Input: patches and their overlaps. Output: new positions and σ of their vertices.
 //!
-//! Not guaranteed: that a piece follows shape finer than its cells.
+//! Overlaps are covered with small pieces. Each piece is a height field over the plane of its mean normal,
+//! refitted by a bicubic spline ([`HeightField`]). Overlapping pieces are blended: a vertex gets the mean of
+//! its positions in all pieces, weighted by the distance from their centres. Pieces grow from neighbour to
+//! neighbour and end where normals turn away, so that each of them is a height field.
+//!
+//! R. Mohr, C. Zhao and G. Koscielny (1994, eq. 2) use the direction from the origin to the region's centroid
+//! as the axis of the height field. This requires the origin to be well inside the object; the mean normal
+//! does not.
+//!
+//! Not guaranteed: shape finer than the cells of a piece is smoothed.
 
 use planish_core::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, distance, dot, scale, sub, unit};
@@ -18,52 +21,52 @@ use planish_spline::{HeightField, HeightReading};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 
-/// The radius of a piece, in edges.
+/// Radius of a piece, in edges.
 const RADIUS: f64 = 12.0;
-/// The side of a cell, in edges.
+/// Side of a spline cell, in edges. Smaller cells follow noise; larger ones smooth shape.
 const CELL: f64 = 1.75;
-/// A place is covered when pieces weigh so much there; the middle of a piece weighs one.
+/// Total weight of pieces at which a vertex counts as covered. The centre of a piece has weight 1.
 const COVERED: f64 = 0.4;
-/// Cells across a piece, at most: where coarse and fine vertices lie together, the fine ones' would be too
-/// many.
-const MOST_ACROSS: f64 = 60.0;
-/// A refit needs so many vertices.
-const FEWEST: usize = 4;
-/// Normals of a piece and of its middle: the least cosine.
-const SAME_PIECE: f64 = 0.6;
-/// A refit blends in over so many times the edges over which a patch gains its weight in a mean: at its ends
-/// a spline knows less than its covariance says.
-const BLENDED: f64 = 2.0;
-/// Vertices of one piece are worked on together up to so many pieces.
+/// Maximum number of cells across a piece. Fine vertices among coarse ones would otherwise demand too many.
+const MAX_CELLS_ACROSS: f64 = 60.0;
+/// Minimum number of vertices for a refit.
+const MIN_VERTICES: usize = 4;
+/// Minimum cosine between the normals of a piece and of its centre.
+const MIN_COSINE: f64 = 0.6;
+/// Width over which a refit is blended in, relative to the width over which a patch gains its weight in a
+/// mean. At the border of its data, a spline is less accurate than its covariance states.
+const BLEND_WIDTH: f64 = 2.0;
+/// Number of pieces that are fitted in parallel.
 const BATCH: usize = 64;
 
-/// What is refitted, and how readings count.
+/// What is refitted, and the weights of the readings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Refit {
-    /// Shared places alone, all alike (the paper's).
+    /// Only vertices in overlaps, with equal weights (the method of the paper).
     Shared,
-    /// Shared places and those around them, by their information; what is moved goes to nothing where a patch
-    /// ends.
+    /// Vertices in overlaps and around them, weighted by their information. The correction decreases to zero
+    /// at the border of a patch.
     Information,
 }
 
 /// A vertex of a patch.
 type Place = (u32, u32);
 
-/// Vertices that belong together, each with its weight.
+/// Vertices of one height field, each with its blending weight.
 struct Piece {
     members: Vec<(Place, f64)>,
 }
 
-/// Where a piece says that a vertex is.
-struct Said {
+/// The position of a vertex according to one piece.
+struct FittedVertex {
     place: Place,
     weight: f64,
     position: [f64; 3],
     sigma: f64,
 }
 
-/// Places and σ of all vertices. `mean` are those without a refit, which blend in where patches end.
+/// Positions and σ of all vertices. `mean` holds the fused vertices without a refit, which are kept at the
+/// borders of patches.
 pub(super) fn refitted(
     patches: &[MergePatch],
     overlap: &Overlap,
@@ -84,13 +87,14 @@ pub(super) fn refitted(
         .flat_map(|(p, patch)| (0..patch.mesh.positions.len()).map(move |v| (p as u32, v as u32)))
         .filter(|place| shared(*place))
         .collect();
-    // Where pieces begin must not hang on the order of the patches.
+    // Sorted by position, so that the result does not depend on the order of the patches.
     seeds.par_sort_unstable_by(|a, b| by_position(patches, *a, *b));
     let mut next = 0;
     while next < seeds.len() {
-        progress.check("refitting what patches share", next as f64 / seeds.len() as f64)?;
+        progress.check("refitting overlaps", next as f64 / seeds.len() as f64)?;
         progress.items(next, "vertices");
-        // Pieces one after the other, as each begins where none was; their fits side by side.
+        // Pieces are chosen one after the other, because each starts where no earlier one covers. Their fits
+        // run in parallel.
         let mut pieces = Vec::new();
         while next < seeds.len() && pieces.len() < BATCH {
             let (p, v) = seeds[next];
@@ -105,26 +109,26 @@ pub(super) fn refitted(
             }
             pieces.push(Piece { members });
         }
-        let fits: Vec<Vec<Said>> = pieces
+        let fits: Vec<Vec<FittedVertex>> = pieces
             .par_iter()
-            // What cannot be fitted (vertices on a line, an exact plane) says nothing: the mean stands there.
+            // A piece that cannot be fitted (vertices on a line, an exact plane) keeps the mean.
             .map(|piece| fit(piece, patches, overlap, how).unwrap_or_default())
             .collect();
         for (piece, fit) in pieces.iter().zip(fits) {
             if fit.is_empty() {
-                // Nothing was said: others may.
+                // Other pieces may still cover these vertices.
                 for ((p, v), w) in &piece.members {
                     weight[*p as usize][*v as usize] -= w;
                 }
             }
-            for said in fit {
-                let (p, v) = (said.place.0 as usize, said.place.1 as usize);
-                moved[p][v] = add_scaled(moved[p][v], said.weight, said.position);
-                sigma[p][v] += said.weight * said.sigma;
+            for fitted in fit {
+                let (p, v) = (fitted.place.0 as usize, fitted.place.1 as usize);
+                moved[p][v] = add_scaled(moved[p][v], fitted.weight, fitted.position);
+                sigma[p][v] += fitted.weight * fitted.sigma;
             }
         }
     }
-    let likeness = noise_correlation(patches, overlap);
+    let correlation = noise_correlation(patches, overlap);
     let out = mean.into_iter().enumerate().map(|(p, mut fused)| {
         for v in 0..fused.positions.len() {
             let place = (p as u32, v as u32);
@@ -139,11 +143,11 @@ pub(super) fn refitted(
             };
             let from = fused.positions[v];
             fused.positions[v] = add_scaled(from, share, sub(to, from));
-            // Of the variance of a mean of one place of each patch, the refit's is what is left by so many
-            // neighbours if each is off on its own.
+            // The refit averages over neighbours. With correlated errors, the variance decreases less than
+            // the number of neighbours suggests.
             let alone = fused.sigma[v];
             let neighbours = (alone * w / sigma[p][v]).powi(2);
-            let refit = alone * likeness[p].share_of_mean(neighbours).sqrt();
+            let refit = alone * correlation[p].share_of_mean(neighbours).sqrt();
             fused.sigma[v] += share * (refit - alone);
         }
         fused
@@ -151,14 +155,14 @@ pub(super) fn refitted(
     Ok(out.collect())
 }
 
-/// The order of places in space, whichever patch they are of.
+/// Order of vertices in space, independent of their patch.
 fn by_position(patches: &[MergePatch], a: Place, b: Place) -> Ordering {
     let [p, q] = [a, b].map(|(p, v)| patches[p as usize].mesh.positions[v as usize]);
     let by = |k: usize| p[k].total_cmp(&q[k]);
     by(0).then(by(1)).then(by(2)).then(a.cmp(&b))
 }
 
-/// How far within other patches a place lies: nothing at their borders, one some edges from it.
+/// Blending factor of a vertex: 0 at the borders of the other patches, 1 a few edges inside.
 fn within_others(patches: &[MergePatch], overlap: &Overlap, (p, v): Place) -> f64 {
     overlap.patches[p as usize]
         .feet(v as usize)
@@ -167,13 +171,13 @@ fn within_others(patches: &[MergePatch], overlap: &Overlap, (p, v): Place) -> f6
         .map(|f| {
             let (mesh, of) = (&patches[f.patch as usize].mesh, &overlap.patches[f.patch as usize]);
             let read = |values: &[f64]| mesh.interpolate(values, f.triangle as usize, f.barycentric);
-            planish_mesh::taper(read(&of.to_border), BLENDED * read(&of.spacing))
+            planish_mesh::taper(read(&of.to_border), BLEND_WIDTH * read(&of.spacing))
         })
         .fold(0.0, f64::max)
 }
 
-fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> Result<Vec<Said>> {
-    if piece.members.len() < FEWEST {
+fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> Result<Vec<FittedVertex>> {
+    if piece.members.len() < MIN_VERTICES {
         return Ok(Vec::new());
     }
     let at = |(p, v): Place| patches[p as usize].mesh.positions[v as usize];
@@ -192,8 +196,8 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
     let Some(z) = unit(axis) else {
         return Ok(Vec::new());
     };
-    let least = (0..3).min_by(|i, j| z[*i].abs().total_cmp(&z[*j].abs())).unwrap_or(0);
-    let aside: [f64; 3] = std::array::from_fn(|k| f64::from(u8::from(k == least)));
+    let smallest = (0..3).min_by(|i, j| z[*i].abs().total_cmp(&z[*j].abs())).unwrap_or(0);
+    let aside: [f64; 3] = std::array::from_fn(|k| f64::from(u8::from(k == smallest)));
     let Some(x) = unit(cross(aside, z)) else {
         return Ok(Vec::new());
     };
@@ -208,7 +212,8 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
         .map(|(member, _)| {
             let (place, height) = frame(*member);
             let (known, v) = of(*member);
-            // σ is along the normal; along the axis it is longer.
+            // σ along the normal, converted to the axis of the height field. The limit of 0.2 keeps steep
+            // vertices from losing all weight.
             let along = known.sigma[v] / dot(known.normals[v], z).max(0.2);
             HeightReading {
                 place,
@@ -224,8 +229,9 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
         Refit::Shared => Dispersion::Estimated,
         Refit::Information => Dispersion::Known(1.0),
     };
-    let extent = (readings.iter()).fold(0.0_f64, |most, r| most.max(r.place[0].abs()).max(r.place[1].abs()));
-    let cell = (CELL * spacing).max(2.0 * extent / MOST_ACROSS);
+    let extent =
+        (readings.iter()).fold(0.0_f64, |largest, r| largest.max(r.place[0].abs()).max(r.place[1].abs()));
+    let cell = (CELL * spacing).max(2.0 * extent / MAX_CELLS_ACROSS);
     let field = HeightField::fit(&readings, cell, dispersion)?;
     let places: Vec<[f64; 2]> = readings.iter().map(|r| r.place).collect();
     Ok((piece.members.iter().zip(&readings))
@@ -234,14 +240,19 @@ fn fit(piece: &Piece, patches: &[MergePatch], overlap: &Overlap, how: Refit) -> 
             let found = found?;
             let to = add_scaled(at(*member), found.height - reading.height, z);
             let slope = 1.0 + found.slope[0] * found.slope[0] + found.slope[1] * found.slope[1];
-            Some(Said { place: *member, weight: *w, position: to, sigma: (found.variance / slope).sqrt() })
+            Some(FittedVertex {
+                place: *member,
+                weight: *w,
+                position: to,
+                sigma: (found.variance / slope).sqrt(),
+            })
         })
         .collect())
 }
 
-/// From neighbour to neighbour over all patches.
+/// Visits connected vertices from neighbour to neighbour, also across patches.
 struct Walk {
-    /// In which walk a vertex was come by.
+    /// The number of the walk that visited a vertex last, so that nothing is cleared between walks.
     met: Vec<Vec<u32>>,
     walks: u32,
 }
@@ -251,7 +262,7 @@ impl Walk {
         Self { met: patches.iter().map(|p| vec![0; p.mesh.positions.len()]).collect(), walks: 0 }
     }
 
-    /// All that is within the radius of a place and faces as it does, with the weight that falls to nothing
+    /// Connected vertices within the radius of `first` that face the same way, with weights that decrease to 0
     /// at the radius.
     fn around(
         &mut self,
@@ -272,7 +283,7 @@ impl Walk {
         while let Some(place) = queue.pop() {
             let far = distance(at(place), middle) / radius;
             let (of, v) = known(place);
-            if far >= 1.0 || dot(of.normals[v], normal) < SAME_PIECE || !belongs(place) {
+            if far >= 1.0 || dot(of.normals[v], normal) < MIN_COSINE || !belongs(place) {
                 continue;
             }
             let w = 1.0 - far * far;
@@ -289,7 +300,7 @@ impl Walk {
                 }
             }
         }
-        // The order of the walk is the patches'; that of the sums should not be.
+        // The walk depends on the order of the patches; floating-point sums must not.
         members.sort_unstable_by(|(a, _), (b, _)| by_position(patches, *a, *b));
         members
     }

@@ -1,8 +1,7 @@
-//! What is to be known of patches before they are merged.
+//! Checks of patches before they are merged: copies, orientation, self-intersections and distances.
 //!
-//! Input: patches as they were read. Output: those that are no copies, all facing alike, and words on
-//! what crosses itself or comes near nothing. Not guaranteed: that a copy is known as one after its numbers
-//! were rounded.
+//! Input: patches as they were read. Output: patches without copies and with consistent orientation, and
+//! messages about problems. Not guaranteed: a copy is recognised only if its coordinates are exactly equal.
 
 use super::patches::NamedPatch;
 use planish_estimate::vector3::dot;
@@ -13,24 +12,30 @@ use planish_report::numbers::significant;
 use planish_surface::model::SigmaSummary;
 use std::cmp::Reverse;
 
-/// So many vertices of a patch tell whether it is turned over.
-const LOOKED_AT: usize = 2000;
+/// Maximum number of vertices per patch that are compared with other patches. Orientation is a majority
+/// decision, so a sample is enough.
+const MAX_SAMPLES: usize = 2000;
 
-/// Patches that state σ lie on one another within so many of that of a difference,
-const SAME: f64 = 5.0;
-/// or within this share of two edges, by which chords may miss a surface.
+/// Patches with stated σ overlap if their distance is at most this many σ of the difference. A larger value
+/// would pair the two sides of a thin plate.
+const MAX_SIGMAS: f64 = 5.0;
+/// Lower limit of that distance, as a fraction of two edge lengths: chord errors of coarse meshes may exceed
+/// σ.
 const CHORD: f64 = 0.15;
-/// Places of two patches that agree, or do not, are little beside so many times more of others.
-const LITTLE: f64 = 0.05;
+/// Overlaps below this fraction of a patch's largest overlap are ignored: at corners and borders, a few
+/// vertices of patches that only touch may face any way.
+const MIN_OVERLAP_RATIO: f64 = 0.05;
 
-/// σ from differences that is longer than this share of an edge is what unrelated surfaces show.
-const UNALIKE: f64 = 0.4;
+/// Maximum σ estimated from differences, as a fraction of an edge length. Unrelated surfaces have differences
+/// that are uniform over the search distance of two edges, whose σ is about one edge.
+const MAX_SIGMA_PER_EDGE: f64 = 0.4;
 
-/// Leaves out patches whose vertices all lie exactly where those of an earlier one do: two files of the same
-/// readings know at most one.
+/// Removes patches with exactly the same vertices as an earlier patch.
+///
+/// Fusing a file with its own copy would halve the variance without new information.
 ///
 /// # Errors
-/// `Input` where fewer than two patches are left.
+/// `Input` if fewer than two patches remain.
 pub(super) fn leave_out_copies(
     named: Vec<NamedPatch>,
     warnings: &mut Vec<String>,
@@ -63,7 +68,7 @@ pub(super) fn leave_out_copies(
     Ok(kept.into_iter().map(|(patch, _)| patch).collect())
 }
 
-/// Places in an order of their own.
+/// Positions sorted by x, then y, then z, so that copies with reordered vertices compare equal.
 fn sorted(places: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let mut all = places.to_vec();
     all.sort_unstable_by(|a, b| {
@@ -73,7 +78,7 @@ fn sorted(places: &[[f64; 3]]) -> Vec<[f64; 3]> {
     all
 }
 
-/// Patches that cross themselves, in words; `numbers` are those of their triangles in their files.
+/// Messages about patches that intersect themselves. `numbers` maps triangles to their numbers in the file.
 pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Vec<u32>]) -> Vec<String> {
     let found = searches.iter().map(MeshSearch::self_crossings);
     (found.zip(names).zip(numbers).filter(|((found, _), _)| found.pairs > 0))
@@ -81,7 +86,7 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
             let [a, b] = found.first.map(|t| numbers.get(t as usize).copied().unwrap_or(t));
             let [x, y, z] = found.place;
             format!(
-                "{name} crosses itself: {} of its triangles, the first {a} and {b} (counted from 0) at \
+                "{name} intersects itself: {} of its triangles, the first {a} and {b} (counted from 0) at \
                  ({x:.6}, {y:.6}, {z:.6})",
                 match found.pairs {
                     1 => "one pair".to_owned(),
@@ -92,25 +97,30 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
         .collect()
 }
 
-/// Turns patches so that those that lie on one another face the same way, the largest as it is, the first of
-/// several; those that are `off` may lie a percent of their size apart, those that state σ as far as it lets
-/// them, so that the two sides of a plate stay as they are. Gives which were turned, and a search for each as
-/// it is then.
-pub(super) fn turn_alike(patches: &mut [MergePatch], off: bool) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
+/// Orients patches consistently: overlapping patches face the same way.
+///
+/// The largest patch of each connected group keeps its orientation. If the patches are to be aligned
+/// (`misaligned`), they may be 2 % of their size apart. Otherwise, patches with stated σ overlap only within a
+/// few σ, so that the two sides of a plate keep their orientations. Returns which patches were flipped, and a
+/// search structure for each patch in its final orientation.
+pub(super) fn turn_alike(
+    patches: &mut [MergePatch],
+    misaligned: bool,
+) -> Result<(Vec<bool>, Vec<MeshSearch>)> {
     let mut searches = searches_of(patches)?;
     let count = patches.len();
     let stated = |patch: &MergePatch| {
         (!patch.sigma.is_empty()).then(|| SigmaSummary::from_values(patch.sigma.clone()).median)
     };
     let sigma: Vec<Option<f64>> = patches.iter().map(stated).collect();
-    // Sums of the cosines between normals of near places.
+    // Sums of cosines between the normals of nearby points, for each pair of patches: positive if they agree.
     let mut agree = vec![0.0; count * count];
     for i in 0..count {
         let mesh = &patches[i].mesh;
-        let step = (mesh.positions.len() / LOOKED_AT).max(1);
+        let step = (mesh.positions.len() / MAX_SAMPLES).max(1);
         let edges = 2.0 * (mesh.area() / mesh.triangles.len() as f64).sqrt();
         let reach = match mesh.bounding_box() {
-            Some(bounds) if off => edges.max(0.02 * bounds.diagonal()),
+            Some(bounds) if misaligned => edges.max(0.02 * bounds.diagonal()),
             _ => edges,
         };
         for p in mesh.positions.iter().step_by(step) {
@@ -118,9 +128,9 @@ pub(super) fn turn_alike(patches: &mut [MergePatch], off: bool) -> Result<(Vec<b
                 continue;
             };
             for j in (0..count).filter(|j| *j != i) {
-                let reach = match (off, sigma[i], sigma[j]) {
+                let reach = match (misaligned, sigma[i], sigma[j]) {
                     (false, Some(mine), Some(theirs)) => {
-                        reach.min((SAME * mine.hypot(theirs)).max(CHORD * edges))
+                        reach.min((MAX_SIGMAS * mine.hypot(theirs)).max(CHORD * edges))
                     }
                     _ => reach,
                 };
@@ -134,15 +144,16 @@ pub(super) fn turn_alike(patches: &mut [MergePatch], off: bool) -> Result<(Vec<b
             }
         }
     }
-    // What little touches says nothing beside what lies on one another.
+    // Contacts of a few vertices must not outvote a real overlap.
     let strongest: Vec<f64> =
         (agree.chunks(count)).map(|row| row.iter().copied().map(f64::abs).fold(0.0, f64::max)).collect();
     for (at, sum) in agree.iter_mut().enumerate() {
-        if sum.abs() < LITTLE * strongest[at / count].min(strongest[at % count]) {
+        if sum.abs() < MIN_OVERLAP_RATIO * strongest[at / count].min(strongest[at % count]) {
             *sum = 0.0;
         }
     }
-    // The surest neighbour of what is settled comes next.
+    // Greedy propagation: always orient the patch next whose overlap with oriented patches is clearest, so
+    // that a doubtful pair cannot decide about patches behind it.
     let mut turned: Vec<Option<bool>> = vec![None; count];
     while let Some(first) = (0..count)
         .filter(|k| turned[*k].is_none())
@@ -155,7 +166,7 @@ pub(super) fn turn_alike(patches: &mut [MergePatch], off: bool) -> Result<(Vec<b
                 let sum: f64 = (0..count)
                     .filter_map(|j| Some(agree[k * count + j] * if turned[j]? { -1.0 } else { 1.0 }))
                     .sum();
-                if sum != 0.0 && best.is_none_or(|(most, ..)| sum.abs() > most) {
+                if sum != 0.0 && best.is_none_or(|(largest, ..)| sum.abs() > largest) {
                     best = Some((sum.abs(), k, sum < 0.0));
                 }
             }
@@ -173,28 +184,26 @@ pub(super) fn turn_alike(patches: &mut [MergePatch], off: bool) -> Result<(Vec<b
     Ok((turned, searches))
 }
 
-/// Patches whose σ was told from how they differ from others, and differ as what is not of one object does,
-/// in words.
-///
-/// Heights that have nothing to do with one another are spread evenly as far as is looked, two edges: σ is
-/// then as long as an edge.
+/// Messages about patches whose σ was estimated from differences, and whose differences look like those of
+/// unrelated surfaces.
 pub(super) fn unalike(
     patches: &[MergePatch],
     overlap: &Overlap,
     names: &[String],
     unit: Unit,
 ) -> Vec<String> {
-    let told = patches.iter().zip(&overlap.patches).zip(names);
-    told.filter(|((patch, _), _)| patch.sigma.is_empty())
+    let estimated = patches.iter().zip(&overlap.patches).zip(names);
+    estimated
+        .filter(|((patch, _), _)| patch.sigma.is_empty())
         .filter_map(|((_, of), name)| {
             let sigma = *of.sigma.first()?;
             let mut spacing = of.spacing.clone();
             let middle = spacing.len() / 2;
             let (_, edge, _) = spacing.select_nth_unstable_by(middle, f64::total_cmp);
-            (sigma > UNALIKE * *edge).then(|| {
+            (sigma > MAX_SIGMA_PER_EDGE * *edge).then(|| {
                 format!(
                     "{name}: other patches near it differ by σ = {} {unit}, and its edges are {} {unit} \
-                     long: where they are not of one thing, a smaller --epsilon keeps them apart",
+                     long: if they belong to different objects, a smaller --epsilon keeps them apart",
                     significant(sigma, 3),
                     significant(*edge, 3)
                 )
@@ -203,7 +212,7 @@ pub(super) fn unalike(
         .collect()
 }
 
-/// How near patches come that do not overlap, in words.
+/// Message about the smallest distance between patches that do not overlap.
 pub(super) fn nearest(
     patches: &[MergePatch],
     searches: &[MeshSearch],
@@ -213,7 +222,7 @@ pub(super) fn nearest(
     let mut best: Option<(f64, usize, usize)> = None;
     for (j, search) in searches.iter().enumerate() {
         for (i, here) in patches.iter().enumerate().filter(|(i, _)| *i != j) {
-            let step = (here.mesh.positions.len() / LOOKED_AT).max(1);
+            let step = (here.mesh.positions.len() / MAX_SAMPLES).max(1);
             for p in here.mesh.positions.iter().step_by(step) {
                 if let Some(foot) = search.closest(*p)
                     && best.is_none_or(|(d, ..)| foot.distance < d)
@@ -226,13 +235,13 @@ pub(super) fn nearest(
     match best {
         Some((d, i, j)) => {
             let (here, there) = (&names[i], &names[j]);
-            // Objects may be a thousandth of a unit large.
+            // Three decimals show nothing of an object that is a thousandth of a unit large.
             match d {
-                0.0 => format!("{here} and {there} touch, but nowhere does one lie along the other"),
+                0.0 => format!("{here} and {there} touch, but do not overlap"),
                 d if d < 1e-3 => format!("{here} and {there} come within {d:.2e} {unit}"),
                 d => format!("{here} and {there} come within {d:.3} {unit}"),
             }
         }
-        None => "they have no places".to_owned(),
+        None => "they have no vertices".to_owned(),
     }
 }

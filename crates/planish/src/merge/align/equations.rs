@@ -1,9 +1,9 @@
 //! The residuals between patches, and the normal equations of their motions.
 //!
-//! Input: patches at their poses. Output: how far they are apart along normals, and steps and
-//! covariances of all motions but the first. Not guaranteed: that anything lies on anything.
+//! Input: patches at their current poses. Output: residuals along normals, and steps and covariances of all
+//! motions except the first. Patches may have no residuals at all; the caller checks this.
 
-use super::{Hold, Side};
+use super::{PosePrior, Side};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use planish_estimate::vector3::{add, add_scaled, cross, dot, scale, sub, unit};
 use planish_estimate::{Error, Loss, Result};
@@ -12,20 +12,20 @@ use planish_sense::Pose;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Normals of one place differ by less.
-const LARGEST_ANGLE_RAD: f64 = 0.8;
-/// A direction is told by residuals where their information is more than so many times that of noise and
-/// hold.
-const DETERMINED: f64 = 3.0;
-/// A triangle is bent where the cosines between its corners' normals and its own are above this; over a sharp
-/// edge it is flat.
-const BENT: f64 = 0.94;
-/// Cells of space to a diagonal, whose sums tell how errors go together; and so many of them are needed to
-/// tell.
+/// Maximum angle between the normals of a vertex and of its foot point (46°). Larger angles pair the two
+/// sides of an edge.
+const MAX_ANGLE_RAD: f64 = 0.8;
+/// Minimum ratio of the information of residuals to that of noise and prior for a determined direction.
+const MIN_INFORMATION_RATIO: f64 = 3.0;
+/// Minimum cosine between the normals of a triangle's corners and its own for a curved triangle. Beyond it,
+/// the triangle spans a sharp edge and is treated as flat.
+const MIN_CURVED_COSINE: f64 = 0.94;
+/// Cells per diagonal. The length of error correlation is unknown, so sums over three cell sizes are compared.
 const CELLS: [f64; 3] = [8.0, 16.0, 32.0];
-const LEAST_CELLS: usize = 30;
+/// Minimum number of cells for an estimate of the variance of their sums.
+const MIN_CELLS: usize = 30;
 
-/// A place of one patch beside its foot on another.
+/// A vertex of one patch and its foot point on another.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Residual {
     pub here: usize,
@@ -34,25 +34,25 @@ pub(super) struct Residual {
     /// The mean of both normals, and half their difference.
     normal: [f64; 3],
     lean: [f64; 3],
-    /// How far `here` lies above `there`.
-    pub off: f64,
-    /// σ of both, as they are at a vertex.
+    /// Signed distance of `here` above `there`.
+    pub distance: f64,
+    /// σ of the difference of one vertex and its foot point.
     sigma: f64,
-    /// What it is worth where σ is true: one over a variance.
+    /// Information (1/σ²) of the represented area, if σ is correct.
     weight: f64,
 }
 
 impl Residual {
     pub(super) fn normalised(&self) -> f64 {
-        self.off / self.sigma
+        self.distance / self.sigma
     }
 
-    /// What it is worth beside the scale of all and a redescending loss.
-    fn worth(&self, scale: f64) -> f64 {
+    /// Weight after the common scale and the redescending loss.
+    fn robust_weight(&self, scale: f64) -> f64 {
         self.weight * Loss::tukey().weight(self.normalised() / scale) / (scale * scale)
     }
 
-    /// The derivative by a motion about a middle, along a normal.
+    /// Derivative of the distance along a normal with respect to a motion about a centre.
     fn derivative(&self, normal: [f64; 3], middle: [f64; 3]) -> [f64; 6] {
         let [x, y, z] = normal;
         let [a, b, c] = cross(sub(self.place, middle), normal);
@@ -60,7 +60,7 @@ impl Residual {
     }
 }
 
-/// All places that lie on another patch within a reach, in an order that does not depend on threads.
+/// Residuals of all vertices that overlap another patch within `reach`. The order does not depend on threads.
 pub(super) fn residuals(sides: &[Side], reach: f64) -> Vec<Residual> {
     let boxes: Vec<Option<BoundingBox>> = (sides.iter())
         .map(|s| {
@@ -98,7 +98,7 @@ fn residual(
     }
     let p = back.apply(here.patch.mesh.positions[vertex]);
     let mine = back.rotate(here.normals[vertex]);
-    let foot = (there.search).closest_compatible_within(p, mine, LARGEST_ANGLE_RAD, reach)?;
+    let foot = (there.search).closest_compatible_within(p, mine, MAX_ANGLE_RAD, reach)?;
     let mesh = &there.patch.mesh;
     let corners = mesh.triangles[foot.triangle as usize].map(|v| v as usize);
     if !corners.iter().all(|v| there.within[*v]) {
@@ -122,16 +122,18 @@ fn residual(
         place: there.pose.apply(p),
         normal: there.pose.rotate(normal),
         lean: there.pose.rotate(scale(0.5, sub(mine, theirs))),
-        off: dot(normal, sub(p, foot.point)) - bulge(there, corners, &foot, normal),
+        distance: dot(normal, sub(p, foot.point)) - bulge(there, corners, &foot, normal),
         sigma: here_variance.sqrt().hypot(there_sigma),
         weight,
     })
 }
 
-/// How far the surface lies above the chord of a triangle: half of what the tangent planes at its corners
-/// say, which is exact for a parabola (T. Boubekeur, M. Alexa 2008: Phong tessellation, with α = 1/2).
+/// Height of the curved surface above a triangle: half of the height of the tangent planes at the corners.
+///
+/// This is exact for a parabola (T. Boubekeur, M. Alexa 2008: Phong tessellation, α = 1/2). Without it, chords
+/// of coarse patches would pull convex objects inwards.
 fn bulge(side: &Side, corners: [usize; 3], foot: &ClosestPoint, normal: [f64; 3]) -> f64 {
-    if corners.iter().any(|v| dot(side.normals[*v], normal) < BENT) {
+    if corners.iter().any(|v| dot(side.normals[*v], normal) < MIN_CURVED_COSINE) {
         return 0.0;
     }
     let mesh = &side.patch.mesh;
@@ -139,38 +141,38 @@ fn bulge(side: &Side, corners: [usize; 3], foot: &ClosestPoint, normal: [f64; 3]
     0.5 * planes.map(|(v, b)| b * dot(side.normals[*v], sub(mesh.positions[*v], foot.point))).sum::<f64>()
 }
 
-/// The normal equations of all motions but the first, in units of what holds them.
+/// Normal equations of all motions except the first, in units of the prior's σ.
 ///
-/// With `ā` the derivatives by the mean of both normals, `d` by half their difference, and `w` what a
-/// residual is worth, `A = Σ w ā āᵀ` holds noise of the normals, and `N = Σ w d dᵀ` is as much of it: both
-/// normals of a place have errors of their own, and `A − N` is the sum of products of one with the other
-/// (instrumental variables). Without that, noise would seem to tell of motions along a plane. Directions in
-/// which `A` is not several times `N + 1` are told by noise and hold alone; no step is made there.
+/// Let `ā` be the derivative with the mean of both normals, `d` with half their difference, and `w` the robust
+/// weight. `A = Σ w ā āᵀ` contains the noise of the normals, and `N = Σ w d dᵀ` estimates it: the two normals
+/// of a point have independent errors, so `A − N` is the sum of products of one with the other (instrumental
+/// variables). With `A` alone, noise of normals would look like information about motions along a plane.
+/// Directions in which `A` is not several times `N + 1` are undetermined. No step is made along them.
 pub(super) struct Equations {
-    /// Columns are directions that are told, in units of the hold.
+    /// Determined directions as columns, in units of the prior.
     determined: DMatrix<f64>,
     /// `(A − N + 1)` in these directions.
     factor: Cholesky<f64, Dyn>,
-    /// Of these, the sums of the right side.
+    /// The right-hand side in these directions.
     right: DVector<f64>,
-    /// Of these, `A`.
+    /// `A` in these directions.
     data: DMatrix<f64>,
-    /// The variance of what is not told.
+    /// Covariance of the undetermined directions: the prior.
     open: DMatrix<f64>,
     scales: Vec<f64>,
 }
 
 impl Equations {
     /// # Errors
-    /// `Undetermined` where sums are not finite.
-    pub(super) fn new(sides: &[Side], rows: &[Residual], scale: f64, hold: &Hold) -> Result<Self> {
+    /// `Undetermined` if sums are not finite.
+    pub(super) fn new(sides: &[Side], rows: &[Residual], scale: f64, prior: &PosePrior) -> Result<Self> {
         let n = 6 * (sides.len() - 1);
-        let scales: Vec<f64> = (0..n).map(|k| hold.sigma(k % 6)).collect();
+        let scales: Vec<f64> = (0..n).map(|k| prior.sigma(k % 6)).collect();
         let (mut data, mut noise) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         let mut right = DVector::zeros(n);
         for (k, side) in sides.iter().enumerate().skip(1) {
             let start = 6 * (k - 1);
-            // How far it has been moved: its middle, and its turn.
+            // The prior pulls each patch back to its original pose: residuals of its centre and rotation.
             let moved = sub(side.middle_now(), side.middle);
             let turned = side.pose.rotation_vector();
             for a in 0..6 {
@@ -178,8 +180,8 @@ impl Equations {
             }
         }
         for row in rows {
-            let worth = row.worth(scale);
-            if worth == 0.0 {
+            let weight = row.robust_weight(scale);
+            if weight == 0.0 {
                 continue;
             }
             let of = |k: usize, sign: f64| {
@@ -192,26 +194,28 @@ impl Equations {
             let blocks = [of(row.here, 1.0), of(row.there, -1.0)];
             for (start, derivative, lean) in blocks.iter().flatten() {
                 for a in 0..6 {
-                    right[start + a] -= worth * derivative[a] * row.off;
+                    right[start + a] -= weight * derivative[a] * row.distance;
                     for (other, against, leaning) in blocks.iter().flatten() {
                         for b in 0..6 {
-                            data[(start + a, other + b)] += worth * derivative[a] * against[b];
-                            noise[(start + a, other + b)] += worth * lean[a] * leaning[b];
+                            data[(start + a, other + b)] += weight * derivative[a] * against[b];
+                            noise[(start + a, other + b)] += weight * lean[a] * leaning[b];
                         }
                     }
                 }
             }
         }
         let not_finite = || Error::undetermined("the sums of the alignment are not finite");
-        let held = Cholesky::new(&noise + DMatrix::identity(n, n)).ok_or_else(not_finite)?;
-        let whitened = held.l().solve_lower_triangular(&data).ok_or_else(not_finite)?;
-        let whitened = held.l().solve_lower_triangular(&whitened.transpose()).ok_or_else(not_finite)?;
+        // Generalised eigenvectors of A against N + 1 separate determined from undetermined directions.
+        let whitener = Cholesky::new(&noise + DMatrix::identity(n, n)).ok_or_else(not_finite)?;
+        let whitened = whitener.l().solve_lower_triangular(&data).ok_or_else(not_finite)?;
+        let whitened = whitener.l().solve_lower_triangular(&whitened.transpose()).ok_or_else(not_finite)?;
         let eigen = ((&whitened + whitened.transpose()) * 0.5).symmetric_eigen();
-        let directions = (held.l().tr_solve_lower_triangular(&eigen.eigenvectors)).ok_or_else(not_finite)?;
+        let directions =
+            (whitener.l().tr_solve_lower_triangular(&eigen.eigenvectors)).ok_or_else(not_finite)?;
         let (mut determined, mut open) = (Vec::new(), Vec::new());
         for (k, value) in eigen.eigenvalues.iter().enumerate() {
             let column = directions.column(k).into_owned();
-            if *value > DETERMINED { determined.push(column) } else { open.push(column) }
+            if *value > MIN_INFORMATION_RATIO { determined.push(column) } else { open.push(column) }
         }
         let together = |columns: &[DVector<f64>]| match columns.is_empty() {
             true => DMatrix::zeros(n, 0),
@@ -231,7 +235,7 @@ impl Equations {
         })
     }
 
-    /// The step of every patch, and how far it is in σ of its motion where that is largest.
+    /// The step of every patch, and its largest component in σ of the motion.
     pub(super) fn step(&self, patches: usize) -> (Vec<[f64; 6]>, f64) {
         let solved = &self.determined * self.factor.solve(&self.right);
         let covariance = self.covariances(1.0);
@@ -243,12 +247,12 @@ impl Equations {
         (steps, largest)
     }
 
-    /// The covariance of all motions about the patches' middles, the variances of residuals times a factor.
+    /// Covariance of all motions about the patches' centres. `factor` multiplies the variance of residuals.
     pub(super) fn covariances(&self, factor: f64) -> DMatrix<f64> {
         let inverse = self.factor.inverse();
-        // The sandwich: the equations are solved by A − N, their right side varies by A.
-        let hold = &self.determined.transpose() * &self.determined;
-        let middle = &self.data * factor + hold;
+        // Sandwich estimator: the equations are solved with A − N, but the right-hand side has the variance A.
+        let prior = &self.determined.transpose() * &self.determined;
+        let middle = &self.data * factor + prior;
         let mut all =
             &self.determined * (&inverse * middle * &inverse) * self.determined.transpose() + &self.open;
         for a in 0..all.nrows() {
@@ -260,38 +264,38 @@ impl Equations {
     }
 }
 
-/// How much more the sums of residuals over cells of space vary than independent errors of the stated σ
-/// would; at least one where σ is stated.
+/// Ratio of the variance of sums of residuals over cells of space to that of independent errors with the
+/// stated σ. At least 1 if σ is stated.
 ///
-/// A pair's residuals of both ways are the same errors with opposite signs, so they are added up with the
-/// sign of the way.
+/// The residuals of both directions of a pair are the same errors with opposite signs, so they are summed with
+/// the sign of their direction.
 pub(super) fn excess_variance(rows: &[Residual], scale: f64, size: f64, stated: bool) -> f64 {
-    let mut most = if stated { 1.0 } else { 0.0_f64 };
+    let mut largest = if stated { 1.0 } else { 0.0_f64 };
     for cells in CELLS {
         let edge = size / cells;
         let mut sums: BTreeMap<([usize; 2], [i64; 3]), (f64, f64)> = BTreeMap::new();
         for row in rows {
-            let worth = row.worth(scale);
+            let weight = row.robust_weight(scale);
             let cell = row.place.map(|x| (x / edge).floor() as i64);
             let (pair, sign) = match row.here < row.there {
                 true => ([row.here, row.there], 1.0),
                 false => ([row.there, row.here], -1.0),
             };
             let sum = sums.entry((pair, cell)).or_default();
-            sum.0 += sign * worth * row.off;
-            sum.1 += worth;
+            sum.0 += sign * weight * row.distance;
+            sum.1 += weight;
         }
         let kept: Vec<(f64, f64)> = sums.into_values().filter(|(_, v)| *v > 0.0).collect();
-        if kept.len() >= LEAST_CELLS || most == 0.0 {
+        if kept.len() >= MIN_CELLS || largest == 0.0 {
             let variance: f64 = kept.iter().map(|(_, v)| v).sum();
             let square: f64 = kept.iter().map(|(s, _)| s * s).sum();
             let ratio = square / variance;
-            // A mean of so many squares of one variance has this σ; what chance explains is none.
+            // σ of the mean of n squared normal values. An excess within two of these is chance.
             let chance = (2.0 / kept.len() as f64).sqrt();
             if !stated || ratio > 1.0 + 2.0 * chance {
-                most = most.max(ratio);
+                largest = largest.max(ratio);
             }
         }
     }
-    most.max(f64::MIN_POSITIVE)
+    largest.max(f64::MIN_POSITIVE)
 }

@@ -67,10 +67,9 @@ fn shaken(random: &mut ChaCha8Rng) -> Pose {
     Pose::from_rotation_vector(turn, [0; 3].map(|_| 0.3 * normal(random)))
 }
 
-/// Three patches in a row, the others shaken: they come back to within the covariances of their poses, over
-/// many seeds.
+/// Two of three patches in a row are displaced. Over many seeds, their pose errors match the covariances.
 #[test]
-fn covariances_of_poses_are_true() {
+fn pose_errors_match_their_covariances() {
     let (mut sum, mut far, runs) = (0.0, 0.0_f64, 30);
     for seed in 0..runs {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -86,16 +85,16 @@ fn covariances_of_poses_are_true() {
             far = far.max(error_of(&poses[k], &moved[k]).fixed_rows::<3>(0).norm());
         }
     }
-    // The mean of χ² of six over sixty poses has a σ of 0.45; the second pose of a run hangs on the first.
+    // The mean of χ² of six over sixty poses has a σ of 0.45; the second pose of a run depends on the first.
     let mean = sum / (2 * runs) as f64;
     println!("mean χ² {mean}, farthest {far}");
     assert!((4.2..7.5).contains(&mean), "mean χ² {mean}, farthest {far}");
     assert!(far < 0.5, "{far}");
 }
 
-/// Errors that neighbours share make poses less sure, and the covariance says so.
+/// Correlated errors of neighbours increase σ of the pose.
 #[test]
-fn errors_that_go_together_are_told() {
+fn correlated_errors_increase_sigma() {
     let mut random = ChaCha8Rng::seed_from_u64(4);
     // Waves of half a patch and less.
     let waves: Vec<[f64; 3]> = (0..40).map(|_| [0; 3].map(|_| normal(&mut random))).collect();
@@ -115,7 +114,7 @@ fn errors_that_go_together_are_told() {
     assert!(shared > 1.7 * alone, "{shared} {alone}");
 }
 
-/// A part that one patch alone has does not move it, nor do its errors.
+/// A bump on one patch only does not move it.
 #[test]
 fn outliers_do_not_move_a_patch() {
     let mut random = ChaCha8Rng::seed_from_u64(9);
@@ -135,9 +134,9 @@ fn outliers_do_not_move_a_patch() {
     assert!((0.3..1.0).contains(&moved_by), "{moved_by}");
 }
 
-/// Planes tell three of six directions; along the other three a patch stays where it was, and that is said.
+/// Planes determine three of six directions. Along the other three, the patch is not moved, with a warning.
 #[test]
-fn what_slides_is_held_and_told() {
+fn sliding_directions_are_undetermined() {
     let mut random = ChaCha8Rng::seed_from_u64(2);
     let moved = Pose::from_rotation_vector([0.004, -0.006, 0.0], [0.0, 0.0, 0.35]);
     let mut patches = [
@@ -147,7 +146,7 @@ fn what_slides_is_held_and_told() {
     let (poses, warnings) = aligned(&mut patches).unwrap();
     assert_eq!(poses[1].undetermined.len(), 3, "{:?}", poses[1]);
     let message = warnings.join("\n");
-    assert!(message.contains("leave 3 of the six directions of square 1 open"), "{message}");
+    assert!(message.contains("do not determine 3 of the six directions of motion of square 1"), "{message}");
     let error = error_of(&poses[1], &moved);
     assert!(error[2].abs() < 0.01 && error[3].abs() < 1e-3 && error[4].abs() < 1e-3, "{error}");
     assert!(error[0].abs() < 0.1 && error[1].abs() < 0.1, "{error}");
@@ -160,9 +159,9 @@ fn patches_out_of_reach_are_refused() {
     assert!(message.contains("within"), "{message}");
 }
 
-/// What is not of one object is near at places, but does not come together: that is an error, or said aloud.
+/// Patches of different objects are near at some places, but cannot be aligned.
 #[test]
-fn unlike_things_do_not_pass_for_one() {
+fn patches_of_different_objects_are_refused() {
     let mut random = ChaCha8Rng::seed_from_u64(3);
     let other = |x: f64, y: f64| rolling(1.7 * y + 4.0, 1.4 * x);
     let mut patches = [
