@@ -1,14 +1,14 @@
-//! Surface patches that overlap, merged into one mesh.
+//! Merges overlapping surface patches into one mesh.
 //!
 //! Input: saved models, meshes and organised scans in one frame. Output: one manifold mesh with σ and
 //! `observed`, and a [`MergeReport`].
 //!
-//! What is merged where is told by [`planish_mesh::Overlap`]; common regions are fused by the information of
-//! all patches there, or refitted as R. Mohr, C. Zhao and G. Koscielny (1994) do; then everything is sewn.
+//! Stages: patches are checked and oriented; with [`MergeOptions::align`], small errors of their poses are
+//! corrected. [`planish_mesh::Overlap`] finds common regions. These are fused by the information of all
+//! patches, or refitted as R. Mohr, C. Zhao and G. Koscielny (1994) describe. Finally, the patches are
+//! stitched.
 //!
-//! Patches that stand a little off are brought together first where [`MergeOptions::align`] says so.
-//!
-//! Not guaranteed: that patches in frames of their own come together.
+//! Not guaranteed: patches in unrelated frames are not registered.
 
 mod align;
 mod common_surface;
@@ -53,10 +53,10 @@ const NO_PATCH: u32 = u32::MAX;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MergeMethod {
-    /// One spline by the information of all patches, and of what lies around; what moves goes to nothing
-    /// where a patch ends.
+    /// One spline through the overlap and its surroundings, weighted by information. The correction decreases
+    /// to zero at the border of a patch.
     Information,
-    /// One spline through the shared places, all alike, as the paper does; σ from what is left.
+    /// One spline through the overlap with equal weights, as in the paper. σ is estimated from residuals.
     Refit,
     /// The mean by information, place by place, without a spline.
     Mean,
@@ -76,11 +76,11 @@ pub struct MergeOptions {
     pub epsilon: Option<Length>,
     /// θ in degrees: normals of one place differ by less.
     pub theta_deg: Option<f64>,
-    /// Holes of up to so many edges are filled.
+    /// Fill holes with at most this many edges.
     pub fill: usize,
-    /// Whether curvature and the border are told of every vertex.
+    /// Whether the output contains curvature and the border of every vertex.
     pub curvature: bool,
-    /// Whether patches stand a little off and are brought to the first before they are merged.
+    /// Whether the poses of patches are corrected relative to the first before merging.
     pub align: bool,
 }
 
@@ -89,7 +89,7 @@ pub struct MergeOptions {
 pub struct MergeJob {
     /// Meshes and saved models; patches of one surface in one frame.
     pub patches: Vec<PathBuf>,
-    /// A file of a surface that contains the object; it is used where no patch is.
+    /// File with a surface that contains the object. It completes regions without patches.
     pub bound: Option<PathBuf>,
     /// How patches are merged.
     pub options: MergeOptions,
@@ -106,7 +106,7 @@ pub struct MergeJob {
 /// The figures of a [`MergeJob`].
 #[derive(Debug, Clone, Serialize)]
 pub struct MergeJobReport {
-    /// What was merged; its warnings are those of the whole job.
+    /// The merge; its warnings are those of the whole job.
     #[serde(flatten)]
     pub merge: MergeReport,
     /// The spline through the merged mesh, if one was asked for.
@@ -142,7 +142,7 @@ impl Job for MergeJob {
         let bound = self.bound.as_ref();
         let set = read_patches(&self.patches, bound, self.options.unit, self.options.mesh_tolerance)?;
         let mut merged = merge(set, &self.options, progress)?;
-        // All that can go wrong with the surface goes wrong before the first file is written.
+        // The spline is fitted before the first file is written, so that a failure leaves no partial output.
         let spline = match splines.is_empty() {
             true => None,
             false => Some(merged_spline(&merged, self.seed, progress)?),
@@ -177,9 +177,8 @@ impl MergeJob {
 /// Merges patches.
 ///
 /// # Errors
-/// `Input` for fewer than two patches, copies not counted, and for options that are not positive;
-/// `Undetermined` where no two patches overlap, or a patch to be aligned lies on nothing as a part of it
-/// would; `Interrupted` when told to stop.
+/// `Input` for fewer than two patches (copies count once) and for options that are not positive;
+/// `Undetermined` if no two patches overlap, or if a patch cannot be aligned; `Interrupted` on request.
 pub fn merge(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Merged> {
     progress.check("finding what patches share", 0.1)?;
     let bound = set.bound.clone();
@@ -250,7 +249,7 @@ fn still_crossing(mesh: &TriangleMesh) -> Result<String> {
 /// Writes a merged mesh in the format of the path's extension.
 ///
 /// # Errors
-/// `Io` where the file cannot be written; `Input` for numbers that its format cannot hold.
+/// `Io` if the file cannot be written; `Input` for numbers that its format cannot represent.
 pub fn write_merged(merged: &Merged, path: &Path, progress: &dyn Progress) -> Result<()> {
     progress.check(WRITING_STAGE, 0.97)?;
     write_known_mesh(

@@ -1,9 +1,9 @@
-//! What no patch covers, taken from a surface that bounds the object.
+//! Completes a merged surface with a surface that contains the object.
 //!
-//! Input: a merged surface, and a mesh that the object lies within, such as the visual hull of its
-//! silhouettes (A. Laurentini 1994). Output: one mesh, in which the bound stands where no patch is. Not
-//! guaranteed: that the object is as large there as what bounds it; anything where it cannot be told which
-//! way a part of the patches faces ([`Facing::untold`]).
+//! Input: a merged surface, and a mesh that contains the object (the bound), such as the visual hull of its
+//! silhouettes (A. Laurentini 1994). Output: one mesh that follows the bound where no patch is. Not
+//! guaranteed: the object may be smaller there than its bound. Parts of patches whose orientation relative to
+//! the bound is undetermined are kept as they are ([`Facing::undetermined`]).
 
 use planish_estimate::vector3::{distance, dot};
 use planish_estimate::{Error, Result};
@@ -14,38 +14,38 @@ use planish_mesh::{
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Under patches and over them, the bound is left out up to so many of its edges away.
-const OVER: f64 = 6.0;
-/// Beyond the border of a patch it is left out up to so many edges away, so that there is room to sew.
-const BESIDE: f64 = 1.0;
+/// The bound is removed where a patch is within this many of its edges along the normal.
+const MAX_GAP_EDGES: f64 = 6.0;
+/// The bound is also removed within this many edges of a patch's border, which leaves room for stitching.
+const BORDER_EDGES: f64 = 1.0;
 /// Normals of one side of an object differ by less.
 const LARGEST_ANGLE_RAD: f64 = 1.2;
-/// What is left of the bound lies on no patch: ε, in edges.
+/// ε of the overlap search, in edges. The remaining bound overlaps no patch, so almost nothing may be fused.
 const EPSILON: f64 = 0.01;
 
-/// Triangles of patches reach out of the bound by so many of its edges at most.
-const OUTSIDE: f64 = 1.5;
+/// Maximum distance of patch triangles outside the bound, in edges of the bound.
+const MAX_OUTSIDE_EDGES: f64 = 1.5;
 /// Holes of no more edges than this are notches in borders that were sewn.
 const NOTCH: usize = 8;
-/// Triangles are looked at in so many places along an edge at most.
-const MOST_STEPS: usize = 32;
+/// Maximum number of sample points along an edge of a triangle.
+const MAX_STEPS: usize = 32;
 
 /// A part of the patches faces outwards or inwards where the mean cosine between its normals and those of the
 /// bound is larger than this.
 const FACES: f64 = 0.1;
-/// So many places of a part tell, and a few more.
-const LOOKED_AT: usize = 5000;
+/// Approximate number of sample points of a part for its orientation.
+const ORIENTATION_SAMPLES: usize = 5000;
 
-/// Which way parts of the patches face, beside a bound.
+/// Orientation of the parts of patches relative to a bound.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Facing {
     /// Connected parts that faced inwards, and were turned over.
     pub turned: usize,
-    /// Parts of which it cannot be told; they stay as they are.
-    pub untold: usize,
+    /// Parts whose orientation is undetermined. They are kept as they are.
+    pub undetermined: usize,
 }
 
-/// A whole and how much of it is the bound's.
+/// A completed mesh, and the part of it that comes from the bound.
 pub(super) struct Completed {
     /// The whole; patch 0 of its sources is what was merged, 1 the bound.
     pub whole: StitchedMesh,
@@ -57,10 +57,11 @@ pub(super) struct Completed {
     pub facing: Facing,
 }
 
-/// Sews a bound to what was merged, where that has nothing. σ of the bound is its own, or the length of its
-/// edges: how far the object may lie beneath is not in it. Triangles that reach out of a closed bound are
-/// carved away. A bound that is closed faces outwards, whichever way its file has it; parts of the patches
-/// that face against the bound are turned over.
+/// Stitches the bound to a merged surface where the surface has no patch.
+///
+/// σ of the bound is its own, or the length of its edges. It does not include how far the object may lie
+/// inside the bound. Triangles outside a closed bound are removed. A closed bound is oriented outwards,
+/// whatever its file states, and parts of patches that face against it are flipped.
 pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Completed> {
     let mut mesh = bound.mesh.clone();
     // Of an equilateral triangle with the mean area.
@@ -78,8 +79,8 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
     let normals = mesh.vertex_normals();
     let covered: Vec<bool> = (mesh.positions.par_iter().zip(&normals))
         .map(|(p, n)| {
-            let foot = search.closest_compatible_within(*p, *n, LARGEST_ANGLE_RAD, OVER * edge);
-            foot.is_some_and(|foot| !foot.on_boundary || foot.distance <= BESIDE * edge)
+            let foot = search.closest_compatible_within(*p, *n, LARGEST_ANGLE_RAD, MAX_GAP_EDGES * edge);
+            foot.is_some_and(|foot| !foot.on_boundary || foot.distance <= BORDER_EDGES * edge)
         })
         .collect();
     mesh.triangles.retain(|t| t.iter().all(|v| !covered[*v as usize]));
@@ -111,7 +112,7 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
         });
         stitch_patches(&patches, &overlap, &places, &StitchOptions { notches: NOTCH })?
     };
-    // Holes may have been closed across what is empty.
+    // Stitching may have closed holes outside the bound, so the limits are applied again.
     let (last, of_whole, again) = within(&whole.mesh, &whole.sigma, limits)?;
     carved += again;
     let whole = StitchedMesh {
@@ -128,7 +129,7 @@ pub(super) fn completed(merged: &StitchedMesh, bound: &MergePatch) -> Result<Com
     Ok(Completed { whole, vertices, carved, facing })
 }
 
-/// What a user should know of which way patches faced.
+/// Messages about the orientation of patches.
 pub(super) fn facing_in_words(facing: Facing, bound: &str) -> Vec<String> {
     let parts = |count: usize| match count {
         1 => "one part of the patches".to_owned(),
@@ -138,11 +139,11 @@ pub(super) fn facing_in_words(facing: Facing, bound: &str) -> Vec<String> {
     if facing.turned > 0 {
         words.push(format!("{} faced inwards according to {bound} and was reversed", parts(facing.turned)));
     }
-    if facing.untold > 0 {
+    if facing.undetermined > 0 {
         words.push(format!(
             "which way {} faces cannot be told by {bound}: what completes it is right only where it faces \
              outwards",
-            parts(facing.untold)
+            parts(facing.undetermined)
         ));
     }
     words
@@ -152,7 +153,7 @@ pub(super) fn facing_in_words(facing: Facing, bound: &str) -> Vec<String> {
 fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
     let part = parts_of(mesh);
     let normals = mesh.vertex_normals();
-    let step = (mesh.positions.len() / LOOKED_AT).max(1);
+    let step = (mesh.positions.len() / ORIENTATION_SAMPLES).max(1);
     let cosines: Vec<f64> = (mesh.positions.par_iter().zip(&normals).enumerate())
         .map(|(v, (p, n))| match v % step {
             0 => bound.closest(*p).map_or(0.0, |foot| dot(foot.normal, *n)),
@@ -176,11 +177,11 @@ fn face_as(mesh: &mut TriangleMesh, bound: &MeshSearch) -> Facing {
     }
     Facing {
         turned: sums.values().filter(|(sum, count)| *sum < -FACES * count).count(),
-        untold: sums.values().filter(|(sum, count)| sum.abs() <= FACES * count).count(),
+        undetermined: sums.values().filter(|(sum, count)| sum.abs() <= FACES * count).count(),
     }
 }
 
-/// For each vertex, the least vertex that it hangs together with.
+/// For each vertex, the smallest vertex of its connected part.
 fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
     let mut of = DisjointSets::new(mesh.positions.len());
     for [a, b, c] in &mesh.triangles {
@@ -190,8 +191,7 @@ fn parts_of(mesh: &TriangleMesh) -> Vec<u32> {
     (0..mesh.positions.len() as u32).map(|v| of.root(v)).collect()
 }
 
-/// The triangles that do not reach out of a bound, whose edges are so long; the vertex that each of theirs
-/// was, and how many are left out.
+/// Triangles inside the bound, the original numbers of their vertices, and the number of removed triangles.
 fn within(
     mesh: &TriangleMesh,
     sigma: &[f64],
@@ -201,11 +201,11 @@ fn within(
         let Some((search, edge)) = bound else { return true };
         let [a, b, c] = mesh.corners(t);
         let longest = distance(a, b).max(distance(b, c)).max(distance(c, a));
-        let steps = ((longest / edge).ceil().max(1.0) as usize).min(MOST_STEPS);
+        let steps = ((longest / edge).ceil().max(1.0) as usize).min(MAX_STEPS);
         let mut places = (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| [i, j, steps - i - j]));
         places.all(|weights| {
             let place = mesh.point_at(t, weights.map(|w| w as f64 / steps as f64));
-            search.closest(place).is_none_or(|foot| foot.signed_distance <= OUTSIDE * edge)
+            search.closest(place).is_none_or(|foot| foot.signed_distance <= MAX_OUTSIDE_EDGES * edge)
         })
     };
     let stay: Vec<bool> = (0..mesh.triangles.len()).into_par_iter().map(stays).collect();
@@ -229,8 +229,8 @@ mod tests {
     use planish_estimate::vector3::norm;
     use planish_mesh::icosphere;
 
-    /// A ball of which two patches leave the poles open, in a bound that is a little larger and faces
-    /// inwards; patches that face inwards are turned over.
+    /// Two patches of a ball leave its poles open. The bound is a little larger and oriented inwards; patches
+    /// that face inwards are flipped.
     #[test]
     fn holes_are_closed_by_the_bound_and_patches_stay() {
         for inwards in [false, true] {
@@ -273,7 +273,7 @@ mod tests {
             assert_eq!((kept, done.carved), (count - 3, 1));
             // The ball, and the triangle far off.
             let turned = if inwards { 2 } else { 0 };
-            assert_eq!(done.facing, Facing { turned, untold: 0 });
+            assert_eq!(done.facing, Facing { turned, undetermined: 0 });
         }
     }
 
@@ -284,7 +284,7 @@ mod tests {
         upright.positions.iter_mut().for_each(|p| *p = [0.0, p[0], p[1]]);
         let before = upright.clone();
         let search = MeshSearch::try_new(&icosphere(10.0, 3)).unwrap();
-        assert_eq!(face_as(&mut upright, &search), Facing { turned: 0, untold: 1 });
+        assert_eq!(face_as(&mut upright, &search), Facing { turned: 0, undetermined: 1 });
         assert_eq!(upright, before);
     }
 }

@@ -1,7 +1,6 @@
-//! What comes of a merge.
+//! Results of a merge: [`Merged`] and its [`MergeReport`].
 //!
-//! Input: counts and shapes. Output: [`Merged`] and its [`MergeReport`], whose keys are those of
-//! `--json`. Not guaranteed: anything; these are plain records.
+//! These are plain records. The fields of the report are the keys of the JSON output.
 
 use super::MergeMethod;
 use planish_exchange::Unit;
@@ -15,7 +14,7 @@ use std::path::PathBuf;
 pub struct RegionReport {
     /// Both patches, counted from 0 in the order of [`MergeReport::patches`].
     pub patches: [usize; 2],
-    /// Vertices of either that lie on the other.
+    /// Vertices of either patch that overlap the other.
     pub points: usize,
     /// Root mean square of the heights between both, before they were merged.
     pub rms: f64,
@@ -30,7 +29,7 @@ pub struct PatchReport {
     pub triangles: usize,
     /// Vertices in the whole.
     pub vertices_kept: usize,
-    /// Whether it was turned over, as it faced the other way than the patches that it lies on.
+    /// Whether the patch was flipped because it faced against the patches that it overlaps.
     pub turned_over: bool,
     /// Median of its σ; estimated if none was stated.
     pub sigma: f64,
@@ -49,12 +48,12 @@ pub struct TriangleQuality {
     pub aspect_p99: f64,
 }
 
-/// What a bound added to the patches.
+/// The part of a completed mesh that comes from the bound.
 #[derive(Debug, Clone, Serialize)]
 pub struct CompletionReport {
     /// Its file.
     pub name: String,
-    /// Its vertices in the whole, which `observed` gives as completed.
+    /// Number of its vertices in the merged mesh. Their `observed` is 2 (completed).
     pub vertices: usize,
     /// Triangles of the patches and of closed holes that were carved away, as they reached out of it.
     pub carved: usize,
@@ -65,7 +64,7 @@ pub struct CompletionReport {
 pub struct FillReport {
     /// Holes that were filled.
     pub holes: usize,
-    /// Vertices in them, which `observed` gives as completed.
+    /// Number of vertices in them. Their `observed` is 2 (completed).
     pub vertices: usize,
     /// Triangles in them.
     pub triangles: usize,
@@ -88,7 +87,7 @@ pub struct MergeReport {
     pub boundary_edges: usize,
     /// Edges of three and more: none, by construction.
     pub nonmanifold_edges: usize,
-    /// Whether nothing is open.
+    /// Whether the mesh has no boundary.
     pub watertight: bool,
     /// Connected parts.
     pub parts: usize,
@@ -99,13 +98,13 @@ pub struct MergeReport {
     /// How patches were moved onto the first, where they were aligned.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub poses: Vec<ScanPoseReport>,
-    /// What stands where no patch is, where a bound was given.
+    /// The completion by a bound, if one was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub completed: Option<CompletionReport>,
     /// What fills holes, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub filled: Option<FillReport>,
-    /// Whether σ was told from how patches differ if none was stated.
+    /// Whether σ was estimated from the differences between patches.
     pub sigma_estimated: bool,
     /// Quantiles of σ of the whole, over its vertices.
     pub sigma: SigmaSummary,
@@ -113,7 +112,7 @@ pub struct MergeReport {
     pub stitched_triangles: usize,
     /// Holes of the seams that were closed.
     pub holes_closed: usize,
-    /// Parts of a few triangles that were left over, and left out.
+    /// Number of removed fragments of a few triangles.
     pub fragments_left_out: usize,
     /// `valence[n]`: vertices of seams where n edges meet.
     pub valence: Vec<usize>,

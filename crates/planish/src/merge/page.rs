@@ -159,7 +159,7 @@ fn scene(merged: &Merged) -> Scene {
     }
 }
 
-/// The motion of every patch, and how well it is known.
+/// The motion of every patch, with its σ.
 fn alignment(report: &MergeReport) -> Vec<Block> {
     let sigmas = report.poses.iter().filter_map(|p| p.sigma_translation);
     let unit = SmallUnit::for_length(report.unit.name(), sigmas.fold(0.0, f64::max));

@@ -17,27 +17,27 @@ use planish_surface::export::mesh_from_model;
 use planish_surface::model::Observed;
 use std::path::{Path, PathBuf};
 
-/// Triangles of a scan with an edge longer than so many times its median edge span a step in depth.
-const STEP: f64 = 4.0;
+/// Maximum edge length of a scan's triangles, relative to its median edge. Longer triangles span a depth edge.
+const MAX_EDGE_RATIO: f64 = 4.0;
 
-/// A patch and where it is from.
+/// A patch and its origin.
 #[derive(Debug, Clone)]
 pub struct NamedPatch {
     /// The file, and the scan in it where there are several.
     pub name: String,
-    /// The surface, and the triangles of the file that it is of.
+    /// The surface, and the numbers of its triangles in the file.
     pub tidied: ManifoldPatch,
     /// 1 for what was measured, 2 for what was completed; one of each vertex, or none where all were
     /// measured.
     pub observed: Vec<u8>,
 }
 
-/// Patches, and what else their files said.
+/// Patches, and other contents of their files.
 #[derive(Debug, Clone, Default)]
 pub struct PatchSet {
     /// The patches, in the order of the files.
     pub patches: Vec<NamedPatch>,
-    /// What the object lies within, taken where no patch is.
+    /// A surface that contains the object, used where no patch is.
     pub bound: Option<NamedPatch>,
     /// Unit of every length.
     pub unit: Option<Unit>,
@@ -47,19 +47,20 @@ pub struct PatchSet {
     pub warnings: Vec<String>,
 }
 
-/// Reads patches: `.planish` (what was measured or completed), meshes with faces (column `sigma` where there
-/// is one), STEP files (a patch for every set of faces that share edges), organised scans and lists of them.
-/// `chord` is how far the mesh of a model or of STEP faces may leave the surface, in the file's unit where it
-/// has none of its own; half the median σ of a model, a ten thousandth of a STEP file's size where none is
-/// given.
+/// Reads patches from files.
 ///
-/// `bound` is one file more, of a surface that the thing lies within. `unit` is that of files that name none.
-/// Lengths are turned into the unit of the first file that has one; a file that has none where another has is
-/// taken to be in that, with a warning.
+/// Formats: `.planish` (measured and completed regions), meshes with faces (with the column `sigma` if
+/// present), STEP files (one patch for each set of faces that share edges), organised scans, and lists of
+/// scans. `chord` is the maximum chord error of the meshes of models and STEP faces, in the unit of the file.
+/// Its default is half the median σ of a model, or 1/10 000 of the size of a STEP file.
+///
+/// `bound` is an additional file with a surface that contains the object. `unit` applies to files without a
+/// unit. All lengths are converted to the unit of the first file that has one. Files without a unit are
+/// assumed to be in that unit, with a warning.
 ///
 /// # Errors
-/// As the readers; `Input` for points without a surface, for a model nothing of which was measured, and for a
-/// `bound` that is several patches; `Unsupported` for other extensions.
+/// Those of the readers; `Input` for points without a surface, for a model without measured regions, and for
+/// a `bound` with several patches; `Unsupported` for other extensions.
 pub fn read_patches(
     paths: &[PathBuf],
     bound: Option<&PathBuf>,
@@ -285,7 +286,7 @@ fn triangles_of_grid(grid: &RangeGrid, points: &[[f64; 3]]) -> Vec<[u32; 3]> {
     }
     let middle = lengths.len() / 2;
     let typical = *lengths.select_nth_unstable_by(middle, f64::total_cmp).1;
-    triangles.retain(|t| longest(t) <= STEP * typical);
+    triangles.retain(|t| longest(t) <= MAX_EDGE_RATIO * typical);
     triangles.into_iter().map(|t| t.map(|v| v as u32)).collect()
 }
 

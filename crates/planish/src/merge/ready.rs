@@ -1,8 +1,8 @@
-//! Patches made ready to be merged, and what is told of them afterwards.
+//! Prepares patches for merging, and reports on them afterwards.
 //!
-//! Input: patches as they were read. Output: those that are no copies, turned and moved to lie on one
-//! another, in an order that does not hang on that of the files; where they overlap; and the report, which
-//! names them in the order of the files. Not guaranteed: that patches in frames of their own come together.
+//! Input: patches as they were read. Output: patches without copies, oriented and aligned, in an order that
+//! does not depend on the order of the files; their overlaps; and the report, which names them in the order of
+//! the files. Not guaranteed: patches in unrelated frames are not registered.
 
 use super::align::align;
 use super::inspection::{crossings, leave_out_copies, nearest, turn_alike, unalike};
@@ -19,7 +19,7 @@ use planish_surface::model::{ScanPoseReport, SigmaSummary};
 use rayon::prelude::*;
 use std::path::PathBuf;
 
-/// Patches in the order of [`order_in_space`], and what is known of them in the order of the files.
+/// Patches in the order of [`order_in_space`], with reports in the order of the files.
 pub(super) struct Ready {
     /// The patches, in space.
     pub patches: Vec<MergePatch>,
@@ -30,7 +30,7 @@ pub(super) struct Ready {
     observed: Vec<Vec<u8>>,
     turned: Vec<bool>,
     poses: Vec<ScanPoseReport>,
-    /// Whether some patch crosses itself.
+    /// Whether any patch intersects itself.
     pub crosses: bool,
     unit: Unit,
     /// Warnings for the user.
@@ -50,7 +50,7 @@ pub(super) struct Done {
 }
 
 impl Ready {
-    /// Leaves copies out, turns patches alike, and aligns them where that is asked for.
+    /// Removes copies, orients patches consistently, and aligns them on request.
     pub fn new(set: PatchSet, options: &MergeOptions, progress: &dyn Progress) -> Result<Self> {
         let PatchSet { patches: named, unit, mut warnings, .. } = set;
         for named in named.iter().filter(|p| p.tidied.dropped > 0) {
@@ -97,7 +97,7 @@ impl Ready {
         })
     }
 
-    /// Where patches lie on one another; says which lie on none.
+    /// Finds the overlaps, with a warning for each patch that has none.
     pub fn overlap(&mut self, options: &MergeOptions) -> Result<Overlap> {
         let overlap = Overlap::find_with(
             &self.patches,
@@ -128,7 +128,7 @@ impl Ready {
         Ok(overlap)
     }
 
-    /// How many vertices of the whole are of each patch in space; says which have none.
+    /// Number of vertices of the merged mesh from each patch, with a warning for patches that contribute none.
     pub fn kept(&mut self, sewn: &StitchedMesh, overlap: &Overlap) -> Vec<usize> {
         let mut kept = vec![0; self.patches.len()];
         for (patch, _) in &sewn.source {
@@ -164,7 +164,7 @@ impl Ready {
     /// What came of it, in the order of the files.
     pub fn report(&self, sewn: &StitchedMesh, overlap: &Overlap, done: Done) -> MergeReport {
         let check = sewn.mesh.check();
-        // Where each patch of the files stands.
+        // Position of each file's patch in the order in space.
         let mut stands = vec![0; self.order.len()];
         for (at, k) in self.order.iter().enumerate() {
             stands[*k] = at;

@@ -1,13 +1,13 @@
-//! A merged mesh as one spline surface.
+//! Fits one spline surface to a merged mesh.
 //!
-//! Input: a merged mesh of one part, and what is small beside it. Output: a hierarchical spline through
-//! its vertices, whose σ is that of the mesh. Not guaranteed: detail finer than the mesh's σ; how far the
-//! surface leaves the vertices is reported.
+//! Input: a merged mesh with one large part. Output: a hierarchical spline through its vertices, with the σ
+//! of the mesh. Not guaranteed: detail finer than σ of the mesh; the report contains the deviations of the
+//! surface from the vertices.
 //!
-//! The σ of neighbouring vertices are not independent: they come of the same readings. Fused as if they were,
-//! they would make the surface far too certain. So the information of the fit is divided by the median of
-//! `σ_mesh² / σ_fit²`, which leaves the mean as it is, and what a cell's vertices say beyond that goes into
-//! the cell's own variance.
+//! Errors of neighbouring vertices are correlated, because they come from the same readings. Fused as
+//! independent readings, they would make σ of the surface far too small. The information of the fit is
+//! therefore divided by the median of `σ_mesh² / σ_fit²`, which does not change the mean. The rest of a cell's
+//! variance is stored as the variance of that cell.
 
 use super::Merged;
 use crate::compare::feet_on;
@@ -52,15 +52,15 @@ pub struct MergedSpline {
     pub warnings: Vec<String>,
 }
 
-/// Parts with less than this share of the triangles are left out; there must be no others beside the largest.
-const SMALL_PART: f64 = 0.01;
+/// Maximum share of the triangles of a part that is ignored. Larger parts besides the largest are refused.
+const MAX_IGNORED_PART: f64 = 0.01;
 
-/// The largest part of a mesh: its own mesh, and which vertices it has; with how many parts were left out.
+/// The largest part of a mesh, a mask of its vertices, and the number of ignored parts.
 fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)> {
     let parts = mesh.parts();
     let count = parts.iter().max().map_or(0, |most| *most as usize + 1);
     let second = parts.iter().filter(|part| **part == 1).count();
-    if second as f64 > SMALL_PART * parts.len() as f64 {
+    if second as f64 > MAX_IGNORED_PART * parts.len() as f64 {
         return Err(Error::unsupported(format!(
             "the merged surface has {count} parts, the second of {second} of {} triangles: a spline model \
              needs one part; write a mesh, or merge the patches of one part only",
@@ -77,12 +77,13 @@ fn largest_part(mesh: &TriangleMesh) -> Result<(TriangleMesh, Vec<bool>, usize)>
     Ok((largest, in_part, count.saturating_sub(1)))
 }
 
-/// One hierarchical surface through the vertices of a merged mesh: a sheet, a tube or a ball, whichever suits
-/// it. Small parts beside the largest are left out, with a warning; handles are told in one, as the surface
-/// has none.
+/// Fits one hierarchical surface (a sheet, a tube or a ball) to the vertices of a merged mesh.
+///
+/// Parts with less than 1 % of the triangles are ignored, with a warning. A warning also names handles, which
+/// the surface cannot represent.
 ///
 /// # Errors
-/// `Unsupported` for a mesh of several parts; else as [`fit`].
+/// `Unsupported` for a mesh of several parts; otherwise those of [`fit`].
 pub fn merged_spline(merged: &Merged, seed: u64, progress: &dyn Progress) -> Result<MergedSpline> {
     let (largest, in_part, left_out) = largest_part(&merged.mesh)?;
     let mut warnings = Vec::new();
@@ -169,13 +170,13 @@ impl Vertices {
 struct Carried {
     /// Of the vertices from the surface.
     rms: f64,
-    /// Of the surface at the vertices, as it is then.
+    /// σ of the resulting surface at the vertices.
     sigma: SigmaSummary,
     /// What variances of the fit were multiplied by.
     factor: f64,
 }
 
-/// Gives a model, fitted as if vertices were independent, the σ that the vertices have.
+/// Gives a model that was fitted with independent vertices the σ of the vertices.
 fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried> {
     let Vertices { points, normals, sigma } = vertices;
     model.unresolved_shape.clear();
@@ -205,7 +206,7 @@ fn carry_sigma(model: &mut SurfaceModel, vertices: &Vertices) -> Result<Carried>
         }
     }
     model.smoothness_weight /= factor;
-    // Distances, and what the mesh says beyond the fit, by cells.
+    // Per cell: squared distances, and the variance of the mesh beyond that of the fit.
     let mut beyond = vec![[0.0; 2]; model.observed.len()];
     let mut square = 0.0;
     for (j, &k) in inside.iter().enumerate() {
