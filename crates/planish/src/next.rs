@@ -1,21 +1,19 @@
-//! Where to measure next: the points, or the poses of a sensor, whose readings would make a model's σ
-//! smallest.
+//! Chooses the next points to measure, or the next poses of a sensor, that reduce σ of a model most.
 //!
-//! Input: a model and the σ of a sensor, or a sensor with its field of view. Output: points on the
-//! surface ([`next_points`]), or poses around it ([`next_views`]), one after the other, each the best given
-//! those before it, with σ before and after. Nothing is fitted: what a reading would do to the covariance
-//! does not depend on what it says.
+//! Input: a model and the σ of a sensor, or a sensor with its field of view. Output: points on the surface
+//! ([`next_points`]) or poses around it ([`next_views`]), with σ before and after. Each is the best choice
+//! given those before it. No fit is needed: the effect of a reading on the covariance does not depend on its
+//! value.
 //!
 //! A reading along the normal with variance `r` and row `a` changes the covariance of any two rows `p`, `q`
-//! by `−(pᵀΣa)(aᵀΣq)/(aᵀΣa + r)` (Kalman 1960). Columns `Σa` are solved for once for every candidate and then
-//! kept up to date, so a step is a comparison of candidates over all places of the region.
+//! by `−(pᵀΣa)(aᵀΣq)/(aᵀΣa + r)` (Kalman 1960). The columns `Σa` of all candidates are computed once and then
+//! updated after each choice. A step therefore only compares candidates over all places of the region.
 //!
-//! What cells are too large to follow of the shape is a part of the model's σ, but no reading makes it
-//! smaller: it does not count here, and the report says how large it is ([`UnmeasurableSigma`]).
+//! Shape smaller than the cells is a part of the model's σ, but readings do not reduce it. It is excluded
+//! here, and the report states its size ([`UnmeasurableSigma`]).
 //!
-//! Not guaranteed: the best set of so many points; choosing one after the other is within 63 % of the best
-//! gain for the mean variance of independent places (Nemhauser, Wolsey and Fisher 1978), and usually far
-//! nearer.
+//! Not guaranteed: the best set of points. For the mean variance of independent places, a greedy choice
+//! reaches at least 63 % of the best gain (Nemhauser, Wolsey and Fisher 1978), and usually far more.
 
 use crate::job::Job;
 use crate::output::unsupported_extension;
@@ -58,7 +56,7 @@ const COLUMNS: usize = 16;
 /// it.
 const POWER_OF_WORST: i32 = 6;
 
-/// What is to become small.
+/// The quantity to minimise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Objective {
     /// The largest σ of the region.
@@ -78,13 +76,13 @@ pub struct NextOptions {
     pub sigma: Option<f64>,
     /// Stop where the largest σ of the region is at most this.
     pub goal: Option<f64>,
-    /// Corners of a box that holds the region; everything if none is given.
+    /// Two corners of a box that limits the region; the whole surface if none is given.
     pub region: Option<[[f64; 3]; 2]>,
     /// Whether only what was measured already counts.
     pub measured_only: bool,
-    /// What is to become small.
+    /// The quantity to minimise.
     pub objective: Objective,
-    /// As many sets of points drawn at random are judged beside the chosen one.
+    /// Number of random sets of points that are evaluated for comparison.
     pub against_random: usize,
     /// Seed of these draws.
     pub seed: u64,
@@ -108,15 +106,15 @@ impl Default for NextOptions {
 /// A point to measure.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NextPoint {
-    /// Where it is.
+    /// Position on the surface.
     pub position: [f64; 3],
     /// The surface's unit normal there.
     pub normal: [f64; 3],
     /// σ of the surface along it, once all points before this one are measured.
     pub sigma_before: f64,
-    /// σ once this one is, too.
+    /// σ after this point is measured as well.
     pub sigma_after: f64,
-    /// The largest σ of the region once this one is measured.
+    /// Largest σ of the region after this point is measured.
     pub worst_sigma_after: f64,
 }
 
@@ -142,7 +140,7 @@ pub struct NextReport {
     pub sigma: f64,
     /// Whether the goal is reached; none where there was none.
     pub reached_goal: Option<bool>,
-    /// Shape that cells are too large to follow, which counts in no figure here; none where there is none.
+    /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape_left: Option<UnmeasurableSigma>,
     /// What as many points do that are drawn at random, if requested.
@@ -164,7 +162,7 @@ pub struct UnmeasurableSigma {
 }
 
 impl UnmeasurableSigma {
-    /// Of the places that count, whose variances are those after all is measured.
+    /// Summary over the places of the region, with their variances after all points are measured.
     fn new(model: &SurfaceModel, places: &[Place], variances: &[f64]) -> Option<Self> {
         let square = |place: &Place| model.unresolved_shape.get(place.leaf).copied().unwrap_or(0.0);
         let largest = places.iter().map(square).fold(0.0, f64::max);
@@ -206,9 +204,8 @@ struct Candidate {
 /// Chooses points one after the other.
 ///
 /// # Errors
-/// `Input` for settings out of range and regions without surface; `Unsupported` for models of which several
-/// coordinates were measured each for itself; `Undetermined` when prior and data leave a vertex open;
-/// `Interrupted` on request.
+/// `Input` for options out of range and regions without surface; `Unsupported` for models with independently
+/// measured coordinates; `Undetermined` if prior and data do not determine a vertex; `Interrupted` on request.
 pub fn next_points(
     model: &SurfaceModel,
     options: &NextOptions,
@@ -293,7 +290,7 @@ pub fn next_points(
 
 /// Refuses the first length that is stated and not positive.
 fn check_lengths(lengths: &[(&str, Option<f64>)]) -> Result<()> {
-    // Squares of what lies outside are zero or infinite.
+    // Outside this range, the square underflows to zero or overflows to infinity.
     let wrong = |value: &Option<f64>| value.is_some_and(|v| !(1e-100..1e100).contains(&v));
     match lengths.iter().find(|(_, value)| wrong(value)) {
         Some((name, value)) => Err(Error::input(format!(
@@ -304,7 +301,7 @@ fn check_lengths(lengths: &[(&str, Option<f64>)]) -> Result<()> {
     }
 }
 
-/// The equations of a model of which every vertex moves along one direction, and the places that count.
+/// The information of a model, with one direction of motion per vertex, and the places of the region.
 struct Prepared {
     system: SurfaceSystem,
     directions: Vec<[f64; 3]>,
@@ -364,7 +361,7 @@ fn variances_of(
 pub struct Length {
     /// How many of them.
     pub value: f64,
-    /// Of which; the model's if none is stated.
+    /// Unit of the lengths; that of the model if none is given.
     pub unit: Option<Unit>,
 }
 
@@ -381,7 +378,7 @@ impl Length {
 pub struct NextJob {
     /// A saved model.
     pub model: PathBuf,
-    /// Points at most, and what else [`NextOptions`] holds beside lengths.
+    /// Maximum number of points, and the other options. Lengths are given separately.
     pub options: NextOptions,
     /// σ of the readings.
     pub sigma: Option<Length>,
@@ -393,7 +390,7 @@ pub struct NextJob {
     pub report: Option<ReportOutput>,
 }
 
-/// What a [`NextJob`] did.
+/// Result of a [`NextJob`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NextJobReport {
     /// The points and figures.
@@ -476,7 +473,7 @@ fn cost(objective: Objective, variance: f64) -> f64 {
     }
 }
 
-/// The least σ of the sensors that measured positions.
+/// Smallest σ of the sensors that measured positions.
 fn best_sigma(model: &SurfaceModel) -> Option<f64> {
     let used = model.sensors.iter().filter(|s| s.quantity == "position").map(|s| {
         if s.sigma_used_is_estimated {
@@ -535,16 +532,15 @@ fn places(model: &SurfaceModel, directions: &[[f64; 3]], options: &NextOptions) 
         .collect()
 }
 
-/// Which places are candidates: all of few; of many so many, the nearer to each other the larger σ is there,
-/// and the worst.
-fn chosen(places: &[Place], variances: &[f64], most: usize) -> Vec<usize> {
-    if places.len() <= most {
+/// Selects at most `limit` candidates, denser where σ is large, including the place with the largest σ.
+fn chosen(places: &[Place], variances: &[f64], limit: usize) -> Vec<usize> {
+    if places.len() <= limit {
         return (0..places.len()).collect();
     }
     let weights: Vec<f64> = places.iter().zip(variances).map(|(p, v)| p.area * v).collect();
-    let step = weights.iter().sum::<f64>() / (most - 1) as f64;
+    let step = weights.iter().sum::<f64>() / (limit - 1) as f64;
     let (mut sum, mut due) = (0.0, 0.5 * step);
-    let mut found: Vec<usize> = Vec::with_capacity(most);
+    let mut found: Vec<usize> = Vec::with_capacity(limit);
     for (k, weight) in weights.iter().enumerate() {
         sum += weight;
         if sum >= due {

@@ -15,7 +15,7 @@ use std::path::Path;
 /// Lines of sight of a view are drawn so long, over the diagonal of the model's box.
 const SIGHT: f64 = 0.3;
 
-/// What a σ comes to, and from what.
+/// A σ before and after the measurements.
 fn change(what: &str, sigma: Change, unit: SmallUnit<'_>) -> Figure {
     Figure::new(what, unit.text(sigma.after), format!("from {}", unit.text(sigma.before)))
 }

@@ -1,7 +1,7 @@
-//! Points drawn at random, to judge the chosen ones by.
+//! Random points, for comparison with the chosen ones.
 //!
 //! Input: the factor of a model's information, and its places. Output: the largest σ of the region after
-//! 1, 2, 3 … points of every draw. Points are leaf middles drawn by area, as often as they come up.
+//! 1, 2, 3 … points of every draw. Points are leaf centres, drawn with replacement in proportion to area.
 
 use super::{NextOptions, Place, columns, figures};
 use planish_core::{Progress, ProgressPart};
@@ -12,8 +12,8 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Draws whose columns are held in memory together.
-const TOGETHER: usize = 8;
+/// Number of draws that are processed together. Limits memory: each keeps columns for all places.
+const DRAWS_PER_BATCH: usize = 8;
 
 /// What points drawn at random do: one number for each count of points, from one on.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -57,10 +57,10 @@ pub(super) fn at_random(
     };
     let part = ProgressPart::new(progress, 0.15, 0.2);
     let mut worst: Vec<Vec<f64>> = Vec::with_capacity(draws);
-    for first in (0..draws).step_by(TOGETHER) {
+    for first in (0..draws).step_by(DRAWS_PER_BATCH) {
         part.check("random draws", first as f64 / draws as f64)?;
         part.items(first, "draws");
-        let together: Vec<usize> = (first..draws.min(first + TOGETHER)).collect();
+        let together: Vec<usize> = (first..draws.min(first + DRAWS_PER_BATCH)).collect();
         let judged: Vec<Vec<f64>> = together
             .into_par_iter()
             .map(|draw| {
@@ -92,8 +92,8 @@ pub(super) fn at_random(
     })
 }
 
-/// The largest σ after each reading: `seen[k]` is the covariance of every place with reading `k`, and is
-/// brought up to date.
+/// The largest σ after each reading. `seen[k]` is the covariance of every place with reading `k`, and is
+/// updated in place.
 fn one_by_one(
     places: &[Place],
     variances: &[f64],

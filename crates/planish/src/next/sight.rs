@@ -1,14 +1,14 @@
-//! What a sensor sees of a model from a pose.
+//! Visibility of a model for a sensor at a pose.
 //!
-//! Input: a model and a sensor. Output: whether a place is seen, every reading of a pose, and the poses
-//! that can be taken up.
+//! Input: a model and a sensor. Output: whether a place is visible, all readings of a pose, and candidate
+//! poses.
 //!
-//! A place is seen that lies in the field of view and in range, shows its outer side (where normals point)
-//! under at most the largest incidence, and has nothing of the model before it. Rays are cast at a
-//! tessellation of the model.
+//! A place is visible if it is in the field of view and in range, faces the sensor with its outer side (the
+//! side of the normal) at no more than the maximum incidence angle, and is not occluded by the model. Rays are
+//! traced against a tessellation of the model.
 //!
-//! Not guaranteed: that there is room for the sensor beside what the model knows, such as over a table; that
-//! a pose can be rolled better about its axis.
+//! Not guaranteed: obstacles that are not in the model, such as a table, are unknown. The roll of a pose about
+//! its axis is not optimised.
 
 use super::Place;
 use planish_estimate::vector3::{add_scaled, cross, distance, dot, scale, sub, unit};
@@ -25,17 +25,16 @@ use rayon::prelude::*;
 /// A reading on a leaf: weights of its coefficients, direction, value and information.
 type SeenRow = ([f64; 16], [f64; 3], f64, f64);
 
-/// The tessellation is this near to the surface, as a share of its diagonal, or as near as so many triangles
-/// allow.
+/// Chord error of the tessellation relative to the diagonal. The limit of triangles may make it larger.
 const CHORD: f64 = 1e-4;
 const MOST_TRIANGLES: u64 = 400_000;
-/// Rays that are cast from a pose at most; of more, each stands for several.
-const MOST_RAYS: usize = 1 << 20;
+/// Maximum number of rays per pose. For larger sensors, each ray represents several.
+const MAX_RAYS: usize = 1 << 20;
 /// Directions about a target.
 const DIRECTIONS: usize = 60;
-/// Distances to a target, each so many times the one before.
+/// Number of distances of candidate poses to a target, in geometric progression.
 const DISTANCES: usize = 4;
-/// Targets beside the middle of the region.
+/// Number of targets besides the centre of the region.
 const TARGETS: usize = 24;
 /// The angle between neighbours of Fibonacci's spiral.
 const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
@@ -53,7 +52,7 @@ pub(super) struct Reading {
     pub(super) sigma_along: f64,
 }
 
-/// All readings of a pose, and how many rays each stands for.
+/// All readings of a pose, and the number of rays that each represents.
 pub(super) struct Readings {
     pub(super) readings: Vec<Reading>,
     pub(super) stands_for: f64,
@@ -102,7 +101,7 @@ impl<'a> Sight<'a> {
         })
     }
 
-    /// How a place is seen: its coordinates in the sensor's frame and the cosine of incidence.
+    /// Coordinates of a visible place in the sensor's frame, and the cosine of its incidence angle.
     pub(super) fn sees(&self, pose: &Pose, place: &Place) -> Option<([f64; 3], f64)> {
         let local = pose.inverse().apply(place.position);
         if !self.sensor.reaches(local) {
@@ -114,10 +113,10 @@ impl<'a> Sight<'a> {
         (self.sensor.accepts(cosine) && open()).then_some((local, cosine))
     }
 
-    /// Every reading that the sensor takes from a pose, row by row.
+    /// All readings of the sensor at a pose, row by row.
     pub(super) fn readings(&self, pose: &Pose) -> Readings {
         let all = self.sensor.rays;
-        let thinner = ((all[0] * all[1]) as f64 / MOST_RAYS as f64).sqrt().max(1.0);
+        let thinner = ((all[0] * all[1]) as f64 / MAX_RAYS as f64).sqrt().max(1.0);
         let cast = all.map(|n| ((n as f64 / thinner) as usize).max(1));
         let readings = (0..cast[1])
             .into_par_iter()
@@ -152,13 +151,13 @@ impl<'a> Sight<'a> {
         })
     }
 
-    /// Poses that look at some of the places, or at the middle of all, from feasible distances and all
-    /// around. Nothing of the model is nearer than the nearest range.
+    /// Candidate poses from all directions at feasible distances. They face some of the places or the centre of
+    /// all. No part of the model is nearer than the minimum range.
     pub(super) fn poses(&self, places: &[Place], representatives: &[usize]) -> Vec<Pose> {
         let [near, far] = self.sensor.range;
         let radius = 0.5 * self.bounds.diagonal();
-        // Farther than where the whole fits into the field of view by half as much again there is nothing to
-        // gain.
+        // Beyond 1.5 times the distance at which the whole object fits into the field of view, readings only
+        // become sparser.
         let widest = (self.sensor.borders.iter()).map(|[low, high]| 0.5 * (high - low));
         let fits = 1.5 * radius / widest.fold(f64::INFINITY, f64::min);
         let nearest = 1.02 * near;

@@ -1,4 +1,4 @@
-//! What the chosen points and views do to σ.
+//! The effect of the chosen points and views on σ.
 
 use super::*;
 use planish_core::Silent;
@@ -13,7 +13,7 @@ use rand::{RngExt, SeedableRng, seq::index::sample};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// A wavy sheet, one corner of which was read little.
+/// A wavy sheet with few readings in one corner.
 fn model() -> SurfaceModel {
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let points = (0..3_000).filter_map(|_| {
@@ -60,7 +60,7 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
         })
         .unwrap();
     model.data.add_scaled(&more, 1.0).unwrap();
-    // What the cells leave out of the shape no reading makes smaller.
+    // Readings do not reduce σ of unresolved shape.
     model.unresolved_shape.clear();
     let posterior = model.posterior().unwrap();
     let after = figures(
@@ -77,8 +77,7 @@ fn sigma_after_is_that_of_the_information_with_the_readings_added() {
     assert!((after.1 / report.mean_sigma.after - 1.0).abs() < 1e-6, "{after:?} {report:?}");
 }
 
-/// A model whose cells leave shape out has a larger σ than any reading can reach: the report must say so, or
-/// `info` and `next` contradict each other.
+/// Readings cannot reduce σ of unresolved shape. The report must state it, so that `info` and `next` agree.
 #[test]
 fn shape_that_no_reading_lowers_is_told() {
     let mut model = model();
@@ -93,7 +92,7 @@ fn shape_that_no_reading_lowers_is_told() {
     assert!(report.worst_sigma.after < 0.2 && left.worst_sigma_after >= 0.5, "{report:?}");
 }
 
-/// What so many readings leave where they are put at random.
+/// Remaining σ after `count` readings at random places.
 fn at_random(model: &SurfaceModel, count: usize, seed: u64) -> f64 {
     let system = SurfaceSystem::new(model.surface.space()).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -163,7 +162,7 @@ fn camera() -> ViewSensor {
     }
 }
 
-/// A torus of radii 1 and 0.4 about z, of which a quarter was not measured.
+/// A torus with radii 1 and 0.4 about z. A quarter of it was not measured.
 fn ring() -> SurfaceModel {
     let surface = refined_surface(Shape::Torus);
     let middle = |leaf: usize| surface.leaf_point(leaf, 0.5, 0.5);
@@ -261,7 +260,7 @@ fn a_view_from_behind_or_from_too_far_sees_nothing() {
 
 #[test]
 fn what_no_pose_sees_is_reported() {
-    // Readings only square to the surface, within a degree: most of a ring is never seen so.
+    // Only readings within about 1° of the normal: this excludes most of a torus from every pose.
     let sensor = ViewSensor { max_incidence_rad: 0.02, ..camera() };
     let options = NextOptions { count: 2, ..NextOptions::default() };
     let report = next_views(&ring(), &sensor, &options, &Silent).unwrap();

@@ -24,7 +24,7 @@ pub struct NextViewsJob {
     pub model: PathBuf,
     /// The sensor's file.
     pub sensor: PathBuf,
-    /// Views at most, and what else [`NextOptions`] holds beside lengths.
+    /// Maximum number of views, and the other options. Lengths are given separately.
     pub options: NextOptions,
     /// Where to stop.
     pub goal: Option<Length>,
@@ -34,7 +34,7 @@ pub struct NextViewsJob {
     pub report: Option<ReportOutput>,
 }
 
-/// What a [`NextViewsJob`] did.
+/// Result of a [`NextViewsJob`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NextViewsJobReport {
     /// The poses and figures.
@@ -91,7 +91,7 @@ fn choose_views(job: &NextViewsJob, progress: &dyn Progress) -> Result<NextViews
     Ok(NextViewsJobReport { next, unit: model.unit })
 }
 
-/// A job whose scans are still to be taken.
+/// Writes a job file for the scans to be taken.
 fn write_job(path: &Path, next: &ViewsReport, sensor: &ViewSensor, unit: Unit) -> Result<()> {
     let along = next.sigma_along.unwrap_or(sensor.sigma_along);
     let mut text = format!(

@@ -1,17 +1,16 @@
-//! Poses of a sensor, chosen one after the other.
+//! Chooses poses of a sensor one after the other.
 //!
-//! Input: a model and a sensor with a field of view. Output: poses, each the best of those that were
-//! tried given the views before it, with σ after it.
+//! Input: a model and a sensor with a field of view. Output: poses with σ after each. Each pose is the best of
+//! the candidates, given the views before it.
 //!
-//! Candidates stand around the model at feasible distances. A candidate is judged by representatives: a few
-//! hundred places that stand for the surface near them, and, where they are seen, for all rays that meet it:
-//! `n` readings of variance `r` are one of variance `r/n`. With `K` the covariance of the representatives,
-//! `B` those that are seen and `R` their variances, the view leaves `K_mm − K_mB (K_BB + R)⁻¹ K_Bm`. The view
-//! that is chosen is then taken ray by ray: all its readings are added to the sparse information, which is
-//! factored anew, so that σ after it is exact for these readings.
+//! Candidates surround the model at feasible distances. They are compared by representatives: a few hundred
+//! places, each of which represents the surface around it. If a representative is visible, it also represents
+//! all rays that hit its surroundings: `n` readings with variance `r` count as one with variance `r/n`. Let `K`
+//! be the covariance of the representatives, `B` the visible ones and `R` their variances. The remaining
+//! covariance is `K_mm − K_mB (K_BB + R)⁻¹ K_Bm`. The chosen view is then evaluated exactly: all its readings
+//! are added to the sparse information, which is factorised again.
 //!
-//! Not guaranteed: the best set of views, nor the best of all poses: as in [`super::next_points`], and among
-//! candidates.
+//! Not guaranteed: the best set of views (see [`super::next_points`]), or the best of all poses.
 
 use super::sight::Sight;
 use super::{
@@ -29,10 +28,11 @@ use planish_surface::model::SurfaceModel;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Places that stand for the whole surface while candidates are compared.
+/// Number of places that represent the surface while candidates are compared. The cost of a candidate grows
+/// with its cube.
 const REPRESENTATIVES: usize = 200;
-/// A view that lowers what is to become small by less than this share is not worth its time.
-const LEAST_GAIN: f64 = 1e-6;
+/// Minimum relative improvement of a view. The choice ends when no view reaches it.
+const MIN_GAIN: f64 = 1e-6;
 
 /// A pose to measure from.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -41,13 +41,13 @@ pub struct NextView {
     pub translation: [f64; 3],
     /// Its rotation; the sensor looks along its z, with x right and y down.
     pub quaternion_xyzw: [f64; 4],
-    /// Rays that give a reading.
+    /// Number of rays with a reading.
     pub readings: usize,
     /// Share of the region's area that it sees.
     pub seen: f64,
     /// Share that it or a view before it sees.
     pub seen_so_far: f64,
-    /// The largest σ of the region once it and those before it are taken.
+    /// Largest σ of the region after this view and those before it.
     pub worst_sigma_after: f64,
     /// The root of the mean variance of the region then, by area.
     pub mean_sigma_after: f64,
@@ -56,11 +56,11 @@ pub struct NextView {
 /// A place that no candidate sees.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UnseenPlace {
-    /// Where it is.
+    /// Position on the surface.
     pub position: [f64; 3],
     /// The surface's unit normal there.
     pub normal: [f64; 3],
-    /// σ of the surface along it, once all views are taken.
+    /// σ of the surface along the normal after all views.
     pub sigma: f64,
 }
 
@@ -77,13 +77,13 @@ pub struct ViewsReport {
     pub candidates: usize,
     /// Share of the region's area that none of them sees.
     pub unseen: f64,
-    /// Of the places that none sees, the least known; none where all can be seen.
+    /// The place with the largest σ that no view sees. Absent if all places can be seen.
     pub worst_unseen: Option<UnseenPlace>,
-    /// Mean σ along their rays of all readings to come.
+    /// Mean σ of the planned readings along their rays.
     pub sigma_along: Option<f64>,
     /// Whether the goal is reached; none where there was none.
     pub reached_goal: Option<bool>,
-    /// Shape that cells are too large to follow, which counts in no figure here; none where there is none.
+    /// σ of unresolved shape, which all other figures exclude. Absent if there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape_left: Option<UnmeasurableSigma>,
 }
@@ -117,7 +117,7 @@ pub fn next_views(
     let area: f64 = places.iter().map(|p| p.area).sum();
     let share = |seen: &[bool]| {
         let of = places.iter().zip(seen).filter(|(_, s)| **s).map(|(p, _)| p.area);
-        // The sum of nothing is −0.
+        // `sum()` of an empty iterator is −0, which would be printed with its sign.
         of.fold(0.0, |sum, a| sum + a) / area
     };
     let mut seen_so_far = vec![false; places.len()];
@@ -182,11 +182,11 @@ pub fn next_views(
     })
 }
 
-/// Places that stand for all.
+/// Places that represent the surface.
 struct Representatives {
     /// Which places.
     places: Vec<usize>,
-    /// The area for which each stands.
+    /// The area that each represents.
     areas: Vec<f64>,
 }
 
@@ -275,7 +275,7 @@ fn seen_by_any(
     Ok(seen)
 }
 
-/// The candidate that leaves least; none where none is worth it.
+/// The candidate with the smallest remaining objective, or none if no candidate improves it enough.
 fn best_of(
     candidates: &[CandidateView],
     covariance: &DMatrix<f64>,
@@ -296,7 +296,7 @@ fn best_of(
         .collect();
     (0..left.len())
         .min_by(|&a, &b| left[a].total_cmp(&left[b]))
-        .filter(|&best| left[best] < (1.0 - LEAST_GAIN) * now)
+        .filter(|&best| left[best] < (1.0 - MIN_GAIN) * now)
 }
 
 /// What readings of some representatives take off the variance of each: the diagonal of

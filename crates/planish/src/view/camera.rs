@@ -5,8 +5,8 @@ use planish_estimate::{Error, Result};
 use planish_mesh::{BoundingBox, Projected};
 use std::str::FromStr;
 
-/// The camera's distance from the middle of an object, over the diagonal of its box: near enough for depth to
-/// show, far enough to distort nothing.
+/// Distance of the camera from the centre of an object, relative to the diagonal of its box. Larger values
+/// lose the impression of depth; smaller ones distort the object.
 const DISTANCE: f64 = 2.6;
 /// Azimuth and elevation of `iso`, in degrees: equal angles with all three axes.
 const ISO_DEG: [f64; 2] = [45.0, 35.264_389_682_754_654];
@@ -63,7 +63,7 @@ impl Up {
 /// right: 90 is the right side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraAngles {
-    /// About what is up, in degrees.
+    /// Angle about the up axis, in degrees.
     pub azimuth_deg: f64,
     /// Above the level of the object, in degrees from −90 to 90.
     pub elevation_deg: f64,
@@ -120,7 +120,7 @@ impl FromStr for CameraAngles {
 /// The directions of a picture: to the right, up, and from the object to the camera.
 pub(super) type Axes = [[f64; 3]; 3];
 
-/// The axes of a camera that stands at these angles.
+/// Axes of a camera at the given angles.
 pub(super) fn axes_at(angles: &CameraAngles, up: Up) -> Axes {
     let (upwards, across) = (up.direction(), up.right());
     let front = cross(across, upwards);
@@ -153,7 +153,7 @@ pub(super) struct Camera {
     pub axes: Axes,
     /// Pixels over tangents.
     pub focal: f64,
-    /// Column and row of what is straight ahead.
+    /// Column and row of the optical axis.
     middle: [f64; 2],
     /// Diagonal of the object's box.
     pub diagonal: f64,
@@ -228,7 +228,7 @@ mod tests {
         close(axes("left", z)[2], [-1.0, 0.0, 0.0]);
         close(axes("back", z)[2], [0.0, 1.0, 0.0]);
         close(axes("top", z)[2], [0.0, 0.0, 1.0]);
-        // From above, what is away from the front is up.
+        // In the view from above, the back of the object is at the top.
         close(axes("top", z)[1], [0.0, 1.0, 0.0]);
         close(axes("bottom", z)[1], [0.0, -1.0, 0.0]);
         close(axes("iso", z)[2], [1.0, -1.0, 1.0].map(|c: f64| c / 3.0_f64.sqrt()));

@@ -9,7 +9,7 @@ use planish_report::colour::Colour;
 
 const FONT: &[u8] = include_bytes!("../../assets/inter-subset.otf");
 
-/// How a text stands to its place.
+/// Alignment of a text relative to its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Anchor {
     Left,
@@ -48,7 +48,7 @@ impl Canvas {
         }
     }
 
-    /// Fills what lies inside a shape: `inside` is its distance from the border, positive inside, in pixels.
+    /// Fills a shape. `inside` is the signed distance from its border in pixels, positive inside.
     pub(super) fn fill(
         &mut self,
         [low, high]: [[f64; 2]; 2],
@@ -96,13 +96,13 @@ impl Canvas {
         self.fill([low, high], inside, |_| colour);
     }
 
-    /// The font's own measure of letters whose em is so many pixels.
+    /// Font scale for an em size in pixels.
     fn scale(&self, size: f64) -> PxScale {
         let em = self.font.units_per_em().unwrap_or(1.0);
         PxScale::from(size as f32 * self.font.height_unscaled() / em)
     }
 
-    /// Width of a text whose em is so many pixels.
+    /// Width of a text for an em size in pixels.
     pub(super) fn width(&self, text: &str, size: f64) -> f64 {
         let font = self.font.as_scaled(self.scale(size));
         let mut width = 0.0;
@@ -118,7 +118,7 @@ impl Canvas {
         f64::from(width)
     }
 
-    /// Writes a text whose letters stand on the row of `at`.
+    /// Writes a text with its baseline on the row of `at`.
     pub(super) fn text(&mut self, at: [f64; 2], text: &str, size: f64, anchor: Anchor, colour: Colour) {
         let shift = match anchor {
             Anchor::Left => 0.0,
@@ -187,7 +187,7 @@ mod tests {
         let columns: Vec<usize> = (0..200).filter(|column| inked(*column)).collect();
         assert!((columns[0] as f64 - (100.0 - half)).abs() < 4.0, "{columns:?}");
         assert!((*columns.last().unwrap() as f64 - (100.0 + half)).abs() < 4.0);
-        // Beyond the border nothing is drawn and nothing breaks.
+        // Text outside the canvas is clipped.
         canvas.text([-500.0, -3.0], "out", 20.0, Anchor::Right, [0.0; 3]);
     }
 

@@ -1,5 +1,4 @@
-//! What stands beside an object in a picture: the colours and their values, the object's size, and the
-//! directions of its axes.
+//! The legend of a picture: colours with their values, the object's size, and the directions of its axes.
 
 use super::camera::Camera;
 use super::canvas::{Anchor, Canvas};
@@ -10,11 +9,11 @@ const SOFT: Colour = [0.36, 0.375, 0.41];
 /// Kinds that a legend names.
 const MOST_KINDS: usize = 8;
 
-/// What a legend says.
+/// Contents of a legend.
 pub(super) struct Legend {
     /// The quantity with its unit.
     pub title: String,
-    /// Its colours; none where the colours say nothing of values.
+    /// Colour scale; none if colours do not represent values.
     pub scale: Option<Scale>,
     /// The size of the object's box, with its unit.
     pub size: String,
@@ -25,7 +24,7 @@ pub(super) fn letter_size([columns, rows]: [usize; 2]) -> f64 {
     (columns.min(4 * rows / 3) as f64 / 64.0).max(9.0)
 }
 
-/// Rows that a legend takes at the bottom of a picture.
+/// Height of the legend at the bottom of a picture, in rows.
 pub(super) fn height(size: [usize; 2]) -> f64 {
     5.6 * letter_size(size)
 }

@@ -1,14 +1,12 @@
-//! Light on what a camera sees: matt surfaces lit over the left shoulder, darker where others are near, and
-//! dots that stand out by their depth.
+//! Shading of pictures: diffuse surfaces lit from the upper left, with darkened folds and depth cues for dots.
 //!
-//! Input: [`Shape`]s with a colour for each place. Output: linear light for each pixel, and how much of
-//! it is covered.
+//! Input: [`Shape`]s with a colour at each place. Output: linear colour and coverage of each pixel.
 //!
-//! What darkens folds is *ambient obscurance* (McGuire, Osman, Bukowski and Hennessy, “The Alchemy
-//! screen-space ambient obscurance algorithm”, 2011, equation 10); what separates dots is *eye-dome lighting*
+//! Folds are darkened by *ambient obscurance* (McGuire, Osman, Bukowski and Hennessy, “The Alchemy
+//! screen-space ambient obscurance algorithm”, 2011, equation 10). Dots are separated by *eye-dome lighting*
 //! (Boucheny, 2009).
 //!
-//! Not guaranteed: shadows; that light says anything of the material.
+//! There are no shadows and no materials.
 
 use super::camera::Camera;
 use planish_estimate::vector3::{add_scaled, cross, dot, norm, scale, sub, unit};
@@ -19,13 +17,13 @@ use rayon::prelude::*;
 /// Places along each side of a pixel that are drawn, and of pictures with more pixels than [`LARGE`].
 const SAMPLES: [usize; 2] = [3, 2];
 const LARGE: usize = 8_000_000;
-/// Places of the depth buffer that are held at a time, about.
-const MOST_PLACES: usize = 16_000_000;
+/// Approximate maximum number of samples in the depth buffer. Larger pictures are drawn in strips.
+const MAX_SAMPLES: usize = 16_000_000;
 /// Faces that meet at more than this angle, in degrees, have an edge between them.
 const SMOOTH_DEG: f64 = 40.0;
 /// Over the left shoulder: to the right, up, and towards the camera.
 const LAMP: [f64; 3] = [-0.42, 0.58, 0.70];
-/// Shares of the light that come from above and below, and of the lamp.
+/// Fractions of the light from the sky, the ground and the lamp.
 const SKY: f64 = 0.44;
 const GROUND: f64 = 0.24;
 const DIRECT: f64 = 0.72;
@@ -41,12 +39,12 @@ const GOLDEN: f64 = 2.399_963_229_728_653;
 const DOTS_APART: f64 = 0.14;
 const STEEPEST: f64 = 4.0;
 
-/// What is drawn.
+/// A drawn object.
 pub(super) enum Shape<'a> {
     /// Triangles; colours of a place by its triangle and weights of its corners, or of the normal (in the
     /// picture's axes) if none is given.
     Surface { positions: &'a [[f64; 3]], triangles: &'a [[u32; 3]], colour: Option<&'a PlaceColour<'a>> },
-    /// Dots with a colour and maybe a normal each, so many pixels wide.
+    /// Dots with a colour and an optional normal each, and their width in pixels.
     Dots {
         positions: &'a [[f64; 3]],
         normals: Option<&'a [[f64; 3]]>,
@@ -65,7 +63,7 @@ pub(super) fn normal_colour(normal: [f64; 3]) -> Colour {
     normal.map(|c| 0.5 + 0.5 * c)
 }
 
-/// What a pixel saw.
+/// Surface data of a pixel.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Pixel {
     /// Linear light, of the part that is covered.
@@ -77,7 +75,7 @@ pub(super) struct Pixel {
     /// Mean normal, in the picture's axes.
     normal: [f64; 3],
     is_dot: bool,
-    /// Whether its colour is to be read as a value: nothing darkens it.
+    /// Whether its colour represents a value. Such pixels are not darkened.
     is_value: bool,
 }
 
@@ -126,7 +124,7 @@ pub(super) fn draw(shapes: &[Shape<'_>], camera: &Camera, [columns, rows]: [usiz
         }
         prepared.push(Prepared { shape, first, normals });
     }
-    let strip = (MOST_PLACES / (samples * samples * columns).max(1)).clamp(1, rows.max(1));
+    let strip = (MAX_SAMPLES / (samples * samples * columns).max(1)).clamp(1, rows.max(1));
     let mut pixels = Vec::with_capacity(columns * rows);
     for first in (0..rows).step_by(strip) {
         let last = (first + strip).min(rows);
@@ -223,7 +221,7 @@ fn brightness(normal: [f64; 3]) -> f64 {
 /// Normals at the corners of triangles, in the picture's axes: means over the faces around a place that meet
 /// smoothly.
 fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camera) -> Vec<[[f32; 3]; 3]> {
-    // Files may hold a place several times, once for each of the faces that meet there.
+    // Files may contain a vertex several times, once for each adjacent face.
     let mut order: Vec<u32> = (0..positions.len() as u32).collect();
     let bits = |k: u32| positions[k as usize].map(|c| (c + 0.0).to_bits());
     order.par_sort_unstable_by_key(|&k| bits(k));
@@ -276,7 +274,7 @@ fn corner_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]], camera: &Camer
         .collect()
 }
 
-/// Pixels with folds darkened, and dots that lie behind others.
+/// Darkens folds, and dots behind others.
 fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
     let [columns, _] = size;
     // Places over a disc, evenly.
@@ -306,7 +304,7 @@ fn obscured(pixels: &[Pixel], camera: &Camera, size: [usize; 2]) -> Vec<Pixel> {
         .collect()
 }
 
-/// The pixel at a place, where something is seen there.
+/// The pixel at a position, if it shows an object.
 fn covered(pixels: &[Pixel], [columns, rows]: [usize; 2], [column, row]: [f64; 2]) -> Option<&Pixel> {
     let inside = column >= 0.0 && row >= 0.0 && column < columns as f64 && row < rows as f64;
     let pixel = inside.then(|| &pixels[row as usize * columns + column as usize])?;
@@ -334,7 +332,7 @@ fn obscurance(
         };
         let off = sub(camera.place(there.map(|x| x.floor() + 0.5), other.depth), place);
         let square = dot(off, off);
-        // Near objects count, far ones do not; a place does not stand in its own light.
+        // Only nearby surface obscures. The offset keeps a place from obscuring itself.
         let above = dot(off, pixel.normal) - 0.002 * camera.diagonal;
         if above > 0.0 && square < 4.0 * reach * reach {
             sum += above * reach / (square + 0.01 * reach * reach) * (1.0 - square / (4.0 * reach * reach));
@@ -343,7 +341,7 @@ fn obscurance(
     (1.0 - OBSCURANCE * sum / ASKED as f64).max(0.25)
 }
 
-/// The share of the light of a dot, by how steeply others stand before it.
+/// The brightness of a dot, reduced by steep depth differences to dots in front of it.
 fn dots_apart(pixels: &[Pixel], camera: &Camera, size: [usize; 2], at: [usize; 2]) -> f64 {
     let pixel = &pixels[at[1] * size[0] + at[0]];
     let middle = at.map(|k| k as f64 + 0.5);
