@@ -1,15 +1,15 @@
-//! A model that forms before one's eyes: its snapshots as an animated mesh, or as pictures.
+//! Animation of a forming model: its snapshots as an animated mesh, or as pictures.
 //!
-//! Input: a fitted model with its [`Formation`]. Output: a GLB file with a morph target for every
-//! snapshot, or a folder of PNG pictures `frame_0001.png` and so on. Colours show σ along the normal, on one
-//! logarithmic scale for all frames, from dark violet (small) to yellow (large). In the pictures orange dots
-//! are the readings so far.
+//! Input: a fitted model with its [`Formation`]. Output: a GLB file with a morph target for each snapshot, or
+//! a folder of PNG pictures (`frame_0001.png` and so on). Colours show σ along the normal, on one logarithmic
+//! scale for all frames, from dark violet (small) to yellow (large). In the pictures, orange dots are the
+//! readings used so far.
 //!
-//! All frames are cut into the same triangles, at the same parameters. The folder is whole or not there:
-//! pictures are drawn into a folder beside it, which is then renamed.
+//! All frames use the same triangles at the same parameters. Pictures are drawn into a temporary folder,
+//! which is then renamed, so that the output folder is complete or absent.
 //!
-//! Not guaranteed: that triangles follow a snapshot as closely as the model; that a viewer of GLB shows
-//! colours change.
+//! Not guaranteed: chord errors of snapshots may exceed those of the final model. Many viewers of GLB files do
+//! not animate colours.
 
 use planish_core::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};
@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 
 /// Frames of an animation.
 pub const FRAMES: usize = 24;
-/// A frame every so many seconds.
+/// Time between frames in the animation.
 const SECONDS_PER_FRAME: f64 = 0.25;
 /// Triangles of a frame, about.
 const MOST_TRIANGLES: u64 = 16_000;
@@ -39,20 +39,20 @@ const PICTURE: [usize; 2] = [800, 600];
 const SAMPLES: usize = 3;
 /// Dots of a picture, at most.
 const MOST_DOTS: usize = 6000;
-/// Where the camera stands: so far above the plane of a sheet, or in this direction from other shapes.
+/// Direction of the camera: elevation above the plane of a sheet, or direction for other shapes.
 const SLANT: f64 = 0.75;
 const FROM: [f64; 3] = [0.55, -0.75, 0.5];
 /// A surface faces one way when its normals add up to more than this share of its area.
 const FACING: f64 = 0.5;
-/// The last frame is drawn so large at least, as a share of what has room.
+/// Minimum size of the last frame relative to the picture. Larger first frames are clipped.
 const SMALLEST: f64 = 0.6;
-/// The light that comes from everywhere, as a share.
+/// Fraction of ambient light.
 const AMBIENT: f64 = 0.35;
 const DOT: [u8; 3] = [255, 110, 20];
-/// What is behind everything, in linear brightness.
+/// Background colour in linear brightness.
 const PAPER: [f64; 3] = [0.956, 0.956, 0.939];
 
-/// Where an animation goes.
+/// Output of an animation.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AnimationOutput {
     /// An animated mesh (.glb).
@@ -66,7 +66,7 @@ pub enum AnimationOutput {
 pub struct AnimationReport {
     /// The file or the folder.
     pub file: PathBuf,
-    /// How many readings each frame knows.
+    /// Number of readings used in each frame.
     pub readings: Vec<usize>,
     /// Triangles of each frame.
     pub triangles: usize,
@@ -102,11 +102,11 @@ struct Frames {
     unit: Unit,
 }
 
-/// Writes how a model formed.
+/// Writes the animation of a forming model.
 ///
 /// # Errors
-/// `Input` where there are no two snapshots; what the writers report; `Interrupted` on request, before
-/// anything is left in the folder.
+/// `Input` for fewer than two snapshots; errors of the writers; `Interrupted` on request, without partial
+/// output.
 pub fn write_forming(
     forming: &Formation,
     unit: Unit,
@@ -184,8 +184,8 @@ fn frames(surface: &Surface, forming: &Formation, unit: Unit, progress: &dyn Pro
     })
 }
 
-/// One logarithmic scale for all frames: from the smallest σ of the last to the largest of the first, a few
-/// vertices at the ends left out.
+/// One logarithmic scale for all frames: from the smallest σ of the last frame to the largest of the first,
+/// without a few extreme vertices.
 struct ColourScale {
     low: f64,
     high: f64,
@@ -206,8 +206,7 @@ impl ColourScale {
     }
 }
 
-/// A camera that looks at the middle of an object from four sizes away: parallel enough that nothing is
-/// distorted.
+/// A camera at four times the size of the object from its centre: perspective without visible distortion.
 struct Camera {
     at: [f64; 3],
     /// To the right, up, and towards the object.

@@ -3,15 +3,15 @@
 //! Input: a model (`.planish`, or a mesh, maybe with columns `sigma` and `observed`) and a [`Reference`]:
 //! a mesh, or points with or without σ. Output: a [`ComparisonReport`] in the model's unit.
 //!
-//! *Forward*: from the vertices of the model's mesh to the reference's mesh. *Backward*: from the reference's
-//! points to the model's surface, by exact foot points where a `.planish` is given. Both are positive where
-//! the model lies on the side that the reference's normal points to (that the model's normal points to, where
-//! the reference has none). Only what the model counts as observed is compared, and nothing whose foot lies
-//! on an open border: there, the other side ends.
+//! *Forward* deviations are measured from the vertices of the model's mesh to the reference's mesh. *Backward*
+//! deviations are measured from the reference's points to the model's surface, with exact foot points for a
+//! `.planish` file. Both are positive if the model is on the side to which the reference's normal points (the
+//! model's normal if the reference has none). Only observed parts of the model are compared. Points whose foot
+//! is on an open boundary are skipped, because the other surface ends there.
 //!
-//! Not guaranteed: weighting by area (finely meshed parts count more); that foot points are the globally
-//! nearest ones. They start at the sample whose position and normal agree best, which keeps the two sides of
-//! a thin part apart.
+//! Not guaranteed: deviations are not weighted by area, so finely meshed parts count more. Foot points may not
+//! be the globally nearest ones. They start at the sample whose position and normal agree best, which keeps
+//! the two sides of a thin part apart.
 
 mod inputs;
 pub(crate) mod page;
@@ -41,8 +41,8 @@ use std::path::{Path, PathBuf};
 
 /// The 97.5 % quantile of the normal distribution: half the width of its central 95 %.
 const QUANTILE_95: f64 = 1.959_963_984_540_054;
-/// More triangles than this tell no more about deviations.
-const MOST_FORWARD_TRIANGLES: u64 = 500_000;
+/// Maximum number of triangles of the model's mesh. More samples do not change the statistics of deviations.
+const MAX_FORWARD_TRIANGLES: u64 = 500_000;
 
 /// Figures of one direction, in the model's unit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -68,7 +68,7 @@ pub struct Skipped {
     pub model_not_observed: usize,
     /// Vertices of the model beyond an open border of the reference.
     pub model_beyond_border: usize,
-    /// Points of the reference beside a part of the model that was not measured.
+    /// Points of the reference near an unobserved part of the model.
     pub reference_not_observed: usize,
     /// Points of the reference beyond an open border of the model.
     pub reference_beyond_border: usize,
@@ -80,15 +80,15 @@ pub struct ComparisonReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Unit,
-    /// From the model to the reference; none where the reference has no triangles or nothing is left to
-    /// compare.
+    /// Deviations from the model to the reference. Absent if the reference has no triangles or if nothing can be
+    /// compared.
     pub forward: Option<Deviations>,
-    /// From the reference to the model; none where nothing is left to compare.
+    /// Deviations from the reference to the model. Absent if nothing can be compared.
     pub backward: Option<Deviations>,
     /// Share of the reference's points within 1.96 · √(σ_model² + σ_reference²); none where the model carries
     /// no σ.
     pub coverage95: Option<f64>,
-    /// What was left out.
+    /// Numbers of skipped points.
     pub skipped: Skipped,
     /// Warnings for the user.
     pub warnings: Vec<String>,
@@ -115,7 +115,7 @@ pub enum ComparedPart {
     Completed,
     /// Both.
     Known,
-    /// What only the prior knows, too.
+    /// Also parts that are determined by the prior alone.
     All,
 }
 
@@ -130,7 +130,7 @@ impl ComparedPart {
     }
 }
 
-/// What a number of a mesh's column `observed` says.
+/// Meaning of a value of a mesh's column `observed`.
 fn observed_of(mark: f64) -> Observed {
     [Observed::Measured, Observed::Inferred]
         .into_iter()
@@ -140,10 +140,10 @@ fn observed_of(mark: f64) -> Observed {
 
 /// Compares a model with a reference.
 ///
-/// Where both name their unit, the reference is converted to the model's.
+/// If both have a unit, the reference is converted to the model's.
 ///
 /// # Errors
-/// `Undetermined` when the two share nothing to compare; `Input` for meshes that cannot be searched;
+/// `Undetermined` if nothing can be compared; `Input` for meshes that cannot be searched;
 /// `Interrupted` on request.
 pub fn compare(
     model: &Compared,
@@ -166,7 +166,7 @@ pub(crate) struct ShownReference {
     pub mesh: Option<TriangleMesh>,
 }
 
-/// [`compare`], with what a report shows.
+/// [`compare`], with the data for the report page.
 pub(crate) fn compared(
     model: &Compared,
     reference: Reference,
@@ -231,7 +231,7 @@ pub(crate) fn compared(
 pub struct CompareJob {
     /// A saved model, a mesh, a STEP file or points.
     pub model: PathBuf,
-    /// What it is compared with.
+    /// File of the reference.
     pub reference: PathBuf,
     /// How they are compared.
     pub options: CompareOptions,
@@ -427,7 +427,7 @@ fn observed_vertices(
                 Some(tolerance) => tolerance,
                 None => {
                     let wanted = 0.5 * median_sigma(model, &model.posterior()?)?;
-                    affordable_tolerance(&model.surface, wanted, MOST_FORWARD_TRIANGLES)?
+                    affordable_tolerance(&model.surface, wanted, MAX_FORWARD_TRIANGLES)?
                 }
             };
             let options = TessellationOptions { tolerance, ..TessellationOptions::default() };

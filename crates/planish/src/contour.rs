@@ -1,8 +1,8 @@
-//! `planish contour`: which contour a sensor of uncertain pose saw.
+//! `planish contour`: identifies contours measured by a sensor with an uncertain pose.
 //!
-//! Input: a [`ContourJob`]. Output: a [`ContourReport`], as JSON, DXF and SVG too. Readings are told
-//! apart by level, then by gaps between them; of each part several kinds are tried. Not guaranteed: parts
-//! that are nearer to each other than readings of one part; `gap` says where that is.
+//! Input: a [`ContourJob`]. Output: a [`ContourReport`], also as JSON, DXF and SVG. Readings are separated by
+//! level and by gaps. Several kinds of contour are fitted to each part. Not guaranteed: parts that are closer
+//! to each other than neighbouring readings are not separated; use `gap` to set the distance.
 
 mod constrained;
 mod lengths;
@@ -54,7 +54,7 @@ pub struct ContourJob {
     pub input: PathBuf,
     /// Kinds to try; empty for all, chains of lines and arcs included, unless `chains` asks for these alone.
     pub kinds: Vec<ContourKind>,
-    /// Whether chains of lines and arcs, closed or open, are tried beside the kinds that are named.
+    /// Whether closed and open chains of lines and arcs are tried besides the given kinds.
     pub chains: bool,
     /// Shapes in space to try, for readings in space; none for contours.
     pub shapes: Vec<PrimitiveKind>,
@@ -64,14 +64,13 @@ pub struct ContourJob {
     pub sigma: SigmaDefaults,
     /// Which scans of a log.
     pub carmen: CarmenOptions,
-    /// Readings farther apart than this belong to different parts; found from their number where it is not
-    /// given.
+    /// Minimum distance between readings of different parts. Default: from the number of readings.
     pub gap: Option<f64>,
     /// `.json`, `.dxf`, `.svg`.
     pub outputs: Vec<PathBuf>,
     /// What to find and impose between the contours.
     pub constrain: ConstrainJob,
-    /// Side of a picture's pixels, where the readings are the edges of one; 1 if it is not given.
+    /// Side of a pixel, if the readings are the edges of a picture (default 1).
     pub pixel: Option<f64>,
     /// Unit of lengths where the file does not name it.
     pub unit: Option<Unit>,
@@ -133,14 +132,14 @@ impl Job for ContourJob {
     }
 }
 
-/// A part of the readings, with what it is.
+/// A part of the readings, with the identified contour.
 struct Part {
     level: Option<f64>,
     members: Vec<usize>,
     choice: Choice,
 }
 
-/// What the file holds.
+/// The kind of readings in the file.
 fn readings_of(job: &ContourJob, read: &ContourReadings) -> unused::Readings {
     let is_range = |s: &ContourReading| matches!(s.target, ContourTarget::Range { .. });
     match (picture::is_picture(&job.input), read.in_metres) {
@@ -268,7 +267,7 @@ fn parts_of(
     Ok(parts)
 }
 
-/// Of a line, the ends of what was seen.
+/// Ends of the measured part of a line.
 fn ends_seen(part: &Part, sightings: &[ContourReading]) -> Option<[[f64; 2]; 2]> {
     let fit = &part.choice.fit;
     if fit.kind != ContourKind::Line {

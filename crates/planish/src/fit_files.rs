@@ -94,7 +94,7 @@ pub struct FitJobReport {
     pub written: Vec<WrittenFile>,
     /// How the model formed, if requested.
     pub animation: Option<AnimationReport>,
-    /// Readings of all sessions that the model holds.
+    /// Number of readings of all sessions in the model.
     pub observations_of_all_sessions: usize,
     /// Seconds that the fit itself took: without reading and writing files.
     pub fit_seconds: f64,
@@ -171,7 +171,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
         Some(earlier) => update(&earlier.model, &set, &job.options, &fitting),
     };
     let fit_seconds = start.elapsed().as_secs_f64();
-    // The fit knows points, not files.
+    // The fit has no file names, so errors get them here.
     let fitted = fitted.map_err(|e| match e.kind() {
         ErrorKind::Interrupted => e,
         // It names the file already.
@@ -233,7 +233,7 @@ fn fit_scans(job: &FitJob, progress: &dyn Progress) -> Result<FitJobReport> {
     })
 }
 
-/// The files that were read, and what each gave.
+/// The input files, and a description of the contents of each.
 fn files_read(job: &FitJob, set: &ScanSet) -> Vec<(PathBuf, String)> {
     let gave = |input: &InputFile| match (input.points, input.dropped_not_finite) {
         (0, _) => "sensors and scans".to_owned(),
@@ -297,7 +297,7 @@ fn unsteady(report: &FitReport) -> Vec<String> {
     .collect()
 }
 
-/// Every reading was rejected: a model that nothing was added to is no result.
+/// Error if every reading was rejected: an unchanged model is not a result.
 fn nothing_used(job: &FitJob, report: &FitReport) -> Error {
     let causes: Vec<String> = report.rejected.iter().map(|(cause, n)| format!("{n} {cause}")).collect();
     let surface = match &job.update {
@@ -388,7 +388,7 @@ fn warnings(set: &ScanSet, earlier: Option<&SavedModel>) -> Vec<String> {
     warnings
 }
 
-/// A raster of heights takes a sheet: said before the work where the shape is known then.
+/// Refuses a height raster of a shape other than a sheet, before the work if the shape is given.
 fn refuse_raster_of(job: &FitJob, outputs: &[PlannedOutput]) -> Result<()> {
     let shape = job.options.shape.filter(|shape| *shape != Shape::Sheet);
     if let Some(shape) = shape {
@@ -409,7 +409,7 @@ fn refuse_raster_of(job: &FitJob, outputs: &[PlannedOutput]) -> Result<()> {
     Ok(())
 }
 
-/// A sheet over lidar that nobody classified follows roofs and trees: it may be meant so.
+/// Warns if a sheet is fitted to lidar without classes: it follows roofs and trees, which may be intended.
 fn unclassified(job: &FitJob, set: &ScanSet) -> Vec<String> {
     let of_lidar = |path: &std::path::Path| ["las", "laz"].contains(&extension(path).as_str());
     let lidar = set.inputs.iter().any(|input| of_lidar(&input.path));

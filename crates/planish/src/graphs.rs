@@ -48,7 +48,7 @@ pub struct NamedStructure {
     pub blocks: Vec<NamedPart>,
 }
 
-/// All that is said of one view's constraints.
+/// Constraint graphs of one view.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GraphsOfView {
     /// The view's name.
@@ -173,10 +173,10 @@ pub fn check_graphs_name(path: &Path) -> Result<()> {
 
 /// Writes the graphs of views, and the composite graph of several, to a `.json` or `.dot` file.
 ///
-/// A DOT file holds one graph after the other, each called by its view and its kind.
+/// A DOT file contains one graph after the other, named by view and kind.
 ///
 /// # Errors
-/// `Io` when the file cannot be written.
+/// `Io` if the file cannot be written.
 pub fn write_graphs(path: &Path, views: &[GraphsOfView], composite: Option<&Composite>) -> Result<()> {
     let text = if extension(path) == "dot" {
         dot(views, composite)

@@ -1,9 +1,7 @@
-//! What a file holds.
+//! Describes the contents of a file.
 //!
-//! Input: a scan, a list of scans, a mesh or a saved model. Output: a [`FileInfo`]. Everything is read,
-//! not only the header: a file that is cut off or malformed is found.
-//!
-//! Not guaranteed: anything about STEP files, which are written here but not read.
+//! Input: a scan, a list of scans, a mesh, a STEP file or a saved model. Output: a [`FileInfo`]. The whole
+//! file is read, not only the header, so that truncated and malformed files are detected.
 
 use planish_estimate::Result;
 use planish_exchange::extension;
@@ -19,7 +17,7 @@ use planish_surface::saved::{SavedModel, Session, load_with_provenance};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// What a file holds.
+/// Contents of a file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FileInfo {
     /// Unit of every length, if known.
@@ -52,7 +50,7 @@ pub enum Contents {
 /// The box around points.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct BoxInfo {
-    /// Least coordinates.
+    /// Smallest coordinates.
     pub min: [f64; 3],
     /// Greatest coordinates.
     pub max: [f64; 3],
@@ -67,7 +65,7 @@ pub struct ScanInfo {
     pub points: usize,
     /// Records without.
     pub dropped_not_finite: usize,
-    /// What is known of each point: `x y z`, and `sigma`, `cxx …`, `nx ny nz`, `sigma_n_deg` where stated.
+    /// Columns of each point: `x y z`, and `sigma`, `cxx …`, `nx ny nz`, `sigma_n_deg` if present.
     pub columns: Vec<String>,
     /// Around the points, in the scanner's frame.
     #[serde(rename = "box")]
@@ -85,7 +83,7 @@ pub struct GridInfo {
     pub columns: usize,
     /// Rows.
     pub rows: usize,
-    /// Cells that hold a point.
+    /// Number of cells with a point.
     pub filled: usize,
 }
 
@@ -96,7 +94,7 @@ pub struct SensorInfo {
     pub name: String,
     /// `range` or `touch`.
     pub kind: String,
-    /// σ along the ray, or in every direction; none where it is to be estimated.
+    /// σ along the ray, or in every direction. Absent if it is to be estimated.
     pub sigma_along: Option<f64>,
     /// σ across the ray.
     pub sigma_across: Option<f64>,
@@ -206,10 +204,10 @@ pub struct ModelInfo {
     pub sessions: Vec<Session>,
 }
 
-/// Reads a file and says what it holds; `unit` is that of a file that names none.
+/// Reads a file and describes its contents. `unit` applies to files without a unit.
 ///
 /// # Errors
-/// As the readers; `Unsupported` for other extensions.
+/// Those of the readers; `Unsupported` for other extensions.
 ///
 /// # Examples
 /// ```no_run
@@ -403,7 +401,7 @@ fn model(path: &Path) -> Result<FileInfo> {
         areas.iter().zip(&model.observed).filter(|(_, o)| o.is_measured()).map(|(a, _)| a).sum();
     let invented: f64 = (areas.iter().zip(&model.observed))
         .filter(|(_, o)| **o == Observed::Inferred)
-        // The sum of nothing is −0.
+        // `sum()` of an empty iterator is −0, which would be printed with its sign.
         .fold(0.0, |sum, (a, _)| sum + a);
     Ok(FileInfo {
         unit: Some(model.unit),

@@ -38,10 +38,10 @@ pub trait Job {
     /// `Unsupported` for a file whose extension names no format of this job.
     fn outputs(&self) -> Result<Vec<PathBuf>>;
 
-    /// Reads, computes and writes; call [`Job::run`], which checks the outputs first.
+    /// Reads, computes and writes. Call [`Job::run`] instead, which checks the outputs first.
     ///
     /// # Errors
-    /// What the readers, the computation and the writers report; `Interrupted` on request.
+    /// Errors of the readers, the computation and the writers; `Interrupted` on request.
     fn execute(&self, progress: &dyn Progress) -> Result<Self::Report>;
 
     /// Checks the outputs, then reads, computes and writes.

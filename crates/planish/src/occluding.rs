@@ -1,14 +1,14 @@
-//! The job `planish sense contours`: views of an object in, points on its occluding contours out, and patches
-//! of its surface.
+//! The job `planish sense contours`: reconstructs points on the occluding contours of an object, and patches
+//! of its surface, from views.
 //!
-//! Input: an [`OccludingJob`]. Output: the files that it names and an [`OccludingReport`]. Outputs are
-//! checked before anything is read.
+//! Input: an [`OccludingJob`]. Output: the files that it names and an [`OccludingReport`]. Outputs are checked
+//! before anything is read.
 //!
-//! Points are those of [`planish_sense::occluding`]; what hangs together of them is a strip. Each strip
-//! becomes a patch: a mesh that joins the contours of consecutive views, and, for models and STEP, a sheet by
+//! Points come from [`planish_sense::occluding`]. Connected points form a strip. Each strip becomes a patch: a
+//! mesh that joins the contours of consecutive views and, for models and STEP, a sheet by
 //! [`fit`](planish_surface::fit::fit).
 //!
-//! Not guaranteed: cameras are taken for exact.
+//! Not guaranteed: errors of camera poses are not modelled.
 
 mod patch;
 
@@ -36,9 +36,9 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Borders of a smoothed mask err alike over so many σ of the smoothing: the integral of its correlation, 2
-/// √π.
-const ALIKE: f64 = 3.545;
+/// Correlation length of the border of a smoothed mask, in σ of the smoothing: the integral of the
+/// autocorrelation `exp(−x²/4)` of a Gaussian kernel, 2 √π.
+const CORRELATION_LENGTH: f64 = 3.545;
 /// The box of the hull is wider than the points by so much of their size.
 const WIDER: f64 = 0.15;
 /// Cells along the longest side of the hull's box.
@@ -90,13 +90,13 @@ pub struct ContourPatch {
     pub files: Vec<WrittenFile>,
     /// Points of its strip.
     pub points: usize,
-    /// Views of which they are.
+    /// Number of views that they come from.
     pub views: usize,
     /// Median σ along its normals.
     pub sigma: f64,
     /// Its area.
     pub area: f64,
-    /// The share of places along its contours, from first to last in each view, that were left out.
+    /// Fraction of skipped places along its contours, between the first and the last in each view.
     pub left_out_share: f64,
 }
 
@@ -147,7 +147,7 @@ pub struct OccludingReport {
     pub unseen_share: Option<f64>,
     /// Patches, of the largest strip first.
     pub patches: Vec<ContourPatch>,
-    /// Outlines of hull and judged mesh beside the masks.
+    /// Overlap of the hull and of the judged mesh with the masks.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iou: Vec<OutlineAgreement>,
     /// Unit of every length.
@@ -302,7 +302,7 @@ fn mask_options(view: &ViewFile) -> SilhouetteOptions {
     }
 }
 
-/// What a view of a file saw.
+/// Contours of a view in a file.
 pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     let options = mask_options(view);
     let outline = match &view.mask {
@@ -318,7 +318,7 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
         return Err(Error::input("needed a mask, or contours with ordered points, found none"));
     }
     let (contours, sigma_px, apart_px) = match measured {
-        false => (outline.clone(), view.sigma_px, ALIKE * options.smoothing_px),
+        false => (outline.clone(), view.sigma_px, CORRELATION_LENGTH * options.smoothing_px),
         true => {
             let mut sigmas: Vec<f64> = view.contours.iter().map(|(_, sigma)| *sigma).collect();
             sigmas.sort_by(f64::total_cmp);
@@ -328,7 +328,7 @@ pub(crate) fn contour_view(view: &ViewFile) -> Result<ContourView> {
     Ok(ContourView { name: view.name.clone(), camera, contours, silhouette: outline, sigma_px, apart_px })
 }
 
-/// Contours of a file, turned so that the object lies to the right of the way where a mask tells it.
+/// Contours of a file, oriented so that the object is on their right if a mask shows the side.
 fn pieces(view: &ViewFile, outline: &[Contour]) -> Vec<Contour> {
     let ends = view.contour_starts.iter().skip(1).copied().chain([view.contours.len()]);
     (view.contour_starts.iter().zip(ends))

@@ -1,8 +1,8 @@
-//! What is written of a model: the format follows the file's extension.
+//! Writes models. The extension of a file determines its format.
 //!
-//! Input: paths, before any work; then a model. Output: the files, each whole or not there. Everything
-//! that can go wrong with a path is found by [`plan_outputs`], before the work; everything that can go wrong
-//! with the model by [`prepare`], before the first file is written. What is left is a full disk.
+//! Input: paths before the work, and a model after it. Output: files, each complete or absent.
+//! [`plan_outputs`] finds problems with paths before the work. [`prepare`] finds problems with the model before
+//! the first file is written. The remaining failures are those of the disk.
 
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
@@ -22,11 +22,10 @@ use std::path::{Path, PathBuf};
 /// Vertices, edges and faces of a STEP file meet within this, in millimetres.
 const STEP_UNCERTAINTY_MM: f64 = 1e-6;
 
-/// Writes files into a folder, which is made where it is missing; nothing is written where one of them cannot
-/// be.
+/// Writes files into a folder and creates it if necessary. If one file cannot be created, none is written.
 ///
 /// # Errors
-/// `Io` where the folder cannot be made or a file not be written.
+/// `Io` if the folder cannot be created or a file cannot be written.
 pub fn write_files(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<()> {
     make_folder(folder)?;
     for (name, _) in files {
@@ -88,7 +87,7 @@ impl OutputFormat {
 }
 
 impl OutputFormat {
-    /// Whether it holds triangles.
+    /// Whether the format stores triangles.
     pub fn is_mesh(self) -> bool {
         matches!(self, Self::Ply | Self::Obj | Self::Stl | Self::Glb)
     }
@@ -117,7 +116,7 @@ pub struct PlannedOutput {
 /// A file that was written, and what went into it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WrittenFile {
-    /// Its path as the user gave it.
+    /// Path as the user gave it.
     #[serde(serialize_with = "as_text")]
     pub file: PathBuf,
     /// Its format.
@@ -154,7 +153,7 @@ pub struct OutputOptions {
     pub georeference: Option<GeoReference>,
 }
 
-/// A path for programs; what is no text in it is replaced, as in every message.
+/// Serialises a path. Bytes that are not valid text are replaced, as in messages.
 pub(crate) fn as_text<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
     serializer.collect_str(&path.display())
 }
@@ -170,11 +169,11 @@ pub fn plan_outputs(paths: &[PathBuf]) -> Result<Vec<PlannedOutput>> {
         .collect()
 }
 
-/// Checks every output before the work begins.
+/// Checks all outputs before the work begins.
 ///
 /// # Errors
-/// `Input` for an output that is named twice or is one of the `inputs`; `Io` if its folder is missing, the
-/// path names a folder, or writing is not allowed.
+/// `Input` for an output that is given twice or is one of the `inputs`; `Io` if its folder does not exist, if
+/// the path is a folder, or if writing is not permitted.
 pub fn check_outputs(paths: &[PathBuf], inputs: &[PathBuf]) -> Result<()> {
     for (k, path) in paths.iter().enumerate() {
         refuse_same_output(path, &paths[..k])?;
@@ -200,10 +199,10 @@ fn refuse_same_output(path: &Path, others: &[PathBuf]) -> Result<()> {
     Ok(())
 }
 
-/// Refuses to write over a file that is read.
+/// Refuses an output that would overwrite an input.
 ///
 /// # Errors
-/// `Input` where the path is one of the inputs, by whatever name.
+/// `Input` if the path is one of the inputs, also through a link or another spelling.
 pub fn refuse_input_as_output(path: &Path, inputs: &[PathBuf]) -> Result<()> {
     match inputs.iter().find(|input| real_path(input) == real_path(path)) {
         Some(input) => Err(Error::input(format!(
@@ -226,11 +225,11 @@ pub struct Prepared<'a> {
     pub warnings: Vec<String>,
 }
 
-/// Makes what the outputs need of a model.
+/// Prepares the meshes and rasters that the outputs need.
 ///
 /// # Errors
-/// `Input` for a mesh tolerance that is not positive or takes too many triangles, and for a raster of what is
-/// no sheet over z; `Undetermined` where the model has no covariance.
+/// `Input` for a mesh tolerance that is not positive or needs too many triangles, and for a raster of a surface
+/// that is not a height field over z; `Undetermined` if the model has no covariance.
 pub fn prepare<'a>(
     model: &'a SurfaceModel,
     posterior: &Posterior<'_>,
@@ -280,10 +279,10 @@ fn stl_warnings(mesh: &ModelMesh, outputs: &[PlannedOutput]) -> Vec<String> {
 }
 
 impl Prepared<'_> {
-    /// Writes every output; `provenance` goes into saved models.
+    /// Writes all outputs. Saved models contain `provenance`.
     ///
     /// # Errors
-    /// `Io` when a file cannot be written; the ones before it are whole, and the message names them.
+    /// `Io` if a file cannot be written. The message names the files that were completed before it.
     pub fn write(&self, provenance: &[Session]) -> Result<Vec<WrittenFile>> {
         let mut written: Vec<WrittenFile> = Vec::with_capacity(self.outputs.len());
         for output in self.outputs {

@@ -1,17 +1,17 @@
-//! The job `planish sense`: raw data of a sensor in, points that state their covariance out.
+//! The job `planish sense`: converts raw data of a sensor to points with covariances.
 //!
-//! Input: a [`SenseJob`]. Output: the files that it names and a [`SenseReport`]. Outputs are checked
-//! before anything is read, and written when everything else has succeeded.
+//! Input: a [`SenseJob`]. Output: the files that it names and a [`SenseReport`]. Outputs are checked before
+//! anything is read, and written after everything else has succeeded.
 //!
-//! | kind | comes in | goes out beside points (`.ply`) |
+//! | kind | input | output besides points (`.ply`) |
 //! |---|---|---|
 //! | stereo | two pictures, rectified or not | disparities and their σ (`.tif`, `.npy`) |
 //! | grid | a picture of crossed stripes | |
 //! | photometric | images under known lights, or an image of normals | normals, their σ (`.tif`, `.npy`) |
 //! | depth | a depth image | |
 //!
-//! Not guaranteed: an undistorted lens; pictures are taken to be so, but for two views of stereo whose
-//! calibration states their distortion.
+//! Not guaranteed: lens distortion is corrected only for stereo pairs whose calibration states it. All other
+//! pictures must be undistorted.
 
 mod front_ends;
 
@@ -39,10 +39,10 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What is to be sensed, from which files.
+/// A measurement and its input files.
 #[derive(Debug, Clone)]
 pub enum SenseKind {
-    /// Two pictures; rectified, or with a calibration that says how both cameras stand.
+    /// Two pictures: rectified, or with a calibration that contains the poses of both cameras.
     Stereo {
         /// The left one, whose pixels get points.
         left: PathBuf,
@@ -59,7 +59,7 @@ pub enum SenseKind {
     Grid {
         /// The picture.
         image: PathBuf,
-        /// The same view without stripes, whose brightness tells the object's texture.
+        /// The same view without stripes. Its brightness shows the texture of the object.
         plain: Option<PathBuf>,
         /// Camera, projector and stripes.
         calibration: PathBuf,
@@ -149,13 +149,13 @@ pub struct SenseJob {
 /// A file that was written, and what went into it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SensedFile {
-    /// Its path as the user gave it.
+    /// Path as the user gave it.
     #[serde(serialize_with = "as_text")]
     pub file: PathBuf,
     /// Points, of a scan.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub points: Option<usize>,
-    /// What the bands of an image are.
+    /// Meaning of the bands of an image.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub bands: Vec<&'static str>,
 }
@@ -183,8 +183,7 @@ pub struct SenseReport {
     /// σ of the curvatures, one over the unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_k: Option<SigmaSummary>,
-    /// By how much σ of crossings is larger than the noise of the picture alone would make it, as their
-    /// epipolar lines say.
+    /// Ratio of σ of the crossings, as estimated from their epipolar distances, to σ from picture noise alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub enlarged: Option<f64>,
     /// Share of light from everywhere.
@@ -208,7 +207,7 @@ pub struct SenseReport {
 /// Columns, rows, and the bands by their names.
 type Raster = (usize, usize, Vec<(&'static str, Vec<f32>)>);
 
-/// What was sensed, before it is written.
+/// Results before they are written.
 #[derive(Default)]
 struct Sensed {
     scan: Option<Scan>,
@@ -246,7 +245,7 @@ impl Job for SenseJob {
     }
 }
 
-/// Reads, senses and writes; nothing is written unless everything else succeeds.
+/// Reads the inputs, computes points and writes them. Nothing is written unless everything else succeeds.
 fn sense(job: &SenseJob, progress: &dyn Progress) -> Result<SenseReport> {
     progress.check("reading", 0.0)?;
     let working = ProgressPart::new(progress, 0.05, 0.9);

@@ -31,8 +31,8 @@ use std::path::PathBuf;
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
-    /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order; the
-    /// side view may be left out. One drawing may hold all views.
+    /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order. The side
+    /// view is optional. One drawing may contain all views.
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed.
     pub projection: Projection,
@@ -42,8 +42,8 @@ pub struct SolidJob {
     pub level: f64,
     /// Of contours, the graphs of each view and the composite graph: `.json`, `.dot`.
     pub graphs: Vec<PathBuf>,
-    /// STEP files and meshes (`.ply`, `.stl`, `.glb`, `.obj`) to write; of contours also `.json`, what is
-    /// known of the sizes.
+    /// STEP files and meshes (`.ply`, `.stl`, `.glb`, `.obj`) to write. For contours also `.json`: the
+    /// dimensions with their σ.
     pub outputs: Vec<PathBuf>,
     /// How far chords of a mesh miss the solid at most, in the unit; [`DEFAULT_CHORD`] times the drawing's
     /// size if none is given.
@@ -127,7 +127,7 @@ pub struct RankedSolid {
     pub area: f64,
     /// Its faces.
     pub faces: FaceCounts,
-    /// What it is ranked by.
+    /// Cost by which solutions are ranked.
     pub cost: f64,
 }
 
@@ -138,11 +138,11 @@ pub struct UnexplainedLine {
     pub view: &'static str,
     /// The entity by kind, handle and line of the file; none where a line is missing.
     pub entity: Option<String>,
-    /// What is wrong, and where in the view.
+    /// The problem, and its position in the view.
     pub why: String,
 }
 
-/// A solid that the search found, and that shows other lines than the drawing: it is not written.
+/// A solid whose lines differ from those of the drawing. It is not written.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RefusedSolid {
     /// Its volume, in the unit to the third power.
@@ -153,8 +153,7 @@ pub struct RefusedSolid {
     pub differences: Vec<UnexplainedLine>,
 }
 
-/// Candidates that show the lines of the drawing, as far as the search can tell, and are no solids: they are
-/// not written.
+/// Candidates that show the lines of the drawing, but are not valid solids. They are not written.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct DroppedCandidates {
     /// `touches` where parts only touch along a line or at a point, `does_not_close` where faces do not fit
@@ -162,7 +161,7 @@ pub struct DroppedCandidates {
     pub why: &'static str,
     /// How many.
     pub count: usize,
-    /// What is wrong with the first of them, and where.
+    /// The problem of the first of them, and its position.
     pub first: String,
 }
 

@@ -46,19 +46,19 @@ const DOT_WIDTH: f64 = 1.5;
 const DOT_WIDTHS: [f64; 2] = [1.4, 9.0];
 /// An object without colours of its own.
 const CLAY: Colour = [0.84, 0.83, 0.80];
-/// What is behind, at the top and at the bottom.
+/// Background colours at the top and at the bottom.
 const PAPER: [Colour; 2] = [[0.976, 0.978, 0.974], [0.918, 0.924, 0.922]];
-/// Angles of a camera that nobody placed, where `up` is given: those of reports.
+/// Default camera angles if `up` is given. Reports use the same.
 const FROM: CameraAngles = CameraAngles { azimuth_deg: 36.25, elevation_deg: 28.27, zoom: 1.0 };
 
-/// What a picture is coloured by.
+/// The quantity that colours a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColourBy {
     /// A field of the scene, by its key.
     Field(&'static str),
     /// The direction of the normal, as the camera sees it.
     Normal,
-    /// Nothing.
+    /// One colour.
     Plain,
 }
 
@@ -67,10 +67,10 @@ pub enum ColourBy {
 pub struct PictureOptions {
     /// From where; the view of a report if none is given.
     pub camera: Option<CameraAngles>,
-    /// What is up; z if none is given.
+    /// Up axis (default: z).
     pub up: Option<Up>,
-    /// By what; the deviation where there is one, else σ, else what kinds of parts there are, where none is
-    /// given.
+    /// Coloured quantity. Default: the deviation if there is one, otherwise σ, otherwise the kind of each
+    /// part.
     pub colour: Option<ColourBy>,
     /// Columns and rows.
     pub size: [usize; 2],
@@ -91,13 +91,13 @@ pub struct PictureReport {
     /// Files that were read.
     #[serde(skip)]
     pub inputs: Vec<PathBuf>,
-    /// What the file holds, in one sentence.
+    /// One sentence about the contents of the file.
     pub what: String,
-    /// What it is coloured by: the key of a field, `normal` or `plain`.
+    /// Coloured quantity: the key of a field, `normal` or `plain`.
     pub color: String,
     /// Values of the first and of the last colour, in the unit of the file; none of kinds.
     pub color_range: Option<[f64; 2]>,
-    /// Their unit, as `mm` or `1/mm²`; empty where it is not known.
+    /// Unit of the values, such as `mm` or `1/mm²`; empty if unknown.
     pub color_unit: String,
     /// Columns and rows.
     pub size: [usize; 2],
@@ -126,7 +126,7 @@ pub struct PictureReport {
 /// ```
 #[derive(Debug, Clone, Default)]
 pub struct PictureJob {
-    /// The file and how it is read.
+    /// The file and its reading options.
     pub viewed: ViewedFile,
     /// How the picture is made.
     pub options: PictureOptions,
@@ -225,7 +225,7 @@ pub fn view_page(viewed: &ViewedFile, output: &ReportOutput, progress: &dyn Prog
 pub struct ViewedPage {
     /// The page.
     pub html: String,
-    /// What the file holds, in one sentence.
+    /// One sentence about the contents of the file.
     pub what: String,
     /// Unit of every length, if known.
     pub unit: Option<Unit>,
@@ -291,8 +291,8 @@ fn with_unit(field: &Field) -> String {
     head(&field.label, unit)
 }
 
-/// The fields of what is shown at first: of its first surface, or else of its first cloud; those of a
-/// reference's points stand behind.
+/// Fields of the first surface, or of the first point cloud if there is none, followed by those of a
+/// reference's points.
 fn fields(content: &ViewedContent) -> impl Iterator<Item = &Field> {
     let surfaces = content.scene.surfaces.iter().filter(|s| !s.hidden).flat_map(|s| &s.fields);
     let clouds = content.scene.clouds.iter().filter(|c| !c.hidden).flat_map(|c| &c.fields);
@@ -330,7 +330,7 @@ fn chosen_field(content: &ViewedContent, colour: Option<ColourBy>) -> Result<Opt
     }
 }
 
-/// Draws what an object shows at first. What does not hold the field has the colour of clay.
+/// Draws the initial view of an object. Objects without the field are drawn in clay colour.
 fn pixels(
     content: &ViewedContent,
     field: Option<&Field>,
@@ -396,9 +396,9 @@ fn pixels(
     draw(&shapes, camera, size)
 }
 
-/// So wide that dots of a surface that is seen from its front nearly touch.
+/// Width of dots so that dots of a surface seen from the front nearly touch.
 fn dot_width(positions: &[[f64; 3]], camera: &Camera, [columns, rows]: [usize; 2]) -> f64 {
-    // The share of a coarse grid over the picture that holds dots tells the area that they cover.
+    // The fraction of occupied cells of a coarse grid estimates the area covered by dots.
     const CELLS: usize = 96;
     let cell = [columns, rows].map(|n| n as f64 / CELLS as f64);
     let mut filled = vec![false; CELLS * CELLS];
@@ -416,7 +416,7 @@ fn dot_width(positions: &[[f64; 3]], camera: &Camera, [columns, rows]: [usize; 2
     (DOT_WIDTH * (area / inside.max(1) as f64).sqrt()).clamp(least, most)
 }
 
-/// Pixels on what is behind them, as a screen shows them.
+/// Pixels over the background, in screen colours.
 fn on_paper(pixels: &[Pixel], columns: usize) -> Vec<Colour> {
     use planish_report::colour::linear_light;
     let rows = pixels.len() / columns.max(1);

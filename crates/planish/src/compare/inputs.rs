@@ -7,7 +7,7 @@ use super::*;
 pub enum Compared {
     /// A spline with its covariance.
     Surface(Box<SurfaceModel>),
-    /// A mesh with what its vertices say.
+    /// A mesh with values at its vertices.
     Mesh(ComparedMesh),
 }
 
@@ -24,7 +24,7 @@ pub struct ComparedMesh {
     pub unit: Option<Unit>,
 }
 
-/// What a model is compared with.
+/// The reference of a comparison.
 #[derive(Debug, Clone, Default)]
 pub struct Reference {
     /// Its points: the vertices of a mesh, or a cloud.
@@ -103,13 +103,13 @@ impl Compared {
 }
 
 impl Reference {
-    /// Reads a mesh or a cloud: any file that a fit reads.
+    /// Reads a mesh or a point cloud in any format that a fit can read.
     ///
-    /// A mesh file's own `sigma` or `cxx cxy cxz cyy cyz czz` count, and so does what a job states of its
-    /// sensors.
+    /// σ is taken from the columns `sigma` or `cxx cxy cxz cyy cyz czz` of a mesh file, or from the sensors of
+    /// a job file.
     ///
     /// # Errors
-    /// As the readers; `Input` for a σ that is not positive.
+    /// Those of the readers; `Input` for a σ that is not positive.
     pub fn read(path: &Path) -> Result<Self> {
         if !has_faces(path) {
             return Ok(Self::from_scans(&read_inputs(&[path], None)?));

@@ -62,8 +62,8 @@ pub(crate) fn compare_page(
     })
 }
 
-/// A model coloured by its deviations from a reference, with the reference's points and mesh; models become
-/// about so many triangles at most.
+/// A model coloured by its deviations from a reference, with the reference's points and mesh. The model is
+/// meshed with at most about `triangles` triangles.
 pub(crate) fn compared_scene(
     model: &Compared,
     report: &ComparisonReport,
@@ -87,7 +87,7 @@ pub(crate) fn compared_scene(
         surface.fields.insert(0, field);
     }
     scene.clouds.push(reference_cloud(&shown, model_unit));
-    // A reference without faces is what is seen of the deviations.
+    // The deviations are shown on the points of a reference without faces.
     if shown.mesh.is_none() {
         scene.clouds[0].hidden = false;
     }

@@ -162,12 +162,12 @@ fn coverage_of_a_mesh_uses_the_sigma_of_its_vertices() {
 #[test]
 fn nothing_is_compared_beyond_a_border() {
     let model = measured(Shape::Sheet);
-    // Three points over the sheet, two beside it.
+    // Three points over the sheet, two outside of it.
     let beside = vec![[0.0, 0.0, 0.1], [0.5, 0.2, 0.1], [-0.5, 0.2, 0.1], [1.5, 0.0, 0.1], [0.0, -2.0, 0.1]];
     let report = compared(&model, points(beside));
     let backward = report.backward.unwrap();
     assert_eq!((backward.n, report.skipped.reference_beyond_border), (3, 2));
-    // The model lies below them, and its normal points up.
+    // The model is below them, and its normal points up.
     assert!((backward.mean + 0.1).abs() < 1e-9 && (backward.max - 0.1).abs() < 1e-9, "{backward:?}");
     // A reference of half the size: the rest of the model has no counterpart.
     let report = compared(&model, mesh_reference(grid_sheet(1.0, 0.8, 8, 8)));

@@ -1,8 +1,8 @@
-//! What holds between the contours of a file: found by tests, imposed, put on a grid, counted.
+//! Constraints between the contours of a file: found by tests, imposed, rounded to a grid, and counted.
 //!
-//! Input: the fitted parts and what a user asks for. Output: a [`ConstrainedReport`], the contours with
-//! all of it imposed, and the graphs. Not guaranteed: that a relation which the errors hide was meant; its
-//! p-value is reported.
+//! Input: the fitted parts and the user's constraints. Output: a [`ConstrainedReport`], the constrained
+//! contours, and the graphs. Not guaranteed: a relation that is consistent with the data may still be
+//! unintended; its p-value is reported.
 
 use super::Part;
 use super::lengths::in_unit;
@@ -31,7 +31,7 @@ pub struct ConstrainJob {
     pub level: Option<f64>,
     /// The grid on which sizes are put where the statistics allow.
     pub snap: Option<Length>,
-    /// What is known beforehand, in words.
+    /// Constraints given by the user, as text.
     pub given: Vec<String>,
     /// Files for the graphs: `.json`, `.dot`.
     pub graphs: Vec<PathBuf>,
@@ -55,14 +55,14 @@ pub struct ConstrainedContour {
     pub parameters: Vec<(String, ReportedValue)>,
     /// Names in the order of the covariance.
     pub order: Vec<String>,
-    /// Covariance of the parameters; singular along what is imposed.
+    /// Covariance of the parameters. It is singular along imposed constraints.
     pub covariance: Vec<Vec<f64>>,
 }
 
 /// A point of the drawing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReportedPoint {
-    /// What it is called in constraints.
+    /// Name in constraints.
     pub name: String,
     /// The contour, by its place in `contours`.
     pub contour: usize,
@@ -75,13 +75,13 @@ pub struct ReportedPoint {
 /// A bar or circle of the drawing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReportedSize {
-    /// What it is called in constraints.
+    /// Name in constraints.
     pub name: String,
     /// The contour, by its place in `contours`.
     pub contour: usize,
     /// Length or radius.
     pub value: f64,
-    /// Its σ; zero where it is imposed.
+    /// σ; zero if it is imposed.
     pub sigma: f64,
 }
 
@@ -96,7 +96,7 @@ pub struct ReportedRelation {
     pub chi_square: f64,
     /// The degrees of freedom of that χ².
     pub degrees: usize,
-    /// The probability of a χ² at least as large when the relation is true.
+    /// Probability of a χ² at least as large if the relation is true.
     pub p_value: f64,
     /// The share of its range in which it would have been accepted.
     pub chance: f64,
@@ -111,8 +111,7 @@ pub struct ReportedRelation {
 pub struct ImposedConstraint {
     /// In words.
     pub text: String,
-    /// Where it comes from: `kind` of a contour, `given` by the user, a `relation` that was found, a size on
-    /// the `grid`.
+    /// Origin: `kind` (of a contour), `given` (by the user), `relation` (found) or `grid` (rounded size).
     pub from: &'static str,
     /// The constraint.
     #[serde(flatten)]
@@ -128,7 +127,7 @@ pub struct ReportedDependence {
     pub with: Vec<String>,
 }
 
-/// What is left free.
+/// Remaining degrees of freedom.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReportedFreedoms {
     /// Parameters of the drawing.
@@ -147,7 +146,7 @@ pub struct ReportedFreedoms {
     pub is_generic: bool,
 }
 
-/// What holds between the contours of a file.
+/// Constraints between the contours of a file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ConstrainedReport {
     /// The contours, in the order of `contours` above.
@@ -164,21 +163,21 @@ pub struct ConstrainedReport {
     pub sizes: Vec<Snap>,
     /// Everything that was imposed.
     pub constraints: Vec<ImposedConstraint>,
-    /// The dimensions that, with the constraints, say all.
+    /// Dimensions that determine the contours together with the constraints.
     pub dimensions: Vec<Dimensioned>,
     /// What all that cost the estimate.
     pub chi_square: f64,
     /// The degrees of freedom of that χ².
     pub degrees: usize,
-    /// The probability of a χ² at least as large.
+    /// Probability of a χ² at least as large.
     pub p_value: f64,
-    /// How many relations would be accepted of parts that have nothing to do with each other.
+    /// Expected number of accepted relations between unrelated parts.
     pub expected_by_chance: f64,
-    /// What is left free.
+    /// Remaining degrees of freedom.
     pub freedoms: ReportedFreedoms,
     /// The parts of the structure.
     pub structure: NamedStructure,
-    /// What follows from other constraints: given ones, and relations that were found to hold.
+    /// Constraints that follow from others: given constraints and found relations.
     pub redundant: Vec<ReportedDependence>,
     /// Relations that agree with the readings, but not together with others.
     pub conflicting: Vec<ReportedDependence>,
@@ -187,8 +186,7 @@ pub struct ConstrainedReport {
 /// The kind and parameters of a contour to draw.
 type DrawnKind = (ContourKind, Vec<f64>);
 
-/// What comes of constraining: the report, the contours to draw, the graphs to write, and what a user should
-/// know.
+/// Result of [`constrained`]: the report, the contours to draw, the graphs to write, and warnings.
 pub(super) struct ConstrainedParts {
     pub(super) report: ConstrainedReport,
     pub(super) drawn: Vec<DrawnKind>,
@@ -196,7 +194,7 @@ pub(super) struct ConstrainedParts {
     pub(super) warnings: Vec<String>,
 }
 
-/// Finds and imposes what holds between the parts.
+/// Finds and imposes constraints between the parts.
 pub(super) fn constrained(
     job: &ConstrainJob,
     parts: &[Part],
@@ -213,12 +211,13 @@ pub(super) fn constrained(
     }
     let mut warnings = Vec::new();
     let held = impose(&sketch.drawing, &sketch.covariance, &options.given, 0.0)?;
-    // What makes a rectangle one costs the estimate of a rectangle nothing.
+    // Constraints of the kinds (right angles of a rectangle) remove no degrees of freedom from the estimate,
+    // so they are subtracted.
     let own = impose(&sketch.drawing, &sketch.covariance, &sketch.given, 0.0)?.degrees;
     let p_value = chi_square_tail(held.chi_square, held.degrees - own);
     if p_value < options.level {
         warnings.push(format!(
-            "what was given disagrees with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
+            "the given constraints conflict with the readings: χ² {:.3} of {} degrees, p = {p_value:.2e}",
             held.chi_square,
             held.degrees - own
         ));
@@ -254,8 +253,7 @@ pub(super) fn constrained(
     })
 }
 
-/// What the kinds hold, then what the user knows; contradictions among those are told, each with its smallest
-/// set.
+/// Constraints of the kinds, followed by those of the user. Conflicts are reported as minimal sets.
 fn given(job: &ConstrainJob, sketch: &Sketch, unit: Unit) -> Result<Vec<Constraint>> {
     let mut all = sketch.given.clone();
     for sentence in &job.given {
@@ -379,12 +377,12 @@ fn report(
         with: relation.with.clone(),
     };
     let pick = |outcome: &str| -> Vec<ReportedDependence> {
-        // What was given and is found again says nothing of others.
-        let says_more = |r: &&ReportedRelation| !r.with.is_empty() && r.with != [r.text.clone()];
-        let chosen = reported.iter().filter(|r| r.outcome == outcome).filter(says_more);
+        // A given constraint that is found again is not information about others.
+        let is_new = |r: &&ReportedRelation| !r.with.is_empty() && r.with != [r.text.clone()];
+        let chosen = reported.iter().filter(|r| r.outcome == outcome).filter(is_new);
         chosen.map(dependence).collect()
     };
-    // What was given and said nothing new stands first.
+    // Redundant given constraints come first.
     let mut redundant: Vec<ReportedDependence> = diagnosis
         .redundant
         .iter()
@@ -422,7 +420,7 @@ fn report(
     })
 }
 
-/// Every constraint with where it comes from.
+/// Every constraint with its origin.
 fn imposed(sketch: &Sketch, found: &Constrained, sizes: &[Snap]) -> Vec<ImposedConstraint> {
     let snapped = sizes.iter().filter(|size| size.outcome == SnapOutcome::Snapped).count();
     let accepted = found.accepted().count();

@@ -9,7 +9,7 @@ use planish_exchange::Unit;
 pub(super) fn in_unit(sentence: &str, unit: Unit) -> Result<String> {
     let mut words: Vec<String> = Vec::new();
     for word in sentence.split_whitespace() {
-        // A number may stand after a parenthesis or `=`, and before a comma or parenthesis.
+        // A number may follow a parenthesis or `=`, and may be followed by a comma or parenthesis.
         let start = word.rfind(['(', '=']).map_or(0, |k| k + 1);
         let end = word.trim_end_matches([',', ')']).len().max(start);
         let inner = &word[start..end];

@@ -7,7 +7,7 @@ use planish_contour::planar::ContourKind;
 use planish_estimate::ChiSquareBand;
 use serde::Serialize;
 
-/// Levels agree when a test at this confidence does not tell them apart.
+/// Confidence of the test that compares levels. Levels that pass are treated as equal.
 const CONFIDENCE: f64 = 0.99;
 
 /// How the main contours of the levels are related.
@@ -25,7 +25,7 @@ pub enum Relation {
 /// Levels compared.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LevelRelation {
-    /// What they make.
+    /// The kind of solid that the levels form.
     pub relation: Relation,
     /// The levels whose contours were compared.
     pub levels: Vec<f64>,
@@ -93,7 +93,7 @@ fn compare(main: &[&Part], count: usize, levels: Vec<f64>) -> Option<LevelRelati
         if let Some((first, _)) = each.first() {
             let first: &DVector<f64> = first;
             for k in 0..count {
-                // An angle just below its period is one just above zero.
+                // Angles just below the period and just above zero are close.
                 if order[k].ends_with("_deg") {
                     let period = period_deg(&part.choice.fit.kind);
                     x[k] -= period * ((x[k] - first[k]) / period).round();
@@ -116,7 +116,7 @@ fn compare(main: &[&Part], count: usize, levels: Vec<f64>) -> Option<LevelRelati
         })
         .sum();
     let degrees = count * (main.len() - 1);
-    // The band has two sides; only the upper one is asked for.
+    // One-sided test by the upper limit of a two-sided band.
     let limit = ChiSquareBand::of_sum(degrees as f64, 2.0 * CONFIDENCE - 1.0).ok()?.upper;
     Some(LevelRelation {
         relation: Relation::None,

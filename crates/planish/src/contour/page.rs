@@ -64,7 +64,7 @@ fn kinds_of(report: &ContourReport) -> String {
 
 pub(crate) fn figures(report: &ContourReport, unit: &str) -> Vec<Figure> {
     let main = &report.main;
-    // Of contours of vertices the sides say more than where the vertices lie.
+    // For contours given by vertices, lengths of sides are more informative than coordinates.
     let vertices = main.parameters.first().is_some_and(|(name, _)| name == "x0");
     let sizes = if vertices && !main.sides.is_empty() { &main.sides } else { &main.parameters };
     let mut figures: Vec<Figure> = (sizes.iter().take(4))

@@ -11,11 +11,11 @@ pub(super) fn is_picture(path: &Path) -> bool {
     ["png", "jpg", "jpeg"].contains(&extension(path).as_str())
 }
 
-/// Points on the edges of a picture taken squarely, in lengths of which a pixel has `pixel`: x to the right
-/// and y upwards from the centre of the lowest pixel on the left.
+/// Points on the edges of a picture taken perpendicular to the object. A pixel has the side `pixel`. x is to
+/// the right and y upwards from the centre of the lower left pixel.
 ///
 /// # Errors
-/// As of the picture's reader and of [`edge_points`].
+/// Those of the picture's reader and of [`edge_points`].
 pub(super) fn edges_of(path: &Path, pixel: f64) -> Result<ContourReadings> {
     let image = read_brightness(path)?;
     let points = edge_points(&image, &EdgeOptions::default()).map_err(|e| e.in_context(path.display()))?;

@@ -1,4 +1,4 @@
-//! What is said of contours: the keys of `contour.json`.
+//! Report of contours: the keys of `contour.json`.
 
 use super::Part;
 use super::constrained::ConstrainedReport;
@@ -53,24 +53,24 @@ pub struct PartReport {
     pub alternatives: Vec<ReportedAlternative>,
     /// How many readings it has.
     pub readings: usize,
-    /// How many of them lie beyond the gate.
+    /// Number of readings beyond the gate.
     pub rejected: usize,
-    /// Mean squared distance in standard deviations, over the degrees of freedom; one is expected.
+    /// Sum of squared distances in σ, divided by the degrees of freedom. Expected: 1.
     pub reduced_chi_square: f64,
     /// Its level, where there are levels.
     pub level: Option<f64>,
-    /// The part, by its place in `contours`, in which this one lies: this is a hole of it.
+    /// Index in `contours` of the part that contains this one as a hole.
     pub hole_of: Option<usize>,
-    /// Of a chain, whether it is closed; an open one ends at its first and its last vertex, as far as was
-    /// seen.
+    /// For a chain: whether it is closed. An open chain ends at its first and last vertex, as far as it was
+    /// measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub closed: Option<bool>,
-    /// Of a line, the ends of what was seen.
+    /// For a line: the ends of the measured part.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ends: Option<[[f64; 2]; 2]>,
 }
 
-/// All contours of a file; the keys of the largest stand at the top.
+/// All contours of a file. The keys of the largest contour are at the top level.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ContourReport {
     /// The part with the most readings.
@@ -78,15 +78,15 @@ pub struct ContourReport {
     pub main: PartReport,
     /// All parts, that one first.
     pub contours: Vec<PartReport>,
-    /// What the levels make together, where there are several.
+    /// The solid formed by the levels, if there are several.
     pub levels: Option<LevelRelation>,
-    /// What holds between the contours, and the contours with that imposed, where it was asked for.
+    /// Constraints between the contours, and the constrained contours, if requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub constrained: Option<ConstrainedReport>,
     /// Unit of lengths.
     #[serde(serialize_with = "unit_name")]
     pub unit: Option<Unit>,
-    /// Readings that were left out before the fit.
+    /// Number of readings that were skipped before the fit.
     pub left_out: usize,
     /// Warnings for the user.
     #[serde(skip)]
@@ -152,7 +152,7 @@ pub(super) fn report(
 /// A contour that leaves more than this share of its readings out may be of the wrong kind.
 const MANY_LEFT_OUT: f64 = 0.15;
 
-/// What a user should know of the part at a place of the report.
+/// Warnings about the part at an index of the report.
 pub(super) fn part_warnings(part: &PartReport, index: usize) -> Vec<String> {
     let mut warnings = Vec::new();
     let name = format!("contour {} ({}, {} readings)", index + 1, part.kind, part.readings);
@@ -221,7 +221,7 @@ fn part_report(parts: &[Part], seen: &[Option<[[f64; 2]; 2]>], index: usize) -> 
     }
 }
 
-/// The smallest part of the same level that holds all vertices of this one.
+/// The smallest part of the same level that contains all vertices of this one.
 fn hole_of(parts: &[Part], index: usize) -> Option<usize> {
     let outline = |part: &Part| {
         let fit = &part.choice.fit;

@@ -135,7 +135,7 @@ mod tests {
     use planish_contour::primitive::{SimulatedPrimitive, SpaceSensor, rays};
     use planish_mesh::MeshSearch;
 
-    /// Readings without errors lie on the triangles that are drawn of their shape.
+    /// Readings without errors are on the drawn triangles of their shape.
     #[test]
     fn what_is_drawn_is_the_shape() {
         let sensor = SpaceSensor {

@@ -1,9 +1,9 @@
-//! Sizes with σ, beside the lines of a contour's drawing.
+//! Labels with dimensions and σ next to the lines of a contour's drawing.
 //!
-//! Input: contours as they are drawn, and the sizes that are reported of them. Output: a label for each
-//! reported length that a straight line has, and for each radius that an arc has.
+//! Input: drawn contours and their reported dimensions. Output: a label for each reported length of a straight
+//! line and each radius of an arc.
 //!
-//! Not guaranteed: that labels of close lines stand apart.
+//! Not guaranteed: labels of close lines may overlap.
 
 use super::page::with_sigma;
 use crate::contour::ContourReport;
@@ -72,7 +72,7 @@ pub(crate) fn size_labels(report: &ContourReport, drawn: &[DrawnContour]) -> Vec
                 continue;
             };
             let size = sizes.swap_remove(found);
-            // An arc lies to the right of its chord by the bulge times half of it.
+            // The apex of an arc is to the right of its chord, at a distance of the bulge times half the chord.
             let at = [0.5 * (a[0] + b[0] + bulge * chord[1]), 0.5 * (a[1] + b[1] - bulge * chord[0])];
             labels.push(SizeLabel {
                 at,
@@ -136,7 +136,7 @@ mod tests {
         );
         assert_eq!(labels.len(), 2);
         assert_eq!(labels[0].text, "a 5.000 ± 0.010");
-        // The labels stand where the half axes end: the larger one in x here.
+        // Labels are at the ends of the half axes; the larger one is along x here.
         let off = |label: &SizeLabel| (label.at[0] - 1.0).hypot(label.at[1] - 2.0);
         assert!((off(&labels[0]) - 5.0).abs() < 1e-6 && (off(&labels[1]) - 3.0).abs() < 1e-6);
         assert!(labels[0].outwards[0] > 0.99 && labels[1].outwards[1].abs() > 0.99);

@@ -1,11 +1,10 @@
-//! Options that the readings cannot use: an error that names both, for a silent one would be taken for
-//! heeded.
+//! Refuses options that the readings cannot use. A silently ignored option would look as if it had an effect.
 
 use super::ContourJob;
 use planish_estimate::{Error, Result};
 use planish_exchange::contours::{CarmenOptions, SigmaDefaults};
 
-/// What a file of readings holds.
+/// Kind of readings in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Readings {
     /// Ranges from poses in a plane, of a table.
@@ -20,7 +19,7 @@ pub(super) enum Readings {
     Space,
 }
 
-/// Refuses options that stand for something other than readings like these.
+/// Refuses options that do not apply to this kind of readings.
 ///
 /// # Errors
 /// `Input`, naming the option and the file.
@@ -30,7 +29,7 @@ pub(super) fn refuse_unused(job: &ContourJob, readings: Readings) -> Result<()> 
     let (is_log, is_picture) = (readings == Readings::Log, readings == Readings::Picture);
     let has_poses = !matches!(readings, Readings::Points | Readings::Picture);
     let has_points = matches!(readings, Readings::Points | Readings::Space);
-    // The option, whether it is given, whether it can be used, and what it is for.
+    // The option, whether it is given, whether it applies, and what it applies to.
     let options = [
         ("--region", job.carmen.region.is_some(), is_log, "logs of scans"),
         ("--scan", job.carmen.first != usual.first, is_log, "logs of scans"),

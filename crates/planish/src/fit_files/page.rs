@@ -16,20 +16,20 @@ use std::path::PathBuf;
 
 /// Points to measure next that a report names.
 const NEXT_POINTS: usize = 5;
-/// A scan whose residuals are so many times their σ, or so few, does not fit.
-const MOST_NORMALISED: f64 = 1.5;
-/// A scan whose mean residual is more than this many σ of a reading lies apart from the others.
-const MOST_APART: f64 = 0.5;
-/// A scan of which more than this share is rejected, and more than three times the share of all, does not
-/// fit.
-const MOST_SET_ASIDE: f64 = 0.1;
+/// Maximum normalised rms of a consistent scan.
+const MAX_NORMALISED_RMS: f64 = 1.5;
+/// Maximum mean residual of a scan, in σ of a reading. Beyond it, the scan is offset from the others.
+const MAX_OFFSET: f64 = 0.5;
+/// Maximum fraction of rejected readings of a scan. A scan is reported if it is also more than three times the
+/// fraction of all scans.
+const MAX_REJECTED: f64 = 0.1;
 /// Fewer readings judge no scan.
 const LEAST_JUDGED: usize = 30;
-/// Readings that was held out are off by their predicted σ, within this factor, where σ is true.
-const TRUE_SIGMA: f64 = 1.25;
+/// Maximum normalised rms of held-out readings for a consistent σ; its inverse is the minimum.
+const MAX_HELD_OUT_RMS: f64 = 1.25;
 
-/// The page of a fit. `named` are the files that the command names; `report` holds the warnings of the whole
-/// job.
+/// The report page of a fit. `named` are the files given by the user; `report` contains the warnings of the
+/// whole job.
 pub(crate) fn fit_page(
     fit: &Fit,
     report: &FitReport,
@@ -102,7 +102,7 @@ pub(crate) fn fit_page(
     })
 }
 
-/// A sensor whose σ was stated, and whose residuals say another.
+/// The stated σ of a sensor, if residuals contradict it.
 fn false_sigma(sensor: &SensorReport) -> Option<f64> {
     sensor.sigma_stated.filter(|_| sensor.sigma_used_is_estimated)
 }
@@ -115,15 +115,15 @@ fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>) -> Option<
     }
     let share = scan.rejected as f64 / total as f64;
     let sigma = scan.rms / scan.rms_normalised.max(f64::MIN_POSITIVE);
-    if share > MOST_SET_ASIDE && share > 3.0 * share_of_all {
+    if share > MAX_REJECTED && share > 3.0 * share_of_all {
         Some(format!(
-            "Scan {} does not fit the others: {} of its readings were set aside, {} of all. Its pose or σ \
+            "Scan {} does not fit the others: {} of its readings were rejected, {} of all. Its pose or σ \
              may be wrong, or those of the scans around it; or the thing moved.",
             scan.name,
             percent(share),
             percent(share_of_all)
         ))
-    } else if scan.mean.abs() > MOST_APART * sigma {
+    } else if scan.mean.abs() > MAX_OFFSET * sigma {
         Some(format!(
             "Scan {} lies {} off the others on average ({} σ of a reading): its pose may be off; --align \
              estimates it.",
@@ -131,7 +131,7 @@ fn misfit(scan: &ScanSummary, share_of_all: f64, unit: SmallUnit<'_>) -> Option<
             unit.text(scan.mean),
             significant(scan.mean.abs() / sigma, 2)
         ))
-    } else if scan.rms_normalised > MOST_NORMALISED {
+    } else if scan.rms_normalised > MAX_NORMALISED_RMS {
         Some(format!(
             "Scan {} does not fit: its residuals are {} times their σ.",
             scan.name,
@@ -181,7 +181,7 @@ fn findings(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> V
     let held = report.held_out;
     if held.n > 0 {
         let ratio = held.rms_normalised;
-        let (level, text) = if ratio > TRUE_SIGMA {
+        let (level, text) = if ratio > MAX_HELD_OUT_RMS {
             (
                 FindingLevel::Look,
                 format!(
@@ -189,7 +189,7 @@ fn findings(report: &FitReport, scans: &[ScanSummary], unit: SmallUnit<'_>) -> V
                     significant(ratio, 3)
                 ),
             )
-        } else if ratio < 1.0 / TRUE_SIGMA {
+        } else if ratio < 1.0 / MAX_HELD_OUT_RMS {
             (
                 FindingLevel::Look,
                 format!(
@@ -383,7 +383,7 @@ fn concluded(report: &FitReport) -> Option<Section> {
     Some(Section::new("What was completed", blocks))
 }
 
-/// Where readings would help most; none where the model cannot say.
+/// The best next points to measure, or none for a model that does not support it.
 fn what_next(fit: &Fit) -> Result<Option<NextReport>> {
     let options = NextOptions { count: NEXT_POINTS, ..NextOptions::default() };
     match next_points(&fit.model, &options, &Silent) {

@@ -1,10 +1,10 @@
-//! From strips of points to patches of surface.
+//! Converts strips of points to surface patches.
 //!
-//! Input: points in strips. Output: a mesh of each strip, a fitted sheet where a spline is asked for,
-//! and their files.
+//! Input: points in strips. Output: a mesh of each strip, a fitted sheet if a spline is requested, and their
+//! files.
 //!
-//! Not guaranteed: that a strip which winds around an object is a sheet; what cannot be fitted is named and
-//! left out.
+//! Not guaranteed: a strip that winds around an object is not a sheet. Strips that cannot be fitted are named
+//! and skipped.
 
 use super::{ContourPatch, OccludingJob};
 use crate::output::{

@@ -1,5 +1,4 @@
-//! A surface model as a scene: coloured by σ, by what it is known by, by level, by curvature and by how many
-//! scans saw it.
+//! A surface model as a scene, coloured by σ, `observed`, level, curvature or number of scans.
 
 use super::words::SmallUnit;
 use planish_estimate::Result;
@@ -15,7 +14,7 @@ pub(crate) const MOST_TRIANGLES: u64 = 45_000;
 /// Pieces of all lines between cells.
 const MOST_LINES: usize = 60_000;
 
-/// The unit in which most of some lengths read well, where it is not their own.
+/// A smaller unit in which most of the lengths are readable, if there is one.
 fn small_unit<'a>(unit: &'a str, lengths: &[f64]) -> Option<SmallUnit<'a>> {
     let most = lengths.iter().filter(|l| l.is_finite()).fold(0.0, |a: f64, b| a.max(b.abs()));
     Some(SmallUnit::for_length(unit, most)).filter(|small| small.factor != 1.0)
@@ -45,7 +44,7 @@ pub(crate) fn kinds(key: &str, label: &str, kind: FieldKind, values: Vec<u16>) -
     }
 }
 
-/// What a mark of `observed` is called.
+/// Label of a value of `observed`.
 fn known_by(mark: u8) -> &'static str {
     match Observed::from_mark(mark) {
         Some(Observed::Measured) => "measured",
@@ -75,7 +74,7 @@ pub(crate) fn model_scene(
     model_scene_of(model, posterior, tolerance, readings, MOST_TRIANGLES)
 }
 
-/// [`model_scene`] with about so many triangles at most.
+/// [`model_scene`] with a maximum number of triangles.
 pub(crate) fn model_scene_of(
     model: &SurfaceModel,
     posterior: &Posterior<'_>,
@@ -257,7 +256,7 @@ fn cell_lines(surface: &Surface) -> LineSet {
     let pieces = (MOST_LINES / (2 * leaves.max(1))).clamp(1, 8);
     let mut segments = Vec::with_capacity(2 * leaves * pieces);
     for leaf in 0..leaves {
-        // The other two sides are those of neighbours.
+        // The other two sides belong to neighbours, so each line is drawn once.
         for side in [|x: f64| [x, 0.0], |x: f64| [0.0, x]] {
             let at = |k: usize| {
                 let [s, t] = side(k as f64 / pieces as f64);

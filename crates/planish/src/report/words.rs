@@ -19,8 +19,8 @@ pub(crate) struct SmallUnit<'a> {
 }
 
 impl<'a> SmallUnit<'a> {
-    /// The unit in which a length like this one reads well, of a model in this unit: millimetres for what is
-    /// less than a centimetre, where the model is in metres.
+    /// A readable unit for a typical length, given the unit of the model. For a model in metres, lengths below a
+    /// centimetre are shown in millimetres.
     pub(crate) fn for_length(unit: &'a str, typical: f64) -> Self {
         if unit == "m" && typical.abs() < 0.01 {
             Self { name: "mm", factor: 1000.0 }
@@ -45,7 +45,7 @@ impl<'a> SmallUnit<'a> {
     }
 }
 
-/// A table's head with its unit, where there is one: `length / mm`.
+/// A table heading with its unit, if there is one: `length / mm`.
 pub(crate) fn head(what: &str, unit: &str) -> String {
     if unit.is_empty() { what.to_owned() } else { format!("{what} / {unit}") }
 }

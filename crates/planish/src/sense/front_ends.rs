@@ -4,14 +4,14 @@ use super::*;
 
 /// A direction with a larger σ, in degrees, is not known.
 const MOST_SIGMA_DEG: f64 = 90.0;
-/// Residuals of brightness that are so many times the stated σ are told.
-const MOST_BRIGHTNESS_MISFIT: f64 = 3.0;
+/// Maximum ratio of brightness residuals to the stated σ without a warning.
+const MAX_BRIGHTNESS_MISFIT: f64 = 3.0;
 /// And those that are so large a share of the brightest: matte objects under far lights stay below a few per
 /// cent.
 const MOST_BRIGHTNESS_SHARE: f64 = 0.1;
-/// So small a share of pixels with a match is told: of true pairs a third to nine tenths have one, of
-/// exchanged ones some per cent.
-const LEAST_MATCHED: f64 = 0.1;
+/// Minimum fraction of matched pixels without a warning. Correct pairs have 1/3 to 9/10; exchanged pictures a
+/// few percent.
+const MIN_MATCHED: f64 = 0.1;
 
 pub(super) fn stereo(
     [left, right]: [&Path; 2],
@@ -64,7 +64,7 @@ pub(super) fn stereo(
         ("outside", outside),
     ];
     let mut warnings = Vec::new();
-    if (known.len() as f64) < LEAST_MATCHED * map.disparity.len() as f64 {
+    if (known.len() as f64) < MIN_MATCHED * map.disparity.len() as f64 {
         warnings.push(format!(
             "only {:.1} % of the pixels have a match, and many of those may be chance: is the left picture \
              the first, are the pictures rectified, and is --disparities wide enough?",
@@ -84,7 +84,7 @@ pub(super) fn stereo(
     })
 }
 
-/// An interruption is nobody's file.
+/// Adds context to an error. An interruption is not an error of a file and gets none.
 fn in_context(e: Error, context: String) -> Error {
     match e.kind() {
         planish_estimate::ErrorKind::Interrupted => e,
@@ -185,7 +185,7 @@ fn unlike_brightness(map: &planish_sense::NormalMap, stated: Option<f64>) -> Vec
         return Vec::new();
     };
     let mut warnings = Vec::new();
-    if let Some(stated) = stated.filter(|stated| found > MOST_BRIGHTNESS_MISFIT * stated) {
+    if let Some(stated) = stated.filter(|stated| found > MAX_BRIGHTNESS_MISFIT * stated) {
         warnings.push(format!(
             "the brightness of the typical pixel departs from that of a matte surface by {found:.3}, {:.0} \
              times the stated sigma_brightness: σ of the normals is too \

@@ -23,7 +23,7 @@ pub(super) fn picture_of(file: &TexturedMesh, warnings: &mut Vec<String>) -> Opt
     read_bytes(file.texture.as_ref()?).map_err(|e| warnings.push(format!("the texture is dropped: {e}"))).ok()
 }
 
-/// What OBJ and GLB can name or hold as a texture.
+/// Whether OBJ and GLB files can contain this texture.
 fn can_be_kept(bytes: &&[u8]) -> bool {
     bytes.starts_with(b"\x89PNG") || is_jpeg(bytes)
 }
@@ -82,7 +82,7 @@ pub(super) fn write_glb(
     )
 }
 
-/// Writes OBJ, and what belongs to it. Gives the files.
+/// Writes an OBJ file with its material and texture files. Returns all of them.
 pub(super) fn write_obj(
     path: &Path,
     file: &TexturedMesh,
@@ -93,7 +93,8 @@ pub(super) fn write_obj(
     write_textured_obj(path, &moved, picture.filter(can_be_kept))
 }
 
-/// Writes a mesh with its appearance. `None` if it has no texture coordinates or the format cannot hold them.
+/// Writes a mesh with its appearance. `None` if it has no texture coordinates, or if the format cannot store
+/// them.
 pub(super) fn write_moved(
     path: &Path,
     file: &TexturedMesh,

@@ -1,12 +1,11 @@
-//! `planish shell fit`: a mesh moved by a few controls until it goes through points and shows the outlines of
+//! `planish shell fit`: deforms a mesh by a few controls so that it matches points and the outlines of views.
+//!
+//! Input: any mesh, point files, and `views.toml` with masks. Output: the deformed mesh with σ along its
+//! normals and with its texture; poses of uncertain cameras; the overlap with the masks, including held-out
 //! views.
 //!
-//! Input: a mesh of any kind, point files, `views.toml` with masks. Output: the mesh where it was found,
-//! with σ along its normals, and with its texture; poses of cameras that were uncertain; how far the masks
-//! are covered, in views held out as well.
-//!
-//! Not guaranteed: the right place for a mesh that starts more than a tenth of its size away from points, or
-//! that does not overlap its masks.
+//! Not guaranteed: a mesh that starts more than a tenth of its size away from the points, or that does not
+//! overlap its masks, may converge to a wrong position.
 
 mod figures;
 pub(super) mod input;
@@ -41,7 +40,7 @@ use std::path::{Path, PathBuf};
 
 /// Neighbours that controls without a triangulation are joined to.
 const NEIGHBOURS: usize = 6;
-/// A vertex is measured where at least so much of what is known of it comes from the readings.
+/// Minimum fraction of a vertex's information that comes from readings for `observed` = 1.
 const MEASURED: f64 = 0.5;
 
 /// What moves the mesh.
@@ -83,12 +82,12 @@ pub struct ShellFitJob {
     pub blend: Option<f64>,
     /// What metaballs are built around.
     pub metaball: Metaball,
-    /// Places on the border of a mask are at least so far apart, in pixels.
+    /// Minimum distance between places on the border of a mask, in pixels.
     pub outline_step_px: f64,
-    /// Whether σ of points and outlines are what is stated.
+    /// Whether the stated σ of points and outlines are used without estimating them.
     pub believe_sigma: bool,
-    /// Whether the mesh is only a start: it then flows out where masks are not covered, is cut where they
-    /// show nothing, and made anew before the fit.
+    /// Whether the mesh is only a rough start. It then grows where masks are not covered, is cut where they show
+    /// background, and is remeshed before the fit.
     pub rough_start: bool,
     /// Meshes to write.
     pub outputs: Vec<PathBuf>,
@@ -239,7 +238,7 @@ fn fit_mesh(job: &ShellFitJob, progress: &dyn Progress) -> Result<ShellFitReport
     run.finish(start, last, controls, of_frames)
 }
 
-/// What a run collects on its way.
+/// State collected during a run.
 struct Run<'a> {
     job: &'a ShellFitJob,
     progress: &'a dyn Progress,
@@ -253,9 +252,9 @@ struct Run<'a> {
 
 /// The mesh that a fit starts with.
 struct Start {
-    /// As the file holds it.
+    /// The mesh of the file.
     given: TriangleMesh,
-    /// As the fit takes it: remeshed after a rough start.
+    /// The mesh for the fit, remeshed after a rough start.
     mesh: TriangleMesh,
     /// Texture, parts and file data of the mesh.
     appearance: TexturedMesh,

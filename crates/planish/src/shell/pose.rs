@@ -8,14 +8,14 @@
 //!
 //! [[rigid]]
 //! part = "head"                       # a group, object or material of the OBJ
-//! motion = "follow"                   # as a rigid part goes along with the controls around it, or "held"
+//! motion = "follow"                   # follows the controls around it, or "held"
 //!
 //! [[pose]]
 //! name = "shoulders up"
 //! move = [
-//!   { near = [10, 0, 2], by = [0, 3, 0] },                  # the control that is nearest
-//!   { control = 7, by = [0, 3, 0] },                        # the control of this index
-//!   { near = [0, -20, 0], within = 6, by = [0, 3, 0] },     # all controls within a length
+//!   { near = [10, 0, 2], by = [0, 3, 0] },                  # the nearest control
+//!   { control = 7, by = [0, 3, 0] },                        # the control with this index
+//!   { near = [0, -20, 0], within = 6, by = [0, 3, 0] },     # all controls within this distance
 //! ]
 //!
 //! [[keyframe]]
@@ -26,10 +26,10 @@
 //! weights = { "shoulders up" = 1 }
 //! ```
 //!
-//! Output: GLB with a morph target for each pose, and an animation where there are keyframes; texture
-//! coordinates and the texture of an OBJ or GLB are kept. Other formats hold the mesh in the first pose.
+//! Output: GLB with a morph target for each pose, and an animation if there are keyframes. Texture coordinates
+//! and the texture of an OBJ or GLB file are kept. Other formats contain the mesh in the first pose.
 //!
-//! Not guaranteed: that a posed mesh does not cross itself.
+//! Not guaranteed: a posed mesh may intersect itself.
 
 use super::appearance::{Known, NamedPlaces, normals_of, picture_of, write_glb, write_obj};
 use super::surface::mesh_outputs;
@@ -62,8 +62,7 @@ pub struct ShellPoseJob {
     pub mesh: PathBuf,
     /// Poses and keyframes.
     pub poses: PathBuf,
-    /// Parts that stay rigid, beside those of the file: a group, object or material of the OBJ, or a file of
-    /// vertex indices.
+    /// Additional rigid parts: a group, object or material of the OBJ file, or a file of vertex indices.
     pub rigid: Vec<String>,
     /// Files to write.
     pub outputs: Vec<PathBuf>,
@@ -108,7 +107,7 @@ pub struct RigidReport {
     pub part: String,
     /// How many vertices it has.
     pub vertices: usize,
-    /// Whether it is held where it is.
+    /// Whether it keeps its position.
     pub held: bool,
 }
 

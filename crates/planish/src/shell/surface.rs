@@ -1,9 +1,8 @@
 //! `planish shell mesh`: the surface of a mesh's shell as a manifold mesh.
 //!
-//! Input: a mesh of any kind and the settings of its field. Output: a mesh, and how far from the exact
-//! surface it is.
+//! Input: any mesh and the options of its field. Output: a mesh, and its deviations from the exact surface.
 //!
-//! Not guaranteed: what is thinner than a cell; sharp edges, which chords cut off.
+//! Not guaranteed: parts thinner than a cell are lost, and sharp edges are cut by chords.
 
 use crate::job::Job;
 use crate::output::unsupported_extension;
@@ -20,10 +19,10 @@ use std::path::{Path, PathBuf};
 /// How thick a shell is if not specified, and how soft its field, as shares of the mesh's size.
 const USUAL_THICKNESS: f64 = 0.01;
 const USUAL_SOFTNESS: f64 = 0.002;
-/// Spherical metaballs are at most so many times as large as the field is soft.
+/// Maximum radius of spherical metaballs relative to the softness of the field.
 const SPHERES: f64 = 3.0;
-/// And there are at most so many of them.
-const MOST_FACETS: usize = 400_000;
+/// Maximum number of facets after division into spherical metaballs.
+const MAX_FACETS: usize = 400_000;
 
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,9 +61,9 @@ pub struct ShellMeshReport {
     pub components: usize,
     /// Vertices − edges + triangles.
     pub euler_characteristic: i64,
-    /// Whether it is closed.
+    /// Whether the mesh is closed.
     pub watertight: bool,
-    /// Whether it is manifold.
+    /// Whether the mesh is manifold.
     pub manifold: bool,
     /// Side of a cell.
     pub cell: f64,
@@ -152,8 +151,8 @@ fn mesh_shell(job: &ShellMeshJob, progress: &dyn Progress) -> Result<ShellMeshRe
     let wrapped = match job.metaball {
         Metaball::Triangular => mesh,
         Metaball::Spherical => {
-            let (fine, _) = subdivide_for_spheres(&mesh, SPHERES * softness, MOST_FACETS);
-            if fine.triangles.len() >= MOST_FACETS {
+            let (fine, _) = subdivide_for_spheres(&mesh, SPHERES * softness, MAX_FACETS);
+            if fine.triangles.len() >= MAX_FACETS {
                 warnings.push(format!(
                     "{}: {} facets are not enough for spheres as small as the field is soft: the surface is \
                      bumpy; give a larger softness, or triangular metaballs",

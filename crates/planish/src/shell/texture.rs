@@ -1,15 +1,15 @@
-//! `planish shell texture`: the colours of a mesh, from calibrated pictures of the object.
+//! `planish shell texture`: colours of a mesh from calibrated pictures.
 //!
-//! Input: a mesh, maybe a fitted one with σ, and `views.toml` with pictures. Output: colours of vertices
-//! (PLY, GLB), or a texture on the mesh's own coordinates or on an atlas of its triangles (OBJ with MTL and
-//! PNG, GLB); how many views each vertex has its colour from, and how far the colours are from the pictures,
-//! in views held out as well.
+//! Input: a mesh (optionally fitted, with σ) and `views.toml` with pictures. Output: colours of vertices (PLY,
+//! GLB), or a texture on the mesh's own coordinates or on an atlas of its triangles (OBJ with MTL and PNG,
+//! GLB). The report contains the number of views of each vertex, and the colour differences from the pictures,
+//! including held-out views.
 //!
-//! Each view is sampled at a place (`view`), the samples become one colour (`blend`), and what
-//! none of them sees is filled (`fill`) and counted.
+//! Each view is sampled at a place (`view`), the samples are blended to one colour (`blend`), and places that
+//! no view sees are filled (`fill`) and counted.
 //!
-//! Not guaranteed: that lights do not move: colours are those of the pictures, highlights and shadows among
-//! them. A vertex has the colour of one pixel's width about it, however far the next vertex is.
+//! Not guaranteed: colours contain the highlights and shadows of the pictures. The colour of a vertex comes
+//! from an area of one pixel, even if the next vertex is far away.
 
 mod atlas;
 mod blend;
@@ -37,12 +37,12 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use view::ColourView;
 
-/// A texture has at least so many pixels along a side, and at most, if not specified.
-const USUAL_SIDES: [usize; 2] = [256, 4096];
+/// Minimum and maximum default side of a texture, in pixels.
+const DEFAULT_SIDES: [usize; 2] = [256, 4096];
 /// The largest side of a texture.
 pub const LARGEST_TEXTURE: usize = 8192;
-/// A view that differs at more than this share of what others see as well is left out.
-const ODD_VIEW: f64 = 0.5;
+/// Maximum fraction of jointly seen places at which a view may be an outlier. Beyond it, the view is rejected.
+const MAX_OUTLIER_FRACTION: f64 = 0.5;
 
 /// Where colours go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -73,7 +73,7 @@ pub struct ShellTextureJob {
     pub unit: Option<Unit>,
 }
 
-/// What a view gave.
+/// Result of one view.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ColourViewReport {
     /// Its name.
@@ -84,7 +84,7 @@ pub struct ColourViewReport {
     pub seen: usize,
     /// Those where it differs too much from other views to take part.
     pub odd: usize,
-    /// Whether it differs so often that it was held out at all.
+    /// Whether the view was rejected because it differs at too many places.
     pub left_out: bool,
     /// Root mean square difference of its picture from the colours that were made, from 0 to 255, over the
     /// pixels of the mesh away from its outlines.
@@ -96,7 +96,7 @@ pub struct ColourViewReport {
 pub struct TextureReport {
     /// Pixels in a row, and rows.
     pub size: usize,
-    /// Pixels that lie on the mesh.
+    /// Number of texture pixels on the mesh.
     pub texels: usize,
     /// Those of them whose colour a view saw; all others were filled.
     pub seen: usize,
@@ -225,7 +225,7 @@ fn texture_mesh(job: &ShellTextureJob, progress: &dyn Progress) -> Result<ShellT
     })
 }
 
-/// The mesh as the cameras measure it, and what they see.
+/// The mesh in the unit of the cameras, and the views.
 struct Scene {
     mesh: TriangleMesh,
     normals: Vec<[f64; 3]>,
@@ -233,7 +233,7 @@ struct Scene {
     two_sided: bool,
     /// The unit of the cameras.
     unit: Option<Unit>,
-    /// Views with a picture, and what they see.
+    /// Views with a picture, and their visibility.
     pictured: Vec<ViewFile>,
     views: Vec<ColourView>,
     /// Further files that were read.
@@ -354,7 +354,7 @@ fn blend_vertices(job: &ShellTextureJob, scene: &Scene) -> Result<BlendedViews> 
     let odd = blend::odd_shares(count, &colours, &blended);
     drop(colours);
     let all_used = used.len();
-    used.retain(|k| odd[*k] <= ODD_VIEW);
+    used.retain(|k| odd[*k] <= MAX_OUTLIER_FRACTION);
     if used.len() < all_used {
         (_, sigma, blended) = blend_from(&used);
     }
@@ -395,7 +395,7 @@ fn judge(
                 statistics.counted[k][0]
             },
             odd: statistics.counted[k][1],
-            left_out: statistics.odd[k] > ODD_VIEW,
+            left_out: statistics.odd[k] > MAX_OUTLIER_FRACTION,
             rms: view.difference(mesh, |triangle, weights| match texture {
                 Some(texture) => texture.at(triangle, weights),
                 None => at_place(mesh, &coloured.colours, triangle, weights),

@@ -12,8 +12,8 @@ use planish_solid::views::{
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// So many lines of one sort are named, the others are counted.
-const NAMED: usize = 3;
+/// Maximum number of lines of one kind that a message names. Others are counted.
+const MAX_NAMED: usize = 3;
 /// Ends of lines meet within this share of the drawing's size.
 const MEETS: f64 = 1e-4;
 /// Lines are drawn twice where their ends and middles agree within this share of the drawing's size.
@@ -94,16 +94,16 @@ fn read_file(path: &Path) -> Result<DxfDrawing> {
     }
 }
 
-/// The first few, and how many there are beside them.
+/// The first few items, and the number of the others.
 fn summary(all: &[String]) -> impl Iterator<Item = String> + '_ {
-    let more = match all.len().saturating_sub(NAMED) {
+    let more = match all.len().saturating_sub(MAX_NAMED) {
         0 => None,
         n => Some(format!("and {n} more such lines")),
     };
-    all.iter().take(NAMED).cloned().chain(more)
+    all.iter().take(MAX_NAMED).cloned().chain(more)
 }
 
-/// Takes out lines that are drawn again, and says which. Of a visible and a hidden one the visible one stays.
+/// Removes repeated lines and reports them. If one is visible and the other hidden, the visible one is kept.
 fn drop_repeated(curves: &mut Vec<DrawnCurve>) -> Vec<String> {
     let all =
         Drawing { views: vec![View { kind: planish_solid::views::ViewKind::Front, curves: curves.clone() }] };
@@ -178,8 +178,8 @@ pub(super) fn explain(error: Error, drawing: &Drawing, paths: &[PathBuf]) -> Err
     }
 }
 
-/// Ends of visible lines at which no other line of the view is, each named: where no solid was found, an open
-/// outline is a likely reason. (Where a smooth edge is left out, as in drafting, lines end openly, too.)
+/// Names the ends of visible lines at which no other line ends. If no solid was found, an open outline is a
+/// likely reason. (Drawings that omit smooth edges have such ends as well.)
 fn open_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
     let near = MEETS * drawing.size();
     let mut found = Vec::new();

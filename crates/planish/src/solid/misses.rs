@@ -1,5 +1,5 @@
-//! What nearly fits in a drawing: ends that miss each other by little, views whose sizes differ by little.
-//! Told where no solid was found.
+//! Near misses in a drawing: line ends that almost meet, and views whose sizes almost agree. They are reported
+//! if no solid was found.
 
 use planish_solid::views::{Curve2, Drawing, LineStyle, distance, nearest_on_curve};
 use std::path::PathBuf;
@@ -7,9 +7,8 @@ use std::path::PathBuf;
 /// Ends and sizes that differ by more than this share of the drawing's size are not meant to be one.
 const NEARLY: f64 = 2e-3;
 
-/// Within this, coordinates are one without a word: a share of the drawing's size, and a length that stands
-/// for rounding in files.
-fn same(drawing: &Drawing) -> f64 {
+/// Distance within which coordinates are treated as equal: the rounding of six digits in files.
+fn rounding(drawing: &Drawing) -> f64 {
     1e-6 * drawing.size()
 }
 
@@ -35,7 +34,7 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
                 continue;
             };
             let off = (size - first).abs();
-            if off > same(drawing) && off <= NEARLY * drawing.size() {
+            if off > rounding(drawing) && off <= NEARLY * drawing.size() {
                 found.push(format!(
                     "{}: the {} view is {size:.6} long along {}, and the {} view ({}) {first:.6}, {:.6} \
                      times as long: needed one scale; --tolerance {:.1e} takes coordinates so near for one",
@@ -53,9 +52,9 @@ pub(super) fn nearly_equal_extents(drawing: &Drawing, paths: &[PathBuf]) -> Vec<
     found
 }
 
-/// Ends of visible lines that come near another line and do not meet it.
+/// Ends of visible lines that almost meet another line.
 pub(super) fn nearly_meeting_ends(drawing: &Drawing, paths: &[PathBuf]) -> Vec<String> {
-    let (same, nearly) = (same(drawing), NEARLY * drawing.size());
+    let (same, nearly) = (rounding(drawing), NEARLY * drawing.size());
     let mut found = Vec::new();
     for (index, view) in drawing.views.iter().enumerate() {
         let is_closed = |curve: &Curve2| {

@@ -18,7 +18,7 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// A view as it was taken.
+/// A view and its constraints.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReportedView {
     /// `front`, `top` or `side`.
@@ -27,17 +27,17 @@ pub struct ReportedView {
     pub file: String,
     /// Its contours by kind.
     pub contours: Vec<String>,
-    /// What holds in it beside the kinds, in words.
+    /// Its constraints as text, without those of the contour kinds.
     pub constraints: Vec<String>,
-    /// Whether that stands in the file; else it was found here.
+    /// Whether the constraints come from the file. Otherwise they were found by tests.
     pub constraints_of_file: bool,
-    /// The dimensions that, with these, say all of it.
+    /// Number of dimensions that determine the view together with the constraints.
     pub parameters: usize,
     /// The rank of constraints and dimensions at a witness.
     pub rank: usize,
 }
 
-/// How noisy views became one geometry, and what is known of it.
+/// The consistent geometry of noisy views, with its uncertainty.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NoisyGeometry {
     /// The views.
@@ -48,7 +48,7 @@ pub struct NoisyGeometry {
     pub chi_square: f64,
     /// The degrees of freedom of that χ².
     pub degrees: usize,
-    /// The probability of a χ² at least as large.
+    /// Probability of a χ² at least as large.
     pub p_value: f64,
     /// The best solid's vertices.
     pub vertices: Vec<SpaceVertex>,
@@ -65,7 +65,7 @@ pub(super) struct Noisy {
     of_file: Vec<bool>,
 }
 
-/// A bar that leans by less than this share of its length is told where no solid was found.
+/// Maximum slope of a bar that is reported as nearly axis-parallel if no solid was found.
 const NEARLY: f64 = 0.1;
 /// Points of exact views are one within this share of the extent.
 const SAME: f64 = 1e-7;
@@ -125,7 +125,7 @@ pub(super) fn read(job: &SolidJob, warnings: &mut Vec<String>) -> Result<Noisy> 
     })
 }
 
-/// The relations that hold in a view.
+/// The relations found in a view.
 fn found(sketch: &Sketch, level: f64) -> Result<Vec<Constraint>> {
     let options = ConstrainOptions { level, given: sketch.given.clone(), ..ConstrainOptions::default() };
     let found = constrain(&sketch.drawing, &sketch.covariance, &options)?;
@@ -133,8 +133,7 @@ fn found(sketch: &Sketch, level: f64) -> Result<Vec<Constraint>> {
 }
 
 impl Noisy {
-    /// All that holds in a view, with the dimensions that complete it: its own drawing, consistent with the
-    /// others.
+    /// The drawing of a view, consistent with the others, and its constraints including dimensions.
     fn complete(&self, view: usize) -> Result<(Drawing, Vec<Constraint>)> {
         let (drawing, covariance) = self.consistent.view(view)?;
         let own = &self.views[view];
@@ -179,7 +178,7 @@ impl Noisy {
         }
     }
 
-    /// What is known of a solid that was made of the views.
+    /// Dimensions and σ of a solid made from the views.
     pub(super) fn geometry(&self, solid: &Solid) -> Result<NoisyGeometry> {
         let views = (0..self.views.len()).map(|i| {
             let view = &self.views[i];
@@ -240,7 +239,7 @@ impl Noisy {
     }
 }
 
-/// Writes what is known of the solids and their sizes.
+/// Writes the solids' dimensions with their σ.
 pub(super) fn write_json(path: &Path, report: &SolidReport) -> Result<()> {
     #[derive(Serialize)]
     struct Written<'a> {

@@ -18,7 +18,7 @@ use std::path::PathBuf;
 const MOST_SOLIDS: usize = 6;
 /// From one solid to the next, over the width of the first.
 const APART: f64 = 1.35;
-/// Numbers of solutions stand so far above them, over the diagonal of their box.
+/// Height of the labels above the solutions, relative to the diagonal of their box.
 const ABOVE: f64 = 0.06;
 /// Lines that none explains, named one by one.
 const MOST_LINES: usize = 20;

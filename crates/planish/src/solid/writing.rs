@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// Vertices, edges and faces of a STEP file meet within this share of a millimetre.
 const UNCERTAINTY_MM: f64 = 1e-5;
 
-/// A solid, with its mesh where one is asked for.
+/// A solid, with its mesh if an output needs one.
 pub(super) struct Prepared<'a> {
     solid: &'a Solid,
     mesh: Option<TriangleMesh>,
@@ -25,7 +25,7 @@ pub(super) fn is_solid_file(path: &Path) -> bool {
     matches!(extension(path).as_str(), "step" | "stp") || is_mesh_file(path)
 }
 
-/// Makes everything that will be written, so that nothing is written where something cannot be made.
+/// Prepares all outputs. Nothing is written if one of them fails.
 pub(super) fn prepare<'a>(
     job: &SolidJob,
     solutions: &[&'a Solution],
@@ -49,7 +49,7 @@ pub(super) fn prepare<'a>(
     solutions.iter().enumerate().map(one).collect()
 }
 
-/// What a tolerance would need, and what works.
+/// Error for a tolerance that needs too many triangles. States one that works.
 fn too_fine(solid: &Solid, tolerance: f64) -> Error {
     Error::input(format!(
         "--mesh-tolerance {tolerance:e}: such a mesh has about {:.1e} triangles: needed at most \
@@ -60,7 +60,7 @@ fn too_fine(solid: &Solid, tolerance: f64) -> Error {
     ))
 }
 
-/// STL holds 32-bit numbers: far from the origin they are farther apart than the mesh may miss the solid.
+/// Refuses STL if the spacing of its 32-bit numbers, far from the origin, exceeds the mesh tolerance.
 fn refuse_coarse_numbers(job: &SolidJob, positions: &[[f64; 3]], tolerance: f64) -> Result<()> {
     let farthest = positions.iter().flatten().fold(0.0, |most: f64, x| most.max(x.abs()));
     let apart = farthest * f64::from(f32::EPSILON);

@@ -59,7 +59,7 @@ pub struct FrameReport {
     pub rms_points: Option<f64>,
     /// The same of places on outlines, in pixels.
     pub rms_silhouettes_px: Option<f64>,
-    /// The mean over its views of how far what they show agrees with their masks.
+    /// Mean overlap (IoU) of the mesh with the masks of its views.
     pub iou: Option<f64>,
     /// Root mean square of what parameters differ from what was predicted, over that of their σ; none of the
     /// first.
@@ -92,7 +92,7 @@ pub struct ShellFitReport {
     pub iou: BTreeMap<String, f64>,
     /// The same before the fit.
     pub iou_before: BTreeMap<String, f64>,
-    /// Views that was held out.
+    /// Held-out views.
     pub held_out: Vec<String>,
     /// How many controls there are; parameters, of modes.
     pub controls: usize,
@@ -111,11 +111,11 @@ pub struct ShellFitReport {
     pub poses: Vec<CameraPoseReport>,
     /// σ of the vertices that were measured, along normals.
     pub sigma: SigmaSummary,
-    /// The share of vertices of which more than half of what is known comes from the readings.
+    /// Fraction of vertices whose information comes mostly from readings.
     pub observed_fraction: f64,
     /// The weight of smoothness, by marginal likelihood.
     pub smoothness_weight: f64,
-    /// σ of what the controls cannot follow, along normals; σ of the vertices holds it.
+    /// σ of the model error along normals: shape that the controls cannot represent. σ of vertices includes it.
     pub lack_of_fit: f64,
     /// Iterations.
     pub iterations: usize,

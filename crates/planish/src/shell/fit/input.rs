@@ -1,4 +1,4 @@
-//! What a shell is fitted to, read from files.
+//! Reads the inputs of a shell fit from files.
 
 use super::super::pose::{USUAL_BLEND, part_vertices};
 use super::{DeformationKind, NEIGHBOURS, ShellFitJob};
@@ -20,15 +20,15 @@ use planish_shell::{
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// σ of points that state none, as a share of the mesh's size: only their ratios count, the residuals say the
-/// rest.
+/// Initial σ of points without a stated σ, relative to the mesh's size. Its value does not matter, because σ is
+/// then estimated from residuals.
 const UNKNOWN_SIGMA: f64 = 1e-3;
-/// σ by which a tracked feature may lie off the mesh, as a share of its size.
+/// σ of the distance of a tracked feature from the mesh, relative to the mesh's size.
 const SURFACE_SIGMA: f64 = 1e-3;
 /// Vertices that may each move on their own: equations are dense.
 const MOST_VERTICES: usize = 600;
 
-/// A deformation with what is smooth in it, and what is known before.
+/// A deformation with its smoothness energy and prior.
 pub(super) struct Moved {
     pub deformation: Box<dyn Deformation>,
     pub stiffness: Option<DMatrix<f64>>,
@@ -53,7 +53,7 @@ pub(super) struct Frame {
     pub masks: Vec<Option<Silhouette>>,
     pub fitted: Vec<ShellView>,
     pub tracks: Vec<FeatureTrack>,
-    /// Files that were read beside those that were named.
+    /// Files that were read in addition to the given ones.
     pub files: Vec<PathBuf>,
 }
 
@@ -196,7 +196,7 @@ pub(super) fn moved(job: &ShellFitJob, mesh: &mut TriangleMesh, appearance: &Tex
     Ok(Moved { stiffness: Some(made.stiffness(stiffness)), deformation: Box::new(made), ..inner })
 }
 
-/// The triangles of a mesh that are not rigid, on the same vertices; all where nothing else is left.
+/// The triangles of a mesh outside rigid parts, on the same vertices. All triangles if none remain.
 fn that_bends(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
     let mut rigid = vec![false; mesh.positions.len()];
     for v in parts.iter().flat_map(|part| &part.vertices) {
@@ -212,7 +212,7 @@ fn that_bends(mesh: &TriangleMesh, parts: &[RigidPart]) -> TriangleMesh {
     rest
 }
 
-/// The deformation of all that is not rigid: no control is spent on what is.
+/// The deformation of the non-rigid part, so that no control is placed on rigid parts.
 fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]) -> Result<Moved> {
     let given = match &job.controls_file {
         Some(path) => {
@@ -253,7 +253,7 @@ fn without_parts(job: &ShellFitJob, mesh: &mut TriangleMesh, parts: &[RigidPart]
         (DeformationKind::Lattice, _) => {
             let along = ((job.controls as f64).cbrt().round() as usize).max(2);
             let basis = if along >= 5 { LatticeBasis::CubicBSpline } else { LatticeBasis::Bernstein };
-            // It stands around the surface: a vertex that no triangle has may be anywhere.
+            // The lattice encloses the triangles only. Unused vertices may be far away.
             let made = Lattice::new(&within_surface(mesh), [along; 3], basis)?;
             let points = made.controls().unwrap_or_default().to_vec();
             let k = stiffness(&points, &[], &nearest_pairs(&points, NEIGHBOURS));
@@ -369,7 +369,7 @@ fn read_masks(views: &Views, job: &ShellFitJob) -> Result<Vec<Option<Silhouette>
     (views.views.par_iter()).map(|view| read_mask(view, job.outline_step_px)).collect()
 }
 
-/// The mask of a view, where it has one; places on its border at least so far apart.
+/// The mask of a view, if it has one. Places on its border are at least `apart_px` apart.
 pub(in crate::shell) fn read_mask(view: &ViewFile, apart_px: f64) -> Result<Option<Silhouette>> {
     let Some(path) = &view.mask else { return Ok(None) };
     let options = SilhouetteOptions {

@@ -13,21 +13,21 @@ use planish_report::numbers::{counted, percent, significant};
 use planish_shell::intersection_over_union;
 use rayon::prelude::*;
 
-/// Points that reach over so many times the size of the mesh are in another unit.
-const LARGER: f64 = 8.0;
+/// Maximum size of the points relative to the mesh. Larger points probably have another unit.
+const MAX_SIZE_RATIO: f64 = 8.0;
 /// And those that reach over less than this share of it; a part of an object may be small.
 const SMALLER: f64 = 1.0 / 100.0;
 /// Half of the points are within this distance of the mesh, in its sizes.
 const FAR: f64 = 0.25;
-/// So many points tell how far they are, and a few more.
-const LOOKED_AT: usize = 1000;
+/// Approximate number of points that are sampled for distances.
+const DISTANCE_SAMPLES: usize = 1000;
 /// This share of points, in either direction, may be anything.
 const WILD: usize = 10;
-/// σ that is found to be so many times what is stated, or as little, is said.
+/// Ratio of estimated to stated σ (or its inverse) beyond which a warning is given.
 const MISSTATED: f64 = 3.0;
 /// A mask that a mesh agrees with by less before the fit is not that view's.
 const UNLIKE: f64 = 0.05;
-/// And by less after it is not reached.
+/// Overlap after the fit below which the mask counts as not matched.
 const NOT_REACHED: f64 = 0.5;
 /// The axis of a camera is within this share of the picture about its middle.
 const OFF_AXIS: f64 = 0.25;
@@ -47,14 +47,14 @@ pub(super) fn points_and_mesh(frame: &Frame, mesh: &TriangleMesh, unit: Unit) ->
     };
     let (size, reach) = (of_mesh.diagonal(), of_points.diagonal());
     let [size_text, reach_text] = [size, reach].map(|length| significant(length, 3));
-    if reach > LARGER * size || reach < SMALLER * size {
+    if reach > MAX_SIZE_RATIO * size || reach < SMALLER * size {
         return Err(Error::undetermined(format!(
             "the points reach over {reach_text} {unit}, the mesh over {size_text} {unit}: needed one unit \
              (--unit is that of files that name none), or a mesh of the thing's size"
         )));
     }
     let search = MeshSearch::try_new(mesh)?;
-    let step = (frame.points.len() / LOOKED_AT).max(1);
+    let step = (frame.points.len() / DISTANCE_SAMPLES).max(1);
     let mut away: Vec<f64> = (frame.points.par_iter().step_by(step))
         .filter_map(|p| search.closest(p.at).map(|foot| foot.distance))
         .collect();
@@ -85,8 +85,8 @@ fn most_of(frame: &Frame) -> Option<BoundingBox> {
     BoundingBox::from_points(&[ends.map(|e| e[0]), ends.map(|e| e[1])])
 }
 
-/// What is odd of masks before the fit; whether the mesh shows itself in them is asked where it should (not
-/// of a rough start).
+/// Warnings about masks before the fit. `should_show`: also check that the mesh is visible in them (not for a
+/// rough start).
 pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Vec<String> {
     let mut words = Vec::new();
     for ((view, mask), fitted) in frame.views.iter().zip(&frame.masks).zip(&frame.fitted) {
@@ -105,8 +105,8 @@ pub(super) fn masks(frame: &Frame, mesh: &TriangleMesh, should_show: bool) -> Ve
         {
             let middle = [fitted.camera.k[(0, 2)], fitted.camera.k[(1, 2)]];
             let picture = [mask.columns as f64, mask.rows as f64];
-            // Of calibrations that know at most a projection the axis may be anywhere: alone it says
-            // nothing.
+            // In calibrations from projection matrices, the optical axis may be anywhere. Alone, it is no
+            // evidence of an error.
             let off_axis = (0..2).any(|k| (middle[k] - 0.5 * picture[k]).abs() > OFF_AXIS * picture[k]);
             words.push(format!(
                 "view {name}: the mesh shows next to nowhere in its mask before the fit: is it the mask of \
@@ -135,7 +135,7 @@ fn at_frame(mask: &[bool], columns: usize, rows: usize) -> f64 {
     outer.iter().filter(|k| mask[**k]).count() as f64 / outer.len().max(1) as f64
 }
 
-/// What should be looked at once a mesh is fitted; `states_sigma` says whether points state σ of their own.
+/// Warnings after the fit. `states_sigma`: whether points state their own σ.
 pub(super) fn outcome(
     done: &ShellFitReport,
     mesh: &TriangleMesh,

@@ -11,14 +11,14 @@ use planish_report::{
 };
 use std::path::PathBuf;
 
-/// Readings whose σ are so many times what was stated contradict it.
-const MOST_FACTOR: f64 = 1.5;
-/// Views that held out agree with the mesh at least so far.
-const LEAST_OVERLAP: f64 = 0.9;
+/// Ratio of estimated to stated σ from which the page reports a conflict.
+const MAX_FACTOR: f64 = 1.5;
+/// Minimum overlap (IoU) of held-out views for a good fit.
+const MIN_OVERLAP: f64 = 0.9;
 /// Points that are drawn at most.
 const MOST_POINTS: usize = 20_000;
 
-/// A fitted shell as it is shown.
+/// A fitted shell, prepared for display.
 pub(crate) struct ShownShell<'a> {
     /// The mesh that was found.
     pub found: &'a TriangleMesh,
@@ -26,7 +26,7 @@ pub(crate) struct ShownShell<'a> {
     pub given: &'a TriangleMesh,
     /// σ of vertices along normals.
     pub sigma: &'a [f64],
-    /// Whether readings say more of them than what was known before.
+    /// Whether readings determine the vertices more than the prior.
     pub observed: &'a [u8],
     /// Points that were read; of a sequence those of the last frame.
     pub points: Vec<[f64; 3]>,
@@ -90,7 +90,7 @@ fn kinds(report: &ShellFitReport) -> [(&'static str, &Option<ReadingsReport>); 3
 fn findings(report: &ShellFitReport) -> Vec<Finding> {
     let mut found = warnings_as_findings(&report.warnings);
     for (what, of) in kinds(report) {
-        if let Some(of) = of.filter(|of| of.sigma_factor > MOST_FACTOR) {
+        if let Some(of) = of.filter(|of| of.sigma_factor > MAX_FACTOR) {
             found.push(Finding::new(
                 FindingLevel::Look,
                 format!(
@@ -105,7 +105,7 @@ fn findings(report: &ShellFitReport) -> Vec<Finding> {
         if let Some(share) = report.iou.get(view) {
             let text =
                 format!("View {view}, which took no part, agrees with its mask by {}.", percent(*share));
-            let level = if *share < LEAST_OVERLAP { FindingLevel::Look } else { FindingLevel::Good };
+            let level = if *share < MIN_OVERLAP { FindingLevel::Look } else { FindingLevel::Good };
             found.push(Finding::new(level, text));
         }
     }
@@ -182,7 +182,7 @@ fn went_in(report: &ShellFitReport, unit: SmallUnit<'_>) -> Section {
                 },
                 significant(of.sigma_factor, 3),
             ],
-            of.sigma_factor > MOST_FACTOR || 3 * of.outliers > of.count,
+            of.sigma_factor > MAX_FACTOR || 3 * of.outliers > of.count,
         );
     }
     Section::new(
@@ -213,7 +213,7 @@ fn overlaps(report: &ShellFitReport) -> Option<Section> {
                 report.iou_before.get(view).map_or("–".to_owned(), |b| percent(*b)),
                 if held_out { "no: it judges" } else { "yes" }.to_owned(),
             ],
-            *share < LEAST_OVERLAP,
+            *share < MIN_OVERLAP,
         );
     }
     Some(Section::new("How views agree with their masks", vec![Block::Table(table)]))

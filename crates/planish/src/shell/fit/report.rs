@@ -6,8 +6,8 @@ use planish_mesh::TriangleMesh;
 use planish_shell::{Deformation, ShellFit, parameter_row};
 use rayon::prelude::*;
 
-/// Normals of vertices, σ along them with what parameters cannot follow and that of a start (`start_sigma`,
-/// of every vertex or empty), and whether the readings say more of them than what was known before.
+/// Normals of vertices, σ along them, and whether readings determine them more than the prior. σ includes the
+/// model error and the σ of the start (`start_sigma`, one value per vertex or empty).
 pub(super) fn known(
     mesh: &TriangleMesh,
     made: &ShellFit,

@@ -1,21 +1,21 @@
-//! A rough start made ready for a fit to masks: it flows out where they are not covered, and is cut where
-//! they show nothing.
+//! Prepares a rough start for a fit to masks: the mesh grows where masks are not covered, and is cut where
+//! they show background.
 //!
-//! Input: a closed mesh and views with masks. Output: a closed mesh within all silhouettes that covers
-//! them as far as cells can, and σ of its vertices.
+//! Input: a closed mesh and views with masks. Output: a closed mesh within all silhouettes that covers them as
+//! far as the cell size permits, and σ of its vertices.
 //!
-//! A deformation keeps what hangs together: a ball that is to become a body with a tail beside it is left
-//! with a web between them, which outlines pull to both sides. So topology is not kept here: round after
-//! round the mesh is made anew ([`remesh`]), within all silhouettes, and as far out as some mask shows more
-//! than it covers; at last it fills the domain that silhouettes leave about it. Only then it is fitted.
+//! A deformation cannot change the topology. A ball that is deformed into a body with a tail keeps a web
+//! between them, which outlines pull to both sides. This module therefore rebuilds the mesh in several rounds
+//! ([`remesh`]): within all silhouettes, and larger where a mask is not covered. Finally it fills the
+//! surrounding domain that the silhouettes leave. The fit starts from the result.
 //!
-//! What no line of sight touches stays where silhouettes end. Without the view that holds it back a vertex
-//! would be farther out by some `δ`; of views at even angles what they leave grows with the square of the
-//! angle, which is twice as wide there, so that `δ` is three times what all views leave. The mean of `δ`
-//! about a vertex over three is σ of the start there.
+//! Surface that no line of sight touches is at the limit of the silhouettes. Without the view that limits it,
+//! a vertex would be farther out by `δ`. For views at equal angles, the excess of the visual hull grows with
+//! the square of the angle between views. Without one view this angle doubles, so the excess is four times as
+//! large, and `δ` is three times the original excess. σ of the start is the local mean of `δ / 3`.
 //!
-//! Not guaranteed: what is thinner than a cell, and what masks with gross errors cut away; that the mesh
-//! stays in one piece; σ in hollows, of which no silhouette tells anything.
+//! Not guaranteed: parts thinner than a cell, and parts that are cut by masks with gross errors, are lost. The
+//! mesh may fall apart. σ does not cover hollows, which silhouettes cannot show.
 
 use super::input::{Frame, FrameFiles, Units};
 use super::{FlowReport, ShellFitJob, overlap};
@@ -34,8 +34,8 @@ use rayon::prelude::*;
 const CELLS: f64 = 100.0;
 /// How far it flows in one round, in cells.
 const FARTHEST: f64 = 10.0;
-/// What lies so many cells beyond what is covered is not covered.
-const BEYOND: f64 = 0.5;
+/// Distance from the covered region, in cells, beyond which a place counts as uncovered.
+const UNCOVERED_CELLS: f64 = 0.5;
 /// Parts of less than this share of the largest one's volume are crumbs.
 const LEAST_PART: f64 = 0.002;
 /// Rounds at most.
@@ -46,7 +46,7 @@ const LEAST_GAIN: f64 = 1e-3;
 const FILLED: f64 = 8.0;
 /// Smoothings after each round: they take away the steps that rounds leave.
 const SMOOTHINGS: usize = 20;
-/// Steps over which the mean about a vertex is taken: so many edges reach as far as their square root.
+/// Number of diffusion steps of the local mean. n steps average over a radius of about √n edges.
 const MEAN_STEPS: usize = 100;
 /// Without one view of several at even angles as much more is left than all of them leave.
 const LEFT_WITHOUT_ONE: f64 = 3.0;
@@ -70,7 +70,7 @@ impl Region for Wider {
     }
 }
 
-/// Nothing is covered anywhere.
+/// A mask in which nothing is covered.
 struct Nothing;
 
 impl Region for Nothing {
@@ -91,8 +91,8 @@ pub(super) struct Flown {
     pub report: FlowReport,
 }
 
-/// Options of the fit of a mesh of some size that has flown: it is near, and its agreement with the masks of
-/// which it was made is no proof of it.
+/// Options for fitting a prepared mesh of a given size. The mesh is already close, and its agreement with the
+/// masks is no evidence, because it was made from them.
 pub(super) fn options(size: f64) -> ShellFitOptions {
     let usual = ShellFitOptions::default();
     ShellFitOptions {
@@ -103,11 +103,11 @@ pub(super) fn options(size: f64) -> ShellFitOptions {
     }
 }
 
-/// The mesh that the fit starts from; `watch` is told how many rounds are done before the next.
+/// The starting mesh of the fit. `watch` is called with the number of finished rounds before each round.
 ///
 /// # Errors
-/// What `watch` says; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks
-/// that the object does not reach out of, an open mesh, or one that lies outside of some mask.
+/// Errors of `watch`; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks that
+/// contain the whole object, for an open mesh, and for a mesh outside of a mask.
 pub(super) fn flown(
     job: &ShellFitJob,
     mut mesh: TriangleMesh,
@@ -143,7 +143,7 @@ pub(super) fn flown(
         cell = cell.max(size(&mesh) / CELLS);
         let covered = Wider {
             silhouettes: SilhouetteBound::new(&covers(&mesh, &views, &files, &frame)?)?,
-            by: BEYOND * cell,
+            by: UNCOVERED_CELLS * cell,
         };
         let next = anew(&mesh, Some((&covered, FARTHEST)), cell)?;
         let (after, _) = agreement(&next);

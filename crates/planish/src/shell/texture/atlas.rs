@@ -1,18 +1,17 @@
-//! Where on a mesh each pixel of its texture lies.
+//! Maps texture pixels to a mesh.
 //!
-//! Input: texture coordinates, or none: then every triangle gets half a square of its own. Output: a
-//! [`Chart`], and for each pixel the triangle and the place on it.
+//! Input: texture coordinates. Without them, every triangle gets half a square of an atlas. Output: a
+//! [`Chart`], and for each pixel its triangle and the position on it.
 //!
-//! Not guaranteed: that squares of an atlas are as fine on a small triangle as on a large one: all have the
-//! same number of pixels.
+//! All squares of an atlas have the same number of pixels, so large triangles have a lower resolution.
 
 use planish_exchange::textured::{NO_UV, TexturedMesh};
 use planish_mesh::{DepthBuffer, Projected, TriangleMesh};
 
 /// Pixels between a triangle of an atlas and the side of its square.
 const MARGIN: f64 = 1.5;
-/// A square of an atlas has at least so many pixels along a side.
-pub(super) const LEAST_SQUARE: usize = 10;
+/// Minimum side of an atlas square, in pixels.
+pub(super) const MIN_SQUARE: usize = 10;
 
 /// Texture coordinates of a mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,7 +29,7 @@ impl Chart {
             .then(|| Self { uv: mesh.uv.clone(), triangles: mesh.uv_triangles.clone() })
     }
 
-    /// Two triangles in each of the squares of a grid, for a picture with so many pixels along a side.
+    /// An atlas with two triangles in each square of a grid, for a picture of `side` × `side` pixels.
     pub(super) fn atlas(triangles: usize, side: usize) -> Self {
         let grid = squares_along(triangles);
         let square = (side / grid) as f64;
@@ -55,8 +54,7 @@ impl Chart {
         chart
     }
 
-    /// The triangle in each pixel of a picture with so many columns and rows; the one named first where
-    /// several lie there.
+    /// The triangle in each pixel of a picture. If several overlap, the first one is used.
     pub(super) fn drawn(&self, columns: usize, rows: usize) -> DepthBuffer {
         let mut corners: Vec<Projected> = (self.uv.iter())
             .map(|[u, v]| Projected { at: [u * columns as f64, (1.0 - v) * rows as f64], depth: 1.0 })
@@ -68,8 +66,7 @@ impl Chart {
         DepthBuffer::draw(columns, rows, &corners, &triangles)
     }
 
-    /// The share of the picture that all triangles together cover, counted as often as they lie on one
-    /// another.
+    /// Fraction of the picture covered by triangles. Overlaps are counted several times.
     pub(super) fn covered(&self) -> f64 {
         let place = |uv: u32| self.uv.get(uv as usize).copied();
         (self.triangles.iter())
@@ -97,7 +94,7 @@ impl Chart {
     }
 }
 
-/// Squares along a side of an atlas of so many triangles.
+/// Number of squares along a side of an atlas.
 pub(super) fn squares_along(triangles: usize) -> usize {
     ((triangles.div_ceil(2) as f64).sqrt().ceil() as usize).max(1)
 }
@@ -122,7 +119,7 @@ pub(super) fn at_place(
 mod tests {
     use super::*;
 
-    /// Every triangle of an atlas has pixels of its own, and pixels know their place on it.
+    /// Every triangle of an atlas has its own pixels, and each pixel maps to a position on it.
     #[test]
     fn an_atlas_has_room_for_every_triangle() {
         let (count, side) = (45, 64);

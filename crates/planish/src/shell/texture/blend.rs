@@ -1,13 +1,13 @@
 //! Blends the colours that several views measure at one place, robust against outliers.
 //!
-//! The start is the view from which all others differ least (the medoid, by the fourth roots of the weights,
-//! so that no single view outvotes two others); then a weighted mean with Tukey's biweight about it (A.
-//! Beaton, J. Tukey 1974), iterated. Its scale is one for all places: how much views differ where three or
-//! more see a place.
+//! The start is the view that differs least from all others (the medoid, with the fourth roots of the weights,
+//! so that no single view outvotes two others). It is followed by an iterated weighted mean with Tukey's
+//! biweight (A. Beaton, J. Tukey 1974). All places share one scale: the spread of colours at places that three
+//! or more views see.
 //!
-//! A view that is odd at most places where two others judge it is left out of all.
+//! A view that is an outlier at most of the places seen by two others is rejected everywhere.
 //!
-//! Not guaranteed: of two views that differ, the one with the larger weight is right.
+//! Not guaranteed: if only two views see a place and differ, the one with the larger weight is used.
 
 /// Tukey's constant: 95 % efficiency where errors are normal.
 const TUKEY: f64 = 4.685;
@@ -34,7 +34,7 @@ pub(super) struct ViewColour {
 pub(super) struct Blended {
     /// The colour, from 0 to 255.
     pub colour: [f64; 3],
-    /// How many views it comes from.
+    /// Number of views that contribute.
     pub views: usize,
     /// Views that differ too much to take part.
     pub odd: Vec<usize>,
@@ -45,7 +45,7 @@ fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
     ((0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f64>() / 3.0).sqrt()
 }
 
-/// The one from which all others differ least.
+/// The colour that differs least from all others.
 fn medoid(colours: &[ViewColour]) -> Option<&ViewColour> {
     let cost = |one: &ViewColour| -> f64 {
         (colours.iter()).map(|other| other.weight.powf(0.25) * apart(one.colour, other.colour)).sum()
@@ -78,7 +78,7 @@ pub(super) fn odd_shares(views: usize, colours: &[Vec<ViewColour>], blended: &[O
     counts.iter().map(|(all, odd)| *odd as f64 / (*all).max(1) as f64).collect()
 }
 
-/// One colour; nothing of nothing.
+/// Blends several colours to one. `None` for an empty list.
 pub(super) fn blend(colours: &[ViewColour], scale: f64) -> Option<Blended> {
     let mut colour = medoid(colours)?.colour;
     let believed = |colour: [f64; 3], one: &ViewColour| {
@@ -125,7 +125,7 @@ mod tests {
         assert!(blend(&[], 3.0).is_none());
     }
 
-    /// Views of known noise: the scale is what they differ by.
+    /// Views with known noise: the estimated scale equals it.
     #[test]
     fn the_scale_is_that_of_the_noise() {
         use rand::SeedableRng;

@@ -1,16 +1,16 @@
-//! Colours where no view sees anything: as smooth as can be from what is around.
+//! Fills colours that no view sees, smoothly from their surroundings.
 //!
-//! On a mesh: each colour is the mean of its neighbours' (the discrete Laplace equation, by conjugate
-//! gradients). In a picture: colours of places between the charts, so that a viewer that averages pixels
-//! finds none of nothing (push and pull: S. Gortler et al., *The lumigraph*, SIGGRAPH 1996, section 3.4).
+//! On a mesh, each colour is the mean of its neighbours (the discrete Laplace equation, solved by conjugate
+//! gradients). In a picture, the pixels between the charts are filled as well, because viewers average
+//! neighbouring pixels (push-pull: S. Gortler et al., *The lumigraph*, SIGGRAPH 1996, section 3.4).
 
 use planish_mesh::{Neighbours, TriangleMesh};
 
 /// The largest residual of the Laplace equation, of 255.
 const SMALL: f64 = 0.01;
-/// More steps than this change nothing that is seen.
-const MOST_STEPS: usize = 2000;
-/// The colour of a part that no view sees, where no part is seen.
+/// Maximum number of conjugate-gradient steps. More steps make no visible difference.
+const MAX_STEPS: usize = 2000;
+/// Colour if no view sees any part.
 const GREY: [f64; 3] = [128.0; 3];
 
 /// Colours of all vertices of those of some.
@@ -22,7 +22,8 @@ pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<[f64; 3]>]) -> Vec<[f
     };
     let neighbours = Neighbours::from_mesh(mesh);
     let mut colours: Vec<[f64; 3]> = known.iter().map(|c| c.unwrap_or(mean)).collect();
-    // What is reached from known vertices begins with the colour it is reached with; the rest stays as it is.
+    // Start: each vertex gets the colour of the known vertex that reaches it first. Unconnected parts keep the
+    // mean.
     let mut reached: Vec<u32> = (0..known.len() as u32).filter(|v| known[*v as usize].is_some()).collect();
     let mut is_reached: Vec<bool> = known.iter().map(Option::is_some).collect();
     let start = reached.len();
@@ -69,7 +70,7 @@ fn laplace(neighbours: &Neighbours, unknown: &[u32], colours: &mut [[f64; 3]], c
     let mut z = scaled(&r);
     let mut p = z.clone();
     let mut rz = inner(&r, &z);
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         if r.iter().all(|r| r.abs() < SMALL) {
             break;
         }
@@ -124,8 +125,8 @@ mod tests {
     use super::*;
     use planish_mesh::grid_sheet;
 
-    /// Between two known sides of a sheet every colour is the mean of its neighbours'; a part that is not
-    /// joined has the mean of what is known.
+    /// Between two known sides of a sheet, every colour is the mean of its neighbours. An unconnected part gets
+    /// the mean of all known colours.
     #[test]
     fn unknown_colours_are_the_means_of_their_neighbours() {
         let mut mesh = grid_sheet(10.0, 4.0, 10, 4);

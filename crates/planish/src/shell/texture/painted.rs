@@ -1,11 +1,11 @@
-//! A texture painted by what views see.
+//! Paints a texture from views.
 //!
-//! Input: a mesh, colours of its vertices, and what answers for a place and its normal. Output: a
-//! picture and where each triangle lies in it.
+//! Input: a mesh, colours of its vertices, and a function that returns the colour at a place with a normal.
+//! Output: a picture, and the texture coordinates of each triangle.
 
 use super::atlas::{self, Chart, at_place};
 use super::view::ColourView;
-use super::{Coloured, LARGEST_TEXTURE, Scene, ShellTextureJob, TextureReport, USUAL_SIDES, fill};
+use super::{Coloured, DEFAULT_SIDES, LARGEST_TEXTURE, Scene, ShellTextureJob, TextureReport, fill};
 use planish_estimate::{Error, Result};
 use planish_exchange::picture::colour_png;
 use planish_exchange::textured::TexturedMesh;
@@ -32,7 +32,7 @@ fn usual_size(mesh: &TriangleMesh, views: &[&ColourView], share: f64) -> usize {
         .iter()
         .sum();
     let side = (pixels / share.max(1e-3)).sqrt().min(LARGEST_TEXTURE as f64) as usize;
-    side.next_power_of_two().clamp(USUAL_SIDES[0], USUAL_SIDES[1])
+    side.next_power_of_two().clamp(DEFAULT_SIDES[0], DEFAULT_SIDES[1])
 }
 
 /// Paints a texture: each of its pixels by what views see of its place on the mesh.
@@ -50,7 +50,7 @@ pub(super) fn paint(
     let count = mesh.triangles.len();
     let share = own.as_ref().map_or_else(|| atlas::atlas_share(count), Chart::covered);
     let atlas = own.is_none();
-    let least = if atlas { atlas::LEAST_SQUARE * atlas::squares_along(count) } else { 1 };
+    let least = if atlas { atlas::MIN_SQUARE * atlas::squares_along(count) } else { 1 };
     let usual = || usual_size(mesh, views, share).max(least.next_power_of_two());
     let size = job.texture_size.unwrap_or_else(usual);
     if size < least || size > LARGEST_TEXTURE {

@@ -1,15 +1,15 @@
 //! Colour of a place on a surface in one calibrated picture, and whether the picture sees the place.
 //!
-//! Input: a camera, its picture, maybe a mask, and the mesh. Output: [`ColourSample`]s: a colour, and a
-//! weight that grows with how straight and how finely the place is seen.
+//! Input: a camera, its picture, an optional mask, and the mesh. Output: [`ColourSample`]s: a colour, and a
+//! weight that increases with the resolution and decreases with the slant of the view.
 //!
-//! A place is seen where the nearest facet through its pixel is no nearer than it is: a depth buffer as large
-//! as the picture decides, between pixels by their four depths. Pixels at a jump of the depth, or at the
-//! mask's border, are not believed, and those beside it less: the mesh is not known to a pixel there, and the
-//! colour of what lies behind would be taken for its own. Eight bytes are held for each pixel.
+//! A place is visible if no facet in its pixel is nearer. This is decided by a depth buffer of the size of the
+//! picture, interpolated between four pixels. Pixels at a depth edge or at the border of the mask are ignored,
+//! and their neighbours have less weight: the mesh is not accurate to a pixel there, and the colour could be
+//! that of the background. Memory: eight bytes per pixel.
 //!
-//! Not guaranteed: what is thinner than two pixels in a picture gets no colour from it; highlights and
-//! shadows are taken for colours.
+//! Not guaranteed: parts thinner than two pixels in a picture get no colour from it. Highlights and shadows
+//! are treated as colours.
 
 use planish_estimate::vector3::{dot, sub, unit};
 use planish_exchange::picture::Picture;
@@ -21,13 +21,13 @@ use std::collections::VecDeque;
 
 /// From here on, in pixels, the nearest jump of the depth is too far to matter.
 const CLEAR_PX: u8 = 5;
-/// Depths that differ by so many pixels' widths more than a plane's do jump.
-const JUMP: f64 = 10.0;
-/// A place may lie so many pixels' widths behind the depth buffer, which cuts corners between pixels.
+/// Second difference of depth at a depth edge, in pixel widths. A plane has zero.
+const DEPTH_EDGE: f64 = 10.0;
+/// Maximum distance of a visible place behind the depth buffer, in pixel widths. Interpolation between pixels
+/// cuts corners.
 const BEHIND: f64 = 3.0;
-/// The least cosine of the angle between normal and line of sight: 81°. Beyond it a pixel covers too much of
-/// the surface.
-const LEAST_COSINE: f64 = 0.15;
+/// Minimum cosine between normal and line of sight (81°). Beyond it, a pixel covers too much of the surface.
+const MIN_COSINE: f64 = 0.15;
 /// By which power of the pixels on a piece of surface a view counts: the best view rules, without visible
 /// borders to the next.
 const SHARPNESS: f64 = 2.0;
@@ -39,9 +39,9 @@ pub(super) struct ColourView {
     columns: usize,
     rows: usize,
     colours: Vec<[u8; 3]>,
-    /// Depth of what is seen; nothing where `clear` is zero and it is infinite.
+    /// Depth of each pixel; infinite without surface.
     depth: Vec<f32>,
-    /// How many pixels it is to the nearest jump; zero where nothing is to be believed.
+    /// Distance to the nearest depth edge in pixels; zero for ignored pixels.
     clear: Vec<u8>,
     /// The mesh's size, which makes weights free of units.
     size: f64,
@@ -52,7 +52,7 @@ pub(super) struct ColourView {
 pub(super) struct ColourSample {
     /// Colour from 0 to 255, as the picture has it.
     pub colour: [f64; 3],
-    /// Pixels on the mesh's size squared at this angle, to a power, less beside jumps.
+    /// Squared number of pixels per area at this angle, reduced near depth edges.
     pub weight: f64,
 }
 
@@ -110,7 +110,7 @@ impl ColourView {
         }
         let cosine = dot(normal, unit(sub(self.camera.center(), at))?);
         let cosine = if two_sided { cosine.abs() } else { cosine };
-        if cosine < LEAST_COSINE {
+        if cosine < MIN_COSINE {
             return None;
         }
         let pixels = cosine * (self.size / width).powi(2);
@@ -120,8 +120,8 @@ impl ColourView {
         })
     }
 
-    /// Root mean square, over all pixels away from jumps, of what the picture differs from colours that the
-    /// mesh has: of a triangle and the weights of its corners. `None` where there are no such pixels.
+    /// Rms difference between the picture and the colours of the mesh, over all pixels away from depth edges.
+    /// The colour is given for a triangle and barycentric weights. `None` if there are no such pixels.
     pub(super) fn difference(
         &self,
         mesh: &TriangleMesh,
@@ -151,7 +151,7 @@ impl ColourView {
         (count > 0).then(|| (sum / count as f64).sqrt())
     }
 
-    /// How many pixels a triangle covers, roughly: its area as seen, hidden or not; zero from behind.
+    /// Approximate number of pixels of a triangle, visible or hidden; zero if seen from behind.
     pub(super) fn pixels_on(&self, corners: [[f64; 3]; 3]) -> f64 {
         let mut at = [[0.0; 2]; 3];
         for (to, corner) in at.iter_mut().zip(corners) {
@@ -178,8 +178,8 @@ fn clear_of_jumps(depth: &[f32], columns: usize, rows: usize, focal: f64) -> Vec
         if !here.is_finite() {
             return true;
         }
-        let most = JUMP * here / focal;
-        // Along each of four lines through the pixel; beyond the picture all goes on.
+        let most = DEPTH_EDGE * here / focal;
+        // Along four lines through the pixel. Outside of the picture, depth is extrapolated.
         [(1, 0), (0, 1), (1, 1), (1, -1)].into_iter().any(|(dx, dy)| {
             let along = |sign: i64| {
                 let (x, y) = (column as i64 + sign * dx, row as i64 + sign * dy);
