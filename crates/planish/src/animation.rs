@@ -8,8 +8,8 @@
 //! All frames use the same triangles at the same parameters. Pictures are drawn into a temporary folder,
 //! which is then renamed, so that the output folder is complete or absent.
 //!
-//! Not guaranteed: chord errors of snapshots may exceed those of the final model. Many viewers of GLB files do
-//! not animate colours.
+//! Not guaranteed: chord errors of snapshots may exceed those of the final model. Many viewers of GLB files
+//! do not animate colours.
 
 use planish_core::Progress;
 use planish_estimate::vector3::{add, add_scaled, cross, dot, norm, scale, sub, tangents, unit};

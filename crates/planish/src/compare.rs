@@ -3,15 +3,15 @@
 //! Input: a model (`.planish`, or a mesh, maybe with columns `sigma` and `observed`) and a [`Reference`]:
 //! a mesh, or points with or without σ. Output: a [`ComparisonReport`] in the model's unit.
 //!
-//! *Forward* deviations are measured from the vertices of the model's mesh to the reference's mesh. *Backward*
-//! deviations are measured from the reference's points to the model's surface, with exact foot points for a
-//! `.planish` file. Both are positive if the model is on the side to which the reference's normal points (the
-//! model's normal if the reference has none). Only observed parts of the model are compared. Points whose foot
-//! is on an open boundary are skipped, because the other surface ends there.
+//! *Forward* deviations are measured from the vertices of the model's mesh to the reference's mesh.
+//! *Backward* deviations are measured from the reference's points to the model's surface, with exact foot
+//! points for a `.planish` file. Both are positive if the model is on the side to which the reference's
+//! normal points (the model's normal if the reference has none). Only observed parts of the model are
+//! compared. Points whose foot is on an open boundary are skipped, because the other surface ends there.
 //!
-//! Not guaranteed: deviations are not weighted by area, so finely meshed parts count more. Foot points may not
-//! be the globally nearest ones. They start at the sample whose position and normal agree best, which keeps
-//! the two sides of a thin part apart.
+//! Not guaranteed: deviations are not weighted by area, so finely meshed parts count more. Foot points may
+//! not be the globally nearest ones. They start at the sample whose position and normal agree best, which
+//! keeps the two sides of a thin part apart.
 
 mod inputs;
 pub(crate) mod page;
@@ -80,8 +80,8 @@ pub struct ComparisonReport {
     /// Unit of every length.
     #[serde(skip)]
     pub unit: Unit,
-    /// Deviations from the model to the reference. Absent if the reference has no triangles or if nothing can be
-    /// compared.
+    /// Deviations from the model to the reference. Absent if the reference has no triangles or if nothing can
+    /// be compared.
     pub forward: Option<Deviations>,
     /// Deviations from the reference to the model. Absent if nothing can be compared.
     pub backward: Option<Deviations>,

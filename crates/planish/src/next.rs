@@ -205,7 +205,8 @@ struct Candidate {
 ///
 /// # Errors
 /// `Input` for options out of range and regions without surface; `Unsupported` for models with independently
-/// measured coordinates; `Undetermined` if prior and data do not determine a vertex; `Interrupted` on request.
+/// measured coordinates; `Undetermined` if prior and data do not determine a vertex; `Interrupted` on
+/// request.
 pub fn next_points(
     model: &SurfaceModel,
     options: &NextOptions,

@@ -1,11 +1,11 @@
 //! The job `planish sense contours`: reconstructs points on the occluding contours of an object, and patches
 //! of its surface, from views.
 //!
-//! Input: an [`OccludingJob`]. Output: the files that it names and an [`OccludingReport`]. Outputs are checked
-//! before anything is read.
+//! Input: an [`OccludingJob`]. Output: the files that it names and an [`OccludingReport`]. Outputs are
+//! checked before anything is read.
 //!
-//! Points come from [`planish_sense::occluding`]. Connected points form a strip. Each strip becomes a patch: a
-//! mesh that joins the contours of consecutive views and, for models and STEP, a sheet by
+//! Points come from [`planish_sense::occluding`]. Connected points form a strip. Each strip becomes a patch:
+//! a mesh that joins the contours of consecutive views and, for models and STEP, a sheet by
 //! [`fit`](planish_surface::fit::fit).
 //!
 //! Not guaranteed: errors of camera poses are not modelled.

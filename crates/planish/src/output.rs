@@ -1,8 +1,8 @@
 //! Writes models. The extension of a file determines its format.
 //!
 //! Input: paths before the work, and a model after it. Output: files, each complete or absent.
-//! [`plan_outputs`] finds problems with paths before the work. [`prepare`] finds problems with the model before
-//! the first file is written. The remaining failures are those of the disk.
+//! [`plan_outputs`] finds problems with paths before the work. [`prepare`] finds problems with the model
+//! before the first file is written. The remaining failures are those of the disk.
 
 use planish_estimate::{Error, Result};
 use planish_exchange::geotiff::write_geotiff;
@@ -228,8 +228,8 @@ pub struct Prepared<'a> {
 /// Prepares the meshes and rasters that the outputs need.
 ///
 /// # Errors
-/// `Input` for a mesh tolerance that is not positive or needs too many triangles, and for a raster of a surface
-/// that is not a height field over z; `Undetermined` if the model has no covariance.
+/// `Input` for a mesh tolerance that is not positive or needs too many triangles, and for a raster of a
+/// surface that is not a height field over z; `Undetermined` if the model has no covariance.
 pub fn prepare<'a>(
     model: &'a SurfaceModel,
     posterior: &Posterior<'_>,

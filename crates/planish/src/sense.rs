@@ -183,7 +183,8 @@ pub struct SenseReport {
     /// σ of the curvatures, one over the unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sigma_k: Option<SigmaSummary>,
-    /// Ratio of σ of the crossings, as estimated from their epipolar distances, to σ from picture noise alone.
+    /// Ratio of σ of the crossings, as estimated from their epipolar distances, to σ from picture noise
+    /// alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub enlarged: Option<f64>,
     /// Share of light from everywhere.

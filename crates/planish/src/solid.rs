@@ -31,8 +31,8 @@ use std::path::PathBuf;
 /// Settings of the job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SolidJob {
-    /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order. The side
-    /// view is optional. One drawing may contain all views.
+    /// DXF or SVG files, or `.json` files of contours, of the front, top and side view, in this order. The
+    /// side view is optional. One drawing may contain all views.
     pub views: Vec<PathBuf>,
     /// How the views of one file are placed.
     pub projection: Projection,

@@ -105,8 +105,8 @@ impl Compared {
 impl Reference {
     /// Reads a mesh or a point cloud in any format that a fit can read.
     ///
-    /// σ is taken from the columns `sigma` or `cxx cxy cxz cyy cyz czz` of a mesh file, or from the sensors of
-    /// a job file.
+    /// σ is taken from the columns `sigma` or `cxx cxy cxz cyy cyz czz` of a mesh file, or from the sensors
+    /// of a job file.
     ///
     /// # Errors
     /// Those of the readers; `Input` for a σ that is not positive.

@@ -1,7 +1,7 @@
 //! Labels with dimensions and σ next to the lines of a contour's drawing.
 //!
-//! Input: drawn contours and their reported dimensions. Output: a label for each reported length of a straight
-//! line and each radius of an arc.
+//! Input: drawn contours and their reported dimensions. Output: a label for each reported length of a
+//! straight line and each radius of an arc.
 //!
 //! Not guaranteed: labels of close lines may overlap.
 
@@ -72,7 +72,8 @@ pub(crate) fn size_labels(report: &ContourReport, drawn: &[DrawnContour]) -> Vec
                 continue;
             };
             let size = sizes.swap_remove(found);
-            // The apex of an arc is to the right of its chord, at a distance of the bulge times half the chord.
+            // The apex of an arc is to the right of its chord, at a distance of the bulge times half the
+            // chord.
             let at = [0.5 * (a[0] + b[0] + bulge * chord[1]), 0.5 * (a[1] + b[1] - bulge * chord[0])];
             labels.push(SizeLabel {
                 at,

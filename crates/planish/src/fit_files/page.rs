@@ -20,8 +20,8 @@ const NEXT_POINTS: usize = 5;
 const MAX_NORMALISED_RMS: f64 = 1.5;
 /// Maximum mean residual of a scan, in σ of a reading. Beyond it, the scan is offset from the others.
 const MAX_OFFSET: f64 = 0.5;
-/// Maximum fraction of rejected readings of a scan. A scan is reported if it is also more than three times the
-/// fraction of all scans.
+/// Maximum fraction of rejected readings of a scan. A scan is reported if it is also more than three times
+/// the fraction of all scans.
 const MAX_REJECTED: f64 = 0.1;
 /// Fewer readings judge no scan.
 const LEAST_JUDGED: usize = 30;
@@ -314,7 +314,7 @@ fn how_good(fit: &Fit, report: &FitReport, unit: SmallUnit<'_>) -> Section {
         blocks.push(Block::Drawing {
             svg: plot::normalised_residuals(&readings.normalised),
             caption: "Residuals of the readings over their σ (bars), and the normal distribution (line). \
-                What lies beyond ±4 was set aside."
+                Readings beyond ±4 were rejected."
                 .to_owned(),
         });
     }

@@ -262,8 +262,8 @@ impl Walk {
         Self { met: patches.iter().map(|p| vec![0; p.mesh.positions.len()]).collect(), walks: 0 }
     }
 
-    /// Connected vertices within the radius of `first` that face the same way, with weights that decrease to 0
-    /// at the radius.
+    /// Connected vertices within the radius of `first` that face the same way, with weights that decrease to
+    /// 0 at the radius.
     fn around(
         &mut self,
         first: Place,

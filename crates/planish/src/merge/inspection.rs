@@ -100,9 +100,9 @@ pub(super) fn crossings(searches: &[MeshSearch], names: &[String], numbers: &[Ve
 /// Orients patches consistently: overlapping patches face the same way.
 ///
 /// The largest patch of each connected group keeps its orientation. If the patches are to be aligned
-/// (`misaligned`), they may be 2 % of their size apart. Otherwise, patches with stated σ overlap only within a
-/// few σ, so that the two sides of a plate keep their orientations. Returns which patches were flipped, and a
-/// search structure for each patch in its final orientation.
+/// (`misaligned`), they may be 2 % of their size apart. Otherwise, patches with stated σ overlap only within
+/// a few σ, so that the two sides of a plate keep their orientations. Returns which patches were flipped, and
+/// a search structure for each patch in its final orientation.
 pub(super) fn turn_alike(
     patches: &mut [MergePatch],
     misaligned: bool,

@@ -17,7 +17,8 @@ use planish_surface::export::mesh_from_model;
 use planish_surface::model::Observed;
 use std::path::{Path, PathBuf};
 
-/// Maximum edge length of a scan's triangles, relative to its median edge. Longer triangles span a depth edge.
+/// Maximum edge length of a scan's triangles, relative to its median edge. Longer triangles span a depth
+/// edge.
 const MAX_EDGE_RATIO: f64 = 4.0;
 
 /// A patch and its origin.

@@ -1,8 +1,8 @@
 //! Prepares patches for merging, and reports on them afterwards.
 //!
 //! Input: patches as they were read. Output: patches without copies, oriented and aligned, in an order that
-//! does not depend on the order of the files; their overlaps; and the report, which names them in the order of
-//! the files. Not guaranteed: patches in unrelated frames are not registered.
+//! does not depend on the order of the files; their overlaps; and the report, which names them in the order
+//! of the files. Not guaranteed: patches in unrelated frames are not registered.
 
 use super::align::align;
 use super::inspection::{crossings, leave_out_copies, nearest, turn_alike, unalike};
@@ -128,7 +128,8 @@ impl Ready {
         Ok(overlap)
     }
 
-    /// Number of vertices of the merged mesh from each patch, with a warning for patches that contribute none.
+    /// Number of vertices of the merged mesh from each patch, with a warning for patches that contribute
+    /// none.
     pub fn kept(&mut self, sewn: &StitchedMesh, overlap: &Overlap) -> Vec<usize> {
         let mut kept = vec![0; self.patches.len()];
         for (patch, _) in &sewn.source {

@@ -6,8 +6,8 @@
 //!
 //! Errors of neighbouring vertices are correlated, because they come from the same readings. Fused as
 //! independent readings, they would make σ of the surface far too small. The information of the fit is
-//! therefore divided by the median of `σ_mesh² / σ_fit²`, which does not change the mean. The rest of a cell's
-//! variance is stored as the variance of that cell.
+//! therefore divided by the median of `σ_mesh² / σ_fit²`, which does not change the mean. The rest of a
+//! cell's variance is stored as the variance of that cell.
 
 use super::Merged;
 use crate::compare::feet_on;

@@ -4,11 +4,11 @@
 //! poses.
 //!
 //! A place is visible if it is in the field of view and in range, faces the sensor with its outer side (the
-//! side of the normal) at no more than the maximum incidence angle, and is not occluded by the model. Rays are
-//! traced against a tessellation of the model.
+//! side of the normal) at no more than the maximum incidence angle, and is not occluded by the model. Rays
+//! are traced against a tessellation of the model.
 //!
-//! Not guaranteed: obstacles that are not in the model, such as a table, are unknown. The roll of a pose about
-//! its axis is not optimised.
+//! Not guaranteed: obstacles that are not in the model, such as a table, are unknown. The roll of a pose
+//! about its axis is not optimised.
 
 use super::Place;
 use planish_estimate::vector3::{add_scaled, cross, distance, dot, scale, sub, unit};
@@ -151,8 +151,8 @@ impl<'a> Sight<'a> {
         })
     }
 
-    /// Candidate poses from all directions at feasible distances. They face some of the places or the centre of
-    /// all. No part of the model is nearer than the minimum range.
+    /// Candidate poses from all directions at feasible distances. They face some of the places or the centre
+    /// of all. No part of the model is nearer than the minimum range.
     pub(super) fn poses(&self, places: &[Place], representatives: &[usize]) -> Vec<Pose> {
         let [near, far] = self.sensor.range;
         let radius = 0.5 * self.bounds.diagonal();

@@ -1,12 +1,12 @@
 //! Chooses poses of a sensor one after the other.
 //!
-//! Input: a model and a sensor with a field of view. Output: poses with σ after each. Each pose is the best of
-//! the candidates, given the views before it.
+//! Input: a model and a sensor with a field of view. Output: poses with σ after each. Each pose is the best
+//! of the candidates, given the views before it.
 //!
 //! Candidates surround the model at feasible distances. They are compared by representatives: a few hundred
 //! places, each of which represents the surface around it. If a representative is visible, it also represents
-//! all rays that hit its surroundings: `n` readings with variance `r` count as one with variance `r/n`. Let `K`
-//! be the covariance of the representatives, `B` the visible ones and `R` their variances. The remaining
+//! all rays that hit its surroundings: `n` readings with variance `r` count as one with variance `r/n`. Let
+//! `K` be the covariance of the representatives, `B` the visible ones and `R` their variances. The remaining
 //! covariance is `K_mm − K_mB (K_BB + R)⁻¹ K_Bm`. The chosen view is then evaluated exactly: all its readings
 //! are added to the sparse information, which is factorised again.
 //!

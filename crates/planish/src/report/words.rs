@@ -19,8 +19,8 @@ pub(crate) struct SmallUnit<'a> {
 }
 
 impl<'a> SmallUnit<'a> {
-    /// A readable unit for a typical length, given the unit of the model. For a model in metres, lengths below a
-    /// centimetre are shown in millimetres.
+    /// A readable unit for a typical length, given the unit of the model. For a model in metres, lengths
+    /// below a centimetre are shown in millimetres.
     pub(crate) fn for_length(unit: &'a str, typical: f64) -> Self {
         if unit == "m" && typical.abs() < 0.01 {
             Self { name: "mm", factor: 1000.0 }

@@ -86,8 +86,8 @@ pub struct ShellFitJob {
     pub outline_step_px: f64,
     /// Whether the stated σ of points and outlines are used without estimating them.
     pub believe_sigma: bool,
-    /// Whether the mesh is only a rough start. It then grows where masks are not covered, is cut where they show
-    /// background, and is remeshed before the fit.
+    /// Whether the mesh is only a rough start. It then grows where masks are not covered, is cut where they
+    /// show background, and is remeshed before the fit.
     pub rough_start: bool,
     /// Meshes to write.
     pub outputs: Vec<PathBuf>,

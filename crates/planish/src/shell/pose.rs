@@ -26,8 +26,9 @@
 //! weights = { "shoulders up" = 1 }
 //! ```
 //!
-//! Output: GLB with a morph target for each pose, and an animation if there are keyframes. Texture coordinates
-//! and the texture of an OBJ or GLB file are kept. Other formats contain the mesh in the first pose.
+//! Output: GLB with a morph target for each pose, and an animation if there are keyframes. Texture
+//! coordinates and the texture of an OBJ or GLB file are kept. Other formats contain the mesh in the first
+//! pose.
 //!
 //! Not guaranteed: a posed mesh may intersect itself.
 

@@ -1,9 +1,9 @@
 //! `planish shell texture`: colours of a mesh from calibrated pictures.
 //!
-//! Input: a mesh (optionally fitted, with σ) and `views.toml` with pictures. Output: colours of vertices (PLY,
-//! GLB), or a texture on the mesh's own coordinates or on an atlas of its triangles (OBJ with MTL and PNG,
-//! GLB). The report contains the number of views of each vertex, and the colour differences from the pictures,
-//! including held-out views.
+//! Input: a mesh (optionally fitted, with σ) and `views.toml` with pictures. Output: colours of vertices
+//! (PLY, GLB), or a texture on the mesh's own coordinates or on an atlas of its triangles (OBJ with MTL and
+//! PNG, GLB). The report contains the number of views of each vertex, and the colour differences from the
+//! pictures, including held-out views.
 //!
 //! Each view is sampled at a place (`view`), the samples are blended to one colour (`blend`), and places that
 //! no view sees are filled (`fill`) and counted.
@@ -41,7 +41,8 @@ use view::ColourView;
 const DEFAULT_SIDES: [usize; 2] = [256, 4096];
 /// The largest side of a texture.
 pub const LARGEST_TEXTURE: usize = 8192;
-/// Maximum fraction of jointly seen places at which a view may be an outlier. Beyond it, the view is rejected.
+/// Maximum fraction of jointly seen places at which a view may be an outlier. Beyond it, the view is
+/// rejected.
 const MAX_OUTLIER_FRACTION: f64 = 0.5;
 
 /// Where colours go.

@@ -1,5 +1,5 @@
-//! Near misses in a drawing: line ends that almost meet, and views whose sizes almost agree. They are reported
-//! if no solid was found.
+//! Near misses in a drawing: line ends that almost meet, and views whose sizes almost agree. They are
+//! reported if no solid was found.
 
 use planish_solid::views::{Curve2, Drawing, LineStyle, distance, nearest_on_curve};
 use std::path::PathBuf;

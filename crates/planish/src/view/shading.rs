@@ -1,4 +1,5 @@
-//! Shading of pictures: diffuse surfaces lit from the upper left, with darkened folds and depth cues for dots.
+//! Shading of pictures: diffuse surfaces lit from the upper left, with darkened folds and depth cues for
+//! dots.
 //!
 //! Input: [`Shape`]s with a colour at each place. Output: linear colour and coverage of each pixel.
 //!

@@ -20,7 +20,8 @@ const MIN_INFORMATION_RATIO: f64 = 3.0;
 /// Minimum cosine between the normals of a triangle's corners and its own for a curved triangle. Beyond it,
 /// the triangle spans a sharp edge and is treated as flat.
 const MIN_CURVED_COSINE: f64 = 0.94;
-/// Cells per diagonal. The length of error correlation is unknown, so sums over three cell sizes are compared.
+/// Cells per diagonal. The length of error correlation is unknown, so sums over three cell sizes are
+/// compared.
 const CELLS: [f64; 3] = [8.0, 16.0, 32.0];
 /// Minimum number of cells for an estimate of the variance of their sums.
 const MIN_CELLS: usize = 30;
@@ -130,8 +131,8 @@ fn residual(
 
 /// Height of the curved surface above a triangle: half of the height of the tangent planes at the corners.
 ///
-/// This is exact for a parabola (T. Boubekeur, M. Alexa 2008: Phong tessellation, α = 1/2). Without it, chords
-/// of coarse patches would pull convex objects inwards.
+/// This is exact for a parabola (T. Boubekeur, M. Alexa 2008: Phong tessellation, α = 1/2). Without it,
+/// chords of coarse patches would pull convex objects inwards.
 fn bulge(side: &Side, corners: [usize; 3], foot: &ClosestPoint, normal: [f64; 3]) -> f64 {
     if corners.iter().any(|v| dot(side.normals[*v], normal) < MIN_CURVED_COSINE) {
         return 0.0;
@@ -143,11 +144,12 @@ fn bulge(side: &Side, corners: [usize; 3], foot: &ClosestPoint, normal: [f64; 3]
 
 /// Normal equations of all motions except the first, in units of the prior's σ.
 ///
-/// Let `ā` be the derivative with the mean of both normals, `d` with half their difference, and `w` the robust
-/// weight. `A = Σ w ā āᵀ` contains the noise of the normals, and `N = Σ w d dᵀ` estimates it: the two normals
-/// of a point have independent errors, so `A − N` is the sum of products of one with the other (instrumental
-/// variables). With `A` alone, noise of normals would look like information about motions along a plane.
-/// Directions in which `A` is not several times `N + 1` are undetermined. No step is made along them.
+/// Let `ā` be the derivative with the mean of both normals, `d` with half their difference, and `w` the
+/// robust weight. `A = Σ w ā āᵀ` contains the noise of the normals, and `N = Σ w d dᵀ` estimates it: the two
+/// normals of a point have independent errors, so `A − N` is the sum of products of one with the other
+/// (instrumental variables). With `A` alone, noise of normals would look like information about motions along
+/// a plane. Directions in which `A` is not several times `N + 1` are undetermined. No step is made along
+/// them.
 pub(super) struct Equations {
     /// Determined directions as columns, in units of the prior.
     determined: DMatrix<f64>,
@@ -250,7 +252,8 @@ impl Equations {
     /// Covariance of all motions about the patches' centres. `factor` multiplies the variance of residuals.
     pub(super) fn covariances(&self, factor: f64) -> DMatrix<f64> {
         let inverse = self.factor.inverse();
-        // Sandwich estimator: the equations are solved with A − N, but the right-hand side has the variance A.
+        // Sandwich estimator: the equations are solved with A − N, but the right-hand side has the variance
+        // A.
         let prior = &self.determined.transpose() * &self.determined;
         let middle = &self.data * factor + prior;
         let mut all =
@@ -267,8 +270,8 @@ impl Equations {
 /// Ratio of the variance of sums of residuals over cells of space to that of independent errors with the
 /// stated σ. At least 1 if σ is stated.
 ///
-/// The residuals of both directions of a pair are the same errors with opposite signs, so they are summed with
-/// the sign of their direction.
+/// The residuals of both directions of a pair are the same errors with opposite signs, so they are summed
+/// with the sign of their direction.
 pub(super) fn excess_variance(rows: &[Residual], scale: f64, size: f64, stated: bool) -> f64 {
     let mut largest = if stated { 1.0 } else { 0.0_f64 };
     for cells in CELLS {

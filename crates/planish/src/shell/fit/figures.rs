@@ -115,7 +115,8 @@ pub struct ShellFitReport {
     pub observed_fraction: f64,
     /// The weight of smoothness, by marginal likelihood.
     pub smoothness_weight: f64,
-    /// σ of the model error along normals: shape that the controls cannot represent. σ of vertices includes it.
+    /// σ of the model error along normals: shape that the controls cannot represent. σ of vertices includes
+    /// it.
     pub lack_of_fit: f64,
     /// Iterations.
     pub iterations: usize,

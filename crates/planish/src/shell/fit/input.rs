@@ -20,8 +20,8 @@ use planish_shell::{
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Initial σ of points without a stated σ, relative to the mesh's size. Its value does not matter, because σ is
-/// then estimated from residuals.
+/// Initial σ of points without a stated σ, relative to the mesh's size. Its value does not matter, because σ
+/// is then estimated from residuals.
 const UNKNOWN_SIGMA: f64 = 1e-3;
 /// σ of the distance of a tracked feature from the mesh, relative to the mesh's size.
 const SURFACE_SIGMA: f64 = 1e-3;

@@ -1,8 +1,8 @@
 //! Prepares a rough start for a fit to masks: the mesh grows where masks are not covered, and is cut where
 //! they show background.
 //!
-//! Input: a closed mesh and views with masks. Output: a closed mesh within all silhouettes that covers them as
-//! far as the cell size permits, and σ of its vertices.
+//! Input: a closed mesh and views with masks. Output: a closed mesh within all silhouettes that covers them
+//! as far as the cell size permits, and σ of its vertices.
 //!
 //! A deformation cannot change the topology. A ball that is deformed into a body with a tail keeps a web
 //! between them, which outlines pull to both sides. This module therefore rebuilds the mesh in several rounds
@@ -14,8 +14,8 @@
 //! the square of the angle between views. Without one view this angle doubles, so the excess is four times as
 //! large, and `δ` is three times the original excess. σ of the start is the local mean of `δ / 3`.
 //!
-//! Not guaranteed: parts thinner than a cell, and parts that are cut by masks with gross errors, are lost. The
-//! mesh may fall apart. σ does not cover hollows, which silhouettes cannot show.
+//! Not guaranteed: parts thinner than a cell, and parts that are cut by masks with gross errors, are lost.
+//! The mesh may fall apart. σ does not cover hollows, which silhouettes cannot show.
 
 use super::input::{Frame, FrameFiles, Units};
 use super::{FlowReport, ShellFitJob, overlap};
@@ -106,8 +106,8 @@ pub(super) fn options(size: f64) -> ShellFitOptions {
 /// The starting mesh of the fit. `watch` is called with the number of finished rounds before each round.
 ///
 /// # Errors
-/// Errors of `watch`; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks that
-/// contain the whole object, for an open mesh, and for a mesh outside of a mask.
+/// Errors of `watch`; `Input` for views whose masks cannot be read; `Undetermined` for fewer than two masks
+/// that contain the whole object, for an open mesh, and for a mesh outside of a mask.
 pub(super) fn flown(
     job: &ShellFitJob,
     mut mesh: TriangleMesh,

@@ -1,9 +1,9 @@
 //! Blends the colours that several views measure at one place, robust against outliers.
 //!
-//! The start is the view that differs least from all others (the medoid, with the fourth roots of the weights,
-//! so that no single view outvotes two others). It is followed by an iterated weighted mean with Tukey's
-//! biweight (A. Beaton, J. Tukey 1974). All places share one scale: the spread of colours at places that three
-//! or more views see.
+//! The start is the view that differs least from all others (the medoid, with the fourth roots of the
+//! weights, so that no single view outvotes two others). It is followed by an iterated weighted mean with
+//! Tukey's biweight (A. Beaton, J. Tukey 1974). All places share one scale: the spread of colours at places
+//! that three or more views see.
 //!
 //! A view that is an outlier at most of the places seen by two others is rejected everywhere.
 //!

@@ -22,8 +22,8 @@ pub(super) fn on_mesh(mesh: &TriangleMesh, known: &[Option<[f64; 3]>]) -> Vec<[f
     };
     let neighbours = Neighbours::from_mesh(mesh);
     let mut colours: Vec<[f64; 3]> = known.iter().map(|c| c.unwrap_or(mean)).collect();
-    // Start: each vertex gets the colour of the known vertex that reaches it first. Unconnected parts keep the
-    // mean.
+    // Start: each vertex gets the colour of the known vertex that reaches it first. Unconnected parts keep
+    // the mean.
     let mut reached: Vec<u32> = (0..known.len() as u32).filter(|v| known[*v as usize].is_some()).collect();
     let mut is_reached: Vec<bool> = known.iter().map(Option::is_some).collect();
     let start = reached.len();
@@ -125,8 +125,8 @@ mod tests {
     use super::*;
     use planish_mesh::grid_sheet;
 
-    /// Between two known sides of a sheet, every colour is the mean of its neighbours. An unconnected part gets
-    /// the mean of all known colours.
+    /// Between two known sides of a sheet, every colour is the mean of its neighbours. An unconnected part
+    /// gets the mean of all known colours.
     #[test]
     fn unknown_colours_are_the_means_of_their_neighbours() {
         let mut mesh = grid_sheet(10.0, 4.0, 10, 4);

@@ -3,10 +3,10 @@
 //! Input: a camera, its picture, an optional mask, and the mesh. Output: [`ColourSample`]s: a colour, and a
 //! weight that increases with the resolution and decreases with the slant of the view.
 //!
-//! A place is visible if no facet in its pixel is nearer. This is decided by a depth buffer of the size of the
-//! picture, interpolated between four pixels. Pixels at a depth edge or at the border of the mask are ignored,
-//! and their neighbours have less weight: the mesh is not accurate to a pixel there, and the colour could be
-//! that of the background. Memory: eight bytes per pixel.
+//! A place is visible if no facet in its pixel is nearer. This is decided by a depth buffer of the size of
+//! the picture, interpolated between four pixels. Pixels at a depth edge or at the border of the mask are
+//! ignored, and their neighbours have less weight: the mesh is not accurate to a pixel there, and the colour
+//! could be that of the background. Memory: eight bytes per pixel.
 //!
 //! Not guaranteed: parts thinner than two pixels in a picture get no colour from it. Highlights and shadows
 //! are treated as colours.
@@ -179,7 +179,7 @@ fn clear_of_jumps(depth: &[f32], columns: usize, rows: usize, focal: f64) -> Vec
             return true;
         }
         let most = DEPTH_EDGE * here / focal;
-        // Along four lines through the pixel. Outside of the picture, depth is extrapolated.
+        // Along four lines through the pixel. At the border of the picture, only one side is checked.
         [(1, 0), (0, 1), (1, 1), (1, -1)].into_iter().any(|(dx, dy)| {
             let along = |sign: i64| {
                 let (x, y) = (column as i64 + sign * dx, row as i64 + sign * dy);
