@@ -146,7 +146,7 @@ pub fn read_vertex_list(path: &Path) -> Result<Vec<u32>> {
         for word in line.split('#').next().unwrap_or_default().split_whitespace() {
             vertices.push(word.parse().map_err(|_| {
                 Error::input(format!(
-                    "{}: line {}: needed the index of a vertex, found `{word}`",
+                    "{}: line {}: expected the index of a vertex, found `{word}`",
                     path.display(),
                     index + 1
                 ))
@@ -181,7 +181,7 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
                     };
                     let Some(material) = current.clone().filter(|_| !name.is_empty()) else {
                         return Err(Error::input(format!(
-                            "line {}: needed `newmtl` before a picture, and the picture's name",
+                            "line {}: expected `newmtl` before a picture, and the picture's name",
                             index + 1
                         )));
                     };
@@ -338,5 +338,5 @@ fn check(mesh: &TexturedMesh) -> Result<()> {
     if corners && paired && few(&mesh.uv_triangles, mesh.uv.len()) {
         return Ok(());
     }
-    Err(Error::input("needed corners and texture coordinates that are there, for every triangle"))
+    Err(Error::input("expected corners and texture coordinates that are there, for every triangle"))
 }

@@ -78,7 +78,7 @@ pub(crate) fn write_packed(path: &Path, write: impl FnOnce(&mut dyn Write) -> io
 /// names a folder or a file that is protected.
 pub fn check_writable(path: &Path) -> Result<()> {
     if path.as_os_str().as_encoded_bytes().ends_with(b"/") {
-        return Err(Error::io(format!("{}: names a folder, needed the name of a file", path.display())));
+        return Err(Error::io(format!("{}: names a folder, expected the name of a file", path.display())));
     }
     let failed = |e: io::Error| could_not_write(path, e);
     match target_of(path)? {
@@ -124,7 +124,7 @@ fn not_made(path: &Path, folder: &Path, e: &io::Error) -> Error {
 
 fn target_of(path: &Path) -> Result<Target> {
     if path.is_dir() {
-        return Err(Error::io(format!("{}: is a folder, needed a file name", path.display())));
+        return Err(Error::io(format!("{}: is a folder, expected a file name", path.display())));
     }
     if path.file_name().is_none() {
         return Err(Error::io(format!("{}: is no file name", path.display())));
@@ -169,7 +169,7 @@ fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
 /// [`Io`](planish_estimate::ErrorKind::Io) when that is not allowed, or a file of that name is in the way.
 pub fn make_folder(path: &Path) -> Result<()> {
     if path.exists() && !path.is_dir() {
-        return Err(Error::io(format!("{}: is a file, needed the name of a folder", path.display())));
+        return Err(Error::io(format!("{}: is a file, expected the name of a folder", path.display())));
     }
     fs::create_dir_all(path)
         .map_err(|e| Error::io(format!("{}: could not be made", path.display())).with_source(e))
@@ -202,7 +202,7 @@ impl FolderInWork {
     pub fn beside(path: &Path) -> Result<Self> {
         let in_the_way = |what: &str| {
             Error::io(format!(
-                "{}: needed a new or an empty folder, found {what}: choose another name, or move it away",
+                "{}: expected a new or an empty folder, found {what}: choose another name, or move it away",
                 path.display()
             ))
         };
@@ -336,7 +336,7 @@ mod tests {
         fs::write(folder.path().join("c"), "").unwrap();
         let e = make_folder(&folder.path().join("c")).unwrap_err();
         assert!(
-            e.kind() == ErrorKind::Io && e.to_string().contains("c: is a file, needed the name of a folder"),
+            e.kind() == ErrorKind::Io && e.to_string().contains("c: is a file, expected the name of a folder"),
             "{e}"
         );
     }

@@ -77,11 +77,11 @@ pub fn read_calibration(path: &Path) -> Result<Calibration> {
 }
 
 /// A table, or an error with its line and what is `needed`.
-pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, needed: &str) -> Result<T> {
+pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, expected: &str) -> Result<T> {
     toml::from_str(text).map_err(|e| {
         let line =
             e.span().map_or(1, |span| 1 + text.bytes().take(span.start).filter(|&b| b == b'\n').count());
-        Error::input(format!("line {line}: {}; {needed}", e.message().trim_end()))
+        Error::input(format!("line {line}: {}; {expected}", e.message().trim_end()))
     })
 }
 
@@ -89,8 +89,8 @@ pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, needed: &str) ->
 /// what is needed.
 fn check_numbers(numbers: &[(&str, f64, bool, &str)]) -> Result<()> {
     match numbers.iter().find(|(_, value, good, _)| !(*good && value.is_finite())) {
-        Some((key, value, _, needed)) => {
-            Err(Error::input(format!("needed {needed} for {key}, found {value}")))
+        Some((key, value, _, expected)) => {
+            Err(Error::input(format!("expected {expected} for {key}, found {value}")))
         }
         None => Ok(()),
     }
@@ -110,12 +110,12 @@ fn parse(text: &str) -> Result<Calibration> {
     ];
     for (key, value, good) in numbers {
         if let Some(value) = value.filter(|v| !(good && v.is_finite())) {
-            let needed = match key {
+            let expected = match key {
                 "cx" | "cy" => "a finite number",
                 "sigma_a" | "sigma_b" => "a finite number that is not negative",
                 _ => "a finite number above 0",
             };
-            return Err(Error::input(format!("needed {needed} for {key}, found {value}")));
+            return Err(Error::input(format!("expected {expected} for {key}, found {value}")));
         }
     }
     let sigma = match (table.sigma_a, table.sigma_b) {
@@ -123,7 +123,7 @@ fn parse(text: &str) -> Result<Calibration> {
         (a, b) => Some([a.unwrap_or(0.0), b.unwrap_or(0.0)]),
     };
     if sigma == Some([0.0; 2]) {
-        return Err(Error::input("needed sigma_a or sigma_b above 0: readings have errors"));
+        return Err(Error::input("expected sigma_a or sigma_b above 0: readings have errors"));
     }
     Ok(Calibration {
         camera: DepthCamera {

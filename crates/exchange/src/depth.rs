@@ -127,13 +127,13 @@ fn read_image(path: &Path) -> Result<Image> {
         }
         other => {
             return Err(Error::unsupported(format!(
-                "has a calibration: needed a depth image (png, tif, tiff, npy), found the extension `{other}`"
+                "has a calibration: expected a depth image (png, tif, tiff, npy), found the extension `{other}`"
             )));
         }
     };
     if image.readings.is_empty() || image.readings.len() != image.columns * image.rows {
         return Err(Error::input(format!(
-            "needed {} × {} readings, found {}",
+            "expected {} × {} readings, found {}",
             image.columns,
             image.rows,
             image.readings.len()
@@ -170,7 +170,7 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
         (png::ColorType::Grayscale, png::BitDepth::Eight) => false,
         (colour, depth) => {
             return Err(Error::unsupported(format!(
-                "needed depth in one channel of 16 (or 8) bits, found {colour:?} of {depth:?} bits: this is \
+                "expected depth in one channel of 16 (or 8) bits, found {colour:?} of {depth:?} bits: this is \
                  a picture"
             )));
         }
@@ -224,7 +224,7 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         TiffColor::Gray(_) => {}
         other => {
             return Err(Error::unsupported(format!(
-                "needed depth in one channel, found {other:?}: this is a picture"
+                "expected depth in one channel, found {other:?}: this is a picture"
             )));
         }
     }
@@ -237,7 +237,7 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         DecodingResult::F32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::F64(v) => v,
         _ => {
-            return Err(Error::unsupported("needed numbers of 8, 16 or 32 bits, or floating point"));
+            return Err(Error::unsupported("expected numbers of 8, 16 or 32 bits, or floating point"));
         }
     };
     Ok(Image { columns: columns as usize, rows: rows as usize, readings })

@@ -115,14 +115,14 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     drawing.warnings.extend(dimension::contradictions(&dimensions, &drawing.curves)?);
     if !ended && drawing.curves.is_empty() {
         return Err(Error::input(
-            "needed an ASCII DXF file that ends in EOF, found none of it: is it a DXF?",
+            "expected an ASCII DXF file that ends in EOF, found none of it: is it a DXF?",
         ));
     }
     Ok(drawing)
 }
 
 fn too_many() -> Error {
-    Error::input(format!("needed at most {MOST_ENTITIES} entities, found more"))
+    Error::input(format!("expected at most {MOST_ENTITIES} entities, found more"))
 }
 
 /// `$INSUNITS`: 1 inches, 2 feet, 4 millimetres, 6 metres.

@@ -53,7 +53,7 @@ fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
         scans.push(read.map_err(|e| e.in_context(format_args!("point cloud {}", number + 1)))?);
     }
     if scans.is_empty() {
-        return Err(Error::input("needed at least one point cloud, found none"));
+        return Err(Error::input("expected at least one point cloud, found none"));
     }
     if scans.iter().any(|scan| !scan.points.is_empty()) {
         scans.retain(|scan| !scan.points.is_empty());
@@ -82,7 +82,7 @@ fn scan_from(
 ) -> Result<Scan> {
     let (cartesian, spherical) = (cloud.has_cartesian(), cloud.has_spherical());
     if !cartesian && !spherical {
-        return Err(Error::new(ErrorKind::Input, "needed Cartesian or spherical coordinates, found neither"));
+        return Err(Error::new(ErrorKind::Input, "expected Cartesian or spherical coordinates, found neither"));
     }
     let record: u64 = cloud.prototype.iter().map(bits).sum();
     // Points that take no bits at all could be of any number.
@@ -184,7 +184,7 @@ fn pose(cloud: &PointCloud) -> Result<Pose> {
         .filter(|_| translation.iter().all(|c| c.is_finite()))
         .ok_or_else(|| {
             Error::input(
-                "needed a finite pose, found a quaternion of length 0 or numbers that are not finite",
+                "expected a finite pose, found a quaternion of length 0 or numbers that are not finite",
             )
         })
 }

@@ -73,7 +73,7 @@ const GDAL_METADATA: Tag = Tag::Unknown(42112);
 pub fn write_geotiff(path: &Path, grid: &HeightGrid) -> Result<()> {
     if grid.values.is_empty() || grid.values.len() != grid.columns * grid.rows {
         return Err(Error::input(format!(
-            "{}: needed {} × {} cells, found {}",
+            "{}: expected {} × {} cells, found {}",
             path.display(),
             grid.columns,
             grid.rows,

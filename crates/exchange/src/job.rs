@@ -177,12 +177,12 @@ impl Text {
     fn sigma(&self, key: &str, value: Option<&Spanned<f64>>) -> Result<Option<f64>> {
         match value {
             Some(v) if !(*v.get_ref() > 0.0 && v.get_ref().is_finite()) => {
-                Err(self.wrong(v, format_args!("needed {key} > 0, found {}", v.get_ref())))
+                Err(self.wrong(v, format_args!("expected {key} > 0, found {}", v.get_ref())))
             }
             // Squares of what lies outside are zero or infinite.
             Some(v) if !(1e-100..1e100).contains(v.get_ref()) => {
                 let found = v.get_ref();
-                Err(self.wrong(v, format_args!("needed {key} between 1e-100 and 1e100, found {found:e}")))
+                Err(self.wrong(v, format_args!("expected {key} between 1e-100 and 1e100, found {found:e}")))
             }
             value => Ok(value.map(|v| *v.get_ref())),
         }
@@ -191,7 +191,7 @@ impl Text {
     fn finite<const N: usize>(&self, key: &str, value: &Spanned<[f64; N]>) -> Result<[f64; N]> {
         match value.get_ref() {
             v if v.iter().all(|c| c.is_finite()) => Ok(*v),
-            v => Err(self.wrong(value, format_args!("needed finite numbers for {key}, found {v:?}"))),
+            v => Err(self.wrong(value, format_args!("expected finite numbers for {key}, found {v:?}"))),
         }
     }
 
@@ -201,7 +201,7 @@ impl Text {
             let known = SensorKind::ALL.map(SensorKind::name).join(", ");
             self.wrong(
                 &table.kind,
-                format_args!("needed sensor.{name}.kind among [{known}], found \"{stated}\""),
+                format_args!("expected sensor.{name}.kind among [{known}], found \"{stated}\""),
             )
         })?;
         let key = |key: &str| format!("sensor.{name}.{key}");
@@ -212,7 +212,7 @@ impl Text {
         if let (SensorKind::Touch, Some(found)) = (kind, ray_key) {
             return Err(self.wrong(
                 found,
-                format_args!("sensor.{name} is a touch probe and has no ray: needed `sigma`"),
+                format_args!("sensor.{name} is a touch probe and has no ray: expected `sigma`"),
             ));
         }
         let sigma_normal_deg = self.sigma(&key("sigma_deg"), table.sigma_deg.as_ref())?;
@@ -222,7 +222,7 @@ impl Text {
             return Err(self.wrong(
                 deg,
                 format_args!(
-                    "needed {key} below {MOST_SIGMA_NORMAL_DEG} degrees, where a direction is not known, \
+                    "expected {key} below {MOST_SIGMA_NORMAL_DEG} degrees, where a direction is not known, \
                      found {found}"
                 ),
             ));
@@ -234,7 +234,7 @@ impl Text {
             return Err(self.wrong(
                 found,
                 format_args!(
-                    "sensor.{name} measures no positions: needed `sigma_deg` (of normals) or `sigma_k` (of \
+                    "sensor.{name} measures no positions: expected `sigma_deg` (of normals) or `sigma_k` (of \
                      curvatures)"
                 ),
             ));
@@ -246,7 +246,7 @@ impl Text {
             _ => {
                 let line = ray_key.map_or(1, |found| self.line(found.span().start));
                 return Err(Error::input(format!(
-                    "line {line}: sensor.{name}: needed either `sigma`, or both `sigma_along` and \
+                    "line {line}: sensor.{name}: expected either `sigma`, or both `sigma_along` and \
                      `sigma_across`, or none of them"
                 )));
             }
@@ -263,7 +263,7 @@ impl Text {
                 self.wrong(
                     name,
                     format_args!(
-                        "needed the name of a sensor among [{}], found \"{}\"",
+                        "expected the name of a sensor among [{}], found \"{}\"",
                         known.join(", "),
                         name.get_ref()
                     ),
@@ -286,7 +286,7 @@ impl Text {
                     .filter(|_| (length - 1.0).abs() <= QUATERNION_WITHIN)
                     .ok_or_else(|| {
                         let message =
-                            format!("needed pose.quaternion_xyzw of length 1, found length {length}");
+                            format!("expected pose.quaternion_xyzw of length 1, found length {length}");
                         self.wrong(stated, message)
                     })?
             }
@@ -298,12 +298,12 @@ impl Text {
                 let d = self.finite("direction", direction)?;
                 let length = d.iter().map(|c| c * c).sum::<f64>().sqrt();
                 if !(length > 0.0 && length.is_finite()) {
-                    return Err(self.wrong(direction, format_args!("needed a direction, found {d:?}")));
+                    return Err(self.wrong(direction, format_args!("expected a direction, found {d:?}")));
                 }
                 Some(Viewing::Direction(d.map(|c| c / length)))
             }
             (Some(_), Some(direction)) => {
-                return Err(self.wrong(direction, "needed `viewpoint` or `direction`, found both"));
+                return Err(self.wrong(direction, "expected `viewpoint` or `direction`, found both"));
             }
         };
         Ok(ScanEntry {
@@ -318,7 +318,7 @@ impl Text {
             time_s: match &table.time {
                 Some(time) if !time.get_ref().is_finite() => {
                     return Err(
-                        self.wrong(time, format_args!("needed a time in seconds, found {}", time.get_ref()))
+                        self.wrong(time, format_args!("expected a time in seconds, found {}", time.get_ref()))
                     );
                 }
                 time => time.as_ref().map(|t| *t.get_ref()),
@@ -341,7 +341,7 @@ fn parse(source: &str, folder: &Path) -> Result<Job> {
         sensors.push(text.sensor(name, sensor.get_ref())?);
     }
     if table.scan.is_empty() {
-        return Err(Error::input("needed at least one [[scan]], found none"));
+        return Err(Error::input("expected at least one [[scan]], found none"));
     }
     if sensors.is_empty() {
         sensors.push(crate::scan_set::unnamed_sensor());
@@ -430,9 +430,9 @@ viewpoint = [0, 0, 300]
             ("sensor = \"laser\"", "sensor = \"lazer\"", 14, "among [laser, probe], found \"lazer\""),
             ("0.70710678, 0.70710678", "0.7, 0.8", 16, "pose.quaternion_xyzw of length 1"),
             ("sigma_translation = 0.1", "sigma_translation = -1", 17, "pose.sigma_translation > 0"),
-            ("direction = [0, 0, -2]", "direction = [0, 0, 0]", 18, "needed a direction"),
+            ("direction = [0, 0, -2]", "direction = [0, 0, 0]", 18, "expected a direction"),
             ("viewpoint =", "direction = [1, 0, 0]\nviewpoint =", 23, "found both"),
-            ("unit = \"mm\"", "unit = \"cm\"", 2, "needed `mm`, `m`, `in` or `ft`"),
+            ("unit = \"mm\"", "unit = \"cm\"", 2, "expected `mm`, `m`, `in` or `ft`"),
             ("file = \"p.csv\"", "", 20, "missing field `file`"),
             ("sensor = \"probe\"\n", "", 20, "needs a `sensor`"),
             ("[[scan]]", "[[scan]", 13, ""),

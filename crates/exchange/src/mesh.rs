@@ -89,7 +89,7 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
 
 fn unsupported(path: &Path, more: &str) -> Error {
     Error::unsupported(format!(
-        "{}: needed a mesh (ply, obj, stl, off, glb{more}), found {}",
+        "{}: expected a mesh (ply, obj, stl, off, glb{more}), found {}",
         path.display(),
         found_extension(path)
     ))

@@ -81,7 +81,7 @@ impl MeshColumns<'_> {
         for (name, length) in columns.clone().chain(normals) {
             if length != points {
                 return Err(Error::input(format!(
-                    "needed {points} entries in the column `{name}`, found {length}"
+                    "expected {points} entries in the column `{name}`, found {length}"
                 )));
             }
         }
@@ -93,7 +93,7 @@ impl MeshColumns<'_> {
             let word = !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
             if !word || names.contains(&name) {
                 return Err(Error::input(format!(
-                    "the column name {name:?}: needed one word that no other column has"
+                    "the column name {name:?}: expected one word that no other column has"
                 )));
             }
             names.push(name);
@@ -102,7 +102,7 @@ impl MeshColumns<'_> {
             let limit = points.min(i32::MAX as usize);
             if let Some(at) = self.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= limit)) {
                 return Err(Error::input(format!(
-                    "triangle {at}: needed indices below {limit}, found {:?}",
+                    "triangle {at}: expected indices below {limit}, found {:?}",
                     self.triangles[at]
                 )));
             }

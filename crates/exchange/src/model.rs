@@ -194,7 +194,7 @@ fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
         }
     }
     let Value::Object(mut metadata) = model.metadata.clone() else {
-        return Err(Error::input("the metadata of a model: needed a JSON object"));
+        return Err(Error::input("the metadata of a model: expected a JSON object"));
     };
     metadata.insert("schema".to_owned(), SCHEMA.into());
     // One key only: the order of a map's keys could not be relied on.
@@ -205,7 +205,7 @@ fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
 
 fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     let damaged = |e: safetensors::SafeTensorError| {
-        Error::input("is no safetensors file, or is damaged or cut off: needed a model that Planish saved")
+        Error::input("is no safetensors file, or is damaged or cut off: expected a model that Planish saved")
             .with_source(e)
     };
     let (header, description) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
@@ -245,7 +245,7 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
             Dtype::U8 => TensorData::U8(view.data().to_vec()),
             other => {
                 return Err(Error::unsupported(format!(
-                    "tensor `{name}`: needed F64, U32, U8 or I64, found {other:?}"
+                    "tensor `{name}`: expected F64, U32, U8 or I64, found {other:?}"
                 )));
             }
         };

@@ -119,7 +119,7 @@ impl Farthest {
     fn check(&self, count: usize, what: &str) -> Result<()> {
         if self.line > 0 && self.index as usize >= count {
             return Err(Error::input(format!(
-                "line {}: needed the number of a {what} from 1 to {count}, found {}",
+                "line {}: expected the number of a {what} from 1 to {count}, found {}",
                 self.line,
                 u64::from(self.index) + 1
             )));
@@ -180,7 +180,7 @@ impl Obj {
         }
         if obj.points.is_empty() {
             return Err(Error::input(format!(
-                "needed vertices (lines `v x y z`), found none in {} lines",
+                "expected vertices (lines `v x y z`), found none in {} lines",
                 source.line_number()
             )));
         }
@@ -233,7 +233,7 @@ impl Obj {
         while let Some(corner) = next_word(&mut rest) {
             let wrong = || {
                 Error::input(format!(
-                    "line {line}: needed a corner `vertex`, `vertex/texture`, `vertex//normal` or \
+                    "line {line}: expected a corner `vertex`, `vertex/texture`, `vertex//normal` or \
                      `vertex/texture/normal`, found {}",
                     shown(corner)
                 ))
@@ -245,7 +245,7 @@ impl Obj {
                 let from_zero = if stated < 0 { count as i64 + stated } else { stated - 1 };
                 u32::try_from(from_zero).ok().filter(|&i| i != NONE).ok_or_else(|| {
                     Error::input(format!(
-                        "line {line}: needed the number of a {what} from 1 on, or from -{count} to -1, \
+                        "line {line}: expected the number of a {what} from 1 on, or from -{count} to -1, \
                          found {stated}"
                     ))
                 })
@@ -318,7 +318,7 @@ impl Obj {
 }
 
 fn too_few(line: u64, found: usize) -> Error {
-    Error::input(format!("line {line}: needed three corners or more, found {found}"))
+    Error::input(format!("line {line}: expected three corners or more, found {found}"))
 }
 
 /// The next three numbers of a line.
@@ -326,9 +326,9 @@ fn three(rest: &mut &[u8], line: u64) -> Result<[f64; 3]> {
     let mut numbers = [0.0; 3];
     for (found, number) in numbers.iter_mut().enumerate() {
         let word = next_word(rest)
-            .ok_or_else(|| Error::input(format!("line {line}: needed 3 numbers, found {found}")))?;
+            .ok_or_else(|| Error::input(format!("line {line}: expected 3 numbers, found {found}")))?;
         *number = parse_number(word)
-            .ok_or_else(|| Error::input(format!("line {line}: needed a number, found {}", shown(word))))?;
+            .ok_or_else(|| Error::input(format!("line {line}: expected a number, found {}", shown(word))))?;
     }
     Ok(numbers)
 }
@@ -349,7 +349,7 @@ fn mesh_of(mut obj: Obj) -> Result<PolygonMesh> {
     let mut columns = obj.normal_columns();
     if let Some(line) = obj.not_finite {
         if !obj.triangles.is_empty() {
-            return Err(Error::input(format!("line {line}: needed finite coordinates")));
+            return Err(Error::input(format!("line {line}: expected finite coordinates")));
         }
         // Nothing counts the vertices of a cloud.
         let finite: Vec<bool> = obj.points.iter().map(|p| p.iter().all(|c| c.is_finite())).collect();

@@ -70,7 +70,7 @@ fn line<'a, R: Read>(source: &'a mut Source<R>, buffer: &'a mut Vec<u8>, wanted:
     loop {
         let number = source.line_number() + 1;
         let Some(line) = source.line()? else {
-            return Err(Error::input(format!("line {number}: needed {wanted}, and the file ends")));
+            return Err(Error::input(format!("line {number}: expected {wanted}, and the file ends")));
         };
         let line = line.split(|&b| b == b'#').next().unwrap_or_default().trim_ascii();
         if !line.is_empty() {
@@ -88,14 +88,14 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     let word = next_word(&mut rest).unwrap_or_default().to_vec();
     let kind = word.strip_suffix(b"OFF").unwrap_or(b"?");
     if kind.iter().any(|b| !b"STCN".contains(b)) {
-        let message = format!("line {number}: needed `OFF`, found {}", shown(&word));
+        let message = format!("line {number}: expected `OFF`, found {}", shown(&word));
         return Err(match kind {
             [b'4' | b'n', ..] => Error::unsupported(message),
             _ => Error::input(message),
         });
     }
     if rest.trim_ascii() == b"BINARY" {
-        return Err(Error::unsupported(format!("line {number}: needed text, found a binary OFF file")));
+        return Err(Error::unsupported(format!("line {number}: expected text, found a binary OFF file")));
     }
     let mut counts = rest.trim_ascii().to_vec();
     let mut at = number;
@@ -119,7 +119,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         for x in &mut point {
             let word = next_word(&mut rest).unwrap_or_default();
             *x = (parse_number(word).filter(|x| x.is_finite())).ok_or_else(|| {
-                Error::input(format!("line {at}: needed a finite coordinate, found {}", shown(word)))
+                Error::input(format!("line {at}: expected a finite coordinate, found {}", shown(word)))
             })?;
         }
         points.push(point);
@@ -131,14 +131,14 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         let mut rest = &buffer[..];
         let count = whole(&mut rest, at, "a number of corners")?;
         if count > buffer.len() as u64 {
-            return Err(Error::input(format!("line {at}: needed {count} corners, and the line ends")));
+            return Err(Error::input(format!("line {at}: expected {count} corners, and the line ends")));
         }
         corners.clear();
         for _ in 0..count {
             let corner = whole(&mut rest, at, "the index of a vertex")?;
             if corner >= vertices {
                 return Err(Error::input(format!(
-                    "line {at}: needed the index of a vertex below {vertices}, found {corner}"
+                    "line {at}: expected the index of a vertex below {vertices}, found {corner}"
                 )));
             }
             corners.push(corner as u32);
@@ -154,7 +154,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
 fn whole(rest: &mut &[u8], line: u64, what: &str) -> Result<u64> {
     let word = next_word(rest).unwrap_or_default();
     let text = std::str::from_utf8(word).unwrap_or_default();
-    (text.parse()).map_err(|_| Error::input(format!("line {line}: needed {what}, found {}", shown(word))))
+    (text.parse()).map_err(|_| Error::input(format!("line {line}: expected {what}, found {}", shown(word))))
 }
 
 #[cfg(test)]
@@ -190,15 +190,15 @@ mod tests {
     #[test]
     fn mistakes_are_named_with_their_line() {
         for (text, wanted) in [
-            ("PLY\n", "line 1: needed `OFF`"),
+            ("PLY\n", "line 1: expected `OFF`"),
             ("4OFF\n", "line 1"),
             ("OFF BINARY\n", "binary"),
-            ("OFF\n3 x 0\n", "line 2: needed a number of polygons"),
+            ("OFF\n3 x 0\n", "line 2: expected a number of polygons"),
             ("OFF\n3000000 1 0\n", "line 2"),
-            ("OFF\n1 0 0\n0 nan 0\n", "line 3: needed a finite coordinate"),
-            ("OFF\n1 1 0\n0 0 0\n", "line 4: needed a polygon, and the file ends"),
-            ("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "line 4: needed the index of a vertex below 1, found 1"),
-            ("OFF\n1 1 0\n0 0 0\n99 0 0 0\n", "line 4: needed 99 corners"),
+            ("OFF\n1 0 0\n0 nan 0\n", "line 3: expected a finite coordinate"),
+            ("OFF\n1 1 0\n0 0 0\n", "line 4: expected a polygon, and the file ends"),
+            ("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "line 4: expected the index of a vertex below 1, found 1"),
+            ("OFF\n1 1 0\n0 0 0\n99 0 0 0\n", "line 4: expected 99 corners"),
         ] {
             let said = read(text).unwrap_err().to_string();
             assert!(said.contains(wanted), "{text:?}: {said}");

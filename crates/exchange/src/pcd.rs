@@ -108,7 +108,7 @@ impl HeaderEntries {
         let text = String::from_utf8_lossy(line);
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
         let wrong =
-            |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
+            |expected: &str| Error::input(format!("line {number}: expected {expected}, found {}", shown(line)));
         let count = |word: &str| word.parse::<u64>().map_err(|_| wrong("a count that is not negative"));
         let owned = |words: &[&str]| words.iter().map(|&w| w.to_owned()).collect::<Vec<String>>();
         match words[..] {
@@ -197,11 +197,11 @@ impl HeaderEntries {
 fn field(name: &str, size: &str, kind: &str, count: &str) -> Result<Field> {
     let number = NumberType::of_kind(kind, size).ok_or_else(|| {
         Error::input(format!(
-            "the field `{name}`: needed a type I, U or F of 1, 2, 4 or 8 bytes, found {kind} of {size}"
+            "the field `{name}`: expected a type I, U or F of 1, 2, 4 or 8 bytes, found {kind} of {size}"
         ))
     })?;
     let count = count.parse().ok().filter(|&n: &usize| n <= MOST_COLUMNS).ok_or_else(|| {
-        Error::input(format!("the field `{name}`: needed a count, found {}", shown(count.as_bytes())))
+        Error::input(format!("the field `{name}`: expected a count, found {}", shown(count.as_bytes())))
     })?;
     Ok(Field { name: name.to_owned(), number, count })
 }
@@ -280,15 +280,15 @@ fn read_text<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut P
         };
         for (found, value) in record.iter_mut().enumerate() {
             let word = next_word(&mut line).ok_or_else(|| {
-                Error::input(format!("line {number}: needed {width} numbers, found {found}"))
+                Error::input(format!("line {number}: expected {width} numbers, found {found}"))
             })?;
             *value = parse_number(word).ok_or_else(|| {
-                Error::input(format!("line {number}: needed a number, found {}", shown(word)))
+                Error::input(format!("line {number}: expected a number, found {}", shown(word)))
             })?;
         }
         if let Some(word) = next_word(&mut line) {
             return Err(Error::input(format!(
-                "line {number}: needed the end of the line, found {} more",
+                "line {number}: expected the end of the line, found {} more",
                 shown(word)
             )));
         }
@@ -535,12 +535,12 @@ mod tests {
         );
         assert!(
             message(text.replace("0 0 1 1 2 3", "0 0 one 1 2 3").as_bytes())
-                .contains("line 12: needed a number, found `one`")
+                .contains("line 12: expected a number, found `one`")
         );
-        assert!(message(text.replace("TYPE F", "TYPE Q").as_bytes()).contains("`x`: needed a type"));
+        assert!(message(text.replace("TYPE F", "TYPE Q").as_bytes()).contains("`x`: expected a type"));
         assert!(message(text.replace("COUNT 1 1", "COUNT 1").as_bytes()).contains("`COUNT` has 6 entries"));
         assert!(message(text.replace("FIELDS x", "FIELDS w").as_bytes()).contains("found no x"));
-        assert!(message(b"hello\n").contains("line 1: needed `VERSION`"));
+        assert!(message(b"hello\n").contains("line 1: expected `VERSION`"));
         assert!(message(b"VERSION 0.7\n").contains("before `DATA`"));
         let mut damaged = compressed();
         let last = damaged.len() - 1;

@@ -96,7 +96,7 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
             "pgm" | "ppm" | "pnm" => netpbm(&bytes()?)?,
             other => {
                 return Err(Error::unsupported(format!(
-                    "needed a picture (.png, .tif, .jpg, .tga, .pgm or .ppm), found the extension `{other}`"
+                    "expected a picture (.png, .tif, .jpg, .tga, .pgm or .ppm), found the extension `{other}`"
                 )));
             }
         };
@@ -105,7 +105,7 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
         {
             true => Ok(picture),
             false => Err(Error::input(format!(
-                "needed {} × {} pixels, found {} values: the file is damaged or cut off",
+                "expected {} × {} pixels, found {} values: the file is damaged or cut off",
                 picture.columns,
                 picture.rows,
                 picture.values.len()
@@ -138,7 +138,7 @@ fn write_png(path: &Path, [columns, rows]: [usize; 2], kind: png::ColorType, val
     let size = u32::try_from(columns).ok().zip(u32::try_from(rows).ok());
     let Some((width, height)) = size.filter(|_| wanted == Some(values.len()) && !values.is_empty()) else {
         return Err(Error::input(format!(
-            "{}: needed {columns} × {rows} pixels, found {} values",
+            "{}: expected {columns} × {rows} pixels, found {} values",
             path.display(),
             values.len()
         )));
@@ -169,7 +169,7 @@ pub fn colour_png(size: [usize; 2], values: &[u8]) -> Result<Vec<u8>> {
     let Some((width, height)) = sides.filter(|_| 3 * columns * rows == values.len() && !values.is_empty())
     else {
         return Err(Error::input(format!(
-            "needed {columns} × {rows} pixels of three values, found {} values",
+            "expected {columns} × {rows} pixels of three values, found {} values",
             values.len()
         )));
     };
@@ -235,7 +235,7 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
         TiffColor::RGBA(_) => 4,
         TiffColor::Multiband { num_samples, .. } if num_samples > 0 => usize::from(num_samples),
         other => {
-            return Err(Error::unsupported(format!("needed brightness or colours, found {other:?}")));
+            return Err(Error::unsupported(format!("expected brightness or colours, found {other:?}")));
         }
     };
     let (values, white): (Vec<f32>, f32) = match decoder.read_image().map_err(damaged)? {
@@ -244,7 +244,7 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
         DecodingResult::F32(v) => (v, 1.0),
         DecodingResult::F64(v) => (v.into_iter().map(|v| v as f32).collect(), 1.0),
         _ => {
-            return Err(Error::unsupported("needed values of 8 or 16 bits, or floating point"));
+            return Err(Error::unsupported("expected values of 8 or 16 bits, or floating point"));
         }
     };
     Ok(channels(columns as usize, rows as usize, samples, values, white))
@@ -279,7 +279,7 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     let grey = matches!(kind, 3 | 11);
     if !matches!((kind, bits), (2 | 10, 24 | 32) | (3 | 11, 8)) || head[1] != 0 {
         return Err(Error::unsupported(format!(
-            "needed a TGA of 24 or 32 bits of colour, or of 8 bits of brightness, found type {kind} of \
+            "expected a TGA of 24 or 32 bits of colour, or of 8 bits of brightness, found type {kind} of \
              {bits} bits"
         )));
     }
@@ -348,7 +348,7 @@ fn netpbm(bytes: &[u8]) -> Result<Picture> {
     let size = columns.checked_mul(rows).and_then(|n| n.checked_mul(samples)).filter(|n| *n <= bytes.len());
     let size = size.ok_or_else(damaged)?;
     if !(1..=65535).contains(&white) {
-        return Err(Error::input(format!("needed a greatest value from 1 to 65535, found {white}")));
+        return Err(Error::input(format!("expected a greatest value from 1 to 65535, found {white}")));
     }
     let values = match kind[1] {
         b'2' | b'3' => (0..size).map(|_| Ok(number()? as f32)).collect::<Result<_>>()?,

@@ -71,7 +71,7 @@ fn family<const N: usize>(names: &[&str], wanted: [&str; N]) -> Result<Option<[u
     let missing: Vec<_> = (0..N).filter(|&k| found[k].is_none()).map(|k| wanted[k]).collect();
     if !missing.is_empty() {
         return Err(Error::input(format!(
-            "needed all of the columns {}, found no {}",
+            "expected all of the columns {}, found no {}",
             wanted.join(" "),
             missing.join(" ")
         )));
@@ -104,7 +104,7 @@ impl PointColumns {
     pub(crate) fn find(names: &[&str]) -> Result<Self> {
         let Some(position) = family(names, POSITION)? else {
             return Err(Error::input(format!(
-                "needed the columns x y z, found {}",
+                "expected the columns x y z, found {}",
                 if names.is_empty() { "none".to_owned() } else { names.join(" ") }
             )));
         };
@@ -116,7 +116,7 @@ impl PointColumns {
             (None, Some(columns)) => Uncertainty::Covariance(columns),
             (Some(_), Some(_)) => {
                 return Err(Error::input(
-                    "has both sigma and cxx cxy cxz cyy cyz czz: needed one of the two",
+                    "has both sigma and cxx cxy cxz cyy cyz czz: expected one of the two",
                 ));
             }
         };
@@ -134,7 +134,7 @@ impl PointColumns {
         ] {
             if let (Some(sigma), false) = (sigma, of) {
                 return Err(Error::input(format!(
-                    "the column {sigma} states how well nothing is known: needed the columns {} beside it",
+                    "the column {sigma} states how well nothing is known: expected the columns {} beside it",
                     of_what.join(" ")
                 )));
             }
@@ -229,7 +229,7 @@ impl PointCollector {
             if value > 0.0 && value.is_finite() {
                 return Ok(value);
             }
-            Err(Error::input(format!("{place}: needed {name} > 0, found {value} (point {number})")))
+            Err(Error::input(format!("{place}: expected {name} > 0, found {value} (point {number})")))
         };
         match self.columns.uncertainty {
             Uncertainty::Unstated => {}
@@ -241,7 +241,7 @@ impl PointCollector {
                 let covariance = columns.map(|c| record[c]);
                 if !is_positive_definite(&covariance) {
                     return Err(Error::input(format!(
-                        "{place}: needed a positive definite covariance, found cxx cxy cxz cyy cyz czz = {} \
+                        "{place}: expected a positive definite covariance, found cxx cxy cxz cyy cyz czz = {} \
                          (point {number})",
                         covariance.map(|c| c.to_string()).join(" ")
                     )));
@@ -263,7 +263,7 @@ impl PointCollector {
             let sigma = positive(SIGMA_NORMAL, record[column])?;
             if sigma >= MOST_SIGMA_NORMAL_DEG {
                 return Err(Error::input(format!(
-                    "{place}: needed {SIGMA_NORMAL} below {MOST_SIGMA_NORMAL_DEG}, where a direction is not \
+                    "{place}: expected {SIGMA_NORMAL} below {MOST_SIGMA_NORMAL_DEG}, where a direction is not \
                      known, found {sigma} (point {number})"
                 )));
             }
@@ -286,7 +286,7 @@ impl PointCollector {
             let time = record[column];
             if !time.is_finite() {
                 return Err(Error::input(format!(
-                    "{place}: needed a time in seconds, found {time} (point {number})"
+                    "{place}: expected a time in seconds, found {time} (point {number})"
                 )));
             }
             self.scan.times_s.get_or_insert_default().push(time);
@@ -295,7 +295,7 @@ impl PointCollector {
             let found = record[column];
             if !(0.0..=MOST_SCAN_NUMBER).contains(&found) || found.fract() != 0.0 {
                 return Err(Error::input(format!(
-                    "{place}: needed the number of a scan, a whole number from 0, found {found} (point \
+                    "{place}: expected the number of a scan, a whole number from 0, found {found} (point \
                      {number})"
                 )));
             }

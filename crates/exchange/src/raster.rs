@@ -45,7 +45,7 @@ impl<const N: usize> ColorType for Samples<N> {
 pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) -> Result<()> {
     if let Some(band) = bands.iter().find(|band| band.len() != columns * rows) {
         return Err(Error::input(format!(
-            "{}: needed {columns} × {rows} pixels in every band, found {}",
+            "{}: expected {columns} × {rows} pixels in every band, found {}",
             path.display(),
             band.len()
         )));
@@ -57,7 +57,7 @@ pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) 
         ("tif" | "tiff", 4) => tiff::<4>(columns, rows, &values).map_err(|e| too_large(path, e))?,
         (other, n) => {
             return Err(Error::unsupported(format!(
-                "{}: needed two or four bands as .tif or .npy, found {n} as `{other}`",
+                "{}: expected two or four bands as .tif or .npy, found {n} as `{other}`",
                 path.display()
             )));
         }
@@ -105,7 +105,7 @@ mod tests {
         write_raster(&path, 3, 2, &[&a, &b]).unwrap();
         let mut decoder = Decoder::new(std::fs::File::open(&path).unwrap()).unwrap();
         assert_eq!(decoder.dimensions().unwrap(), (3, 2));
-        let DecodingResult::F32(values) = decoder.read_image().unwrap() else { panic!("needed f32") };
+        let DecodingResult::F32(values) = decoder.read_image().unwrap() else { panic!("expected f32") };
         assert_eq!(values[..4], [1.0, 0.5, 2.0, 0.25]);
         let path = folder.path().join("a.npy");
         write_raster(&path, 3, 2, &[&a, &b]).unwrap();

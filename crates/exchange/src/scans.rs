@@ -236,7 +236,7 @@ fn read_by_extension(path: &Path) -> Result<Read> {
         "glb" => glb::read_scan(path),
         "xyz" | "txt" | "asc" | "csv" | "pts" => read_points(path).map(|scan| (scan, None)),
         list @ ("conf" | "toml") => Err(Error::input(format!(
-            "{}: needed a scan, found a list of scans (`{list}`): lists are named on the command line, not \
+            "{}: expected a scan, found a list of scans (`{list}`): lists are named on the command line, not \
              in other lists",
             path.display()
         ))),
@@ -246,10 +246,10 @@ fn read_by_extension(path: &Path) -> Result<Read> {
                 return Err(Error::io(format!("{}: does not exist", path.display())));
             }
             if path.is_dir() {
-                return Err(Error::io(format!("{}: is a folder, needed a file", path.display())));
+                return Err(Error::io(format!("{}: is a folder, expected a file", path.display())));
             }
             Err(Error::unsupported(format!(
-                "{}: needed a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, \
+                "{}: expected a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, \
                  csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {}",
                 path.display(),
                 found_extension(path)
@@ -282,7 +282,7 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
     }
     let Requests { scans: wanted, lists } = requests;
     if wanted.is_empty() {
-        return Err(Error::input("needed at least one scan, found none"));
+        return Err(Error::input("expected at least one scan, found none"));
     }
     refuse_doubles(&wanted)?;
 
@@ -314,7 +314,7 @@ fn add_file(set: &mut ScanSet, gathered: &mut Gathered, wanted: Wanted, read: Re
     let dropped_not_finite = scans.iter().map(|scan| scan.dropped_not_finite).sum();
     if points == 0 {
         return Err(Error::input(format!(
-            "{}: needed points, found none ({dropped_not_finite} records without finite coordinates were \
+            "{}: expected points, found none ({dropped_not_finite} records without finite coordinates were \
              dropped)",
             wanted.path.display(),
         )));
@@ -473,7 +473,7 @@ mod tests {
             (&["c.3mf"], None, ErrorKind::Unsupported, "found the extension `3mf`"),
             (&["gone.3mf"], None, ErrorKind::Io, "does not exist"),
             (&["gone.ply", "c.3mf"], None, ErrorKind::Io, "gone.ply: does not exist"),
-            (&["l.conf"], None, ErrorKind::Input, "d.csv: line 2: needed sigma > 0, found -1 (point 0)"),
+            (&["l.conf"], None, ErrorKind::Input, "d.csv: line 2: expected sigma > 0, found -1 (point 0)"),
             (&["l.conf"], None, ErrorKind::Input, "l.conf (line 1)"),
             (&["ply.pcd"], None, ErrorKind::Input, "rename it to end in .ply"),
             (&["pcd.xyz"], None, ErrorKind::Input, "rename it to end in .pcd"),

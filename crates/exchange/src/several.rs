@@ -44,7 +44,7 @@ pub(crate) fn several(mut scan: Scan) -> Result<Vec<Scan>> {
     }
     if scan.grid.is_some() {
         return Err(Error::unsupported(format!(
-            "{}: an organised grid of {} scans: needed a file for each, or points without a grid",
+            "{}: an organised grid of {} scans: expected a file for each, or points without a grid",
             scan.name,
             points.len()
         )));

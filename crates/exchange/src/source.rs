@@ -41,7 +41,7 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
     };
     let metadata = fs::metadata(path).map_err(failed)?;
     if metadata.is_dir() {
-        return Err(Error::io("is a folder, needed a file"));
+        return Err(Error::io("is a folder, expected a file"));
     }
     let length = metadata.is_file().then_some(metadata.len());
     if length == Some(0) {
@@ -163,7 +163,7 @@ pub fn found_extension(path: &Path) -> String {
 /// What is wrong with a path that is no file.
 pub(crate) fn no_file(path: &Path) -> &'static str {
     match path.exists() {
-        true => "is no file: needed one that holds points",
+        true => "is no file: expected one that holds points",
         false => "does not exist",
     }
 }

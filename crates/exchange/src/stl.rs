@@ -85,7 +85,7 @@ fn check_size(mesh: &MeshColumns) -> Result<u32> {
     if let Some(at) = mesh.points.iter().position(too_large) {
         let [x, y, z] = mesh.points[at];
         return Err(Error::input(format!(
-            "vertex {at}: needed coordinates that float32 can hold, found {x} {y} {z}"
+            "vertex {at}: expected coordinates that float32 can hold, found {x} {y} {z}"
         )));
     }
     u32::try_from(mesh.triangles.len())
@@ -139,7 +139,7 @@ impl Soup {
             soup.read_binary(source)?;
         }
         if soup.triangles.is_empty() && soup.dropped == 0 {
-            return Err(Error::input("needed triangles, found none"));
+            return Err(Error::input("expected triangles, found none"));
         }
         Ok(soup)
     }
@@ -147,7 +147,7 @@ impl Soup {
     fn read_binary<R: Read>(&mut self, source: &mut Source<R>) -> Result<()> {
         let Some(header) = source.bytes(HEADER + 4)? else {
             return Err(Error::input(format!(
-                "needed a header of {} bytes, or text that begins with `solid`: the file is cut off or no \
+                "expected a header of {} bytes, or text that begins with `solid`: the file is cut off or no \
                  STL file",
                 HEADER + 4
             )));
@@ -203,10 +203,10 @@ impl Soup {
                         let mut point = [0.0; 3];
                         for (found, coordinate) in point.iter_mut().enumerate() {
                             let word = next_word(&mut line).ok_or_else(|| {
-                                Error::input(format!("line {number}: needed 3 numbers, found {found}"))
+                                Error::input(format!("line {number}: expected 3 numbers, found {found}"))
                             })?;
                             *coordinate = parse_number(word).ok_or_else(|| {
-                                Error::input(format!("line {number}: needed a number, found {}", shown(word)))
+                                Error::input(format!("line {number}: expected a number, found {}", shown(word)))
                             })?;
                         }
                         corners.push(point);
@@ -214,7 +214,7 @@ impl Soup {
                     b"endloop" => {
                         let [a, b, c] = corners[..] else {
                             return Err(Error::input(format!(
-                                "line {number}: needed three corners in a facet, found {}",
+                                "line {number}: expected three corners in a facet, found {}",
                                 corners.len()
                             )));
                         };
@@ -223,7 +223,7 @@ impl Soup {
                     }
                     _ => {
                         return Err(Error::input(format!(
-                            "line {number}: needed `facet`, `outer loop`, `vertex`, `endloop`, `endfacet` \
+                            "line {number}: expected `facet`, `outer loop`, `vertex`, `endloop`, `endfacet` \
                              or `endsolid`, found {}",
                             shown(word)
                         )));
@@ -276,7 +276,7 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Optio
 fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     let soup = Soup::read(source)?;
     match soup.first_dropped {
-        Some(place) => Err(Error::input(format!("{place}: needed finite coordinates"))),
+        Some(place) => Err(Error::input(format!("{place}: expected finite coordinates"))),
         None => Ok(PolygonMesh {
             points: soup.points,
             triangles: soup.triangles,

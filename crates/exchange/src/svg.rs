@@ -54,11 +54,11 @@ pub fn read_svg(path: &Path) -> Result<DxfDrawing> {
 fn read(text: &str) -> Result<DxfDrawing> {
     let options = ParsingOptions { allow_dtd: true, nodes_limit: MOST_ELEMENTS, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text, options)
-        .map_err(|e| Error::input(format!("needed an SVG file: {e}")))?;
+        .map_err(|e| Error::input(format!("expected an SVG file: {e}")))?;
     let root = document.root_element();
     if root.tag_name().name() != "svg" {
         return Err(Error::input(format!(
-            "needed an SVG file, found the element `{}`",
+            "expected an SVG file, found the element `{}`",
             root.tag_name().name()
         )));
     }
@@ -112,7 +112,7 @@ impl Reader {
         };
         let place = outer.after(&own);
         if !place.is_finite() {
-            return Err(Error::input("needed a transform of moderate numbers"));
+            return Err(Error::input("expected a transform of moderate numbers"));
         }
         let kind = node.tag_name().name();
         let curves = match kind {
@@ -161,7 +161,7 @@ impl Reader {
 
     fn add(&mut self, curves: &[Curve2], style: LineStyle, place: &Affine, entity: String) -> Result<()> {
         if self.drawing.curves.len() + curves.len() > MOST_CURVES {
-            return Err(Error::input(format!("needed at most {MOST_CURVES} curves, found more")));
+            return Err(Error::input(format!("expected at most {MOST_CURVES} curves, found more")));
         }
         for curve in curves {
             let curve = place.curve(curve);
@@ -192,7 +192,7 @@ fn name(node: &Node<'_, '_>) -> String {
 fn number(text: &str) -> Result<f64> {
     text.trim().parse().ok().filter(|x: &f64| x.is_finite() && x.abs() < 1e12).ok_or_else(|| {
         let found: String = text.chars().take(40).collect();
-        Error::input(format!("needed a number, found `{found}`"))
+        Error::input(format!("expected a number, found `{found}`"))
     })
 }
 
@@ -219,7 +219,7 @@ fn length(node: &Node<'_, '_>, attribute: &str, default: f64) -> Result<f64> {
     match (&text[end..], millimetres(&text[end..])) {
         ("" | "px", _) => Ok(value),
         (_, Some(mm)) => Ok(value * mm / 25.4 * 96.0),
-        (unit, None) => Err(Error::input(format!("{attribute}: needed a length, found the unit `{unit}`"))),
+        (unit, None) => Err(Error::input(format!("{attribute}: expected a length, found the unit `{unit}`"))),
     }
 }
 
@@ -235,12 +235,12 @@ fn scale(root: &Node<'_, '_>) -> Result<(f64, Option<Unit>)> {
     };
     let value = number(&width[..end]).map_err(|e| e.in_context("width"))?;
     let units = match root.attribute("viewBox") {
-        Some(text) => *numbers(text)?.get(2).ok_or_else(|| Error::input("viewBox: needed four numbers"))?,
+        Some(text) => *numbers(text)?.get(2).ok_or_else(|| Error::input("viewBox: expected four numbers"))?,
         None => value * mm / 25.4 * 96.0,
     };
     match value > 0.0 && units > 0.0 {
         true => Ok((value * mm / units, Some(Unit::Millimetre))),
-        false => Err(Error::input(format!("needed a width and a viewBox > 0, found {value} and {units}"))),
+        false => Err(Error::input(format!("expected a width and a viewBox > 0, found {value} and {units}"))),
     }
 }
 
@@ -260,7 +260,7 @@ fn polygon(text: &str, is_closed: bool) -> Result<Vec<Curve2>> {
 
 fn ellipse([x, y]: [f64; 2], [rx, ry]: [f64; 2]) -> Result<Vec<Curve2>> {
     if rx < 0.0 || ry < 0.0 {
-        return Err(Error::input(format!("needed radii > 0, found {rx} and {ry}")));
+        return Err(Error::input(format!("expected radii > 0, found {rx} and {ry}")));
     }
     if rx == 0.0 || ry == 0.0 {
         return Ok(Vec::new());
@@ -278,7 +278,7 @@ fn rectangle(node: &Node<'_, '_>) -> Result<Vec<Curve2>> {
     let (x, y) = (length(node, "x", 0.0)?, length(node, "y", 0.0)?);
     let (w, h) = (length(node, "width", 0.0)?, length(node, "height", 0.0)?);
     if w < 0.0 || h < 0.0 {
-        return Err(Error::input(format!("needed a width and a height > 0, found {w} and {h}")));
+        return Err(Error::input(format!("expected a width and a height > 0, found {w} and {h}")));
     }
     // A radius that is not said is the other one.
     let given = [node.attribute("rx"), node.attribute("ry")].map(|r| r.is_some_and(|r| r != "auto"));
@@ -314,7 +314,7 @@ fn transform(text: &str) -> Result<Affine> {
     while !left.is_empty() {
         let wrong = || {
             let found: String = text.chars().take(60).collect();
-            Error::input(format!("needed a list of transforms, found `{found}`"))
+            Error::input(format!("expected a list of transforms, found `{found}`"))
         };
         let (kind, rest) = left.split_once('(').ok_or_else(wrong)?;
         let (inside, rest) = rest.split_once(')').ok_or_else(wrong)?;

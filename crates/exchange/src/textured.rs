@@ -142,11 +142,11 @@ mod tests {
         for (text, wanted) in [
             (
                 "v 0 0 0\nvt 0 0\nf 1/2 1/1 1/1\n",
-                "line 3: needed the number of a texture coordinate from 1 to 1, found 2",
+                "line 3: expected the number of a texture coordinate from 1 to 1, found 2",
             ),
-            ("v 0 0 0\nvt 0\nf 1 1 1\n", "line 2: needed 2 numbers"),
+            ("v 0 0 0\nvt 0\nf 1 1 1\n", "line 2: expected 2 numbers"),
             ("v 0 0 0\nvt 0 inf\nf 1 1 1\n", "line 2"),
-            ("v 0 0 0\nvt 0 0\nf 1/x 1/1 1/1\n", "line 3: needed a corner"),
+            ("v 0 0 0\nvt 0 0\nf 1/x 1/1 1/1\n", "line 3: expected a corner"),
         ] {
             std::fs::write(&path, text).unwrap();
             let said = read_textured(&path).unwrap_err().to_string();
@@ -159,6 +159,6 @@ mod tests {
         assert!(read_vertex_list(&list).unwrap_err().to_string().contains("line 2"));
         let materials = folder.path().join("a.mtl");
         std::fs::write(&materials, "map_Kd a.png\n").unwrap();
-        assert!(read_materials(&materials).unwrap_err().to_string().contains("line 1: needed `newmtl`"));
+        assert!(read_materials(&materials).unwrap_err().to_string().contains("line 1: expected `newmtl`"));
     }
 }

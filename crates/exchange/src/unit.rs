@@ -49,7 +49,7 @@ impl FromStr for Unit {
         [Self::Millimetre, Self::Metre, Self::Inch, Self::Foot]
             .into_iter()
             .find(|unit| unit.name() == name)
-            .ok_or_else(|| Error::input(format!("unit `{name}`: needed `mm`, `m`, `in` or `ft`")))
+            .ok_or_else(|| Error::input(format!("unit `{name}`: expected `mm`, `m`, `in` or `ft`")))
     }
 }
 

@@ -69,7 +69,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                 for (value, word) in values.iter_mut().zip(numbers) {
                     *value = parse_number(word.as_bytes()).filter(|v| v.is_finite()).ok_or_else(|| {
                         Error::input(format!(
-                            "line {line}: needed a finite number, found {}",
+                            "line {line}: expected a finite number, found {}",
                             shown(word.as_bytes())
                         ))
                     })?;
@@ -80,7 +80,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                     .filter(|_| (length - 1.0).abs() <= QUATERNION_WITHIN)
                     .ok_or_else(|| {
                         Error::input(format!(
-                            "line {line}: needed a quaternion (the last four numbers) of length 1, found \
+                            "line {line}: expected a quaternion (the last four numbers) of length 1, found \
                              length {length}"
                         ))
                     })?;
@@ -88,20 +88,20 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
             }
             ["bmesh", ..] => {
                 return Err(Error::input(format!(
-                    "line {line}: needed `bmesh FILE tx ty tz qx qy qz qw`, found {} words after `bmesh`",
+                    "line {line}: expected `bmesh FILE tx ty tz qx qy qz qw`, found {} words after `bmesh`",
                     words.len() - 1
                 )));
             }
             _ => {
                 return Err(Error::input(format!(
-                    "line {line}: needed `bmesh` or `camera`, found {}",
+                    "line {line}: expected `bmesh` or `camera`, found {}",
                     shown(text.as_bytes())
                 )));
             }
         }
     }
     if scans.is_empty() {
-        return Err(Error::input("lists no scan: needed lines `bmesh FILE tx ty tz qx qy qz qw`"));
+        return Err(Error::input("lists no scan: expected lines `bmesh FILE tx ty tz qx qy qz qw`"));
     }
     Ok(scans)
 }
@@ -130,12 +130,12 @@ mod tests {
 
     #[test]
     fn mistakes_are_named_by_line() {
-        assert!(message("camera 0\nbmesh a.ply 0 0 0 0 0 0 0\n").contains("line 2: needed a quaternion"));
+        assert!(message("camera 0\nbmesh a.ply 0 0 0 0 0 0 0\n").contains("line 2: expected a quaternion"));
         assert!(message("bmesh a.ply 0 0 0 0 0 0 2\n").contains("found length 2"));
-        assert!(message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: needed a finite number, found `x`"));
+        assert!(message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: expected a finite number, found `x`"));
         assert!(message("bmesh a.ply 0 0 nan 0 0 0 1\n").contains("found `nan`"));
         assert!(message("bmesh a.ply 0 0\n").contains("found 3 words"));
-        assert!(message("\nmesh a.ply\n").contains("line 2: needed `bmesh`"));
+        assert!(message("\nmesh a.ply\n").contains("line 2: expected `bmesh`"));
         assert!(message("camera 0 0 0\n").contains("lists no scan"));
     }
 

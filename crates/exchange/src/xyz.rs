@@ -115,7 +115,7 @@ impl Layout {
     fn named(names: &[String], separator: Separator) -> Result<Self> {
         if names.len() > MOST_COLUMNS {
             return Err(Error::input(format!(
-                "needed at most {MOST_COLUMNS} columns, found {}",
+                "expected at most {MOST_COLUMNS} columns, found {}",
                 names.len()
             )));
         }
@@ -163,7 +163,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                 if parse_number(first).is_none() && !first.is_empty() {
                     let Some(names) = names(line) else {
                         return Err(Error::input(format!(
-                            "line {number}: needed a point or a header with x, y and z, found {}",
+                            "line {number}: expected a point or a header with x, y and z, found {}",
                             shown(line)
                         )));
                     };
@@ -191,7 +191,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                     break;
                 }
                 return Err(Error::input(format!(
-                    "line {number}: needed {} numbers, found {}",
+                    "line {number}: expected {} numbers, found {}",
                     layout.width,
                     record.len()
                 )));
@@ -211,7 +211,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                         _ => ": write decimals with a point",
                     };
                     return Err(Error::input(format!(
-                        "line {number}: needed a number, found {}{way_out}",
+                        "line {number}: expected a number, found {}{way_out}",
                         shown(field)
                     )));
                 }
@@ -220,7 +220,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         layout.collector.push(&record, format_args!("line {number}"))?;
     }
     let Some(layout) = layout else {
-        return Err(Error::input(format!("needed points, found none in {} lines", source.line_number())));
+        return Err(Error::input(format!("expected points, found none in {} lines", source.line_number())));
     };
     let (mut scan, _) = layout.collector.finish(name);
     if layout.tentative_normals {
@@ -297,11 +297,11 @@ mod tests {
 
     #[test]
     fn mistakes_are_named_by_line() {
-        assert!(message("1 2 3\n1 2\n").contains("line 2: needed 3 numbers, found 2"));
-        assert!(message("1 2 3\n\n1 two 3\n").contains("line 3: needed a number, found `two`"));
-        assert!(message("x,y,z,sigma\n1,2,3,0.1\n1,2,3,0\n").contains("line 3: needed sigma > 0, found 0"));
-        assert!(message("x,y,sigma\n").contains("line 1: needed a point or a header"));
-        assert!(message("x,y,z,cxx\n").contains("line 1: needed all of the columns cxx"));
+        assert!(message("1 2 3\n1 2\n").contains("line 2: expected 3 numbers, found 2"));
+        assert!(message("1 2 3\n\n1 two 3\n").contains("line 3: expected a number, found `two`"));
+        assert!(message("x,y,z,sigma\n1,2,3,0.1\n1,2,3,0\n").contains("line 3: expected sigma > 0, found 0"));
+        assert!(message("x,y,sigma\n").contains("line 1: expected a point or a header"));
+        assert!(message("x,y,z,cxx\n").contains("line 1: expected all of the columns cxx"));
         assert!(message("1,5;2,5;3,5\n").contains("found `1,5;2,5;3,5`"));
         assert!(message("1,5 2,5 3,5\n").contains("found `5 2`: write decimals with a point"));
         assert!(message("# nothing\n\n").contains("found none in 2 lines"));
@@ -314,7 +314,7 @@ mod tests {
         let names: String = (0..1_000_000).map(|k| format!(",{k}")).collect();
         assert!(
             message(&format!("x,y,z{names}\n"))
-                .contains("line 1: needed at most 4096 columns, found 1000003")
+                .contains("line 1: expected at most 4096 columns, found 1000003")
         );
     }
 

@@ -94,7 +94,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
     check_numbers(&[("sigma_px", sigma_px, sigma_px > 0.0, "a finite number above 0")])?;
     if t.stripes.range.iter().flatten().any(|k| k.unsigned_abs() > 1 << 10) {
         return Err(Error::input(format!(
-            "needed stripes numbered from -1024 to 1024 in stripes.range, found {:?}",
+            "expected stripes numbered from -1024 to 1024 in stripes.range, found {:?}",
             t.stripes.range
         )));
     }
@@ -123,7 +123,7 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
         return Err(Error::input(format!(
-            "needed {name}.K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and \
+            "expected {name}.K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and \
              finite R and t, found K = {:?}",
             made.k
         )));
@@ -131,7 +131,7 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
     let [a, b, c] = made.r;
     let off = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(a, b), dot(cross(a, b), c) - 1.0, dot(c, c) - 1.0];
     match off.iter().find(|o| o.abs() > ROTATION_WITHIN) {
-        Some(_) => Err(Error::input(format!("needed a rotation in {name}.R, found {:?}", made.r))),
+        Some(_) => Err(Error::input(format!("expected a rotation in {name}.R, found {:?}", made.r))),
         None => Ok(made),
     }
 }

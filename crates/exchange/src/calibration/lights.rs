@@ -123,7 +123,7 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
         }
         (found, _) => {
             let found = if found.is_some() { "both" } else { "neither" };
-            return Err(Error::input(format!("needed `lights` or [ball], found {found}")));
+            return Err(Error::input(format!("expected `lights` or [ball], found {found}")));
         }
     };
     Ok(LightsCalibration {
@@ -137,7 +137,7 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
 
 fn check_count(found: usize, what: &str) -> Result<()> {
     match found < 3 {
-        true => Err(Error::input(format!("needed three {what} or more, found {found}"))),
+        true => Err(Error::input(format!("expected three {what} or more, found {found}"))),
         false => Ok(()),
     }
 }
@@ -151,7 +151,7 @@ fn directions(lights: &[[f64; 3]], frame: Frame) -> Result<Vec<[f64; 3]>> {
                 Frame::Viewer => [x, -y, -z],
             })
             .ok_or_else(|| {
-                Error::input(format!("needed a direction for light {k} of `lights`, found {light:?}"))
+                Error::input(format!("expected a direction for light {k} of `lights`, found {light:?}"))
             })
     };
     lights.iter().enumerate().map(unit).collect()
@@ -165,7 +165,7 @@ mod tests {
     fn lights_are_turned_into_the_cameras_frame() {
         let text = "frame = \"viewer\"\nlights = [[0, 0, 2], [0.6, 0, 0.8], [0, 0.6, 0.8]]\n";
         let found = parse(text, Path::new("")).unwrap();
-        let LightSource::Directions(lights) = found.source else { panic!("needed directions") };
+        let LightSource::Directions(lights) = found.source else { panic!("expected directions") };
         assert_eq!(lights[0], [0.0, -0.0, -1.0]);
         assert_eq!(lights[2], [0.0, -0.6, -0.8]);
         assert_eq!((found.pixel_size, found.sigma_brightness), (1.0, None));

@@ -98,7 +98,7 @@ impl LensView {
         if let Some(stated) = &self.distortion {
             if !(4..=5).contains(&stated.len()) || stated.iter().any(|k| !k.is_finite()) {
                 return Err(Error::input(format!(
-                    "needed {name}.distortion = [k1, k2, p1, p2, k3] (k3 may be left out), found {stated:?}"
+                    "expected {name}.distortion = [k1, k2, p1, p2, k3] (k3 may be left out), found {stated:?}"
                 )));
             }
             distortion.iter_mut().zip(stated).for_each(|(to, from)| *to = *from);
@@ -122,8 +122,8 @@ fn parse(text: &str) -> Result<StereoCalibration> {
 }
 
 fn check_sigma(sigma: f64) -> Result<()> {
-    let needed = "a finite number that is not negative";
-    check_numbers(&[("sigma_disparity_px", sigma, sigma >= 0.0, needed)])
+    let expected = "a finite number that is not negative";
+    check_numbers(&[("sigma_disparity_px", sigma, sigma >= 0.0, expected)])
 }
 
 fn parse_views(text: &str) -> Result<StereoCalibration> {
@@ -134,7 +134,7 @@ fn parse_views(text: &str) -> Result<StereoCalibration> {
     )?;
     check_sigma(t.sigma_disparity_px)?;
     let [first, second] = t.view.as_slice() else {
-        return Err(Error::input(format!("needed two [[view]], found {}", t.view.len())));
+        return Err(Error::input(format!("expected two [[view]], found {}", t.view.len())));
     };
     Ok(StereoCalibration {
         cameras: StereoCameras::Views(StereoRig {

@@ -75,7 +75,7 @@ fn parse(text: &str) -> Result<ViewCalibration> {
     let sensor = ViewSensor {
         borders: borders(&t)?,
         rays: (t.rays.or(t.size)).ok_or_else(|| {
-            Error::input("needed rays = [along x, along y]: with fov_deg nothing else says how many")
+            Error::input("expected rays = [along x, along y]: with fov_deg nothing else says how many")
         })?,
         range: [t.near, t.far],
         max_incidence_rad: t.max_incidence_deg.unwrap_or(USUAL_INCIDENCE_DEG).to_radians(),
@@ -92,8 +92,8 @@ fn borders(t: &Table) -> Result<[[f64; 2]; 2]> {
     match (t.fov_deg, t.fx, t.fy, t.cx, t.cy, t.size) {
         (Some(angles), None, None, None, None, None) => {
             let good = |angle: f64| angle > 0.0 && angle < 180.0;
-            let needed = "an angle above 0 and below 180";
-            check_numbers(&angles.map(|angle| ("fov_deg", angle, good(angle), needed)))?;
+            let expected = "an angle above 0 and below 180";
+            check_numbers(&angles.map(|angle| ("fov_deg", angle, good(angle), expected)))?;
             Ok(ViewSensor::borders_of_angles(angles.map(f64::to_radians)))
         }
         (None, Some(fx), Some(fy), Some(cx), Some(cy), Some([width, height])) => {
@@ -108,7 +108,7 @@ fn borders(t: &Table) -> Result<[[f64; 2]; 2]> {
             Ok([side(fx, cx, width), side(fy, cy, height)])
         }
         _ => Err(Error::input(
-            "needed either fov_deg = [horizontal, vertical], or all of fx fy cx cy and size = [width, \
+            "expected either fov_deg = [horizontal, vertical], or all of fx fy cx cy and size = [width, \
              height]",
         )),
     }
@@ -139,7 +139,7 @@ mod tests {
     fn mistakes_are_named() {
         let with = |from: &str, to: &str| parse(&GOOD.replacen(from, to, 1)).unwrap_err().to_string();
         assert!(with("near", "nearest").contains("line 3"));
-        assert!(with("rays = [64, 48]\n", "").contains("needed rays"));
+        assert!(with("rays = [64, 48]\n", "").contains("expected rays"));
         assert!(with("[90, 60]", "[90, 180]").contains("below 180 for fov_deg, found 180"));
         assert!(with("fov_deg = [90, 60]", "fx = 3").contains("fov_deg = [horizontal, vertical]"));
         assert!(with("far = 800", "far = 100").contains("nearest < farthest"));

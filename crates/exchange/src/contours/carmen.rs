@@ -60,7 +60,7 @@ pub(crate) fn read_carmen<R: Read>(
         let beams = words.get(1).and_then(|w| parse_number(w)).unwrap_or(0.0) as usize;
         if beams == 0 || words.len() < beams.saturating_add(5) {
             return Err(wrong(format!(
-                "needed `FLASER n` with n ranges and a pose, found {} words",
+                "expected `FLASER n` with n ranges and a pose, found {} words",
                 words.len()
             )));
         }

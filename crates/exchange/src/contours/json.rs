@@ -87,14 +87,14 @@ pub fn read_contour_json(path: &Path) -> Result<ContourFile> {
 }
 
 fn parse(text: &str) -> Result<ContourFile> {
-    let needed = "needed contours as `planish contour -o contour.json` writes them (kind, parameters, \
+    let expected = "expected contours as `planish contour -o contour.json` writes them (kind, parameters, \
         order, covariance)";
     let written: Written = serde_json::from_str(text)
-        .map_err(|e| Error::input(format!("{needed}, found: {e}")).with_source(e))?;
+        .map_err(|e| Error::input(format!("{expected}, found: {e}")).with_source(e))?;
     let contours = match (written.contours, written.main) {
         (Some(contours), _) if !contours.is_empty() => contours,
         (_, Some(main)) => vec![main],
-        _ => return Err(Error::input(format!("{needed}, found none"))),
+        _ => return Err(Error::input(format!("{expected}, found none"))),
     };
     if contours.len() > MOST_CONTOURS {
         return Err(Error::unsupported(format!(
@@ -127,7 +127,7 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
     {
         let wanted: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
         return Err(Error::input(format!(
-            "needed an order of {}, found {}",
+            "expected an order of {}, found {}",
             wanted.join(" "),
             contour.order.join(" ")
         )));
@@ -135,14 +135,14 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
     let is_square = contour.covariance.iter().all(|row| row.len() == contour.order.len());
     if contour.covariance.len() != contour.order.len() || !is_square {
         return Err(Error::input(format!(
-            "needed a covariance of {0} × {0}, found {1} rows",
+            "expected a covariance of {0} × {0}, found {1} rows",
             contour.order.len(),
             contour.covariance.len()
         )));
     }
     let values = names.iter().map(|(name, factor)| match contour.parameters.get(name) {
         Some(written) => Ok(written.value / factor),
-        None => Err(Error::input(format!("needed the parameter `{name}`, found none"))),
+        None => Err(Error::input(format!("expected the parameter `{name}`, found none"))),
     });
     Ok(EstimatedContour {
         theta: values.collect::<Result<_>>()?,
@@ -168,7 +168,7 @@ fn kind_of(name: &str, order: &[String], closed: bool) -> Result<ContourKind> {
     }
     ContourKind::from_name(name, MOST_CORNERS).ok_or_else(|| {
         Error::input(format!(
-            "kind `{name}`: needed line, circle, ellipse, rectangle, rounded-rectangle, slot, \
+            "kind `{name}`: expected line, circle, ellipse, rectangle, rounded-rectangle, slot, \
              regular-polygon-N, polygon-N or chain"
         ))
     })
@@ -215,12 +215,12 @@ mod tests {
         for (from, to, says) in [
             ("\"circle\"", "\"blob\"", "kind `blob`"),
             ("\"circle\"", "\"polygon-2\"", "kind `polygon-2`"),
-            ("\"circle\"", "\"ellipse\"", "needed an order of center_x center_y semi_major"),
-            ("[0, 0.01, 0], ", "", "needed a covariance of 3 × 3, found 2 rows"),
-            ("\"radius\": {", "\"size\": {", "needed the parameter `radius`"),
+            ("\"circle\"", "\"ellipse\"", "expected an order of center_x center_y semi_major"),
+            ("[0, 0.01, 0], ", "", "expected a covariance of 3 × 3, found 2 rows"),
+            ("\"radius\": {", "\"size\": {", "expected the parameter `radius`"),
             ("\"mm\"", "\"cubit\"", "unit `cubit`"),
             ("\"kind\"", "\"sort\"", "found none"),
-            ("}", "", "needed contours as"),
+            ("}", "", "expected contours as"),
         ] {
             let said = parse(&CIRCLE.replace(from, to)).unwrap_err().to_string();
             assert!(said.contains(says), "{from} → {to}: {said}");

@@ -95,7 +95,7 @@ fn the_calibration_may_lie_beside_the_image() {
     fs::write(&job, "[[scan]]\nfile = \"a.xyz\"\ncalibration = \"depth.toml\"\n").unwrap();
     fs::write(folder.path().join("a.xyz"), "1 2 3\n").unwrap();
     let e = read_inputs(&[&job], None).unwrap_err().to_string();
-    assert!(e.contains("needed a depth image") && e.contains("`xyz`"), "{e}");
+    assert!(e.contains("expected a depth image") && e.contains("`xyz`"), "{e}");
 }
 
 fn image(name: &str, bytes: &[u8]) -> Result<Image> {

@@ -16,7 +16,7 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
         "LINE" => vec![Curve2::Segment(point(record, 10)?, point(record, 11)?)],
         "CIRCLE" => vec![arc(record, 0.0, 360.0)?],
         "ARC" => {
-            let (from, to) = (record.needed(50, "a start angle")?, record.needed(51, "an end angle")?);
+            let (from, to) = (record.required(50, "a start angle")?, record.required(51, "an end angle")?);
             vec![arc(record, from, to)?]
         }
         "ELLIPSE" => vec![ellipse(record)?],
@@ -25,7 +25,7 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
         _ => return Ok(None),
     };
     if !flat {
-        return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
+        return Err(Error::input("expected an entity in the xy plane, found another extrusion direction"));
     }
     // An extrusion direction of −z mirrors x (the arbitrary axis algorithm); lines, ellipses and splines are
     // in world coordinates.
@@ -37,7 +37,7 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
 }
 
 fn point(record: &Record, code: i32) -> Result<[f64; 2]> {
-    Ok([record.needed(code, "an x")?, record.needed(code + 10, "a y")?])
+    Ok([record.required(code, "an x")?, record.required(code + 10, "a y")?])
 }
 
 fn points(record: &Record, code: i32) -> Result<Vec<[f64; 2]>> {
@@ -60,9 +60,9 @@ fn numbers(record: &Record, code: i32) -> Result<Vec<f64>> {
 }
 
 fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
-    let radius = record.needed(40, "a radius")?;
+    let radius = record.required(40, "a radius")?;
     if radius < 0.0 {
-        return Err(Error::input(format!("needed a radius > 0, found {radius}")));
+        return Err(Error::input(format!("expected a radius > 0, found {radius}")));
     }
     if radius == 0.0 {
         // A point: it is left out with a word, as all that has no length.
@@ -80,7 +80,7 @@ fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
 
 fn ellipse(record: &Record) -> Result<Curve2> {
     let (center, major) = (point(record, 10)?, point(record, 11)?);
-    let ratio = record.needed(40, "a ratio of the axes")?;
+    let ratio = record.required(40, "a ratio of the axes")?;
     let from = record.number(41)?.unwrap_or(0.0);
     let sweep = (record.number(42)?.unwrap_or(TAU) - from).rem_euclid(TAU);
     let sweep = if sweep < 1e-9 { TAU } else { sweep };
@@ -125,7 +125,7 @@ pub(super) fn polyline_curves(record: &Record, vertices: &[Record]) -> Result<Op
         return Ok(None);
     }
     if record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() > 1e-9 {
-        return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
+        return Err(Error::input("expected an entity in the xy plane, found another extrusion direction"));
     }
     let mut corners: Vec<([f64; 2], f64)> = Vec::with_capacity(vertices.len());
     for vertex in vertices {
@@ -171,7 +171,7 @@ fn spline(record: &Record) -> Result<Curve2> {
     let poles = points(record, 10)?;
     let knots = numbers(record, 40)?;
     let weights = numbers(record, 41)?;
-    let degree = record.needed(71, "a degree")? as usize;
+    let degree = record.required(71, "a degree")? as usize;
     let ascending = knots.windows(2).all(|k| k[0] <= k[1]);
     if !(1..=15).contains(&degree)
         || poles.len() <= degree
@@ -179,7 +179,7 @@ fn spline(record: &Record) -> Result<Curve2> {
         || !ascending
     {
         return Err(Error::input(format!(
-            "needed ascending knots as many as poles + degree + 1, found degree {degree}, {} poles, {} knots",
+            "expected ascending knots as many as poles + degree + 1, found degree {degree}, {} poles, {} knots",
             poles.len(),
             knots.len()
         )));

@@ -34,8 +34,8 @@ impl Record {
     }
 
     /// The number of a code that must be there.
-    pub(super) fn needed(&self, code: i32, what: &str) -> Result<f64> {
-        self.number(code)?.ok_or_else(|| Error::input(format!("needed {what} (group {code}), found none")))
+    pub(super) fn required(&self, code: i32, what: &str) -> Result<f64> {
+        self.number(code)?.ok_or_else(|| Error::input(format!("expected {what} (group {code}), found none")))
     }
 
     /// The entity in words: kind, handle, line.
@@ -52,7 +52,7 @@ impl Group {
         self.value.parse().ok().filter(|x: &f64| x.is_finite() && x.abs() < 1e15).ok_or_else(|| {
             let found: String = self.value.chars().take(40).collect();
             Error::input(format!(
-                "line {}: needed a number (group {}), found `{found}`",
+                "line {}: expected a number (group {}), found `{found}`",
                 self.line, self.code
             ))
         })
@@ -91,7 +91,7 @@ impl<'a, R: Read> Groups<'a, R> {
             }
             let found: String = code.chars().take(40).collect();
             return Err(Error::input(format!(
-                "line {at}: needed a DXF group code (a whole number), found `{found}`: is it an ASCII DXF?"
+                "line {at}: expected a DXF group code (a whole number), found `{found}`: is it an ASCII DXF?"
             )));
         };
         let Some(value) = self.next_line()? else {

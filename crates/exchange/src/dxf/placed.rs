@@ -81,7 +81,7 @@ impl Place {
         let (sin, cos) = number(50, 0.0)?.to_radians().sin_cos();
         let (sx, sy) = (number(41, 1.0)?, number(42, 1.0)?);
         if sx == 0.0 || sy == 0.0 {
-            return Err(Error::input("needed scales other than 0"));
+            return Err(Error::input("expected scales other than 0"));
         }
         // An extrusion direction of −z mirrors x.
         let mirror = if number(230, 1.0)? < 0.0 { -1.0 } else { 1.0 };
@@ -181,7 +181,7 @@ impl<'a> Drawer<'a> {
         let name = record.text(2).unwrap_or_default();
         let sheet: &'a Sheet = self.sheet;
         let Some(block) = sheet.blocks.get(&name.to_uppercase()) else {
-            return Err(Error::input(format!("needed the block `{name}` in the section BLOCKS, found none")));
+            return Err(Error::input(format!("expected the block `{name}` in the section BLOCKS, found none")));
         };
         if place.depth >= DEEPEST {
             return Err(Error::input(format!(
@@ -189,7 +189,7 @@ impl<'a> Drawer<'a> {
             )));
         }
         if record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() > 1e-9 {
-            return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
+            return Err(Error::input("expected an entity in the xy plane, found another extrusion direction"));
         }
         let count = |code: i32| Ok::<usize, Error>((record.number(code)?.unwrap_or(1.0).max(1.0)) as usize);
         let (columns, rows) = (count(70)?, count(71)?);

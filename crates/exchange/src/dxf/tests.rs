@@ -56,7 +56,7 @@ fn rows_and_columns_of_an_insert_are_drawn() {
 #[test]
 fn a_block_that_is_missing_or_holds_itself_is_named() {
     let e = drawn("", "0 INSERT 5 7 2 gone 10 0 20 0").unwrap_err().to_string();
-    assert!(e.contains("INSERT 7 (line 12): needed the block `gone`"), "{e}");
+    assert!(e.contains("INSERT 7 (line 12): expected the block `gone`"), "{e}");
     let itself = "0 BLOCK 2 a 10 0 20 0 0 INSERT 2 a 10 0 20 0 0 ENDBLK";
     let e = drawn(itself, "0 INSERT 2 a 10 0 20 0").unwrap_err().to_string();
     assert!(e.contains("does `a` hold itself?"), "{e}");
@@ -69,7 +69,7 @@ fn a_block_that_is_missing_or_holds_itself_is_named() {
         );
     }
     let e = drawn(&bomb, "0 INSERT 2 b9 10 0 20 0").unwrap_err().to_string();
-    assert!(e.contains("needed at most 200000 entities"), "{e}");
+    assert!(e.contains("expected at most 200000 entities"), "{e}");
 }
 
 #[test]

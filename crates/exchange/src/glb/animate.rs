@@ -65,20 +65,20 @@ impl Animation {
     fn new(frames: &[MeshFrame], triangles: &[[u32; 3]], unit: Option<Unit>, seconds: f64) -> Result<Self> {
         let Some((last, earlier)) = frames.split_last().filter(|(_, earlier)| !earlier.is_empty()) else {
             return Err(Error::input(format!(
-                "an animation needed at least two frames, found {}",
+                "an animation expected at least two frames, found {}",
                 frames.len()
             )));
         };
         let n = last.points.len();
         let fits = |f: &MeshFrame| f.points.len() == n && f.normals.len() == n && f.colours.len() == n;
         if n == 0 || triangles.is_empty() || !frames.iter().all(fits) {
-            return Err(Error::input("needed frames of one mesh with as many normals and colours as points"));
+            return Err(Error::input("expected frames of one mesh with as many normals and colours as points"));
         }
         if triangles.iter().flatten().any(|&corner| corner as usize >= n) {
             return Err(Error::input(format!("a triangle has a corner beyond the {n} points")));
         }
         if !(seconds > 0.0 && seconds.is_finite()) {
-            return Err(Error::input(format!("needed a positive time of each frame, found {seconds} s")));
+            return Err(Error::input(format!("expected a positive time of each frame, found {seconds} s")));
         }
         let (low, high) = bounds(&last.points);
         let centre: [f64; 3] = std::array::from_fn(|k| low[k] + 0.5 * (high[k] - low[k]));
@@ -96,7 +96,7 @@ impl Animation {
             columns.push(differences(&last.colours, &frame.colours));
         }
         if columns.iter().flatten().flatten().any(|c| !c.is_finite()) {
-            return Err(Error::input("needed finite coordinates that float32 can hold"));
+            return Err(Error::input("expected finite coordinates that float32 can hold"));
         }
         let targets = earlier.len();
         let times: Vec<f32> = (0..frames.len()).map(|k| (seconds * k as f64) as f32).collect();

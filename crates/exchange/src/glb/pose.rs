@@ -89,7 +89,7 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
     let poses = (mesh.targets.iter()).all(|t| t.points.len() == n && t.normals.len() == n);
     if n == 0 || mesh.triangles.is_empty() || !equal || !poses {
         return Err(Error::input(
-            "needed triangles, and as many normals, texture coordinates, colours, σ and places of each pose \
+            "expected triangles, and as many normals, texture coordinates, colours, σ and places of each pose \
              as points",
         ));
     }
@@ -103,7 +103,7 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
             frame.weights.len() == mesh.targets.len() && frame.weights.iter().all(|w| w.is_finite());
         if !(later && weights) {
             return Err(Error::input(format!(
-                "keyframe {}: needed a time after {last} s and {} weights, found {} s and {}",
+                "keyframe {}: expected a time after {last} s and {} weights, found {} s and {}",
                 k + 1,
                 mesh.targets.len(),
                 frame.seconds,
@@ -324,6 +324,6 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_refused() {
         assert!(posed(Some(b"GIF89a"), 1).0.unwrap_err().to_string().contains("PNG or JPEG"));
-        assert!(posed(None, 2).0.unwrap_err().to_string().contains("keyframe 1: needed a time"));
+        assert!(posed(None, 2).0.unwrap_err().to_string().contains("keyframe 1: expected a time"));
     }
 }

@@ -115,19 +115,19 @@ fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
 fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> Result<T>) -> Result<T> {
     let header = source.bytes(12)?.map(<[u8]>::to_vec).unwrap_or_default();
     if !header.starts_with(&MAGIC) {
-        return Err(Error::input("byte 0: needed `glTF`: this is no GLB file, or it is cut off"));
+        return Err(Error::input("byte 0: expected `glTF`: this is no GLB file, or it is cut off"));
     }
     let version = NumberType::U32.decode::<false>(&header[4..8]);
     if version != 2.0 {
-        return Err(Error::unsupported(format!("byte 4: needed version 2 of glTF, found {version}")));
+        return Err(Error::unsupported(format!("byte 4: expected version 2 of glTF, found {version}")));
     }
     let json = chunk(source, JSON_CHUNK)?;
     let document: Value = serde_json::from_slice(&json)
         .map_err(|e| Error::input(format!("the JSON chunk is malformed (its line {}): {e}", e.line())))?;
     drop(json);
-    if let Some(needed) = document["extensionsRequired"].as_array().and_then(|names| names.first()) {
+    if let Some(extension) = document["extensionsRequired"].as_array().and_then(|names| names.first()) {
         return Err(Error::unsupported(format!(
-            "the file needs the extension {needed}: write it again without compression or quantisation"
+            "the file requires the extension {extension}: write it again without compression or quantisation"
         )));
     }
     let binary = match source.peek(1)?.is_empty() {
@@ -145,7 +145,7 @@ fn chunk<R: Read>(source: &mut Source<R>, wanted: [u8; 4]) -> Result<Vec<u8>> {
         |n: u64| Error::input(format!("byte {byte}: the file ends within {n} bytes of its {name} chunk"));
     let head = source.bytes(8)?.ok_or_else(|| cut_off(8))?;
     if head[4..8] != wanted {
-        return Err(Error::input(format!("byte {byte}: needed a {name} chunk, found another")));
+        return Err(Error::input(format!("byte {byte}: expected a {name} chunk, found another")));
     }
     let length = NumberType::U32.decode::<false>(&head[..4]) as u64;
     source.check_promise(length, format_args!("bytes in its {name} chunk"), length)?;
@@ -224,7 +224,7 @@ impl File<'_> {
         let mut stack: Vec<(usize, Transform, usize)> =
             match self.document["scenes"][scene]["nodes"].as_array() {
                 Some(nodes) => nodes.iter().filter_map(index).map(|n| (n, Transform::IDENTITY, 0)).collect(),
-                None => return Err(Error::input(format!("scene {scene}: needed nodes, found none"))),
+                None => return Err(Error::input(format!("scene {scene}: expected nodes, found none"))),
             };
         stack.reverse();
         let mut visited = 0;
@@ -235,7 +235,7 @@ impl File<'_> {
             }
             let value = &self.document["nodes"][node];
             if !value.is_object() {
-                return Err(Error::input(format!("needed the node {node}, found none")));
+                return Err(Error::input(format!("expected the node {node}, found none")));
             }
             let transform =
                 parent.after(&node_transform(value).map_err(|e| e.in_context(format_args!("node {node}")))?);
@@ -247,7 +247,7 @@ impl File<'_> {
             stack.extend(children.rev().map(|child| (child, transform, depth + 1)));
         }
         if mesh.points.is_empty() {
-            return Err(Error::input("needed triangles in the scene, found none"));
+            return Err(Error::input("expected triangles in the scene, found none"));
         }
         // A column counts where every primitive has it.
         let points = mesh.points.len();
@@ -279,7 +279,7 @@ impl File<'_> {
         with_uv: bool,
     ) -> Result<()> {
         let Some(primitives) = self.document["meshes"][number]["primitives"].as_array() else {
-            return Err(Error::input("needed a list of primitives, found none"));
+            return Err(Error::input("expected a list of primitives, found none"));
         };
         let length = transform.determinant().abs().cbrt();
         for primitive in primitives {
@@ -306,7 +306,7 @@ impl File<'_> {
                 let point = transform.apply(positions.vector(vertex));
                 if !point.iter().all(|c| c.is_finite()) {
                     return Err(Error::input(format!(
-                        "vertex {vertex}: needed finite coordinates, found {} {} {}",
+                        "vertex {vertex}: expected finite coordinates, found {} {} {}",
                         point[0], point[1], point[2]
                     )));
                 }
@@ -322,7 +322,7 @@ impl File<'_> {
             let same = |accessor: &Accessor, name: &str| match accessor.count == positions.count {
                 true => Ok(()),
                 false => Err(Error::input(format!(
-                    "{name}: needed {} entries, as many as positions, found {}",
+                    "{name}: expected {} entries, as many as positions, found {}",
                     positions.count, accessor.count
                 ))),
             };
@@ -354,7 +354,7 @@ impl File<'_> {
                         (0..found.count).find(|vertex| !found.number(*vertex, k).is_finite())
                     {
                         return Err(Error::input(format!(
-                            "TEXCOORD_0: needed finite numbers, found {} at vertex {vertex}",
+                            "TEXCOORD_0: expected finite numbers, found {} at vertex {vertex}",
                             found.number(vertex, k)
                         )));
                     }
@@ -385,7 +385,7 @@ impl File<'_> {
         };
         let corners = indices.as_ref().map_or(vertices, |i| i.count);
         if corners % 3 != 0 {
-            return Err(Error::input(format!("needed three corners a triangle, found {corners} in all")));
+            return Err(Error::input(format!("expected three corners a triangle, found {corners} in all")));
         }
         for triangle in 0..corners / 3 {
             let mut made = [0; 3];
@@ -394,7 +394,7 @@ impl File<'_> {
                 let vertex = indices.as_ref().map_or(corner, |i| i.number(corner, 0) as usize);
                 if vertex >= vertices {
                     return Err(Error::input(format!(
-                        "triangle {triangle}: needed a vertex index below {vertices}, found {vertex}"
+                        "triangle {triangle}: expected a vertex index below {vertices}, found {vertex}"
                     )));
                 }
                 *to = (first + vertex) as u32;
@@ -424,7 +424,7 @@ impl File<'_> {
         let found = accessor["type"].as_str().unwrap_or("nothing");
         if !components.contains(&component) || found != kind {
             return Err(Error::unsupported(format!(
-                "accessor {number}: needed {kind} of component type {components:?}, found {found} of \
+                "accessor {number}: expected {kind} of component type {components:?}, found {found} of \
                  {component}"
             )));
         }
@@ -449,7 +449,7 @@ impl File<'_> {
         }
         if index(&view["buffer"]) != Some(0) || !self.document["buffers"][0]["uri"].is_null() {
             return Err(Error::unsupported(format!(
-                "accessor {number}: its numbers stand in another file: needed one file that holds all"
+                "accessor {number}: its numbers stand in another file: expected one file that holds all"
             )));
         }
         let optional = |value: &Value, default: usize| match value.is_null() {
@@ -499,7 +499,7 @@ impl Accessor<'_> {
 
 fn node_transform(node: &Value) -> Result<Transform> {
     let stated = |key: &str| !node[key].is_null();
-    let wrong = |key: &str, n: usize| Error::input(format!("needed {n} finite numbers for its {key}"));
+    let wrong = |key: &str, n: usize| Error::input(format!("expected {n} finite numbers for its {key}"));
     if stated("matrix") {
         let m: [f64; 16] = numbers(&node["matrix"]).ok_or_else(|| wrong("matrix", 16))?;
         return Ok(Transform {

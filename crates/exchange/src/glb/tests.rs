@@ -115,7 +115,7 @@ fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
     for (from, to, kind, words) in [
         ("\"count\":3", "\"count\":1000000000", ErrorKind::Input, "accessor 0"),
         ("\"count\":3", "\"count\":-3", ErrorKind::Input, "accessor 0"),
-        ("\"count\":3", "\"count\":2", ErrorKind::Input, "NORMAL: needed 2"),
+        ("\"count\":3", "\"count\":2", ErrorKind::Input, "NORMAL: expected 2"),
         ("\"byteLength\":72", "\"byteLength\":9e9", ErrorKind::Input, "accessor 0"),
         (
             "\"byteLength\":72",
@@ -125,11 +125,11 @@ fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
         ),
         ("\"byteStride\":24", "\"byteStride\":18446744073709551615", ErrorKind::Input, "accessor 0"),
         ("\"byteStride\":24", "\"byteStride\":0", ErrorKind::Input, "accessor 0"),
-        ("5126", "5121", ErrorKind::Unsupported, "accessor 0: needed VEC3"),
+        ("5126", "5121", ErrorKind::Unsupported, "accessor 0: expected VEC3"),
         ("\"mesh\":0", "\"mesh\":7", ErrorKind::Input, "mesh 7"),
         ("[1,2]", "[1,0]", ErrorKind::Input, "does not end"),
-        ("[1,2]", "[1,9]", ErrorKind::Input, "needed the node 9"),
-        ("[10,0,0]", "[10,0]", ErrorKind::Input, "node 0: needed 3 finite numbers for its translation"),
+        ("[1,2]", "[1,9]", ErrorKind::Input, "expected the node 9"),
+        ("[10,0,0]", "[10,0]", ErrorKind::Input, "node 0: expected 3 finite numbers for its translation"),
         (
             "{\"asset\"",
             "{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\"",

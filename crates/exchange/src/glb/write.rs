@@ -126,7 +126,7 @@ impl Layout {
     /// `Input` for an empty mesh, coordinates beyond `float32`, or a file too long for the format.
     pub(super) fn new(mesh: &MeshColumns) -> Result<Self> {
         if mesh.points.is_empty() || mesh.triangles.is_empty() {
-            return Err(Error::input("needed points and triangles, found none"));
+            return Err(Error::input("expected points and triangles, found none"));
         }
         let extreme = |pick: fn(f64, f64) -> f64| {
             let first = mesh.points[0];
@@ -137,7 +137,7 @@ impl Layout {
         // Rounding keeps order: the bounds of what is written.
         let bounds = json!({"min": local(low, center), "max": local(high, center)});
         if local(low, center).iter().chain(&local(high, center)).any(|c| !c.is_finite()) {
-            return Err(Error::input("needed finite coordinates that float32 can hold"));
+            return Err(Error::input("expected finite coordinates that float32 can hold"));
         }
         let n = mesh.points.len();
         let mut sections = Sections::default();

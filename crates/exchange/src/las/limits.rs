@@ -55,7 +55,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
                 Ok(size)
             })
             .map_err(|e| {
-                Error::input(format!("byte {start}: needed an extended record, found the end of the file"))
+                Error::input(format!("byte {start}: expected an extended record, found the end of the file"))
                     .with_source(e)
             })?;
         if start.saturating_add(EXTENDED_HEAD).saturating_add(size) > length {
@@ -88,7 +88,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
         .map_err(|e| e.in_context(format_args!("the header promises {promised} points of {record} bytes")))?;
     if record > LONGEST_RECORD {
         return Err(Error::input(format!(
-            "needed records of points of at most {LONGEST_RECORD} bytes, found {record}"
+            "expected records of points of at most {LONGEST_RECORD} bytes, found {record}"
         )));
     }
     let mut description = None;
@@ -148,7 +148,7 @@ fn check_items(items: &[LazItem], record: u64) -> Result<()> {
     });
     if items.is_empty() || !alike || size != record {
         return Err(Error::input(format!(
-            "the compressed items of a point take {size} bytes, needed {record}: the file is damaged"
+            "the compressed items of a point take {size} bytes, expected {record}: the file is damaged"
         )));
     }
     Ok(())

@@ -114,7 +114,7 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
     }
     let found = PointColumns::find(&columns).map_err(|e| {
         let names: Vec<&str> = entries.iter().map(|(_, name)| name.as_str()).collect();
-        e.in_context(format_args!("needed an array `points`, found [{}]", names.join(", ")))
+        e.in_context(format_args!("expected an array `points`, found [{}]", names.join(", ")))
     })?;
     // Each array is read by a reader of its own, so that all of them go on side by side.
     let mut archives = wanted.iter().map(|_| open_archive(path)).collect::<Result<Vec<_>>>()?;

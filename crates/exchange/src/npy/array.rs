@@ -46,7 +46,7 @@ impl<R: Read> Array<R> {
     pub(super) fn open_points(source: Source<R>) -> Result<Self> {
         let mut made = Self::open(source, 0)?;
         let axes = made.header.shape.len();
-        let needed = "(n, 3) to (n, 16), (h, w, 3), or fields x y z";
+        let expected = "(n, 3) to (n, 16), (h, w, 3), or fields x y z";
         if made.header.structured {
             if !matches!(axes, 1 | 2) {
                 return Err(made.wrong_shape("(n,) or (h, w) of structured points"));
@@ -55,16 +55,16 @@ impl<R: Read> Array<R> {
         }
         let width = made.header.shape.last().copied().unwrap_or(0);
         if !matches!(axes, 2 | 3) || !(3..=MOST_COLUMNS).contains(&width) {
-            return Err(made.wrong_shape(needed));
+            return Err(made.wrong_shape(expected));
         }
         made.inner = 1;
         Ok(made)
     }
 
-    pub(super) fn wrong_shape(&self, needed: &str) -> Error {
+    pub(super) fn wrong_shape(&self, expected: &str) -> Error {
         let shape: Vec<String> = self.header.shape.iter().map(u64::to_string).collect();
         let kind = if self.header.structured { " structured" } else { "" };
-        Error::input(format!("needed an array {needed}, found a{kind} shape ({})", shape.join(", ")))
+        Error::input(format!("expected an array {expected}, found a{kind} shape ({})", shape.join(", ")))
     }
 
     pub(super) fn shape(&self) -> &[u64] {

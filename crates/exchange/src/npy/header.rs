@@ -40,7 +40,7 @@ pub(super) struct Header {
 
 pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
     let no_npy =
-        || Error::input("byte 0: needed `\\x93NUMPY` and a version: this is no NPY file, or it is cut off");
+        || Error::input("byte 0: expected `\\x93NUMPY` and a version: this is no NPY file, or it is cut off");
     let start = source.bytes(8)?.ok_or_else(no_npy)?;
     if !start.starts_with(b"\x93NUMPY") {
         return Err(no_npy());
@@ -50,7 +50,7 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         1 => 2,
         2 | 3 => 4,
         _ => {
-            return Err(Error::unsupported(format!("byte 6: needed version 1, 2 or 3, found {version}")));
+            return Err(Error::unsupported(format!("byte 6: expected version 1, 2 or 3, found {version}")));
         }
     };
     let cut_off =
@@ -75,13 +75,13 @@ impl Header {
     fn from_literal(literal: &Literal) -> Result<Self> {
         let entry = |key: &str| {
             let Literal::Dictionary(entries) = literal else {
-                return Err(Error::input("needed a dictionary"));
+                return Err(Error::input("expected a dictionary"));
             };
             let found = entries.iter().find(|(name, _)| name == key);
-            found.map(|(_, value)| value).ok_or_else(|| Error::input(format!("needed the key '{key}'")))
+            found.map(|(_, value)| value).ok_or_else(|| Error::input(format!("expected the key '{key}'")))
         };
         let Literal::Flag(columns_first) = entry("fortran_order")? else {
-            return Err(Error::input("needed True or False for 'fortran_order'"));
+            return Err(Error::input("expected True or False for 'fortran_order'"));
         };
         let shape = shape(entry("shape")?)?;
         let mut made =
@@ -94,17 +94,17 @@ impl Header {
                     made.add_field(field)?;
                 }
             }
-            _ => return Err(Error::input("needed a type or a list of fields for 'descr'")),
+            _ => return Err(Error::input("expected a type or a list of fields for 'descr'")),
         }
         if made.size == 0 {
-            return Err(Error::input("needed elements of at least one byte"));
+            return Err(Error::input("expected elements of at least one byte"));
         }
         Ok(made)
     }
 
     /// A field of a structured array: its name, its type, and maybe a shape.
     fn add_field(&mut self, field: &Literal) -> Result<()> {
-        let wrong = || Error::input("needed fields ('name', 'type') or ('name', 'type', shape)");
+        let wrong = || Error::input("expected fields ('name', 'type') or ('name', 'type', shape)");
         let Literal::List(parts) = field else {
             return Err(wrong());
         };
@@ -148,7 +148,7 @@ impl Header {
     /// Numbers of a type, behind those that were added before; of other types only the bytes count.
     fn add(&mut self, names: Vec<String>, kind: &str) -> Result<()> {
         let unknown = || {
-            Error::unsupported(format!("needed integers or floating-point numbers, found the type '{kind}'"))
+            Error::unsupported(format!("expected integers or floating-point numbers, found the type '{kind}'"))
         };
         let (order, rest) = match kind.as_bytes() {
             [order @ (b'<' | b'>' | b'|' | b'='), rest @ ..] => (*order, rest),
@@ -197,7 +197,7 @@ impl Header {
 }
 
 fn shape(literal: &Literal) -> Result<Vec<u64>> {
-    let wrong = || Error::input("needed a tuple of whole numbers for the shape");
+    let wrong = || Error::input("expected a tuple of whole numbers for the shape");
     match literal {
         Literal::Number(side) => Ok(vec![*side]),
         Literal::List(sides) => sides
@@ -235,8 +235,8 @@ impl Parser<'_> {
         self.text.get(self.at).copied()
     }
 
-    fn wrong(&self, needed: &str) -> Error {
-        Error::input(format!("byte {} of it: needed {needed}", self.at))
+    fn wrong(&self, expected: &str) -> Error {
+        Error::input(format!("byte {} of it: expected {expected}", self.at))
     }
 
     fn literal(&mut self, depth: usize) -> Result<Literal> {

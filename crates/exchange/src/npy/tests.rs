@@ -134,7 +134,7 @@ fn mistakes_are_named_and_promises_are_not_believed() {
         (file("'<f8'", false, "(18446744073709551615, 3)", &numbers), "promises"),
         (file("'<f8'", false, "(99999999999999999999, 3)", &numbers), "a smaller number"),
         (file("'<f8'", false, "(3, 2)", &numbers), "found a shape (3, 2)"),
-        (file("'<f8'", false, "(6,)", &numbers), "needed an array (n, 3)"),
+        (file("'<f8'", false, "(6,)", &numbers), "expected an array (n, 3)"),
         (file("'<f8'", false, "()", &numbers), "found a shape ()"),
         (file("'<f8'", false, "(1, 1, 2, 3)", &numbers), "found a shape (1, 1, 2, 3)"),
         (file("'<f8'", false, "(-2, 3)", &numbers), "header"),
@@ -148,8 +148,8 @@ fn mistakes_are_named_and_promises_are_not_believed() {
         (file("[('x', '<f8', (99999999999,))]", false, "(2,)", &numbers), "more than 65536 numbers"),
         (file("[]", false, "(2,)", &numbers), "at least one byte"),
         (file("7", false, "(2,)", &numbers), "'descr'"),
-        (b"\x93NUMPY\x01\x00\x04\x00{}\n ".to_vec(), "needed a key"),
-        (b"\x93NUMPY\x09\x00\x04\x00{}\n ".to_vec(), "needed version 1, 2 or 3"),
+        (b"\x93NUMPY\x01\x00\x04\x00{}\n ".to_vec(), "expected a key"),
+        (b"\x93NUMPY\x09\x00\x04\x00{}\n ".to_vec(), "expected version 1, 2 or 3"),
         (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}".to_vec(), "a header of 4294967295 bytes"),
         (b"PK\x03\x04 an archive".to_vec(), "no NPY file"),
         ([&b"\x93NUMPY\x01\x00\xe8\x03"[..], &[b'['; 1000]].concat(), "fewer lists in lists"),
@@ -180,7 +180,7 @@ fn images_have_two_axes() {
     let (columns, rows, numbers) = super::read_image(&path).unwrap();
     assert_eq!((columns, rows, numbers[21]), (20, 2, 21.0));
     let e = read_npy(&path).unwrap_err().to_string();
-    assert!(e.contains("a.npy: needed an array") && e.contains("(2, 20)"), "{e}");
+    assert!(e.contains("a.npy: expected an array") && e.contains("(2, 20)"), "{e}");
 }
 
 /// An archive of arrays, stored or packed.
@@ -238,12 +238,12 @@ fn archives_that_hold_no_points_say_so() {
         e.to_string()
     };
     let three = file("'<f8'", false, "(3,)", &doubles(&[1.0; 3]));
-    assert!(stored(&[("a", points()), ("b", points())]).contains("needed an array `points`, found [a, b]"));
-    assert!(stored(&[]).contains("needed an array `points`"));
+    assert!(stored(&[("a", points()), ("b", points())]).contains("expected an array `points`, found [a, b]"));
+    assert!(stored(&[]).contains("expected an array `points`"));
     assert!(stored(&[("points", points()), ("sigma", three.clone())]).contains("`points` and `sigma`"));
     assert!(
         stored(&[("points", three.clone()), ("sigma", three.clone())])
-            .contains("array `points`: needed an array (n, 3)")
+            .contains("array `points`: expected an array (n, 3)")
     );
     assert!(stored(&[("points", points()), ("x", three.clone())]).contains("`x` is there twice"));
     assert!(

@@ -38,10 +38,10 @@ impl AppearanceReader {
                 let mut uv = [0.0; 2];
                 for (found, x) in uv.iter_mut().enumerate() {
                     let word = next_word(&mut rest).ok_or_else(|| {
-                        Error::input(format!("line {line}: needed 2 numbers, found {found}"))
+                        Error::input(format!("line {line}: expected 2 numbers, found {found}"))
                     })?;
                     *x = parse_number(word).filter(|x| x.is_finite()).ok_or_else(|| {
-                        Error::input(format!("line {line}: needed a finite number, found {}", shown(word)))
+                        Error::input(format!("line {line}: expected a finite number, found {}", shown(word)))
                     })?;
                 }
                 self.uv.push(uv);

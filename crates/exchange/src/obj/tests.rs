@@ -85,27 +85,27 @@ fn a_vertex_that_is_not_finite_is_no_point_of_a_scan_and_no_corner_of_a_mesh() {
     assert_eq!(found.normals.unwrap()[1], [0.0, 0.0, 3.0]);
     assert_eq!(mesh(text).unwrap().column("nz").unwrap(), [1.0, 3.0]);
     let faced = format!("{text}f 1 1 3\n");
-    assert!(message(&faced).contains("line 2: needed finite coordinates"));
+    assert!(message(&faced).contains("line 2: expected finite coordinates"));
 }
 
 #[test]
 fn mistakes_are_named_by_line() {
     let after = |line: &str| message(&format!("{SQUARE}{line}\n"));
-    assert!(after("f 1 2 5").contains("line 5: needed the number of a vertex from 1 to 4, found 5"));
+    assert!(after("f 1 2 5").contains("line 5: expected the number of a vertex from 1 to 4, found 5"));
     assert!(after("f 1 2 4000000000").contains("line 5"));
     assert!(after("f 1 2 99999999999").contains("line 5"));
     assert!(after("f 1 2 0").contains("line 5") && after("f 1 2 0").contains("found 0"));
     assert!(after("f 1 2 -5").contains("from -4 to -1, found -5"));
-    assert!(after("f 1//1 2//1 3//1").contains("needed the number of a normal from 1 to 0, found 1"));
-    assert!(after("f 1 2").contains("line 5: needed three corners or more, found 2"));
+    assert!(after("f 1//1 2//1 3//1").contains("expected the number of a normal from 1 to 0, found 1"));
+    assert!(after("f 1 2").contains("line 5: expected three corners or more, found 2"));
     assert!(after("f").contains("found 0"));
     assert!(after("f 1 2 x").contains("found `x`"));
-    assert!(after("f 1/2/3/4 2 3").contains("needed a corner"));
-    assert!(after("v 1 2").contains("line 5: needed 3 numbers, found 2"));
-    assert!(after("v 1 2 z").contains("line 5: needed a number, found `z`"));
+    assert!(after("f 1/2/3/4 2 3").contains("expected a corner"));
+    assert!(after("v 1 2").contains("line 5: expected 3 numbers, found 2"));
+    assert!(after("v 1 2 z").contains("line 5: expected a number, found `z`"));
     assert!(after("v 1,5 2,5 3,5").contains("found `1,5`"));
     assert!(after("vn 1 2").contains("line 5"));
-    assert!(message("# nothing\n").contains("needed vertices"));
+    assert!(message("# nothing\n").contains("expected vertices"));
 }
 
 #[test]

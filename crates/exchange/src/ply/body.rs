@@ -118,7 +118,7 @@ pub(crate) fn refuse_more<R: Read>(source: &mut Source<R>) -> Result<()> {
     };
     let more = source.remaining().map_or("more".to_owned(), |n| format!("{n} more bytes"));
     Err(Error::input(format!(
-        "byte {byte}: needed the end of the file, found {more}: the header promises less than the file \
+        "byte {byte}: expected the end of the file, found {more}: the header promises less than the file \
          holds; correct its counts, or cut \
          the file there"
     )))
@@ -151,8 +151,8 @@ fn read_text_rows<R: Read>(
             }
         };
         let too_short = |property: &str| Error::input(format!("{place}: the line ends before `{property}`"));
-        let wrong = |property: &str, needed: &str, word: &[u8]| {
-            Error::input(format!("{place}: needed {needed} for `{property}`, found {}", shown(word)))
+        let wrong = |property: &str, expected: &str, word: &[u8]| {
+            Error::input(format!("{place}: expected {expected} for `{property}`, found {}", shown(word)))
         };
         for (k, property) in element.properties.iter().enumerate() {
             let name = property.name.as_str();
@@ -175,7 +175,7 @@ fn read_text_rows<R: Read>(
         }
         if let Some(word) = next_word(&mut line) {
             return Err(Error::input(format!(
-                "{place}: needed the end of the line, found {} more",
+                "{place}: expected the end of the line, found {} more",
                 shown(word)
             )));
         }
@@ -214,7 +214,7 @@ fn read_binary_rows<R: Read, const BIG: bool>(
                 }
                 let Some(items) = count_of(values[k]) else {
                     return Err(Error::input(format!(
-                        "{place}: needed a length for `{}`, found {}",
+                        "{place}: expected a length for `{}`, found {}",
                         property.name, values[k]
                     )));
                 };

@@ -67,10 +67,10 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         None => return Err(Error::input("the file is empty")),
         Some(b"ply") => {}
         Some(line) if line.starts_with(b"ply\r") => {
-            return Err(Error::input("line 1: lines end in a lone carriage return, needed LF or CRLF"));
+            return Err(Error::input("line 1: lines end in a lone carriage return, expected LF or CRLF"));
         }
         Some(line) => {
-            return Err(Error::input(format!("line 1: needed `ply`, found {}", shown(line))));
+            return Err(Error::input(format!("line 1: expected `ply`, found {}", shown(line))));
         }
     }
     let mut encoding = None;
@@ -93,7 +93,7 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         let text = String::from_utf8_lossy(line);
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
         let wrong =
-            |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
+            |expected: &str| Error::input(format!("line {number}: expected {expected}, found {}", shown(line)));
         match words[..] {
             ["end_header"] => break,
             ["comment", "unit", name] => header.unit = name.parse().ok(),

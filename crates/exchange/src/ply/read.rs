@@ -99,7 +99,7 @@ pub fn read_contents(path: &Path) -> Result<PlyContents> {
 fn vertices(header: &Header) -> Result<(&Element, Vec<&str>)> {
     let element = header.element("vertex").ok_or_else(|| {
         let names: Vec<_> = header.elements.iter().map(|e| e.name.as_str()).collect();
-        Error::input(format!("needed an element `vertex`, found [{}]", names.join(", ")))
+        Error::input(format!("expected an element `vertex`, found [{}]", names.join(", ")))
     })?;
     let names = element.properties.iter().map(|p| match p.length {
         None => p.name.as_str(),
@@ -113,7 +113,7 @@ fn index_below(value: f64, count: u64, place: Place) -> Result<u32> {
     if value >= 0.0 && value < count as f64 && value.fract() == 0.0 && value <= f64::from(u32::MAX) {
         return Ok(value as u32);
     }
-    Err(Error::input(format!("{place}: needed a vertex index below {count}, found {value}")))
+    Err(Error::input(format!("{place}: expected a vertex index below {count}, found {value}")))
 }
 
 /// The list `vertex_indices` of an element.
@@ -174,7 +174,7 @@ fn range_grid<R: Read>(
     };
     if columns.checked_mul(rows) != Some(element.count) {
         return Err(Error::input(format!(
-            "needed {columns} x {rows} cells in `range_grid`, found {}",
+            "expected {columns} x {rows} cells in `range_grid`, found {}",
             element.count
         )));
     }
@@ -186,7 +186,7 @@ fn range_grid<R: Read>(
             [index] => index_below(index, vertices, row.place)?,
             _ => {
                 return Err(Error::input(format!(
-                    "{}: needed none or one vertex in a cell, found {}",
+                    "{}: expected none or one vertex in a cell, found {}",
                     row.place,
                     row.list.len()
                 )));
@@ -208,7 +208,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
     let position = ["x", "y", "z"].map(|axis| names.iter().position(|n| *n == axis));
     let [Some(x), Some(y), Some(z)] = position else {
         return Err(Error::input(format!(
-            "element `vertex`: needed the properties x y z, found {}",
+            "element `vertex`: expected the properties x y z, found {}",
             names.join(" ")
         )));
     };
@@ -227,7 +227,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                     let point = [row.values[x], row.values[y], row.values[z]];
                     if !point.iter().all(|c| c.is_finite()) {
                         return Err(Error::input(format!(
-                            "{}: needed finite coordinates, found {} {} {}",
+                            "{}: expected finite coordinates, found {} {} {}",
                             row.place, point[0], point[1], point[2]
                         )));
                     }
@@ -244,7 +244,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                 read_rows(source, element, header.encoding, Some(list), |row| {
                     if row.list.len() < 3 {
                         return Err(Error::input(format!(
-                            "{}: needed three corners or more, found {}",
+                            "{}: expected three corners or more, found {}",
                             row.place,
                             row.list.len()
                         )));

@@ -186,7 +186,7 @@ fn a_header_that_promises_less_than_the_file_holds_loses_no_points() {
             None => assert_eq!(scan(&file).unwrap().points.len(), 1),
             Some(left) => {
                 let place = at + end.len() - left;
-                let words = format!("byte {place}: needed the end of the file, found {left} more bytes");
+                let words = format!("byte {place}: expected the end of the file, found {left} more bytes");
                 assert!(scan_message(&file).contains(&words), "{}", scan_message(&file));
                 assert!(mesh_message(&file).contains(&words));
             }
@@ -265,25 +265,25 @@ fn headers_with_bytes_that_are_no_text_and_blank_lines_are_read() {
 fn wrong_headers_are_named_by_line() {
     let vertex = format!("element vertex 1\n{XYZ}");
     for (header, words) in [
-        ("element vertex -1", "line 3: needed a count that is not negative"),
-        ("element vertex many", "line 3: needed a count"),
-        ("property float x", "line 3: needed an `element` line"),
-        ("element vertex 1\nproperty quaternion q", "line 4: needed a type among"),
-        ("element vertex 1\nproperty list float int i", "line 4: needed a list length of an integer type"),
-        ("element vertex 1\nproperty x", "line 4: needed `property TYPE NAME`"),
-        ("element vertex 1\nelement vertex 2", "line 4: needed a name that no other element"),
-        ("element vertex 1\nproperty int x\nproperty int x", "line 5: needed a name that no other property"),
+        ("element vertex -1", "line 3: expected a count that is not negative"),
+        ("element vertex many", "line 3: expected a count"),
+        ("property float x", "line 3: expected an `element` line"),
+        ("element vertex 1\nproperty quaternion q", "line 4: expected a type among"),
+        ("element vertex 1\nproperty list float int i", "line 4: expected a list length of an integer type"),
+        ("element vertex 1\nproperty x", "line 4: expected `property TYPE NAME`"),
+        ("element vertex 1\nelement vertex 2", "line 4: expected a name that no other element"),
+        ("element vertex 1\nproperty int x\nproperty int x", "line 5: expected a name that no other property"),
         ("element vertex 1\nproperty int x", "found no y z"),
-        ("element face 1", "needed an element `vertex`, found [face]"),
-        ("format ascii 1.0", "line 3: needed one `format`"),
-        ("rubbish", "line 3: needed `format`, `comment`"),
+        ("element face 1", "expected an element `vertex`, found [face]"),
+        ("format ascii 1.0", "line 3: expected one `format`"),
+        ("rubbish", "line 3: expected `format`, `comment`"),
     ] {
         let message = scan_message(&ascii(header, "1 2 3\n"));
         assert!(message.contains(words), "{message}");
     }
-    assert!(scan_message(&file("utf8", &vertex, b"")).contains("line 2: needed `ascii`"));
+    assert!(scan_message(&file("utf8", &vertex, b"")).contains("line 2: expected `ascii`"));
     assert!(scan_message(b"ply\nend_header\n").contains("no `format`"));
-    assert!(scan_message(b"solid part\n").contains("line 1: needed `ply`, found `solid part`"));
+    assert!(scan_message(b"solid part\n").contains("line 1: expected `ply`, found `solid part`"));
     assert!(scan_message(b"ply\rformat ascii 1.0\r").contains("lone carriage return"));
     assert!(
         scan_message(&ascii(&format!("{vertex}\nproperty float sigma\nproperty float cxx"), ""))
@@ -297,10 +297,10 @@ fn wrong_bodies_are_named_by_line_and_record() {
     let start = "1 2 3 0.5\n";
     for (row, words) in [
         ("1 2 3\n", "line 10 (vertex 1): the line ends before `sigma`"),
-        ("1 2 three 1\n", "line 10 (vertex 1): needed a number for `z`, found `three`"),
-        ("1 2 3 4 5\n", "line 10 (vertex 1): needed the end of the line, found `5`"),
-        ("1 2 3 -0.5\n", "line 10 (vertex 1): needed sigma > 0, found -0.5 (point 1)"),
-        ("1 2 3 nan\n", "needed sigma > 0, found NaN"),
+        ("1 2 three 1\n", "line 10 (vertex 1): expected a number for `z`, found `three`"),
+        ("1 2 3 4 5\n", "line 10 (vertex 1): expected the end of the line, found `5`"),
+        ("1 2 3 -0.5\n", "line 10 (vertex 1): expected sigma > 0, found -0.5 (point 1)"),
+        ("1 2 3 nan\n", "expected sigma > 0, found NaN"),
     ] {
         let message = scan_message(&ascii(&vertex, &format!("{start}{row}")));
         assert!(message.contains(words), "{message}");
@@ -308,10 +308,10 @@ fn wrong_bodies_are_named_by_line_and_record() {
     let faces = format!("element vertex 3\n{XYZ}\nelement face 1\nproperty list char int vertex_indices");
     let points = "0 0 0\n1 0 0\n0 1 0\n";
     for (row, words) in [
-        ("2 0 1", "line 13 (face 0): needed three corners or more, found 2"),
+        ("2 0 1", "line 13 (face 0): expected three corners or more, found 2"),
         ("0", "found 0"),
-        ("-3 0 1 2", "needed a length for `vertex_indices`, found `-3`"),
-        ("3 0 1 3", "needed a vertex index below 3, found 3"),
+        ("-3 0 1 2", "expected a length for `vertex_indices`, found `-3`"),
+        ("3 0 1 3", "expected a vertex index below 3, found 3"),
         ("3 0 1 -1", "found -1"),
         ("3 0 1 0.5", "found 0.5"),
         ("3 0 1", "the line ends before `vertex_indices`"),
@@ -321,7 +321,7 @@ fn wrong_bodies_are_named_by_line_and_record() {
     }
     assert!(
         mesh_message(&ascii(&faces, "0 0 0\nnan 0 0\n0 1 0\n3 0 1 2\n"))
-            .contains("line 11 (vertex 1): needed finite")
+            .contains("line 11 (vertex 1): expected finite")
     );
     let negative = file(
         "binary_little_endian",
@@ -329,7 +329,7 @@ fn wrong_bodies_are_named_by_line_and_record() {
         &[&[0; 12][..], &[0xfd], &[0; 12]].concat(),
     );
     let message = mesh_message(&negative);
-    assert!(message.contains("(face 0): needed a length for `vertex_indices`, found -3"), "{message}");
+    assert!(message.contains("(face 0): expected a length for `vertex_indices`, found -3"), "{message}");
 }
 
 #[test]
@@ -343,10 +343,10 @@ fn wrong_range_grids_are_refused() {
     };
     let info = "obj_info num_cols 2\nobj_info num_rows 1";
     assert!(grid("obj_info num_cols 2", 2, "0\n0\n").contains("needs `obj_info num_cols`"));
-    assert!(grid(info, 3, "0\n0\n0\n").contains("needed 2 x 1 cells in `range_grid`, found 3"));
-    assert!(grid(info, 2, "0\n1 1\n").contains("needed a vertex index below 1, found 1"));
-    assert!(grid(info, 2, "0\n2 0 0\n").contains("needed none or one vertex in a cell, found 2"));
-    assert!(grid("obj_info num_cols two", 2, "").contains("line 3: needed a number of columns"));
+    assert!(grid(info, 3, "0\n0\n0\n").contains("expected 2 x 1 cells in `range_grid`, found 3"));
+    assert!(grid(info, 2, "0\n1 1\n").contains("expected a vertex index below 1, found 1"));
+    assert!(grid(info, 2, "0\n2 0 0\n").contains("expected none or one vertex in a cell, found 2"));
+    assert!(grid("obj_info num_cols two", 2, "").contains("line 3: expected a number of columns"));
 }
 
 #[test]
@@ -396,11 +396,11 @@ fn meshes_that_do_not_fit_together_are_not_written() {
     for (mesh, words) in [
         (
             MeshColumns { triangles: &[[0, 1, 2], [0, 1, 3]], ..good.clone() },
-            "triangle 1: needed indices below 3",
+            "triangle 1: expected indices below 3",
         ),
         (
             MeshColumns { normals: Some(&[]), ..good.clone() },
-            "needed 3 entries in the column `normals`, found 0",
+            "expected 3 entries in the column `normals`, found 0",
         ),
         (MeshColumns { columns: vec![("x", Column::U8(&[0; 3]))], ..good.clone() }, "no other column"),
         (MeshColumns { columns: vec![("a b", Column::U8(&[0; 3]))], ..good.clone() }, "one word"),

@@ -54,14 +54,14 @@ fn check(scan: &Scan) -> Result<()> {
             && length != count
         {
             return Err(Error::input(format!(
-                "needed {count} entries in the column `{name}`, found {length}"
+                "expected {count} entries in the column `{name}`, found {length}"
             )));
         }
     }
     if let Some(grid) = &scan.grid {
         if grid.columns.checked_mul(grid.rows) != Some(grid.cells.len()) {
             return Err(Error::input(format!(
-                "needed {} x {} cells in the grid, found {}",
+                "expected {} x {} cells in the grid, found {}",
                 grid.columns,
                 grid.rows,
                 grid.cells.len()
@@ -71,7 +71,7 @@ fn check(scan: &Scan) -> Result<()> {
         let wrong = |&&cell: &&u32| cell != RangeGrid::EMPTY && cell as usize >= limit;
         if let Some(cell) = grid.cells.iter().find(wrong) {
             return Err(Error::input(format!(
-                "needed points below {limit} in the grid's cells, found {cell}"
+                "expected points below {limit} in the grid's cells, found {cell}"
             )));
         }
     }

@@ -96,7 +96,7 @@ fn a_corner_that_is_not_finite_is_no_point_of_a_scan_and_no_part_of_a_mesh() {
     bytes[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     let (scan, _) = scan_from(&mut source(&bytes), "a.stl").unwrap();
     assert_eq!((scan.points.len(), scan.dropped_not_finite), (4, 1));
-    assert!(message(&bytes).contains("(triangle 1): needed finite coordinates"));
+    assert!(message(&bytes).contains("(triangle 1): expected finite coordinates"));
 }
 
 #[test]
@@ -105,13 +105,13 @@ fn mistakes_are_named_by_line_or_byte() {
     assert!(message(text.replacen("vertex 0", "vortex 0", 1).as_bytes()).contains("line 4"));
     assert!(
         message(text.replacen("vertex 0 0 0", "vertex 0 0", 1).as_bytes())
-            .contains("line 4: needed 3 numbers")
+            .contains("line 4: expected 3 numbers")
     );
     assert!(message(text.replacen("vertex 0 0 0", "vertex 0 0,5 0", 1).as_bytes()).contains("found `0,5`"));
     assert!(
-        message(text.replacen("vertex 0 0 0\n", "\n", 1).as_bytes()).contains("line 7: needed three corners")
+        message(text.replacen("vertex 0 0 0\n", "\n", 1).as_bytes()).contains("line 7: expected three corners")
     );
-    assert!(message(b"solid a\nendsolid a\n").contains("needed triangles, found none"));
+    assert!(message(b"solid a\nendsolid a\n").contains("expected triangles, found none"));
     assert!(message(b"solid a\n").contains("cut off"));
     assert!(message(b"ply\n").contains("no STL file"));
     let mut bomb = binary();

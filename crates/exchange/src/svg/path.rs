@@ -52,7 +52,7 @@ impl<'a> Words<'a> {
         }
         if end == 0 {
             let found: String = self.left.chars().take(20).collect();
-            return Err(Error::input(format!("needed a number in the path, found `{found}`")));
+            return Err(Error::input(format!("expected a number in the path, found `{found}`")));
         }
         let (text, left): (&'a str, &'a str) = self.left.split_at(end);
         self.left = left;
@@ -63,7 +63,7 @@ impl<'a> Words<'a> {
     fn flag(&mut self) -> Result<bool> {
         self.skip();
         let flag = self.left.chars().next().filter(|c| matches!(c, '0' | '1'));
-        let flag = flag.ok_or_else(|| Error::input("needed 0 or 1 as a flag of an arc in the path"))?;
+        let flag = flag.ok_or_else(|| Error::input("expected 0 or 1 as a flag of an arc in the path"))?;
         self.left = &self.left[1..];
         Ok(flag == '1')
     }
@@ -79,7 +79,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
     let mut letter = match words.letter() {
         Some(letter @ ('M' | 'm')) => letter,
         None if words.left.is_empty() => return Ok(curves),
-        _ => return Err(Error::input("needed a path that begins with M")),
+        _ => return Err(Error::input("expected a path that begins with M")),
     };
     loop {
         let is_relative = letter.is_ascii_lowercase();
@@ -129,7 +129,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
                 end
             }
             other => {
-                return Err(Error::input(format!("needed a letter of paths (MLHVCSQTAZ), found `{other}`")));
+                return Err(Error::input(format!("expected a letter of paths (MLHVCSQTAZ), found `{other}`")));
             }
         };
         at = end;
@@ -139,7 +139,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
             None if words.left.is_empty() => return Ok(curves),
             None if letter.eq_ignore_ascii_case(&'Z') || !words.is_at_number() => {
                 let found: String = words.left.chars().take(20).collect();
-                return Err(Error::input(format!("needed a letter in the path, found `{found}`")));
+                return Err(Error::input(format!("expected a letter in the path, found `{found}`")));
             }
             None => {}
         }

@@ -134,19 +134,19 @@ fn a_rounded_rectangle_has_four_lines_and_four_arcs() {
 #[test]
 fn what_is_wrong_is_named_with_its_line() {
     for (body, wanted) in [
-        ("<path id='p' d='M0 0 L1'/>", "path p (line 2): needed a number in the path"),
-        ("<path d='L0 0'/>", "needed a path that begins with M"),
-        ("<circle r='-1'/>", "circle (line 2): needed radii > 0"),
-        ("<line x1='1e300'/>", "line (line 2): x1: needed a number"),
-        ("<g transform='turn(3)'/>", "needed a list of transforms"),
-        ("<line x1='50%'/>", "x1: needed a number"),
+        ("<path id='p' d='M0 0 L1'/>", "path p (line 2): expected a number in the path"),
+        ("<path d='L0 0'/>", "expected a path that begins with M"),
+        ("<circle r='-1'/>", "circle (line 2): expected radii > 0"),
+        ("<line x1='1e300'/>", "line (line 2): x1: expected a number"),
+        ("<g transform='turn(3)'/>", "expected a list of transforms"),
+        ("<line x1='50%'/>", "x1: expected a number"),
     ] {
         let text = format!("<svg>\n{body}</svg>");
         let e = read(&text).unwrap_err().to_string();
         assert!(e.contains(wanted), "{e}");
     }
     assert!(
-        read("<html/>").unwrap_err().to_string().contains("needed an SVG file, found the element `html`")
+        read("<html/>").unwrap_err().to_string().contains("expected an SVG file, found the element `html`")
     );
     let deep = format!("<svg>{}{}</svg>", "<g>".repeat(500), "</g>".repeat(500));
     assert!(read(&deep).unwrap_err().to_string().contains("deep"));

@@ -148,7 +148,7 @@ impl<'b, 'a> Builder<'b, 'a> {
             return self.face(entity.reference(3)?, forward == same, depth + 1);
         }
         if !matches!(entity.record.keyword, "ADVANCED_FACE" | "FACE_SURFACE") {
-            return Err(entity.wrong("needed ADVANCED_FACE or FACE_SURFACE"));
+            return Err(entity.wrong("expected ADVANCED_FACE or FACE_SURFACE"));
         }
         let surface_id = entity.reference(2)?;
         let surface = match self.surface_of.get(&surface_id) {
@@ -164,7 +164,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         for bound in entity.references(1)? {
             let bound = self.index().entity(bound)?;
             if !matches!(bound.record.keyword, "FACE_BOUND" | "FACE_OUTER_BOUND") {
-                return Err(bound.wrong("needed FACE_BOUND or FACE_OUTER_BOUND"));
+                return Err(bound.wrong("expected FACE_BOUND or FACE_OUTER_BOUND"));
             }
             let is_as_written = bound.truth(2)?;
             let mut ring = self.ring(bound.reference(1)?)?;
@@ -202,7 +202,7 @@ impl<'b, 'a> Builder<'b, 'a> {
                 let n = vertices.len();
                 Ok((0..n).map(|k| self.side([vertices[k], vertices[(k + 1) % n]])).collect())
             }
-            _ => Err(entity.wrong("needed EDGE_LOOP, POLY_LOOP or VERTEX_LOOP")),
+            _ => Err(entity.wrong("expected EDGE_LOOP, POLY_LOOP or VERTEX_LOOP")),
         }
     }
 
