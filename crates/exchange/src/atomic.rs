@@ -336,7 +336,8 @@ mod tests {
         fs::write(folder.path().join("c"), "").unwrap();
         let e = make_folder(&folder.path().join("c")).unwrap_err();
         assert!(
-            e.kind() == ErrorKind::Io && e.to_string().contains("c: is a file, expected the name of a folder"),
+            e.kind() == ErrorKind::Io
+                && e.to_string().contains("c: is a file, expected the name of a folder"),
             "{e}"
         );
     }

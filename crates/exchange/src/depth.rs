@@ -28,7 +28,7 @@ use crate::points::{PointCollector, PointColumns, grid_without};
 use crate::source::{extension, open_file};
 
 /// A byte of a compressed image stands for so many at most (DEFLATE).
-const MOST_EXPANSION: u64 = 1032;
+const MAX_DEFLATE_RATIO: u64 = 1032;
 
 /// Readings, row by row.
 struct Image {
@@ -146,7 +146,7 @@ fn read_image(path: &Path) -> Result<Image> {
 pub(crate) fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Result<()> {
     let pixels = u64::from(columns) * u64::from(rows);
     match length {
-        Some(length) if pixels > length.saturating_mul(MOST_EXPANSION) => Err(Error::input(format!(
+        Some(length) if pixels > length.saturating_mul(MAX_DEFLATE_RATIO) => Err(Error::input(format!(
             "the header promises {columns} × {rows} pixels, which {length} bytes cannot hold: the file is \
              damaged"
         ))),
@@ -193,7 +193,7 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
 pub(crate) fn tiff_limits(length: Option<u64>) -> Limits {
     let mut limits = Limits::default();
     if let Some(length) = length {
-        let unpacked = usize::try_from(length.saturating_mul(MOST_EXPANSION)).unwrap_or(usize::MAX);
+        let unpacked = usize::try_from(length.saturating_mul(MAX_DEFLATE_RATIO)).unwrap_or(usize::MAX);
         // A pixel takes eight bytes at most.
         limits.decoding_buffer_size = limits.decoding_buffer_size.min(unpacked.saturating_mul(8));
         limits.intermediate_buffer_size = limits.intermediate_buffer_size.min(unpacked.saturating_mul(8));

@@ -31,7 +31,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// More entities than this are not a drawing of a part.
-const MOST_ENTITIES: usize = 200_000;
+const MAX_ENTITIES: usize = 200_000;
 
 /// What a DXF file holds.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -41,7 +41,7 @@ pub struct DxfDrawing {
     /// The unit that it names.
     pub unit: Option<Unit>,
     /// How many entities of which kind were passed over.
-    pub passed_over: BTreeMap<String, usize>,
+    pub ignored: BTreeMap<String, usize>,
     /// What was left out for another reason, in words that name the entity.
     pub warnings: Vec<String>,
 }
@@ -92,7 +92,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
             "ENDBLK" if section == "BLOCKS" => sheet.blocks.extend(block.take()),
             _ if section == "ENTITIES" || section == "BLOCKS" => {
                 entities += 1;
-                if entities > MOST_ENTITIES {
+                if entities > MAX_ENTITIES {
                     return Err(too_many());
                 }
                 match &mut block {
@@ -107,9 +107,9 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     let empty = DxfDrawing { unit, ..DxfDrawing::default() };
     let mut drawer = Drawer::new(&sheet, empty);
     drawer.draw(&items, &Place::default())?;
-    let (mut drawing, dimensions, passed_over) = drawer.finish();
-    for (kind, (count, first)) in &passed_over {
-        drawing.passed_over.insert(kind.clone(), *count);
+    let (mut drawing, dimensions, ignored) = drawer.finish();
+    for (kind, (count, first)) in &ignored {
+        drawing.ignored.insert(kind.clone(), *count);
         drawing.warnings.push(format!("passed over {count} of {kind}, the first {first}: it draws no edges"));
     }
     drawing.warnings.extend(dimension::contradictions(&dimensions, &drawing.curves)?);
@@ -122,7 +122,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
 }
 
 fn too_many() -> Error {
-    Error::input(format!("expected at most {MOST_ENTITIES} entities, found more"))
+    Error::input(format!("expected at most {MAX_ENTITIES} entities, found more"))
 }
 
 /// `$INSUNITS`: 1 inches, 2 feet, 4 millimetres, 6 metres.

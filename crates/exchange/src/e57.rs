@@ -21,7 +21,7 @@ use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
 /// A grid of more cells a point than this is mostly holes.
-const MOST_CELLS_A_POINT: u64 = 64;
+const MAX_CELLS_PER_POINT: u64 = 64;
 
 /// Reads all point clouds that have points; one without any where none has.
 ///
@@ -82,7 +82,10 @@ fn scan_from(
 ) -> Result<Scan> {
     let (cartesian, spherical) = (cloud.has_cartesian(), cloud.has_spherical());
     if !cartesian && !spherical {
-        return Err(Error::new(ErrorKind::Input, "expected Cartesian or spherical coordinates, found neither"));
+        return Err(Error::new(
+            ErrorKind::Input,
+            "expected Cartesian or spherical coordinates, found neither",
+        ));
     }
     let record: u64 = cloud.prototype.iter().map(bits).sum();
     // Points that take no bits at all could be of any number.
@@ -203,7 +206,7 @@ fn grid(cells: &[[i64; 2]]) -> Option<RangeGrid> {
     let side = |k: usize| u64::try_from(i128::from(high[k]) - i128::from(low[k]) + 1).ok();
     let (columns, rows) = (side(0)?, side(1)?);
     let count = columns.checked_mul(rows)?;
-    if columns < 2 || rows < 2 || count > MOST_CELLS_A_POINT * cells.len() as u64 {
+    if columns < 2 || rows < 2 || count > MAX_CELLS_PER_POINT * cells.len() as u64 {
         return None;
     }
     let mut made = RangeGrid {

@@ -37,12 +37,12 @@ pub(crate) fn guarded<T>(decode: impl FnOnce() -> T) -> Result<T> {
     let decoded = panic::catch_unwind(AssertUnwindSafe(decode));
     DECODING.set(false);
     decoded.map_err(|panic| {
-        let said = panic
+        let error = panic
             .downcast_ref::<String>()
             .map(String::as_str)
             .or_else(|| panic.downcast_ref::<&str>().copied());
-        let said = said.and_then(|text| text.lines().next()).unwrap_or("no words");
-        Error::input(format!("the file is damaged: its decoder gave up ({said})"))
+        let error = error.and_then(|text| text.lines().next()).unwrap_or("no words");
+        Error::input(format!("the file is damaged: its decoder gave up ({error})"))
     })
 }
 

@@ -37,9 +37,9 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::Unit;
-use crate::points::MOST_SIGMA_NORMAL_DEG;
+use crate::points::MAX_SIGMA_NORMAL_DEG;
 use crate::source::{no_file, read_text};
-use crate::vrip::QUATERNION_WITHIN;
+use crate::vrip::QUATERNION_TOLERANCE;
 
 /// What a job file says.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -216,13 +216,13 @@ impl Text {
             ));
         }
         let sigma_normal_deg = self.sigma(&key("sigma_deg"), table.sigma_deg.as_ref())?;
-        if let Some(deg) = table.sigma_deg.as_ref().filter(|deg| *deg.get_ref() >= MOST_SIGMA_NORMAL_DEG) {
+        if let Some(deg) = table.sigma_deg.as_ref().filter(|deg| *deg.get_ref() >= MAX_SIGMA_NORMAL_DEG) {
             let key = key("sigma_deg");
             let found = deg.get_ref();
             return Err(self.wrong(
                 deg,
                 format_args!(
-                    "expected {key} below {MOST_SIGMA_NORMAL_DEG} degrees, where a direction is not known, \
+                    "expected {key} below {MAX_SIGMA_NORMAL_DEG} degrees, where a direction is not known, \
                      found {found}"
                 ),
             ));
@@ -283,7 +283,7 @@ impl Text {
                 let q = self.finite("pose.quaternion_xyzw", stated)?;
                 let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
                 Pose::from_quaternion_xyzw(q, translation)
-                    .filter(|_| (length - 1.0).abs() <= QUATERNION_WITHIN)
+                    .filter(|_| (length - 1.0).abs() <= QUATERNION_TOLERANCE)
                     .ok_or_else(|| {
                         let message =
                             format!("expected pose.quaternion_xyzw of length 1, found length {length}");
@@ -317,9 +317,8 @@ impl Text {
             viewing,
             time_s: match &table.time {
                 Some(time) if !time.get_ref().is_finite() => {
-                    return Err(
-                        self.wrong(time, format_args!("expected a time in seconds, found {}", time.get_ref()))
-                    );
+                    return Err(self
+                        .wrong(time, format_args!("expected a time in seconds, found {}", time.get_ref())));
                 }
                 time => time.as_ref().map(|t| *t.get_ref()),
             },

@@ -31,7 +31,7 @@ use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
 /// Bytes of records that are read at once, about.
-const BATCH: u64 = 1 << 21;
+const BATCH_BYTES: u64 = 1 << 21;
 
 /// Reads points, and their classes where the file holds any.
 ///
@@ -116,7 +116,7 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
     let format = *header.point_format();
     let record = u64::from(format.len());
     let axes = header.transforms();
-    let at_once = (BATCH / record).max(1);
+    let at_once = (BATCH_BYTES / record).max(1);
     let mut bytes = Vec::new();
     let mut collector = PointCollector::new(PointColumns::positions_only(), 0);
     let mut classes = Vec::new();

@@ -40,7 +40,7 @@ use crate::points::{PointCollector, PointColumns, grid_without, keep_unit_normal
 use crate::source::{Source, open, read_file};
 
 /// Wider arrays are no points: an image, or points that lie along the other axis.
-pub(crate) const MOST_COLUMNS: u64 = 16;
+pub(crate) const MAX_COLUMNS: u64 = 16;
 
 /// Reads the points of an array. Records with a coordinate that is not finite are dropped and counted.
 ///
@@ -71,7 +71,7 @@ pub(crate) fn npy_header(descr: &str, columns_first: bool, shape: &str) -> Vec<u
 /// The shape of an array of one number an entry, if it is an image: two axes, wider than points are.
 pub(crate) fn is_image(path: &Path) -> bool {
     let shape = open(path).and_then(|mut source| header::read_header(&mut source)).ok();
-    shape.is_some_and(|h| !h.structured && matches!(h.shape[..], [_, columns] if columns > MOST_COLUMNS))
+    shape.is_some_and(|h| !h.structured && matches!(h.shape[..], [_, columns] if columns > MAX_COLUMNS))
 }
 
 /// Columns, rows and the numbers, row by row, of an array of two axes.

@@ -23,7 +23,7 @@ use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
 /// Bytes of the shortest line of a vertex, `0 0 0`.
-const SHORTEST: u64 = 5;
+const MIN_LINE_BYTES: u64 = 5;
 
 /// Reads a mesh.
 ///
@@ -106,12 +106,12 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     let mut rest = &counts[..];
     let [vertices, polygons] =
         [whole(&mut rest, at, "a number of vertices")?, whole(&mut rest, at, "a number of polygons")?];
-    source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), SHORTEST)?;
-    source.check_promise(polygons, format_args!("line {at}: {polygons} polygons"), SHORTEST)?;
+    source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), MIN_LINE_BYTES)?;
+    source.check_promise(polygons, format_args!("line {at}: {polygons} polygons"), MIN_LINE_BYTES)?;
     if vertices > u64::from(u32::MAX) {
         return Err(Error::unsupported(format!("line {at}: more than {} vertices", u32::MAX)));
     }
-    let mut points = Vec::with_capacity(source.reserve(vertices, SHORTEST));
+    let mut points = Vec::with_capacity(source.reserve(vertices, MIN_LINE_BYTES));
     for _ in 0..vertices {
         let at = line(source, &mut buffer, "a vertex")?;
         let mut rest = &buffer[..];
@@ -124,7 +124,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         }
         points.push(point);
     }
-    let mut triangles = Vec::with_capacity(source.reserve(polygons, SHORTEST));
+    let mut triangles = Vec::with_capacity(source.reserve(polygons, MIN_LINE_BYTES));
     let mut corners: Vec<u32> = Vec::new();
     for _ in 0..polygons {
         let at = line(source, &mut buffer, "a polygon")?;
@@ -200,8 +200,8 @@ mod tests {
             ("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "line 4: expected the index of a vertex below 1, found 1"),
             ("OFF\n1 1 0\n0 0 0\n99 0 0 0\n", "line 4: expected 99 corners"),
         ] {
-            let said = read(text).unwrap_err().to_string();
-            assert!(said.contains(wanted), "{text:?}: {said}");
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.contains(wanted), "{text:?}: {error}");
         }
     }
 }

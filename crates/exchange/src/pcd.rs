@@ -87,7 +87,7 @@ pub fn read_pcd(path: &Path) -> Result<Scan> {
 
 /// Maximum count of numbers per record. It limits the memory that a malformed header can request, and is far
 /// above the records that scanners write.
-const MOST_COLUMNS: usize = 1 << 16;
+const MAX_COLUMNS: usize = 1 << 16;
 
 /// Entries of the header as they appear in the file, before they are checked against each other.
 #[derive(Default)]
@@ -107,8 +107,9 @@ impl HeaderEntries {
     fn line(&mut self, line: &[u8], number: u64) -> Result<Option<Encoding>> {
         let text = String::from_utf8_lossy(line);
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
-        let wrong =
-            |expected: &str| Error::input(format!("line {number}: expected {expected}, found {}", shown(line)));
+        let wrong = |expected: &str| {
+            Error::input(format!("line {number}: expected {expected}, found {}", shown(line)))
+        };
         let count = |word: &str| word.parse::<u64>().map_err(|_| wrong("a count that is not negative"));
         let owned = |words: &[&str]| words.iter().map(|&w| w.to_owned()).collect::<Vec<String>>();
         match words[..] {
@@ -164,8 +165,8 @@ impl HeaderEntries {
             .zip(counts)
             .map(|((name, (size, kind)), count)| field(name, size, kind, count))
             .collect::<Result<Vec<_>>>()?;
-        if fields.iter().map(|f| f.count).sum::<usize>() > MOST_COLUMNS {
-            return Err(Error::input(format!("a record of more than {MOST_COLUMNS} numbers")));
+        if fields.iter().map(|f| f.count).sum::<usize>() > MAX_COLUMNS {
+            return Err(Error::input(format!("a record of more than {MAX_COLUMNS} numbers")));
         }
         Ok(fields)
     }
@@ -200,7 +201,7 @@ fn field(name: &str, size: &str, kind: &str, count: &str) -> Result<Field> {
             "the field `{name}`: expected a type I, U or F of 1, 2, 4 or 8 bytes, found {kind} of {size}"
         ))
     })?;
-    let count = count.parse().ok().filter(|&n: &usize| n <= MOST_COLUMNS).ok_or_else(|| {
+    let count = count.parse().ok().filter(|&n: &usize| n <= MAX_COLUMNS).ok_or_else(|| {
         Error::input(format!("the field `{name}`: expected a count, found {}", shown(count.as_bytes())))
     })?;
     Ok(Field { name: name.to_owned(), number, count })
@@ -233,7 +234,7 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         // A digit and a blank for each number.
         Encoding::Ascii => (2 * header.columns().len() as u64, 1),
         Encoding::Binary => (header.record_size(), 1),
-        Encoding::Compressed => (header.record_size(), MOST_EXPANSION),
+        Encoding::Compressed => (header.record_size(), MAX_EXPANSION),
     };
     let needed = header.points.saturating_mul(bytes) / of_points;
     // The last line of a text may lack its end.
@@ -340,7 +341,7 @@ fn read_compressed<R: Read>(
             header.record_size()
         )));
     }
-    if unpacked > packed.saturating_mul(MOST_EXPANSION) {
+    if unpacked > packed.saturating_mul(MAX_EXPANSION) {
         return Err(Error::input(format!(
             "byte {byte}: {packed} compressed bytes cannot hold {unpacked}: the file is damaged"
         )));
@@ -377,7 +378,7 @@ fn read_compressed<R: Read>(
 }
 
 /// Three bytes of LZF stand for 264 at most.
-const MOST_EXPANSION: u64 = 88;
+const MAX_EXPANSION: u64 = 88;
 
 /// Undoes LZF: runs of bytes as they are (`000lllll` and `l + 1` bytes) and copies of earlier ones
 /// (`llloooooo oooooooo`: `l + 2` bytes from `o + 1` back; with `l` of seven, a byte more of length before

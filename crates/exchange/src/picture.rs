@@ -31,7 +31,7 @@ use crate::source::{extension, open_file};
 use crate::write_atomically;
 
 /// Pictures of more pixels along a side are refused.
-const LONGEST_SIDE: usize = 1 << 16;
+const MAX_SIDE: usize = 1 << 16;
 
 /// What a camera or a program drew.
 #[derive(Debug, Clone, PartialEq)]
@@ -253,10 +253,8 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
 fn jpeg(bytes: &[u8]) -> Result<Picture> {
     guarded(|| {
         let damaged = |e| Error::input(format!("is no JPEG image, or is damaged or cut off ({e:?})"));
-        let options = DecoderOptions::default()
-            .set_strict_mode(true)
-            .set_max_width(LONGEST_SIDE)
-            .set_max_height(LONGEST_SIDE);
+        let options =
+            DecoderOptions::default().set_strict_mode(true).set_max_width(MAX_SIDE).set_max_height(MAX_SIDE);
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
         decoder.decode_headers().map_err(damaged)?;
         let (columns, rows) = decoder.dimensions().unwrap_or_default();

@@ -4,7 +4,7 @@
 //!
 //! **Output.** A [`Scan`] without records whose coordinates are not finite (these are counted). Every σ is
 //! checked to be positive and finite, every covariance to be positive definite. Columns with other names are
-//! ignored; `scan` and `time` are kept for [`crate::several`], which splits a file by them.
+//! ignored; `scan` and `time` are kept for [`crate::split_scans`], which splits a file by them.
 //!
 //! **Limits.** Normals need not have unit length. A normal that is not finite is kept as zero, which means
 //! unknown.
@@ -15,12 +15,12 @@ use planish_estimate::{Error, Result};
 use planish_sense::{PrincipalCurvatures, RangeGrid, Scan};
 
 /// Columns four to six are normals when every length is as near to 1.
-const UNIT_LENGTH_WITHIN: f64 = 0.01;
+const UNIT_LENGTH_TOLERANCE: f64 = 0.01;
 
 /// A normal with so large a σ, in degrees, is not known.
-pub(crate) const MOST_SIGMA_NORMAL_DEG: f64 = 90.0;
+pub(crate) const MAX_SIGMA_NORMAL_DEG: f64 = 90.0;
 /// The largest number of a scan.
-const MOST_SCAN_NUMBER: f64 = 1e9;
+const MAX_SCAN_NUMBER: f64 = 1e9;
 
 /// Names of columns.
 const POSITION: [&str; 3] = ["x", "y", "z"];
@@ -261,9 +261,9 @@ impl PointCollector {
         }
         if let Some(column) = self.columns.sigma_normal {
             let sigma = positive(SIGMA_NORMAL, record[column])?;
-            if sigma >= MOST_SIGMA_NORMAL_DEG {
+            if sigma >= MAX_SIGMA_NORMAL_DEG {
                 return Err(Error::input(format!(
-                    "{place}: expected {SIGMA_NORMAL} below {MOST_SIGMA_NORMAL_DEG}, where a direction is not \
+                    "{place}: expected {SIGMA_NORMAL} below {MAX_SIGMA_NORMAL_DEG}, where a direction is not \
                      known, found {sigma} (point {number})"
                 )));
             }
@@ -293,7 +293,7 @@ impl PointCollector {
         }
         if let Some(column) = self.columns.scan {
             let found = record[column];
-            if !(0.0..=MOST_SCAN_NUMBER).contains(&found) || found.fract() != 0.0 {
+            if !(0.0..=MAX_SCAN_NUMBER).contains(&found) || found.fract() != 0.0 {
                 return Err(Error::input(format!(
                     "{place}: expected the number of a scan, a whole number from 0, found {found} (point \
                      {number})"
@@ -316,7 +316,7 @@ impl PointCollector {
 pub(crate) fn keep_unit_normals(scan: &mut Scan) {
     let unit_length = |n: &[f64; 3]| {
         let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
-        (length - 1.0).abs() <= UNIT_LENGTH_WITHIN
+        (length - 1.0).abs() <= UNIT_LENGTH_TOLERANCE
     };
     if !scan.normals.iter().flatten().all(unit_length) {
         scan.normals = None;

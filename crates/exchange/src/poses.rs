@@ -30,7 +30,7 @@ use crate::calibration::table;
 use crate::source::read_text;
 
 /// Most controls of a mesh.
-const MOST_CONTROLS: usize = 20_000;
+const MAX_CONTROLS: usize = 20_000;
 
 /// The controls of a mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -176,17 +176,17 @@ fn parse(text: &str) -> Result<PoseFile> {
     let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
     let controls = match t.controls {
         None => ControlsEntry::Usual,
-        Some(ControlsTable::Count(count)) if (1..=MOST_CONTROLS).contains(&count) => {
+        Some(ControlsTable::Count(count)) if (1..=MAX_CONTROLS).contains(&count) => {
             ControlsEntry::Count(count)
         }
         Some(ControlsTable::Points(points))
-            if (1..=MOST_CONTROLS).contains(&points.len()) && points.iter().all(finite) =>
+            if (1..=MAX_CONTROLS).contains(&points.len()) && points.iter().all(finite) =>
         {
             ControlsEntry::Points(points)
         }
         Some(_) => {
             return Err(Error::input(format!(
-                "expected controls between 1 and {MOST_CONTROLS}, at finite places"
+                "expected controls between 1 and {MAX_CONTROLS}, at finite places"
             )));
         }
     };

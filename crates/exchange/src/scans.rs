@@ -22,8 +22,8 @@ use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
 use crate::scan_set::unnamed_sensor;
 pub use crate::scan_set::{InputFile, PosedScan, ScanSet};
-use crate::several::several;
 use crate::source::{extension, found_extension, open};
+use crate::split_scans::split_scans;
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
 use crate::{GeoReference, Unit, glb, obj, off, stl};
@@ -185,7 +185,7 @@ fn read_one(path: &Path, calibration: Option<&Path>) -> Result<Read> {
 }
 
 /// How files of some formats begin, what the format is called, and the extensions that say so.
-const BEGINNINGS: [(&[u8], &str, &[&str]); 4] = [
+const SIGNATURES: [(&[u8], &str, &[&str]); 4] = [
     (b"ply", "PLY", &["ply"]),
     (b"# .PCD", "PCD", &["pcd"]),
     (b"LASF", "LAS", &["las", "laz"]),
@@ -195,10 +195,10 @@ const BEGINNINGS: [(&[u8], &str, &[&str]); 4] = [
 /// What a file that its extension's reader refused should have been called, where its first bytes tell.
 fn misnamed(path: &Path) -> Option<Error> {
     let named = extension(path);
-    let longest = BEGINNINGS.iter().map(|(bytes, ..)| bytes.len()).max()?;
+    let longest = SIGNATURES.iter().map(|(bytes, ..)| bytes.len()).max()?;
     let mut source = open(path).ok()?;
     let first = source.peek(longest).ok()?;
-    let (_, format, extensions) = BEGINNINGS.iter().find(|(bytes, ..)| first.starts_with(bytes))?;
+    let (_, format, extensions) = SIGNATURES.iter().find(|(bytes, ..)| first.starts_with(bytes))?;
     let way_out = match *format {
         "zip" => "unpack it".to_owned(),
         _ => format!("rename it to end in .{}", extensions.join(" or .")),
@@ -338,7 +338,7 @@ fn add_file(set: &mut ScanSet, gathered: &mut Gathered, wanted: Wanted, read: Re
 
 /// Adds scans of one file with the pose, viewing, time and sensor that its list specifies.
 fn add_scans(set: &mut ScanSet, wanted: &Wanted, scans: Vec<Scan>) -> Result<()> {
-    let scans = scans.into_iter().map(several).collect::<Result<Vec<_>>>();
+    let scans = scans.into_iter().map(split_scans).collect::<Result<Vec<_>>>();
     let scans = scans.map_err(|e| match &wanted.listed {
         Some(list) => e.in_context(list),
         None => e,
@@ -396,9 +396,9 @@ mod tests {
     fn a_file_of_several_scans_is_read_as_such() {
         let folder = folder(&[("a.csv", "x,y,z,time,scan\n1,2,3,0.5,2\n4,5,6,1.5,1\n7,8,9,0.5,2\n")]);
         let set = read_inputs(&[folder.path().join("a.csv")], None).unwrap();
-        let told: Vec<_> =
+        let found: Vec<_> =
             (set.scans.iter()).map(|s| (s.scan.name.as_str(), s.scan.points.len(), s.scan.time_s)).collect();
-        assert_eq!(told, [("a.csv, scan 1", 1, Some(1.5)), ("a.csv, scan 2", 2, Some(0.5))]);
+        assert_eq!(found, [("a.csv, scan 1", 1, Some(1.5)), ("a.csv, scan 2", 2, Some(0.5))]);
         assert_eq!(set.inputs[0].points, 3);
         fs::write(folder.path().join("b.csv"), "x,y,z,scan\n1,2,3,0.5\n").unwrap();
         let e = read_inputs(&[folder.path().join("b.csv")], None).unwrap_err();

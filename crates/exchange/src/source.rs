@@ -3,7 +3,7 @@
 //! **Input.** Any reader.
 //!
 //! **Output.** Lines without their end (LF or CRLF) and runs of bytes. Memory does not depend on the size of
-//! the file: the buffer grows only to hold one line or record, up to [`LONGEST_LINE`] or the size of the
+//! the file: the buffer grows only to hold one line or record, up to [`MAX_LINE_BYTES`] or the size of the
 //! file.
 
 use std::fmt::Display;
@@ -15,9 +15,9 @@ use flate2::read::MultiGzDecoder;
 use planish_estimate::{Error, Result};
 
 /// Size of the buffer to begin with.
-const BUFFER: usize = 1 << 16;
+const BUFFER_BYTES: usize = 1 << 16;
 /// A longer line is taken for a file that is no text.
-const LONGEST_LINE: usize = 1 << 22;
+const MAX_LINE_BYTES: usize = 1 << 22;
 
 /// A buffered reader that knows where it is.
 pub(crate) struct Source<R> {
@@ -84,13 +84,13 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
 }
 
 /// No measurement is compressed to less than this share.
-const MOST_EXPANSION: u64 = 100;
+const MAX_EXPANSION: u64 = 100;
 /// What any file may unpack to, however small it is.
-const ALWAYS_UNPACKED: u64 = 64 << 20;
+const ALWAYS_ALLOWED_BYTES: u64 = 64 << 20;
 
 /// Refuses what is small on the disk and fills the memory.
 pub(crate) fn check_expansion(packed: u64, unpacked: u64) -> Result<()> {
-    match unpacked > ALWAYS_UNPACKED.saturating_add(packed.saturating_mul(MOST_EXPANSION)) {
+    match unpacked > ALWAYS_ALLOWED_BYTES.saturating_add(packed.saturating_mul(MAX_EXPANSION)) {
         true => Err(Error::input(format!(
             "{packed} compressed bytes stand for {unpacked} and more: no measurements do, and they would \
              fill the memory; unpack the file \
@@ -171,12 +171,12 @@ pub(crate) fn no_file(path: &Path) -> &'static str {
 /// Reads a small text file whole (a list or a job, not a cloud).
 pub(crate) fn read_text(path: &Path) -> Result<String> {
     /// No list of scans that a person or script wrote comes near.
-    const LONGEST_TEXT: u64 = 16 << 20;
+    const MAX_TEXT_BYTES: u64 = 16 << 20;
     let (file, _) = open_file(path)?;
     let mut bytes = Vec::new();
-    let read = file.take(LONGEST_TEXT + 1).read_to_end(&mut bytes);
+    let read = file.take(MAX_TEXT_BYTES + 1).read_to_end(&mut bytes);
     read.map_err(|e| Error::io("could not be read").with_source(e))?;
-    if bytes.len() as u64 > LONGEST_TEXT {
+    if bytes.len() as u64 > MAX_TEXT_BYTES {
         return Err(Error::input("longer than 16 MiB: this is no list of scans"));
     }
     String::from_utf8(bytes).map_err(|e| {
@@ -189,7 +189,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String> {
 impl<R: Read> Source<R> {
     /// A source over a reader, with the number of bytes that it will give where that is known.
     pub(crate) fn new(reader: R, length: Option<u64>) -> Self {
-        Self { reader, buffer: vec![0; BUFFER], start: 0, end: 0, offset: 0, length, lines: 0 }
+        Self { reader, buffer: vec![0; BUFFER_BYTES], start: 0, end: 0, offset: 0, length, lines: 0 }
     }
 
     /// How many bytes were handed out.
@@ -221,7 +221,7 @@ impl<R: Read> Source<R> {
 
     /// A safe number of entries to reserve for a promised count of records of at least `least` bytes each.
     pub(crate) fn reserve(&self, promised: u64, least: u64) -> usize {
-        let holds = self.remaining().map_or(BUFFER as u64, |bytes| bytes / least.max(1) + 1);
+        let holds = self.remaining().map_or(BUFFER_BYTES as u64, |bytes| bytes / least.max(1) + 1);
         usize::try_from(promised.min(holds)).unwrap_or(0)
     }
 
@@ -278,10 +278,10 @@ impl<R: Read> Source<R> {
                 break searched + at + 1;
             }
             searched = self.end - self.start;
-            if searched > LONGEST_LINE {
+            if searched > MAX_LINE_BYTES {
                 let line = self.lines + 1;
                 return Err(Error::input(format!(
-                    "line {line}: longer than {LONGEST_LINE} bytes: is this a text file?"
+                    "line {line}: longer than {MAX_LINE_BYTES} bytes: is this a text file?"
                 )));
             }
             if !self.fill()? {
@@ -394,10 +394,10 @@ pub(crate) fn next_word<'a>(line: &mut &'a [u8]) -> Option<&'a [u8]> {
 
 /// Bytes for a message: as text, cut short.
 pub(crate) fn shown(bytes: &[u8]) -> String {
-    const LONGEST: usize = 40;
-    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * LONGEST)]);
+    const MAX_CHARS: usize = 40;
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * MAX_CHARS)]);
     let clean: String =
-        text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(LONGEST).collect();
+        text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(MAX_CHARS).collect();
     let cut = if clean.len() < bytes.len() { "…" } else { "" };
     format!("`{clean}{cut}`")
 }
@@ -471,15 +471,15 @@ mod tests {
         };
         assert!(error.kind() == planish_estimate::ErrorKind::Input, "{error}");
         assert!(error.to_string().contains("would fill the memory"), "{error}");
-        assert!(source.offset() < ALWAYS_UNPACKED + 2 * MOST_EXPANSION * packed);
+        assert!(source.offset() < ALWAYS_ALLOWED_BYTES + 2 * MAX_EXPANSION * packed);
     }
 
     #[test]
     fn lines_cross_the_buffers_end() {
-        let mut text = vec![b'x'; BUFFER - 1];
+        let mut text = vec![b'x'; BUFFER_BYTES - 1];
         text.extend_from_slice(b"yz\nlast\n");
         let mut source = Source::new(&text[..], None);
-        assert_eq!(source.line().unwrap().unwrap().len(), BUFFER + 1);
+        assert_eq!(source.line().unwrap().unwrap().len(), BUFFER_BYTES + 1);
         assert_eq!(source.line().unwrap(), Some(&b"last"[..]));
     }
 

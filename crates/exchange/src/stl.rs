@@ -206,7 +206,10 @@ impl Soup {
                                 Error::input(format!("line {number}: expected 3 numbers, found {found}"))
                             })?;
                             *coordinate = parse_number(word).ok_or_else(|| {
-                                Error::input(format!("line {number}: expected a number, found {}", shown(word)))
+                                Error::input(format!(
+                                    "line {number}: expected a number, found {}",
+                                    shown(word)
+                                ))
                             })?;
                         }
                         corners.push(point);

@@ -6,7 +6,7 @@
 //! dash-dot strokes and names with `center` or `centre`; they are ignored.
 //!
 //! **Output.** The same as for a DXF file. y points up, and lengths are in millimetres if `width` and
-//! `viewBox` define them. Cubic curves that follow a circle within [`FOLLOWS`] of its radius become arcs.
+//! `viewBox` define them. Cubic curves that follow a circle within [`ARC_TOLERANCE`] of its radius become arcs.
 //!
 //! **Limits.** Texts, pictures, clones (`use`) and clips give no edges. Fills without a stroke are read as
 //! outlines.
@@ -33,13 +33,13 @@ use std::path::Path;
 use style::{Sheet, Style};
 
 /// A cubic curve that is this near to a circle, as a share of its radius, is an arc of it.
-pub const FOLLOWS: f64 = 4e-4;
+pub const ARC_TOLERANCE: f64 = 4e-4;
 /// More elements than this are not a drawing of a part.
-const MOST_ELEMENTS: u32 = 500_000;
+const MAX_ELEMENTS: u32 = 500_000;
 /// More curves than this are none either.
-const MOST_CURVES: usize = 200_000;
+const MAX_CURVES: usize = 200_000;
 /// Groups within groups go no deeper.
-const DEEPEST: usize = 64;
+const MAX_DEPTH: usize = 64;
 
 /// Reads an SVG file.
 ///
@@ -52,7 +52,7 @@ pub fn read_svg(path: &Path) -> Result<DxfDrawing> {
 }
 
 fn read(text: &str) -> Result<DxfDrawing> {
-    let options = ParsingOptions { allow_dtd: true, nodes_limit: MOST_ELEMENTS, ..ParsingOptions::default() };
+    let options = ParsingOptions { allow_dtd: true, nodes_limit: MAX_ELEMENTS, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text, options)
         .map_err(|e| Error::input(format!("expected an SVG file: {e}")))?;
     let root = document.root_element();
@@ -66,15 +66,15 @@ fn read(text: &str) -> Result<DxfDrawing> {
     let mut reader = Reader {
         sheet: Sheet::parse(&document),
         drawing: DxfDrawing { unit, ..DxfDrawing::default() },
-        passed_over: BTreeMap::new(),
+        ignored: BTreeMap::new(),
     };
     // Down becomes up.
     let page = Affine { columns: [[scale, 0.0], [0.0, -scale]], origin: [0.0; 2] };
     reader.children(&root, &page, Style::default(), 0)?;
     let mut drawing = reader.drawing;
-    for (kind, (count, first)) in reader.passed_over {
+    for (kind, (count, first)) in reader.ignored {
         drawing.warnings.push(format!("passed over {count} of {kind}, the first {first}: it draws no edges"));
-        drawing.passed_over.insert(kind, count);
+        drawing.ignored.insert(kind, count);
     }
     Ok(drawing)
 }
@@ -82,14 +82,14 @@ fn read(text: &str) -> Result<DxfDrawing> {
 struct Reader {
     sheet: Sheet,
     drawing: DxfDrawing,
-    passed_over: BTreeMap<String, (usize, String)>,
+    ignored: BTreeMap<String, (usize, String)>,
 }
 
 impl Reader {
     fn children(&mut self, node: &Node<'_, '_>, outer: &Affine, style: Style, depth: usize) -> Result<()> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(Error::input(format!(
-                "{}: groups within groups go more than {DEEPEST} deep",
+                "{}: groups within groups go more than {MAX_DEPTH} deep",
                 name(node)
             )));
         }
@@ -148,20 +148,20 @@ impl Reader {
             "defs" | "symbol" | "clipPath" | "mask" | "pattern" | "marker" | "style" | "title" | "desc"
             | "metadata" | "namedview" | "script" => return Ok(()),
             _ => {
-                self.pass_over(kind, name(node));
+                self.ignore(kind, name(node));
                 return Ok(());
             }
         };
         let Some(line_style) = style.line else {
-            self.pass_over("centre line", name(node));
+            self.ignore("centre line", name(node));
             return Ok(());
         };
         self.add(&curves, line_style, &place, name(node))
     }
 
     fn add(&mut self, curves: &[Curve2], style: LineStyle, place: &Affine, entity: String) -> Result<()> {
-        if self.drawing.curves.len() + curves.len() > MOST_CURVES {
-            return Err(Error::input(format!("expected at most {MOST_CURVES} curves, found more")));
+        if self.drawing.curves.len() + curves.len() > MAX_CURVES {
+            return Err(Error::input(format!("expected at most {MAX_CURVES} curves, found more")));
         }
         for curve in curves {
             let curve = place.curve(curve);
@@ -174,8 +174,8 @@ impl Reader {
         Ok(())
     }
 
-    fn pass_over(&mut self, kind: &str, name: String) {
-        self.passed_over.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
+    fn ignore(&mut self, kind: &str, name: String) {
+        self.ignored.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
     }
 }
 
@@ -280,7 +280,7 @@ fn rectangle(node: &Node<'_, '_>) -> Result<Vec<Curve2>> {
     if w < 0.0 || h < 0.0 {
         return Err(Error::input(format!("expected a width and a height > 0, found {w} and {h}")));
     }
-    // A radius that is not said is the other one.
+    // A radius that is not error is the other one.
     let given = [node.attribute("rx"), node.attribute("ry")].map(|r| r.is_some_and(|r| r != "auto"));
     let radius = |k: usize| length(node, ["rx", "ry"][if given[k] { k } else { 1 - k }], 0.0);
     let any = given[0] || given[1];

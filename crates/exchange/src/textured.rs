@@ -149,8 +149,8 @@ mod tests {
             ("v 0 0 0\nvt 0 0\nf 1/x 1/1 1/1\n", "line 3: expected a corner"),
         ] {
             std::fs::write(&path, text).unwrap();
-            let said = read_textured(&path).unwrap_err().to_string();
-            assert!(said.contains(wanted), "{said}");
+            let error = read_textured(&path).unwrap_err().to_string();
+            assert!(error.contains(wanted), "{error}");
         }
         let list = folder.path().join("a.txt");
         std::fs::write(&list, "7 3 # seven\n3\n").unwrap();

@@ -43,7 +43,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// σ of a place on the border of a mask that states none, in pixels.
-const USUAL_SIGMA_PX: f64 = 0.5;
+const DEFAULT_SIGMA_PX: f64 = 0.5;
 
 /// A view of a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -159,7 +159,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
                 (None, None, None, Some(p)) => Camera::from_projection(p)?,
                 _ => return Err(Error::input("expected K, R and t, or P alone")),
             };
-            let sigma_px = view.sigma_px.or(t.sigma_px).unwrap_or(USUAL_SIGMA_PX);
+            let sigma_px = view.sigma_px.or(t.sigma_px).unwrap_or(DEFAULT_SIGMA_PX);
             let rotation = view.sigma_rotation_deg.or(t.sigma_rotation_deg);
             let translation = view.sigma_translation.or(t.sigma_translation);
             for (key, value) in [
@@ -210,7 +210,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
     let mut tracks = Vec::new();
     if let Some(file) = &t.tracks {
         let file = folder.join(file);
-        tracks = read_tracks(&file, &views, t.sigma_px.unwrap_or(USUAL_SIGMA_PX))?;
+        tracks = read_tracks(&file, &views, t.sigma_px.unwrap_or(DEFAULT_SIGMA_PX))?;
         files.push(file);
     }
     Ok(Views { views, tracks, unit: t.unit.map(|name| name.parse()).transpose()?, files })
@@ -362,8 +362,11 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
         assert_eq!(numbered.views[1].contour_starts, [0, 2]);
         assert_eq!(found.files.len(), 2);
         write("t.csv", "track,view,x,y\n7,elsewhere,1,2\n");
-        let said = parse(&text, folder.path()).unwrap_err().to_string();
-        assert!(said.contains("t.csv") && said.contains("line 2") && said.contains("elsewhere"), "{said}");
+        let error = parse(&text, folder.path()).unwrap_err().to_string();
+        assert!(
+            error.contains("t.csv") && error.contains("line 2") && error.contains("elsewhere"),
+            "{error}"
+        );
         write("t.csv", "track,view,x\n");
         assert!(parse(&text, folder.path()).unwrap_err().to_string().contains("track,view,x,y"));
     }

@@ -18,7 +18,7 @@ use planish_sense::Pose;
 use crate::source::{no_file, parse_number, read_text, shown};
 
 /// How far from 1 the length of a stated quaternion may be.
-pub(crate) const QUATERNION_WITHIN: f64 = 1e-3;
+pub(crate) const QUATERNION_TOLERANCE: f64 = 1e-3;
 
 /// A scan that a list names.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,7 +77,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                 let [tx, ty, tz, qx, qy, qz, qw] = values;
                 let length = [qx, qy, qz, qw].iter().map(|c| c * c).sum::<f64>().sqrt();
                 let pose = Pose::from_quaternion_xyzw([-qx, -qy, -qz, qw], [tx, ty, tz])
-                    .filter(|_| (length - 1.0).abs() <= QUATERNION_WITHIN)
+                    .filter(|_| (length - 1.0).abs() <= QUATERNION_TOLERANCE)
                     .ok_or_else(|| {
                         Error::input(format!(
                             "line {line}: expected a quaternion (the last four numbers) of length 1, found \
@@ -132,7 +132,9 @@ mod tests {
     fn mistakes_are_named_by_line() {
         assert!(message("camera 0\nbmesh a.ply 0 0 0 0 0 0 0\n").contains("line 2: expected a quaternion"));
         assert!(message("bmesh a.ply 0 0 0 0 0 0 2\n").contains("found length 2"));
-        assert!(message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: expected a finite number, found `x`"));
+        assert!(
+            message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: expected a finite number, found `x`")
+        );
         assert!(message("bmesh a.ply 0 0 nan 0 0 0 1\n").contains("found `nan`"));
         assert!(message("bmesh a.ply 0 0\n").contains("found 3 words"));
         assert!(message("\nmesh a.ply\n").contains("line 2: expected `bmesh`"));

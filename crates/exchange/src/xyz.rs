@@ -35,7 +35,7 @@ pub fn read_points(path: &Path) -> Result<Scan> {
 }
 
 /// Most columns that a header may name: no program writes a hundredth of it.
-const MOST_COLUMNS: usize = 4096;
+const MAX_COLUMNS: usize = 4096;
 
 /// Separator of the numbers of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -113,9 +113,9 @@ impl Layout {
     }
 
     fn named(names: &[String], separator: Separator) -> Result<Self> {
-        if names.len() > MOST_COLUMNS {
+        if names.len() > MAX_COLUMNS {
             return Err(Error::input(format!(
-                "expected at most {MOST_COLUMNS} columns, found {}",
+                "expected at most {MAX_COLUMNS} columns, found {}",
                 names.len()
             )));
         }

@@ -33,9 +33,9 @@ use crate::Unit;
 use crate::source::read_text;
 
 /// σ of a calibration that states none, in pixels: what a good one of a real camera leaves.
-const USUAL_SIGMA_PX: f64 = 0.02;
+const DEFAULT_SIGMA_PX: f64 = 0.02;
 /// How far rows of a rotation may be from orthonormal.
-const ROTATION_WITHIN: f64 = 1e-6;
+const ROTATION_TOLERANCE: f64 = 1e-6;
 
 /// A calibrated camera with its projector.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,7 +90,7 @@ fn parse(text: &str) -> Result<GridCalibration> {
         "crossed stripes need [camera] and [projector] with K (and R and t), and [stripes] with \
          directions_deg, spacing, origin and range; and may have sigma_px and unit",
     )?;
-    let sigma_px = t.sigma_px.unwrap_or(USUAL_SIGMA_PX);
+    let sigma_px = t.sigma_px.unwrap_or(DEFAULT_SIGMA_PX);
     check_numbers(&[("sigma_px", sigma_px, sigma_px > 0.0, "a finite number above 0")])?;
     if t.stripes.range.iter().flatten().any(|k| k.unsigned_abs() > 1 << 10) {
         return Err(Error::input(format!(
@@ -130,7 +130,7 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
     }
     let [a, b, c] = made.r;
     let off = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(a, b), dot(cross(a, b), c) - 1.0, dot(c, c) - 1.0];
-    match off.iter().find(|o| o.abs() > ROTATION_WITHIN) {
+    match off.iter().find(|o| o.abs() > ROTATION_TOLERANCE) {
         Some(_) => Err(Error::input(format!("expected a rotation in {name}.R, found {:?}", made.r))),
         None => Ok(made),
     }

@@ -173,13 +173,14 @@ mod tests {
 
     #[test]
     fn mistakes_are_named() {
-        let said = |text: &str| parse(text, Path::new("")).unwrap_err().to_string();
-        assert!(said("").contains("found neither"));
+        let error = |text: &str| parse(text, Path::new("")).unwrap_err().to_string();
+        assert!(error("").contains("found neither"));
         assert!(
-            said("lights = [[0, 0, 1], [1, 0, 0]]").contains("three directions in `lights` or more, found 2")
+            error("lights = [[0, 0, 1], [1, 0, 0]]")
+                .contains("three directions in `lights` or more, found 2")
         );
-        assert!(said("lights = [[0, 0, 1], [1, 0, 0], [0, 0, 0]]").contains("light 2"));
-        assert!(said("ligths = 3").contains("line 1"));
-        assert!(said("frame = \"up\"").contains("viewer"));
+        assert!(error("lights = [[0, 0, 1], [1, 0, 0], [0, 0, 0]]").contains("light 2"));
+        assert!(error("ligths = 3").contains("line 1"));
+        assert!(error("frame = \"up\"").contains("viewer"));
     }
 }

@@ -36,7 +36,7 @@ use crate::Unit;
 use crate::source::read_text;
 
 /// No picture has so many columns.
-const MOST_PIXELS: f64 = 1e7;
+const MAX_PIXELS: f64 = 1e7;
 
 /// Two calibrated cameras.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -152,16 +152,16 @@ fn parse_rectified(text: &str) -> Result<StereoCalibration> {
          others need two [[view]] with K, R and t",
     )?;
     check_numbers(&[
-        ("f", t.f, t.f > 0.0 && t.f < MOST_PIXELS, "a finite number of pixels above 0 and below 1e7"),
-        ("cx", t.cx, t.cx.abs() < MOST_PIXELS, "a finite number of pixels within ±1e7"),
-        ("cy", t.cy, t.cy.abs() < MOST_PIXELS, "a finite number of pixels within ±1e7"),
+        ("f", t.f, t.f > 0.0 && t.f < MAX_PIXELS, "a finite number of pixels above 0 and below 1e7"),
+        ("cx", t.cx, t.cx.abs() < MAX_PIXELS, "a finite number of pixels within ±1e7"),
+        ("cy", t.cy, t.cy.abs() < MAX_PIXELS, "a finite number of pixels within ±1e7"),
         (
             "baseline",
             t.baseline,
             t.baseline > 0.0 && t.baseline < 1e12,
             "a finite number above 0 and below 1e12",
         ),
-        ("doffs", t.doffs, t.doffs.abs() < MOST_PIXELS, "a finite number of pixels within ±1e7"),
+        ("doffs", t.doffs, t.doffs.abs() < MAX_PIXELS, "a finite number of pixels within ±1e7"),
     ])?;
     check_sigma(t.sigma_disparity_px)?;
     Ok(StereoCalibration {

@@ -24,7 +24,7 @@ use crate::Unit;
 use crate::source::read_text;
 
 /// The largest angle of incidence of a sensor that states none.
-const USUAL_INCIDENCE_DEG: f64 = 60.0;
+const DEFAULT_INCIDENCE_DEG: f64 = 60.0;
 
 /// A sensor with its unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,7 +78,7 @@ fn parse(text: &str) -> Result<ViewCalibration> {
             Error::input("expected rays = [along x, along y]: with fov_deg nothing else says how many")
         })?,
         range: [t.near, t.far],
-        max_incidence_rad: t.max_incidence_deg.unwrap_or(USUAL_INCIDENCE_DEG).to_radians(),
+        max_incidence_rad: t.max_incidence_deg.unwrap_or(DEFAULT_INCIDENCE_DEG).to_radians(),
         sigma_along: t.sigma_along,
         sigma_across: t.sigma_across.unwrap_or(t.sigma_along),
         sigma_per_range2: t.sigma_per_range2,

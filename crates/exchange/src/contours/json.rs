@@ -19,9 +19,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// More contours than this are not one view.
-const MOST_CONTOURS: usize = 200;
+const MAX_CONTOURS: usize = 200;
 /// More corners than this are not measured.
-const MOST_CORNERS: usize = 500;
+const MAX_CORNERS: usize = 500;
 
 /// What a file of contours holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,9 +96,9 @@ fn parse(text: &str) -> Result<ContourFile> {
         (_, Some(main)) => vec![main],
         _ => return Err(Error::input(format!("{expected}, found none"))),
     };
-    if contours.len() > MOST_CONTOURS {
+    if contours.len() > MAX_CONTOURS {
         return Err(Error::unsupported(format!(
-            "holds {} contours: {MOST_CONTOURS} at most are taken as one view",
+            "holds {} contours: {MAX_CONTOURS} at most are taken as one view",
             contours.len()
         )));
     }
@@ -158,7 +158,7 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
 /// A kind by its name; of a chain, which pieces are arcs stands in the names of its parameters.
 fn kind_of(name: &str, order: &[String], closed: bool) -> Result<ContourKind> {
     if name == "chain" {
-        let corners = order.iter().filter(|name| name.starts_with('x')).count().min(MOST_CORNERS);
+        let corners = order.iter().filter(|name| name.starts_with('x')).count().min(MAX_CORNERS);
         let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
         let pieces = corners.saturating_sub(usize::from(!closed));
         return Ok(ContourKind::Chain {
@@ -166,7 +166,7 @@ fn kind_of(name: &str, order: &[String], closed: bool) -> Result<ContourKind> {
             closed,
         });
     }
-    ContourKind::from_name(name, MOST_CORNERS).ok_or_else(|| {
+    ContourKind::from_name(name, MAX_CORNERS).ok_or_else(|| {
         Error::input(format!(
             "kind `{name}`: expected line, circle, ellipse, rectangle, rounded-rectangle, slot, \
              regular-polygon-N, polygon-N or chain"
@@ -222,8 +222,8 @@ mod tests {
             ("\"kind\"", "\"sort\"", "found none"),
             ("}", "", "expected contours as"),
         ] {
-            let said = parse(&CIRCLE.replace(from, to)).unwrap_err().to_string();
-            assert!(said.contains(says), "{from} → {to}: {said}");
+            let error = parse(&CIRCLE.replace(from, to)).unwrap_err().to_string();
+            assert!(error.contains(says), "{from} → {to}: {error}");
         }
     }
 }

@@ -89,7 +89,10 @@ fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) ->
     }
     Ok(RayTarget::Range {
         origin: place,
-        direction_rad: [row.required("azimuth_deg")?.to_radians(), row.required("elevation_deg")?.to_radians()],
+        direction_rad: [
+            row.required("azimuth_deg")?.to_radians(),
+            row.required("elevation_deg")?.to_radians(),
+        ],
         range,
         sigma: [
             row.sigma("sigma_x", defaults.position, "")?,

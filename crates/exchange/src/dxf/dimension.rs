@@ -13,7 +13,7 @@ use planish_estimate::Result;
 use planish_solid::views::{Curve2, DrawnCurve};
 
 /// Points lie on lines within this share of the drawing's size.
-const ON_LINE: f64 = 2e-3;
+const ON_LINE_SHARE: f64 = 2e-3;
 
 /// What contradicts the drawing, in words.
 pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result<Vec<String>> {
@@ -22,7 +22,7 @@ pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> R
         let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[k]), hi.max(p[k])));
         hi - lo
     };
-    let near = ON_LINE * extent(0).max(extent(1));
+    let near = ON_LINE_SHARE * extent(0).max(extent(1));
     let mut found = Vec::new();
     for record in dimensions {
         let Some(measured) = Measured::from_record(record)? else {

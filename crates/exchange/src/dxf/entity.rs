@@ -6,7 +6,7 @@ use planish_solid::views::Curve2;
 use std::f64::consts::TAU;
 
 /// Points along an ellipse or a spline's span.
-const CHAIN: usize = 48;
+const CURVE_SEGMENTS: usize = 48;
 
 /// The curves of an entity; none where its kind draws no edges.
 pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
@@ -87,9 +87,9 @@ fn ellipse(record: &Record) -> Result<Curve2> {
     let turned = if record.number(230)?.is_some_and(|z| z < 0.0) { -1.0 } else { 1.0 };
     let minor = [-major[1] * ratio * turned, major[0] * ratio * turned];
     Ok(Curve2::Chain(
-        (0..=CHAIN)
+        (0..=CURVE_SEGMENTS)
             .map(|k| {
-                let (s, c) = (from + sweep * k as f64 / CHAIN as f64).sin_cos();
+                let (s, c) = (from + sweep * k as f64 / CURVE_SEGMENTS as f64).sin_cos();
                 [0, 1].map(|a| center[a] + c * major[a] + s * minor[a])
             })
             .collect(),

@@ -5,7 +5,7 @@ use planish_estimate::{Error, Result};
 use std::io::Read;
 
 /// More groups than this in one record are damage.
-const MOST_GROUPS: usize = 2_000_000;
+const MAX_GROUPS: usize = 2_000_000;
 
 /// A code and its value.
 pub(super) struct Group {
@@ -117,7 +117,7 @@ impl<'a, R: Read> Groups<'a, R> {
                 self.ahead = Some(group);
                 break;
             }
-            if record.groups.len() >= MOST_GROUPS {
+            if record.groups.len() >= MAX_GROUPS {
                 return Err(Error::input(format!("line {}: one entity has too many groups", group.line)));
             }
             record.groups.push(group);

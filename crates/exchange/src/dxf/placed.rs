@@ -6,14 +6,14 @@
 
 use super::entity::{curves_of, polyline_curves};
 use super::groups::Record;
-use super::{DxfDrawing, MOST_ENTITIES, too_many};
+use super::{DxfDrawing, MAX_ENTITIES, too_many};
 use crate::affine::Affine;
 use planish_estimate::{Error, Result};
 use planish_solid::views::{DrawnCurve, LineStyle};
 use std::collections::{BTreeMap, HashMap};
 
 /// Blocks within blocks go no deeper.
-const DEEPEST: usize = 16;
+const MAX_DEPTH: usize = 16;
 
 /// Entities in the file's order; an old-style polyline with its vertices.
 #[derive(Default)]
@@ -108,32 +108,32 @@ impl Place {
 }
 
 /// Kinds that draw no edges: how many, and the first one.
-pub(super) type PassedOver = BTreeMap<String, (usize, String)>;
+pub(super) type Ignored = BTreeMap<String, (usize, String)>;
 
 /// Draws entities into a drawing.
 pub(super) struct Drawer<'a> {
     sheet: &'a Sheet,
     drawing: DxfDrawing,
     dimensions: Vec<&'a Record>,
-    passed_over: PassedOver,
+    ignored: Ignored,
     drawn: usize,
 }
 
 impl<'a> Drawer<'a> {
     pub(super) fn new(sheet: &'a Sheet, drawing: DxfDrawing) -> Self {
-        Self { sheet, drawing, dimensions: Vec::new(), passed_over: PassedOver::new(), drawn: 0 }
+        Self { sheet, drawing, dimensions: Vec::new(), ignored: Ignored::new(), drawn: 0 }
     }
 
     /// The drawing, the dimensions outside blocks, and what draws no edges.
-    pub(super) fn finish(self) -> (DxfDrawing, Vec<&'a Record>, PassedOver) {
-        (self.drawing, self.dimensions, self.passed_over)
+    pub(super) fn finish(self) -> (DxfDrawing, Vec<&'a Record>, Ignored) {
+        (self.drawing, self.dimensions, self.ignored)
     }
 
     pub(super) fn draw<'b: 'a>(&mut self, items: &'b Items, place: &Place) -> Result<()> {
         for (record, vertices) in &items.0 {
             // Blocks within blocks multiply.
             self.drawn += 1;
-            if self.drawn > MOST_ENTITIES {
+            if self.drawn > MAX_ENTITIES {
                 return Err(too_many());
             }
             // Paper space holds sheets, not the part.
@@ -152,7 +152,7 @@ impl<'a> Drawer<'a> {
     fn draw_one(&mut self, record: &Record, vertices: &[Record], place: &Place) -> Result<()> {
         let name = format!("{}{}", record.name(), place.named);
         let Some(style) = style_of(record, &self.sheet.layers, place.outer.as_ref()) else {
-            self.pass_over("centre line", name);
+            self.ignore("centre line", name);
             return Ok(());
         };
         let curves = match record.kind.as_str() {
@@ -160,7 +160,7 @@ impl<'a> Drawer<'a> {
             _ => curves_of(record),
         };
         let Some(curves) = curves.map_err(|e| e.in_context(&name))? else {
-            self.pass_over(&record.kind, name);
+            self.ignore(&record.kind, name);
             return Ok(());
         };
         for curve in curves {
@@ -181,20 +181,24 @@ impl<'a> Drawer<'a> {
         let name = record.text(2).unwrap_or_default();
         let sheet: &'a Sheet = self.sheet;
         let Some(block) = sheet.blocks.get(&name.to_uppercase()) else {
-            return Err(Error::input(format!("expected the block `{name}` in the section BLOCKS, found none")));
-        };
-        if place.depth >= DEEPEST {
             return Err(Error::input(format!(
-                "blocks within blocks go more than {DEEPEST} deep: does `{name}` hold itself?"
+                "expected the block `{name}` in the section BLOCKS, found none"
+            )));
+        };
+        if place.depth >= MAX_DEPTH {
+            return Err(Error::input(format!(
+                "blocks within blocks go more than {MAX_DEPTH} deep: does `{name}` hold itself?"
             )));
         }
         if record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() > 1e-9 {
-            return Err(Error::input("expected an entity in the xy plane, found another extrusion direction"));
+            return Err(Error::input(
+                "expected an entity in the xy plane, found another extrusion direction",
+            ));
         }
         let count = |code: i32| Ok::<usize, Error>((record.number(code)?.unwrap_or(1.0).max(1.0)) as usize);
         let (columns, rows) = (count(70)?, count(71)?);
         let (dx, dy) = (record.number(44)?.unwrap_or(0.0), record.number(45)?.unwrap_or(0.0));
-        if columns.saturating_mul(rows) > MOST_ENTITIES {
+        if columns.saturating_mul(rows) > MAX_ENTITIES {
             return Err(too_many());
         }
         let style = outer_style(record, &self.sheet.layers, place.outer.as_ref());
@@ -206,8 +210,8 @@ impl<'a> Drawer<'a> {
         Ok(())
     }
 
-    fn pass_over(&mut self, kind: &str, name: String) {
-        self.passed_over.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
+    fn ignore(&mut self, kind: &str, name: String) {
+        self.ignored.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
     }
 }
 
@@ -238,7 +242,7 @@ fn style_of(
 ) -> Option<LineStyle> {
     let (layer, line_type) = outer_style(record, layers, outer);
     let says = |words: &[&str]| words.iter().any(|w| line_type.contains(w) || layer.contains(w));
-    if says(&["CENTER", "CENTRE", "DASHDOT", "CHAIN", "PHANTOM", "DIVIDE"]) {
+    if says(&["CENTER", "CENTRE", "DASHDOT", "CURVE_SEGMENTS", "PHANTOM", "DIVIDE"]) {
         return None;
     }
     Some(match says(&["HIDDEN", "DASH"]) {

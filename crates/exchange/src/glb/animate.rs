@@ -72,7 +72,9 @@ impl Animation {
         let n = last.points.len();
         let fits = |f: &MeshFrame| f.points.len() == n && f.normals.len() == n && f.colours.len() == n;
         if n == 0 || triangles.is_empty() || !frames.iter().all(fits) {
-            return Err(Error::input("expected frames of one mesh with as many normals and colours as points"));
+            return Err(Error::input(
+                "expected frames of one mesh with as many normals and colours as points",
+            ));
         }
         if triangles.iter().flatten().any(|&corner| corner as usize >= n) {
             return Err(Error::input(format!("a triangle has a corner beyond the {n} points")));

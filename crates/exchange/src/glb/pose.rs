@@ -49,7 +49,7 @@ pub struct PosedMesh<'a> {
     pub colours: &'a [[f64; 3]],
     /// σ of the points along their normals, in the mesh's unit, for `_SIGMA`; empty where there is none.
     pub sigma: &'a [f64],
-    /// Which points were measured, for `_OBSERVED`; empty where nothing is said.
+    /// Which points were measured, for `_OBSERVED`; empty where nothing is error.
     pub observed: &'a [u8],
     /// A picture (PNG or JPEG) for the texture coordinates.
     pub picture: Option<&'a [u8]>,

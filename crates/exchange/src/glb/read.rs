@@ -17,15 +17,15 @@ use crate::numbers::NumberType;
 use crate::source::{Source, read_file};
 
 /// A scene's tree of nodes is not deeper than this.
-const DEEPEST: usize = 64;
+const MAX_DEPTH: usize = 64;
 /// More nodes than this in a scene are one node that stands in many places: the geometry would be copied so
 /// often.
-const MOST_NODES: usize = 100_000;
+const MAX_NODES: usize = 100_000;
 
 /// Nodes may show one mesh in many places; more copies than so many times what the file holds are a trap.
-const MOST_COPIES: usize = 256;
+const MAX_COPIES: usize = 256;
 /// So many vertices are never too many.
-const FEW_VERTICES: usize = 1 << 20;
+const ALWAYS_ALLOWED_VERTICES: usize = 1 << 20;
 
 /// Reads all triangles of the file's scene, in metres.
 ///
@@ -230,7 +230,7 @@ impl File<'_> {
         let mut visited = 0;
         while let Some((node, parent, depth)) = stack.pop() {
             visited += 1;
-            if depth > DEEPEST || visited > MOST_NODES {
+            if depth > MAX_DEPTH || visited > MAX_NODES {
                 return Err(Error::input(format!("node {node}: the tree of nodes does not end")));
             }
             let value = &self.document["nodes"][node];
@@ -295,7 +295,7 @@ impl File<'_> {
             let positions = self.accessor(&attributes["POSITION"], FLOAT, "VEC3")?;
             let first = mesh.points.len();
             // A vertex takes twelve bytes.
-            let most = (self.binary.len() / 12).saturating_mul(MOST_COPIES).max(FEW_VERTICES);
+            let most = (self.binary.len() / 12).saturating_mul(MAX_COPIES).max(ALWAYS_ALLOWED_VERTICES);
             if first.saturating_add(positions.count) > most {
                 return Err(Error::input(format!(
                     "the nodes repeat their meshes to more than {most} vertices, which the file does not \

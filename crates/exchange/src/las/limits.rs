@@ -23,9 +23,9 @@ use crate::source::check_expansion;
 
 /// Longer records of points are no points: a decoder keeps tables of several kilobytes for every byte of a
 /// record.
-const LONGEST_RECORD: u64 = 4096;
+const MAX_RECORD_BYTES: u64 = 4096;
 /// Bytes of an extended record before its data.
-const EXTENDED_HEAD: u64 = 60;
+const EXTENDED_HEADER_BYTES: u64 = 60;
 /// The first two bytes of a description by which all points are one chunk, and no table names it.
 pub(super) const ONE_CHUNK: [u8; 2] = [1, 0];
 
@@ -58,7 +58,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
                 Error::input(format!("byte {start}: expected an extended record, found the end of the file"))
                     .with_source(e)
             })?;
-        if start.saturating_add(EXTENDED_HEAD).saturating_add(size) > length {
+        if start.saturating_add(EXTENDED_HEADER_BYTES).saturating_add(size) > length {
             return Err(Error::input(format!(
                 "byte {start}: an extended record promises {size} bytes, but the file has {length}: it is \
                  cut off or damaged"
@@ -86,9 +86,9 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
     }
     check_expansion(length, points)
         .map_err(|e| e.in_context(format_args!("the header promises {promised} points of {record} bytes")))?;
-    if record > LONGEST_RECORD {
+    if record > MAX_RECORD_BYTES {
         return Err(Error::input(format!(
-            "expected records of points of at most {LONGEST_RECORD} bytes, found {record}"
+            "expected records of points of at most {MAX_RECORD_BYTES} bytes, found {record}"
         )));
     }
     let mut description = None;

@@ -64,17 +64,17 @@ impl<R: Read + Seek> Sequential<R> {
 }
 
 /// Differences from one time to the next are stated as a multiple of the last one, up to this and down to
-/// [`LEAST_MULTIPLE`].
-const MOST_MULTIPLE: i32 = 500;
-const LEAST_MULTIPLE: i32 = -10;
+/// [`MIN_MULTIPLE`].
+const MAX_MULTIPLE: i32 = 500;
+const MIN_MULTIPLE: i32 = -10;
 /// The symbol of a time that is the last one.
-const SAME: i32 = MOST_MULTIPLE - LEAST_MULTIPLE + 1;
+const REPEAT_SYMBOL: i32 = MAX_MULTIPLE - MIN_MULTIPLE + 1;
 /// The symbol of a time that begins another series; those behind it go back to one of the others.
-const ANOTHER: i32 = SAME + 1;
+const NEW_SERIES_SYMBOL: i32 = REPEAT_SYMBOL + 1;
 /// All symbols: three series to go back to.
-const SYMBOLS: u32 = (ANOTHER + 4) as u32;
+const SYMBOLS: u32 = (NEW_SERIES_SYMBOL + 4) as u32;
 /// So often in a row a writer may go from one series to another; none needs it twice.
-const MOST_SWITCHES: usize = 4;
+const MAX_SWITCHES: usize = 4;
 
 /// Passes over times: what they say is not kept, but how many bytes they take depends on it.
 ///
@@ -125,15 +125,15 @@ impl Times {
             0 => (0, 7),
             1 => (1, 1),
             2..10 => (symbol, 2),
-            10..MOST_MULTIPLE => (symbol, 3),
-            MOST_MULTIPLE => (symbol, 4),
-            ..SAME => match MOST_MULTIPLE - symbol {
-                LEAST_MULTIPLE => (LEAST_MULTIPLE, 6),
+            10..MAX_MULTIPLE => (symbol, 3),
+            MAX_MULTIPLE => (symbol, 4),
+            ..REPEAT_SYMBOL => match MAX_MULTIPLE - symbol {
+                MIN_MULTIPLE => (MIN_MULTIPLE, 6),
                 multiple => (multiple, 5),
             },
-            SAME => return Ok(true),
-            ANOTHER => return self.begin(decoder).map(|()| true),
-            _ => return Ok(self.switch((symbol - ANOTHER) as usize)),
+            REPEAT_SYMBOL => return Ok(true),
+            NEW_SERIES_SYMBOL => return self.begin(decoder).map(|()| true),
+            _ => return Ok(self.switch((symbol - NEW_SERIES_SYMBOL) as usize)),
         };
         let found = self.integers.decompress(decoder, last.wrapping_mul(multiple), context)?;
         match context {
@@ -189,7 +189,7 @@ impl<R: Read> FieldDecompressor<R> for Times {
     }
 
     fn decompress_with(&mut self, decoder: &mut ArithmeticDecoder<R>, _time: &mut [u8]) -> io::Result<()> {
-        for _ in 0..MOST_SWITCHES {
+        for _ in 0..MAX_SWITCHES {
             if self.pass(decoder)? {
                 return Ok(());
             }

@@ -15,7 +15,7 @@ use crate::points::PointColumns;
 use crate::source::{Source, open_file};
 
 /// A byte that DEFLATE has packed stands for so many at most.
-const MOST_EXPANSION: u64 = 1032;
+const MAX_DEFLATE_RATIO: u64 = 1032;
 
 type Archive = ZipArchive<BufReader<File>>;
 
@@ -47,7 +47,7 @@ fn open_archive(path: &Path) -> Result<Archive> {
 fn entry(archive: &mut Archive, number: usize) -> Result<Source<impl Read + '_>> {
     let entry = archive.by_index(number).map_err(damaged)?;
     let (packed, promised) = (entry.compressed_size(), entry.size());
-    if promised > packed.saturating_mul(MOST_EXPANSION).saturating_add(MOST_EXPANSION) {
+    if promised > packed.saturating_mul(MAX_DEFLATE_RATIO).saturating_add(MAX_DEFLATE_RATIO) {
         return Err(Error::input(format!(
             "{packed} compressed bytes cannot hold {promised}: the archive is damaged"
         )));

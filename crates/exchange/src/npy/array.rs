@@ -4,7 +4,7 @@ use std::io::Read;
 
 use planish_estimate::{Error, Result};
 
-use super::MOST_COLUMNS;
+use super::MAX_COLUMNS;
 use super::header::{Header, read_header};
 use crate::source::Source;
 
@@ -41,7 +41,7 @@ impl<R: Read> Array<R> {
         Ok(made)
     }
 
-    /// Reads the header of an array of points: plain with three to [`MOST_COLUMNS`] numbers a point, or
+    /// Reads the header of an array of points: plain with three to [`MAX_COLUMNS`] numbers a point, or
     /// structured.
     pub(super) fn open_points(source: Source<R>) -> Result<Self> {
         let mut made = Self::open(source, 0)?;
@@ -54,7 +54,7 @@ impl<R: Read> Array<R> {
             return Ok(made);
         }
         let width = made.header.shape.last().copied().unwrap_or(0);
-        if !matches!(axes, 2 | 3) || !(3..=MOST_COLUMNS).contains(&width) {
+        if !matches!(axes, 2 | 3) || !(3..=MAX_COLUMNS).contains(&width) {
             return Err(made.wrong_shape(expected));
         }
         made.inner = 1;

@@ -9,11 +9,11 @@ use crate::points::is_point_column;
 use crate::source::{Source, shown};
 
 /// A longer header is no header.
-const LONGEST: u64 = 1 << 20;
+const MAX_HEADER_BYTES: u64 = 1 << 20;
 /// Lists in lists are not deeper in any header.
-const DEEPEST: usize = 8;
+const MAX_DEPTH: usize = 8;
 /// Most numbers of an element.
-const MOST_NUMBERS: u64 = 1 << 16;
+const MAX_NUMBERS: u64 = 1 << 16;
 
 /// One number of an element.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +59,7 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         .bytes(width)?
         .map(|bytes| bytes.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b)))
         .ok_or_else(|| cut_off(8))?;
-    if length > LONGEST {
+    if length > MAX_HEADER_BYTES {
         return Err(Error::input(format!("byte 8: a header of {length} bytes: the file is damaged")));
     }
     let text = source.bytes(length as usize)?.ok_or_else(|| cut_off(8 + width as u64))?;
@@ -127,8 +127,8 @@ impl Header {
             )));
         };
         let count = shape.iter().try_fold(1_u64, |n, &side| n.checked_mul(side));
-        let count = count.filter(|&n| n + self.fields.len() as u64 <= MOST_NUMBERS).ok_or_else(|| {
-            Error::input(format!("the field '{name}': an element of more than {MOST_NUMBERS} numbers"))
+        let count = count.filter(|&n| n + self.fields.len() as u64 <= MAX_NUMBERS).ok_or_else(|| {
+            Error::input(format!("the field '{name}': an element of more than {MAX_NUMBERS} numbers"))
         })?;
         let lower = name.to_ascii_lowercase();
         let family: &[&str] = match (count, lower.as_str()) {
@@ -148,7 +148,9 @@ impl Header {
     /// Numbers of a type, behind those that were added before; of other types only the bytes count.
     fn add(&mut self, names: Vec<String>, kind: &str) -> Result<()> {
         let unknown = || {
-            Error::unsupported(format!("expected integers or floating-point numbers, found the type '{kind}'"))
+            Error::unsupported(format!(
+                "expected integers or floating-point numbers, found the type '{kind}'"
+            ))
         };
         let (order, rest) = match kind.as_bytes() {
             [order @ (b'<' | b'>' | b'|' | b'='), rest @ ..] => (*order, rest),
@@ -240,7 +242,7 @@ impl Parser<'_> {
     }
 
     fn literal(&mut self, depth: usize) -> Result<Literal> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(self.wrong("fewer lists in lists"));
         }
         match self.peek() {

@@ -14,7 +14,7 @@ use crate::numbers::NumberType;
 use crate::source::{Source, shown};
 
 /// Most elements of a file, and most properties of an element: no program writes a hundredth of it.
-const MOST_NAMES: usize = 4096;
+const MAX_NAMES: usize = 4096;
 
 /// How the body is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,8 +92,9 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         // Comments may be in any encoding; names are compared as text.
         let text = String::from_utf8_lossy(line);
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
-        let wrong =
-            |expected: &str| Error::input(format!("line {number}: expected {expected}, found {}", shown(line)));
+        let wrong = |expected: &str| {
+            Error::input(format!("line {number}: expected {expected}, found {}", shown(line)))
+        };
         match words[..] {
             ["end_header"] => break,
             ["comment", "unit", name] => header.unit = name.parse().ok(),
@@ -125,8 +126,8 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 if header.element(name).is_some() {
                     return Err(wrong("a name that no other element has"));
                 }
-                if header.elements.len() == MOST_NAMES {
-                    return Err(wrong(&format!("at most {MOST_NAMES} elements")));
+                if header.elements.len() == MAX_NAMES {
+                    return Err(wrong(&format!("at most {MAX_NAMES} elements")));
                 }
                 header.elements.push(Element { name: name.to_owned(), count, properties: Vec::new() });
             }
@@ -145,8 +146,8 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 let Some(element) = header.elements.last_mut() else {
                     return Err(wrong("an `element` line before its properties"));
                 };
-                if element.properties.len() == MOST_NAMES {
-                    return Err(wrong(&format!("at most {MOST_NAMES} properties of an element")));
+                if element.properties.len() == MAX_NAMES {
+                    return Err(wrong(&format!("at most {MAX_NAMES} properties of an element")));
                 }
                 if element.properties.iter().any(|p| p.name == name) {
                     return Err(wrong("a name that no other property of the element has"));

@@ -272,7 +272,10 @@ fn wrong_headers_are_named_by_line() {
         ("element vertex 1\nproperty list float int i", "line 4: expected a list length of an integer type"),
         ("element vertex 1\nproperty x", "line 4: expected `property TYPE NAME`"),
         ("element vertex 1\nelement vertex 2", "line 4: expected a name that no other element"),
-        ("element vertex 1\nproperty int x\nproperty int x", "line 5: expected a name that no other property"),
+        (
+            "element vertex 1\nproperty int x\nproperty int x",
+            "line 5: expected a name that no other property",
+        ),
         ("element vertex 1\nproperty int x", "found no y z"),
         ("element face 1", "expected an element `vertex`, found [face]"),
         ("format ascii 1.0", "line 3: expected one `format`"),

@@ -109,7 +109,8 @@ fn mistakes_are_named_by_line_or_byte() {
     );
     assert!(message(text.replacen("vertex 0 0 0", "vertex 0 0,5 0", 1).as_bytes()).contains("found `0,5`"));
     assert!(
-        message(text.replacen("vertex 0 0 0\n", "\n", 1).as_bytes()).contains("line 7: expected three corners")
+        message(text.replacen("vertex 0 0 0\n", "\n", 1).as_bytes())
+            .contains("line 7: expected three corners")
     );
     assert!(message(b"solid a\nendsolid a\n").contains("expected triangles, found none"));
     assert!(message(b"solid a\n").contains("cut off"));

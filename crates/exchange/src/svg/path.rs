@@ -1,13 +1,13 @@
 //! Paths: the letters of `d` as curves.
 
-use super::{FOLLOWS, number, unit_arc};
+use super::{ARC_TOLERANCE, number, unit_arc};
 use crate::affine::Affine;
 use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
 use std::f64::consts::{PI, TAU};
 
 /// Points along a Bézier curve.
-const CHAIN: usize = 48;
+const CURVE_SEGMENTS: usize = 48;
 
 /// Letters and numbers of a path.
 struct Words<'a> {
@@ -129,7 +129,9 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
                 end
             }
             other => {
-                return Err(Error::input(format!("expected a letter of paths (MLHVCSQTAZ), found `{other}`")));
+                return Err(Error::input(format!(
+                    "expected a letter of paths (MLHVCSQTAZ), found `{other}`"
+                )));
             }
         };
         at = end;
@@ -167,8 +169,8 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
         }
         p[0]
     };
-    let points: Vec<[f64; 2]> = (0..=CHAIN).map(|k| at(k as f64 / CHAIN as f64)).collect();
-    let (a, m, b) = (points[0], points[CHAIN / 2], points[CHAIN]);
+    let points: Vec<[f64; 2]> = (0..=CURVE_SEGMENTS).map(|k| at(k as f64 / CURVE_SEGMENTS as f64)).collect();
+    let (a, m, b) = (points[0], points[CURVE_SEGMENTS / 2], points[CURVE_SEGMENTS]);
     let cross = (m[0] - a[0]) * (b[1] - a[1]) - (m[1] - a[1]) * (b[0] - a[0]);
     let chord = (b[0] - a[0]).hypot(b[1] - a[1]);
     let off = |p: &[f64; 2]| ((p[0] - a[0]) * (b[1] - a[1]) - (p[1] - a[1]) * (b[0] - a[0])).abs();
@@ -188,7 +190,7 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
     ];
     let radius = (a[0] - center[0]).hypot(a[1] - center[1]);
     let follows =
-        |p: &[f64; 2]| ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs() <= FOLLOWS * radius;
+        |p: &[f64; 2]| ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs() <= ARC_TOLERANCE * radius;
     if radius.is_finite() && radius > 0.0 && points.iter().all(follows) {
         let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
         let sweeps: f64 = points.windows(2).map(|p| turn(angle(p[1]) - angle(p[0]))).sum();

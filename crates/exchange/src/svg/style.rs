@@ -4,7 +4,7 @@ use planish_solid::views::LineStyle;
 use roxmltree::{Document, Node};
 
 /// Dashes that differ by this factor are those of a centre line: long ones and dots.
-const UNEQUAL: f64 = 1.5;
+const CENTRE_LINE_RATIO: f64 = 1.5;
 
 /// Classes of `<style>` sheets with their declarations.
 pub(super) struct Sheet(Vec<(String, String)>);
@@ -110,5 +110,5 @@ fn dashed(value: &str) -> Option<LineStyle> {
     }
     let dashes = all.iter().step_by(2);
     let (least, most) = dashes.fold((f64::MAX, 0.0_f64), |(lo, hi), d| (lo.min(*d), hi.max(*d)));
-    (most <= UNEQUAL * least).then_some(LineStyle::Hidden)
+    (most <= CENTRE_LINE_RATIO * least).then_some(LineStyle::Hidden)
 }

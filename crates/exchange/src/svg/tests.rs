@@ -109,7 +109,7 @@ fn dashes_are_hidden_and_dashes_with_dots_are_centre_lines() {
     let styles: Vec<LineStyle> = drawing.curves.iter().map(|c| c.style).collect();
     use LineStyle::{Hidden, Visible};
     assert_eq!(styles, [Visible, Hidden, Hidden, Visible]);
-    assert_eq!(drawing.passed_over["centre line"], 1);
+    assert_eq!(drawing.ignored["centre line"], 1);
 }
 
 #[test]

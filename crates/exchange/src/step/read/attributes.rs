@@ -16,7 +16,9 @@ impl<'a> Index<'a> {
         let mut records = self.records(id)?;
         match records.len() {
             1 => Ok(Entity { id, line: self.line(id), record: records.remove(0) }),
-            n => Err(Error::input(format!("#{id} in line {}: expected one keyword, found {n}", self.line(id)))),
+            n => {
+                Err(Error::input(format!("#{id} in line {}: expected one keyword, found {n}", self.line(id))))
+            }
         }
     }
 
@@ -51,7 +53,9 @@ impl<'a> Entity<'a> {
     fn unexpected(&self, at: usize, what: &str) -> Error {
         match self.record.values.get(at) {
             Some(found) => self.wrong(&format!("attribute {}: expected {what}, found {found}", at + 1)),
-            None => self.wrong(&format!("expected {} attributes, found {}", at + 1, self.record.values.len())),
+            None => {
+                self.wrong(&format!("expected {} attributes, found {}", at + 1, self.record.values.len()))
+            }
         }
     }
 

@@ -16,10 +16,10 @@ use planish_solid::parametric::{MAX_DEGREE, ParametricCurve, ParametricSurface, 
 use std::f64::consts::FRAC_PI_2;
 
 /// Geometry that is made of other geometry, deeper than this, is refused.
-const DEEPEST: usize = 12;
+const MAX_DEPTH: usize = 12;
 
 /// Larger coordinates are no part's, and their squares would overflow.
-const MOST: f64 = 1e100;
+const MAX_COORDINATE: f64 = 1e100;
 
 /// Where a frame is, and its directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,10 +44,10 @@ impl Geometry<'_, '_> {
     pub(super) fn point(&self, id: u64) -> Result<[f64; 3]> {
         let entity = self.index.entity_of(id, "CARTESIAN_POINT")?;
         match entity.numbers(1)?.as_slice() {
-            [x, y, z] if [x, y, z].iter().all(|c| (**c * self.length).abs() < MOST) => {
+            [x, y, z] if [x, y, z].iter().all(|c| (**c * self.length).abs() < MAX_COORDINATE) => {
                 Ok([*x, *y, *z].map(|c| c * self.length))
             }
-            [_, _, _] => Err(entity.wrong(&format!("expected coordinates below {MOST:e}"))),
+            [_, _, _] => Err(entity.wrong(&format!("expected coordinates below {MAX_COORDINATE:e}"))),
             other => Err(entity.wrong(&format!("expected three coordinates, found {}", other.len()))),
         }
     }
@@ -91,7 +91,7 @@ impl Geometry<'_, '_> {
 
     fn size(&self, entity: &Entity, at: usize) -> Result<f64> {
         let size = entity.number(at)? * self.length;
-        match size > 0.0 && size < MOST {
+        match size > 0.0 && size < MAX_COORDINATE {
             true => Ok(size),
             false => Err(entity.wrong(&format!("attribute {}: expected a length > 0, found {size}", at + 1))),
         }
@@ -102,7 +102,7 @@ impl Geometry<'_, '_> {
     }
 
     fn curve_at(&self, id: u64, depth: usize) -> Result<ParametricCurve> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(Error::input(format!("#{id}: geometry refers to itself")));
         }
         let parts = self.index.parts(id)?;
@@ -192,7 +192,7 @@ impl Geometry<'_, '_> {
     }
 
     fn surface_at(&self, id: u64, depth: usize) -> Result<ParametricSurface> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(Error::input(format!("#{id}: geometry refers to itself")));
         }
         let parts = self.index.parts(id)?;

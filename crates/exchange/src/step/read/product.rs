@@ -12,7 +12,7 @@ use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, HashMap};
 
 /// Units of units of units: how deep.
-const DEEPEST: usize = 8;
+const MAX_DEPTH: usize = 8;
 
 /// An affine motion: columns of its matrix, and what is added.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,7 +99,7 @@ impl Units {
 
 /// What a unit is of, and its size in metres or radians; none of others.
 fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static str, f64)>> {
-    if depth > DEEPEST {
+    if depth > MAX_DEPTH {
         return Err(Error::input(format!("#{id}: units refer to themselves")));
     }
     let parts = index.parts(id)?;

@@ -15,7 +15,7 @@ use std::collections::HashMap;
 use std::fmt;
 
 /// Lists within lists beyond this are refused.
-const DEEPEST: usize = 24;
+const MAX_DEPTH: usize = 24;
 
 /// A parameter of an instance.
 #[derive(Debug, Clone, PartialEq)]
@@ -139,8 +139,8 @@ impl<'a> Cursor<'a> {
     }
 
     fn list(&mut self, depth: usize) -> Result<Vec<Value<'a>>> {
-        if depth > DEEPEST {
-            return Err(Error::input(format!("lists are nested more than {DEEPEST} deep")));
+        if depth > MAX_DEPTH {
+            return Err(Error::input(format!("lists are nested more than {MAX_DEPTH} deep")));
         }
         self.expect(b'(')?;
         let mut values = Vec::new();
@@ -272,7 +272,9 @@ impl<'a> Index<'a> {
                 }
                 t if t.starts_with(b"ENDSEC") => is_data = false,
                 t if t.starts_with(b"END-ISO-10303-21") => return index.whole(sections),
-                _ if is_data => return Err(named(Error::input("expected an instance `#n = …;` or `ENDSEC;`"))),
+                _ if is_data => {
+                    return Err(named(Error::input("expected an instance `#n = …;` or `ENDSEC;`")));
+                }
                 _ => {}
             }
         }
@@ -418,7 +420,7 @@ mod tests {
                 Err(e) => e.to_string(),
             }
         };
-        for (from, to, said) in [
+        for (from, to, error) in [
             ("ISO-10303-21;\n", "solid\n", "no STEP file"),
             ("END-ISO-10303-21;", "", "ends before"),
             ("ENDSEC;\nEND", "END", "no DATA"),
@@ -439,7 +441,7 @@ mod tests {
             };
             match from {
                 "ENDSEC;\nEND" => assert!(e.contains("outside of a DATA"), "{e}"),
-                _ => assert!(e.contains(said), "{from}: {e}"),
+                _ => assert!(e.contains(error), "{from}: {e}"),
             }
         }
         assert!(Index::new(b"").is_err() && Index::new(b"ISO-10303-21;").is_err());

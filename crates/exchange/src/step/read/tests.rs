@@ -229,7 +229,7 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("part.stp");
-    let said = |text: &str| {
+    let error = |text: &str| {
         std::fs::write(&path, text).unwrap();
         read_mesh(&path).unwrap_err().to_string()
     };
@@ -267,7 +267,7 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
         ),
         ("solid\n".to_owned(), "it is no STEP file"),
     ] {
-        let e = said(&text);
+        let e = error(&text);
         assert!(e.contains(words), "{e}");
     }
 }

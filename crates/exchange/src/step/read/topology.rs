@@ -34,7 +34,7 @@ pub(super) struct Builder<'b, 'a> {
 }
 
 /// Faces in shells that are in shells: how deep.
-const DEEPEST: usize = 8;
+const MAX_DEPTH: usize = 8;
 
 impl<'b, 'a> Builder<'b, 'a> {
     pub(super) fn new(geometry: Geometry<'b, 'a>) -> Self {
@@ -69,7 +69,7 @@ impl<'b, 'a> Builder<'b, 'a> {
     }
 
     fn add(&mut self, id: u64, forward: bool, depth: usize) -> Result<bool> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(Error::input(format!("#{id}: shells refer to themselves")));
         }
         let records = self.index().records(id)?;
@@ -143,7 +143,7 @@ impl<'b, 'a> Builder<'b, 'a> {
 
     fn face(&mut self, id: u64, forward: bool, depth: usize) -> Result<ParametricFace> {
         let entity = self.index().entity(id)?;
-        if entity.record.keyword == "ORIENTED_FACE" && depth < DEEPEST {
+        if entity.record.keyword == "ORIENTED_FACE" && depth < MAX_DEPTH {
             let same = entity.truth(4)?;
             return self.face(entity.reference(3)?, forward == same, depth + 1);
         }

@@ -14,13 +14,13 @@ use std::collections::BTreeMap;
 
 /// Times tell scans apart where each has so many points on average: fewer are points of one scan that took
 /// its time.
-const LEAST_POINTS_OF_TIME: usize = 100;
+const MIN_POINTS_PER_TIME: usize = 100;
 
 /// The scans of a file's points.
 ///
 /// # Errors
 /// `Unsupported` for an organised grid of several scans.
-pub(crate) fn several(mut scan: Scan) -> Result<Vec<Scan>> {
+pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
     let (numbers, times) = (scan.scan_numbers.take(), scan.times_s.take());
     let part: Vec<u64> = match (&numbers, &times) {
         (Some(numbers), _) => numbers.iter().map(|&n| n.into()).collect(),
@@ -38,7 +38,7 @@ pub(crate) fn several(mut scan: Scan) -> Result<Vec<Scan>> {
         Some(first + of.iter().map(|&k| times[k] - first).sum::<f64>() / of.len() as f64)
     };
     let by_time_alone = numbers.is_none();
-    if points.len() < 2 || by_time_alone && points.len() * LEAST_POINTS_OF_TIME > part.len() {
+    if points.len() < 2 || by_time_alone && points.len() * MIN_POINTS_PER_TIME > part.len() {
         scan.time_s = mean(&(0..part.len()).collect::<Vec<_>>()).or(scan.time_s);
         return Ok(vec![scan]);
     }
@@ -110,13 +110,13 @@ mod tests {
 
     #[test]
     fn numbers_split_a_file_with_all_of_its_columns() {
-        let made = several(scan(Some(vec![2.0, 1.0, 4.0, 1.0]), Some(vec![7, 3, 7, 3]), 4)).unwrap();
-        let told: Vec<_> = made
+        let made = split_scans(scan(Some(vec![2.0, 1.0, 4.0, 1.0]), Some(vec![7, 3, 7, 3]), 4)).unwrap();
+        let found: Vec<_> = made
             .iter()
             .map(|s| (s.name.as_str(), s.points.len(), s.sigma.clone().unwrap(), s.time_s))
             .collect();
         assert_eq!(
-            told,
+            found,
             [
                 ("a.csv, scan 3", 2, vec![2.0, 4.0], Some(1.0)),
                 ("a.csv, scan 7", 2, vec![1.0, 3.0], Some(3.0))
@@ -127,10 +127,10 @@ mod tests {
     #[test]
     fn times_split_where_many_points_share_each_and_only_there() {
         let shared = |k: usize| if k.is_multiple_of(2) { -1.5 } else { 0.5 };
-        let made = several(scan(Some((0..400).map(shared).collect()), None, 400)).unwrap();
-        let told: Vec<_> = made.iter().map(|s| (s.points.len(), s.time_s)).collect();
-        assert_eq!(told, [(200, Some(-1.5)), (200, Some(0.5))]);
-        let own = several(scan(Some((0..40).map(f64::from).collect()), None, 40)).unwrap();
+        let made = split_scans(scan(Some((0..400).map(shared).collect()), None, 400)).unwrap();
+        let found: Vec<_> = made.iter().map(|s| (s.points.len(), s.time_s)).collect();
+        assert_eq!(found, [(200, Some(-1.5)), (200, Some(0.5))]);
+        let own = split_scans(scan(Some((0..40).map(f64::from).collect()), None, 40)).unwrap();
         assert_eq!((own.len(), own[0].points.len(), own[0].time_s), (1, 40, Some(19.5)));
     }
 }
