@@ -51,6 +51,12 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
     Ok((File::open(path).map_err(failed)?, length))
 }
 
+/// Maximum ratio of unpacked to packed bytes of DEFLATE.
+///
+/// # References
+/// M. Adler, *zlib technical details*: 1032 to 1.
+pub(crate) const MAX_DEFLATE_RATIO: u64 = 1032;
+
 /// First bytes of a gzip file (RFC 1952, section 2.3.1).
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
