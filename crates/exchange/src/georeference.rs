@@ -21,7 +21,7 @@ pub struct GeoReference {
     pub(crate) text: Vec<u8>,
 }
 
-/// GeoTIFF keys (OGC 19-008r4, annex on keys).
+/// GeoTIFF keys.
 const MODEL_TYPE: u16 = 1024;
 pub(crate) const RASTER_TYPE: u16 = 1025;
 const PROJECTED_CRS: u16 = 3072;

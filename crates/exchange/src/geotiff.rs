@@ -21,7 +21,7 @@ use tiff::tags::{ExtraSamples, PhotometricInterpretation, SampleFormat, Tag};
 use crate::georeference::{DOUBLES_TAG, RASTER_TYPE, TEXT_TAG};
 use crate::{GeoReference, Unit, write_atomically};
 
-/// Value of cells without a height. GIS programs read it from the tag `GDAL_NODATA`; NaN is less widely supported.
+/// Value of cells without a height. GIS programs read it from the tag `GDAL_NODATA`.
 pub const NODATA: f32 = -9999.0;
 
 /// Heights on a grid whose rows run from north to south.

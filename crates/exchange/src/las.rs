@@ -11,7 +11,7 @@
 //! the same unit.
 //!
 //! # References
-//! ASPRS, *LAS Specification 1.4-R15*, 2019, section 2 (header, point formats, classes).
+//! ASPRS, *LAS Specification 1.4-R15*, 2019.
 
 mod limits;
 mod sequential;
@@ -53,7 +53,7 @@ pub(crate) fn read_las_and_map(path: &Path) -> Result<(Scan, Option<GeoReference
 }
 
 fn georeference(header: &Header) -> Option<GeoReference> {
-    // Records 34735 to 34737 hold GeoTIFF keys, record 2112 well-known text (LAS 1.4, section 3).
+    // Records 34735 to 34737 hold GeoTIFF keys, record 2112 well-known text.
     let record = |number: u16| {
         let mut all = header.all_vlrs();
         all.find(|vlr| vlr.user_id == PROJECTION && vlr.record_id == number).map(|vlr| vlr.data.as_slice())
@@ -154,7 +154,7 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
     Ok((scan, georeference(&header)))
 }
 
-/// Classes 0 (never classified) and 1 (unclassified) do not count (LAS 1.4, tables 8 and 17).
+/// Classes 0 (never classified) and 1 (unclassified) do not count.
 const UNCLASSIFIED: u8 = 1;
 
 /// Class of a record: byte 16 of formats 6 to 10, five bits of byte 15 of formats 0 to 5.

@@ -23,7 +23,7 @@ use crate::source::check_expansion;
 /// Maximum size of a point record. The decoder allocates several kilobytes of tables per extra byte of a record; the
 /// largest standard format has 67 bytes.
 const MAX_RECORD_BYTES: u64 = 4096;
-/// Size of the header of an extended variable-length record (LAS 1.4, section 2.7).
+/// Size of the header of an extended variable-length record.
 const EXTENDED_HEADER_BYTES: u64 = 60;
 /// First two bytes of a LASzip description with which all points form one chunk without a table.
 pub(super) const ONE_CHUNK: [u8; 2] = [1, 0];
