@@ -121,7 +121,7 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Resu
     for triangle in mesh.triangles {
         let corners = triangle.map(|v| mesh.points[v as usize]);
         let [a, b, c] = corners;
-        // A degenerate triangle has no normal and gets zero, as the format suggests.
+        // A degenerate triangle has no normal and gets zero.
         let normal = unit(cross(sub(b, a), sub(c, a))).unwrap_or([0.0; 3]);
         let mut record = [0; RECORD];
         let numbers = normal.iter().chain(corners.iter().flatten());

@@ -49,7 +49,7 @@ pub struct PosedMesh<'a> {
     pub colours: &'a [[f64; 3]],
     /// σ of the points along their normals, in the unit of the mesh, for `_SIGMA`; empty for none.
     pub sigma: &'a [f64],
-    /// Whether each point was measured, for `_OBSERVED`; empty where nothing is error.
+    /// Whether each point was measured, for `_OBSERVED`; empty if unknown.
     pub observed: &'a [u8],
     /// Picture of the texture (PNG or JPEG).
     pub picture: Option<&'a [u8]>,

@@ -267,7 +267,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                 read_rows(source, element, header.encoding, Some(list), |row| {
                     if row.list.len() < 3 {
                         return Err(Error::input(format!(
-                            "{}: expected three corners or more, found {}",
+                            "{}: expected at least three corners, found {}",
                             row.place,
                             row.list.len()
                         )));

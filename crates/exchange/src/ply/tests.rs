@@ -311,7 +311,7 @@ fn errors_of_bodies_name_line_and_record() {
     let faces = format!("element vertex 3\n{XYZ}\nelement face 1\nproperty list char int vertex_indices");
     let points = "0 0 0\n1 0 0\n0 1 0\n";
     for (row, words) in [
-        ("2 0 1", "line 13 (face 0): expected three corners or more, found 2"),
+        ("2 0 1", "line 13 (face 0): expected at least three corners, found 2"),
         ("0", "found 0"),
         ("-3 0 1 2", "expected a length for `vertex_indices`, found `-3`"),
         ("3 0 1 3", "expected a vertex index below 3, found 3"),
