@@ -288,6 +288,7 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
 fn jpeg(bytes: &[u8]) -> Result<Picture> {
     guarded(|| {
         let damaged = |e| Error::input(format!("not a JPEG image, or damaged or cut off ({e:?})"));
+        // Strict mode reports damaged data instead of decoding around them.
         let options =
             DecoderOptions::default().set_strict_mode(true).set_max_width(MAX_SIDE).set_max_height(MAX_SIDE);
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);

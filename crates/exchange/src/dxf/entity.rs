@@ -1,14 +1,15 @@
-//! Entities: what a record of `ENTITIES` draws.
+//! Converts entities to curves.
 
 use super::groups::Record;
 use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
 use std::f64::consts::TAU;
 
-/// Points along an ellipse or a spline's span.
+/// Number of segments of an ellipse. Chords deviate by 0.2 % of the radius (1 − cos(π/48)); more segments reduce the
+/// deviation and enlarge the drawing.
 const CURVE_SEGMENTS: usize = 48;
 
-/// The curves of an entity; none where its kind draws no edges.
+/// Curves of an entity; none if its kind draws no edges.
 pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
     let turned = record.number(230)?.is_some_and(|z| z < 0.0);
     let flat = record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() < 1e-9;
@@ -27,8 +28,8 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
     if !flat {
         return Err(Error::input("expected an entity in the xy plane, found another extrusion direction"));
     }
-    // An extrusion direction of −z mirrors x (the arbitrary axis algorithm); lines, ellipses and splines are
-    // in world coordinates.
+    // An extrusion direction of −z mirrors x (arbitrary axis algorithm of the DXF reference). Lines, ellipses and
+    // splines are stored in world coordinates and are not affected.
     let planar = matches!(record.kind.as_str(), "CIRCLE" | "ARC" | "LWPOLYLINE");
     Ok(Some(match turned && planar {
         true => curves.iter().map(|curve| curve.moved(|[x, y]| [-x, y], true)).collect(),
@@ -65,7 +66,7 @@ fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
         return Err(Error::input(format!("expected a radius > 0, found {radius}")));
     }
     if radius == 0.0 {
-        // A point: it is left out with a word, as all that has no length.
+        // A curve without length, which the caller ignores with a warning.
         let center = point(record, 10)?;
         return Ok(Curve2::Segment(center, center));
     }
@@ -118,7 +119,7 @@ fn polyline(record: &Record) -> Result<Vec<Curve2>> {
         .collect())
 }
 
-/// The curves of an old-style polyline with its vertices; none for meshes.
+/// Curves of an old-style polyline with its vertices; none for meshes (flags 16 and 64).
 pub(super) fn polyline_curves(record: &Record, vertices: &[Record]) -> Result<Option<Vec<Curve2>>> {
     let flags = record.number(70)?.unwrap_or(0.0) as i64;
     if flags & (16 | 64) != 0 {
@@ -129,7 +130,7 @@ pub(super) fn polyline_curves(record: &Record, vertices: &[Record]) -> Result<Op
     }
     let mut corners: Vec<([f64; 2], f64)> = Vec::with_capacity(vertices.len());
     for vertex in vertices {
-        // Points that a spline only leans on are no corners.
+        // Flag 16 marks control points of a spline frame, which are not on the curve.
         if vertex.number(70)?.unwrap_or(0.0) as i64 & 16 == 0 {
             let at = point(vertex, 10).map_err(|e| e.in_context(vertex.name()))?;
             corners.push((at, vertex.number(42)?.unwrap_or(0.0)));
@@ -145,7 +146,8 @@ pub(super) fn polyline_curves(record: &Record, vertices: &[Record]) -> Result<Op
     }))
 }
 
-/// A span with bulge `b = tan(θ/4)`, θ the angle of its arc.
+/// Span of a polyline with bulge `b = tan(θ/4)`, where θ is the angle of its arc. Positive bulges run
+/// counter-clockwise.
 fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
     if bulge == 0.0 {
         return Curve2::Segment(a, b);
@@ -162,7 +164,7 @@ fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
     }
 }
 
-/// A spline: its fit points where it has them, else de Boor's algorithm on its control points.
+/// Converts a spline to a chain: through its fit points if it has them, else by de Boor's algorithm.
 fn spline(record: &Record) -> Result<Curve2> {
     let fit = points(record, 11)?;
     if fit.len() >= 2 {
@@ -179,7 +181,7 @@ fn spline(record: &Record) -> Result<Curve2> {
         || !ascending
     {
         return Err(Error::input(format!(
-            "expected ascending knots as many as poles + degree + 1, found degree {degree}, {} poles, {} knots",
+            "expected ascending knots, poles + degree + 1 in number, found degree {degree}, {} poles, {} knots",
             poles.len(),
             knots.len()
         )));
@@ -204,6 +206,7 @@ fn spline(record: &Record) -> Result<Curve2> {
     Ok(Curve2::Chain(chain))
 }
 
+/// Evaluates a rational B-spline in homogeneous coordinates (C. de Boor, *A Practical Guide to Splines*, 1978).
 fn de_boor(
     poles: &[[f64; 2]],
     knots: &[f64],

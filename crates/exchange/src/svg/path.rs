@@ -1,4 +1,4 @@
-//! Paths: the letters of `d` as curves.
+//! Converts paths (the attribute `d`) to curves.
 
 use super::{ARC_TOLERANCE, number, unit_arc};
 use crate::affine::Affine;
@@ -6,10 +6,10 @@ use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
 use std::f64::consts::{PI, TAU};
 
-/// Points along a Bézier curve.
+/// Number of segments of a Bézier curve.
 const CURVE_SEGMENTS: usize = 48;
 
-/// Letters and numbers of a path.
+/// Tokens of a path: letters, numbers and flags.
 struct Words<'a> {
     left: &'a str,
 }
@@ -31,7 +31,7 @@ impl<'a> Words<'a> {
         self.left.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
     }
 
-    /// Numbers may follow each other without a gap: `1-2`, `.5.5`.
+    /// Parses a number. Numbers may follow each other without a separator: `1-2`, `.5.5`.
     fn number(&mut self) -> Result<f64> {
         self.skip();
         let bytes = self.left.as_bytes();
@@ -59,27 +59,27 @@ impl<'a> Words<'a> {
         number(text)
     }
 
-    /// 0 or 1, which needs no gap behind.
+    /// Parses a flag, 0 or 1, which needs no separator after it.
     fn flag(&mut self) -> Result<bool> {
         self.skip();
         let flag = self.left.chars().next().filter(|c| matches!(c, '0' | '1'));
-        let flag = flag.ok_or_else(|| Error::input("expected 0 or 1 as a flag of an arc in the path"))?;
+        let flag = flag.ok_or_else(|| Error::input("expected 0 or 1 as a flag of an arc in the path, found another character"))?;
         self.left = &self.left[1..];
         Ok(flag == '1')
     }
 }
 
-/// The curves of a path.
+/// Converts a path to curves.
 pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
     let mut words = Words { left: d };
     let mut curves = Vec::new();
     let (mut at, mut begun) = ([0.0; 2], [0.0; 2]);
-    // The last control point of a curve, mirrored by S and T.
+    // Last control point and kind of the previous curve, which S and T mirror.
     let mut handle: Option<(char, [f64; 2])> = None;
     let mut letter = match words.letter() {
         Some(letter @ ('M' | 'm')) => letter,
         None if words.left.is_empty() => return Ok(curves),
-        _ => return Err(Error::input("expected a path that begins with M")),
+        _ => return Err(Error::input("expected a path that begins with M or m")),
     };
     loop {
         let is_relative = letter.is_ascii_lowercase();
@@ -95,7 +95,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
             'M' => {
                 let end = point(&mut words)?;
                 begun = end;
-                // What follows without a letter are lines.
+                // Further pairs of numbers after M are lines.
                 letter = if is_relative { 'l' } else { 'L' };
                 end
             }
@@ -130,7 +130,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
             }
             other => {
                 return Err(Error::input(format!(
-                    "expected a letter of paths (MLHVCSQTAZ), found `{other}`"
+                    "expected a path command (one of MLHVCSQTAZ), found `{other}`"
                 )));
             }
         };
@@ -141,7 +141,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
             None if words.left.is_empty() => return Ok(curves),
             None if letter.eq_ignore_ascii_case(&'Z') || !words.is_at_number() => {
                 let found: String = words.left.chars().take(20).collect();
-                return Err(Error::input(format!("expected a letter in the path, found `{found}`")));
+                return Err(Error::input(format!("expected a command in the path, found `{found}`")));
             }
             None => {}
         }
@@ -153,14 +153,14 @@ fn line_to(curves: &mut Vec<Curve2>, from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
     to
 }
 
-/// The line that closes a path, where it has not come back by itself.
+/// Adds the line that closes a path, unless its last curve already ends at the start.
 fn add_line(curves: &mut Vec<Curve2>, from: [f64; 2], to: [f64; 2]) {
     if from != to {
         curves.push(Curve2::Segment(from, to));
     }
 }
 
-/// A Bézier curve: an arc where it follows a circle, a line where it is straight, else points.
+/// Converts a Bézier curve: to a line if straight, to an arc if it follows a circle, else to points.
 fn bezier(poles: &[[f64; 2]]) -> Curve2 {
     let at = |t: f64| {
         let mut p: Vec<[f64; 2]> = poles.to_vec();
@@ -177,11 +177,12 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
     let forward = |p: &[f64; 2]| (p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1]);
     if chord > 0.0
         && points.iter().all(|p| off(p) <= 1e-9 * chord * chord)
+        // A curve on a line that turns back covers more than the segment between its ends.
         && points.windows(2).all(|p| forward(&p[0]) <= forward(&p[1]))
     {
         return Curve2::Segment(a, b);
     }
-    // The circle through its ends and its middle.
+    // Circle through both ends and the middle.
     let square = |p: [f64; 2]| (p[0] - a[0]).powi(2) + (p[1] - a[1]).powi(2);
     let (sm, sb) = (square(m), square(b));
     let center = [
@@ -200,12 +201,13 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
     Curve2::Chain(points)
 }
 
+/// Reduces an angle to −π to π.
 fn turn(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }
 
-/// An elliptical arc between two points (SVG 1.1, F.6.5): the centre from the ends; radii that are too short
-/// are enlarged.
+/// Elliptical arc between two points: computes the centre (SVG 1.1, F.6.5) and enlarges radii that are too short
+/// (F.6.6).
 fn arc(
     from: [f64; 2],
     to: [f64; 2],
@@ -222,7 +224,7 @@ fn arc(
     }
     let (sin, cos) = angle.sin_cos();
     let half = [(from[0] - to[0]) / 2.0, (from[1] - to[1]) / 2.0];
-    // In the frame where the ellipse is a unit circle.
+    // Map to the frame in which the ellipse is a unit circle.
     let into =
         |p: [f64; 2], s: f64| [(cos * p[0] + sin * p[1]) / (s * rx), (cos * p[1] - sin * p[0]) / (s * ry)];
     let p = into(half, 1.0);
