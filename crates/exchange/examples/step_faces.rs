@@ -1,7 +1,7 @@
-//! What is read of STEP files: faces, faces left out, area, volume and open edges of their triangles.
+//! Prints a table of STEP files: faces, skipped faces, and area, volume and open edges of their triangles.
 //!
-//! `cargo run --release -p planish-exchange --example step_faces -- CHORD FILE...`, the chord error as a
-//! share of the size.
+//! `cargo run --release -p planish-exchange --example step_faces -- CHORD FILE...`, where CHORD is the chord error
+//! as a share of the size.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program whose output is a table")]
 
@@ -13,7 +13,7 @@ use std::time::Instant;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
-    let share: f64 = arguments.next().ok_or("needed a chord error")?.parse()?;
+    let share: f64 = arguments.next().ok_or("expected a chord error as the first argument")?.parse()?;
     println!("file,unit,parts,faces,left_out,triangles,open_edges,nonmanifold,turned,area,volume,seconds");
     for file in arguments {
         let begun = Instant::now();

@@ -1,13 +1,12 @@
-//! Meshes with texture coordinates, named parts and a texture: types, materials, and OBJ with MTL.
+//! Types of textured meshes, material files (MTL), and the writer of textured OBJ files.
 //!
-//! **Input.** Any mesh file. OBJ is read with `vt`, with its groups, objects and materials as parts, and with
-//! the pictures that its material files (`.mtl`, `map_Kd`) name; GLB with `TEXCOORD_0` and the picture of its
-//! base colour.
+//! This module is below the formats that use it; users import it through [`crate::textured`].
 //!
-//! **Output.** OBJ with its MTL file and picture.
+//! **Input.** A [`TexturedMesh`] and a picture, or a material file.
 //!
-//! **Limits.** Of a material only the colour picture is used. Texture coordinates are read from OBJ and GLB
-//! files only.
+//! **Output.** An OBJ file with its MTL file and picture, or the pictures of materials.
+//!
+//! **Limits.** Of a material, only the colour picture (`map_Kd`) is used.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -19,10 +18,10 @@ use crate::Unit;
 use crate::atomic::{write_atomically, write_packed};
 use crate::source::read_text;
 
-/// No texture coordinates at a corner.
+/// Marks a corner without texture coordinates.
 pub const NO_UV: u32 = u32::MAX;
 
-/// What names a part.
+/// Kind of a named part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PartKind {
     /// `o` in OBJ.
@@ -33,57 +32,71 @@ pub enum PartKind {
     Material,
 }
 
-/// Triangles of one name.
+/// Triangles with a common name.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MeshPart {
-    /// What names it.
+    /// Keyword that names the part.
     pub kind: PartKind,
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Its triangles.
+    /// Indices of its triangles.
     pub triangles: Vec<u32>,
 }
 
-/// A mesh with what makes it look like something.
+/// A mesh with texture coordinates, named parts and a texture.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TexturedMesh {
     /// Positions.
     pub points: Vec<[f64; 3]>,
-    /// Corners of triangles.
+    /// Indices of the corners of each triangle.
     pub triangles: Vec<[u32; 3]>,
     /// Texture coordinates from 0 to 1, from the lower left.
     pub uv: Vec<[f64; 2]>,
-    /// Those of the corners of each triangle, or [`NO_UV`]; empty where the mesh has none.
+    /// Indices into `uv` of the corners of each triangle, or [`NO_UV`]; empty without texture coordinates.
     pub uv_triangles: Vec<[u32; 3]>,
-    /// Parts by name.
+    /// Named parts; a triangle may belong to several.
     pub parts: Vec<MeshPart>,
-    /// The picture of the material that most triangles have.
+    /// Path of the picture of the material with the most triangles.
     pub texture: Option<PathBuf>,
-    /// The same where it stands in the file itself: PNG or JPEG.
+    /// Bytes of the picture, PNG or JPEG, if the mesh file contains it.
     pub picture: Option<Vec<u8>>,
-    /// Further numbers of the vertices by their names, as [`PolygonMesh`](crate::mesh::PolygonMesh) has them.
+    /// Further columns of numbers at the vertices, as in [`PolygonMesh`](crate::mesh::PolygonMesh).
     pub columns: Vec<(String, Vec<f64>)>,
     /// Further files that were read.
     pub files: Vec<PathBuf>,
-    /// What is named and not there, or not looked at.
+    /// References to missing files, and textures that are ignored.
     pub warnings: Vec<String>,
-    /// The unit of length, where the file names it.
+    /// The unit of length, if the file states it.
     pub unit: Option<Unit>,
 }
 
-/// Vertices made so many that each has one pair of texture coordinates, as viewers want it.
+/// A mesh whose vertices are split at seams, so that each has one pair of texture coordinates, as GLB requires.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SplitMesh {
-    /// The vertex that each was.
+    /// Index of the original vertex of each vertex.
     pub vertex_of: Vec<u32>,
-    /// Texture coordinates, one for each; empty where there are none.
+    /// Texture coordinates, one pair per vertex; empty for none.
     pub uv: Vec<[f64; 2]>,
-    /// Corners of triangles.
+    /// Indices of the corners of each triangle.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl TexturedMesh {
     /// Splits vertices at seams of the texture.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_exchange::textured::TexturedMesh;
+    /// let square = TexturedMesh {
+    ///     points: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]],
+    ///     triangles: vec![[0, 1, 2], [0, 2, 3]],
+    ///     uv: vec![[0.0, 0.0], [0.5, 0.0], [0.5, 1.0], [0.75, 0.25], [1.0, 0.5], [0.75, 1.0]],
+    ///     uv_triangles: vec![[0, 1, 2], [3, 4, 5]],
+    ///     ..TexturedMesh::default()
+    /// };
+    /// // Vertices 0 and 2 are on the seam.
+    /// assert_eq!(square.split().vertex_of, [0, 1, 2, 0, 2, 3]);
+    /// ```
     #[must_use]
     pub fn split(&self) -> SplitMesh {
         if self.uv_triangles.is_empty() {
@@ -111,7 +124,7 @@ impl TexturedMesh {
         split
     }
 
-    /// The vertices of parts of a name; of objects before groups before materials, where several have it.
+    /// Vertices of the part with this name, ascending. An object is preferred to a group, and a group to a material.
     #[must_use]
     pub fn vertices_of(&self, name: &str) -> Option<Vec<u32>> {
         let part = [PartKind::Object, PartKind::Group, PartKind::Material]
@@ -125,20 +138,28 @@ impl TexturedMesh {
     }
 }
 
-/// The bytes of a picture, to be put into another file as they are.
+/// Reads a file completely, for example a picture that is embedded unchanged.
 ///
 /// # Errors
-/// `Io` where the file cannot be read.
+/// `Io` if the file cannot be read.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path)
         .map_err(|e| Error::io(format!("{}: could not be read", path.display())).with_source(e))
 }
 
-/// Indices of vertices from 0, in any order, with blanks or lines between them; `#` begins a comment. Goes
-/// out: each once, in order.
+/// Reads a list of vertex indices, separated by white space, with `#` for comments. Returns them ascending, each once.
 ///
 /// # Errors
-/// `Io` where the file cannot be read; `Input` for what is no index, with the line.
+/// `Io` if the file cannot be read; `Input` for a word that is not an index, with the line.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("held.txt");
+/// std::fs::write(&path, "7 3 # left hand\n3\n")?;
+/// assert_eq!(planish_exchange::textured::read_vertex_list(&path)?, [3, 7]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_vertex_list(path: &Path) -> Result<Vec<u32>> {
     let text = read_text(path)?;
     let mut vertices = Vec::new();
@@ -146,7 +167,7 @@ pub fn read_vertex_list(path: &Path) -> Result<Vec<u32>> {
         for word in line.split('#').next().unwrap_or_default().split_whitespace() {
             vertices.push(word.parse().map_err(|_| {
                 Error::input(format!(
-                    "{}: line {}: needed the index of a vertex, found `{word}`",
+                    "{}: line {}: expected a vertex index, found `{word}`",
                     path.display(),
                     index + 1
                 ))
@@ -158,10 +179,20 @@ pub fn read_vertex_list(path: &Path) -> Result<Vec<u32>> {
     Ok(vertices)
 }
 
-/// The picture of each material's colour that a material file names, beside it.
+/// Reads a material file (MTL): the path of the colour picture of each material that has one.
 ///
 /// # Errors
-/// `Io` where the file cannot be read; `Input` for pictures before any material, with the line.
+/// `Io` if the file cannot be read; `Input` for a picture before any material, with the line.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("a.mtl");
+/// std::fs::write(&path, "newmtl skin\nmap_Kd skin.png\n")?;
+/// let pictures = planish_exchange::textured::read_materials(&path)?;
+/// assert_eq!(pictures["skin"], folder.path().join("skin.png"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
     let read = || {
         let text = read_text(path)?;
@@ -173,7 +204,8 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
             match word {
                 "newmtl" => current = Some(rest.trim().to_owned()),
                 "map_Kd" => {
-                    // Options stand before the name; a name without options may have blanks.
+                    // Options precede the name. Without options, the whole rest is the name, which may contain
+                    // blanks.
                     let rest = rest.trim();
                     let name = match rest.starts_with('-') {
                         true => rest.rsplit(char::is_whitespace).next().unwrap_or_default(),
@@ -181,11 +213,12 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
                     };
                     let Some(material) = current.clone().filter(|_| !name.is_empty()) else {
                         return Err(Error::input(format!(
-                            "line {}: needed `newmtl` before a picture, and the picture's name",
+                            "line {}: expected `newmtl NAME` before `map_Kd`, and the name of a picture after it",
                             index + 1
                         )));
                     };
                     let folder = path.parent().unwrap_or(Path::new(""));
+                    // Programs on Windows write backslashes.
                     materials.insert(material, folder.join(name.replace('\\', "/")));
                 }
                 _ => {}
@@ -196,18 +229,23 @@ pub fn read_materials(path: &Path) -> Result<BTreeMap<String, PathBuf>> {
     read().map_err(|e: Error| e.in_context(path.display()))
 }
 
-/// Whether a picture is JPEG, by its first bytes.
+/// True if the first bytes are those of a JPEG picture.
+///
+/// # Examples
+/// ```
+/// assert!(planish_exchange::textured::is_jpeg(b"\xff\xd8\xff\xe0"));
+/// assert!(!planish_exchange::textured::is_jpeg(b"\x89PNG"));
+/// ```
 #[must_use]
 pub fn is_jpeg(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0xff, 0xd8])
 }
 
-/// Writes OBJ with its objects, groups and materials in the order of the triangles; with a picture also
-/// `NAME.mtl` and `NAME.png` beside it, or `NAME.jpg` where it is JPEG, which all materials show. Gives the
-/// files.
+/// Writes an OBJ file with its objects, groups and materials in the order of the triangles. With a picture, it also
+/// writes `NAME.mtl` and `NAME.png` (or `NAME.jpg`); all materials use that picture. Returns the paths.
 ///
 /// # Errors
-/// `Input` for corners that are not there; `Io` when a file cannot be written; none of them is left
+/// `Input` for corners or texture coordinates that do not exist; `Io` when a file cannot be written; none is left
 /// half-written.
 pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8]>) -> Result<Vec<PathBuf>> {
     check(mesh).map_err(|e| e.in_context(path.display()))?;
@@ -258,7 +296,7 @@ pub fn write_textured_obj(path: &Path, mesh: &TexturedMesh, picture: Option<&[u8
     Ok(written)
 }
 
-/// The material of triangles that have none, where there is a picture.
+/// Material of triangles without one, if there is a picture: viewers show a picture only through a material.
 const UNNAMED_MATERIAL: &str = "surface";
 
 /// Indices of the parts that each triangle belongs to.
@@ -280,7 +318,7 @@ impl TriangleParts {
         Self { parts }
     }
 
-    /// Names of one kind that a triangle has; none before the first.
+    /// Names of one kind that apply to a triangle; none for `None`, the state before the first triangle.
     fn names<'a>(&self, mesh: &'a TexturedMesh, triangle: Option<usize>, kind: PartKind) -> Vec<&'a str> {
         (triangle.and_then(|t| self.parts.get(t)).into_iter().flatten())
             .map(|index| &mesh.parts[*index as usize])
@@ -289,7 +327,7 @@ impl TriangleParts {
             .collect()
     }
 
-    /// Names of all materials that triangles have.
+    /// Names of all materials, with [`UNNAMED_MATERIAL`] if some triangle has none.
     fn materials<'a>(&self, mesh: &'a TexturedMesh) -> Vec<&'a str> {
         let mut all: Vec<&str> = (mesh.parts.iter())
             .filter(|part| part.kind == PartKind::Material)
@@ -302,7 +340,7 @@ impl TriangleParts {
         all
     }
 
-    /// Writes the names of a triangle that are not those of the one before.
+    /// Writes the names of a triangle that differ from those of the previous one.
     fn write_changes(
         &self,
         writer: &mut dyn Write,
@@ -319,7 +357,7 @@ impl TriangleParts {
                 [] if kind == PartKind::Material && with_picture && (changed || before.is_none()) => {
                     writeln!(writer, "usemtl {UNNAMED_MATERIAL}")?;
                 }
-                // Only groups can end: a `g` of no name.
+                // Only groups can be ended, by `g` without a name.
                 [] if kind == PartKind::Group && changed => writeln!(writer, "g")?,
                 [] => {}
                 names if changed => writeln!(writer, "{word} {}", names.join(" "))?,
@@ -338,5 +376,5 @@ fn check(mesh: &TexturedMesh) -> Result<()> {
     if corners && paired && few(&mesh.uv_triangles, mesh.uv.len()) {
         return Ok(());
     }
-    Err(Error::input("needed corners and texture coordinates that are there, for every triangle"))
+    Err(Error::input("expected every triangle to refer to existing points and texture coordinates"))
 }

@@ -15,15 +15,15 @@ use flate2::write::GzEncoder;
 use planish_estimate::{Error, Result};
 use tempfile::NamedTempFile;
 
-/// What files are written through.
+/// Buffered writer of a file.
 pub type Writer<'a> = BufWriter<&'a File>;
 
-/// Writes a file under a temporary name in the same folder, then renames it: readers see the old file or the
-/// new one.
+/// Writes a file under a temporary name in the same folder, then renames it. Readers see the old file or the
+/// complete new one.
 ///
-/// On an error or a panic the temporary file is removed and an older file of that name stays as it was. A
-/// symbolic link is followed, so that the file that it names is replaced. Lasts as long as the disk takes to
-/// store the bytes (`fsync`).
+/// On an error or a panic the temporary file is removed, and an older file of that name is unchanged. A
+/// symbolic link is followed: the file that it names is replaced. The call returns after the disk has stored
+/// the bytes (`fsync`).
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing, the path names a folder, or writing
@@ -41,7 +41,7 @@ pub type Writer<'a> = BufWriter<&'a File>;
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Result<()>) -> Result<()> {
     let failed = |e: io::Error| could_not_write(path, e);
     let Target::File { target, folder } = target_of(path)? else {
-        // Renaming over a device would replace it: write through it.
+        // Renaming a file over `/dev/stdout` would replace the device, so the data are written through it.
         let device = OpenOptions::new().write(true).open(path).map_err(failed)?;
         let mut writer = BufWriter::new(&device);
         return write(&mut writer).and_then(|()| writer.flush()).map_err(failed);
@@ -50,19 +50,21 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut Writer) -> io::Resu
     let mut writer = BufWriter::with_capacity(1 << 16, temporary.as_file());
     write(&mut writer).and_then(|()| writer.flush()).map_err(failed)?;
     drop(writer);
+    // Without this, a power failure after the rename could leave an empty file under the final name.
     temporary.as_file().sync_all().map_err(failed)?;
     temporary.persist(&target).map_err(|e| failed(e.error))?;
     Ok(())
 }
 
-/// [`write_atomically`], through gzip where the path's name ends with `.gz`. The same bytes in give the same
-/// bytes out.
+/// [`write_atomically`], compressed by gzip if the path ends with `.gz`.
+///
+/// The encoder stores neither file name nor time, so that the same input gives the same bytes.
 pub(crate) fn write_packed(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
     let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
     write_atomically(path, |writer| match packed {
         false => write(writer),
         true => {
-            // The small pieces that formats are written in would each be a call into the encoder.
+            // Writers emit a few bytes at a time; the buffer keeps each from being a call of the encoder.
             let mut encoder = BufWriter::new(GzEncoder::new(writer, Compression::default()));
             write(&mut encoder)?;
             encoder.into_inner().map_err(|e| e.into_error())?.finish().map(drop)
@@ -70,15 +72,25 @@ pub(crate) fn write_packed(path: &Path, write: impl FnOnce(&mut dyn Write) -> io
     })
 }
 
-/// Finds out whether [`write_atomically`] could write a file, before the work that fills it: an empty
-/// temporary file is made beside it and removed.
+/// Checks whether [`write_atomically`] can write a file, before a long computation fills it.
+///
+/// Creates an empty temporary file in the same folder and removes it.
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the folder is missing or may not be written to, or the path
-/// names a folder or a file that is protected.
+/// names a folder or a write-protected file.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// assert!(planish_exchange::check_writable(&folder.path().join("part.ply")).is_ok());
+/// let error = planish_exchange::check_writable(&folder.path().join("none/part.ply")).unwrap_err();
+/// assert!(error.to_string().contains("does not exist"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn check_writable(path: &Path) -> Result<()> {
     if path.as_os_str().as_encoded_bytes().ends_with(b"/") {
-        return Err(Error::io(format!("{}: names a folder, needed the name of a file", path.display())));
+        return Err(Error::io(format!("{}: expected a file name, found the name of a folder", path.display())));
     }
     let failed = |e: io::Error| could_not_write(path, e);
     match target_of(path)? {
@@ -89,8 +101,9 @@ pub fn check_writable(path: &Path) -> Result<()> {
     }
 }
 
-/// The path that a file has, or will have, once links and `..` are followed: the same for two names of one
-/// file.
+/// Resolves links and `..` of a path, also for a file that does not exist yet.
+///
+/// Two names of one file give the same result, which finds outputs that would overwrite an input.
 #[must_use]
 pub fn real_path(path: &Path) -> PathBuf {
     fs::canonicalize(path).unwrap_or_else(|_| match (fs::canonicalize(folder_of(path)), path.file_name()) {
@@ -99,41 +112,42 @@ pub fn real_path(path: &Path) -> PathBuf {
     })
 }
 
-/// Where the bytes of a file go.
+/// Destination of a file.
 enum Target {
-    /// To a file of this name in this folder, links followed.
+    /// A file in a folder, links resolved.
     File { target: PathBuf, folder: PathBuf },
-    /// Straight through the path: a device or a pipe.
+    /// A device or a pipe, written directly.
     Device,
 }
 
 fn could_not_write(path: &Path, e: io::Error) -> Error {
     use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
     let full = match e.kind() {
-        StorageFull | QuotaExceeded | FileTooLarge => " for want of space: make room, or choose another disk",
+        StorageFull | QuotaExceeded | FileTooLarge => ": no space is left; free space or choose another disk",
         _ => "",
     };
     Error::io(format!("{}: could not be written{full}", path.display())).with_source(e)
 }
 
-/// The name of the file that could not be made means nothing to anybody: the folder is named.
+/// Error of a temporary file that could not be created. The folder is named, because the user has never seen
+/// the temporary name.
 fn not_made(path: &Path, folder: &Path, e: &io::Error) -> Error {
-    Error::io(format!("{}: no file can be made in the folder {}", path.display(), folder.display()))
+    Error::io(format!("{}: cannot create a file in the folder {}", path.display(), folder.display()))
         .with_source(io::Error::from(e.kind()))
 }
 
 fn target_of(path: &Path) -> Result<Target> {
     if path.is_dir() {
-        return Err(Error::io(format!("{}: is a folder, needed a file name", path.display())));
+        return Err(Error::io(format!("{}: expected a file name, found a folder", path.display())));
     }
     if path.file_name().is_none() {
-        return Err(Error::io(format!("{}: is no file name", path.display())));
+        return Err(Error::io(format!("{}: expected a file name", path.display())));
     }
     match fs::metadata(path) {
         Ok(known) if !known.is_file() => return Ok(Target::Device),
         Ok(known) if known.permissions().readonly() => {
             return Err(Error::io(format!(
-                "{}: is write-protected; choose another name or lift the protection",
+                "{}: the file is write-protected; choose another name or remove the protection",
                 path.display()
             )));
         }
@@ -143,7 +157,7 @@ fn target_of(path: &Path) -> Result<Target> {
     let folder = folder_of(&target);
     if !folder.is_dir() {
         return Err(Error::io(format!(
-            "{}: the folder {} does not exist; make it first",
+            "{}: the folder {} does not exist; create it first",
             path.display(),
             folder.display()
         )));
@@ -156,29 +170,42 @@ fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
     builder.prefix(".planish-").suffix(".part");
     #[cfg(unix)]
     {
-        // As any program would make it: the umask takes its share.
+        // Temporary files are private by default; the result gets the usual rights, limited by the umask.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     builder.tempfile_in(folder)
 }
 
-/// Makes a folder, and the folders above it, where they are missing.
+/// Creates a folder and missing folders above it; an existing folder is kept.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when that is not allowed, or a file of that name is in the way.
+/// [`Io`](planish_estimate::ErrorKind::Io) if permission is missing or a file of that name exists.
 pub fn make_folder(path: &Path) -> Result<()> {
     if path.exists() && !path.is_dir() {
-        return Err(Error::io(format!("{}: is a file, needed the name of a folder", path.display())));
+        return Err(Error::io(format!("{}: expected a folder, found a file", path.display())));
     }
     fs::create_dir_all(path)
-        .map_err(|e| Error::io(format!("{}: could not be made", path.display())).with_source(e))
+        .map_err(|e| Error::io(format!("{}: could not be created", path.display())).with_source(e))
 }
 
-/// A folder of files that is whole or not there: it is filled under a temporary name beside its place, and
-/// renamed when it is finished.
+/// A folder of files that appears complete or not at all.
 ///
-/// Dropped before that, it is removed with all that is in it.
+/// It is filled under a temporary name and renamed by [`FolderInWork::finish`]. Dropped before that, it is
+/// removed with its content.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::FolderInWork;
+/// # let place = tempfile::tempdir()?;
+/// let path = place.path().join("frames");
+/// let folder = FolderInWork::beside(&path)?;
+/// std::fs::write(folder.path().join("0.txt"), "first")?;
+/// assert!(!path.exists());
+/// folder.finish()?;
+/// assert_eq!(std::fs::read_to_string(path.join("0.txt"))?, "first");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct FolderInWork {
     made: tempfile::TempDir,
@@ -186,23 +213,23 @@ pub struct FolderInWork {
 }
 
 impl FolderInWork {
-    /// Checks that a folder can be made under this path: nothing is there yet, or an empty folder.
+    /// Checks that a folder can be created at this path: nothing exists there, or an empty folder.
     ///
     /// # Errors
-    /// [`Io`](planish_estimate::ErrorKind::Io) where a file or a folder with files is in the way, or no
-    /// folder can be made there.
+    /// [`Io`](planish_estimate::ErrorKind::Io) if a file or a folder with files exists there, or no folder can
+    /// be created.
     pub fn check(path: &Path) -> Result<()> {
         Self::beside(path).map(drop)
     }
 
-    /// Begins a folder beside this path. Folders above it are made.
+    /// Starts a folder for this path; folders above it are created.
     ///
     /// # Errors
     /// As for [`FolderInWork::check`].
     pub fn beside(path: &Path) -> Result<Self> {
         let in_the_way = |what: &str| {
             Error::io(format!(
-                "{}: needed a new or an empty folder, found {what}: choose another name, or move it away",
+                "{}: expected a new or empty folder, found {what}; choose another name or move it away",
                 path.display()
             ))
         };
@@ -210,9 +237,9 @@ impl FolderInWork {
             return Err(in_the_way("a file"));
         }
         if fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) {
-            return Err(in_the_way("one with files in it"));
+            return Err(in_the_way("a folder with files in it"));
         }
-        // A name that ends in a slash is that of the folder all the same.
+        // Without a trailing slash, which would make the folder its own parent.
         let target: PathBuf = path.components().collect();
         let folder = folder_of(&target);
         make_folder(&folder)?;
@@ -224,37 +251,37 @@ impl FolderInWork {
         Ok(Self { made, target })
     }
 
-    /// Where files are to be put until it is finished.
+    /// Temporary path into which files are written before [`FolderInWork::finish`].
     #[must_use]
     pub fn path(&self) -> &Path {
         self.made.path()
     }
 
-    /// Gives the folder its name.
+    /// Renames the folder to its final name.
     ///
     /// # Errors
-    /// [`Io`](planish_estimate::ErrorKind::Io) where something has come in the way since; the files are
-    /// removed then.
+    /// [`Io`](planish_estimate::ErrorKind::Io) if a file or folder has appeared there since; the files are then
+    /// removed.
     pub fn finish(self) -> Result<()> {
         let failed = |e: io::Error| could_not_write(&self.target, e);
         #[cfg(unix)]
         {
-            // As any program would make it: temporary folders are for their owner alone.
+            // Temporary folders are private by default; the result gets the usual rights.
             use std::os::unix::fs::PermissionsExt;
             fs::set_permissions(self.made.path(), fs::Permissions::from_mode(0o755)).map_err(failed)?;
         }
-        // An empty folder of that name gives way.
+        // The check allows an empty folder, which is replaced.
         if self.target.is_dir() {
             fs::remove_dir(&self.target).map_err(failed)?;
         }
         fs::rename(self.made.path(), &self.target).map_err(failed)?;
-        // What was renamed is no longer there to be removed.
+        // After the rename, dropping the temporary folder must not remove anything.
         let _ = self.made.keep();
         Ok(())
     }
 }
 
-/// The folder that holds a path.
+/// The parent folder of a path; `.` for a bare file name.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),
@@ -262,7 +289,7 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// The paths in a folder, in the order of their names.
+/// Lists the paths in a folder in alphabetical order, so that results do not depend on the file system.
 ///
 /// # Errors
 /// `Io` where the folder cannot be read.
@@ -287,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+    fn a_failed_write_keeps_the_old_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
         write_atomically(&path, |w| w.write_all(b"old")).unwrap();
@@ -303,10 +330,10 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_while_writing_leaves_nothing_behind() {
+    fn a_panic_while_writing_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
-        let write = || write_atomically(&path, |_| panic!("a bug of ours"));
+        let write = || write_atomically(&path, |_| panic!("a bug"));
         assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(write)).is_err());
         assert!(names(folder.path()).is_empty());
     }
@@ -325,30 +352,31 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let e = write_atomically(folder.path(), |_| Ok(())).unwrap_err();
         assert_eq!(e.kind(), ErrorKind::Io);
-        assert!(e.to_string().contains("is a folder"), "{e}");
+        assert!(e.to_string().contains("found a folder"), "{e}");
     }
 
     #[test]
-    fn a_file_in_the_way_of_a_folder_is_named() {
+    fn make_folder_reports_an_existing_file() {
         let folder = tempfile::tempdir().unwrap();
         make_folder(&folder.path().join("a/b")).unwrap();
         make_folder(&folder.path().join("a/b")).unwrap();
         fs::write(folder.path().join("c"), "").unwrap();
         let e = make_folder(&folder.path().join("c")).unwrap_err();
         assert!(
-            e.kind() == ErrorKind::Io && e.to_string().contains("c: is a file, needed the name of a folder"),
+            e.kind() == ErrorKind::Io
+                && e.to_string().contains("c: expected a folder, found a file"),
             "{e}"
         );
     }
 
     #[test]
-    fn asking_beforehand_finds_what_writing_would_and_leaves_no_trace() {
+    fn check_writable_finds_the_errors_of_writing_and_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
         check_writable(&path).unwrap();
         assert!(names(folder.path()).is_empty());
         for (path, words) in [
-            (folder.path().to_path_buf(), "is a folder"),
+            (folder.path().to_path_buf(), "found a folder"),
             (folder.path().join("no/a.ply"), "no does not exist"),
         ] {
             let e = check_writable(&path).unwrap_err();
@@ -378,7 +406,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_keeps_pointing_at_the_file_that_it_names() {
+    fn a_symbolic_link_is_kept_and_its_target_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let (file, link) = (folder.path().join("real.ply"), folder.path().join("link.ply"));
         fs::write(&file, "old").unwrap();
@@ -391,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_appears_when_it_is_finished_and_leaves_nothing_behind_when_it_is_not() {
+    fn a_folder_appears_only_when_it_is_finished() {
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("frames/");
         let folder = FolderInWork::beside(&path).unwrap();

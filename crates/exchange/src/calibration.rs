@@ -1,24 +1,25 @@
-//! Calibration files (TOML): the known properties of a camera.
+//! Calibration files of sensors (TOML).
 //!
 //! **Input.** A TOML file.
 //!
-//! **Output.** A [`Calibration`]. Unknown keys are errors, so that a misspelt σ does not go unnoticed.
+//! **Output.** A [`Calibration`] of a depth camera. Unknown keys are errors, so that a misspelt σ does not go
+//! unnoticed.
 //!
 //! ```toml
-//! unit = "m"                # of every length here, and of the points: mm, m or in; may be left out
+//! unit = "m"                # unit of all lengths and of the points: mm, m, in or ft (optional)
 //! fx = 525.0                # focal lengths, in pixels
 //! fy = 525.0
-//! cx = 319.5                # the pixel on the axis; centres are at integers
+//! cx = 319.5                # principal point; pixel centres are at integers
 //! cy = 239.5
-//! scale = 0.001             # the length of one step of depth; 1 where it is left out
-//! sigma_a = 0.0015          # σ = a + b z² of a depth z; both may be left out
+//! scale = 0.001             # length of one depth step (default 1)
+//! sigma_a = 0.0015          # σ = a + b z² of a depth z (optional; without it, σ is estimated)
 //! sigma_b = 0.0019
 //! ```
 //!
-//! The tables of other sensors: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`],
+//! Other sensors have their own keys: [`read_stereo_calibration`], [`read_grid_calibration`], [`read_lights`] and
 //! [`read_view_sensor`].
 //!
-//! **Limits.** Lenses are assumed to be free of distortion, except for two stereo views that state theirs.
+//! **Limits.** Lens distortion is supported only for unrectified stereo views.
 
 mod grid;
 mod lights;
@@ -44,7 +45,7 @@ use crate::source::read_text;
 pub struct Calibration {
     /// The camera.
     pub camera: DepthCamera,
-    /// The unit of its lengths, where it is named.
+    /// The unit of its lengths, if stated.
     pub unit: Option<Unit>,
 }
 
@@ -69,28 +70,39 @@ fn one() -> f64 {
 /// Reads the calibration of a depth camera.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing;
-/// [`Input`](planish_estimate::ErrorKind::Input) for TOML that is malformed, keys that are missing or not
-/// known, and numbers out of range: with file, line and key.
+/// [`Io`](planish_estimate::ErrorKind::Io) if the file is missing;
+/// [`Input`](planish_estimate::ErrorKind::Input) for malformed TOML, missing or unknown keys, and numbers out of
+/// range: with file, line and key.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("camera.toml");
+/// std::fs::write(&path, "fx = 525\nfy = 525\ncx = 319.5\ncy = 239.5\nscale = 0.001\nunit = \"m\"\n")?;
+/// let camera = planish_exchange::calibration::read_calibration(&path)?.camera;
+/// // A reading of 2000 at the principal point is 2 m away.
+/// assert_eq!(camera.point(319.5, 239.5, 2000.0), Some([0.0, 0.0, 2.0]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_calibration(path: &Path) -> Result<Calibration> {
     read_text(path).and_then(|text| parse(&text)).map_err(|e| e.in_context(path.display()))
 }
 
-/// A table, or an error with its line and what is `needed`.
-pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, needed: &str) -> Result<T> {
+/// Parses a TOML table; an error gives the line, the reason and the `expected` keys.
+pub(crate) fn table<T: serde::de::DeserializeOwned>(text: &str, expected: &str) -> Result<T> {
     toml::from_str(text).map_err(|e| {
         let line =
             e.span().map_or(1, |span| 1 + text.bytes().take(span.start).filter(|&b| b == b'\n').count());
-        Error::input(format!("line {line}: {}; {needed}", e.message().trim_end()))
+        Error::input(format!("line {line}: {}; {expected}", e.message().trim_end()))
     })
 }
 
-/// Refuses the first number that is not finite or not what its key needs: key, value, whether it is good,
-/// what is needed.
+/// Rejects the first number that is not finite or out of range. Entries: key, value, whether it is in range, and a
+/// description of the range.
 fn check_numbers(numbers: &[(&str, f64, bool, &str)]) -> Result<()> {
     match numbers.iter().find(|(_, value, good, _)| !(*good && value.is_finite())) {
-        Some((key, value, _, needed)) => {
-            Err(Error::input(format!("needed {needed} for {key}, found {value}")))
+        Some((key, value, _, expected)) => {
+            Err(Error::input(format!("expected {expected} for {key}, found {value}")))
         }
         None => Ok(()),
     }
@@ -98,7 +110,7 @@ fn check_numbers(numbers: &[(&str, f64, bool, &str)]) -> Result<()> {
 
 fn parse(text: &str) -> Result<Calibration> {
     let table: Table =
-        table(text, "a depth camera needs fx fy cx cy, and may have scale, sigma_a, sigma_b and unit")?;
+        table(text, "expected fx fy cx cy of a depth camera, and optionally scale, sigma_a, sigma_b and unit")?;
     let numbers = [
         ("fx", Some(table.fx), table.fx > 0.0),
         ("fy", Some(table.fy), table.fy > 0.0),
@@ -110,12 +122,12 @@ fn parse(text: &str) -> Result<Calibration> {
     ];
     for (key, value, good) in numbers {
         if let Some(value) = value.filter(|v| !(good && v.is_finite())) {
-            let needed = match key {
+            let expected = match key {
                 "cx" | "cy" => "a finite number",
                 "sigma_a" | "sigma_b" => "a finite number that is not negative",
                 _ => "a finite number above 0",
             };
-            return Err(Error::input(format!("needed {needed} for {key}, found {value}")));
+            return Err(Error::input(format!("expected {expected} for {key}, found {value}")));
         }
     }
     let sigma = match (table.sigma_a, table.sigma_b) {
@@ -123,7 +135,7 @@ fn parse(text: &str) -> Result<Calibration> {
         (a, b) => Some([a.unwrap_or(0.0), b.unwrap_or(0.0)]),
     };
     if sigma == Some([0.0; 2]) {
-        return Err(Error::input("needed sigma_a or sigma_b above 0: readings have errors"));
+        return Err(Error::input("expected sigma_a or sigma_b above 0, found 0 for both: leave them out to estimate σ"));
     }
     Ok(Calibration {
         camera: DepthCamera {
@@ -141,7 +153,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_is_read_and_what_is_left_out_has_its_default() {
+    fn missing_keys_of_a_camera_have_defaults() {
         let text = "fx = 525\nfy = 520.5\ncx = 319.5\ncy = 239.5\n";
         let found = parse(text).unwrap();
         assert_eq!((found.camera.focal, found.camera.scale, found.unit), ([525.0, 520.5], 1.0, None));
@@ -151,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn errors_name_line_or_key() {
         let with = |line: &str| {
             parse(&format!("fx = 525\nfy = 525\ncx = 319.5\ncy = 239.5\n{line}\n")).unwrap_err().to_string()
         };
@@ -161,7 +173,7 @@ mod tests {
         assert!(with("sigma_a = 0").contains("above 0"));
         assert!(with("unit = \"cm\"").contains("`cm`"));
         let e = parse("fx = 525\n").unwrap_err().to_string();
-        assert!(e.contains("missing field `fy`") && e.contains("needs fx fy cx cy"), "{e}");
+        assert!(e.contains("missing field `fy`") && e.contains("expected fx fy cx cy"), "{e}");
         let e = parse("fx = inf\nfy = 1\ncx = 0\ncy = nan\n").unwrap_err().to_string();
         assert!(e.contains("fx, found inf"), "{e}");
     }

@@ -1,4 +1,4 @@
-//! Checksums of files, by which a reader of a report finds out whether a file is the one that was read.
+//! Checksums of files. Reports list them, so that a reader can check which version of a file was used.
 
 use planish_estimate::{Error, Result};
 use sha2::{Digest, Sha256};
@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// The SHA-256 of a file's bytes, in hexadecimal digits, as `sha256sum` prints it (FIPS 180-4).
+/// Computes the SHA-256 of a file in hexadecimal digits, as `sha256sum` prints it (FIPS 180-4).
 ///
 /// # Errors
 /// `Io` where the file cannot be read.

@@ -6,10 +6,11 @@
 //! **Output.** An organised [`Scan`] in the frame of the camera (x right, y down, z forward), viewed from the
 //! centre of the camera.
 //!
-//! The calibration is the one that a job names, or else the file `NAME.toml` beside `NAME.png`.
+//! The calibration is the one that a job names, or else the file `NAME.toml` beside `NAME.png`. It is never guessed
+//! from the size of the image (decision 0038).
 //!
-//! **Limits.** Depth is along the axis of the camera, not along the ray. A reading that is zero, negative or
-//! not finite is an empty cell and counts as a point that is not finite.
+//! **Limits.** Depth is measured along the axis of the camera, not along the ray. A reading that is zero, negative
+//! or not finite is an empty cell and counts as a dropped point.
 
 pub(crate) mod tags;
 
@@ -25,19 +26,18 @@ use crate::Unit;
 use crate::calibration::read_calibration;
 use crate::npy;
 use crate::points::{PointCollector, PointColumns, grid_without};
-use crate::source::{extension, open_file};
+use crate::source::{MAX_DEFLATE_RATIO, extension, open_file};
 
-/// A byte of a compressed image stands for so many at most (DEFLATE).
-const MOST_EXPANSION: u64 = 1032;
-
-/// Readings, row by row.
+/// A depth image: readings row by row from the top.
 struct Image {
     columns: usize,
     rows: usize,
     readings: Vec<f64>,
 }
 
-/// Whether a file can only be a depth image, or has a calibration beside it and the shape of one.
+/// True for PNG and TIFF files, and for NPY files that have the shape of an image and a calibration beside them.
+///
+/// An NPY array of 16 columns or fewer may also hold points, so its shape and the calibration decide.
 pub(crate) fn is_depth_image(path: &Path) -> bool {
     match extension(path).as_str() {
         "png" | "tif" | "tiff" => true,
@@ -46,32 +46,32 @@ pub(crate) fn is_depth_image(path: &Path) -> bool {
     }
 }
 
-/// Where the calibration of an image is looked for when no job names one.
+/// Default path of the calibration of an image.
 fn beside(path: &Path) -> PathBuf {
     match extension(path) == extension(path.with_extension("").as_path()) {
-        // `.npy.gz` has two extensions.
+        // `extension` ignores `.gz`, so both extensions of `NAME.npy.gz` must be removed.
         true => path.with_extension("").with_extension("toml"),
         false => path.with_extension("toml"),
     }
 }
 
-/// The calibration of an image: the one named, or the one beside it.
+/// Returns the path of the calibration of an image: the given one, or the default beside the image.
 ///
 /// # Errors
-/// `Io` for a missing image; `Input` where there is neither.
+/// `Io` for a missing image; `Input` if neither exists.
 pub fn calibration_of(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
     if let Some(named) = named {
         return Ok(named.to_path_buf());
     }
-    // A missing image is the likelier mistake.
+    // If the image is missing, too, its name is the mistake.
     open_file(path).map_err(|e| e.in_context(path.display()))?;
     let beside = beside(path);
     match beside.is_file() {
         true => Ok(beside),
         false => Err(Error::input(format!(
-            "{}: a depth image needs the calibration of its camera: name one in a job (`calibration \
-             = \"camera.toml\"` in its [[scan]]) or write \
-             {} with fx fy cx cy and scale, and sigma_a sigma_b for σ = a + b z²",
+            "{}: expected the calibration of the camera, found none: name it in a job (`calibration = \
+             \"camera.toml\"` in the [[scan]]), or write {} with fx fy cx cy and scale, and sigma_a sigma_b \
+             for σ = a + b z²",
             path.display(),
             beside.display()
         ))),
@@ -84,6 +84,20 @@ pub fn calibration_of(path: &Path, named: Option<&Path>) -> Result<PathBuf> {
 /// [`Io`](planish_estimate::ErrorKind::Io) when a file is missing or unreadable;
 /// [`Input`](planish_estimate::ErrorKind::Input) when one is malformed or cut off;
 /// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for images of several channels.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::depth::read_depth;
+/// use planish_exchange::picture::write_grey_png;
+/// # let folder = tempfile::tempdir()?;
+/// let (image, camera) = (folder.path().join("depth.png"), folder.path().join("depth.toml"));
+/// write_grey_png(&image, 2, 1, &[100, 0])?;
+/// std::fs::write(&camera, "fx = 1\nfy = 1\ncx = 0\ncy = 0\n")?;
+/// let (scan, _) = read_depth(&image, &camera)?;
+/// // The second pixel has no reading.
+/// assert_eq!((scan.points, scan.dropped_not_finite), (vec![[0.0, 0.0, 100.0]], 1));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_depth(path: &Path, calibration: &Path) -> Result<(Scan, Option<Unit>)> {
     let calibration = read_calibration(calibration)?;
     let camera = &calibration.camera;
@@ -127,13 +141,13 @@ fn read_image(path: &Path) -> Result<Image> {
         }
         other => {
             return Err(Error::unsupported(format!(
-                "has a calibration: needed a depth image (png, tif, tiff, npy), found the extension `{other}`"
+                "expected a depth image (png, tif, tiff, npy) for this calibration, found the extension `{other}`"
             )));
         }
     };
     if image.readings.is_empty() || image.readings.len() != image.columns * image.rows {
         return Err(Error::input(format!(
-            "needed {} × {} readings, found {}",
+            "expected {} × {} readings, found {}",
             image.columns,
             image.rows,
             image.readings.len()
@@ -142,11 +156,11 @@ fn read_image(path: &Path) -> Result<Image> {
     Ok(image)
 }
 
-/// Refuses an image that so many bytes cannot hold.
+/// Rejects an image whose declared size a file of this length cannot hold.
 pub(crate) fn check_promise(columns: u32, rows: u32, length: Option<u64>) -> Result<()> {
     let pixels = u64::from(columns) * u64::from(rows);
     match length {
-        Some(length) if pixels > length.saturating_mul(MOST_EXPANSION) => Err(Error::input(format!(
+        Some(length) if pixels > length.saturating_mul(MAX_DEFLATE_RATIO) => Err(Error::input(format!(
             "the header promises {columns} × {rows} pixels, which {length} bytes cannot hold: the file is \
              damaged"
         ))),
@@ -159,7 +173,7 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
         png::DecodingError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => {
             Error::io("could not be read").with_source(e)
         }
-        e => Error::input("is no PNG image, or is damaged or cut off").with_source(e),
+        e => Error::input("not a PNG image, or damaged or cut off").with_source(e),
     };
     let mut reader = png::Decoder::new(file).read_info().map_err(damaged)?;
     let info = reader.info();
@@ -170,13 +184,12 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
         (png::ColorType::Grayscale, png::BitDepth::Eight) => false,
         (colour, depth) => {
             return Err(Error::unsupported(format!(
-                "needed depth in one channel of 16 (or 8) bits, found {colour:?} of {depth:?} bits: this is \
-                 a picture"
+                "expected a depth image with one channel of 16 or 8 bits, found {colour:?} of {depth:?} bits"
             )));
         }
     };
     if info.interlaced {
-        return Err(Error::unsupported("is interlaced: write it without"));
+        return Err(Error::unsupported("the PNG image is interlaced: save it without interlacing"));
     }
     let mut readings = Vec::new();
     while let Some(row) = reader.next_row().map_err(damaged)? {
@@ -189,12 +202,13 @@ fn read_png(file: impl std::io::BufRead + Seek, length: Option<u64>) -> Result<I
     Ok(Image { columns: columns as usize, rows: rows as usize, readings })
 }
 
-/// Memory in proportion to the file: the decoder takes what the header asks for before it reads.
+/// Memory limits in proportion to the file, because the decoder allocates what the header declares before it
+/// reads.
 pub(crate) fn tiff_limits(length: Option<u64>) -> Limits {
     let mut limits = Limits::default();
     if let Some(length) = length {
-        let unpacked = usize::try_from(length.saturating_mul(MOST_EXPANSION)).unwrap_or(usize::MAX);
-        // A pixel takes eight bytes at most.
+        let unpacked = usize::try_from(length.saturating_mul(MAX_DEFLATE_RATIO)).unwrap_or(usize::MAX);
+        // Decoded values have at most eight bytes.
         limits.decoding_buffer_size = limits.decoding_buffer_size.min(unpacked.saturating_mul(8));
         limits.intermediate_buffer_size = limits.intermediate_buffer_size.min(unpacked.saturating_mul(8));
         limits.ifd_value_size = limits.ifd_value_size.min(usize::try_from(length).unwrap_or(usize::MAX));
@@ -208,13 +222,12 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
             Error::io("could not be read").with_source(e)
         }
         TiffError::LimitsExceeded => Error::unsupported(
-            "a TIFF image of more than 256 MiB, or of more than its file can hold: write it in parts, or \
-             anew",
+            "expected a TIFF image of at most 256 MiB that its file can hold: split it, or save it again",
         ),
         TiffError::UnsupportedError(_) => {
-            Error::unsupported("a TIFF image of a kind that is not read").with_source(e)
+            Error::unsupported("this kind of TIFF image is not supported").with_source(e)
         }
-        e => Error::input("is no TIFF image, or is damaged or cut off").with_source(e),
+        e => Error::input("not a TIFF image, or damaged or cut off").with_source(e),
     };
     tags::check(&mut file)?;
     let mut decoder = TiffDecoder::new(file).map_err(damaged)?.with_limits(tiff_limits(length));
@@ -224,7 +237,7 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         TiffColor::Gray(_) => {}
         other => {
             return Err(Error::unsupported(format!(
-                "needed depth in one channel, found {other:?}: this is a picture"
+                "expected a depth image with one channel, found {other:?}"
             )));
         }
     }
@@ -237,7 +250,7 @@ fn read_tiff(mut file: impl Read + Seek, length: Option<u64>) -> Result<Image> {
         DecodingResult::F32(v) => v.into_iter().map(f64::from).collect(),
         DecodingResult::F64(v) => v,
         _ => {
-            return Err(Error::unsupported("needed numbers of 8, 16 or 32 bits, or floating point"));
+            return Err(Error::unsupported("expected integers of 8, 16 or 32 bits, or floating-point numbers"));
         }
     };
     Ok(Image { columns: columns as usize, rows: rows as usize, readings })

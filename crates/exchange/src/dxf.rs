@@ -1,4 +1,4 @@
-//! DXF (Drawing Interchange Format, ASCII): curves of drawings in.
+//! Reads the curves of drawings from DXF files (Drawing Interchange Format, ASCII).
 //!
 //! **Input.** `LINE`, `ARC`, `CIRCLE`, `ELLIPSE`, `LWPOLYLINE`, `POLYLINE` and `SPLINE` of the section
 //! `ENTITIES`, and of blocks placed by `INSERT`. Lines are hidden if the name of their layer contains
@@ -30,28 +30,41 @@ use planish_solid::views::DrawnCurve;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// More entities than this are not a drawing of a part.
-const MOST_ENTITIES: usize = 200_000;
+/// Maximum number of entities, counted again for each insert of a block. Far above the drawing of a part; blocks of
+/// blocks multiply, so that a small file could draw any number. Guarded by `a_missing_or_recursive_block_is_named`.
+const MAX_ENTITIES: usize = 200_000;
 
-/// What a DXF file holds.
+/// Content of a drawing file (DXF or SVG).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct DxfDrawing {
-    /// Its curves, in the file's order.
+    /// Curves in the order of the file.
     pub curves: Vec<DrawnCurve>,
-    /// The unit that it names.
+    /// Unit of length, if the file states it.
     pub unit: Option<Unit>,
-    /// How many entities of which kind were passed over.
-    pub passed_over: BTreeMap<String, usize>,
-    /// What was left out for another reason, in words that name the entity.
+    /// Number of ignored entities by kind, such as texts and hatches.
+    pub ignored: BTreeMap<String, usize>,
+    /// Messages on ignored entities and conflicting dimensions; each names an entity.
     pub warnings: Vec<String>,
 }
 
 /// Reads a DXF file.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) where it cannot be read;
-/// [`Input`](planish_estimate::ErrorKind::Input), naming entity and line, where it is no ASCII DXF or an
-/// entity lacks what it needs.
+/// [`Io`](planish_estimate::ErrorKind::Io) if it cannot be read;
+/// [`Input`](planish_estimate::ErrorKind::Input), naming entity and line, if it is not an ASCII DXF file or an entity
+/// is incomplete.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("line.dxf");
+/// let groups = ["0", "SECTION", "2", "ENTITIES", "0", "LINE", "8", "HIDDEN", "10", "0", "20", "0", "11", "3", "21",
+///     "4", "0", "ENDSEC", "0", "EOF"];
+/// std::fs::write(&path, groups.join("\n"))?;
+/// let drawing = planish_exchange::dxf::read_dxf(&path)?;
+/// assert_eq!(drawing.curves[0].curve.length(), 5.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_dxf(path: &Path) -> Result<DxfDrawing> {
     read_file(path, |mut source, _| {
         let mut groups = Groups::new(&mut source);
@@ -80,6 +93,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
                 ended = true;
                 break;
             }
+            // Entities with line type BYLAYER need the line types of layers, which precede them in the file.
             "LAYER" if section == "TABLES" => {
                 if let (Some(name), Some(line_type)) = (record.text(2), record.text(6)) {
                     sheet.layers.insert(name.to_uppercase(), line_type.to_uppercase());
@@ -92,7 +106,7 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
             "ENDBLK" if section == "BLOCKS" => sheet.blocks.extend(block.take()),
             _ if section == "ENTITIES" || section == "BLOCKS" => {
                 entities += 1;
-                if entities > MOST_ENTITIES {
+                if entities > MAX_ENTITIES {
                     return Err(too_many());
                 }
                 match &mut block {
@@ -107,25 +121,25 @@ fn read<R: std::io::Read>(groups: &mut Groups<R>) -> Result<DxfDrawing> {
     let empty = DxfDrawing { unit, ..DxfDrawing::default() };
     let mut drawer = Drawer::new(&sheet, empty);
     drawer.draw(&items, &Place::default())?;
-    let (mut drawing, dimensions, passed_over) = drawer.finish();
-    for (kind, (count, first)) in &passed_over {
-        drawing.passed_over.insert(kind.clone(), *count);
-        drawing.warnings.push(format!("passed over {count} of {kind}, the first {first}: it draws no edges"));
+    let (mut drawing, dimensions, ignored) = drawer.finish();
+    for (kind, (count, first)) in &ignored {
+        drawing.ignored.insert(kind.clone(), *count);
+        drawing.warnings.push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
     }
-    drawing.warnings.extend(dimension::contradictions(&dimensions, &drawing.curves)?);
+    drawing.warnings.extend(dimension::conflicts(&dimensions, &drawing.curves)?);
     if !ended && drawing.curves.is_empty() {
         return Err(Error::input(
-            "needed an ASCII DXF file that ends in EOF, found none of it: is it a DXF?",
+            "expected an ASCII DXF file that ends with EOF, found no entities and no EOF",
         ));
     }
     Ok(drawing)
 }
 
 fn too_many() -> Error {
-    Error::input(format!("needed at most {MOST_ENTITIES} entities, found more"))
+    Error::input(format!("expected at most {MAX_ENTITIES} entities, found more"))
 }
 
-/// `$INSUNITS`: 1 inches, 2 feet, 4 millimetres, 6 metres.
+/// Unit of `$INSUNITS`: 1 inches, 2 feet, 4 millimetres, 6 metres; others are ignored.
 fn unit_of(header: &Record) -> Option<Unit> {
     let at = header.groups.iter().position(|g| g.code == 9 && g.value == "$INSUNITS")?;
     match header.groups.get(at + 1)?.value.parse::<i64>().ok()? {

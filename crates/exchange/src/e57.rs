@@ -1,4 +1,4 @@
-//! E57, the exchange format of terrestrial scanners: several scans in one file, each with its pose.
+//! E57, the exchange format of terrestrial scanners: one or more scans per file, each with its pose.
 //!
 //! **Input.** An ASTM E2807 file, Cartesian or spherical.
 //!
@@ -8,6 +8,9 @@
 //! clouds and for those with a pose; for other clouds it is unknown.
 //!
 //! **Limits.** Colours, intensities, images and times are ignored.
+//!
+//! # References
+//! ASTM E2807-11, *Standard Specification for 3D Imaging Data Exchange*, 2011.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -20,10 +23,12 @@ use planish_sense::{Pose, RangeGrid, Scan, Viewing};
 use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
-/// A grid of more cells a point than this is mostly holes.
-const MOST_CELLS_A_POINT: u64 = 64;
+/// Maximum ratio of grid cells to points. Beyond it, the indices do not describe a sampling grid, and the grid would
+/// take far more memory than the points. Guarded by `shared_and_sparse_cells_give_no_grid`.
+const MAX_CELLS_PER_POINT: u64 = 64;
 
-/// Reads all point clouds that have points; one without any where none has.
+/// Reads all point clouds that have points. If none has, one empty scan is returned, which counts the dropped
+/// points.
 ///
 /// # Errors
 /// [`Io`](ErrorKind::Io) when the file is missing or unreadable, [`Input`](ErrorKind::Input) when it is
@@ -34,7 +39,7 @@ pub fn read_e57(path: &Path) -> Result<Vec<Scan>> {
 }
 
 fn damaged(e: e57::Error, what: &str) -> Error {
-    Error::input(format!("{what}: the file is damaged, cut off or no E57 file")).with_source(e)
+    Error::input(format!("{what}: the file is damaged, cut off or not an E57 file")).with_source(e)
 }
 
 fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
@@ -53,7 +58,7 @@ fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
         scans.push(read.map_err(|e| e.in_context(format_args!("point cloud {}", number + 1)))?);
     }
     if scans.is_empty() {
-        return Err(Error::input("needed at least one point cloud, found none"));
+        return Err(Error::input("expected at least one point cloud, found none"));
     }
     if scans.iter().any(|scan| !scan.points.is_empty()) {
         scans.retain(|scan| !scan.points.is_empty());
@@ -63,7 +68,7 @@ fn scans_from(path: &Path, name: &str) -> Result<Vec<Scan>> {
     Ok(scans)
 }
 
-/// Bits that a value of a record takes.
+/// Size of a value of a record in bits.
 fn bits(record: &Record) -> u64 {
     match record.data_type {
         RecordDataType::Single { .. } => 32,
@@ -82,28 +87,32 @@ fn scan_from(
 ) -> Result<Scan> {
     let (cartesian, spherical) = (cloud.has_cartesian(), cloud.has_spherical());
     if !cartesian && !spherical {
-        return Err(Error::new(ErrorKind::Input, "needed Cartesian or spherical coordinates, found neither"));
+        return Err(Error::new(
+            ErrorKind::Input,
+            "expected Cartesian or spherical coordinates, found neither",
+        ));
     }
     let record: u64 = cloud.prototype.iter().map(bits).sum();
-    // Points that take no bits at all could be of any number.
+    // Fields with one possible value take no bits, so any number of such points would fit: count one bit.
     let needed = cloud.records.saturating_mul(record.max(1)) / 8;
     if let Some(length) = length
         && needed > length
     {
         return Err(Error::input(format!(
-            "{} points are promised, which take at least {needed} bytes, but the file has {length}: it is \
-             cut off or its header is wrong",
+            "the header promises {} points, which take at least {needed} bytes, but the file has {length}: it \
+             is cut off or its header is wrong",
             cloud.records
         )));
     }
     if record == 0 && cloud.records > 0 {
-        return Err(Error::input("every coordinate of every point is the same"));
+        return Err(Error::input("expected points with different coordinates, found a cloud whose points are all equal"));
     }
     let world_from_scanner = pose(cloud)?;
     let mut collector = PointCollector::new(PointColumns::positions_only(), cloud.records as usize);
     let mut cells = Vec::new();
     let layout = Layout::new(cloud);
-    // The crate's reader of points, other than that of values, stops at packets in which no point is whole.
+    // The simple reader of the crate stops at a packet without a whole point, which its own writer produces
+    // (decision 0036). The raw reader does not.
     let points = reader.pointcloud_raw(cloud).map_err(|e| damaged(e, "its points cannot be found"))?;
     for (number, values) in points.enumerate() {
         let cannot = |e| damaged(e, &format!("point {number} cannot be read"));
@@ -125,7 +134,7 @@ fn scan_from(
     Ok(scan)
 }
 
-/// Where in a record each quantity stands.
+/// Index of each quantity in a record.
 struct Layout {
     cartesian: Option<[usize; 3]>,
     cartesian_state: Option<usize>,
@@ -135,7 +144,7 @@ struct Layout {
 }
 
 impl Layout {
-    /// Finds the positions of the known quantities in the prototype of a point cloud.
+    /// Finds the known quantities in the prototype of a point cloud.
     fn new(cloud: &PointCloud) -> Self {
         let find = |name: RecordName| cloud.prototype.iter().position(|record| record.name == name);
         let three = |[a, b, c]: [RecordName; 3]| Some([find(a)?, find(b)?, find(c)?]);
@@ -152,7 +161,7 @@ impl Layout {
         }
     }
 
-    /// The Cartesian coordinates; `None` where the point is marked as a direction only, or as nothing.
+    /// Cartesian coordinates; `None` if the point is marked as invalid or as a direction without range.
     fn position(&self, cloud: &PointCloud, values: &[RecordValue]) -> e57::Result<Option<[f64; 3]>> {
         let number = |k: usize| values[k].to_f64(&cloud.prototype[k].data_type);
         let stated = |family: Option<[usize; 3]>, state: Option<usize>| {
@@ -184,13 +193,13 @@ fn pose(cloud: &PointCloud) -> Result<Pose> {
         .filter(|_| translation.iter().all(|c| c.is_finite()))
         .ok_or_else(|| {
             Error::input(
-                "needed a finite pose, found a quaternion of length 0 or numbers that are not finite",
+                "expected a finite pose with a quaternion other than zero, found another",
             )
         })
 }
 
-/// The grid of the points' columns and rows; none where two share a cell, where there is one row or column
-/// only, or too many are empty.
+/// Builds the sampling grid from columns and rows of the points; none if two points share a cell, if there is only
+/// one row or column, or if too many cells are empty.
 fn grid(cells: &[[i64; 2]]) -> Option<RangeGrid> {
     let mut low = *cells.first()?;
     let mut high = low;
@@ -203,7 +212,7 @@ fn grid(cells: &[[i64; 2]]) -> Option<RangeGrid> {
     let side = |k: usize| u64::try_from(i128::from(high[k]) - i128::from(low[k]) + 1).ok();
     let (columns, rows) = (side(0)?, side(1)?);
     let count = columns.checked_mul(rows)?;
-    if columns < 2 || rows < 2 || count > MOST_CELLS_A_POINT * cells.len() as u64 {
+    if columns < 2 || rows < 2 || count > MAX_CELLS_PER_POINT * cells.len() as u64 {
         return None;
     }
     let mut made = RangeGrid {

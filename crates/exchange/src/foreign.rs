@@ -4,8 +4,8 @@
 //!
 //! **Output.** Its result, or an error that names the file as the cause.
 //!
-//! **Limits.** A decoder that requests too much memory aborts the program, so sizes are checked before it is
-//! called.
+//! **Limits.** A decoder that requests too much memory aborts the program, which cannot be caught. Sizes are
+//! therefore checked before it is called (see `las::limits` and `depth::tags`).
 
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
@@ -14,16 +14,18 @@ use std::sync::Once;
 use planish_estimate::{Error, Result};
 
 thread_local! {
-    /// Whether a decoder is at work on this thread.
+    /// True while a decoder runs on this thread.
     static DECODING: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Calls a decoder; nothing is printed where it panics.
+/// Calls a decoder and turns a panic into an error, without the message of the panic hook.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) where it panicked. What it worked on is then in no known
-/// state: drop it.
+/// [`Input`](planish_estimate::ErrorKind::Input) if it panicked. The state of its arguments is then unknown,
+/// and they must be dropped.
 pub(crate) fn guarded<T>(decode: impl FnOnce() -> T) -> Result<T> {
+    // The hook is global and stays installed; the flag of the thread decides, so that panics of other threads
+    // are still printed.
     static SILENT: Once = Once::new();
     SILENT.call_once(|| {
         let usual = panic::take_hook();
@@ -37,12 +39,12 @@ pub(crate) fn guarded<T>(decode: impl FnOnce() -> T) -> Result<T> {
     let decoded = panic::catch_unwind(AssertUnwindSafe(decode));
     DECODING.set(false);
     decoded.map_err(|panic| {
-        let said = panic
+        let message = panic
             .downcast_ref::<String>()
             .map(String::as_str)
             .or_else(|| panic.downcast_ref::<&str>().copied());
-        let said = said.and_then(|text| text.lines().next()).unwrap_or("no words");
-        Error::input(format!("the file is damaged: its decoder gave up ({said})"))
+        let message = message.and_then(|text| text.lines().next()).unwrap_or("no message");
+        Error::input(format!("the file is damaged: its decoder failed ({message})"))
     })
 }
 
@@ -51,10 +53,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_decoder_that_panics_is_an_error_of_the_file() {
+    fn a_panic_of_a_decoder_becomes_an_input_error() {
         assert_eq!(guarded(|| 7).unwrap(), 7);
         let e = guarded(|| panic!("no table of chunks")).unwrap_err();
         assert_eq!(e.kind(), planish_estimate::ErrorKind::Input);
-        assert!(e.to_string().contains("gave up (no table of chunks)"), "{e}");
+        assert!(e.to_string().contains("failed (no table of chunks)"), "{e}");
     }
 }

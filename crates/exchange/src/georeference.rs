@@ -13,7 +13,7 @@ use crate::Unit;
 /// OGC 19-008r4, *GeoTIFF standard*, 2019, section 7.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GeoReference {
-    /// Key, the tag that holds its value (0 for the entry itself), count, and value or index.
+    /// Entries: key, tag that holds the value (0 for the entry itself), count, and value or index.
     pub(crate) keys: Vec<[u16; 4]>,
     /// Values of tag 34736.
     pub(crate) doubles: Vec<f64>,
@@ -21,21 +21,22 @@ pub struct GeoReference {
     pub(crate) text: Vec<u8>,
 }
 
-/// Keys of the standard.
+/// GeoTIFF keys.
 const MODEL_TYPE: u16 = 1024;
 pub(crate) const RASTER_TYPE: u16 = 1025;
 const PROJECTED_CRS: u16 = 3072;
 const PROJECTED_LINEAR_UNITS: u16 = 3076;
-/// Tags that hold values of keys.
+/// TIFF tags that hold the values of keys.
 pub(crate) const DOUBLES_TAG: u16 = 34736;
 pub(crate) const TEXT_TAG: u16 = 34737;
-/// Codes of the EPSG for the metre, the foot and the US survey foot.
+/// EPSG codes of the metre, the international foot and the US survey foot.
 const METRE: u16 = 9001;
 const FEET: [u16; 2] = [9002, 9003];
 
 impl GeoReference {
-    /// From the three records of a LAS file: little-endian keys, doubles and text. None where the keys make
-    /// no sense.
+    /// Reads the three records of a LAS file: little-endian keys, doubles and text. None without a projected system.
+    ///
+    /// Entries that point outside their values are removed, so that a raster never gets invalid keys.
     pub(crate) fn from_keys(keys: &[u8], doubles: &[u8], text: &[u8]) -> Option<Self> {
         let words: Vec<u16> = keys.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
         let count = usize::from(*words.get(3)?);
@@ -57,10 +58,9 @@ impl GeoReference {
         keys.iter().any(|k| k[0] == PROJECTED_CRS).then(|| Self { keys, doubles, text: text.to_vec() })
     }
 
-    /// From well-known text: what the EPSG calls the map, where the text says so. None for text without such
-    /// a code.
+    /// Reads the EPSG code of the projected system from well-known text; none if the text has no such code.
     pub(crate) fn from_wkt(wkt: &str) -> Option<Self> {
-        // A compound system names the map first and heights after it.
+        // A compound system states the projected system first, and the vertical one after it.
         let map = &wkt[wkt.find("PROJCS[").or_else(|| wkt.find("PROJCRS["))?..];
         let map = &map
             [..[map.find("VERT_CS["), map.find("VERTCRS[")].into_iter().flatten().min().unwrap_or(map.len())];
@@ -71,7 +71,7 @@ impl GeoReference {
             digits.parse().ok()
         })?;
         let mut keys = vec![[MODEL_TYPE, 0, 1, 1], [PROJECTED_CRS, 0, 1, code]];
-        // The unit of the map is the last that is named; angles are in degrees.
+        // The unit of the projected system is the last one; earlier units belong to its angles.
         let length = map.rfind("UNIT[").and_then(|at| {
             let factor = map[at..].split(',').nth(1)?;
             factor.trim_end_matches(']').trim().parse::<f64>().ok()
@@ -85,14 +85,14 @@ impl GeoReference {
         Some(Self { keys, doubles: Vec::new(), text: Vec::new() })
     }
 
-    /// The code of the EPSG, where the map has one.
+    /// EPSG code of the projected system, if it has one.
     #[must_use]
     pub fn epsg(&self) -> Option<u16> {
-        // The largest stands for a map that somebody defined.
+        // 32767 marks a user-defined system.
         self.key(PROJECTED_CRS).filter(|&code| code != 0 && code != 32767)
     }
 
-    /// The unit of the map's coordinates, where it is a metre or a foot.
+    /// Unit of the coordinates, if it is the metre or a foot.
     #[must_use]
     pub fn unit(&self) -> Option<Unit> {
         match self.key(PROJECTED_LINEAR_UNITS)? {
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_are_carried_and_name_map_and_unit() {
+    fn keys_are_kept_and_give_code_and_unit() {
         let keys = bytes(&[1, 1, 0, 3, 1024, 0, 1, 1, 3072, 0, 1, 2903, 3076, 0, 1, 9003]);
         let made = GeoReference::from_keys(&keys, &[], &[]).unwrap();
         assert_eq!((made.epsg(), made.unit()), (Some(2903), Some(Unit::Foot)));
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_that_point_beyond_their_values_are_left_out() {
+    fn keys_that_point_outside_their_values_are_removed() {
         let keys = bytes(&[1, 1, 0, 2, 3072, 0, 1, 32632, 3078, 34736, 4, 0]);
         let made = GeoReference::from_keys(&keys, &1.0_f64.to_le_bytes(), &[]).unwrap();
         assert_eq!(made.keys, [[3072, 0, 1, 32632]]);
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn text_names_map_and_unit() {
+    fn well_known_text_gives_code_and_unit() {
         let wkt = "COMPD_CS[\"a\",PROJCS[\"b\",GEOGCS[\"c\",UNIT[\"degree\",0.0174,\
             AUTHORITY[\"EPSG\",\"9122\"]],\
                    AUTHORITY[\"EPSG\",\"4326\"]],UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],\

@@ -1,4 +1,4 @@
-//! GeoTIFF, out: heights and their σ on a grid of a map.
+//! Writes GeoTIFF: heights and their σ on a grid of a map.
 //!
 //! **Input.** A [`HeightGrid`].
 //!
@@ -21,13 +21,13 @@ use tiff::tags::{ExtraSamples, PhotometricInterpretation, SampleFormat, Tag};
 use crate::georeference::{DOUBLES_TAG, RASTER_TYPE, TEXT_TAG};
 use crate::{GeoReference, Unit, write_atomically};
 
-/// What stands where nothing is known: readers leave it out.
+/// Value of cells without a height. GIS programs read it from the tag `GDAL_NODATA`.
 pub const NODATA: f32 = -9999.0;
 
 /// Heights on a grid whose rows run from north to south.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeightGrid {
-    /// West and north border: the upper left corner of the first cell.
+    /// West and north border: coordinates of the upper left corner of the first cell.
     pub corner: [f64; 2],
     /// Side of a cell.
     pub cell: f64,
@@ -35,15 +35,15 @@ pub struct HeightGrid {
     pub columns: usize,
     /// Cells from north to south.
     pub rows: usize,
-    /// Height and its σ at the middle of every cell, row by row; [`NODATA`] twice where it is not known.
+    /// Height and σ at the middle of each cell, row by row; [`NODATA`] twice if unknown.
     pub values: Vec<[f32; 2]>,
     /// Unit of every length.
     pub unit: Unit,
-    /// The map that it belongs to.
+    /// Map projection, if known.
     pub georeference: Option<GeoReference>,
 }
 
-/// Two samples of single precision a pixel.
+/// Two samples of single precision per pixel.
 struct HeightAndSigma;
 
 impl ColorType for HeightAndSigma {
@@ -53,19 +53,38 @@ impl ColorType for HeightAndSigma {
     const SAMPLE_FORMAT: &'static [SampleFormat] = &[SampleFormat::IEEEFP; 2];
 
     fn horizontal_predict(row: &[f32], result: &mut Vec<f32>) {
-        // No predictor is asked for.
+        // Never used, because no predictor is requested.
         result.extend_from_slice(row);
     }
 }
 
-/// What GDAL calls the bands; a tag of its own.
+/// Private tag of GDAL for the names and units of bands.
 const GDAL_METADATA: Tag = Tag::Unknown(42112);
 
-/// Writes a grid.
+/// Writes a grid of heights.
 ///
 /// # Errors
-/// `Input` for a grid without cells or whose values are not as many as its cells; `Unsupported` for more than
+/// `Input` for a grid without cells, or with another number of values than cells; `Unsupported` for more than
 /// 4 GB; `Io` when the file cannot be written; nothing is left half-written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::Unit;
+/// use planish_exchange::geotiff::{HeightGrid, write_geotiff};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("ground.tif");
+/// write_geotiff(&path, &HeightGrid {
+///     corner: [600_000.0, 4_000_000.0],
+///     cell: 0.5,
+///     columns: 2,
+///     rows: 1,
+///     values: vec![[12.5, 0.1], [12.75, 0.1]],
+///     unit: Unit::Metre,
+///     georeference: None,
+/// })?;
+/// assert!(path.metadata()?.len() > 0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # References
 /// - OGC 19-008r4, *GeoTIFF standard*, 2019.
@@ -73,7 +92,7 @@ const GDAL_METADATA: Tag = Tag::Unknown(42112);
 pub fn write_geotiff(path: &Path, grid: &HeightGrid) -> Result<()> {
     if grid.values.is_empty() || grid.values.len() != grid.columns * grid.rows {
         return Err(Error::input(format!(
-            "{}: needed {} × {} cells, found {}",
+            "{}: expected {} × {} cells, found {}",
             path.display(),
             grid.columns,
             grid.rows,
@@ -82,7 +101,7 @@ pub fn write_geotiff(path: &Path, grid: &HeightGrid) -> Result<()> {
     }
     let bytes = encoded(grid).map_err(|e| {
         Error::unsupported(format!(
-            "{}: {} × {} cells cannot be written as TIFF; larger cells may be",
+            "{}: {} × {} cells do not fit into a TIFF file; use larger cells",
             path.display(),
             grid.columns,
             grid.rows
@@ -106,10 +125,11 @@ fn encoded(grid: &HeightGrid) -> std::result::Result<Vec<u8>, TiffError> {
     tags.write_tag(Tag::GdalNodata, format!("{NODATA}").as_str())?;
     tags.write_tag(GDAL_METADATA, metadata(grid.unit).as_str())?;
     let georeference = grid.georeference.as_ref();
-    // A map that is not known is left open; a pixel is an area all the same.
+    // The key that a pixel is an area is written even without a known projection: it shifts heights by half a cell.
     let known = georeference.map_or(&[][..], |g| &g.keys);
     let mut keys: Vec<[u16; 4]> = known.iter().copied().filter(|k| k[0] != RASTER_TYPE).collect();
     keys.push([RASTER_TYPE, 0, 1, 1]);
+    // The standard requires ascending keys.
     keys.sort_unstable();
     let mut directory = vec![1, 1, 0, keys.len() as u16];
     directory.extend(keys.iter().flatten());
@@ -165,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_back() {
+    fn written_grids_read_back_unchanged() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.tif");
         write_geotiff(&path, &grid()).unwrap();
@@ -174,7 +194,7 @@ mod tests {
         let scale = decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).unwrap();
         let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).unwrap();
         assert_eq!(scale, [0.5, 0.5, 0.0]);
-        // Seven digits before the point and every one behind it.
+        // Coordinates keep double precision.
         assert_eq!(tie, [0.0, 0.0, 0.0, 600_000.25, 4_000_000.75, 0.0]);
         let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).unwrap();
         assert_eq!(keys, [1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32632, 3076, 0, 1, 9001]);
@@ -182,7 +202,7 @@ mod tests {
         let names = decoder.get_tag_ascii_string(GDAL_METADATA).unwrap();
         assert!(names.contains(">height<") && names.contains(">sigma of the height<"), "{names}");
         let DecodingResult::F32(samples) = decoder.read_image().unwrap() else {
-            panic!("not of single precision");
+            panic!("expected single precision");
         };
         let expected: Vec<f32> = grid().values.iter().flatten().copied().collect();
         assert_eq!(samples, expected);
@@ -194,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_grid_without_its_cells_is_refused() {
+    fn a_grid_with_a_wrong_number_of_cells_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.tif");
         for (columns, rows) in [(0, 0), (2, 2)] {

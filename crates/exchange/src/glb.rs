@@ -1,4 +1,4 @@
-//! GLB, binary glTF 2.0: what browsers and viewers show; meshes in and out.
+//! GLB, the binary form of glTF 2.0, which browsers and viewers display.
 //!
 //! **Input.** A file whose geometry is in its own binary chunk.
 //!
@@ -6,16 +6,16 @@
 //! unit of glTF). Normals are the columns `nx ny nz`; the attributes `_SIGMA` and `_OBSERVED` are the columns
 //! `sigma` and `observed`.
 //!
-//! **Written files** hold one mesh: `float32` positions about the middle of the mesh, which is the
-//! translation of its node, so that far coordinates lose no digits; the node's scale turns the model's unit
-//! into metres. `_SIGMA` is a length in the frame of the positions, as they are before the node's scale.
-//! `COLOR_0` shows σ from dark violet (small) to yellow (large, on a logarithmic scale), and grey where
-//! nothing was measured. The same input gives the same bytes.
+//! **Written files** hold one mesh with `float32` positions relative to its middle. The translation of the node is
+//! that middle, so that coordinates far from the origin lose no digits; the scale of the node converts the unit
+//! of the model to metres. `_SIGMA` is a length in the frame of the positions, before that scale. `COLOR_0` shows
+//! σ from dark violet (small) to yellow (large) on a logarithmic scale, and grey for unmeasured parts. The same
+//! input gives the same bytes.
 //!
-//! Meshes that change in time are written with morph targets and an animation ([`write_animation`]); those
-//! that can be posed, with a texture ([`write_posed`]).
+//! [`write_animation`] writes meshes that change in time as morph targets with an animation, [`write_posed`] textured
+//! meshes with poses.
 //!
-//! **Limits.** Axes are those of the model, whose z may point up, whereas viewers of glTF take y as up.
+//! **Limits.** The axes of the model are kept; viewers of glTF assume that y points up.
 //! Skins, morph targets, animations, points and lines are ignored when a file is read. Textures are read only
 //! by [`read_textured`](crate::textured::read_textured), which takes the base colour.
 //!
@@ -35,12 +35,12 @@ pub use read::read_mesh;
 pub(crate) use read::{read_scan, read_textured};
 pub use write::{ramp, write_mesh};
 
-/// What files begin with.
+/// First bytes of a file (glTF 2.0, section 4.4.2).
 const MAGIC: [u8; 4] = *b"glTF";
-/// Types of chunks.
+/// Types of chunks (section 4.4.3).
 const JSON_CHUNK: [u8; 4] = *b"JSON";
 const BINARY_CHUNK: [u8; 4] = *b"BIN\0";
-/// Types of numbers.
+/// Component types of accessors (section 3.6.2.2).
 const BYTE: u64 = 5121;
 const SHORT: u64 = 5123;
 const INTEGER: u64 = 5125;

@@ -1,32 +1,35 @@
-//! `job.toml`: sensors named once, and the scans that they took.
+//! `job.toml`: named sensors and their scans.
 //!
-//! Comes in: a TOML file. Goes out: a [`Job`]. Lengths are in the job's unit; relative paths start at the
-//! job's folder.
+//! **Input.** A TOML file.
+//!
+//! **Output.** A [`Job`]. Lengths are in the unit of the job; relative paths start at its folder. Unknown keys are
+//! errors, so that a misspelt σ does not go unnoticed.
 //!
 //! ```toml
 //! unit = "mm"                      # mm, m or in
 //!
 //! [sensor.laser]
 //! kind = "range"                   # range, touch, stereo, normal or curvature
-//! sigma_along = 0.05               # along the ray and across it, or one `sigma` for all directions;
-//! sigma_across = 0.02              # without either it is estimated
-//! sigma_deg = 2.0                  # of the normals that its scans hold: they then are measurements, too
-//! sigma_k = 0.01                   # of their principal curvatures, one over the unit, likewise
-//! sigma_bias = 0.02                # of what all readings of one scan err in together, along their rays
+//! sigma_along = 0.05               # σ along and across the ray, or one `sigma` for all directions;
+//! sigma_across = 0.02              # without them, σ is estimated
+//! sigma_deg = 2.0                  # σ of the normals of its scans, which then are measurements, too
+//! sigma_k = 0.01                   # σ of their principal curvatures (1/unit), likewise
+//! sigma_bias = 0.02                # σ of the error common to all readings of a scan, along their rays
 //!
 //! [[scan]]
-//! sensor = "laser"                 # may be left out where only one sensor is named, or none
+//! sensor = "laser"                 # optional if the job names one sensor or none
 //! file = "top.ply"
 //! pose = { translation = [0, 0, 0], quaternion_xyzw = [0, 0, 0, 1], sigma_translation = 0.1,
 //!          sigma_rotation_deg = 0.05 }
 //! viewpoint = [0, 0, 300]          # or direction = [0, 0, -1]: how the sensor looks, in the scanner's frame
-//! time = 12.5                      # seconds: when it was taken, of a thing that moves
-//! calibration = "camera.toml"      # of a depth image, whose `file` is PNG, TIFF or NPY
+//! time = 12.5                      # time of the scan in seconds, for a moving object
+//! calibration = "camera.toml"      # camera of a depth image (`file` is PNG, TIFF or NPY)
 //! ```
 //!
-//! A pose is `p_world = R(q) p_scanner + t` (the plain convention, other than in VRIP lists); scans of a file
-//! that states poses itself (E57) are carried by theirs first. Not guaranteed: that the files hold scans.
-//! Keys that are not known are errors, so that no misspelt σ goes unnoticed.
+//! A pose is `p_world = R(q) p_scanner + t`, unlike in VRIP lists. It is applied after the pose that the file
+//! itself states (E57).
+//!
+//! **Limits.** The files of the scans are checked to exist, but not opened.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -37,41 +40,41 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::Unit;
-use crate::points::MOST_SIGMA_NORMAL_DEG;
+use crate::points::MAX_SIGMA_NORMAL_DEG;
 use crate::source::{no_file, read_text};
-use crate::vrip::QUATERNION_WITHIN;
+use crate::vrip::QUATERNION_TOLERANCE;
 
-/// What a job file says.
+/// Content of a job file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Job {
-    /// The unit of every length in the job and its files, where it is named.
+    /// The unit of every length in the job and its files, if stated.
     pub unit: Option<Unit>,
     /// The sensors, by name.
     pub sensors: Vec<Sensor>,
-    /// The scans, in the file's order.
+    /// The scans, in the order of the file.
     pub scans: Vec<ScanEntry>,
 }
 
-/// A scan that a job names.
+/// A scan of a job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanEntry {
-    /// The scan's file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Which of the job's sensors took it.
+    /// Index into [`Job::sensors`].
     pub sensor: usize,
-    /// Carries the scanner's frame into the world.
+    /// Pose: maps the frame of the scanner to the world.
     pub world_from_scanner: Pose,
-    /// Standard deviation of each coordinate of the translation, in the job's unit; exact where not stated.
+    /// Standard deviation of each coordinate of the translation, in the unit of the job; none for an exact pose.
     pub sigma_translation: Option<f64>,
-    /// Standard deviation of the rotation about each axis, in degrees; exact where not stated.
+    /// Standard deviation of the rotation about each axis, in degrees; none for an exact pose.
     pub sigma_rotation_deg: Option<f64>,
-    /// How the sensor looks, where stated.
+    /// Viewpoint or viewing direction of the sensor, if stated.
     pub viewing: Option<Viewing>,
-    /// When it was taken, in seconds, where stated.
+    /// Time of the scan in seconds, if stated.
     pub time_s: Option<f64>,
-    /// The calibration of the camera whose depth image the file is.
+    /// Path of the calibration of the camera, for a depth image.
     pub calibration: Option<PathBuf>,
-    /// The line of the job that begins the entry, from 1.
+    /// Line of the entry in the job, from 1.
     pub line: usize,
 }
 
@@ -121,9 +124,27 @@ struct PoseTable {
 /// Reads a job.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) when the job or a file that it names is missing;
-/// [`Input`](planish_estimate::ErrorKind::Input) for TOML that is malformed, unknown keys or kinds, σ ≤ 0,
-/// quaternions that have not unit length: with file, line and key.
+/// [`Io`](planish_estimate::ErrorKind::Io) if the job or a file that it names is missing;
+/// [`Input`](planish_estimate::ErrorKind::Input) for malformed TOML, unknown keys or kinds, σ ≤ 0, and quaternions
+/// without unit length: with file, line and key.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// std::fs::write(folder.path().join("top.xyz"), "1 2 3\n")?;
+/// let path = folder.path().join("job.toml");
+/// std::fs::write(&path, r#"
+/// unit = "mm"
+/// [sensor.probe]
+/// kind = "touch"
+/// sigma = 0.004
+/// [[scan]]
+/// file = "top.xyz"
+/// "#)?;
+/// let job = planish_exchange::job::read_job(&path)?;
+/// assert_eq!((job.sensors[0].name.as_str(), job.scans.len()), ("probe", 1));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_job(path: &Path) -> Result<Job> {
     let read = read_text(path).and_then(|text| {
         let job = parse(&text, path.parent().unwrap_or(Path::new("")))?;
@@ -145,9 +166,11 @@ pub fn read_job(path: &Path) -> Result<Job> {
     read.map_err(|e| e.in_context(path.display()))
 }
 
-/// Turns places in a text into messages.
+/// Finds the line of a byte offset, for messages.
+///
+/// The ends of lines are indexed once: counting them per message would take quadratic time in a long job.
 struct Text {
-    /// Where lines end, ascending.
+    /// Offsets of line ends, ascending.
     ends: Vec<usize>,
 }
 
@@ -177,12 +200,12 @@ impl Text {
     fn sigma(&self, key: &str, value: Option<&Spanned<f64>>) -> Result<Option<f64>> {
         match value {
             Some(v) if !(*v.get_ref() > 0.0 && v.get_ref().is_finite()) => {
-                Err(self.wrong(v, format_args!("needed {key} > 0, found {}", v.get_ref())))
+                Err(self.wrong(v, format_args!("expected {key} > 0, found {}", v.get_ref())))
             }
-            // Squares of what lies outside are zero or infinite.
+            // Variances of σ outside this range underflow to zero or overflow.
             Some(v) if !(1e-100..1e100).contains(v.get_ref()) => {
                 let found = v.get_ref();
-                Err(self.wrong(v, format_args!("needed {key} between 1e-100 and 1e100, found {found:e}")))
+                Err(self.wrong(v, format_args!("expected {key} between 1e-100 and 1e100, found {found:e}")))
             }
             value => Ok(value.map(|v| *v.get_ref())),
         }
@@ -191,7 +214,7 @@ impl Text {
     fn finite<const N: usize>(&self, key: &str, value: &Spanned<[f64; N]>) -> Result<[f64; N]> {
         match value.get_ref() {
             v if v.iter().all(|c| c.is_finite()) => Ok(*v),
-            v => Err(self.wrong(value, format_args!("needed finite numbers for {key}, found {v:?}"))),
+            v => Err(self.wrong(value, format_args!("expected finite numbers for {key}, found {v:?}"))),
         }
     }
 
@@ -201,7 +224,7 @@ impl Text {
             let known = SensorKind::ALL.map(SensorKind::name).join(", ");
             self.wrong(
                 &table.kind,
-                format_args!("needed sensor.{name}.kind among [{known}], found \"{stated}\""),
+                format_args!("expected sensor.{name}.kind among [{known}], found \"{stated}\""),
             )
         })?;
         let key = |key: &str| format!("sensor.{name}.{key}");
@@ -212,19 +235,16 @@ impl Text {
         if let (SensorKind::Touch, Some(found)) = (kind, ray_key) {
             return Err(self.wrong(
                 found,
-                format_args!("sensor.{name} is a touch probe and has no ray: needed `sigma`"),
+                format_args!("sensor.{name}: expected `sigma`, because a touch probe has no ray"),
             ));
         }
         let sigma_normal_deg = self.sigma(&key("sigma_deg"), table.sigma_deg.as_ref())?;
-        if let Some(deg) = table.sigma_deg.as_ref().filter(|deg| *deg.get_ref() >= MOST_SIGMA_NORMAL_DEG) {
+        if let Some(deg) = table.sigma_deg.as_ref().filter(|deg| *deg.get_ref() >= MAX_SIGMA_NORMAL_DEG) {
             let key = key("sigma_deg");
             let found = deg.get_ref();
             return Err(self.wrong(
                 deg,
-                format_args!(
-                    "needed {key} below {MOST_SIGMA_NORMAL_DEG} degrees, where a direction is not known, \
-                     found {found}"
-                ),
+                format_args!("expected {key} below {MAX_SIGMA_NORMAL_DEG} degrees, found {found}"),
             ));
         }
         let sigma_curvature = self.sigma(&key("sigma_k"), table.sigma_k.as_ref())?;
@@ -234,8 +254,8 @@ impl Text {
             return Err(self.wrong(
                 found,
                 format_args!(
-                    "sensor.{name} measures no positions: needed `sigma_deg` (of normals) or `sigma_k` (of \
-                     curvatures)"
+                    "sensor.{name}: expected `sigma_deg` (of normals) or `sigma_k` (of curvatures), because \
+                     this kind measures no positions"
                 ),
             ));
         }
@@ -246,8 +266,8 @@ impl Text {
             _ => {
                 let line = ray_key.map_or(1, |found| self.line(found.span().start));
                 return Err(Error::input(format!(
-                    "line {line}: sensor.{name}: needed either `sigma`, or both `sigma_along` and \
-                     `sigma_across`, or none of them"
+                    "line {line}: sensor.{name}: expected `sigma` alone, or both `sigma_along` and \
+                     `sigma_across`, or none of the three"
                 )));
             }
         };
@@ -257,20 +277,20 @@ impl Text {
     fn scan(&self, entry: &Spanned<ScanTable>, sensors: &[Sensor], folder: &Path) -> Result<ScanEntry> {
         let table = entry.get_ref();
         let sensor = match &table.sensor {
-            // Sensors are in the order of their names.
+            // Sensors come from a `BTreeMap` and are sorted by name.
             Some(name) => sensors.binary_search_by(|s| s.name.cmp(name.get_ref())).map_err(|_| {
                 let known: Vec<_> = sensors.iter().map(|s| s.name.as_str()).collect();
                 self.wrong(
                     name,
                     format_args!(
-                        "needed the name of a sensor among [{}], found \"{}\"",
+                        "expected one of the sensors [{}], found \"{}\"",
                         known.join(", "),
                         name.get_ref()
                     ),
                 )
             })?,
             None if sensors.len() == 1 => 0,
-            None => return Err(self.wrong(entry, "this scan needs a `sensor`: the job names several")),
+            None => return Err(self.wrong(entry, "expected `sensor` in this scan, because the job names several")),
         };
         let pose = table.pose.as_ref();
         let translation = match pose.and_then(|p| p.translation.as_ref()) {
@@ -283,10 +303,10 @@ impl Text {
                 let q = self.finite("pose.quaternion_xyzw", stated)?;
                 let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
                 Pose::from_quaternion_xyzw(q, translation)
-                    .filter(|_| (length - 1.0).abs() <= QUATERNION_WITHIN)
+                    .filter(|_| (length - 1.0).abs() <= QUATERNION_TOLERANCE)
                     .ok_or_else(|| {
                         let message =
-                            format!("needed pose.quaternion_xyzw of length 1, found length {length}");
+                            format!("expected pose.quaternion_xyzw of length 1, found length {length}");
                         self.wrong(stated, message)
                     })?
             }
@@ -298,12 +318,12 @@ impl Text {
                 let d = self.finite("direction", direction)?;
                 let length = d.iter().map(|c| c * c).sum::<f64>().sqrt();
                 if !(length > 0.0 && length.is_finite()) {
-                    return Err(self.wrong(direction, format_args!("needed a direction, found {d:?}")));
+                    return Err(self.wrong(direction, format_args!("expected a direction, found {d:?}")));
                 }
                 Some(Viewing::Direction(d.map(|c| c / length)))
             }
             (Some(_), Some(direction)) => {
-                return Err(self.wrong(direction, "needed `viewpoint` or `direction`, found both"));
+                return Err(self.wrong(direction, "expected `viewpoint` or `direction`, found both"));
             }
         };
         Ok(ScanEntry {
@@ -317,9 +337,8 @@ impl Text {
             viewing,
             time_s: match &table.time {
                 Some(time) if !time.get_ref().is_finite() => {
-                    return Err(
-                        self.wrong(time, format_args!("needed a time in seconds, found {}", time.get_ref()))
-                    );
+                    return Err(self
+                        .wrong(time, format_args!("expected a time in seconds, found {}", time.get_ref())));
                 }
                 time => time.as_ref().map(|t| *t.get_ref()),
             },
@@ -341,7 +360,7 @@ fn parse(source: &str, folder: &Path) -> Result<Job> {
         sensors.push(text.sensor(name, sensor.get_ref())?);
     }
     if table.scan.is_empty() {
-        return Err(Error::input("needed at least one [[scan]], found none"));
+        return Err(Error::input("expected at least one [[scan]], found none"));
     }
     if sensors.is_empty() {
         sensors.push(crate::scan_set::unnamed_sensor());
@@ -407,7 +426,7 @@ viewpoint = [0, 0, 300]
     }
 
     #[test]
-    fn mistakes_are_named_by_line_and_key() {
+    fn errors_name_line_and_key() {
         for (from, to, line, words) in [
             ("sigma = 0.004", "sigma = 0", 6, "sensor.probe.sigma > 0, found 0"),
             ("sigma_along = 0.05", "sigma_along = nan", 10, "sensor.laser.sigma_along"),
@@ -427,14 +446,14 @@ viewpoint = [0, 0, 300]
             ("sigma_across = 0.02\n", "", 10, "both `sigma_along` and `sigma_across`"),
             ("sigma = 0.004", "sigma_along = 0.004", 6, "touch probe"),
             ("kind = \"touch\"", "kind = \"probe\"", 5, "found \"probe\""),
-            ("sensor = \"laser\"", "sensor = \"lazer\"", 14, "among [laser, probe], found \"lazer\""),
+            ("sensor = \"laser\"", "sensor = \"lazer\"", 14, "sensors [laser, probe], found \"lazer\""),
             ("0.70710678, 0.70710678", "0.7, 0.8", 16, "pose.quaternion_xyzw of length 1"),
             ("sigma_translation = 0.1", "sigma_translation = -1", 17, "pose.sigma_translation > 0"),
-            ("direction = [0, 0, -2]", "direction = [0, 0, 0]", 18, "needed a direction"),
+            ("direction = [0, 0, -2]", "direction = [0, 0, 0]", 18, "expected a direction"),
             ("viewpoint =", "direction = [1, 0, 0]\nviewpoint =", 23, "found both"),
-            ("unit = \"mm\"", "unit = \"cm\"", 2, "needed `mm`, `m`, `in` or `ft`"),
+            ("unit = \"mm\"", "unit = \"cm\"", 2, "expected `mm`, `m`, `in` or `ft`"),
             ("file = \"p.csv\"", "", 20, "missing field `file`"),
-            ("sensor = \"probe\"\n", "", 20, "needs a `sensor`"),
+            ("sensor = \"probe\"\n", "", 20, "expected `sensor`"),
             ("[[scan]]", "[[scan]", 13, ""),
         ] {
             let e = error(from, to);
@@ -448,23 +467,23 @@ viewpoint = [0, 0, 300]
     }
 
     #[test]
-    fn sensors_of_orientation_and_curvature_have_their_own_sigmas() {
+    fn sensors_of_normals_and_curvatures_have_their_own_sigmas() {
         let job = GOOD.replacen("kind = \"touch\"\nsigma = 0.004", "kind = \"normal\"\nsigma_deg = 2.0", 1);
         let job = parse(&job, Path::new("d")).unwrap();
         assert_eq!(job.sensors[1].kind, SensorKind::Normal);
         assert_eq!((job.sensors[1].noise, job.sensors[1].sigma_normal_deg), (None, Some(2.0)));
         let e = error("kind = \"touch\"", "kind = \"curvature\"");
-        assert!(e.to_string().contains("line 6: sensor.probe measures no positions"), "{e}");
+        assert!(e.to_string().contains("line 6: sensor.probe: expected `sigma_deg`"), "{e}");
     }
 
     #[test]
-    fn a_job_without_sensors_has_one_whose_noise_is_estimated() {
+    fn a_job_without_sensors_gets_one_whose_noise_is_estimated() {
         let job = parse("[[scan]]\nfile = \"a.ply\"\n", Path::new("d")).unwrap();
         assert_eq!((job.sensors.len(), job.sensors[0].noise, job.scans[0].sensor), (1, None, 0));
     }
 
     #[test]
-    fn a_scan_that_is_missing_is_file_trouble_with_its_line() {
+    fn a_missing_scan_is_an_io_error_with_its_line() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("job.toml");
         std::fs::write(&path, "\n[[scan]]\nfile = \"gone.ply\"\n").unwrap();
@@ -474,14 +493,14 @@ viewpoint = [0, 0, 300]
     }
 
     #[test]
-    fn a_job_of_a_hundred_thousand_scans_is_read_at_once() {
+    fn a_job_of_a_hundred_thousand_scans_is_read_in_linear_time() {
         let scans: String = (0..100_000).map(|k| format!("[[scan]]\nfile = \"{k}.ply\"\n")).collect();
         assert_eq!(parse(&scans, Path::new("d")).unwrap().scans[99_999].line, 200_000);
     }
 
     proptest! {
         #[test]
-        fn no_text_makes_it_panic(text in "([\\[\\]=\"{}a-z0-9. \n]|\\[\\[scan\\]\\]\n|file \
+        fn no_text_causes_a_panic(text in "([\\[\\]=\"{}a-z0-9. \n]|\\[\\[scan\\]\\]\n|file \
             = \"a\"\n|\\[sensor.a\\]\n|kind = \"range\"\n){0,40}") {
             let _ = parse(&text, Path::new("d"));
         }

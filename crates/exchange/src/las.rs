@@ -2,13 +2,16 @@
 //!
 //! **Input.** Any point format, plain or compressed.
 //!
-//! **Output.** A [`Scan`] at the identity pose, with the class of each point if the file distinguishes any.
-//! Points marked as withheld are not read.
+//! **Output.** A [`Scan`] at the identity pose, with the class of each point if the file distinguishes classes.
+//! Points marked as withheld are skipped.
 //!
 //! The decoder trusts the sizes that a file declares, so `limits` first checks that the file can hold them.
 //!
 //! **Limits.** Coordinates are in the unit and the map projection of the file. Heights are assumed to be in
 //! the same unit.
+//!
+//! # References
+//! ASPRS, *LAS Specification 1.4-R15*, 2019.
 
 mod limits;
 mod sequential;
@@ -30,10 +33,11 @@ use crate::numbers::NumberType;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::open_file;
 
-/// Bytes of records that are read at once, about.
-const BATCH: u64 = 1 << 21;
+/// Approximate number of bytes of records that are read at once: amortises the call of the decoder and stays in the
+/// cache.
+const BATCH_BYTES: u64 = 1 << 21;
 
-/// Reads points, and their classes where the file holds any.
+/// Reads points, and their classes if the file distinguishes classes.
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
@@ -42,13 +46,14 @@ pub fn read_las(path: &Path) -> Result<Scan> {
     read_las_and_map(path).map(|(scan, _)| scan)
 }
 
-/// [`read_las`], with the map that the header names, where it names any.
+/// [`read_las`], with the map projection of the header, if it states one.
 pub(crate) fn read_las_and_map(path: &Path) -> Result<(Scan, Option<GeoReference>)> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     scan_from(path, &name).map_err(|e| e.in_context(path.display()))
 }
 
 fn georeference(header: &Header) -> Option<GeoReference> {
+    // Records 34735 to 34737 hold GeoTIFF keys, record 2112 well-known text.
     let record = |number: u16| {
         let mut all = header.all_vlrs();
         all.find(|vlr| vlr.user_id == PROJECTION && vlr.record_id == number).map(|vlr| vlr.data.as_slice())
@@ -59,20 +64,20 @@ fn georeference(header: &Header) -> Option<GeoReference> {
     keys.or_else(|| record(2112).and_then(|wkt| GeoReference::from_wkt(&String::from_utf8_lossy(wkt))))
 }
 
-/// Who defines the records that hold a map.
+/// User ID of the records that hold a map projection.
 const PROJECTION: &str = "LASF_Projection";
 
-/// The records of a file, one after the other.
+/// Reader of the point records of a file.
 enum Records {
     Plain(BufReader<File>),
-    /// One after the other.
+    /// Compressed point by point (LAZ up to version 1.3).
     Sequential(Box<Sequential<BufReader<File>>>),
-    /// In layers, of which only some are read.
+    /// Compressed in layers (LAZ 1.4), of which only the used ones are decoded.
     Layered(Box<LasZipDecompressor<'static, BufReader<File>>>),
 }
 
 impl Records {
-    /// The records behind a header.
+    /// Starts reading after the header.
     fn new(file: BufReader<File>, header: &Header) -> las::Result<Self> {
         if !header.point_format().is_compressed {
             return Ok(Self::Plain(file));
@@ -83,8 +88,8 @@ impl Records {
                 header.vlrs().iter().any(|v| is_laszip_vlr(v) && v.data.starts_with(&limits::ONE_CHUNK));
             return Ok(Self::Sequential(Box::new(Sequential::new(file, &description, one_chunk)?)));
         }
-        // No more than is looked at. Layers that are left out cost no time, and that of the time of flight
-        // breaks the decoder: it calls itself as often as a damaged layer says.
+        // Only the layers that are used. Skipped layers cost no time, and the decoder of the GPS time recurses as
+        // often as a damaged layer requests, which overflows the stack (decision 0041).
         let wanted = DecompressionSelection::xy_returns_channel()
             .decompress_z()
             .decompress_classification()
@@ -108,7 +113,7 @@ impl Records {
 fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
     let mut file = BufReader::new(open_file(path)?.0);
     limits::check(&mut file)?;
-    let damaged = |what: &str| Error::input(format!("{what}: the file is damaged or no LAS file"));
+    let damaged = |what: &str| Error::input(format!("{what}: the file is damaged or not a LAS file"));
     let no_header = |e: las::Error| damaged("the header cannot be read").with_source(e);
     let header = guarded(|| Header::new(&mut file))?.map_err(no_header)?;
     let mut records = guarded(|| Records::new(file, &header))?.map_err(no_header)?;
@@ -116,16 +121,16 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
     let format = *header.point_format();
     let record = u64::from(format.len());
     let axes = header.transforms();
-    let at_once = (BATCH / record).max(1);
+    let at_once = (BATCH_BYTES / record).max(1);
     let mut bytes = Vec::new();
     let mut collector = PointCollector::new(PointColumns::positions_only(), 0);
     let mut classes = Vec::new();
     let mut point = 0;
     while point < promised {
-        // Both are small.
+        // At most about `BATCH_BYTES`, so the conversion is exact.
         bytes.resize((at_once.min(promised - point) * record) as usize, 0);
         guarded(|| records.read(&mut bytes, usize::from(format.len())))?.map_err(|e| {
-            damaged(&format!("point {point} or one of the next cannot be read")).with_source(e)
+            damaged(&format!("point {point} or one soon after cannot be read")).with_source(e)
         })?;
         for bytes in bytes.chunks_exact(usize::from(format.len())) {
             let whole = |at: usize| NumberType::I32.decode::<false>(&bytes[at..at + 4]) as i32;
@@ -133,7 +138,7 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
                 let before = collector.len();
                 let place = [axes.x.direct(whole(0)), axes.y.direct(whole(4)), axes.z.direct(whole(8))];
                 collector.push(&place, format_args!("point {point}"))?;
-                // A point that was dropped has no class.
+                // Classes must match the kept points.
                 if collector.len() > before {
                     classes.push(class(bytes, format.is_extended));
                 }
@@ -142,17 +147,17 @@ fn scan_from(path: &Path, name: &str) -> Result<(Scan, Option<GeoReference>)> {
         }
     }
     let (mut scan, _) = collector.finish(name);
-    // Never classified, or all alike: that says nothing.
+    // If nothing was classified, the classes carry no information and must not select the ground.
     if classes.iter().any(|c| *c > UNCLASSIFIED) {
         scan.classes = Some(classes);
     }
     Ok((scan, georeference(&header)))
 }
 
-/// Class 0 was never classified, 1 is unclassified.
+/// Classes 0 (never classified) and 1 (unclassified) do not count.
 const UNCLASSIFIED: u8 = 1;
 
-/// What a record lies on.
+/// Class of a record: byte 16 of formats 6 to 10, five bits of byte 15 of formats 0 to 5.
 fn class(record: &[u8], extended: bool) -> u8 {
     match extended {
         true => record[16],
@@ -160,9 +165,9 @@ fn class(record: &[u8], extended: bool) -> u8 {
     }
 }
 
-/// Whether a record carries the mark that it should not be used.
+/// True if a record is marked as withheld (deleted).
 fn is_withheld(record: &[u8], extended: bool) -> bool {
-    // Byte 15 holds class and marks in formats 0 to 5, the marks alone in formats 6 to 10.
+    // Byte 15 holds the class and flags in formats 0 to 5, and only flags in formats 6 to 10.
     record[15] & if extended { 0b100 } else { 0b1000_0000 } != 0
 }
 
@@ -211,11 +216,11 @@ mod tests {
             assert_eq!(scan.classes.unwrap().iter().filter(|&&c| c == 2).count(), 34);
         }
         let scan = read_las(&file(folder.path(), "b.las", false)).unwrap();
-        assert!(scan.classes.is_none(), "one class for all says nothing");
+        assert!(scan.classes.is_none(), "a single class carries no information");
     }
 
     #[test]
-    fn damaged_files_are_errors_that_say_where() {
+    fn errors_of_damaged_files_name_the_place() {
         let folder = tempfile::tempdir().unwrap();
         for name in ["a.las", "a.laz"] {
             let path = file(folder.path(), name, true);
@@ -235,8 +240,7 @@ mod tests {
         }
     }
 
-    /// A spiral of points in a point format, whose times come from three lasers, stand still, leap and go
-    /// back.
+    /// Writes a spiral of points. Their times come from several lasers, repeat, jump and go back.
     fn spiral(path: &Path, format: u8, count: u32) {
         let mut builder = Builder::from((1, if format < 6 { 2 } else { 4 }));
         builder.point_format = Format::new(format).unwrap();
@@ -262,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn every_point_format_reads_the_same_compressed_across_chunks_and_series_of_times() {
+    fn all_point_formats_read_the_same_with_and_without_compression() {
         let folder = tempfile::tempdir().unwrap();
         for (format, count) in [(0, 500), (1, 110_000), (2, 500), (3, 9000), (6, 9000), (7, 9000)] {
             let [plain, packed] = ["a.las", "a.laz"].map(|name| {
@@ -276,14 +280,14 @@ mod tests {
     }
 
     #[test]
-    fn damaged_times_are_an_error_and_no_endless_call() {
+    fn damaged_times_do_not_cause_endless_recursion() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.laz");
         spiral(&path, 1, 3000);
         let whole = fs::read(&path).unwrap();
         let start = u32::from_le_bytes(whole[96..100].try_into().unwrap()) as usize;
         for k in 0..200 {
-            // Ever the same bytes drive a decoder to ever the same symbol.
+            // Constant bytes drive the decoder to the same symbol again and again.
             let mut bytes = whole.clone();
             let at = start + 40 + 61 * k % (whole.len() - start - 200);
             bytes[at..whole.len() - 100].fill([0xff, 0, 0x7f][k % 3]);
@@ -293,13 +297,13 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_layer_that_nobody_needs_is_not_decoded() {
+    fn a_damaged_unused_layer_is_not_decoded() {
         let folder = tempfile::tempdir().unwrap();
         let path = file(folder.path(), "a.laz", true);
         let whole = read_las(&path).unwrap();
         let mut bytes = fs::read(&path).unwrap();
         let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
-        // Behind the first point and a count stand the sizes of nine layers; that of times is the last.
+        // The first point and a count precede the sizes of nine layers; the last is that of the times.
         let sizes = number(96) + 8 + 30 + 4;
         let layers: Vec<usize> = (0..9).map(|k| number(sizes + 4 * k)).collect();
         let times = sizes + 36 + layers[..8].iter().sum::<usize>();
@@ -310,10 +314,9 @@ mod tests {
         assert!(read.points == whole.points && read.classes == whole.classes);
     }
 
-    /// Every number that decoders take memory for, in turn: none of these files is larger than some
-    /// kilobytes.
+    /// Damages every number that makes the decoder allocate memory, in files of some kilobytes.
     #[test]
-    fn sizes_that_a_file_cannot_hold_are_refused_before_they_take_memory() {
+    fn impossible_sizes_are_rejected_before_memory_is_allocated() {
         let folder = tempfile::tempdir().unwrap();
         let plain = fs::read(file(folder.path(), "a.las", true)).unwrap();
         let packed = fs::read(file(folder.path(), "a.laz", true)).unwrap();
@@ -329,7 +332,7 @@ mod tests {
             ("a.laz", &packed, table + 4, &[0xff; 4], "a table of 4294967295 chunks"),
             ("a.laz", &packed, points, &[0xff; 8], "the table of the chunks"),
             ("a.laz", &packed, points + 8 + 30 + 4, &[0xff; 4], "chunk 0 promises"),
-            ("a.laz", &packed, head + 54 + 36, &u16::to_le_bytes(31), "items of a point take"),
+            ("a.laz", &packed, head + 54 + 36, &u16::to_le_bytes(31), "items of a point: expected"),
             ("a.laz", &packed, 105, &u16::to_le_bytes(65_000), "at most 4096 bytes"),
             ("a.laz", &packed, 247, &u64::to_le_bytes(1 << 40), "would fill the memory"),
         ] {

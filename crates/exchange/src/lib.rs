@@ -69,8 +69,8 @@ mod numbers;
 mod points;
 mod scan_set;
 mod scans;
-mod several;
 mod source;
+mod split_scans;
 mod unit;
 
 pub use atomic::{FolderInWork, Writer, check_writable, make_folder, paths_in, real_path, write_atomically};

@@ -1,19 +1,19 @@
-//! Triangle meshes in any of the formats, by the file's extension: PLY, OBJ, STL, OFF and GLB.
+//! Reads and writes triangle meshes; the extension of the file selects PLY, OBJ, STL, OFF or GLB.
 //!
 //! **Input.** A path; for writing also [`MeshColumns`].
 //!
-//! **Output.** A [`PolygonMesh`], or a file with everything of [`MeshColumns`] that its format can hold.
+//! **Output.** A [`PolygonMesh`], or a file with the parts of [`MeshColumns`] that its format supports.
 //!
 //! | format | written | read |
 //! |---|---|---|
 //! | PLY | `float64` positions, normals, every column, the unit | the same |
 //! | OBJ | all digits of positions and normals, the unit in a comment | the same |
-//! | STL | `float32` positions, the unit in the header | equal vertices become one |
-//! | OFF | all digits of positions | polygons; the unit and columns have no place |
+//! | STL | `float32` positions, the unit in the header | equal corners become one vertex |
+//! | OFF | all digits of positions; no unit and no columns | polygons |
 //! | GLB | `float32` positions about an offset, normals, columns; metres | the same |
-//! | STEP | surfaces, by [`crate::step`] | triangles of all faces, by [`crate::step::read_step`] |
+//! | STEP | not as a mesh; see [`crate::step`] | triangles of all faces, by [`crate::step::read_step`] |
 //!
-//! **Limits.** OBJ and STL have no place for columns, so these are lost.
+//! **Limits.** OBJ, OFF and STL do not support columns, so σ is lost. STL also loses the normals of vertices.
 
 use crate::source::{extension, found_extension};
 use planish_estimate::{Error, Result};
@@ -21,31 +21,40 @@ use std::path::Path;
 
 pub use crate::mesh_data::{Column, MeshColumns, PolygonMesh};
 
-/// Whether a path's extension is that of a format that holds meshes: `ply`, `obj`, `stl`, `off` or `glb`,
-/// maybe behind gzip.
+/// True if the extension is that of a mesh format: `ply`, `obj`, `stl`, `off` or `glb`, with or without `.gz`.
 #[must_use]
 pub fn is_mesh_file(path: &Path) -> bool {
     matches!(extension(path).as_str(), "ply" | "obj" | "stl" | "off" | "glb")
 }
 
-/// Whether a path's extension is that of a format of which faces are read: those of meshes, `step` and `stp`.
+/// True if faces can be read from files of this extension: mesh formats, `step` and `stp`.
 #[must_use]
 pub fn has_faces(path: &Path) -> bool {
     is_mesh_file(path) || is_step_file(path)
 }
 
-/// Whether a path's extension is `step` or `stp`, maybe behind gzip.
+/// True if the extension is `step` or `stp`, with or without `.gz`.
 #[must_use]
 pub fn is_step_file(path: &Path) -> bool {
     matches!(extension(path).as_str(), "step" | "stp")
 }
 
-/// Reads a mesh of any format; one without faces has no triangles. Faces of STEP files are cut into triangles
-/// that miss them by a ten thousandth of the size.
+/// Reads a mesh of any format. A file without faces gives no triangles. Faces of STEP files are triangulated
+/// with a chord error of at most 1/10 000 of the size.
 ///
 /// # Errors
-/// As the format's reader; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions,
-/// and where a face of a STEP file cannot be read.
+/// As the reader of the format; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other
+/// extensions, and if a face of a STEP file cannot be read.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("square.off");
+/// std::fs::write(&path, "OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n")?;
+/// let mesh = planish_exchange::mesh::read_mesh(&path)?;
+/// assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     match extension(path).as_str() {
         "ply" => crate::ply::read_mesh(path),
@@ -58,10 +67,10 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     }
 }
 
-/// Writes a mesh in the format of the path's extension, compressed where it ends with `.gz`.
+/// Writes a mesh in the format of the extension, compressed if the path ends with `.gz`.
 ///
 /// # Errors
-/// As the format's writer; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions.
+/// As the writer of the format; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions.
 ///
 /// # Examples
 /// ```
@@ -89,7 +98,7 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
 
 fn unsupported(path: &Path, more: &str) -> Error {
     Error::unsupported(format!(
-        "{}: needed a mesh (ply, obj, stl, off, glb{more}), found {}",
+        "{}: expected a mesh (ply, obj, stl, off, glb{more}), found {}",
         path.display(),
         found_extension(path)
     ))

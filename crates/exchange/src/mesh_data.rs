@@ -1,38 +1,50 @@
-//! Triangle meshes as files hold them: what every reader of meshes returns and every writer takes.
+//! Mesh types shared by all formats: [`PolygonMesh`] is what readers return, [`MeshColumns`] what writers take.
 
 use crate::Unit;
 use crate::points::{PointCollector, PointColumns};
 use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 
-/// Triangles with named numbers at their vertices, as a file holds them.
+/// A triangle mesh with named columns of numbers at its vertices, as read from a file.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::mesh::PolygonMesh;
+/// let mesh = PolygonMesh {
+///     points: vec![[0.0; 3]],
+///     columns: vec![("sigma".to_owned(), vec![0.5])],
+///     ..PolygonMesh::default()
+/// };
+/// assert_eq!(mesh.column("sigma"), Some(&[0.5][..]));
+/// assert_eq!(mesh.column("nx"), None);
+/// ```
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PolygonMesh {
     /// Positions, in the file's unit; all finite.
     pub points: Vec<[f64; 3]>,
-    /// Indices of the corners, all below `points.len()`. A polygon is cut into the fan of its first corner.
+    /// Indices of the corners, all below `points.len()`. Polygons are split into fans around their first corner.
     pub triangles: Vec<[u32; 3]>,
-    /// The other plain vertex properties, in the file's order: a name and one number a vertex (maybe not
-    /// finite).
+    /// Further vertex properties in the order of the file: a name and one number per vertex, which may be not
+    /// finite.
     pub columns: Vec<(String, Vec<f64>)>,
-    /// The unit of length, where the file names it.
+    /// The unit of length, if the file states it.
     pub unit: Option<Unit>,
 }
 
 impl PolygonMesh {
-    /// The numbers of a vertex property.
+    /// Returns the values of a vertex property.
     #[must_use]
     pub fn column(&self, name: &str) -> Option<&[f64]> {
         self.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.as_slice())
     }
 }
 
-/// One number for each vertex.
+/// One number per vertex.
 #[derive(Debug, Clone, Copy)]
 pub enum Column<'a> {
-    /// Written as 64-bit floating point where the format has it.
+    /// Written as 64-bit floating-point numbers if the format supports them.
     F64(&'a [f64]),
-    /// Written as bytes where the format has them.
+    /// Written as bytes if the format supports them.
     U8(&'a [u8]),
 }
 
@@ -44,7 +56,7 @@ impl Column<'_> {
         }
     }
 
-    /// The number of one vertex.
+    /// Value at one vertex.
     pub(crate) fn at(&self, vertex: usize) -> f64 {
         match self {
             Self::F64(values) => values[vertex],
@@ -53,7 +65,7 @@ impl Column<'_> {
     }
 }
 
-/// What a mesh file holds.
+/// A mesh to be written.
 ///
 /// The mesh of a fit has normals and the columns `sigma` ([`Column::F64`], along the normal) and `observed`
 /// ([`Column::U8`]: 1 measured, 0 prior only, 2 completed).
@@ -61,19 +73,18 @@ impl Column<'_> {
 pub struct MeshColumns<'a> {
     /// Positions.
     pub points: &'a [[f64; 3]],
-    /// Normals `nx ny nz`, one for each point.
+    /// Unit normals, one per point; written as `nx ny nz`.
     pub normals: Option<&'a [[f64; 3]]>,
-    /// Further columns: a name without blanks and one number for each point.
+    /// Further columns: a name without blanks, and one number per point.
     pub columns: Vec<(&'a str, Column<'a>)>,
-    /// Corners of triangles.
+    /// Indices of the corners of each triangle.
     pub triangles: &'a [[u32; 3]],
     /// Unit of length.
     pub unit: Option<Unit>,
 }
 
 impl MeshColumns<'_> {
-    /// Whether columns are of one length and of different names, and corners (where `faces` are wanted) name
-    /// points.
+    /// Checks that columns have one length and different names and, if `faces`, that corners are valid indices.
     pub(crate) fn check(&self, faces: bool) -> Result<()> {
         let points = self.points.len();
         let normals = self.normals.map(|n| ("normals", n.len()));
@@ -81,7 +92,7 @@ impl MeshColumns<'_> {
         for (name, length) in columns.clone().chain(normals) {
             if length != points {
                 return Err(Error::input(format!(
-                    "needed {points} entries in the column `{name}`, found {length}"
+                    "expected {points} entries in the column `{name}`, found {length}"
                 )));
             }
         }
@@ -93,16 +104,17 @@ impl MeshColumns<'_> {
             let word = !name.is_empty() && name.bytes().all(|b| b.is_ascii_graphic());
             if !word || names.contains(&name) {
                 return Err(Error::input(format!(
-                    "the column name {name:?}: needed one word that no other column has"
+                    "the column name {name:?}: expected one word that no other column uses"
                 )));
             }
             names.push(name);
         }
         if faces {
+            // PLY files store corners as signed 32-bit integers.
             let limit = points.min(i32::MAX as usize);
             if let Some(at) = self.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= limit)) {
                 return Err(Error::input(format!(
-                    "triangle {at}: needed indices below {limit}, found {:?}",
+                    "triangle {at}: expected indices below {limit}, found {:?}",
                     self.triangles[at]
                 )));
             }
@@ -110,13 +122,13 @@ impl MeshColumns<'_> {
         Ok(())
     }
 
-    /// The column of a name.
+    /// Returns a column by name.
     pub(crate) fn column(&self, name: &str) -> Option<Column<'_>> {
         self.columns.iter().find(|(n, _)| *n == name).map(|(_, column)| *column)
     }
 }
 
-/// The vertices as points of a scan, with what columns say of their errors and normals.
+/// Turns vertices into the points of a scan, with the uncertainties and normals of their columns.
 pub(crate) fn scan_of_vertices(
     points: impl ExactSizeIterator<Item = [f64; 3]>,
     columns: &[(String, Vec<f64>)],

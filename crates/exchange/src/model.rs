@@ -1,8 +1,8 @@
 //! `.planish`: saved models, as safetensors.
 //!
-//! **Input and output.** Named tensors and one JSON object. Any reader of safetensors opens the file, for
-//! example `safetensors.numpy.load_file("part.planish")` in Python. The JSON is text under the metadata key
-//! `planish`; its `schema` is the version of the format. The same model gives the same bytes.
+//! **Input and output.** Named tensors and one JSON object. Any safetensors library opens the file, for example
+//! `safetensors.numpy.load_file("part.planish")` in Python. The JSON is text under the metadata key `planish`; its
+//! `schema` is the version of the format. The same model gives the same bytes.
 //!
 //! **Limits.** This module checks shapes and types of tensors, not their meaning.
 
@@ -18,13 +18,13 @@ use serde_json::Value;
 use crate::atomic::write_atomically;
 use crate::source::open_file;
 
-/// The version of the format that this version writes, and the newest that it reads.
+/// Version of the format that is written, and the newest that is read.
 pub const SCHEMA: u64 = 1;
 
-/// The metadata key of the JSON text.
+/// Metadata key of the JSON text.
 const KEY: &str = "planish";
 
-/// The numbers of a tensor, row by row.
+/// Numbers of a tensor, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub enum TensorData {
     /// 64-bit floating point.
@@ -67,13 +67,21 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// A list of `f64`.
+    /// Creates a tensor with one axis.
     #[must_use]
     pub fn f64_list(values: Vec<f64>) -> Self {
         Self { shape: vec![values.len()], data: TensorData::F64(values) }
     }
 
-    /// The numbers and the shape, where they are `f64`.
+    /// Returns the numbers if they are `f64`.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_exchange::model::Tensor;
+    /// let tensor = Tensor::f64_list(vec![1.0, 2.0]);
+    /// assert_eq!(tensor.as_f64(), Some(&[1.0, 2.0][..]));
+    /// assert_eq!(tensor.as_u8(), None);
+    /// ```
     #[must_use]
     pub fn as_f64(&self) -> Option<&[f64]> {
         match &self.data {
@@ -82,7 +90,7 @@ impl Tensor {
         }
     }
 
-    /// The numbers, where they are `u32`.
+    /// Returns the numbers if they are `u32`.
     #[must_use]
     pub fn as_u32(&self) -> Option<&[u32]> {
         match &self.data {
@@ -91,7 +99,7 @@ impl Tensor {
         }
     }
 
-    /// The numbers, where they are `u8`.
+    /// Returns the numbers if they are `u8`.
     #[must_use]
     pub fn as_u8(&self) -> Option<&[u8]> {
         match &self.data {
@@ -100,7 +108,7 @@ impl Tensor {
         }
     }
 
-    /// The numbers, where they are `i64`.
+    /// Returns the numbers if they are `i64`.
     #[must_use]
     pub fn as_i64(&self) -> Option<&[i64]> {
         match &self.data {
@@ -133,7 +141,7 @@ impl View for &Tensor {
     }
 }
 
-/// What a model file holds.
+/// Content of a model file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelFile {
     /// Tensors by name.
@@ -145,7 +153,7 @@ pub struct ModelFile {
 /// Writes a model.
 ///
 /// # Errors
-/// [`Input`](planish_estimate::ErrorKind::Input) when a shape and its data disagree or the metadata is no
+/// [`Input`](planish_estimate::ErrorKind::Input) when a shape and its data disagree or the metadata is not an
 /// object; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
 /// half-written.
 ///
@@ -171,8 +179,8 @@ pub fn write_model(path: &Path, model: &ModelFile) -> Result<()> {
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
-/// [`Input`](planish_estimate::ErrorKind::Input) when it is cut off, no safetensors file, or another
-/// program's; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) when a newer version wrote it.
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is cut off, not a safetensors file, or from another
+/// program; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) when a newer version wrote it.
 pub fn read_model(path: &Path) -> Result<ModelFile> {
     let read = open_file(path).and_then(|(mut file, length)| {
         let mut bytes = Vec::with_capacity(length.and_then(|n| usize::try_from(n).ok()).unwrap_or(0));
@@ -187,17 +195,17 @@ fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
         let product = tensor.shape.iter().try_fold(1_usize, |n, &axis| n.checked_mul(axis));
         if product != Some(tensor.data.len()) {
             return Err(Error::input(format!(
-                "tensor `{name}`: the shape {:?} does not hold {} numbers",
+                "tensor `{name}`: expected as many numbers as the shape {:?} has, found {}",
                 tensor.shape,
                 tensor.data.len()
             )));
         }
     }
     let Value::Object(mut metadata) = model.metadata.clone() else {
-        return Err(Error::input("the metadata of a model: needed a JSON object"));
+        return Err(Error::input("expected a JSON object as the metadata of a model, found another value"));
     };
     metadata.insert("schema".to_owned(), SCHEMA.into());
-    // One key only: the order of a map's keys could not be relied on.
+    // A single key, because safetensors writes a hash map, whose order of keys changes from run to run.
     let metadata = HashMap::from([(KEY.to_owned(), Value::Object(metadata).to_string())]);
     safetensors::serialize(model.tensors.iter(), Some(metadata))
         .map_err(|e| Error::input("the model cannot be written as safetensors").with_source(e))
@@ -205,7 +213,7 @@ fn to_bytes(model: &ModelFile) -> Result<Vec<u8>> {
 
 fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
     let damaged = |e: safetensors::SafeTensorError| {
-        Error::input("is no safetensors file, or is damaged or cut off: needed a model that Planish saved")
+        Error::input("expected a model saved by Planish, found another file, or one that is damaged or cut off")
             .with_source(e)
     };
     let (header, description) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
@@ -217,20 +225,19 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
         )));
     }
     let foreign =
-        || Error::input("is a safetensors file, but no Planish model: its metadata has no entry `planish`");
+        || Error::input("expected a model saved by Planish, found a safetensors file without metadata `planish`");
     let text = description.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(foreign)?;
     let metadata: Value = serde_json::from_str(text)
-        .map_err(|e| Error::input("the metadata `planish` is not JSON").with_source(e))?;
+        .map_err(|e| Error::input("expected JSON in the metadata `planish`, found other text").with_source(e))?;
     match metadata.get("schema").and_then(Value::as_u64) {
         Some(SCHEMA) => {}
         Some(newer) if newer > SCHEMA => {
             return Err(Error::unsupported(format!(
-                "was written by a newer Planish (schema {newer}, this version reads up to {SCHEMA}): update \
-                 Planish"
+                "saved by a newer Planish (schema {newer}, this version reads up to {SCHEMA}): update Planish"
             )));
         }
         _ => {
-            return Err(Error::input(format!("the metadata `planish` has no schema from 1 to {SCHEMA}")));
+            return Err(Error::input(format!("expected a schema from 1 to {SCHEMA} in the metadata `planish`, found none")));
         }
     }
     let mut tensors = BTreeMap::new();
@@ -245,7 +252,7 @@ fn from_bytes(bytes: &[u8]) -> Result<ModelFile> {
             Dtype::U8 => TensorData::U8(view.data().to_vec()),
             other => {
                 return Err(Error::unsupported(format!(
-                    "tensor `{name}`: needed F64, U32, U8 or I64, found {other:?}"
+                    "tensor `{name}`: expected F64, U32, U8 or I64, found {other:?}"
                 )));
             }
         };
@@ -279,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn write_read_write_gives_the_same_model_and_bytes() {
+    fn models_read_back_unchanged_and_write_to_the_same_bytes() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.planish");
         write_model(&path, &model()).unwrap();
@@ -293,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_of_the_metadata_come_back_to_the_last_bit() {
+    fn numbers_of_the_metadata_keep_every_bit() {
         let mut state = 1_u64;
         let numbers: Vec<f64> = (0..2000)
             .map(|_| {
@@ -309,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_cut_anywhere_is_refused() {
+    fn truncated_files_are_rejected() {
         let bytes = to_bytes(&model()).unwrap();
         for end in 0..bytes.len() {
             assert_eq!(from_bytes(&bytes[..end]).unwrap_err().kind(), ErrorKind::Input, "{end}");
@@ -319,23 +326,23 @@ mod tests {
     }
 
     #[test]
-    fn foreign_and_newer_files_are_named_as_such() {
+    fn foreign_and_newer_files_have_their_own_messages() {
         let none: [(&str, &Tensor); 0] = [];
         let write = |metadata: Option<&str>| {
             let metadata = metadata.map(|text| HashMap::from([(KEY.to_owned(), text.to_owned())]));
             safetensors::serialize(none, metadata).unwrap()
         };
         let e = from_bytes(&write(None)).unwrap_err();
-        assert!(e.kind() == ErrorKind::Input && e.to_string().contains("no Planish model"), "{e}");
+        assert!(e.kind() == ErrorKind::Input && e.to_string().contains("without metadata `planish`"), "{e}");
         let e = from_bytes(&write(Some(r#"{"schema": 2}"#))).unwrap_err();
         assert!(e.kind() == ErrorKind::Unsupported && e.to_string().contains("newer Planish"), "{e}");
-        assert!(from_bytes(&write(Some("{}"))).unwrap_err().to_string().contains("no schema"));
-        assert!(from_bytes(&write(Some("{"))).unwrap_err().to_string().contains("not JSON"));
-        assert!(from_bytes(b"solid part").unwrap_err().to_string().contains("no safetensors file"));
+        assert!(from_bytes(&write(Some("{}"))).unwrap_err().to_string().contains("expected a schema"));
+        assert!(from_bytes(&write(Some("{"))).unwrap_err().to_string().contains("expected JSON"));
+        assert!(from_bytes(b"solid part").unwrap_err().to_string().contains("expected a model saved by Planish"));
     }
 
     #[test]
-    fn a_shape_that_does_not_hold_its_numbers_is_refused() {
+    fn a_shape_that_disagrees_with_its_numbers_is_rejected() {
         let mut wrong = model();
         wrong.tensors.insert("bad".to_owned(), Tensor { shape: vec![2], data: TensorData::U8(vec![1]) });
         assert!(to_bytes(&wrong).unwrap_err().to_string().contains("tensor `bad`"));
@@ -343,7 +350,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_bytes_make_it_panic(
+        fn no_bytes_cause_a_panic(
             mut bytes in proptest::collection::vec(any::<u8>(), 0..200),
             length in 0_u64..100,
         ) {
@@ -353,7 +360,7 @@ mod tests {
         }
 
         #[test]
-        fn no_changed_byte_makes_it_panic(at in 0_usize..600, value in any::<u8>()) {
+        fn no_changed_byte_causes_a_panic(at in 0_usize..600, value in any::<u8>()) {
             let mut bytes = to_bytes(&model()).unwrap();
             let at = at % bytes.len();
             bytes[at] = value;

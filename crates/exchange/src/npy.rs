@@ -1,25 +1,24 @@
-//! NPY and NPZ, the arrays of NumPy: points in.
+//! NPY and NPZ, the arrays of NumPy.
 //!
 //! **Input.** One array (`.npy`) or named ones (`.npz`), plain or compressed. Numbers are integers or
 //! floating-point numbers of 8 to 64 bits in either byte order, stored by rows or by columns.
 //!
 //! **Output.** A [`Scan`] at the identity pose.
 //!
-//! **Arrays.** `(n, 3)` is x y z; of `(n, 6)` the last three are normals if every one of them has length 1
-//! within 1 %; of other widths up to 16 the rest is not looked at, as in text. Fields of a structured array
-//! are columns: `x y z`, `sigma` or `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`; a field of three
-//! numbers may be called `xyz` or `points`, and `normal` or `normals`. An array with one axis more,
-//! `(h, w, 3)` or structured `(h, w)`, is organised: it gives the sampling grid, and what is not finite is an
-//! empty cell.
+//! **Arrays.** `(n, 3)` is x y z; of `(n, 6)` the last three are normals if all of them have length 1 within 1 %;
+//! of other widths up to 16 the rest is ignored, as in text. Fields of a structured array are columns: `x y z`,
+//! `sigma` or `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`; a field of three numbers may be called `xyz`,
+//! `points` or `position`, and `normal` or `normals`. An array with one more axis, `(h, w, 3)` or structured
+//! `(h, w)`, is organised: it gives the sampling grid, and points that are not finite are empty cells.
 //!
-//! **NPZ.** `points` (or `xyz`), `normals` and `covariance` hold 3, 3 and 6 numbers a point; an array of one
-//! number a point is the column of its name: `sigma`, `sigma_n_deg`, or any of those above. `viewpoint` says
-//! from where the scanner looked. A single array may have any name.
+//! **NPZ.** `points` (or `xyz`), `normals` and `covariance` hold 3, 3 and 6 numbers per point. An array of one
+//! number per point is the column of its name: `sigma`, `sigma_n_deg`, or any of those above. `viewpoint` is the
+//! position of the scanner. A single array may have any name.
 //!
-//! **Limits.** A number without a name is never taken as σ.
+//! **Limits.** A number without a name is never read as σ (decision 0039).
 //!
 //! # References
-//! NumPy Enhancement Proposal 1, *A simple file format for NumPy arrays*.
+//! NumPy Enhancement Proposal 1, *A Simple File Format for NumPy Arrays*.
 
 mod archive;
 mod array;
@@ -39,8 +38,8 @@ use array::Array;
 use crate::points::{PointCollector, PointColumns, grid_without, keep_unit_normals};
 use crate::source::{Source, open, read_file};
 
-/// Wider arrays are no points: an image, or points that lie along the other axis.
-pub(crate) const MOST_COLUMNS: u64 = 16;
+/// Maximum width of an array of points. Wider arrays are images or transposed points.
+pub(crate) const MAX_COLUMNS: u64 = 16;
 
 /// Reads the points of an array. Records with a coordinate that is not finite are dropped and counted.
 ///
@@ -49,15 +48,27 @@ pub(crate) const MOST_COLUMNS: u64 = 16;
 /// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, of a shape or with fields
 /// that are no points, or states a σ or covariance that is not positive: with the file and byte;
 /// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for numbers of other kinds.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::npy::read_npy;
+/// use planish_exchange::raster::write_raster;
+/// # let folder = tempfile::tempdir()?;
+/// // An array (1, 2, 3): one row of two points.
+/// let path = folder.path().join("points.npy");
+/// write_raster(&path, 2, 1, &[&[1.0, 4.0], &[2.0, 5.0], &[3.0, 6.0]])?;
+/// assert_eq!(read_npy(&path)?.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_npy(path: &Path) -> Result<Scan> {
     read_file(path, scan_from)
 }
 
-/// What stands before the numbers of an array, as NumPy writes it; `descr` and `shape` are Python literals.
+/// Header of an NPY file as NumPy writes it; `descr` and `shape` are Python literals.
 pub(crate) fn npy_header(descr: &str, columns_first: bool, shape: &str) -> Vec<u8> {
     let order = if columns_first { "True" } else { "False" };
     let mut header = format!("{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}");
-    // The body begins at a multiple of 64 bytes.
+    // Version 1.0 aligns the data to 64 bytes, so that they can be mapped into memory.
     while (10 + header.len() + 1) % 64 != 0 {
         header.push(' ');
     }
@@ -68,13 +79,13 @@ pub(crate) fn npy_header(descr: &str, columns_first: bool, shape: &str) -> Vec<u
     bytes
 }
 
-/// The shape of an array of one number an entry, if it is an image: two axes, wider than points are.
+/// True if the array is an image: plain numbers, two axes, and wider than points.
 pub(crate) fn is_image(path: &Path) -> bool {
     let shape = open(path).and_then(|mut source| header::read_header(&mut source)).ok();
-    shape.is_some_and(|h| !h.structured && matches!(h.shape[..], [_, columns] if columns > MOST_COLUMNS))
+    shape.is_some_and(|h| !h.structured && matches!(h.shape[..], [_, columns] if columns > MAX_COLUMNS))
 }
 
-/// Columns, rows and the numbers, row by row, of an array of two axes.
+/// Reads an array with two axes: columns, rows, and the numbers row by row.
 pub(crate) fn read_image(path: &Path) -> Result<(usize, usize, Vec<f64>)> {
     let mut array = Array::open(open(path)?, 0)?;
     let [Some(rows), Some(columns)] = [0, 1].map(|axis| array.shape().get(axis).copied()) else {
@@ -105,7 +116,8 @@ fn scan_from<R: Read>(source: Source<R>, name: &str) -> Result<Scan> {
     collect(vec![array], columns, tentative_normals, name)
 }
 
-/// The points of arrays that each hold some of the columns, read side by side.
+/// Collects points from arrays that each hold some of the columns. They are read in step, so that memory does not
+/// depend on their size.
 fn collect<R: Read>(
     mut arrays: Vec<Array<R>>,
     columns: PointColumns,
@@ -131,7 +143,7 @@ fn collect<R: Read>(
     }
     if let Some([rows, columns]) = grid {
         let side = |n: u64| {
-            usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"))
+            usize::try_from(n).map_err(|_| Error::unsupported("the grid is too large for this computer"))
         };
         scan.grid = Some(grid_without(side(columns)?, side(rows)?, &dropped));
     }

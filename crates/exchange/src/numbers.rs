@@ -1,6 +1,6 @@
-//! Numbers of binary files: their types, sizes and bytes.
+//! Number types of binary files: sizes and decoding.
 
-/// Types of numbers.
+/// Type of a number in a binary file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum NumberType {
     I8,
@@ -16,7 +16,7 @@ pub(crate) enum NumberType {
 }
 
 impl NumberType {
-    /// The type that PLY calls so.
+    /// Parses a type name of PLY, in the old (`uchar`) or the new spelling (`uint8`).
     pub(crate) fn parse(name: &str) -> Option<Self> {
         Some(match name {
             "char" | "int8" => Self::I8,
@@ -31,7 +31,7 @@ impl NumberType {
         })
     }
 
-    /// The type of a kind, `I`, `U` or `F`, and a size in bytes, as PCD writes it.
+    /// Type from a kind (`I`, `U` or `F`) and a size in bytes, as in the `TYPE` and `SIZE` lines of PCD.
     pub(crate) fn of_kind(kind: &str, size: &str) -> Option<Self> {
         Some(match (kind, size) {
             ("I", "1") => Self::I8,
@@ -48,7 +48,7 @@ impl NumberType {
         })
     }
 
-    /// Bytes that a number takes.
+    /// Size in bytes.
     pub(crate) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -58,7 +58,9 @@ impl NumberType {
         }
     }
 
-    /// The number in `bytes`, which have the type's size; integers of eight bytes may lose their last digits.
+    /// Decodes a number; `BIG` selects big endian. Integers of eight bytes beyond 2⁵³ lose their last digits.
+    ///
+    /// The byte order is a constant parameter, so that the inner loop of a reader has no branch on it.
     #[inline]
     pub(crate) fn decode<const BIG: bool>(self, bytes: &[u8]) -> f64 {
         fn ordered<const BIG: bool, const N: usize>(bytes: &[u8]) -> [u8; N] {

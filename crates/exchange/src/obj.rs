@@ -1,14 +1,14 @@
-//! OBJ, the text format of Wavefront: vertices, normals and polygons, in and out.
+//! OBJ, the text format of Wavefront: vertices, normals and polygons.
 //!
-//! **Input.** `v x y z` (further values are ignored), `vn`, and `f` with indices that count from 1 or, if
-//! negative, back from the last vertex. A polygon is split into a fan around its first corner. Lines that end
+//! **Input.** `v x y z` (further values are ignored), `vn`, and `f` with indices that count from 1 or, if negative,
+//! back from the last vertex. A polygon is split into a fan around its first corner. Lines that end
 //! with `\` continue in the next one; `#` begins a comment; other keywords are ignored.
 //!
 //! **Output.** A [`PolygonMesh`] or a [`Scan`]. Written files keep every digit.
 //!
-//! **Normals.** The normal of a vertex is the sum of the different `vn` that faces assign to it. Without
-//! faces that assign any, and with as many `vn` as `v`, they correspond in order, as in point clouds. A
-//! comment `# unit mm` names the unit.
+//! **Normals.** The normal of a vertex is the sum of the different `vn` that faces assign to it. If no face assigns
+//! any, and there are as many `vn` as `v`, they correspond in order, as in point clouds. A comment `# unit mm`
+//! states the unit, because the format has none.
 //!
 //! [`crate::textured::read_textured`] also reads texture coordinates, groups, objects and materials; the
 //! other readers ignore them.
@@ -37,7 +37,7 @@ pub(crate) use appearance::read_textured;
 
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
-/// Prefix of the unit's name in comments that Planish writes.
+/// Prefix of the unit in comments that Planish writes.
 const UNIT_COMMENT: &[u8] = b" unit ";
 
 /// Marks a vertex to which no face has assigned a normal.
@@ -49,12 +49,22 @@ const NONE: u32 = u32::MAX;
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
 /// [`Input`](planish_estimate::ErrorKind::Input) for a word that is no number, an index of a vertex or normal
-/// that is not there, or no vertices: with file and line.
+/// that does not exist, or no vertices: with file and line.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("cloud.obj");
+/// std::fs::write(&path, "v 1 2 3\nvn 0 0 1\nv 4 5 6\nvn 0 1 0\n")?;
+/// let scan = planish_exchange::obj::read_scan(&path)?;
+/// assert_eq!(scan.normals, Some(vec![[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_scan(path: &Path) -> Result<Scan> {
     read_scan_and_unit(path).map(|(scan, _)| scan)
 }
 
-/// [`read_scan`], with the unit that the file names.
+/// [`read_scan`], with the unit that the file states.
 pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
     read_file(path, |mut source, name| scan_from(&mut source, name))
 }
@@ -62,18 +72,33 @@ pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
 /// Reads a mesh; normals become the columns `nx ny nz`.
 ///
 /// # Errors
-/// As [`read_scan`]; also for a coordinate that is not finite where there are faces. Without any, the vertex
-/// is dropped.
+/// As [`read_scan`]; also for a coordinate that is not finite, if there are faces. Without faces, the vertex is
+/// dropped.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
-/// Writes a mesh: positions, normals and triangles; other columns have no place in OBJ.
+/// Writes positions, normals and triangles. OBJ does not support other columns.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for normals of another number than points, or corners beyond
 /// the points; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
 /// half-written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::mesh::MeshColumns;
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("one.obj");
+/// planish_exchange::obj::write_mesh(&path, &MeshColumns {
+///     points: &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.0]],
+///     triangles: &[[0, 1, 2]],
+///     ..MeshColumns::default()
+/// })?;
+/// let text = std::fs::read_to_string(&path)?;
+/// assert!(text.ends_with("v 0.0 0.5 0.0\nf 1 2 3\n"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     mesh.check(true).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| write_to(&mut writer, mesh))
@@ -84,7 +109,8 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns) -> io::Result<()> {
     if let Some(unit) = mesh.unit {
         writeln!(writer, "# unit {unit}")?;
     }
-    // The debug form is the shortest text that reads back as the same number, without hundreds of zeros.
+    // The debug format prints the shortest text that reads back as the same number, and uses exponents, where
+    // the display format prints hundreds of zeros.
     for [x, y, z] in mesh.points {
         writeln!(writer, "v {x:?} {y:?} {z:?}")?;
     }
@@ -101,7 +127,7 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns) -> io::Result<()> {
     Ok(())
 }
 
-/// The largest index that faces name, and on which line.
+/// Largest index in faces, and its line. Faces may come before their vertices, so it is checked at the end.
 #[derive(Default)]
 struct Farthest {
     index: u32,
@@ -109,17 +135,17 @@ struct Farthest {
 }
 
 impl Farthest {
-    fn see(&mut self, index: u32, line: u64) {
+    fn update(&mut self, index: u32, line: u64) {
         if self.line == 0 || index > self.index {
             *self = Self { index, line };
         }
     }
 
-    /// Whether there are so many of what is named.
+    /// Checks that the largest index is below `count`.
     fn check(&self, count: usize, what: &str) -> Result<()> {
         if self.line > 0 && self.index as usize >= count {
             return Err(Error::input(format!(
-                "line {}: needed the number of a {what} from 1 to {count}, found {}",
+                "line {}: expected a {what} index from 1 to {count}, found {}",
                 self.line,
                 u64::from(self.index) + 1
             )));
@@ -132,19 +158,19 @@ impl Farthest {
 #[derive(Default)]
 struct Obj {
     points: Vec<[f64; 3]>,
-    /// The line of the first vertex that is not finite.
+    /// Line of the first vertex that is not finite.
     not_finite: Option<u64>,
     /// Every `vn`, in order.
     stated: Vec<[f64; 3]>,
-    /// For each vertex that a face gave a normal: their sum, and which was added last.
+    /// Per vertex: the sum of its normals, and the index of the last one that was added.
     normals: Vec<([f64; 3], u32)>,
-    /// Vertices and normals that a face names before they come.
+    /// Pairs of vertex and normal that faces use before both are defined.
     pending: Vec<(u32, u32)>,
     triangles: Vec<[u32; 3]>,
     farthest_vertex: Farthest,
     farthest_normal: Farthest,
     unit: Option<Unit>,
-    /// Corners of the face at hand.
+    /// Corners of the current face.
     face: Vec<u32>,
     /// Reader of texture coordinates and parts; none if the caller does not need them.
     appearance: Option<AppearanceReader>,
@@ -158,7 +184,7 @@ impl Obj {
             let number = source.line_number() + 1;
             let Some(mut line) = source.line()? else { break };
             if number == 1 {
-                // The mark that some editors put before UTF-8.
+                // Byte order mark, which some Windows programs put before UTF-8.
                 line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line);
             }
             if let Some(part) = line.trim_ascii_end().strip_suffix(b"\\") {
@@ -166,7 +192,7 @@ impl Obj {
                 joined.push(b' ');
                 continue;
             }
-            // Old files end their lines with CR alone.
+            // Lines of old Macintosh files end with CR alone.
             if joined.is_empty() {
                 line.split(|&b| b == b'\r').try_for_each(|line| obj.line(line, number))?;
             } else {
@@ -180,7 +206,7 @@ impl Obj {
         }
         if obj.points.is_empty() {
             return Err(Error::input(format!(
-                "needed vertices (lines `v x y z`), found none in {} lines",
+                "expected vertices (lines `v x y z`), found none in {} lines",
                 source.line_number()
             )));
         }
@@ -209,7 +235,7 @@ impl Obj {
             Some(b"v") => {
                 let point = three(&mut rest, number)?;
                 if self.points.len() as u64 >= u64::from(NONE) {
-                    return Err(Error::unsupported(format!("line {number}: more than {NONE} vertices")));
+                    return Err(Error::unsupported(format!("line {number}: expected at most {NONE} vertices, found more")));
                 }
                 if self.not_finite.is_none() && !point.iter().all(|c| c.is_finite()) {
                     self.not_finite = Some(number);
@@ -233,7 +259,7 @@ impl Obj {
         while let Some(corner) = next_word(&mut rest) {
             let wrong = || {
                 Error::input(format!(
-                    "line {line}: needed a corner `vertex`, `vertex/texture`, `vertex//normal` or \
+                    "line {line}: expected a corner `vertex`, `vertex/texture`, `vertex//normal` or \
                      `vertex/texture/normal`, found {}",
                     shown(corner)
                 ))
@@ -245,8 +271,8 @@ impl Obj {
                 let from_zero = if stated < 0 { count as i64 + stated } else { stated - 1 };
                 u32::try_from(from_zero).ok().filter(|&i| i != NONE).ok_or_else(|| {
                     Error::input(format!(
-                        "line {line}: needed the number of a {what} from 1 on, or from -{count} to -1, \
-                         found {stated}"
+                        "line {line}: expected a {what} index of at least 1, or from -{count} to -1, found \
+                         {stated}"
                     ))
                 })
             };
@@ -265,9 +291,9 @@ impl Obj {
                 };
                 appearance.corner(self.face.len(), uv, line);
             }
-            self.farthest_vertex.see(vertex, line);
+            self.farthest_vertex.update(vertex, line);
             if let Some(normal) = normal {
-                self.farthest_normal.see(normal, line);
+                self.farthest_normal.update(normal, line);
                 if (vertex as usize) < self.points.len() && (normal as usize) < self.stated.len() {
                     self.add_normal(vertex, normal);
                 } else {
@@ -289,7 +315,8 @@ impl Obj {
         Ok(())
     }
 
-    /// Adds a normal to a vertex, both of which exist; not the same one twice in a row.
+    /// Adds a normal to a vertex; both must exist. A normal that neighbouring faces repeat is added once, so that the
+    /// sum does not depend on the number of faces of a smooth vertex.
     fn add_normal(&mut self, vertex: u32, normal: u32) {
         if self.normals.len() < self.points.len() {
             self.normals.resize(self.points.len(), ([0.0; 3], NONE));
@@ -301,7 +328,7 @@ impl Obj {
         }
     }
 
-    /// The columns `nx ny nz`, where there are normals.
+    /// Columns `nx ny nz`, if there are normals.
     fn normal_columns(&mut self) -> Vec<(String, Vec<f64>)> {
         let stated = std::mem::take(&mut self.stated);
         let mut of_faces = std::mem::take(&mut self.normals);
@@ -318,17 +345,17 @@ impl Obj {
 }
 
 fn too_few(line: u64, found: usize) -> Error {
-    Error::input(format!("line {line}: needed three corners or more, found {found}"))
+    Error::input(format!("line {line}: expected at least three corners, found {found}"))
 }
 
-/// The next three numbers of a line.
+/// Parses the next three numbers of a line.
 fn three(rest: &mut &[u8], line: u64) -> Result<[f64; 3]> {
     let mut numbers = [0.0; 3];
     for (found, number) in numbers.iter_mut().enumerate() {
         let word = next_word(rest)
-            .ok_or_else(|| Error::input(format!("line {line}: needed 3 numbers, found {found}")))?;
+            .ok_or_else(|| Error::input(format!("line {line}: expected 3 numbers, found {found}")))?;
         *number = parse_number(word)
-            .ok_or_else(|| Error::input(format!("line {line}: needed a number, found {}", shown(word))))?;
+            .ok_or_else(|| Error::input(format!("line {line}: expected a number, found {}", shown(word))))?;
     }
     Ok(numbers)
 }
@@ -349,9 +376,9 @@ fn mesh_of(mut obj: Obj) -> Result<PolygonMesh> {
     let mut columns = obj.normal_columns();
     if let Some(line) = obj.not_finite {
         if !obj.triangles.is_empty() {
-            return Err(Error::input(format!("line {line}: needed finite coordinates")));
+            return Err(Error::input(format!("line {line}: expected finite coordinates")));
         }
-        // Nothing counts the vertices of a cloud.
+        // Without faces, no index refers to a vertex, so vertices can be removed.
         let finite: Vec<bool> = obj.points.iter().map(|p| p.iter().all(|c| c.is_finite())).collect();
         let kept = |vertex: &mut usize| {
             *vertex += 1;

@@ -1,4 +1,4 @@
-//! OFF, the object file format of Geomview: vertices and polygons, in and out.
+//! OFF, the object file format of Geomview: vertices and polygons.
 //!
 //! **Input.** `OFF` (or `COFF`, `NOFF`, `STOFF` and combinations; values after a position are ignored), three
 //! counts, one line per vertex, and one line per polygon: the number of corners, their indices from 0, and
@@ -22,15 +22,15 @@ use crate::atomic::write_packed;
 use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
-/// Bytes of the shortest line of a vertex, `0 0 0`.
-const SHORTEST: u64 = 5;
+/// Length of the shortest line of a vertex, `0 0 0`.
+const MIN_LINE_BYTES: u64 = 5;
 
 /// Reads a mesh.
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
 /// [`Input`](planish_estimate::ErrorKind::Input) for counts that the file cannot hold, words that are no
-/// numbers, coordinates that are not finite, and corners that are not there: with file and line;
+/// numbers, coordinates that are not finite, and corners that do not exist: with file and line;
 /// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for binary files and four dimensions.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
@@ -40,13 +40,22 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 ///
 /// # Errors
 /// As [`read_mesh`].
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("cloud.off");
+/// std::fs::write(&path, "OFF\n2 0 0\n1 2 3\n4 5 6\n")?;
+/// assert_eq!(planish_exchange::off::read_scan(&path)?.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_scan(path: &Path) -> Result<Scan> {
     read_file(path, |mut source, name| {
         scan_of_vertices(mesh_from(&mut source)?.points.into_iter(), &[], name)
     })
 }
 
-/// Writes positions and triangles; columns, normals and units have no place in OFF.
+/// Writes positions and triangles. OFF does not support columns, normals and units.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for corners beyond the points;
@@ -65,12 +74,12 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     })
 }
 
-/// The next line with words in it, and its number.
+/// Reads the next line that is neither blank nor a comment into `buffer`; returns its number.
 fn line<'a, R: Read>(source: &'a mut Source<R>, buffer: &'a mut Vec<u8>, wanted: &str) -> Result<u64> {
     loop {
         let number = source.line_number() + 1;
         let Some(line) = source.line()? else {
-            return Err(Error::input(format!("line {number}: needed {wanted}, and the file ends")));
+            return Err(Error::input(format!("line {number}: expected {wanted}, found the end of the file")));
         };
         let line = line.split(|&b| b == b'#').next().unwrap_or_default().trim_ascii();
         if !line.is_empty() {
@@ -87,15 +96,16 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     let mut rest = &buffer[..];
     let word = next_word(&mut rest).unwrap_or_default().to_vec();
     let kind = word.strip_suffix(b"OFF").unwrap_or(b"?");
+    // Prefixes: texture coordinates (ST), colours (C) and normals (N); `4` and `n` mean more dimensions.
     if kind.iter().any(|b| !b"STCN".contains(b)) {
-        let message = format!("line {number}: needed `OFF`, found {}", shown(&word));
+        let message = format!("line {number}: expected `OFF`, found {}", shown(&word));
         return Err(match kind {
             [b'4' | b'n', ..] => Error::unsupported(message),
             _ => Error::input(message),
         });
     }
     if rest.trim_ascii() == b"BINARY" {
-        return Err(Error::unsupported(format!("line {number}: needed text, found a binary OFF file")));
+        return Err(Error::unsupported(format!("line {number}: expected an ASCII file, found a binary OFF file")));
     }
     let mut counts = rest.trim_ascii().to_vec();
     let mut at = number;
@@ -106,12 +116,12 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     let mut rest = &counts[..];
     let [vertices, polygons] =
         [whole(&mut rest, at, "a number of vertices")?, whole(&mut rest, at, "a number of polygons")?];
-    source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), SHORTEST)?;
-    source.check_promise(polygons, format_args!("line {at}: {polygons} polygons"), SHORTEST)?;
+    source.check_promise(vertices, format_args!("line {at}: {vertices} vertices"), MIN_LINE_BYTES)?;
+    source.check_promise(polygons, format_args!("line {at}: {polygons} polygons"), MIN_LINE_BYTES)?;
     if vertices > u64::from(u32::MAX) {
-        return Err(Error::unsupported(format!("line {at}: more than {} vertices", u32::MAX)));
+        return Err(Error::unsupported(format!("line {at}: expected at most {} vertices, found more", u32::MAX)));
     }
-    let mut points = Vec::with_capacity(source.reserve(vertices, SHORTEST));
+    let mut points = Vec::with_capacity(source.reserve(vertices, MIN_LINE_BYTES));
     for _ in 0..vertices {
         let at = line(source, &mut buffer, "a vertex")?;
         let mut rest = &buffer[..];
@@ -119,31 +129,31 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
         for x in &mut point {
             let word = next_word(&mut rest).unwrap_or_default();
             *x = (parse_number(word).filter(|x| x.is_finite())).ok_or_else(|| {
-                Error::input(format!("line {at}: needed a finite coordinate, found {}", shown(word)))
+                Error::input(format!("line {at}: expected a finite coordinate, found {}", shown(word)))
             })?;
         }
         points.push(point);
     }
-    let mut triangles = Vec::with_capacity(source.reserve(polygons, SHORTEST));
+    let mut triangles = Vec::with_capacity(source.reserve(polygons, MIN_LINE_BYTES));
     let mut corners: Vec<u32> = Vec::new();
     for _ in 0..polygons {
         let at = line(source, &mut buffer, "a polygon")?;
         let mut rest = &buffer[..];
         let count = whole(&mut rest, at, "a number of corners")?;
         if count > buffer.len() as u64 {
-            return Err(Error::input(format!("line {at}: needed {count} corners, and the line ends")));
+            return Err(Error::input(format!("line {at}: expected {count} corners, found the end of the line")));
         }
         corners.clear();
         for _ in 0..count {
             let corner = whole(&mut rest, at, "the index of a vertex")?;
             if corner >= vertices {
                 return Err(Error::input(format!(
-                    "line {at}: needed the index of a vertex below {vertices}, found {corner}"
+                    "line {at}: expected the index of a vertex below {vertices}, found {corner}"
                 )));
             }
             corners.push(corner as u32);
         }
-        // Points and segments are polygons to some programs.
+        // Some programs write points and segments as polygons of one or two corners; they give no triangle.
         if let [first, others @ ..] = &corners[..] {
             triangles.extend(others.windows(2).map(|pair| [*first, pair[0], pair[1]]));
         }
@@ -154,7 +164,7 @@ fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
 fn whole(rest: &mut &[u8], line: u64, what: &str) -> Result<u64> {
     let word = next_word(rest).unwrap_or_default();
     let text = std::str::from_utf8(word).unwrap_or_default();
-    (text.parse()).map_err(|_| Error::input(format!("line {line}: needed {what}, found {}", shown(word))))
+    (text.parse()).map_err(|_| Error::input(format!("line {line}: expected {what}, found {}", shown(word))))
 }
 
 #[cfg(test)]
@@ -169,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_written_is_read() {
+    fn written_meshes_read_back_unchanged() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.off");
         let points = [[0.0, 0.1, 1e-17], [1.0, 0.0, 0.0], [0.0, 1.0, -0.3]];
@@ -180,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_comments_and_polygons_are_understood() {
+    fn colours_comments_and_polygons_are_accepted() {
         let found =
             read("COFF 4 1 0 # counts\n\n0 0 0 255 0 0 255\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3 0.5 0.5 0.5\n")
                 .unwrap();
@@ -188,20 +198,20 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named_with_their_line() {
+    fn errors_name_the_line() {
         for (text, wanted) in [
-            ("PLY\n", "line 1: needed `OFF`"),
+            ("PLY\n", "line 1: expected `OFF`"),
             ("4OFF\n", "line 1"),
             ("OFF BINARY\n", "binary"),
-            ("OFF\n3 x 0\n", "line 2: needed a number of polygons"),
+            ("OFF\n3 x 0\n", "line 2: expected a number of polygons"),
             ("OFF\n3000000 1 0\n", "line 2"),
-            ("OFF\n1 0 0\n0 nan 0\n", "line 3: needed a finite coordinate"),
-            ("OFF\n1 1 0\n0 0 0\n", "line 4: needed a polygon, and the file ends"),
-            ("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "line 4: needed the index of a vertex below 1, found 1"),
-            ("OFF\n1 1 0\n0 0 0\n99 0 0 0\n", "line 4: needed 99 corners"),
+            ("OFF\n1 0 0\n0 nan 0\n", "line 3: expected a finite coordinate"),
+            ("OFF\n1 1 0\n0 0 0\n", "line 4: expected a polygon, found the end of the file"),
+            ("OFF\n1 1 0\n0 0 0\n3 0 0 1\n", "line 4: expected the index of a vertex below 1, found 1"),
+            ("OFF\n1 1 0\n0 0 0\n99 0 0 0\n", "line 4: expected 99 corners"),
         ] {
-            let said = read(text).unwrap_err().to_string();
-            assert!(said.contains(wanted), "{text:?}: {said}");
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.contains(wanted), "{text:?}: {error}");
         }
     }
 }

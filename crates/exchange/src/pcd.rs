@@ -21,14 +21,14 @@ use crate::numbers::NumberType;
 use crate::points::{PointCollector, PointColumns, grid_without};
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
-/// A field of the records: `count` numbers of one type.
+/// A field of a record: `count` numbers of one type.
 struct Field {
     name: String,
     number: NumberType,
     count: usize,
 }
 
-/// How the body is written.
+/// Encoding of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Encoding {
     Ascii,
@@ -46,12 +46,12 @@ struct Header {
 }
 
 impl Header {
-    /// Bytes of a binary record.
+    /// Size of a binary record in bytes.
     fn record_size(&self) -> u64 {
         self.fields.iter().map(|f| (f.count * f.number.size()) as u64).sum()
     }
 
-    /// Names of the columns, every number its own; repeated numbers have none.
+    /// Names of the columns, one per number. Fields of several numbers, such as histograms, get empty names.
     fn columns(&self) -> Vec<&str> {
         self.fields
             .iter()
@@ -68,7 +68,7 @@ impl Header {
             .collect()
     }
 
-    /// The types of the columns.
+    /// Types of the columns, one per number.
     fn types(&self) -> Vec<NumberType> {
         self.fields.iter().flat_map(|f| std::iter::repeat_n(f.number, f.count)).collect()
     }
@@ -81,13 +81,24 @@ impl Header {
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
 /// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, or states a σ or covariance
 /// that is not positive: with the file and the line or byte.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("cloud.pcd");
+/// std::fs::write(&path, "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\n\
+///     POINTS 2\nDATA ascii\n1 2 3\n4 5 6\n")?;
+/// let scan = planish_exchange::pcd::read_pcd(&path)?;
+/// assert_eq!(scan.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_pcd(path: &Path) -> Result<Scan> {
     read_file(path, |mut source, name| scan_from(&mut source, name))
 }
 
 /// Maximum count of numbers per record. It limits the memory that a malformed header can request, and is far
 /// above the records that scanners write.
-const MOST_COLUMNS: usize = 1 << 16;
+const MAX_COLUMNS: usize = 1 << 16;
 
 /// Entries of the header as they appear in the file, before they are checked against each other.
 #[derive(Default)]
@@ -103,12 +114,13 @@ struct HeaderEntries {
 }
 
 impl HeaderEntries {
-    /// Takes a line of the header; gives the encoding if the line is `DATA`, the last of the header.
+    /// Parses a line of the header; returns the encoding for `DATA`, the last line.
     fn line(&mut self, line: &[u8], number: u64) -> Result<Option<Encoding>> {
         let text = String::from_utf8_lossy(line);
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
-        let wrong =
-            |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
+        let wrong = |expected: &str| {
+            Error::input(format!("line {number}: expected {expected}, found {}", shown(line)))
+        };
         let count = |word: &str| word.parse::<u64>().map_err(|_| wrong("a count that is not negative"));
         let owned = |words: &[&str]| words.iter().map(|&w| w.to_owned()).collect::<Vec<String>>();
         match words[..] {
@@ -124,6 +136,7 @@ impl HeaderEntries {
             ["VIEWPOINT", ref rest @ ..] => {
                 let numbers: Option<Vec<f64>> = rest.iter().map(|w| parse_number(w.as_bytes())).collect();
                 match numbers.as_deref() {
+                    // The quaternion is not used: only the position of the scanner matters.
                     Some(&[x, y, z, _, _, _, _]) if [x, y, z].iter().all(|c| c.is_finite()) => {
                         self.viewpoint = Some([x, y, z]);
                     }
@@ -144,7 +157,7 @@ impl HeaderEntries {
         Ok(None)
     }
 
-    /// Combines `FIELDS`, `SIZE`, `TYPE` and `COUNT`. Without `COUNT`, every field has one number.
+    /// Combines `FIELDS`, `SIZE`, `TYPE` and `COUNT`. Without `COUNT`, each field has one number.
     fn fields(&self) -> Result<Vec<Field>> {
         let ones = vec!["1".to_owned(); self.names.len()];
         let counts = if self.counts.is_empty() { &ones } else { &self.counts };
@@ -152,7 +165,7 @@ impl HeaderEntries {
         {
             if found != self.names.len() {
                 return Err(Error::input(format!(
-                    "the header names {} fields, but `{key}` has {found} entries",
+                    "the header: expected {} entries in `{key}`, one per field, found {found}",
                     self.names.len()
                 )));
             }
@@ -164,8 +177,8 @@ impl HeaderEntries {
             .zip(counts)
             .map(|((name, (size, kind)), count)| field(name, size, kind, count))
             .collect::<Result<Vec<_>>>()?;
-        if fields.iter().map(|f| f.count).sum::<usize>() > MOST_COLUMNS {
-            return Err(Error::input(format!("a record of more than {MOST_COLUMNS} numbers")));
+        if fields.iter().map(|f| f.count).sum::<usize>() > MAX_COLUMNS {
+            return Err(Error::input(format!("expected at most {MAX_COLUMNS} numbers per record, found more")));
         }
         Ok(fields)
     }
@@ -176,19 +189,20 @@ impl HeaderEntries {
             (Some(width), height, points) => {
                 let area = u64::checked_mul(width, height).ok_or_else(|| {
                     Error::input(format!(
-                        "no file holds {width} times {height} points: `WIDTH` or `HEIGHT` is wrong"
+                        "the header promises {width} × {height} points, which no file can hold: correct `WIDTH` \
+                         or `HEIGHT`"
                     ))
                 })?;
                 if let Some(points) = points.filter(|&points| points != area) {
                     return Err(Error::input(format!(
-                        "the header promises {points} points, but WIDTH times HEIGHT is {area}"
+                        "the header promises {points} points, but `WIDTH` × `HEIGHT` is {area}"
                     )));
                 }
                 Ok((width, height, area))
             }
             (None, 0..=1, Some(points)) => Ok((points, 1, points)),
-            (None, _, Some(_)) => Err(Error::input("the header has `HEIGHT`, but no `WIDTH`")),
-            (None, _, None) => Err(Error::input("the header has neither `POINTS` nor `WIDTH`")),
+            (None, _, Some(_)) => Err(Error::input("expected `WIDTH` in the header beside `HEIGHT`, found none")),
+            (None, _, None) => Err(Error::input("expected `POINTS` or `WIDTH` in the header, found neither")),
         }
     }
 }
@@ -197,11 +211,11 @@ impl HeaderEntries {
 fn field(name: &str, size: &str, kind: &str, count: &str) -> Result<Field> {
     let number = NumberType::of_kind(kind, size).ok_or_else(|| {
         Error::input(format!(
-            "the field `{name}`: needed a type I, U or F of 1, 2, 4 or 8 bytes, found {kind} of {size}"
+            "the field `{name}`: expected a type I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8, found {kind} of {size}"
         ))
     })?;
-    let count = count.parse().ok().filter(|&n: &usize| n <= MOST_COLUMNS).ok_or_else(|| {
-        Error::input(format!("the field `{name}`: needed a count, found {}", shown(count.as_bytes())))
+    let count = count.parse().ok().filter(|&n: &usize| n <= MAX_COLUMNS).ok_or_else(|| {
+        Error::input(format!("the field `{name}`: expected a count, found {}", shown(count.as_bytes())))
     })?;
     Ok(Field { name: name.to_owned(), number, count })
 }
@@ -213,7 +227,7 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         let number = source.line_number() + 1;
         let Some(line) = source.line()? else {
             return Err(Error::input(format!(
-                "line {number}: the file ends before `DATA`: it is cut off or is no PCD file"
+                "line {number}: the file ends before `DATA`: it is cut off or not a PCD file"
             )));
         };
         if let Some(encoding) = entries.line(line, number)? {
@@ -228,15 +242,15 @@ fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
 fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
     let header = read_header(source)?;
     let columns = PointColumns::find(&header.columns()).map_err(|e| e.in_context("`FIELDS`"))?;
-    // Bytes that a point takes at least, as a fraction.
+    // Minimum number of bytes per point, as a fraction: compressed points may take less than one.
     let (bytes, of_points) = match header.encoding {
-        // A digit and a blank for each number.
+        // At least a digit and a blank for each number.
         Encoding::Ascii => (2 * header.columns().len() as u64, 1),
         Encoding::Binary => (header.record_size(), 1),
-        Encoding::Compressed => (header.record_size(), MOST_EXPANSION),
+        Encoding::Compressed => (header.record_size(), MAX_EXPANSION),
     };
     let needed = header.points.saturating_mul(bytes) / of_points;
-    // The last line of a text may lack its end.
+    // The last line of a text file may lack its end.
     let needed = needed.saturating_sub(u64::from(header.encoding == Encoding::Ascii));
     source.check_promise(header.points, "points", needed)?;
     let mut collector = PointCollector::new(columns, source.reserve(header.points, bytes / of_points));
@@ -248,10 +262,12 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
     let (mut scan, dropped) = collector.finish(name);
     if header.height > 1 {
         let side = |n: u64| {
-            usize::try_from(n).map_err(|_| Error::unsupported("a grid larger than the memory's addresses"))
+            usize::try_from(n).map_err(|_| Error::unsupported("the grid is too large for this computer"))
         };
         scan.grid = Some(grid_without(side(header.width)?, side(header.height)?, &dropped));
     }
+    // The origin is the default of the format and is also written if the position is unknown. Only an organised
+    // cloud, which comes from one place, makes it credible.
     scan.viewing = match header.viewpoint {
         Some(origin) if header.height > 1 || origin != [0.0; 3] => Viewing::Origin(origin),
         _ => Viewing::Unknown,
@@ -280,15 +296,15 @@ fn read_text<R: Read>(source: &mut Source<R>, header: &Header, collector: &mut P
         };
         for (found, value) in record.iter_mut().enumerate() {
             let word = next_word(&mut line).ok_or_else(|| {
-                Error::input(format!("line {number}: needed {width} numbers, found {found}"))
+                Error::input(format!("line {number}: expected {width} numbers, found {found}"))
             })?;
             *value = parse_number(word).ok_or_else(|| {
-                Error::input(format!("line {number}: needed a number, found {}", shown(word)))
+                Error::input(format!("line {number}: expected a number, found {}", shown(word)))
             })?;
         }
         if let Some(word) = next_word(&mut line) {
             return Err(Error::input(format!(
-                "line {number}: needed the end of the line, found {} more",
+                "line {number}: expected the end of the line, found {} more",
                 shown(word)
             )));
         }
@@ -320,7 +336,7 @@ fn read_binary<R: Read>(
     Ok(())
 }
 
-/// A body compressed as one piece, field by field.
+/// Reads a body that is compressed as a whole, with all numbers of a field stored together.
 fn read_compressed<R: Read>(
     source: &mut Source<R>,
     header: &Header,
@@ -335,28 +351,27 @@ fn read_compressed<R: Read>(
     let needed = header.points.saturating_mul(header.record_size());
     if unpacked != needed {
         return Err(Error::input(format!(
-            "byte {byte}: {} points of {} bytes take {needed} bytes, but the compressed body says {unpacked}",
+            "byte {byte}: {} points of {} bytes take {needed} bytes, but the compressed body states {unpacked}",
             header.points,
             header.record_size()
         )));
     }
-    if unpacked > packed.saturating_mul(MOST_EXPANSION) {
+    if unpacked > packed.saturating_mul(MAX_EXPANSION) {
         return Err(Error::input(format!(
             "byte {byte}: {packed} compressed bytes cannot hold {unpacked}: the file is damaged"
         )));
     }
     let size = usize::try_from(packed)
-        .map_err(|_| Error::unsupported("a file larger than the memory's addresses"))?;
+        .map_err(|_| Error::unsupported("the file is too large for this computer"))?;
     let Some(bytes) = source.bytes(size)? else {
         return Err(cut_off(format_args!("byte {byte}"), header, 0));
     };
     let body = unpack(bytes, usize::try_from(unpacked).unwrap_or(0)).ok_or_else(|| {
         Error::input(format!(
-            "byte {byte}: the compressed body is damaged: it does not hold {unpacked} bytes"
+            "byte {byte}: the compressed body is damaged: it does not unpack to {unpacked} bytes"
         ))
     })?;
-    // All numbers of the first field, then all of the second; the numbers of one field of one point lie
-    // together.
+    // Unpacked, the fields follow each other. Within a field, the numbers of one point are adjacent.
     let points = usize::try_from(header.points).unwrap_or(0);
     let mut columns = Vec::new();
     let mut start = 0;
@@ -376,12 +391,16 @@ fn read_compressed<R: Read>(
     Ok(())
 }
 
-/// Three bytes of LZF stand for 264 at most.
-const MOST_EXPANSION: u64 = 88;
+/// Maximum ratio of LZF: a copy of three bytes stands for at most 264 (length 7 + 255 + 2).
+const MAX_EXPANSION: u64 = 88;
 
-/// Undoes LZF: runs of bytes as they are (`000lllll` and `l + 1` bytes) and copies of earlier ones
-/// (`llloooooo oooooooo`: `l + 2` bytes from `o + 1` back; with `l` of seven, a byte more of length before
-/// the offset's second). `None` where the bytes are not such, or not so many.
+/// Unpacks LZF; `None` if the data are malformed or do not give `length` bytes.
+///
+/// A control byte `000lllll` precedes `l + 1` literal bytes. `lllooooo oooooooo` copies `l + 2` bytes from `o + 1`
+/// bytes back; for `l = 7`, another byte before the second one is added to the length.
+///
+/// # References
+/// M. Lehmann, *LibLZF* (`lzf_d.c`).
 fn unpack(packed: &[u8], length: usize) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(length);
     let mut rest = packed;
@@ -399,7 +418,7 @@ fn unpack(packed: &[u8], length: usize) -> Option<Vec<u8>> {
             let (&low, after) = after.split_first()?;
             let copied = (control >> 5) + longer + 2;
             let from = out.len().checked_sub(((control & 31) << 8) + usize::from(low) + 1)?;
-            // What is copied may be what was copied just now.
+            // Byte by byte, because a copy may overlap its own output: that is how runs are encoded.
             for k in from..from + copied {
                 out.push(out[k]);
             }
@@ -426,7 +445,7 @@ mod tests {
         read(bytes).unwrap_err().to_string()
     }
 
-    /// Two rows of two points, one of them not a number, with a normal and three numbers that nobody needs.
+    /// Two rows of two points, one of them NaN, with a normal and an unused field of three numbers.
     fn header(data: &str) -> String {
         format!(
             "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z normal_x normal_y \
@@ -460,7 +479,7 @@ mod tests {
         let records = POINTS.map(record);
         let body: Vec<u8> =
             (0..7).flat_map(|field| records.iter().flat_map(move |r| r[field].clone())).collect();
-        // Runs as they are, but for one copy: the second half of eight equal normals.
+        // Literal runs only.
         let mut packed = Vec::new();
         for run in body.chunks(32) {
             packed.push(run.len() as u8 - 1);
@@ -487,8 +506,8 @@ mod tests {
     }
 
     #[test]
-    fn copies_reach_back_into_themselves() {
-        // "ab", then eight bytes from two back; then 20 of the last one.
+    fn copies_may_overlap_their_own_output() {
+        // "ab", then eight bytes from two back, then 20 times the last byte.
         let packed = [1, b'a', b'b', (6 << 5), 1, (7 << 5), 11, 0];
         assert_eq!(
             unpack(&packed, 30).unwrap(),
@@ -500,7 +519,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unorganised_cloud_without_a_viewpoint_has_none() {
+    fn the_default_viewpoint_of_an_unorganised_cloud_is_unknown() {
         let scan = read(
             b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 \
             0\nPOINTS 1\nDATA ascii\n1 2 3\n",
@@ -510,21 +529,21 @@ mod tests {
     }
 
     #[test]
-    fn sizes_that_contradict_each_other_are_refused() {
+    fn conflicting_sizes_are_rejected() {
         let text = String::from_utf8(text()).unwrap();
         let height = text.replace("WIDTH 2", "WIDTH 3").replace("HEIGHT 2", "HEIGHT 9223372036854775807");
-        assert!(message(height.as_bytes()).contains("no file holds 3 times 9223372036854775807 points"));
-        assert!(message(text.replace("WIDTH 2\n", "").as_bytes()).contains("`HEIGHT`, but no `WIDTH`"));
+        assert!(message(height.as_bytes()).contains("promises 3 × 9223372036854775807 points"));
+        assert!(message(text.replace("WIDTH 2\n", "").as_bytes()).contains("expected `WIDTH`"));
         let plain = text.replace("WIDTH 2\n", "").replace("HEIGHT 2\n", "");
         assert!(read(plain.as_bytes()).unwrap().grid.is_none());
     }
 
     #[test]
-    fn mistakes_are_named_by_line_or_byte() {
+    fn errors_name_line_or_byte() {
         let cut = binary();
         assert!(message(&cut[..cut.len() - 1]).contains("promises 4 points"));
         let text = String::from_utf8(text()).unwrap();
-        assert!(message(text.replace("POINTS 4", "POINTS 5").as_bytes()).contains("WIDTH times HEIGHT is 4"));
+        assert!(message(text.replace("POINTS 4", "POINTS 5").as_bytes()).contains("`WIDTH` × `HEIGHT` is 4"));
         assert!(
             message(
                 text.replace("POINTS 4", "POINTS 1000000000")
@@ -535,12 +554,12 @@ mod tests {
         );
         assert!(
             message(text.replace("0 0 1 1 2 3", "0 0 one 1 2 3").as_bytes())
-                .contains("line 12: needed a number, found `one`")
+                .contains("line 12: expected a number, found `one`")
         );
-        assert!(message(text.replace("TYPE F", "TYPE Q").as_bytes()).contains("`x`: needed a type"));
-        assert!(message(text.replace("COUNT 1 1", "COUNT 1").as_bytes()).contains("`COUNT` has 6 entries"));
+        assert!(message(text.replace("TYPE F", "TYPE Q").as_bytes()).contains("`x`: expected a type"));
+        assert!(message(text.replace("COUNT 1 1", "COUNT 1").as_bytes()).contains("in `COUNT`, one per field, found 6"));
         assert!(message(text.replace("FIELDS x", "FIELDS w").as_bytes()).contains("found no x"));
-        assert!(message(b"hello\n").contains("line 1: needed `VERSION`"));
+        assert!(message(b"hello\n").contains("line 1: expected `VERSION`"));
         assert!(message(b"VERSION 0.7\n").contains("before `DATA`"));
         let mut damaged = compressed();
         let last = damaged.len() - 1;
@@ -550,7 +569,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_bytes_make_it_panic(at in 0_usize..400, value in any::<u8>(), which in 0..3) {
+        fn no_bytes_cause_a_panic(at in 0_usize..400, value in any::<u8>(), which in 0..3) {
             let mut bytes = [text(), binary(), compressed()][which as usize].clone();
             let at = at % bytes.len();
             bytes[at] = value;

@@ -1,4 +1,4 @@
-//! Pictures: PNG, TIFF, JPEG, TGA, PGM and PPM, in; PNG of brightness, out.
+//! Reads pictures (PNG, TIFF, JPEG, TGA, PGM, PPM) and writes PNG.
 //!
 //! **Input.** A picture with one channel or colours, 8 or 16 bits (TIFF also in floating point).
 //!
@@ -30,29 +30,38 @@ use crate::foreign::guarded;
 use crate::source::{extension, open_file};
 use crate::write_atomically;
 
-/// Pictures of more pixels along a side are refused.
-const LONGEST_SIDE: usize = 1 << 16;
+/// Maximum number of pixels along a side of a JPEG picture, which bounds the memory of the decoder. The format itself
+/// has 16 bits per side.
+const MAX_SIDE: usize = 1 << 16;
 
-/// What a camera or a program drew.
+/// A picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// Pixels in a row.
+    /// Number of columns.
     pub columns: usize,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
     /// 1 (brightness) or 3 (red, green, blue).
     pub channels: usize,
-    /// Values, pixel by pixel and row by row from the top, as they stand in the file.
+    /// Values of the file, pixel by pixel and row by row from the top.
     pub values: Vec<f32>,
-    /// The value of white: 255 or 65535; 1 for floating point.
+    /// Value of white: 255 or 65535, or 1 for floating-point numbers.
     pub white: f32,
 }
 
 impl Picture {
-    /// The brightness of every pixel.
+    /// Computes the brightness of every pixel (ITU-R BT.601).
     ///
     /// # Errors
     /// As [`Image::try_new`].
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_exchange::picture::Picture;
+    /// let red = Picture { columns: 1, rows: 1, channels: 3, values: vec![100.0, 0.0, 0.0], white: 255.0 };
+    /// assert!((red.brightness()?.values[0] - 29.9).abs() < 1e-4);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn brightness(&self) -> Result<Image> {
         let values = match self.channels {
             3 => {
@@ -73,13 +82,23 @@ pub fn read_brightness(path: &Path) -> Result<Image> {
     read_picture(path)?.brightness().map_err(|e| e.in_context(path.display()))
 }
 
-/// Reads a picture; the format is told by the extension.
+/// Reads a picture; the extension selects the format.
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
 /// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed or cut off;
-/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other formats and kinds of pixels. Each
-/// names the file.
+/// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other formats and kinds of pixels. Each error names
+/// the file.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("grey.pgm");
+/// std::fs::write(&path, "P2 2 1 255 0 128")?;
+/// let picture = planish_exchange::picture::read_picture(&path)?;
+/// assert_eq!((picture.columns, picture.channels, picture.values), (2, 1, vec![0.0, 128.0]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_picture(path: &Path) -> Result<Picture> {
     let read = || {
         let (mut file, length) = open_file(path)?;
@@ -96,7 +115,7 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
             "pgm" | "ppm" | "pnm" => netpbm(&bytes()?)?,
             other => {
                 return Err(Error::unsupported(format!(
-                    "needed a picture (.png, .tif, .jpg, .tga, .pgm or .ppm), found the extension `{other}`"
+                    "expected a picture (.png, .tif, .jpg, .tga, .pgm or .ppm), found the extension `{other}`"
                 )));
             }
         };
@@ -105,7 +124,7 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
         {
             true => Ok(picture),
             false => Err(Error::input(format!(
-                "needed {} × {} pixels, found {} values: the file is damaged or cut off",
+                "expected {} × {} pixels, found {} values: the file is damaged or cut off",
                 picture.columns,
                 picture.rows,
                 picture.values.len()
@@ -115,20 +134,29 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
     read().map_err(|e: Error| e.in_context(path.display()))
 }
 
-/// Writes brightness from 0 to 255 as a grey PNG of 8 bits.
+/// Writes brightness from 0 to 255, row by row, as a grey PNG with 8 bits.
 ///
 /// # Errors
-/// `Input` where there are not as many values as pixels; `Io` when the file cannot be written; nothing is
-/// left half-written.
+/// `Input` for another number of values than pixels; `Io` when the file cannot be written; nothing is left
+/// half-written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::picture::{read_picture, write_grey_png};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("grey.png");
+/// write_grey_png(&path, 3, 1, &[0, 128, 255])?;
+/// assert_eq!(read_picture(&path)?.values, [0.0, 128.0, 255.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_grey_png(path: &Path, columns: usize, rows: usize, values: &[u8]) -> Result<()> {
     write_png(path, [columns, rows], png::ColorType::Grayscale, values)
 }
 
-/// Writes red, green and blue from 0 to 255 of columns × rows pixels, row by row, as a PNG of 8 bits a
-/// channel.
+/// Writes red, green and blue from 0 to 255, row by row, as a PNG with 8 bits per channel. `size` is columns and rows.
 ///
 /// # Errors
-/// As for [`write_grey_png`].
+/// As [`write_grey_png`].
 pub fn write_colour_png(path: &Path, size: [usize; 2], values: &[u8]) -> Result<()> {
     write_png(path, size, png::ColorType::Rgb, values)
 }
@@ -138,7 +166,7 @@ fn write_png(path: &Path, [columns, rows]: [usize; 2], kind: png::ColorType, val
     let size = u32::try_from(columns).ok().zip(u32::try_from(rows).ok());
     let Some((width, height)) = size.filter(|_| wanted == Some(values.len()) && !values.is_empty()) else {
         return Err(Error::input(format!(
-            "{}: needed {columns} × {rows} pixels, found {} values",
+            "{}: expected {columns} × {rows} pixels, found {} values",
             path.display(),
             values.len()
         )));
@@ -159,27 +187,34 @@ fn encode_png(
     Ok(out.finish()?)
 }
 
-/// The bytes of a PNG of red, green and blue from 0 to 255, to be put into another file.
+/// Encodes red, green and blue from 0 to 255 as a PNG, for embedding into another file. `size` is columns and rows.
 ///
 /// # Errors
-/// `Input` where there are not as many values as pixels.
+/// `Input` for another number of values than pixels.
+///
+/// # Examples
+/// ```
+/// let bytes = planish_exchange::picture::colour_png([1, 1], &[255, 0, 0])?;
+/// assert!(bytes.starts_with(b"\x89PNG"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn colour_png(size: [usize; 2], values: &[u8]) -> Result<Vec<u8>> {
     let [columns, rows] = size;
     let sides = u32::try_from(columns).ok().zip(u32::try_from(rows).ok());
     let Some((width, height)) = sides.filter(|_| 3 * columns * rows == values.len() && !values.is_empty())
     else {
         return Err(Error::input(format!(
-            "needed {columns} × {rows} pixels of three values, found {} values",
+            "expected {columns} × {rows} pixels of three values, found {} values",
             values.len()
         )));
     };
     let mut bytes = Vec::new();
     encode_png(&mut bytes, [width, height], png::ColorType::Rgb, values)
-        .map_err(|e| Error::io("a picture could not be packed").with_source(e))?;
+        .map_err(|e| Error::io("a picture could not be encoded").with_source(e))?;
     Ok(bytes)
 }
 
-/// Keeps one or three of the samples of each pixel: opacity stands behind them.
+/// Builds a picture from one or three of the samples of each pixel; opacity, which follows them, is removed.
 fn channels(columns: usize, rows: usize, samples: usize, values: Vec<f32>, white: f32) -> Picture {
     let channels = if samples < 3 { 1 } else { 3 };
     let values = match samples == channels {
@@ -191,14 +226,14 @@ fn channels(columns: usize, rows: usize, samples: usize, values: Vec<f32>, white
 
 fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Result<Picture> {
     let damaged =
-        |e: png::DecodingError| Error::input("is no PNG image, or is damaged or cut off").with_source(e);
+        |e: png::DecodingError| Error::input("not a PNG image, or damaged or cut off").with_source(e);
     let mut decoder = png::Decoder::new(file);
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(damaged)?;
     let (columns, rows) = (reader.info().width, reader.info().height);
     check_promise(columns, rows, length)?;
     if reader.info().interlaced {
-        return Err(Error::unsupported("is interlaced: write it without"));
+        return Err(Error::unsupported("the PNG image is interlaced: save it without interlacing"));
     }
     let (colour, depth) = reader.output_color_type();
     let mut values = Vec::new();
@@ -218,9 +253,9 @@ fn png(file: impl std::io::BufRead + std::io::Seek, length: Option<u64>) -> Resu
 fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
     let damaged = |e: TiffError| match e {
         TiffError::UnsupportedError(_) => {
-            Error::unsupported("a TIFF image of a kind that is not read").with_source(e)
+            Error::unsupported("this kind of TIFF image is not supported").with_source(e)
         }
-        e => Error::input("is no TIFF image, or is damaged or cut off").with_source(e),
+        e => Error::input("not a TIFF image, or damaged or cut off").with_source(e),
     };
     let mut file = Cursor::new(bytes);
     tags::check(&mut file)?;
@@ -235,7 +270,7 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
         TiffColor::RGBA(_) => 4,
         TiffColor::Multiband { num_samples, .. } if num_samples > 0 => usize::from(num_samples),
         other => {
-            return Err(Error::unsupported(format!("needed brightness or colours, found {other:?}")));
+            return Err(Error::unsupported(format!("expected a grey or colour image, found {other:?}")));
         }
     };
     let (values, white): (Vec<f32>, f32) = match decoder.read_image().map_err(damaged)? {
@@ -244,7 +279,7 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
         DecodingResult::F32(v) => (v, 1.0),
         DecodingResult::F64(v) => (v.into_iter().map(|v| v as f32).collect(), 1.0),
         _ => {
-            return Err(Error::unsupported("needed values of 8 or 16 bits, or floating point"));
+            return Err(Error::unsupported("expected values of 8 or 16 bits, or floating-point numbers"));
         }
     };
     Ok(channels(columns as usize, rows as usize, samples, values, white))
@@ -252,11 +287,10 @@ fn tiff(bytes: &[u8], length: Option<u64>) -> Result<Picture> {
 
 fn jpeg(bytes: &[u8]) -> Result<Picture> {
     guarded(|| {
-        let damaged = |e| Error::input(format!("is no JPEG image, or is damaged or cut off ({e:?})"));
-        let options = DecoderOptions::default()
-            .set_strict_mode(true)
-            .set_max_width(LONGEST_SIDE)
-            .set_max_height(LONGEST_SIDE);
+        let damaged = |e| Error::input(format!("not a JPEG image, or damaged or cut off ({e:?})"));
+        // Strict mode reports damaged data instead of decoding around them.
+        let options =
+            DecoderOptions::default().set_strict_mode(true).set_max_width(MAX_SIDE).set_max_height(MAX_SIDE);
         let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
         decoder.decode_headers().map_err(damaged)?;
         let (columns, rows) = decoder.dimensions().unwrap_or_default();
@@ -270,7 +304,7 @@ fn jpeg(bytes: &[u8]) -> Result<Picture> {
 }
 
 fn tga(bytes: &[u8]) -> Result<Picture> {
-    let damaged = || Error::input("is no TGA image, or is cut off");
+    let damaged = || Error::input("not a TGA image, or cut off");
     let head = bytes.get(..18).ok_or_else(damaged)?;
     let (kind, bits) = (head[2], head[16]);
     let side = |k: usize| usize::from(u16::from_le_bytes([head[k], head[k + 1]]));
@@ -279,13 +313,13 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     let grey = matches!(kind, 3 | 11);
     if !matches!((kind, bits), (2 | 10, 24 | 32) | (3 | 11, 8)) || head[1] != 0 {
         return Err(Error::unsupported(format!(
-            "needed a TGA of 24 or 32 bits of colour, or of 8 bits of brightness, found type {kind} of \
-             {bits} bits"
+            "expected a TGA image with 24 or 32 bits of colour or 8 bits of grey, found type {kind} with {bits} \
+             bits"
         )));
     }
     let mut body = bytes.get(18 + usize::from(head[0])..).ok_or_else(damaged)?;
     let size = columns * rows * samples;
-    // A packet of two bytes or more stands for 128 pixels at most.
+    // A run-length packet of at least two bytes stands for at most 128 pixels.
     if columns * rows > body.len().saturating_mul(128) {
         return Err(damaged());
     }
@@ -293,6 +327,7 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
     if kind < 9 {
         unpacked.extend_from_slice(body.get(..size).ok_or_else(damaged)?);
     }
+    // Run-length packets: bit 7 of the first byte marks a repeated pixel, the other bits are the count less one.
     while unpacked.len() < size {
         let (&head, rest) = body.split_first().ok_or_else(damaged)?;
         let count = usize::from(head & 0x7f) + 1;
@@ -302,7 +337,8 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
         body = &rest[stored * samples..];
     }
     unpacked.truncate(size);
-    // Blue comes first; rows run upwards unless bit 5 says otherwise, and backwards if bit 4 does.
+    // Colours are stored as blue, green, red. Rows run from the bottom unless bit 5 of the descriptor is set, and from
+    // right to left if bit 4 is set.
     let (downwards, backwards) = (head[17] & 0x20 != 0, head[17] & 0x10 != 0);
     let mut values = Vec::with_capacity(size);
     for y in 0..rows {
@@ -320,7 +356,7 @@ fn tga(bytes: &[u8]) -> Result<Picture> {
 }
 
 fn netpbm(bytes: &[u8]) -> Result<Picture> {
-    let damaged = || Error::input("is no PGM or PPM image (P2, P3, P5 or P6), or is cut off");
+    let damaged = || Error::input("not a PGM or PPM image (P2, P3, P5 or P6), or cut off");
     let mut at = 0;
     let mut word = || -> Result<&[u8]> {
         loop {
@@ -348,11 +384,12 @@ fn netpbm(bytes: &[u8]) -> Result<Picture> {
     let size = columns.checked_mul(rows).and_then(|n| n.checked_mul(samples)).filter(|n| *n <= bytes.len());
     let size = size.ok_or_else(damaged)?;
     if !(1..=65535).contains(&white) {
-        return Err(Error::input(format!("needed a greatest value from 1 to 65535, found {white}")));
+        return Err(Error::input(format!("expected a maximum value from 1 to 65535, found {white}")));
     }
     let values = match kind[1] {
         b'2' | b'3' => (0..size).map(|_| Ok(number()? as f32)).collect::<Result<_>>()?,
         _ => {
+            // One white-space byte separates the header from the binary values.
             let body = bytes.get(at + 1..).ok_or_else(damaged)?;
             let width = if white > 255 { 2 } else { 1 };
             let body = body.get(..size * width).ok_or_else(damaged)?;
@@ -409,15 +446,15 @@ mod tests {
     }
 
     #[test]
-    fn damaged_pictures_are_refused_by_name() {
+    fn errors_of_damaged_pictures_name_the_file() {
         let folder = tempfile::tempdir().unwrap();
         for (name, bytes, words) in [
             ("a.tga", tga_bytes(10, &[0x85, 1], 0), "cut off"),
             ("b.tga", tga_bytes(1, &[0; 40], 0), "found type 1"),
             ("c.pgm", b"P5 99999999 99999999 255 a".to_vec(), "cut off"),
-            ("d.pgm", b"P7 1 1 255 a".to_vec(), "no PGM"),
+            ("d.pgm", b"P7 1 1 255 a".to_vec(), "not a PGM"),
             ("e.jpg", b"\xff\xd8\xff\xe0 nothing".to_vec(), "JPEG"),
-            ("f.png", b"nothing".to_vec(), "no PNG"),
+            ("f.png", b"nothing".to_vec(), "not a PNG"),
             ("g.bmp", b"BM".to_vec(), "extension `bmp`"),
         ] {
             let path = folder.path().join(name);

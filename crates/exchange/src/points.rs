@@ -1,10 +1,10 @@
-//! Named columns of point records, gathered into a scan.
+//! Builds a scan from point records with named columns.
 //!
 //! **Input.** The names of the columns of a file and its records as numbers.
 //!
 //! **Output.** A [`Scan`] without records whose coordinates are not finite (these are counted). Every σ is
 //! checked to be positive and finite, every covariance to be positive definite. Columns with other names are
-//! ignored; `scan` and `time` are kept for [`crate::several`], which splits a file by them.
+//! ignored; `scan` and `time` are kept for [`crate::split_scans`], which splits a file by them.
 //!
 //! **Limits.** Normals need not have unit length. A normal that is not finite is kept as zero, which means
 //! unknown.
@@ -14,15 +14,16 @@ use std::fmt::Display;
 use planish_estimate::{Error, Result};
 use planish_sense::{PrincipalCurvatures, RangeGrid, Scan};
 
-/// Columns four to six are normals when every length is as near to 1.
-const UNIT_LENGTH_WITHIN: f64 = 0.01;
+/// Tolerance of the length of normals in unnamed columns. Wide enough for normals written with two or three
+/// digits; colours and other values practically never have unit length in every record (decision 0039).
+const UNIT_LENGTH_TOLERANCE: f64 = 0.01;
 
-/// A normal with so large a σ, in degrees, is not known.
-pub(crate) const MOST_SIGMA_NORMAL_DEG: f64 = 90.0;
-/// The largest number of a scan.
-const MOST_SCAN_NUMBER: f64 = 1e9;
+/// Upper limit of the σ of a normal, in degrees. Beyond it, the direction is unknown.
+pub(crate) const MAX_SIGMA_NORMAL_DEG: f64 = 90.0;
+/// Largest scan number; it fits into `u32` and is exact in `f64`.
+const MAX_SCAN_NUMBER: f64 = 1e9;
 
-/// Names of columns.
+/// Column names.
 const POSITION: [&str; 3] = ["x", "y", "z"];
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 const COVARIANCE: [&str; 6] = ["cxx", "cxy", "cxz", "cyy", "cyz", "czz"];
@@ -33,14 +34,15 @@ const SIGMA_CURVATURE: &str = "sigma_k";
 const TIME: &str = "time";
 const SCAN: &str = "scan";
 
-/// Whether a column of that name always means a quantity of points; `u` and `v` may mean anything.
+/// True if a column of that name always means a quantity of points. `u` and `v` do not count, because other
+/// programs use these names for texture coordinates.
 pub(crate) fn is_point_column(name: &str) -> bool {
     let sigmas = [SIGMA, SIGMA_NORMAL, SIGMA_CURVATURE];
     let families: [&[&str]; 5] = [&POSITION, &NORMAL, &COVARIANCE, &CURVATURE, &sigmas];
     families.iter().any(|family| family.contains(&name))
 }
 
-/// Which columns say how uncertain a position is.
+/// Columns that state the uncertainty of a position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Uncertainty {
     Unstated,
@@ -48,7 +50,7 @@ enum Uncertainty {
     Covariance([usize; 6]),
 }
 
-/// Where in a record each quantity stands.
+/// Column index of each quantity in a record.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PointColumns {
     position: [usize; 3],
@@ -62,7 +64,7 @@ pub(crate) struct PointColumns {
     scan: Option<usize>,
 }
 
-/// The columns of a family: all, none, or an error that names what is missing.
+/// Finds the columns of a group: all, none, or an error that names the missing ones.
 fn family<const N: usize>(names: &[&str], wanted: [&str; N]) -> Result<Option<[usize; N]>> {
     let found = wanted.map(|name| names.iter().position(|n| *n == name));
     if found.iter().all(Option::is_none) {
@@ -71,7 +73,7 @@ fn family<const N: usize>(names: &[&str], wanted: [&str; N]) -> Result<Option<[u
     let missing: Vec<_> = (0..N).filter(|&k| found[k].is_none()).map(|k| wanted[k]).collect();
     if !missing.is_empty() {
         return Err(Error::input(format!(
-            "needed all of the columns {}, found no {}",
+            "expected all of the columns {}, found no {}",
             wanted.join(" "),
             missing.join(" ")
         )));
@@ -80,7 +82,7 @@ fn family<const N: usize>(names: &[&str], wanted: [&str; N]) -> Result<Option<[u
 }
 
 impl PointColumns {
-    /// Positions in the first three columns.
+    /// Layout with positions in the first three columns.
     pub(crate) fn positions_only() -> Self {
         Self {
             position: [0, 1, 2],
@@ -95,16 +97,20 @@ impl PointColumns {
         }
     }
 
-    /// Positions, then normals, in the first six columns.
+    /// Layout with positions, then normals, in the first six columns.
     pub(crate) fn positions_and_normals() -> Self {
         Self { normal: Some([3, 4, 5]), ..Self::positions_only() }
     }
 
-    /// The quantities that column names promise.
+    /// Derives the layout from column names.
+    ///
+    /// # Errors
+    /// `Input` if positions are missing, a group is incomplete, σ and covariance are both given, or a σ belongs
+    /// to a quantity that is absent.
     pub(crate) fn find(names: &[&str]) -> Result<Self> {
         let Some(position) = family(names, POSITION)? else {
             return Err(Error::input(format!(
-                "needed the columns x y z, found {}",
+                "expected the columns x y z, found {}",
                 if names.is_empty() { "none".to_owned() } else { names.join(" ") }
             )));
         };
@@ -116,7 +122,7 @@ impl PointColumns {
             (None, Some(columns)) => Uncertainty::Covariance(columns),
             (Some(_), Some(_)) => {
                 return Err(Error::input(
-                    "has both sigma and cxx cxy cxz cyy cyz czz: needed one of the two",
+                    "expected either sigma or cxx cxy cxz cyy cyz czz, found both",
                 ));
             }
         };
@@ -124,7 +130,7 @@ impl PointColumns {
         let normal = family(names, NORMAL)?;
         let curvature = match (named(CURVATURE[0]), named(CURVATURE[1])) {
             (Some(_), Some(_)) => family(names, CURVATURE)?,
-            // One of the two may mean anything.
+            // Other programs use single columns of these names for other quantities.
             _ => None,
         };
         let (sigma_normal, sigma_curvature) = (named(SIGMA_NORMAL), named(SIGMA_CURVATURE));
@@ -134,7 +140,7 @@ impl PointColumns {
         ] {
             if let (Some(sigma), false) = (sigma, of) {
                 return Err(Error::input(format!(
-                    "the column {sigma} states how well nothing is known: needed the columns {} beside it",
+                    "expected the columns {} beside {sigma}, which is their σ, found none",
                     of_what.join(" ")
                 )));
             }
@@ -148,12 +154,12 @@ impl PointColumns {
             sigma_curvature,
             time: named(TIME),
             scan: named(SCAN),
-            // Half of the pair may mean anything.
+            // A single `u` or `v` is another quantity and is ignored.
             parameters: family(names, ["u", "v"]).unwrap_or(None),
         })
     }
 
-    /// How many columns a record needs at least.
+    /// Minimum number of columns of a record.
     pub(crate) fn width(&self) -> usize {
         let uncertainty: &[usize] = match &self.uncertainty {
             Uncertainty::Unstated => &[],
@@ -178,17 +184,17 @@ impl PointColumns {
     }
 }
 
-/// Gathers records into a scan.
+/// Collects records into a scan.
 pub(crate) struct PointCollector {
     columns: PointColumns,
     scan: Scan,
     records: u64,
-    /// Numbers of the records that were dropped, ascending.
+    /// Indices of the dropped records, ascending.
     dropped: Vec<u64>,
 }
 
 impl PointCollector {
-    /// An empty collection with room for `reserve` points.
+    /// Creates an empty collector with room for `reserve` points.
     pub(crate) fn new(columns: PointColumns, reserve: usize) -> Self {
         let mut scan = Scan { points: Vec::with_capacity(reserve), ..Scan::default() };
         match columns.uncertainty {
@@ -206,12 +212,15 @@ impl PointCollector {
         Self { columns, scan, records: 0, dropped: Vec::new() }
     }
 
-    /// How many points were kept so far.
+    /// Number of points kept so far.
     pub(crate) fn len(&self) -> usize {
         self.scan.points.len()
     }
 
-    /// Adds a record of at least [`PointColumns::width`] numbers.
+    /// Adds a record of at least [`PointColumns::width`] numbers; `place` is used in messages.
+    ///
+    /// A record without finite coordinates is dropped before its σ is checked, because the σ of a missed reading
+    /// means nothing.
     #[inline]
     pub(crate) fn push(&mut self, record: &[f64], place: impl Display) -> Result<()> {
         let number = self.records;
@@ -222,14 +231,14 @@ impl PointCollector {
             return Ok(());
         }
         if self.scan.points.len() as u64 >= u64::from(u32::MAX) {
-            return Err(Error::unsupported(format!("more than {} points in one scan: split it", u32::MAX)));
+            return Err(Error::unsupported(format!("more than {} points in one scan: split the file", u32::MAX)));
         }
         self.scan.points.push(point);
         let positive = |name: &str, value: f64| {
             if value > 0.0 && value.is_finite() {
                 return Ok(value);
             }
-            Err(Error::input(format!("{place}: needed {name} > 0, found {value} (point {number})")))
+            Err(Error::input(format!("{place}: expected {name} > 0, found {value} (point {number})")))
         };
         match self.columns.uncertainty {
             Uncertainty::Unstated => {}
@@ -241,7 +250,7 @@ impl PointCollector {
                 let covariance = columns.map(|c| record[c]);
                 if !is_positive_definite(&covariance) {
                     return Err(Error::input(format!(
-                        "{place}: needed a positive definite covariance, found cxx cxy cxz cyy cyz czz = {} \
+                        "{place}: expected a positive definite covariance, found cxx cxy cxz cyy cyz czz = {} \
                          (point {number})",
                         covariance.map(|c| c.to_string()).join(" ")
                     )));
@@ -261,10 +270,10 @@ impl PointCollector {
         }
         if let Some(column) = self.columns.sigma_normal {
             let sigma = positive(SIGMA_NORMAL, record[column])?;
-            if sigma >= MOST_SIGMA_NORMAL_DEG {
+            if sigma >= MAX_SIGMA_NORMAL_DEG {
                 return Err(Error::input(format!(
-                    "{place}: needed {SIGMA_NORMAL} below {MOST_SIGMA_NORMAL_DEG}, where a direction is not \
-                     known, found {sigma} (point {number})"
+                    "{place}: expected {SIGMA_NORMAL} below {MAX_SIGMA_NORMAL_DEG} degrees, found {sigma} (point \
+                     {number})"
                 )));
             }
             self.scan.sigma_normal_deg.get_or_insert_default().push(sigma);
@@ -274,7 +283,7 @@ impl PointCollector {
             let known = [k1, k2, x, y, z].iter().all(|c| c.is_finite());
             self.scan.curvatures.get_or_insert_default().push(PrincipalCurvatures {
                 values: [k1, k2],
-                // A direction of zero says that nothing is known.
+                // A zero direction marks an unknown curvature, as a zero normal marks an unknown normal.
                 direction: if known { [x, y, z] } else { [0.0; 3] },
             });
         }
@@ -286,17 +295,16 @@ impl PointCollector {
             let time = record[column];
             if !time.is_finite() {
                 return Err(Error::input(format!(
-                    "{place}: needed a time in seconds, found {time} (point {number})"
+                    "{place}: expected a time in seconds, found {time} (point {number})"
                 )));
             }
             self.scan.times_s.get_or_insert_default().push(time);
         }
         if let Some(column) = self.columns.scan {
             let found = record[column];
-            if !(0.0..=MOST_SCAN_NUMBER).contains(&found) || found.fract() != 0.0 {
+            if !(0.0..=MAX_SCAN_NUMBER).contains(&found) || found.fract() != 0.0 {
                 return Err(Error::input(format!(
-                    "{place}: needed the number of a scan, a whole number from 0, found {found} (point \
-                     {number})"
+                    "{place}: expected a scan number, a whole number from 0, found {found} (point {number})"
                 )));
             }
             self.scan.scan_numbers.get_or_insert_default().push(found as u32);
@@ -304,7 +312,7 @@ impl PointCollector {
         Ok(())
     }
 
-    /// The scan, and the numbers of the records that were dropped.
+    /// Returns the scan and the indices of the dropped records.
     pub(crate) fn finish(mut self, name: &str) -> (Scan, Vec<u64>) {
         self.scan.name = name.to_owned();
         self.scan.dropped_not_finite = self.dropped.len();
@@ -312,18 +320,20 @@ impl PointCollector {
     }
 }
 
-/// Forgets normals that stood in columns without names, unless every one of them has unit length.
+/// Removes normals from unnamed columns unless every one has unit length.
+///
+/// One exception rejects them all, because the columns then hold something else, such as colours.
 pub(crate) fn keep_unit_normals(scan: &mut Scan) {
     let unit_length = |n: &[f64; 3]| {
         let length = n.iter().map(|c| c * c).sum::<f64>().sqrt();
-        (length - 1.0).abs() <= UNIT_LENGTH_WITHIN
+        (length - 1.0).abs() <= UNIT_LENGTH_TOLERANCE
     };
     if !scan.normals.iter().flatten().all(unit_length) {
         scan.normals = None;
     }
 }
 
-/// The sampling grid of records that came row by row: cells in order, those of the dropped records empty.
+/// Builds the sampling grid of records stored row by row. Cells of dropped records are empty.
 pub(crate) fn grid_without(columns: usize, rows: usize, dropped: &[u64]) -> RangeGrid {
     let mut dropped = dropped.iter().copied().peekable();
     let mut next = 0;
@@ -339,9 +349,10 @@ pub(crate) fn grid_without(columns: usize, rows: usize, dropped: &[u64]) -> Rang
     RangeGrid { columns, rows, cells }
 }
 
-/// Whether `[xx, xy, xz, yy, yz, zz]` is finite and positive definite beyond rounding.
+/// True if `[xx, xy, xz, yy, yz, zz]` is finite and positive definite beyond rounding.
 fn is_positive_definite(c: &[f64; 6]) -> bool {
     let [xx, xy, xz, yy, yz, zz] = *c;
+    // Relative to the largest variance, so that the unit of the file does not matter.
     let least = 1e-14 * xx.max(yy).max(zz);
     // Pivots of the Cholesky factorisation; NaN fails every comparison.
     let (a, b) = (xy / xx, xz / xx);
@@ -373,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn half_a_family_of_columns_is_an_error_that_names_the_rest() {
+    fn an_incomplete_group_of_columns_is_an_error_that_names_the_missing_ones() {
         let e = PointColumns::find(&["x", "y", "z", "cxx", "cyy", "czz"]).unwrap_err();
         assert!(e.to_string().contains("found no cxy cxz cyz"), "{e}");
         let e = PointColumns::find(&["x", "y"]).unwrap_err();
@@ -381,17 +392,17 @@ mod tests {
     }
 
     #[test]
-    fn a_sigma_of_nothing_and_curvatures_without_direction_are_errors_that_name_the_columns() {
+    fn a_sigma_without_its_quantity_is_an_error_that_names_the_columns() {
         for (more, words) in [
-            (&["sigma_n_deg"][..], "sigma_n_deg states how well nothing is known"),
-            (&["sigma_k"], "sigma_k states how well nothing is known"),
+            (&["sigma_n_deg"][..], "expected the columns nx ny nz beside sigma_n_deg"),
+            (&["sigma_k"], "expected the columns k1 k2 d1x d1y d1z beside sigma_k"),
             (&["k1", "k2"], "found no d1x d1y d1z"),
         ] {
             let names: Vec<&str> = ["x", "y", "z"].iter().chain(more).copied().collect();
             let e = PointColumns::find(&names).unwrap_err();
             assert!(e.to_string().contains(words), "{e}");
         }
-        // A column of that name alone may mean anything.
+        // A single column of that name is another quantity.
         assert!(PointColumns::find(&["x", "y", "z", "k1"]).is_ok());
         let names = ["x", "y", "z", "nx", "ny", "nz", "sigma_n_deg"];
         let e = collect(&names, &[&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 400.0]]).unwrap_err();
@@ -399,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_statistics_are_refused_by_line_and_point() {
+    fn invalid_sigma_and_covariance_are_reported_with_line_and_point() {
         for sigma in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let records: [&[f64]; 2] = [&[0.0, 0.0, 0.0, 1.0], &[0.0, 0.0, 0.0, sigma]];
             let e = collect(&["x", "y", "z", "sigma"], &records).unwrap_err();
@@ -420,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn a_record_without_a_finite_position_is_dropped_and_counted() {
+    fn records_without_a_finite_position_are_dropped_and_counted() {
         let scan = collect(&["x", "y", "z", "sigma"], &[&[f64::NAN, 0.0, 0.0, -1.0], &[1.0, 0.0, 0.0, 1.0]]);
         let scan = scan.unwrap();
         assert_eq!((scan.points.len(), scan.dropped_not_finite), (1, 1));

@@ -30,7 +30,7 @@ use crate::calibration::table;
 use crate::source::read_text;
 
 /// Most controls of a mesh.
-const MOST_CONTROLS: usize = 20_000;
+const MAX_CONTROLS: usize = 20_000;
 
 /// The controls of a mesh.
 #[derive(Debug, Clone, PartialEq)]
@@ -176,41 +176,41 @@ fn parse(text: &str) -> Result<PoseFile> {
     let finite = |p: &[f64; 3]| p.iter().all(|x| x.is_finite());
     let controls = match t.controls {
         None => ControlsEntry::Usual,
-        Some(ControlsTable::Count(count)) if (1..=MOST_CONTROLS).contains(&count) => {
+        Some(ControlsTable::Count(count)) if (1..=MAX_CONTROLS).contains(&count) => {
             ControlsEntry::Count(count)
         }
         Some(ControlsTable::Points(points))
-            if (1..=MOST_CONTROLS).contains(&points.len()) && points.iter().all(finite) =>
+            if (1..=MAX_CONTROLS).contains(&points.len()) && points.iter().all(finite) =>
         {
             ControlsEntry::Points(points)
         }
         Some(_) => {
             return Err(Error::input(format!(
-                "needed controls between 1 and {MOST_CONTROLS}, at finite places"
+                "expected controls between 1 and {MAX_CONTROLS}, at finite places"
             )));
         }
     };
     if let Some(blend) = t.blend.filter(|b| !(b.is_finite() && *b >= 0.0)) {
-        return Err(Error::input(format!("needed a length for blend, found {blend}")));
+        return Err(Error::input(format!("expected a length for blend, found {blend}")));
     }
     let rigid = (t.rigid.into_iter())
         .map(|entry| match entry.motion.as_deref() {
             None | Some("follow") => Ok(RigidEntry { part: entry.part, held: false }),
             Some("held") => Ok(RigidEntry { part: entry.part, held: true }),
             Some(other) => Err(Error::input(format!(
-                "rigid part `{}`: needed motion \"follow\" or \"held\", found \"{other}\"",
+                "rigid part `{}`: expected motion \"follow\" or \"held\", found \"{other}\"",
                 entry.part
             ))),
         })
         .collect::<Result<Vec<_>>>()?;
     if t.pose.is_empty() {
-        return Err(Error::input("needed at least one [[pose]]"));
+        return Err(Error::input("expected at least one [[pose]]"));
     }
     let mut poses: Vec<PoseEntry> = Vec::new();
     for pose in t.pose {
         if poses.iter().any(|other| other.name == pose.name) {
             return Err(Error::input(format!(
-                "needed poses of different names, found two named `{}`",
+                "expected poses of different names, found two named `{}`",
                 pose.name
             )));
         }
@@ -226,7 +226,7 @@ fn parse(text: &str) -> Result<PoseFile> {
         let after = keyframes.last().map_or(f64::NEG_INFINITY, |last| last.seconds);
         if !(frame.seconds.is_finite() && frame.seconds >= 0.0 && frame.seconds > after) {
             return Err(wrong(format!(
-                "needed seconds from 0 on and after {after}, found {}",
+                "expected seconds from 0 on and after {after}, found {}",
                 frame.seconds
             )));
         }
@@ -236,7 +236,7 @@ fn parse(text: &str) -> Result<PoseFile> {
                 return Err(wrong(format!("there is no pose named `{name}`")));
             };
             if !weight.is_finite() {
-                return Err(wrong(format!("needed a finite weight of `{name}`, found {weight}")));
+                return Err(wrong(format!("expected a finite weight of `{name}`, found {weight}")));
             }
             weights[at] = weight;
         }
@@ -261,7 +261,7 @@ fn one_move(entry: &MoveTable) -> Result<MoveEntry> {
         }
     };
     if !finite(entry.by) {
-        return Err(Error::input(format!("needed a finite displacement, found {:?}", entry.by)));
+        return Err(Error::input(format!("expected a finite displacement, found {:?}", entry.by)));
     }
     Ok(MoveEntry { target, by: entry.by })
 }

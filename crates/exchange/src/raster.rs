@@ -21,7 +21,7 @@ use crate::npy::npy_header;
 use crate::source::extension;
 use crate::write_atomically;
 
-/// So many samples of single precision a pixel.
+/// `N` samples of single precision per pixel.
 struct Samples<const N: usize>;
 
 impl<const N: usize> ColorType for Samples<N> {
@@ -31,21 +31,30 @@ impl<const N: usize> ColorType for Samples<N> {
     const SAMPLE_FORMAT: &'static [SampleFormat] = &[SampleFormat::IEEEFP; N];
 
     fn horizontal_predict(row: &[f32], result: &mut Vec<f32>) {
-        // No predictor is asked for.
+        // Never used, because no predictor is requested.
         result.extend_from_slice(row);
     }
 }
 
-/// Writes two or four bands; the extension says how (`.tif`, `.tiff`, `.npy`).
+/// Writes bands of values; the extension selects the format (`.tif` and `.tiff` with two or four bands, `.npy`).
 ///
 /// # Errors
-/// `Input` for bands of other numbers of values than there are pixels; `Unsupported` for other extensions,
-/// other numbers of bands and more than 4 GB; `Io` when the file cannot be written; nothing is left
-/// half-written.
+/// `Input` for bands with another number of values than pixels; `Unsupported` for other extensions, other numbers of
+/// bands and more than 4 GB; `Io` when the file cannot be written; nothing is left half-written.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("disparity.npy");
+/// let (disparity, sigma) = ([10.0, f32::NAN], [0.1, f32::NAN]);
+/// planish_exchange::raster::write_raster(&path, 2, 1, &[&disparity, &sigma])?;
+/// assert!(std::fs::read(&path)?.starts_with(b"\x93NUMPY"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) -> Result<()> {
     if let Some(band) = bands.iter().find(|band| band.len() != columns * rows) {
         return Err(Error::input(format!(
-            "{}: needed {columns} × {rows} pixels in every band, found {}",
+            "{}: expected {columns} × {rows} pixels in every band, found {}",
             path.display(),
             band.len()
         )));
@@ -57,7 +66,7 @@ pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) 
         ("tif" | "tiff", 4) => tiff::<4>(columns, rows, &values).map_err(|e| too_large(path, e))?,
         (other, n) => {
             return Err(Error::unsupported(format!(
-                "{}: needed two or four bands as .tif or .npy, found {n} as `{other}`",
+                "{}: expected two or four bands as .tif or .npy, found {n} as `{other}`",
                 path.display()
             )));
         }
@@ -66,7 +75,7 @@ pub fn write_raster(path: &Path, columns: usize, rows: usize, bands: &[&[f32]]) 
 }
 
 fn too_large(path: &Path, e: TiffError) -> Error {
-    Error::unsupported(format!("{}: cannot be written as TIFF; .npy can be larger", path.display()))
+    Error::unsupported(format!("{}: the bands do not fit into a TIFF file; use .npy", path.display()))
         .with_source(e)
 }
 
@@ -98,14 +107,14 @@ mod tests {
     use tiff::decoder::{Decoder, DecodingResult};
 
     #[test]
-    fn bands_come_back_pixel_by_pixel() {
+    fn bands_are_interleaved_pixel_by_pixel() {
         let folder = tempfile::tempdir().unwrap();
         let (a, b) = ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [0.5, 0.25, 0.125, 1.0, 2.0, 4.0]);
         let path = folder.path().join("a.tif");
         write_raster(&path, 3, 2, &[&a, &b]).unwrap();
         let mut decoder = Decoder::new(std::fs::File::open(&path).unwrap()).unwrap();
         assert_eq!(decoder.dimensions().unwrap(), (3, 2));
-        let DecodingResult::F32(values) = decoder.read_image().unwrap() else { panic!("needed f32") };
+        let DecodingResult::F32(values) = decoder.read_image().unwrap() else { panic!("expected f32") };
         assert_eq!(values[..4], [1.0, 0.5, 2.0, 0.25]);
         let path = folder.path().join("a.npy");
         write_raster(&path, 3, 2, &[&a, &b]).unwrap();

@@ -8,31 +8,31 @@ use planish_sense::{Scan, Sensor, SensorKind};
 
 use crate::{GeoReference, Unit};
 
-/// Everything that was read for one fit.
+/// All scans, sensors and files of one fit.
 #[derive(Debug, Clone, Default)]
 pub struct ScanSet {
-    /// The unit of every length, where the caller or a file names it.
+    /// The unit of every length, if the caller or a file states it.
     pub unit: Option<Unit>,
     /// The sensors that the scans refer to.
     pub sensors: Vec<Sensor>,
-    /// The scans, in the order in which they were named.
+    /// The scans, in the order of the paths and lists.
     pub scans: Vec<PosedScan>,
-    /// The map that the coordinates belong to, where every scan names the same.
+    /// The map projection of the coordinates, if all scans state the same one.
     pub georeference: Option<GeoReference>,
-    /// Every file that was read, lists before what they list.
+    /// Every file that was read; lists come before the files that they name.
     pub inputs: Vec<InputFile>,
 }
 
-/// A scan with what its list says about it.
+/// A scan with the settings of its list entry.
 #[derive(Debug, Clone)]
 pub struct PosedScan {
-    /// The points; `scan.world_from_scanner` holds the pose.
+    /// The points and, in `scan.world_from_scanner`, the pose.
     pub scan: Scan,
-    /// Which of the set's sensors took it.
+    /// Index into [`ScanSet::sensors`].
     pub sensor: usize,
-    /// Standard deviation of each coordinate of the pose's translation; exact where not stated.
+    /// Standard deviation of each coordinate of the translation; none for an exact pose.
     pub sigma_translation: Option<f64>,
-    /// Standard deviation of the pose's rotation about each axis, in degrees; exact where not stated.
+    /// Standard deviation of the rotation about each axis, in degrees; none for an exact pose.
     pub sigma_rotation_deg: Option<f64>,
 }
 
@@ -41,13 +41,13 @@ pub struct PosedScan {
 pub struct InputFile {
     /// Its path, as it was opened.
     pub path: PathBuf,
-    /// How many points it gave; 0 for a list.
+    /// Number of points; 0 for a list.
     pub points: usize,
-    /// How many records were dropped because a coordinate was not finite.
+    /// Number of records dropped because a coordinate was not finite.
     pub dropped_not_finite: usize,
 }
 
-/// The sensor of scans for which none is named: a range sensor whose σ is to be estimated.
+/// Sensor of scans for which none is named: a range sensor whose σ is estimated.
 pub(crate) fn unnamed_sensor() -> Sensor {
     Sensor {
         name: "scanner".to_owned(),

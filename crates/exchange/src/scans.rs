@@ -1,9 +1,12 @@
 //! Lists of input files, read into one set of scans.
 //!
-//! Comes in: paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `off`, `glb`, `npy`, `npz`,
-//! `xyz`, `txt`, `asc`, `csv`, `pts`), of depth images (`png`, `tif`, `tiff`, `npy`), and of lists of scans
-//! (`conf`, `toml`), mixed at will. Goes out: a [`ScanSet`], in the order of the paths whatever the number of
-//! threads. Not guaranteed: that scans overlap, or share a frame where no pose was given.
+//! **Input.** Paths of scans (`ply`, `pcd`, `e57`, `las`, `laz`, `obj`, `stl`, `off`, `glb`, `npy`, `npz`, `xyz`,
+//! `txt`, `asc`, `csv`, `pts`), of depth images (`png`, `tif`, `tiff`, `npy`), and of lists of scans (`conf`,
+//! `toml`), in any combination.
+//!
+//! **Output.** A [`ScanSet`] in the order of the paths, for any number of threads.
+//!
+//! **Limits.** It is not checked that scans overlap, or that scans without a pose share a frame.
 
 use std::collections::HashMap;
 use std::fs;
@@ -22,13 +25,13 @@ use crate::pcd::read_pcd;
 use crate::ply::read_scan_and_unit;
 use crate::scan_set::unnamed_sensor;
 pub use crate::scan_set::{InputFile, PosedScan, ScanSet};
-use crate::several::several;
 use crate::source::{extension, found_extension, open};
+use crate::split_scans::split_scans;
 use crate::vrip::read_conf;
 use crate::xyz::read_points;
 use crate::{GeoReference, Unit, glb, obj, off, stl};
 
-/// A scan still to be read.
+/// A scan to be read, with the settings of its list entry.
 struct Wanted {
     path: PathBuf,
     sensor: usize,
@@ -37,14 +40,14 @@ struct Wanted {
     sigma_rotation_deg: Option<f64>,
     viewing: Option<Viewing>,
     time_s: Option<f64>,
-    /// The calibration of a depth image, where a job names it.
+    /// The calibration of a depth image, if a job names it.
     calibration: Option<PathBuf>,
-    /// What the list and its line are called in messages.
+    /// Name and line of the list, for messages.
     listed: Option<String>,
 }
 
 impl Wanted {
-    /// A scan about which no list states anything.
+    /// A scan without settings.
     fn new(path: PathBuf, sensor: usize) -> Self {
         Self {
             path,
@@ -60,16 +63,16 @@ impl Wanted {
     }
 }
 
-/// The scans to read, and the lists that name some of them.
+/// The scans to read and the lists that name them.
 #[derive(Default)]
 struct Requests {
     scans: Vec<Wanted>,
-    /// Each list with the index of the first scan that it names.
+    /// Each list with the index of its first scan.
     lists: Vec<(usize, PathBuf)>,
 }
 
 impl Requests {
-    /// Adds a scan, or all scans that a list names.
+    /// Adds a scan, or all scans of a list.
     fn add(&mut self, path: &Path, gathered: &mut Gathered) -> Result<()> {
         let at = |line| Some(format!("{} (line {line})", path.display()));
         match extension(path).as_str() {
@@ -111,7 +114,7 @@ impl Requests {
     }
 }
 
-/// The sensors and the unit of the files named so far.
+/// Sensors and unit of the files so far.
 #[derive(Default)]
 struct Gathered {
     sensors: Vec<Sensor>,
@@ -119,12 +122,13 @@ struct Gathered {
 }
 
 impl Gathered {
-    /// The index of a sensor: one that is known by name must be the same.
+    /// Index of a sensor. Two sensors of one name must have the same settings, because readings of one sensor
+    /// share the estimate of its noise.
     fn sensor(&mut self, sensor: Sensor, path: &Path) -> Result<usize> {
         match self.sensors.iter().position(|s| s.name == sensor.name) {
             Some(known) if self.sensors[known] == sensor => Ok(known),
             Some(_) => Err(Error::input(format!(
-                "{}: the sensor \"{}\" is described differently in another job: give it another name",
+                "{}: the sensor \"{}\" has other settings in another job: rename one of the two",
                 path.display(),
                 sensor.name
             ))),
@@ -135,11 +139,11 @@ impl Gathered {
         }
     }
 
-    /// Takes note of a unit: all that are named must be the same.
+    /// Records a unit; all stated units must be equal.
     fn unit(&mut self, unit: Unit, stated_by: String) -> Result<()> {
         match &self.unit {
             Some((known, by)) if *known != unit => Err(Error::input(format!(
-                "{stated_by} says that lengths are in {unit}, but {by} says {known}: convert one of them"
+                "{stated_by} states lengths in {unit}, but {by} states {known}: convert one of them"
             ))),
             Some(_) => Ok(()),
             None => {
@@ -150,14 +154,14 @@ impl Gathered {
     }
 }
 
-/// What a file of scans gave.
+/// Content of a file of scans.
 struct Read {
-    /// At least one; several where the file has several, each with its pose.
+    /// At least one; a file with several scans gives each its pose.
     scans: Vec<Scan>,
     unit: Option<Unit>,
-    /// The calibration that was read beside it.
+    /// The calibration of the depth image.
     calibration: Option<PathBuf>,
-    /// The map that it belongs to.
+    /// The map projection of its coordinates.
     georeference: Option<GeoReference>,
 }
 
@@ -173,7 +177,7 @@ fn read_one(path: &Path, calibration: Option<&Path>) -> Result<Read> {
         return Ok(Read { calibration: Some(calibration.clone()), ..read_depth(path, &calibration)?.into() });
     }
     match extension(path).as_str() {
-        // Lengths of E57 are metres.
+        // ASTM E2807 prescribes metres.
         "e57" => Ok(Read {
             scans: read_e57(path)?,
             unit: Some(Unit::Metre),
@@ -184,34 +188,36 @@ fn read_one(path: &Path, calibration: Option<&Path>) -> Result<Read> {
     }
 }
 
-/// How files of some formats begin, what the format is called, and the extensions that say so.
-const BEGINNINGS: [(&[u8], &str, &[&str]); 4] = [
+/// First bytes, name and extensions of formats that can be recognised by their first bytes.
+const SIGNATURES: [(&[u8], &str, &[&str]); 4] = [
     (b"ply", "PLY", &["ply"]),
     (b"# .PCD", "PCD", &["pcd"]),
     (b"LASF", "LAS", &["las", "laz"]),
     (b"PK\x03\x04", "zip", &["zip"]),
 ];
 
-/// What a file that its extension's reader refused should have been called, where its first bytes tell.
+/// Error for a file whose first bytes show another format than its extension; none if they do not.
+///
+/// Called only after the reader has failed, so that a valid file with odd first bytes is never rejected.
 fn misnamed(path: &Path) -> Option<Error> {
     let named = extension(path);
-    let longest = BEGINNINGS.iter().map(|(bytes, ..)| bytes.len()).max()?;
+    let longest = SIGNATURES.iter().map(|(bytes, ..)| bytes.len()).max()?;
     let mut source = open(path).ok()?;
     let first = source.peek(longest).ok()?;
-    let (_, format, extensions) = BEGINNINGS.iter().find(|(bytes, ..)| first.starts_with(bytes))?;
+    let (_, format, extensions) = SIGNATURES.iter().find(|(bytes, ..)| first.starts_with(bytes))?;
     let way_out = match *format {
         "zip" => "unpack it".to_owned(),
         _ => format!("rename it to end in .{}", extensions.join(" or .")),
     };
     (!extensions.contains(&named.as_str())).then(|| {
         Error::input(format!(
-            "{}: begins as a {format} file does, but its extension is `{named}`: {way_out}",
+            "{}: the content is that of a {format} file, but the extension is `{named}`: {way_out}",
             path.display()
         ))
     })
 }
 
-/// A file that holds one scan; one of another format than its extension says is called by its name.
+/// Reads a file of one scan; an error names the true format if the extension is wrong.
 fn read_single(path: &Path) -> Result<Read> {
     read_by_extension(path).map_err(|e| match e.kind() {
         ErrorKind::Input => misnamed(path).unwrap_or(e),
@@ -236,20 +242,20 @@ fn read_by_extension(path: &Path) -> Result<Read> {
         "glb" => glb::read_scan(path),
         "xyz" | "txt" | "asc" | "csv" | "pts" => read_points(path).map(|scan| (scan, None)),
         list @ ("conf" | "toml") => Err(Error::input(format!(
-            "{}: needed a scan, found a list of scans (`{list}`): lists are named on the command line, not \
-             in other lists",
+            "{}: expected a scan, found a list of scans (`{list}`): pass lists on the command line, not in \
+             other lists",
             path.display()
         ))),
         _ => {
-            // A wrong name is the likelier mistake.
+            // A mistyped name is more likely than a file of an unsupported format.
             if !path.exists() {
                 return Err(Error::io(format!("{}: does not exist", path.display())));
             }
             if path.is_dir() {
-                return Err(Error::io(format!("{}: is a folder, needed a file", path.display())));
+                return Err(Error::io(format!("{}: expected a file, found a folder", path.display())));
             }
             Err(Error::unsupported(format!(
-                "{}: needed a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, \
+                "{}: expected a scan (ply, pcd, e57, las, laz, obj, stl, off, glb, npy, npz, xyz, txt, asc, \
                  csv, pts), a depth image (png, tif, tiff) or a list of scans (conf, toml), found {}",
                 path.display(),
                 found_extension(path)
@@ -261,15 +267,27 @@ fn read_by_extension(path: &Path) -> Result<Read> {
 
 /// Reads scans and lists of scans.
 ///
-/// `unit` is what the caller knows; a file that says otherwise is an error. Scans without a named sensor
-/// share one range sensor, `scanner`, whose σ is to be estimated. Files are read in parallel, on the current
-/// rayon pool.
+/// `unit` is the unit that the caller specifies; a file that states another one is an error. Scans without a
+/// named sensor share one range sensor, `scanner`, whose σ is estimated. Files are read in parallel, on the
+/// current rayon pool.
 ///
 /// # Errors
-/// What the readers of the formats report; [`Input`](planish_estimate::ErrorKind::Input) also for no paths, a
-/// file named twice (its measurements would count twice), a scan without points, contradicting units or
-/// sensors; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions. With several bad
-/// files the first is named.
+/// The errors of the readers of the formats; [`Input`](planish_estimate::ErrorKind::Input) also for no paths, a
+/// file named twice (its measurements would count twice), a scan without points, and conflicting units or
+/// sensors; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for other extensions. If several files
+/// are invalid, the error names the first.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::{Unit, read_inputs};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("probe.csv");
+/// std::fs::write(&path, "x,y,z,sigma\n1,2,3,0.05\n4,5,6,0.05\n")?;
+/// let set = read_inputs(&[&path], Some(Unit::Millimetre))?;
+/// assert_eq!(set.scans[0].scan.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// assert_eq!((set.unit, set.sensors[0].name.as_str()), (Some(Unit::Millimetre), "scanner"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<ScanSet> {
     let mut gathered = Gathered::default();
     if let Some(unit) = unit {
@@ -282,10 +300,11 @@ pub fn read_inputs<P: AsRef<Path>>(paths: &[P], unit: Option<Unit>) -> Result<Sc
     }
     let Requests { scans: wanted, lists } = requests;
     if wanted.is_empty() {
-        return Err(Error::input("needed at least one scan, found none"));
+        return Err(Error::input("expected at least one scan, found none"));
     }
     refuse_doubles(&wanted)?;
 
+    // Results are collected in the order of the paths, so that sums and messages do not depend on timing.
     let read: Vec<Result<Read>> =
         wanted.par_iter().map(|w| read_one(&w.path, w.calibration.as_deref())).collect();
     let mut set = ScanSet::default();
@@ -314,19 +333,19 @@ fn add_file(set: &mut ScanSet, gathered: &mut Gathered, wanted: Wanted, read: Re
     let dropped_not_finite = scans.iter().map(|scan| scan.dropped_not_finite).sum();
     if points == 0 {
         return Err(Error::input(format!(
-            "{}: needed points, found none ({dropped_not_finite} records without finite coordinates were \
+            "{}: expected points, found none ({dropped_not_finite} records without finite coordinates were \
              dropped)",
             wanted.path.display(),
         )));
     }
-    // What a list moves is on its map no longer.
+    // A pose moves the points away from their place on the map.
     let georeference = georeference.filter(|_| wanted.pose.is_none());
     if set.scans.is_empty() {
         set.georeference = georeference;
     } else if set.georeference != georeference {
         set.georeference = None;
     }
-    // Several images may share a camera.
+    // Several images may share a calibration, which is listed once.
     if let Some(path) = calibration
         && !set.inputs.iter().any(|input| input.path == path)
     {
@@ -338,7 +357,7 @@ fn add_file(set: &mut ScanSet, gathered: &mut Gathered, wanted: Wanted, read: Re
 
 /// Adds scans of one file with the pose, viewing, time and sensor that its list specifies.
 fn add_scans(set: &mut ScanSet, wanted: &Wanted, scans: Vec<Scan>) -> Result<()> {
-    let scans = scans.into_iter().map(several).collect::<Result<Vec<_>>>();
+    let scans = scans.into_iter().map(split_scans).collect::<Result<Vec<_>>>();
     let scans = scans.map_err(|e| match &wanted.listed {
         Some(list) => e.in_context(list),
         None => e,
@@ -359,11 +378,11 @@ fn add_scans(set: &mut ScanSet, wanted: &Wanted, scans: Vec<Scan>) -> Result<()>
     Ok(())
 }
 
-/// The same file twice would count its measurements twice.
+/// Rejects a file that is named twice, because its measurements would count twice.
 fn refuse_doubles(wanted: &[Wanted]) -> Result<()> {
     let mut seen = HashMap::new();
     for w in wanted {
-        // A missing file is the reader's to report.
+        // A missing file is reported by its reader.
         if let Ok(real) = fs::canonicalize(&w.path)
             && seen.insert(real, &w.path).is_some()
         {
@@ -393,12 +412,12 @@ mod tests {
                        property float z\nend_header\n1 2 3\n";
 
     #[test]
-    fn a_file_of_several_scans_is_read_as_such() {
+    fn a_file_with_scan_numbers_gives_several_scans() {
         let folder = folder(&[("a.csv", "x,y,z,time,scan\n1,2,3,0.5,2\n4,5,6,1.5,1\n7,8,9,0.5,2\n")]);
         let set = read_inputs(&[folder.path().join("a.csv")], None).unwrap();
-        let told: Vec<_> =
+        let found: Vec<_> =
             (set.scans.iter()).map(|s| (s.scan.name.as_str(), s.scan.points.len(), s.scan.time_s)).collect();
-        assert_eq!(told, [("a.csv, scan 1", 1, Some(1.5)), ("a.csv, scan 2", 2, Some(0.5))]);
+        assert_eq!(found, [("a.csv, scan 1", 1, Some(1.5)), ("a.csv, scan 2", 2, Some(0.5))]);
         assert_eq!(set.inputs[0].points, 3);
         fs::write(folder.path().join("b.csv"), "x,y,z,scan\n1,2,3,0.5\n").unwrap();
         let e = read_inputs(&[folder.path().join("b.csv")], None).unwrap_err();
@@ -406,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_and_scans_mix() {
+    fn lists_and_scans_can_be_combined() {
         let folder = folder(&[
             ("a.ply", PLY),
             ("b.xyz", "1 2 3\nnan 0 0\n"),
@@ -450,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_refused() {
+    fn invalid_inputs_are_reported() {
         let folder = folder(&[
             ("a.ply", PLY),
             ("b.xyz", "nan 0 0\n"),
@@ -468,16 +487,16 @@ mod tests {
         for (names, unit, kind, words) in [
             (&[][..], None, ErrorKind::Input, "at least one scan"),
             (&["a.ply", "a.ply"], None, ErrorKind::Input, "named twice"),
-            (&["a.ply"], Some(Unit::Metre), ErrorKind::Input, "lengths are in mm, but the option says m"),
+            (&["a.ply"], Some(Unit::Metre), ErrorKind::Input, "states lengths in mm, but the option states m"),
             (&["b.xyz"], None, ErrorKind::Input, "1 records without finite coordinates"),
             (&["c.3mf"], None, ErrorKind::Unsupported, "found the extension `3mf`"),
             (&["gone.3mf"], None, ErrorKind::Io, "does not exist"),
             (&["gone.ply", "c.3mf"], None, ErrorKind::Io, "gone.ply: does not exist"),
-            (&["l.conf"], None, ErrorKind::Input, "d.csv: line 2: needed sigma > 0, found -1 (point 0)"),
+            (&["l.conf"], None, ErrorKind::Input, "d.csv: line 2: expected sigma > 0, found -1 (point 0)"),
             (&["l.conf"], None, ErrorKind::Input, "l.conf (line 1)"),
             (&["ply.pcd"], None, ErrorKind::Input, "rename it to end in .ply"),
             (&["pcd.xyz"], None, ErrorKind::Input, "rename it to end in .pcd"),
-            (&["self.conf"], None, ErrorKind::Input, "not in other lists"),
+            (&["self.conf"], None, ErrorKind::Input, "pass lists on the command line"),
         ] {
             let e = read(names, unit);
             assert_eq!(e.kind(), kind, "{e}");
@@ -486,6 +505,6 @@ mod tests {
         let e = read_inputs(&[folder.path().join("")], None).unwrap_err();
         assert!(e.kind() != ErrorKind::Undetermined, "{e}");
         fs::create_dir(folder.path().join("x.ply")).unwrap();
-        assert!(read(&["x.ply"], None).to_string().contains("is a folder"));
+        assert!(read(&["x.ply"], None).to_string().contains("found a folder"));
     }
 }

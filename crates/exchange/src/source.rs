@@ -1,9 +1,9 @@
-//! Bytes of a file through a buffer of fixed size: lines, records, places for messages.
+//! Reads a file through a buffer of fixed size: lines, records, and positions for messages.
 //!
 //! **Input.** Any reader.
 //!
 //! **Output.** Lines without their end (LF or CRLF) and runs of bytes. Memory does not depend on the size of
-//! the file: the buffer grows only to hold one line or record, up to [`LONGEST_LINE`] or the size of the
+//! the file: the buffer grows only to hold one line or record, up to [`MAX_LINE_BYTES`] or the size of the
 //! file.
 
 use std::fmt::Display;
@@ -14,10 +14,11 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 use planish_estimate::{Error, Result};
 
-/// Size of the buffer to begin with.
-const BUFFER: usize = 1 << 16;
-/// A longer line is taken for a file that is no text.
-const LONGEST_LINE: usize = 1 << 22;
+/// Initial size of the buffer. Large enough that system calls cost little, small enough for many readers.
+const BUFFER_BYTES: usize = 1 << 16;
+/// Maximum length of a line. It stops a binary file without line ends from filling the memory, and is far
+/// above the longest line of a point file (guarded by `an_endless_line_is_refused_before_it_fills_the_memory`).
+const MAX_LINE_BYTES: usize = 1 << 22;
 
 /// A buffered reader that knows where it is.
 pub(crate) struct Source<R> {
@@ -28,12 +29,12 @@ pub(crate) struct Source<R> {
     /// Bytes of the file before `start`.
     offset: u64,
     length: Option<u64>,
-    /// Lines handed out.
+    /// Lines returned so far.
     lines: u64,
 }
 
-/// Opens a file; folders, missing and empty files have their own messages. The length is known for plain
-/// files.
+/// Opens a file and returns its length, which is unknown for devices and pipes. Folders, missing files and
+/// empty files have their own messages.
 pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
     let failed = |e: std::io::Error| match e.kind() {
         IoKind::NotFound => Error::io("does not exist"),
@@ -41,7 +42,7 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
     };
     let metadata = fs::metadata(path).map_err(failed)?;
     if metadata.is_dir() {
-        return Err(Error::io("is a folder, needed a file"));
+        return Err(Error::io("expected a file, found a folder"));
     }
     let length = metadata.is_file().then_some(metadata.len());
     if length == Some(0) {
@@ -50,10 +51,16 @@ pub(crate) fn open_file(path: &Path) -> Result<(File, Option<u64>)> {
     Ok((File::open(path).map_err(failed)?, length))
 }
 
-/// What files compressed by gzip begin with.
+/// Maximum ratio of unpacked to packed bytes of DEFLATE.
+///
+/// # References
+/// M. Adler, *zlib technical details*: 1032 to 1.
+pub(crate) const MAX_DEFLATE_RATIO: u64 = 1032;
+
+/// First bytes of a gzip file (RFC 1952, section 2.3.1).
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
-/// Reads a file by what makes something of its source and its name; errors name the path.
+/// Opens a file and passes its source and file name to `read`; errors name the path.
 pub(crate) fn read_file<T>(
     path: &Path,
     read: impl FnOnce(Source<Box<dyn Read>>, &str) -> Result<T>,
@@ -62,7 +69,9 @@ pub(crate) fn read_file<T>(
     open(path).and_then(|source| read(source, &name)).map_err(|e| e.in_context(path.display()))
 }
 
-/// Opens a file as a source; what gzip has compressed is read as what it was, whatever its name.
+/// Opens a file as a source and unpacks gzip.
+///
+/// Gzip is recognised by its first bytes, whatever the name of the file.
 pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
     let (mut file, length) = open_file(path)?;
     let mut first = [0; 2];
@@ -75,7 +84,7 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
             Err(e) => return Err(Error::io("could not be read").with_source(e)),
         }
     }
-    // A pipe cannot be rewound: the first bytes are put before the rest.
+    // A pipe cannot be rewound, so the bytes that were read are chained before the rest.
     let whole = io::Cursor::new(first).take(found as u64).chain(file);
     Ok(match first == GZIP {
         true => Source::new(Box::new(Unpacked::new(whole)), None),
@@ -83,30 +92,30 @@ pub(crate) fn open(path: &Path) -> Result<Source<Box<dyn Read>>> {
     })
 }
 
-/// No measurement is compressed to less than this share.
-const MOST_EXPANSION: u64 = 100;
-/// What any file may unpack to, however small it is.
-const ALWAYS_UNPACKED: u64 = 64 << 20;
+/// Maximum ratio of unpacked to packed bytes. Deflate reaches 1032, but only without measurements; nearly empty
+/// organised clouds reach some dozens (decision 0041).
+const MAX_EXPANSION: u64 = 100;
+/// Unpacked size that is accepted at any ratio: a size that does no harm.
+const ALWAYS_ALLOWED_BYTES: u64 = 64 << 20;
 
-/// Refuses what is small on the disk and fills the memory.
+/// Rejects a small file that unpacks to more than the memory should hold.
 pub(crate) fn check_expansion(packed: u64, unpacked: u64) -> Result<()> {
-    match unpacked > ALWAYS_UNPACKED.saturating_add(packed.saturating_mul(MOST_EXPANSION)) {
+    match unpacked > ALWAYS_ALLOWED_BYTES.saturating_add(packed.saturating_mul(MAX_EXPANSION)) {
         true => Err(Error::input(format!(
-            "{packed} compressed bytes stand for {unpacked} and more: no measurements do, and they would \
-             fill the memory; unpack the file \
-             first if it is to be read"
+            "{packed} compressed bytes unpack to {unpacked} or more, which would fill the memory; if the file \
+             is valid, unpack it first"
         ))),
         false => Ok(()),
     }
 }
 
-/// Unpacks gzip as long as it stays in proportion.
+/// Unpacks gzip and fails if the result is out of proportion to the file ([`check_expansion`]).
 struct Unpacked<R> {
     decoder: MultiGzDecoder<Counted<R>>,
-    given: u64,
+    unpacked: u64,
 }
 
-/// Counts what is read.
+/// Counts the bytes that are read.
 struct Counted<R> {
     reader: R,
     count: u64,
@@ -122,21 +131,29 @@ impl<R: Read> Read for Counted<R> {
 
 impl<R: Read> Unpacked<R> {
     fn new(reader: R) -> Self {
-        Self { decoder: MultiGzDecoder::new(Counted { reader, count: 0 }), given: 0 }
+        Self { decoder: MultiGzDecoder::new(Counted { reader, count: 0 }), unpacked: 0 }
     }
 }
 
 impl<R: Read> Read for Unpacked<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let n = self.decoder.read(buffer)?;
-        self.given += n as u64;
-        check_expansion(self.decoder.get_ref().count, self.given)
+        self.unpacked += n as u64;
+        check_expansion(self.decoder.get_ref().count, self.unpacked)
+            // The kind marks the error, so that `Source::fill` reports it as a fault of the file.
             .map_err(|e| io::Error::new(IoKind::FileTooLarge, e.to_string()))?;
         Ok(n)
     }
 }
 
-/// The extension of a file's name in lower case; `.gz` at its end does not count.
+/// Returns the extension of a file name in lower case, without a trailing `.gz`.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::extension;
+/// assert_eq!(extension("scan.PLY.gz".as_ref()), "ply");
+/// assert_eq!(extension("scan".as_ref()), "");
+/// ```
 #[must_use]
 pub fn extension(path: &Path) -> String {
     let lower = |path: &Path| path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
@@ -146,86 +163,96 @@ pub fn extension(path: &Path) -> String {
     }
 }
 
-/// What a message says was found where no reader takes the extension.
+/// Describes the extension of a path for the `found …` part of a message.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::found_extension;
+/// assert_eq!(found_extension("part.3mf".as_ref()), "the extension `3mf`");
+/// assert_eq!(found_extension("part".as_ref()), "no extension");
+/// ```
 #[must_use]
 pub fn found_extension(path: &Path) -> String {
     match extension(path).as_str() {
         "" => "no extension".to_owned(),
         "iges" | "igs" => {
-            "IGES, which is not read: write it as STEP, or as a mesh (.stl, .obj, .ply) with a chord error \
-             well below what is to be told apart"
+            "IGES, which is not supported: convert it to STEP, or to a mesh (.stl, .obj, .ply) with a chord \
+             error well below the deviations of interest"
                 .to_owned()
         }
         other => format!("the extension `{other}`"),
     }
 }
 
-/// What is wrong with a path that is no file.
+/// Says why a path is not a file that can be read.
 pub(crate) fn no_file(path: &Path) -> &'static str {
     match path.exists() {
-        true => "is no file: needed one that holds points",
+        true => "is not a file: expected a file of points",
         false => "does not exist",
     }
 }
 
-/// Reads a small text file whole (a list or a job, not a cloud).
+/// Reads a small text file completely (a list or a job, not a point cloud).
 pub(crate) fn read_text(path: &Path) -> Result<String> {
-    /// No list of scans that a person or script wrote comes near.
-    const LONGEST_TEXT: u64 = 16 << 20;
+    /// Far above the lists of scans that people or scripts write; a point cloud named by mistake exceeds it.
+    const MAX_TEXT_BYTES: u64 = 16 << 20;
     let (file, _) = open_file(path)?;
     let mut bytes = Vec::new();
-    let read = file.take(LONGEST_TEXT + 1).read_to_end(&mut bytes);
+    let read = file.take(MAX_TEXT_BYTES + 1).read_to_end(&mut bytes);
     read.map_err(|e| Error::io("could not be read").with_source(e))?;
-    if bytes.len() as u64 > LONGEST_TEXT {
-        return Err(Error::input("longer than 16 MiB: this is no list of scans"));
+    if bytes.len() as u64 > MAX_TEXT_BYTES {
+        return Err(Error::input("longer than 16 MiB: expected a list of scans or a table of settings"));
     }
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         let line = 1 + e.as_bytes()[..at].iter().filter(|&&b| b == b'\n').count();
-        Error::input(format!("line {line}: is not text in UTF-8 (byte {at})"))
+        Error::input(format!("line {line}: expected text in UTF-8, found another encoding (byte {at})"))
     })
 }
 
 impl<R: Read> Source<R> {
-    /// A source over a reader, with the number of bytes that it will give where that is known.
+    /// Creates a source over a reader; `length` is the number of bytes, if known.
     pub(crate) fn new(reader: R, length: Option<u64>) -> Self {
-        Self { reader, buffer: vec![0; BUFFER], start: 0, end: 0, offset: 0, length, lines: 0 }
+        Self { reader, buffer: vec![0; BUFFER_BYTES], start: 0, end: 0, offset: 0, length, lines: 0 }
     }
 
-    /// How many bytes were handed out.
+    /// Number of bytes returned so far.
     pub(crate) fn offset(&self) -> u64 {
         self.offset
     }
 
-    /// The number, from 1, of the line handed out last.
+    /// Number of the last line that was returned, from 1.
     pub(crate) fn line_number(&self) -> u64 {
         self.lines
     }
 
-    /// How many bytes are left, where the file's length is known.
+    /// Number of bytes left, if the length of the file is known.
     pub(crate) fn remaining(&self) -> Option<u64> {
         self.length.map(|length| length.saturating_sub(self.offset))
     }
 
-    /// Refuses a promise of records, `count` and what they are, that take more bytes than are left.
+    /// Rejects a declared count of records that need more bytes than are left.
+    ///
+    /// Called before memory is allocated, so that a damaged header cannot request more than the file holds.
     pub(crate) fn check_promise(&self, count: u64, what: impl Display, needed: u64) -> Result<()> {
         match self.remaining() {
             Some(left) if left < needed => Err(Error::input(format!(
                 "the header promises {count} {what}, which take at least {needed} bytes, but only {left} \
-                 bytes follow: \
-                 the file is cut off or its header is wrong"
+                 bytes follow: the file is cut off or its header is wrong"
             ))),
             _ => Ok(()),
         }
     }
 
-    /// A safe number of entries to reserve for a promised count of records of at least `least` bytes each.
+    /// Number of entries to reserve for a declared count of records of at least `least` bytes each.
+    ///
+    /// Never more than the rest of the file can hold; one buffer full if the length is unknown (gzip, pipes).
     pub(crate) fn reserve(&self, promised: u64, least: u64) -> usize {
-        let holds = self.remaining().map_or(BUFFER as u64, |bytes| bytes / least.max(1) + 1);
+        let holds = self.remaining().map_or(BUFFER_BYTES as u64, |bytes| bytes / least.max(1) + 1);
         usize::try_from(promised.min(holds)).unwrap_or(0)
     }
 
-    /// Reads more behind what is buffered; false at the end of the file.
+    /// Appends more bytes to the buffer; false at the end of the file.
     fn fill(&mut self) -> Result<bool> {
         if self.start > 0 {
             self.buffer.copy_within(self.start..self.end, 0);
@@ -248,7 +275,7 @@ impl<R: Read> Source<R> {
                     if e.kind() == IoKind::FileTooLarge {
                         return Err(Error::input(e.to_string()));
                     }
-                    // The decoder's own complaints; the disk's are of other kinds.
+                    // These kinds come from the gzip decoder; errors of the disk have other kinds.
                     if matches!(e.kind(), IoKind::InvalidInput | IoKind::InvalidData | IoKind::UnexpectedEof)
                     {
                         return Err(Error::input(format!(
@@ -269,7 +296,7 @@ impl<R: Read> Source<R> {
         &self.buffer[self.start - n..self.start]
     }
 
-    /// The next line without its end, `None` after the last. A last line needs no end.
+    /// Returns the next line without its end, or `None` at the end of the file. The last line may lack its end.
     pub(crate) fn line(&mut self) -> Result<Option<&[u8]>> {
         let mut searched = 0;
         let length = loop {
@@ -278,10 +305,10 @@ impl<R: Read> Source<R> {
                 break searched + at + 1;
             }
             searched = self.end - self.start;
-            if searched > LONGEST_LINE {
+            if searched > MAX_LINE_BYTES {
                 let line = self.lines + 1;
                 return Err(Error::input(format!(
-                    "line {line}: longer than {LONGEST_LINE} bytes: is this a text file?"
+                    "line {line}: longer than {MAX_LINE_BYTES} bytes: expected a text file"
                 )));
             }
             if !self.fill()? {
@@ -297,8 +324,9 @@ impl<R: Read> Source<R> {
         Ok(Some(line.strip_suffix(b"\r").unwrap_or(line)))
     }
 
-    /// The next `n` bytes, `None` where fewer are left.
+    /// Returns the next `n` bytes, or `None` if fewer are left.
     pub(crate) fn bytes(&mut self, n: usize) -> Result<Option<&[u8]>> {
+        // Checked before the buffer grows, so that a damaged size allocates nothing.
         if self.remaining().is_some_and(|left| left < n as u64) {
             return Ok(None);
         }
@@ -310,7 +338,7 @@ impl<R: Read> Source<R> {
         Ok(Some(self.take(n)))
     }
 
-    /// All that is left.
+    /// Returns the rest of the file.
     pub(crate) fn rest(mut self) -> Result<Vec<u8>> {
         while self.fill()? {}
         self.buffer.truncate(self.end);
@@ -318,8 +346,7 @@ impl<R: Read> Source<R> {
         Ok(self.buffer)
     }
 
-    /// Passes over blanks to the end of the file; the place of the first byte that is none, where there is
-    /// one.
+    /// Skips white space up to the end of the file; returns the offset of the first other byte, if any.
     pub(crate) fn more_than_blanks(&mut self) -> Result<Option<u64>> {
         loop {
             let rest = &self.buffer[self.start..self.end];
@@ -335,7 +362,7 @@ impl<R: Read> Source<R> {
         }
     }
 
-    /// The next `n` bytes, fewer where the file ends before; they are handed out again.
+    /// Returns the next `n` bytes, or fewer at the end of the file, without consuming them.
     pub(crate) fn peek(&mut self, n: usize) -> Result<&[u8]> {
         while self.end - self.start < n {
             if !self.fill()? {
@@ -346,7 +373,7 @@ impl<R: Read> Source<R> {
         Ok(&self.buffer[self.start..self.start + found])
     }
 
-    /// Passes over `n` bytes; false where fewer are left.
+    /// Skips `n` bytes; false if fewer are left.
     pub(crate) fn skip(&mut self, n: u64) -> Result<bool> {
         let mut left = n;
         loop {
@@ -364,13 +391,13 @@ impl<R: Read> Source<R> {
     }
 }
 
-/// A number as text files write it, to the last bit; `None` where it is none.
+/// Parses a number of a text file, exact to the last bit; `None` if it is not a number.
 ///
-/// Besides what Rust reads (`1`, `-1.5e-3`, `.5`, `nan`, `inf`) the printed forms of Microsoft's older
-/// run-time library (`1.#QNAN`, `-nan(ind)`, `1.#INF`) are taken as not finite.
+/// Accepts what Rust accepts (`1`, `-1.5e-3`, `.5`, `nan`, `inf`), and as NaN the forms that older Microsoft
+/// run-time libraries print (`1.#QNAN`, `-nan(ind)`, `1.#INF`), because files of Windows programs hold them.
 #[inline]
 pub(crate) fn parse_number(text: &[u8]) -> Option<f64> {
-    // Counts and indices: short runs of digits are exact without the general machinery.
+    // Fast path for counts and indices: up to 15 digits are below 2⁵³ and hence exact.
     if text.len() <= 15 && !text.is_empty() && text.iter().all(u8::is_ascii_digit) {
         return Some(text.iter().fold(0_u64, |n, &d| 10 * n + u64::from(d - b'0')) as f64);
     }
@@ -382,7 +409,7 @@ pub(crate) fn parse_number(text: &[u8]) -> Option<f64> {
     })
 }
 
-/// The next run of bytes between blanks.
+/// Returns the next word, delimited by white space.
 #[inline]
 pub(crate) fn next_word<'a>(line: &mut &'a [u8]) -> Option<&'a [u8]> {
     let start = line.iter().position(|b| !b.is_ascii_whitespace())?;
@@ -392,12 +419,12 @@ pub(crate) fn next_word<'a>(line: &mut &'a [u8]) -> Option<&'a [u8]> {
     Some(&rest[..end])
 }
 
-/// Bytes for a message: as text, cut short.
+/// Formats bytes for a message: as text between back quotes, shortened, without control characters.
 pub(crate) fn shown(bytes: &[u8]) -> String {
-    const LONGEST: usize = 40;
-    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * LONGEST)]);
+    const MAX_CHARS: usize = 40;
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * MAX_CHARS)]);
     let clean: String =
-        text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(LONGEST).collect();
+        text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(MAX_CHARS).collect();
     let cut = if clean.len() < bytes.len() { "…" } else { "" };
     format!("`{clean}{cut}`")
 }
@@ -471,15 +498,15 @@ mod tests {
         };
         assert!(error.kind() == planish_estimate::ErrorKind::Input, "{error}");
         assert!(error.to_string().contains("would fill the memory"), "{error}");
-        assert!(source.offset() < ALWAYS_UNPACKED + 2 * MOST_EXPANSION * packed);
+        assert!(source.offset() < ALWAYS_ALLOWED_BYTES + 2 * MAX_EXPANSION * packed);
     }
 
     #[test]
     fn lines_cross_the_buffers_end() {
-        let mut text = vec![b'x'; BUFFER - 1];
+        let mut text = vec![b'x'; BUFFER_BYTES - 1];
         text.extend_from_slice(b"yz\nlast\n");
         let mut source = Source::new(&text[..], None);
-        assert_eq!(source.line().unwrap().unwrap().len(), BUFFER + 1);
+        assert_eq!(source.line().unwrap().unwrap().len(), BUFFER_BYTES + 1);
         assert_eq!(source.line().unwrap(), Some(&b"last"[..]));
     }
 

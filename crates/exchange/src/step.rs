@@ -74,7 +74,7 @@ impl Default for StepOptions {
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
 pub fn write_step(path: &Path, brep: &Brep, options: &StepOptions) -> Result<()> {
     if !(options.uncertainty > 0.0 && options.uncertainty.is_finite()) {
-        let message = format!("needed a STEP uncertainty > 0, found {}", options.uncertainty);
+        let message = format!("expected a STEP uncertainty > 0, found {}", options.uncertainty);
         return Err(Error::input(message));
     }
     brep.check(options.uncertainty).map_err(|e| e.in_context(path.display()))?;
@@ -89,7 +89,7 @@ pub fn write_step(path: &Path, brep: &Brep, options: &StepOptions) -> Result<()>
 /// half-written.
 pub fn write_solid(path: &Path, solid: &Solid, options: &StepOptions) -> Result<()> {
     if !(options.uncertainty > 0.0 && options.uncertainty.is_finite()) {
-        let message = format!("needed a STEP uncertainty > 0, found {}", options.uncertainty);
+        let message = format!("expected a STEP uncertainty > 0, found {}", options.uncertainty);
         return Err(Error::input(message));
     }
     solid.check(100.0 * options.uncertainty).map_err(|e| e.in_context(path.display()))?;

@@ -1,12 +1,12 @@
-//! STL, the triangles of 3D printing: binary and ASCII in, binary out.
+//! STL, the triangles of 3D printing: reads binary and ASCII files, writes binary files.
 //!
 //! **Input.** Triangles that each repeat their corners; equal corners become one vertex. The normal of a
 //! facet is ignored, because the order of its corners defines it.
 //!
 //! **Output.** A [`PolygonMesh`] or a [`Scan`] of the vertices. Written files are binary.
 //!
-//! A binary file may begin with `solid` like an ASCII one. It is recognised by zero bytes near its start,
-//! which text never contains.
+//! A binary file may begin with `solid` like an ASCII one. It is recognised by zero bytes near its start, which text
+//! never contains.
 //!
 //! **Limits.** Binary files hold seven digits of a coordinate; [`rounding`] gives the resulting error. The
 //! unit is read only from headers that Planish wrote, because the format defines none.
@@ -31,11 +31,11 @@ use crate::mesh_data::{MeshColumns, PolygonMesh, scan_of_vertices};
 use crate::numbers::NumberType;
 use crate::source::{Source, next_word, parse_number, read_file, shown};
 
-/// Bytes before the count of triangles, free to use.
+/// Size of the header before the count of triangles; its content is free.
 const HEADER: usize = 80;
-/// Bytes of a triangle: twelve numbers and two bytes more.
+/// Size of a triangle: twelve numbers of four bytes, and two bytes of attributes.
 const RECORD: usize = 50;
-/// What stands before the unit's name in our own headers. It must not begin with `solid`.
+/// Prefix of the unit in headers that Planish writes. It must not begin with `solid`, the mark of ASCII files.
 const UNIT_HEADER: &str = "Planish mesh, unit ";
 
 /// Reads the vertices as points. Corners with a coordinate that is not finite are dropped and counted.
@@ -43,11 +43,21 @@ const UNIT_HEADER: &str = "Planish mesh, unit ";
 /// # Errors
 /// [`Io`](ErrorKind::Io) when the file is missing or unreadable, [`Input`](ErrorKind::Input) when it is
 /// malformed or cut off: with the file and the line (ASCII) or byte and triangle (binary).
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("one.stl");
+/// std::fs::write(&path, "solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n\
+///     endloop\nendfacet\nendsolid\n")?;
+/// assert_eq!(planish_exchange::stl::read_scan(&path)?.points.len(), 3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_scan(path: &Path) -> Result<Scan> {
     read_scan_and_unit(path).map(|(scan, _)| scan)
 }
 
-/// [`read_scan`], with the unit that the file names.
+/// [`read_scan`], with the unit that the file states.
 pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
     read_file(path, |mut source, name| scan_from(&mut source, name))
 }
@@ -60,10 +70,10 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
-/// Writes the triangles as a binary file; normals and columns have no place in STL.
+/// Writes the triangles as a binary file. STL does not support columns and normals of vertices.
 ///
 /// # Errors
-/// [`Input`](ErrorKind::Input) for corners beyond the points, and for points that `float32` cannot hold;
+/// [`Input`](ErrorKind::Input) for corners beyond the points, and for points outside the range of `float32`;
 /// [`Unsupported`](ErrorKind::Unsupported) for more than 2³² triangles; [`Io`](ErrorKind::Io) when the file
 /// cannot be written; nothing is left half-written.
 pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
@@ -71,25 +81,32 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     write_packed(path, |mut writer| write_to(&mut writer, mesh, count))
 }
 
-/// Half the distance between two neighbouring `float32` of the size of the largest coordinate: how far a
-/// binary file moves a point along an axis at most.
+/// Maximum rounding error of a coordinate in a binary file: half the distance of neighbouring `float32` numbers at the
+/// largest coordinate.
+///
+/// # Examples
+/// ```
+/// // Coordinates of 1000 mm are rounded by at most 0.06 µm.
+/// let error = planish_exchange::stl::rounding(&[[1000.0, 0.0, 0.0]]);
+/// assert!(error > 5e-5 && error < 6e-5);
+/// ```
 #[must_use]
 pub fn rounding(points: &[[f64; 3]]) -> f64 {
     let largest = points.iter().flatten().fold(0.0_f64, |m, c| m.max(c.abs()));
     f64::from(f32::EPSILON) / 2.0 * largest
 }
 
-/// The number of triangles, where the format can hold it and the points.
+/// Number of triangles, if the format can hold it and the points.
 fn check_size(mesh: &MeshColumns) -> Result<u32> {
     let too_large = |p: &[f64; 3]| p.iter().any(|&c| !(c as f32).is_finite());
     if let Some(at) = mesh.points.iter().position(too_large) {
         let [x, y, z] = mesh.points[at];
         return Err(Error::input(format!(
-            "vertex {at}: needed coordinates that float32 can hold, found {x} {y} {z}"
+            "vertex {at}: expected coordinates in the range of float32, found {x} {y} {z}"
         )));
     }
     u32::try_from(mesh.triangles.len())
-        .map_err(|_| Error::new(ErrorKind::Unsupported, "STL holds at most 2³² triangles: write PLY"))
+        .map_err(|_| Error::new(ErrorKind::Unsupported, "expected at most 2³² triangles, the limit of STL: write PLY instead"))
 }
 
 fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Result<()> {
@@ -104,6 +121,7 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Resu
     for triangle in mesh.triangles {
         let corners = triangle.map(|v| mesh.points[v as usize]);
         let [a, b, c] = corners;
+        // A degenerate triangle has no normal and gets zero.
         let normal = unit(cross(sub(b, a), sub(c, a))).unwrap_or([0.0; 3]);
         let mut record = [0; RECORD];
         let numbers = normal.iter().chain(corners.iter().flatten());
@@ -115,13 +133,13 @@ fn write_to(writer: &mut impl Write, mesh: &MeshColumns, count: u32) -> io::Resu
     Ok(())
 }
 
-/// Triangles while they are read.
+/// Triangles and merged vertices while a file is read.
 #[derive(Default)]
 struct Soup {
     vertices: HashMap<[u64; 3], u32>,
     points: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
-    /// Corners that are not finite, and where the first of them stands.
+    /// Number of corners that are not finite, and the position of the first.
     dropped: usize,
     first_dropped: Option<String>,
     unit: Option<Unit>,
@@ -139,7 +157,7 @@ impl Soup {
             soup.read_binary(source)?;
         }
         if soup.triangles.is_empty() && soup.dropped == 0 {
-            return Err(Error::input("needed triangles, found none"));
+            return Err(Error::input("expected triangles, found none"));
         }
         Ok(soup)
     }
@@ -147,8 +165,8 @@ impl Soup {
     fn read_binary<R: Read>(&mut self, source: &mut Source<R>) -> Result<()> {
         let Some(header) = source.bytes(HEADER + 4)? else {
             return Err(Error::input(format!(
-                "needed a header of {} bytes, or text that begins with `solid`: the file is cut off or no \
-                 STL file",
+                "expected a header of {} bytes, or text that begins with `solid`: the file is cut off or not \
+                 an STL file",
                 HEADER + 4
             )));
         };
@@ -183,7 +201,7 @@ impl Soup {
             let Some(mut line) = source.line()? else { break };
             while let Some(word) = next_word(&mut line) {
                 match word.to_ascii_lowercase().as_slice() {
-                    // A name may hold anything.
+                    // The rest of the line is a name, which may contain any words.
                     b"solid" => {
                         ended = false;
                         line = &[];
@@ -193,7 +211,7 @@ impl Soup {
                         line = &[];
                     }
                     b"facet" => {
-                        // The word `normal` and three numbers that nobody needs.
+                        // The word `normal` and three numbers, which are not used.
                         for _ in 0..4 {
                             next_word(&mut line);
                         }
@@ -203,10 +221,13 @@ impl Soup {
                         let mut point = [0.0; 3];
                         for (found, coordinate) in point.iter_mut().enumerate() {
                             let word = next_word(&mut line).ok_or_else(|| {
-                                Error::input(format!("line {number}: needed 3 numbers, found {found}"))
+                                Error::input(format!("line {number}: expected 3 numbers, found {found}"))
                             })?;
                             *coordinate = parse_number(word).ok_or_else(|| {
-                                Error::input(format!("line {number}: needed a number, found {}", shown(word)))
+                                Error::input(format!(
+                                    "line {number}: expected a number, found {}",
+                                    shown(word)
+                                ))
                             })?;
                         }
                         corners.push(point);
@@ -214,7 +235,7 @@ impl Soup {
                     b"endloop" => {
                         let [a, b, c] = corners[..] else {
                             return Err(Error::input(format!(
-                                "line {number}: needed three corners in a facet, found {}",
+                                "line {number}: expected three corners per facet, found {}",
                                 corners.len()
                             )));
                         };
@@ -223,7 +244,7 @@ impl Soup {
                     }
                     _ => {
                         return Err(Error::input(format!(
-                            "line {number}: needed `facet`, `outer loop`, `vertex`, `endloop`, `endfacet` \
+                            "line {number}: expected `facet`, `outer loop`, `vertex`, `endloop`, `endfacet` \
                              or `endsolid`, found {}",
                             shown(word)
                         )));
@@ -251,9 +272,9 @@ impl Soup {
                 continue;
             }
             let next = u32::try_from(self.points.len()).map_err(|_| {
-                Error::new(ErrorKind::Unsupported, "more than 2³² vertices: cut the mesh into parts")
+                Error::new(ErrorKind::Unsupported, "expected at most 2³² vertices, found more: split the mesh")
             })?;
-            // Adding zero makes −0 and 0 one key.
+            // Adding zero turns −0 into +0, so that both are one key.
             *index = *self.vertices.entry(corner.map(|c| (c + 0.0).to_bits())).or_insert(next);
             if *index == next {
                 self.points.push(*corner);
@@ -276,7 +297,7 @@ fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(Scan, Optio
 fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
     let soup = Soup::read(source)?;
     match soup.first_dropped {
-        Some(place) => Err(Error::input(format!("{place}: needed finite coordinates"))),
+        Some(place) => Err(Error::input(format!("{place}: expected finite coordinates"))),
         None => Ok(PolygonMesh {
             points: soup.points,
             triangles: soup.triangles,

@@ -1,4 +1,4 @@
-//! SVG (Scalable Vector Graphics): curves of drawings in.
+//! Reads the curves of drawings from SVG files (Scalable Vector Graphics).
 //!
 //! **Input.** `line`, `polyline`, `polygon`, `rect`, `circle`, `ellipse` and `path`, in groups with
 //! transforms. Hidden lines are dashed strokes (`stroke-dasharray`, as an attribute, in `style` or by a class
@@ -6,10 +6,9 @@
 //! dash-dot strokes and names with `center` or `centre`; they are ignored.
 //!
 //! **Output.** The same as for a DXF file. y points up, and lengths are in millimetres if `width` and
-//! `viewBox` define them. Cubic curves that follow a circle within [`FOLLOWS`] of its radius become arcs.
+//! `viewBox` define them. Cubic curves that follow a circle within [`ARC_TOLERANCE`] of its radius become arcs.
 //!
-//! **Limits.** Texts, pictures, clones (`use`) and clips give no edges. Fills without a stroke are read as
-//! outlines.
+//! **Limits.** Texts, pictures, clones (`use`) and clips give no edges. Fills without a stroke are read as outlines.
 //!
 //! # References
 //! W3C, *Scalable Vector Graphics (SVG) 2* (paths, units); *SVG 1.1*, appendix F.6 (arcs).
@@ -32,33 +31,48 @@ use std::f64::consts::{PI, TAU};
 use std::path::Path;
 use style::{Sheet, Style};
 
-/// A cubic curve that is this near to a circle, as a share of its radius, is an arc of it.
-pub const FOLLOWS: f64 = 4e-4;
-/// More elements than this are not a drawing of a part.
-const MOST_ELEMENTS: u32 = 500_000;
-/// More curves than this are none either.
-const MOST_CURVES: usize = 200_000;
-/// Groups within groups go no deeper.
-const DEEPEST: usize = 64;
+/// Maximum deviation of a cubic curve that is read as an arc, as a share of the radius.
+///
+/// Drawing programs write a quarter circle as one cubic, which deviates by 2.7e-4. A larger tolerance would turn other
+/// curves into arcs. Guarded by `a_cubic_along_a_circle_becomes_an_arc`.
+pub const ARC_TOLERANCE: f64 = 4e-4;
+/// Maximum number of nodes of the document, which bounds the memory of the XML parser.
+const MAX_ELEMENTS: u32 = 500_000;
+/// Maximum number of curves; far above the drawing of a part.
+const MAX_CURVES: usize = 200_000;
+/// Maximum nesting of groups, which bounds the recursion.
+const MAX_DEPTH: usize = 64;
 
 /// Reads an SVG file.
 ///
 /// # Errors
-/// [`Io`](planish_estimate::ErrorKind::Io) where it cannot be read;
-/// [`Input`](planish_estimate::ErrorKind::Input), naming element and line, where it is no SVG or an element
-/// lacks what it needs.
+/// [`Io`](planish_estimate::ErrorKind::Io) if it cannot be read;
+/// [`Input`](planish_estimate::ErrorKind::Input), naming element and line, if it is not an SVG file or an element is
+/// invalid.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("plate.svg");
+/// std::fs::write(&path, r#"<svg xmlns="http://www.w3.org/2000/svg" width="40mm" viewBox="0 0 20 20">
+///     <rect width="10" height="5"/></svg>"#)?;
+/// let drawing = planish_exchange::svg::read_svg(&path)?;
+/// // One user unit is 2 mm.
+/// assert_eq!((drawing.curves.len(), drawing.curves[0].curve.length()), (4, 20.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_svg(path: &Path) -> Result<DxfDrawing> {
     read_text(path).and_then(|text| read(&text)).map_err(|e| e.in_context(path.display()))
 }
 
 fn read(text: &str) -> Result<DxfDrawing> {
-    let options = ParsingOptions { allow_dtd: true, nodes_limit: MOST_ELEMENTS, ..ParsingOptions::default() };
+    let options = ParsingOptions { allow_dtd: true, nodes_limit: MAX_ELEMENTS, ..ParsingOptions::default() };
     let document = Document::parse_with_options(text, options)
-        .map_err(|e| Error::input(format!("needed an SVG file: {e}")))?;
+        .map_err(|e| Error::input(format!("expected an SVG file: {e}")))?;
     let root = document.root_element();
     if root.tag_name().name() != "svg" {
         return Err(Error::input(format!(
-            "needed an SVG file, found the element `{}`",
+            "expected an SVG file, found the element `{}`",
             root.tag_name().name()
         )));
     }
@@ -66,15 +80,15 @@ fn read(text: &str) -> Result<DxfDrawing> {
     let mut reader = Reader {
         sheet: Sheet::parse(&document),
         drawing: DxfDrawing { unit, ..DxfDrawing::default() },
-        passed_over: BTreeMap::new(),
+        ignored: BTreeMap::new(),
     };
-    // Down becomes up.
+    // y of SVG points down, y of a drawing up.
     let page = Affine { columns: [[scale, 0.0], [0.0, -scale]], origin: [0.0; 2] };
     reader.children(&root, &page, Style::default(), 0)?;
     let mut drawing = reader.drawing;
-    for (kind, (count, first)) in reader.passed_over {
-        drawing.warnings.push(format!("passed over {count} of {kind}, the first {first}: it draws no edges"));
-        drawing.passed_over.insert(kind, count);
+    for (kind, (count, first)) in reader.ignored {
+        drawing.warnings.push(format!("ignored {count} × {kind}, which draws no edges; the first is {first}"));
+        drawing.ignored.insert(kind, count);
     }
     Ok(drawing)
 }
@@ -82,14 +96,14 @@ fn read(text: &str) -> Result<DxfDrawing> {
 struct Reader {
     sheet: Sheet,
     drawing: DxfDrawing,
-    passed_over: BTreeMap<String, (usize, String)>,
+    ignored: BTreeMap<String, (usize, String)>,
 }
 
 impl Reader {
     fn children(&mut self, node: &Node<'_, '_>, outer: &Affine, style: Style, depth: usize) -> Result<()> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(Error::input(format!(
-                "{}: groups within groups go more than {DEEPEST} deep",
+                "{}: expected at most {MAX_DEPTH} nested groups, found more",
                 name(node)
             )));
         }
@@ -112,7 +126,7 @@ impl Reader {
         };
         let place = outer.after(&own);
         if !place.is_finite() {
-            return Err(Error::input("needed a transform of moderate numbers"));
+            return Err(Error::input("expected a transform with numbers below 1e15, found larger ones"));
         }
         let kind = node.tag_name().name();
         let curves = match kind {
@@ -144,29 +158,29 @@ impl Reader {
                 [length(node, "rx", 0.0)?, length(node, "ry", 0.0)?],
             )?,
             "path" => path_curves(node.attribute("d").unwrap_or_default())?,
-            // What is kept to be used elsewhere, and what says something about the drawing.
+            // Definitions for other elements, and metadata: they draw nothing themselves.
             "defs" | "symbol" | "clipPath" | "mask" | "pattern" | "marker" | "style" | "title" | "desc"
             | "metadata" | "namedview" | "script" => return Ok(()),
             _ => {
-                self.pass_over(kind, name(node));
+                self.ignore(kind, name(node));
                 return Ok(());
             }
         };
         let Some(line_style) = style.line else {
-            self.pass_over("centre line", name(node));
+            self.ignore("centre line", name(node));
             return Ok(());
         };
         self.add(&curves, line_style, &place, name(node))
     }
 
     fn add(&mut self, curves: &[Curve2], style: LineStyle, place: &Affine, entity: String) -> Result<()> {
-        if self.drawing.curves.len() + curves.len() > MOST_CURVES {
-            return Err(Error::input(format!("needed at most {MOST_CURVES} curves, found more")));
+        if self.drawing.curves.len() + curves.len() > MAX_CURVES {
+            return Err(Error::input(format!("expected at most {MAX_CURVES} curves, found more")));
         }
         for curve in curves {
             let curve = place.curve(curve);
             if curve.length() <= 0.0 {
-                self.drawing.warnings.push(format!("{entity} has no length: it is left out"));
+                self.drawing.warnings.push(format!("{entity} has no length and is ignored"));
                 continue;
             }
             self.drawing.curves.push(DrawnCurve { curve, style, entity: entity.clone() });
@@ -174,12 +188,12 @@ impl Reader {
         Ok(())
     }
 
-    fn pass_over(&mut self, kind: &str, name: String) {
-        self.passed_over.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
+    fn ignore(&mut self, kind: &str, name: String) {
+        self.ignored.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
     }
 }
 
-/// An element in words: kind, id, line.
+/// Description of an element for messages: kind, id and line.
 fn name(node: &Node<'_, '_>) -> String {
     let line = node.document().text_pos_at(node.range().start).row;
     match node.attribute("id") {
@@ -188,15 +202,15 @@ fn name(node: &Node<'_, '_>) -> String {
     }
 }
 
-/// A number of moderate size.
+/// Parses a number below 1e12 in size, so that products cannot overflow.
 fn number(text: &str) -> Result<f64> {
     text.trim().parse().ok().filter(|x: &f64| x.is_finite() && x.abs() < 1e12).ok_or_else(|| {
         let found: String = text.chars().take(40).collect();
-        Error::input(format!("needed a number, found `{found}`"))
+        Error::input(format!("expected a number, found `{found}`"))
     })
 }
 
-/// Millimetres of a unit; none for one that has no length of its own.
+/// Length of a unit in millimetres; none for relative units such as `px`, `%` and `em`.
 fn millimetres(unit: &str) -> Option<f64> {
     match unit {
         "mm" => Some(1.0),
@@ -208,22 +222,23 @@ fn millimetres(unit: &str) -> Option<f64> {
     }
 }
 
-/// A length in user units (96 to the inch), or its default.
+/// Length attribute in user units (96 per inch, CSS), or its default.
 fn length(node: &Node<'_, '_>, attribute: &str, default: f64) -> Result<f64> {
     let Some(text) = node.attribute(attribute) else {
         return Ok(default);
     };
     let text = text.trim();
+    // `e` may belong to an exponent.
     let end = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e' && c != 'E').unwrap_or(text.len());
     let value = number(&text[..end]).map_err(|e| e.in_context(attribute))?;
     match (&text[end..], millimetres(&text[end..])) {
         ("" | "px", _) => Ok(value),
         (_, Some(mm)) => Ok(value * mm / 25.4 * 96.0),
-        (unit, None) => Err(Error::input(format!("{attribute}: needed a length, found the unit `{unit}`"))),
+        (unit, None) => Err(Error::input(format!("{attribute}: expected a length, found the unit `{unit}`"))),
     }
 }
 
-/// Millimetres of a user unit where the file says so, else 1 and no unit.
+/// Length of a user unit in millimetres, if the file defines it; else 1 and no unit.
 fn scale(root: &Node<'_, '_>) -> Result<(f64, Option<Unit>)> {
     let Some(width) = root.attribute("width") else {
         return Ok((1.0, None));
@@ -235,16 +250,16 @@ fn scale(root: &Node<'_, '_>) -> Result<(f64, Option<Unit>)> {
     };
     let value = number(&width[..end]).map_err(|e| e.in_context("width"))?;
     let units = match root.attribute("viewBox") {
-        Some(text) => *numbers(text)?.get(2).ok_or_else(|| Error::input("viewBox: needed four numbers"))?,
+        Some(text) => *numbers(text)?.get(2).ok_or_else(|| Error::input("viewBox: expected four numbers"))?,
         None => value * mm / 25.4 * 96.0,
     };
     match value > 0.0 && units > 0.0 {
         true => Ok((value * mm / units, Some(Unit::Millimetre))),
-        false => Err(Error::input(format!("needed a width and a viewBox > 0, found {value} and {units}"))),
+        false => Err(Error::input(format!("expected a width and a viewBox > 0, found {value} and {units}"))),
     }
 }
 
-/// Numbers between blanks and commas.
+/// Parses numbers separated by blanks and commas.
 fn numbers(text: &str) -> Result<Vec<f64>> {
     text.split(|c: char| c.is_ascii_whitespace() || c == ',').filter(|t| !t.is_empty()).map(number).collect()
 }
@@ -260,7 +275,7 @@ fn polygon(text: &str, is_closed: bool) -> Result<Vec<Curve2>> {
 
 fn ellipse([x, y]: [f64; 2], [rx, ry]: [f64; 2]) -> Result<Vec<Curve2>> {
     if rx < 0.0 || ry < 0.0 {
-        return Err(Error::input(format!("needed radii > 0, found {rx} and {ry}")));
+        return Err(Error::input(format!("expected radii of at least 0, found {rx} and {ry}")));
     }
     if rx == 0.0 || ry == 0.0 {
         return Ok(Vec::new());
@@ -269,7 +284,7 @@ fn ellipse([x, y]: [f64; 2], [rx, ry]: [f64; 2]) -> Result<Vec<Curve2>> {
     Ok(vec![place.curve(&unit_arc(0.0, TAU))])
 }
 
-/// A part of the unit circle.
+/// An arc of the unit circle.
 fn unit_arc(start: f64, sweep: f64) -> Curve2 {
     Curve2::Arc { center: [0.0; 2], radius: 1.0, start, sweep }
 }
@@ -278,9 +293,9 @@ fn rectangle(node: &Node<'_, '_>) -> Result<Vec<Curve2>> {
     let (x, y) = (length(node, "x", 0.0)?, length(node, "y", 0.0)?);
     let (w, h) = (length(node, "width", 0.0)?, length(node, "height", 0.0)?);
     if w < 0.0 || h < 0.0 {
-        return Err(Error::input(format!("needed a width and a height > 0, found {w} and {h}")));
+        return Err(Error::input(format!("expected a width and a height of at least 0, found {w} and {h}")));
     }
-    // A radius that is not said is the other one.
+    // A missing radius equals the other one (SVG 2, section 10.2).
     let given = [node.attribute("rx"), node.attribute("ry")].map(|r| r.is_some_and(|r| r != "auto"));
     let radius = |k: usize| length(node, ["rx", "ry"][if given[k] { k } else { 1 - k }], 0.0);
     let any = given[0] || given[1];
@@ -307,14 +322,14 @@ fn rectangle(node: &Node<'_, '_>) -> Result<Vec<Curve2>> {
     Ok(curves)
 }
 
-/// A list of transforms, the last applied first.
+/// Parses a list of transforms; the last is applied first.
 fn transform(text: &str) -> Result<Affine> {
     let mut all = Affine::IDENTITY;
     let mut left = text.trim_matches(|c: char| c.is_ascii_whitespace() || c == ',');
     while !left.is_empty() {
         let wrong = || {
             let found: String = text.chars().take(60).collect();
-            Error::input(format!("needed a list of transforms, found `{found}`"))
+            Error::input(format!("expected a list of transforms, found `{found}`"))
         };
         let (kind, rest) = left.split_once('(').ok_or_else(wrong)?;
         let (inside, rest) = rest.split_once(')').ok_or_else(wrong)?;
@@ -327,8 +342,8 @@ fn transform(text: &str) -> Result<Affine> {
             ("translate", [x, y]) => with(identity, [*x, *y]),
             ("scale", [s]) => with([[*s, 0.0], [0.0, *s]], [0.0; 2]),
             ("scale", [x, y]) => with([[*x, 0.0], [0.0, *y]], [0.0; 2]),
-            ("rotate", [angle]) => turned(*angle, [0.0; 2]),
-            ("rotate", [angle, x, y]) => turned(*angle, [*x, *y]),
+            ("rotate", [angle]) => rotation(*angle, [0.0; 2]),
+            ("rotate", [angle, x, y]) => rotation(*angle, [*x, *y]),
             ("skewX", [angle]) => with([[1.0, 0.0], [angle.to_radians().tan(), 1.0]], [0.0; 2]),
             ("skewY", [angle]) => with([[1.0, angle.to_radians().tan()], [0.0, 1.0]], [0.0; 2]),
             _ => return Err(wrong()),
@@ -339,8 +354,8 @@ fn transform(text: &str) -> Result<Affine> {
     Ok(all)
 }
 
-/// A rotation about a point, in degrees.
-fn turned(angle: f64, [x, y]: [f64; 2]) -> Affine {
+/// Rotation about a point by an angle in degrees.
+fn rotation(angle: f64, [x, y]: [f64; 2]) -> Affine {
     let (sin, cos) = angle.to_radians().sin_cos();
     Affine { columns: [[cos, sin], [-sin, cos]], origin: [x - cos * x + sin * y, y - sin * x - cos * y] }
 }

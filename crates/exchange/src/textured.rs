@@ -1,7 +1,11 @@
-//! Textured meshes of any format, by the extension of the file.
+//! Meshes with texture coordinates, named parts and a texture.
 //!
-//! Input: the path of a mesh file. Output: a [`TexturedMesh`]. The types, materials and the OBJ writer are in
-//! the module `appearance`, below the formats that use them.
+//! **Input.** Any mesh file. OBJ is read with texture coordinates, groups, objects, materials and their pictures (`.mtl`,
+//! `map_Kd`); GLB with `TEXCOORD_0` and the picture of its base colour. Other formats give a mesh without texture.
+//!
+//! **Output.** A [`TexturedMesh`], or an OBJ file with its materials and picture ([`write_textured_obj`]).
+//!
+//! **Limits.** Of a material, only the colour picture is used.
 
 pub use crate::appearance::{
     MeshPart, NO_UV, PartKind, SplitMesh, TexturedMesh, is_jpeg, read_bytes, read_materials,
@@ -11,11 +15,22 @@ use crate::source::extension;
 use planish_estimate::Result;
 use std::path::Path;
 
-/// Reads a mesh with what belongs to its looks.
+/// Reads a mesh with its texture coordinates, parts and texture.
 ///
 /// # Errors
-/// As [`crate::mesh::read_mesh`]; also for texture coordinates that are not there, with file and line or
-/// accessor. A material file that is missing is a warning.
+/// As [`crate::mesh::read_mesh`]; also for invalid texture coordinates, with file and line or accessor. A missing
+/// material file is a warning.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("hand.obj");
+/// std::fs::write(&path, "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\ng palm\nf 1/1 2/2 3/3\n")?;
+/// let mesh = planish_exchange::textured::read_textured(&path)?;
+/// assert_eq!(mesh.uv_triangles, [[0, 1, 2]]);
+/// assert_eq!(mesh.vertices_of("palm"), Some(vec![0, 1, 2]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_textured(path: &Path) -> Result<TexturedMesh> {
     if extension(path) == "obj" {
         return crate::obj::read_textured(path);
@@ -42,7 +57,7 @@ mod tests {
         o left\nusemtl skin\nf 1/1 2/2 3/3\no right\ng hand arm\nusemtl cloth\nf 1/5 3/3 4/4\nf 1 2 3\n";
 
     #[test]
-    fn parts_seams_and_pictures_are_read_and_written() {
+    fn parts_seams_and_pictures_survive_obj_files() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.obj");
         std::fs::write(&path, OBJ).unwrap();
@@ -56,7 +71,7 @@ mod tests {
         assert!(found.vertices_of("foot").is_none());
         assert_eq!(found.texture.as_deref(), Some(&*folder.path().join("my cloth.png")));
         assert!(found.warnings.iter().any(|w| w.contains("none.mtl")));
-        // Vertex 1 has two places in the texture, and none.
+        // Vertex 0 occurs with two pairs of texture coordinates, and without any.
         let split = found.split();
         assert_eq!(split.vertex_of.iter().filter(|v| **v == 0).count(), 3);
         assert_eq!(split.triangles.len(), 3);
@@ -72,7 +87,7 @@ mod tests {
             (&found.points, &found.uv, &found.uv_triangles)
         );
         assert_eq!(again.texture.as_deref(), Some(&*folder.path().join("b.png")));
-        // Whoever edits the posed mesh finds its parts by their names, with a picture or without.
+        // Parts keep their names, with and without a picture.
         assert_eq!(again.vertices_of("left"), found.vertices_of("left"));
         let parts = |mesh: &TexturedMesh| -> Vec<(String, Vec<u32>)> {
             let named = |part: &MeshPart| (format!("{:?} {}", part.kind, part.name), part.triangles.clone());
@@ -83,10 +98,9 @@ mod tests {
         assert_eq!(parts(&read_textured(&out).unwrap()), parts(&found));
     }
 
-    /// A square whose two triangles meet at a seam of the texture comes back from GLB with its four vertices,
-    /// coordinates, picture and σ.
+    /// A square with a seam between its triangles keeps its four vertices, texture coordinates, picture and σ.
     #[test]
-    fn glb_gives_back_what_a_mesh_looks_like() {
+    fn texture_and_sigma_survive_glb_files() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.glb");
         let square = TexturedMesh {
@@ -129,28 +143,28 @@ mod tests {
         let column = |name: &str| found.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.clone());
         assert_eq!(column("sigma").unwrap(), [1.0, 2.0, 3.0, 4.0]);
         assert_eq!(found.columns.len(), 4, "nx ny nz sigma: {:?}", found.columns);
-        // A picture whose place the file does not hold is left out.
+        // A picture that extends beyond the file is an error.
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 4]).unwrap();
         assert!(read_textured(&path).is_err());
     }
 
     #[test]
-    fn texture_coordinates_that_are_not_there_are_named() {
+    fn errors_of_texture_coordinates_name_the_line() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.obj");
         for (text, wanted) in [
             (
                 "v 0 0 0\nvt 0 0\nf 1/2 1/1 1/1\n",
-                "line 3: needed the number of a texture coordinate from 1 to 1, found 2",
+                "line 3: expected a texture coordinate index from 1 to 1, found 2",
             ),
-            ("v 0 0 0\nvt 0\nf 1 1 1\n", "line 2: needed 2 numbers"),
+            ("v 0 0 0\nvt 0\nf 1 1 1\n", "line 2: expected 2 numbers"),
             ("v 0 0 0\nvt 0 inf\nf 1 1 1\n", "line 2"),
-            ("v 0 0 0\nvt 0 0\nf 1/x 1/1 1/1\n", "line 3: needed a corner"),
+            ("v 0 0 0\nvt 0 0\nf 1/x 1/1 1/1\n", "line 3: expected a corner"),
         ] {
             std::fs::write(&path, text).unwrap();
-            let said = read_textured(&path).unwrap_err().to_string();
-            assert!(said.contains(wanted), "{said}");
+            let error = read_textured(&path).unwrap_err().to_string();
+            assert!(error.contains(wanted), "{error}");
         }
         let list = folder.path().join("a.txt");
         std::fs::write(&list, "7 3 # seven\n3\n").unwrap();
@@ -159,6 +173,6 @@ mod tests {
         assert!(read_vertex_list(&list).unwrap_err().to_string().contains("line 2"));
         let materials = folder.path().join("a.mtl");
         std::fs::write(&materials, "map_Kd a.png\n").unwrap();
-        assert!(read_materials(&materials).unwrap_err().to_string().contains("line 1: needed `newmtl`"));
+        assert!(read_materials(&materials).unwrap_err().to_string().contains("line 1: expected `newmtl NAME`"));
     }
 }

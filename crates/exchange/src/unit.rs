@@ -1,4 +1,4 @@
-//! Units of length that files can name.
+//! Units of length that files and options can name.
 
 use std::fmt;
 use std::str::FromStr;
@@ -14,7 +14,7 @@ pub enum Unit {
     Metre,
     /// Inches of 25.4 mm, `in`.
     Inch,
-    /// Feet of 304.8 mm, `ft`; those of the US survey, two parts in a million longer, are taken for them.
+    /// International feet of 304.8 mm, `ft`. US survey feet, longer by two parts in a million, are read as these.
     Foot,
 }
 
@@ -30,7 +30,15 @@ impl Unit {
         }
     }
 
-    /// How many millimetres it is long.
+    /// Length in millimetres.
+    ///
+    /// # Examples
+    /// ```
+    /// use planish_exchange::Unit;
+    /// let unit: Unit = "in".parse()?;
+    /// assert_eq!((unit, unit.millimetres(), unit.name()), (Unit::Inch, 25.4, "in"));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     #[must_use]
     pub fn millimetres(self) -> f64 {
         match self {
@@ -49,7 +57,7 @@ impl FromStr for Unit {
         [Self::Millimetre, Self::Metre, Self::Inch, Self::Foot]
             .into_iter()
             .find(|unit| unit.name() == name)
-            .ok_or_else(|| Error::input(format!("unit `{name}`: needed `mm`, `m`, `in` or `ft`")))
+            .ok_or_else(|| Error::input(format!("unit `{name}`: expected `mm`, `m`, `in` or `ft`")))
     }
 }
 

@@ -43,7 +43,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// σ of a place on the border of a mask that states none, in pixels.
-const USUAL_SIGMA_PX: f64 = 0.5;
+const DEFAULT_SIGMA_PX: f64 = 0.5;
 
 /// A view of a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,15 +151,15 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             (None, None) => format!("view{}", index + 1),
         };
         if views.iter().any(|other| other.name == name) {
-            return Err(Error::input(format!("needed views of different names, found two named `{name}`")));
+            return Err(Error::input(format!("expected views of different names, found two named `{name}`")));
         }
         let read = || {
             let camera = match (view.k, view.r, view.t, view.p) {
                 (Some(k), Some(r), Some(t), None) => Camera::new(k, r, t)?,
                 (None, None, None, Some(p)) => Camera::from_projection(p)?,
-                _ => return Err(Error::input("needed K, R and t, or P alone")),
+                _ => return Err(Error::input("expected K, R and t, or P alone")),
             };
-            let sigma_px = view.sigma_px.or(t.sigma_px).unwrap_or(USUAL_SIGMA_PX);
+            let sigma_px = view.sigma_px.or(t.sigma_px).unwrap_or(DEFAULT_SIGMA_PX);
             let rotation = view.sigma_rotation_deg.or(t.sigma_rotation_deg);
             let translation = view.sigma_translation.or(t.sigma_translation);
             for (key, value) in [
@@ -169,7 +169,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
             ] {
                 if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
                     return Err(Error::input(format!(
-                        "needed a finite number above 0 for {key}, found {value}"
+                        "expected a finite number above 0 for {key}, found {value}"
                     )));
                 }
             }
@@ -180,7 +180,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
                 }
                 _ => {
                     return Err(Error::input(
-                        "needed both sigma_rotation_deg and sigma_translation, or neither",
+                        "expected both sigma_rotation_deg and sigma_translation, or neither",
                     ));
                 }
             };
@@ -210,7 +210,7 @@ fn parse(text: &str, folder: &Path) -> Result<Views> {
     let mut tracks = Vec::new();
     if let Some(file) = &t.tracks {
         let file = folder.join(file);
-        tracks = read_tracks(&file, &views, t.sigma_px.unwrap_or(USUAL_SIGMA_PX))?;
+        tracks = read_tracks(&file, &views, t.sigma_px.unwrap_or(DEFAULT_SIGMA_PX))?;
         files.push(file);
     }
     Ok(Views { views, tracks, unit: t.unit.map(|name| name.parse()).transpose()?, files })
@@ -237,7 +237,7 @@ fn read_columns(path: &Path, names: &[&str], needed: usize) -> Result<Vec<(u64, 
                         .collect();
                     if places[..needed].contains(&None) {
                         return Err(Error::input(format!(
-                            "line {number}: needed a header with {}, found {}",
+                            "line {number}: expected a header with {}, found {}",
                             names[..needed].join(","),
                             shown(line)
                         )));
@@ -253,7 +253,7 @@ fn read_columns(path: &Path, names: &[&str], needed: usize) -> Result<Vec<(u64, 
                                 Some(word) => Some(String::from_utf8_lossy(word).into_owned()),
                                 None => {
                                     return Err(Error::input(format!(
-                                        "line {number}: needed a value of {name}"
+                                        "line {number}: expected a value of {name}"
                                     )));
                                 }
                             },
@@ -272,7 +272,7 @@ fn number(line: u64, word: Option<&str>, fallback: f64, positive: bool) -> Resul
     match parse_number(word.as_bytes()) {
         Some(value) if value.is_finite() && (value > 0.0 || !positive) => Ok(value),
         _ => Err(Error::input(format!(
-            "line {line}: needed a {} number, found `{word}`",
+            "line {line}: expected a {} number, found `{word}`",
             if positive { "finite positive" } else { "finite" }
         ))),
     }
@@ -362,8 +362,11 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
         assert_eq!(numbered.views[1].contour_starts, [0, 2]);
         assert_eq!(found.files.len(), 2);
         write("t.csv", "track,view,x,y\n7,elsewhere,1,2\n");
-        let said = parse(&text, folder.path()).unwrap_err().to_string();
-        assert!(said.contains("t.csv") && said.contains("line 2") && said.contains("elsewhere"), "{said}");
+        let error = parse(&text, folder.path()).unwrap_err().to_string();
+        assert!(
+            error.contains("t.csv") && error.contains("line 2") && error.contains("elsewhere"),
+            "{error}"
+        );
         write("t.csv", "track,view,x\n");
         assert!(parse(&text, folder.path()).unwrap_err().to_string().contains("track,view,x,y"));
     }
@@ -375,7 +378,7 @@ P = [[1200, 0, 320, 1600], [0, 1200, 240, 1200], [0, 0, 1, 5]]
             parse(&GOOD.replacen(from, to, 1), Path::new("")).unwrap_err().to_string()
         };
         assert!(with("mask =", "maske =").contains("line 4"));
-        assert!(with("t = [0, 0, 5]\n", "").contains("view `a`: needed K, R and t, or P alone"));
+        assert!(with("t = [0, 0, 5]\n", "").contains("view `a`: expected K, R and t, or P alone"));
         assert!(with("\"other\"", "\"a\"").contains("two named `a`"));
         assert!(with("sigma_rotation_deg = 1", "sigma_rotation_deg = 0").contains("sigma_rotation_deg"));
         assert!(with("sigma_rotation_deg = 1\n", "").contains("or neither"));

@@ -1,12 +1,13 @@
-//! VRIP `.conf`: a list of scans with their poses.
+//! VRIP `.conf`: a list of scans with their poses, as in the Stanford 3D Scanning Repository.
 //!
 //! **Input.** Lines `bmesh FILE tx ty tz qx qy qz qw`. Lines `camera …`, `#` comments and blank lines are
 //! ignored.
 //!
 //! **Output.** The path of each file (relative paths start at the folder of the list) and its [`Pose`].
 //!
-//! The quaternion is the inverse of the usual convention: `p_world = R(q)ᵀ p + t`. With it the Stanford scans
-//! agree to 0.14 mm; with every other convention they are off by 3 mm or more.
+//! The quaternion is the inverse of the usual convention: `p_world = R(q)ᵀ p + t`. With it, the Stanford scans
+//! agree to 0.14 mm; with every other convention they differ by 3 mm or more (guarded by the test
+//! `poses_align_the_scans` in `tests/bunny.rs`).
 //!
 //! **Limits.** The listed files are not opened here.
 
@@ -17,17 +18,17 @@ use planish_sense::Pose;
 
 use crate::source::{no_file, parse_number, read_text, shown};
 
-/// How far from 1 the length of a stated quaternion may be.
-pub(crate) const QUATERNION_WITHIN: f64 = 1e-3;
+/// Tolerance of the length of a quaternion. It accepts rounded numbers and rejects columns in another order.
+pub(crate) const QUATERNION_TOLERANCE: f64 = 1e-3;
 
-/// A scan that a list names.
+/// A scan of a list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ListedScan {
-    /// The scan's file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Carries the scanner's frame into the world.
+    /// Pose: maps the frame of the scanner to the world.
     pub world_from_scanner: Pose,
-    /// The line of the list, from 1.
+    /// Line of the list, from 1.
     pub line: usize,
 }
 
@@ -37,6 +38,17 @@ pub struct ListedScan {
 /// [`Io`](planish_estimate::ErrorKind::Io) when the list or a file that it names is missing,
 /// [`Input`](planish_estimate::ErrorKind::Input) for a line of another form, a bad number, a quaternion that
 /// has not unit length, or a list without scans: with file and line.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// std::fs::write(folder.path().join("a.xyz"), "1 2 3\n")?;
+/// let path = folder.path().join("list.conf");
+/// std::fs::write(&path, "bmesh a.xyz 10 20 30 0 0 0 1\n")?;
+/// let scans = planish_exchange::vrip::read_conf(&path)?;
+/// assert_eq!(scans[0].world_from_scanner.translation, [10.0, 20.0, 30.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_conf(path: &Path) -> Result<Vec<ListedScan>> {
     let listed = read_text(path).and_then(|text| {
         let scans = parse(&text, path.parent().unwrap_or(Path::new("")))?;
@@ -62,14 +74,14 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
         match words[..] {
             [] | ["camera", ..] => {}
             [first, ..] if first.starts_with('#') => {}
-            // A file's name may hold blanks: the numbers are the last seven words.
+            // File names may contain blanks, so the numbers are the last seven words.
             ["bmesh", _, .., _, _, _, _, _, _, _] => {
                 let (name, numbers) = words[1..].split_at(words.len() - 8);
                 let mut values = [0.0; 7];
                 for (value, word) in values.iter_mut().zip(numbers) {
                     *value = parse_number(word.as_bytes()).filter(|v| v.is_finite()).ok_or_else(|| {
                         Error::input(format!(
-                            "line {line}: needed a finite number, found {}",
+                            "line {line}: expected a finite number, found {}",
                             shown(word.as_bytes())
                         ))
                     })?;
@@ -77,10 +89,10 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
                 let [tx, ty, tz, qx, qy, qz, qw] = values;
                 let length = [qx, qy, qz, qw].iter().map(|c| c * c).sum::<f64>().sqrt();
                 let pose = Pose::from_quaternion_xyzw([-qx, -qy, -qz, qw], [tx, ty, tz])
-                    .filter(|_| (length - 1.0).abs() <= QUATERNION_WITHIN)
+                    .filter(|_| (length - 1.0).abs() <= QUATERNION_TOLERANCE)
                     .ok_or_else(|| {
                         Error::input(format!(
-                            "line {line}: needed a quaternion (the last four numbers) of length 1, found \
+                            "line {line}: expected a quaternion (the last four numbers) of length 1, found \
                              length {length}"
                         ))
                     })?;
@@ -88,20 +100,20 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<ListedScan>> {
             }
             ["bmesh", ..] => {
                 return Err(Error::input(format!(
-                    "line {line}: needed `bmesh FILE tx ty tz qx qy qz qw`, found {} words after `bmesh`",
+                    "line {line}: expected `bmesh FILE tx ty tz qx qy qz qw`, found {} words after `bmesh`",
                     words.len() - 1
                 )));
             }
             _ => {
                 return Err(Error::input(format!(
-                    "line {line}: needed `bmesh` or `camera`, found {}",
+                    "line {line}: expected `bmesh` or `camera`, found {}",
                     shown(text.as_bytes())
                 )));
             }
         }
     }
     if scans.is_empty() {
-        return Err(Error::input("lists no scan: needed lines `bmesh FILE tx ty tz qx qy qz qw`"));
+        return Err(Error::input("expected lines `bmesh FILE tx ty tz qx qy qz qw`, found none"));
     }
     Ok(scans)
 }
@@ -118,7 +130,7 @@ mod tests {
 
     #[test]
     fn the_quaternion_is_conjugated() {
-        // A quarter turn about +z as written carries x to -y.
+        // The stated quarter turn about +z maps x to −y, because the quaternion is inverted.
         let h = 0.5_f64.sqrt();
         let text = format!("camera 1 2 3\r\n\r\n# a comment\nbmesh my scan.ply 10 20 30 0 0 {h} {h}\r\n");
         let scans = parse(&text, Path::new("d")).unwrap();
@@ -129,18 +141,20 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named_by_line() {
-        assert!(message("camera 0\nbmesh a.ply 0 0 0 0 0 0 0\n").contains("line 2: needed a quaternion"));
+    fn errors_name_the_line() {
+        assert!(message("camera 0\nbmesh a.ply 0 0 0 0 0 0 0\n").contains("line 2: expected a quaternion"));
         assert!(message("bmesh a.ply 0 0 0 0 0 0 2\n").contains("found length 2"));
-        assert!(message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: needed a finite number, found `x`"));
+        assert!(
+            message("bmesh a.ply 0 0 x 0 0 0 1\n").contains("line 1: expected a finite number, found `x`")
+        );
         assert!(message("bmesh a.ply 0 0 nan 0 0 0 1\n").contains("found `nan`"));
         assert!(message("bmesh a.ply 0 0\n").contains("found 3 words"));
-        assert!(message("\nmesh a.ply\n").contains("line 2: needed `bmesh`"));
-        assert!(message("camera 0 0 0\n").contains("lists no scan"));
+        assert!(message("\nmesh a.ply\n").contains("line 2: expected `bmesh`"));
+        assert!(message("camera 0 0 0\n").contains("qw`, found none"));
     }
 
     #[test]
-    fn a_listed_file_that_is_missing_is_file_trouble_with_its_line() {
+    fn a_missing_file_is_an_io_error_with_its_line() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.conf");
         std::fs::write(&path, "\nbmesh gone.ply 0 0 0 0 0 0 1\n").unwrap();
@@ -151,7 +165,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_text_makes_it_panic(text in "(bmesh|camera|[a-z0-9 .\n-]){0,60}") {
+        fn no_text_causes_a_panic(text in "(bmesh|camera|[a-z0-9 .\n-]){0,60}") {
             let _ = parse(&text, Path::new("d"));
         }
     }

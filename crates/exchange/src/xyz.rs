@@ -1,4 +1,4 @@
-//! Plain text points: XYZ, TXT, ASC, CSV, PTS.
+//! Points in text files: XYZ, TXT, ASC, CSV, PTS.
 //!
 //! **Input.** One point per line. The first line shows whether commas, semicolons, or blanks and tabs
 //! separate the numbers. Blank lines and comments (`#`, `//`) are ignored.
@@ -7,13 +7,13 @@
 //!
 //! **Columns.** A header line names them, in any order and case: `x y z`, `sigma` or
 //! `cxx cxy cxz cyy cyz czz`, `nx ny nz`, `sigma_n_deg`, `k1 k2 d1x d1y d1z`, `sigma_k`, `time`, `scan`;
-//! other names are passed over. A comment directly before the first point that names `x`, `y` and `z` counts
-//! as a header. Without a header the first three columns are x y z; of exactly six, the last three are
-//! normals if every one of them has length 1 within 1 %. Further columns are not looked at. A first line of
-//! one whole number is the count of a PTS file and is passed over.
+//! other names are ignored. A comment directly before the first point that names `x`, `y` and `z` counts as a
+//! header. Without a header the first three columns are x y z; of exactly six, the last three are normals if all
+//! of them have length 1 within 1 %. Further columns are ignored. A first line of one whole number is the count
+//! of a PTS file and is skipped.
 //!
-//! **Limits.** A column without a header is never taken as σ. Decimal commas are an error, because they are
-//! ambiguous.
+//! **Limits.** A column without a header is never read as σ, because scanners write intensities there (decision
+//! 0039). Decimal commas are an error, because a comma may also separate numbers.
 
 use std::io::Read;
 use std::path::Path;
@@ -30,12 +30,26 @@ use crate::source::{Source, next_word, parse_number, read_file, shown};
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable,
 /// [`Input`](planish_estimate::ErrorKind::Input) for a word that is no number, a line that is too short, or a
 /// σ or covariance that is not positive: with file and line.
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("points.csv");
+/// std::fs::write(&path, "x;y;z;sigma\n1;2;3;0.1\n4;5;6;0.2\n")?;
+/// let scan = planish_exchange::xyz::read_points(&path)?;
+/// assert_eq!(scan.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+/// assert_eq!(scan.sigma, Some(vec![0.1, 0.2]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_points(path: &Path) -> Result<Scan> {
     read_file(path, |mut source, name| points_from(&mut source, name))
 }
 
-/// Most columns that a header may name: no program writes a hundredth of it.
-const MOST_COLUMNS: usize = 4096;
+/// Maximum number of columns that a header may name.
+///
+/// Names are compared pairwise, so a million of them would take quadratic time. Guarded by
+/// `a_header_of_a_million_columns_is_rejected_at_once`.
+const MAX_COLUMNS: usize = 4096;
 
 /// Separator of the numbers of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,7 +65,7 @@ impl Separator {
         found.map_or(Self::Blank, Self::Byte)
     }
 
-    /// The next field, without blanks around it.
+    /// Next field, without surrounding blanks and quotes.
     fn next_field<'a>(self, rest: &mut Option<&'a [u8]>) -> Option<&'a [u8]> {
         let line = rest.as_mut()?;
         match self {
@@ -60,7 +74,7 @@ impl Separator {
                 let end = line.iter().position(|&b| b == byte);
                 let field = &line[..end.unwrap_or(line.len())];
                 *rest = end.map(|end| &line[end + 1..]);
-                // Spreadsheets may quote every field.
+                // Spreadsheet programs may quote every field.
                 let field = field.trim_ascii();
                 Some(match field {
                     [b'"', inside @ .., b'"'] => inside,
@@ -76,13 +90,13 @@ impl Separator {
     }
 }
 
-/// A line without the mark of a comment, where it has one.
+/// Text of a comment line, without `#` or `//`; none for other lines.
 fn comment(line: &[u8]) -> Option<&[u8]> {
     let line = line.trim_ascii_start();
     line.strip_prefix(b"#").or_else(|| line.strip_prefix(b"//"))
 }
 
-/// The fields of a line as column names, where it names x, y and z.
+/// Fields of a line as column names, if it names x, y and z.
 fn names(line: &[u8]) -> Option<Vec<String>> {
     let fields = Separator::detect(line).fields(line);
     let names: Vec<String> = fields
@@ -92,13 +106,13 @@ fn names(line: &[u8]) -> Option<Vec<String>> {
     ["x", "y", "z"].iter().all(|axis| names.iter().any(|n| n == axis)).then_some(names)
 }
 
-/// How the records of a file are laid out.
+/// Layout of the records of a file.
 struct Layout {
     separator: Separator,
     collector: PointCollector,
-    /// Fields that a record needs.
+    /// Number of fields that a record requires.
     width: usize,
-    /// Whether columns four to six are normals only if all of them have unit length.
+    /// True if columns four to six are normals only if all of them have unit length.
     tentative_normals: bool,
 }
 
@@ -113,9 +127,9 @@ impl Layout {
     }
 
     fn named(names: &[String], separator: Separator) -> Result<Self> {
-        if names.len() > MOST_COLUMNS {
+        if names.len() > MAX_COLUMNS {
             return Err(Error::input(format!(
-                "needed at most {MOST_COLUMNS} columns, found {}",
+                "expected at most {MAX_COLUMNS} columns, found {}",
                 names.len()
             )));
         }
@@ -138,7 +152,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         let number = source.line_number() + 1;
         let Some(mut line) = source.line()? else { break };
         if number == 1 {
-            // The mark that some editors put before UTF-8.
+            // Byte order mark, which some Windows programs put before UTF-8.
             line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line);
         }
         if line.iter().all(u8::is_ascii_whitespace) {
@@ -155,6 +169,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                 let separator = Separator::detect(line);
                 let fields = separator.fields(line);
                 let first = fields.first().copied().unwrap_or_default();
+                // PTS files begin with the number of points.
                 let is_count = fields.len() == 1 && first.iter().all(u8::is_ascii_digit);
                 if is_count && count_line.is_none() {
                     count_line = Some(number);
@@ -163,7 +178,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                 if parse_number(first).is_none() && !first.is_empty() {
                     let Some(names) = names(line) else {
                         return Err(Error::input(format!(
-                            "line {number}: needed a point or a header with x, y and z, found {}",
+                            "line {number}: expected a point or a header with x, y and z, found {}",
                             shown(line)
                         )));
                     };
@@ -186,12 +201,13 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         while record.len() < layout.width {
             let Some(field) = layout.separator.next_field(&mut rest) else {
                 if layout.tentative_normals && record.len() >= 3 {
-                    // Not six columns throughout: three are points, the rest is not looked at.
+                    // A line with fewer columns: its normal is zero, which has not unit length, so that
+                    // `keep_unit_normals` discards the normals of the whole file.
                     record.resize(6, 0.0);
                     break;
                 }
                 return Err(Error::input(format!(
-                    "line {number}: needed {} numbers, found {}",
+                    "line {number}: expected {} numbers, found {}",
                     layout.width,
                     record.len()
                 )));
@@ -202,8 +218,8 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                 None if layout.tentative_normals && record.len() >= 3 => 0.0,
                 None => {
                     let point: Vec<u8> = field.iter().map(|&b| if b == b',' { b'.' } else { b }).collect();
-                    // `1,5 2,5` too: what lies between two commas is then the end of one number and the
-                    // beginning of the next.
+                    // Decimal commas are the likely cause if a point makes it a number, or if a field between
+                    // commas has a blank, as `5 2` in `1,5 2,5`.
                     let halves = layout.separator == Separator::Byte(b',')
                         && field.iter().any(u8::is_ascii_whitespace);
                     let way_out = match parse_number(&point) {
@@ -211,7 +227,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
                         _ => ": write decimals with a point",
                     };
                     return Err(Error::input(format!(
-                        "line {number}: needed a number, found {}{way_out}",
+                        "line {number}: expected a number, found {}{way_out}",
                         shown(field)
                     )));
                 }
@@ -220,7 +236,7 @@ fn points_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<Scan> {
         layout.collector.push(&record, format_args!("line {number}"))?;
     }
     let Some(layout) = layout else {
-        return Err(Error::input(format!("needed points, found none in {} lines", source.line_number())));
+        return Err(Error::input(format!("expected points, found none in {} lines", source.line_number())));
     };
     let (mut scan, _) = layout.collector.finish(name);
     if layout.tentative_normals {
@@ -243,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn every_separator_and_line_end_gives_the_same_points() {
+    fn all_separators_and_line_ends_give_the_same_points() {
         let expected = [[1.0, 2.5, -3.0], [4.0, 5.0, 6e-3]];
         for text in [
             "1 2.5 -3\n4 5 6e-3\n",
@@ -296,12 +312,12 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named_by_line() {
-        assert!(message("1 2 3\n1 2\n").contains("line 2: needed 3 numbers, found 2"));
-        assert!(message("1 2 3\n\n1 two 3\n").contains("line 3: needed a number, found `two`"));
-        assert!(message("x,y,z,sigma\n1,2,3,0.1\n1,2,3,0\n").contains("line 3: needed sigma > 0, found 0"));
-        assert!(message("x,y,sigma\n").contains("line 1: needed a point or a header"));
-        assert!(message("x,y,z,cxx\n").contains("line 1: needed all of the columns cxx"));
+    fn errors_name_the_line() {
+        assert!(message("1 2 3\n1 2\n").contains("line 2: expected 3 numbers, found 2"));
+        assert!(message("1 2 3\n\n1 two 3\n").contains("line 3: expected a number, found `two`"));
+        assert!(message("x,y,z,sigma\n1,2,3,0.1\n1,2,3,0\n").contains("line 3: expected sigma > 0, found 0"));
+        assert!(message("x,y,sigma\n").contains("line 1: expected a point or a header"));
+        assert!(message("x,y,z,cxx\n").contains("line 1: expected all of the columns cxx"));
         assert!(message("1,5;2,5;3,5\n").contains("found `1,5;2,5;3,5`"));
         assert!(message("1,5 2,5 3,5\n").contains("found `5 2`: write decimals with a point"));
         assert!(message("# nothing\n\n").contains("found none in 2 lines"));
@@ -310,22 +326,22 @@ mod tests {
     }
 
     #[test]
-    fn a_header_of_a_million_columns_is_refused_at_once() {
+    fn a_header_of_a_million_columns_is_rejected_at_once() {
         let names: String = (0..1_000_000).map(|k| format!(",{k}")).collect();
         assert!(
             message(&format!("x,y,z{names}\n"))
-                .contains("line 1: needed at most 4096 columns, found 1000003")
+                .contains("line 1: expected at most 4096 columns, found 1000003")
         );
     }
 
     proptest! {
         #[test]
-        fn no_bytes_make_it_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+        fn no_bytes_cause_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
             let _ = read(&bytes);
         }
 
         #[test]
-        fn no_text_of_the_right_alphabet_makes_it_panic(text in "[xyz0-9 .,;#e\n\r\t-]{0,200}") {
+        fn no_text_of_the_right_alphabet_causes_a_panic(text in "[xyz0-9 .,;#e\n\r\t-]{0,200}") {
             let _ = read(text.as_bytes());
         }
     }

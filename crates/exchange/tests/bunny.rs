@@ -1,7 +1,7 @@
-//! The ten range scans of the Stanford bunny, where they are at hand: in `../shared/data` beside the
-//! repository, or in the folder that PLANISH_DATA names.
+//! Reads the ten range scans of the Stanford bunny. The tests are skipped unless the scans are in
+//! `../shared/data` beside the repository, or in the folder that PLANISH_DATA names.
 
-#![allow(clippy::print_stdout, reason = "a skipped test and the times that it took are said aloud")]
+#![allow(clippy::print_stdout, reason = "reports skipped tests and times")]
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -41,14 +41,14 @@ fn all_points_and_grids_are_read() {
         assert_eq!((grid.columns, grid.rows), (512, 400));
         let mut cells: Vec<u32> = grid.cells.iter().copied().filter(|c| *c != u32::MAX).collect();
         cells.sort_unstable();
-        // Every point stands in one cell.
+        // Every point is in exactly one cell.
         assert!(cells.iter().enumerate().all(|(k, &c)| k == c as usize));
         assert_eq!(cells.len(), posed.scan.points.len());
     }
 }
 
 #[test]
-fn neighbours_along_a_row_of_the_grid_run_along_x() {
+fn rows_of_the_grid_run_along_x() {
     let Some(folder) = bunny() else { return };
     let scan = ply::read_scan(&folder.join("bun000.ply")).unwrap();
     let grid = scan.grid.as_ref().unwrap();
@@ -67,7 +67,7 @@ fn neighbours_along_a_row_of_the_grid_run_along_x() {
 }
 
 #[test]
-fn poses_lay_the_scans_over_each_other() {
+fn poses_align_the_scans() {
     let Some(folder) = bunny() else { return };
     let set = read_inputs(&[folder.join("bun.conf")], None).unwrap();
     let world = |name: &str| -> Vec<[f64; 3]> {

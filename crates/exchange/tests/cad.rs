@@ -1,7 +1,7 @@
-//! CAD files of others, where they are at hand: in `../shared/data` beside the repository, or in the folder
-//! that PLANISH_DATA names.
+//! Reads CAD files of other programs and compares area and volume with Open Cascade. Files are skipped unless they
+//! are in `../shared/data` beside the repository, or in the folder that PLANISH_DATA names.
 
-#![allow(clippy::print_stdout, reason = "a skipped test and what was read are said aloud")]
+#![allow(clippy::print_stdout, reason = "reports skipped files and deviations")]
 
 use planish_estimate::vector3::{cross, dot, norm, sub};
 use planish_exchange::Unit;
@@ -10,7 +10,7 @@ use planish_mesh::TriangleMesh;
 use planish_solid::parametric::Fineness;
 use std::path::PathBuf;
 
-/// File, unit, faces, parts; area and volume of all faces in mm² and mm³, as Open Cascade 7.9 has them.
+/// File, unit, faces, parts; area and volume of all faces in mm² and mm³, computed by Open Cascade 7.9.
 const FILES: [(&str, Unit, usize, usize, f64, f64); 9] = [
     ("cad/FlatTargetv3.step", Unit::Millimetre, 38, 1, 51158.90315529454, 223283.24792028122),
     ("cad/frame.step", Unit::Inch, 375, 1, 1026843.886840436, 10156645.592817303),
@@ -24,7 +24,7 @@ const FILES: [(&str, Unit, usize, usize, f64, f64); 9] = [
 ];
 
 #[test]
-fn every_face_of_cad_files_is_read_with_the_area_and_volume_of_open_cascade() {
+fn area_and_volume_of_cad_files_agree_with_open_cascade() {
     let data = std::env::var_os("PLANISH_DATA").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
         PathBuf::from,
@@ -50,14 +50,14 @@ fn every_face_of_cad_files_is_read_with_the_area_and_volume_of_open_cascade() {
                 let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
                 let n = cross(sub(b, a), sub(c, a));
                 areas += 0.5 * norm(n);
-                // Open shells beside a body enclose nothing.
+                // Open shells beside a body enclose no volume.
                 volumes += if check.watertight { dot(a, n) / 6.0 } else { 0.0 };
             }
         }
         let mm = unit.millimetres();
         let (area_off, volume_off) = (areas * mm * mm / area - 1.0, volumes * mm * mm * mm / volume - 1.0);
         println!(
-            "{file}: {count} faces, area {area_off:+.1e}, volume {volume_off:+.1e} beside Open Cascade's"
+            "{file}: {count} faces, area {area_off:+.1e}, volume {volume_off:+.1e} relative to Open Cascade"
         );
         assert!(area_off.abs() < 1e-3 && volume_off.abs() < 2e-3, "{file}: {area_off} {volume_off}");
     }

@@ -143,5 +143,5 @@ fn given_lengths_accept_units_and_impossible_ones_are_named() {
     given("P1P2 is 100mm long").ok();
     let unknown = given("P1P2 is 100km long");
     assert_eq!(unknown.code, 2);
-    assert!(unknown.stderr.contains("needed `mm`, `m`, `in` or `ft`"), "{}", unknown.stderr);
+    assert!(unknown.stderr.contains("expected `mm`, `m`, `in` or `ft`"), "{}", unknown.stderr);
 }

@@ -251,5 +251,5 @@ fn bending_sheet_is_followed_and_animated() {
     let frames = std::fs::read_dir(folder.path().join("frames")).expect("a folder").count();
     assert!((12..=25).contains(&frames), "{frames}");
     let refused = planish(folder.path(), &["fit", "b/laser-3.ply", "--animate", "frames"]);
-    assert!(refused.stderr.contains("needed a new or an empty folder"), "{}", refused.stderr);
+    assert!(refused.stderr.contains("expected a new or empty folder"), "{}", refused.stderr);
 }

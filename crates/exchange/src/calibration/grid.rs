@@ -1,24 +1,24 @@
-//! A camera and a projector of crossed stripes.
+//! Calibration of a camera and a projector of crossed stripes.
 //!
 //! ```toml
-//! unit = "mm"                 # of lengths: mm, m, in or ft; may be left out
+//! unit = "mm"                 # unit of lengths: mm, m, in or ft (optional)
 //! sigma_px = 0.02             # σ of the calibration in either image (default 0.02)
 //!
 //! [camera]                    # x ~ K (R X + t): x right, y down, pixel centres at integers
 //! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
-//! R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]   # R and t may be left out: the camera's frame then is the world's
+//! R = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]   # optional with t: default is the frame of the world
 //! t = [0, 0, 0]
 //!
-//! [projector]                 # a camera backwards
+//! [projector]                 # modelled as a camera whose rays leave it
 //! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
 //! R = [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
 //! t = [-150, 0, 20]
 //!
-//! [stripes]                   # in the projector's picture
-//! directions_deg = [30, 120]  # of both sets, from x to y
-//! spacing = 20.0              # of the stripes of a set, in pixels
-//! origin = [320, 240]         # where stripes 0 of both sets cross
-//! range = [[-20, 20], [-20, 20]]   # the first and the last stripe of both sets
+//! [stripes]                   # in the image of the projector
+//! directions_deg = [30, 120]  # directions of both sets, from x to y
+//! spacing = 20.0              # distance of neighbouring stripes in pixels
+//! origin = [320, 240]         # crossing of stripes 0 of both sets
+//! range = [[-20, 20], [-20, 20]]   # first and last stripe of both sets
 //! ```
 
 use std::path::Path;
@@ -32,17 +32,18 @@ use super::{check_numbers, table};
 use crate::Unit;
 use crate::source::read_text;
 
-/// σ of a calibration that states none, in pixels: what a good one of a real camera leaves.
-const USUAL_SIGMA_PX: f64 = 0.02;
-/// How far rows of a rotation may be from orthonormal.
-const ROTATION_WITHIN: f64 = 1e-6;
+/// Default σ of a calibration in pixels: typical of a good calibration of a real camera. A smaller value states
+/// points as more accurate than their calibration allows.
+const DEFAULT_SIGMA_PX: f64 = 0.02;
+/// Tolerance of the orthonormality of a rotation: accepts numbers written with seven digits.
+const ROTATION_TOLERANCE: f64 = 1e-6;
 
 /// A calibrated camera with its projector.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GridCalibration {
-    /// Both, and the pattern.
+    /// Camera, projector and pattern.
     pub grid: GridCamera,
-    /// The unit of lengths, where it is named.
+    /// The unit of lengths, if stated.
     pub unit: Option<Unit>,
 }
 
@@ -79,6 +80,28 @@ struct Stripes {
 ///
 /// # Errors
 /// As [`read_calibration`](super::read_calibration).
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("stripes.toml");
+/// std::fs::write(&path, "
+/// [camera]
+/// K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
+/// [projector]
+/// K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
+/// R = [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
+/// t = [-150, 0, 20]
+/// [stripes]
+/// directions_deg = [30, 120]
+/// spacing = 20.0
+/// origin = [320, 240]
+/// range = [[-20, 20], [-20, 20]]
+/// ")?;
+/// let grid = planish_exchange::calibration::read_grid_calibration(&path)?.grid;
+/// assert_eq!((grid.sigma_px, grid.pattern.spacing), (0.02, 20.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_grid_calibration(path: &Path) -> Result<GridCalibration> {
     let read = || parse(&read_text(path)?);
     read().map_err(|e| e.in_context(path.display()))
@@ -87,14 +110,14 @@ pub fn read_grid_calibration(path: &Path) -> Result<GridCalibration> {
 fn parse(text: &str) -> Result<GridCalibration> {
     let t: Table = table(
         text,
-        "crossed stripes need [camera] and [projector] with K (and R and t), and [stripes] with \
-         directions_deg, spacing, origin and range; and may have sigma_px and unit",
+        "expected [camera] and [projector] with K (and R and t), and [stripes] with directions_deg, spacing, \
+         origin and range, and optionally sigma_px and unit",
     )?;
-    let sigma_px = t.sigma_px.unwrap_or(USUAL_SIGMA_PX);
+    let sigma_px = t.sigma_px.unwrap_or(DEFAULT_SIGMA_PX);
     check_numbers(&[("sigma_px", sigma_px, sigma_px > 0.0, "a finite number above 0")])?;
     if t.stripes.range.iter().flatten().any(|k| k.unsigned_abs() > 1 << 10) {
         return Err(Error::input(format!(
-            "needed stripes numbered from -1024 to 1024 in stripes.range, found {:?}",
+            "expected stripes numbered from -1024 to 1024 in stripes.range, found {:?}",
             t.stripes.range
         )));
     }
@@ -123,15 +146,15 @@ pub(super) fn pinhole(name: &str, view: &View) -> Result<Pinhole> {
     let [x, y, z] = made.k;
     if !(finite && x[0] > 0.0 && y[1] > 0.0) || y[0] != 0.0 || z != [0.0, 0.0, 1.0] {
         return Err(Error::input(format!(
-            "needed {name}.K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and \
+            "expected {name}.K = [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0, and \
              finite R and t, found K = {:?}",
             made.k
         )));
     }
     let [a, b, c] = made.r;
     let off = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(a, b), dot(cross(a, b), c) - 1.0, dot(c, c) - 1.0];
-    match off.iter().find(|o| o.abs() > ROTATION_WITHIN) {
-        Some(_) => Err(Error::input(format!("needed a rotation in {name}.R, found {:?}", made.r))),
+    match off.iter().find(|o| o.abs() > ROTATION_TOLERANCE) {
+        Some(_) => Err(Error::input(format!("expected a rotation in {name}.R, found {:?}", made.r))),
         None => Ok(made),
     }
 }
@@ -155,7 +178,7 @@ range = [[-20, 20], [-15, 15]]
 ";
 
     #[test]
-    fn both_are_read_and_what_is_left_out_has_its_default() {
+    fn missing_keys_have_defaults() {
         let found = parse(GOOD).unwrap();
         assert_eq!((found.unit, found.grid.sigma_px), (Some(Unit::Millimetre), 0.02));
         assert_eq!(found.grid.camera.centre(), [0.0; 3]);
@@ -164,7 +187,7 @@ range = [[-20, 20], [-15, 15]]
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn errors_name_line_or_key() {
         let with = |from: &str, to: &str| {
             assert!(GOOD.contains(from), "{from}");
             parse(&GOOD.replacen(from, to, 1)).unwrap_err().to_string()

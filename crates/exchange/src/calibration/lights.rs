@@ -1,20 +1,20 @@
-//! Lights of photometric stereo.
+//! Calibration of the lights of photometric stereo.
 //!
 //! ```toml
-//! unit = "mm"                 # of pixel_size and of the points; may be left out
+//! unit = "mm"                 # unit of pixel_size and of the points (optional)
 //! frame = "viewer"            # "viewer": x right, y up, z to the camera; "camera" (default): y down
-//! lights = [[0.40, 0.48, 0.78], [-0.33, 0.49, 0.81], [0.03, 0.34, 0.94]]   # towards the lights
-//! pixel_size = 0.2            # side of a pixel on the object; 1 where it is left out
-//! sigma_brightness = 1.5      # σ of a pixel's brightness (default: estimated from four lights)
-//! sigma_light_deg = 1.0       # σ of the lights' directions, which all normals share; 0 where it is left out
+//! lights = [[0.40, 0.48, 0.78], [-0.33, 0.49, 0.81], [0.03, 0.34, 0.94]]   # directions to the lights
+//! pixel_size = 0.2            # side of a pixel on the object (default 1)
+//! sigma_brightness = 1.5      # σ of the brightness of a pixel (default: estimated from four lights or more)
+//! sigma_light_deg = 1.0       # σ of the directions of the lights, common to all normals (default 0)
 //! ```
 //!
-//! Instead of `lights` there may be pictures of a mirror ball, under the same lights in the same order:
+//! Pictures of a mirror ball, under the same lights in the same order, can replace `lights`:
 //!
 //! ```toml
 //! [ball]
 //! images = ["chrome.0.tga", "chrome.1.tga", "chrome.2.tga"]
-//! mask = "chrome.mask.tga"    # white where the ball is
+//! mask = "chrome.mask.tga"    # white inside the ball
 //! ```
 
 use std::path::{Path, PathBuf};
@@ -26,32 +26,32 @@ use super::{check_numbers, table};
 use crate::Unit;
 use crate::source::read_text;
 
-/// Where the directions of the lights come from.
+/// Source of the directions of the lights.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LightSource {
     /// Unit vectors towards the lights, in the camera's frame (x right, y down, z away).
     Directions(Vec<[f64; 3]>),
     /// Pictures of a mirror ball.
     Ball {
-        /// One for each light.
+        /// One picture per light.
         images: Vec<PathBuf>,
-        /// White where the ball is.
+        /// Mask that is white inside the ball.
         mask: PathBuf,
     },
 }
 
-/// What is known of the lights.
+/// Calibration of the lights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LightsCalibration {
-    /// Their directions.
+    /// Directions of the lights.
     pub source: LightSource,
     /// Side of a pixel on the object.
     pub pixel_size: f64,
-    /// σ of a pixel's brightness, in the images' scale; none where it is to be estimated.
+    /// σ of the brightness of a pixel, in the scale of the images; none to estimate it.
     pub sigma_brightness: Option<f64>,
-    /// σ of the lights' directions, in degrees.
+    /// σ of the directions of the lights, in degrees.
     pub sigma_light_deg: f64,
-    /// The unit of lengths, where it is named.
+    /// The unit of lengths, if stated.
     pub unit: Option<Unit>,
 }
 
@@ -85,10 +85,22 @@ struct Ball {
     mask: PathBuf,
 }
 
-/// Reads what is known of the lights. Pictures are looked for beside the file.
+/// Reads the calibration of the lights. Paths of pictures are relative to the file.
 ///
 /// # Errors
 /// As [`read_calibration`](super::read_calibration).
+///
+/// # Examples
+/// ```
+/// use planish_exchange::calibration::{LightSource, read_lights};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("lights.toml");
+/// std::fs::write(&path, "frame = \"viewer\"\nlights = [[0, 0, 1], [0.6, 0, 0.8], [0, 0.6, 0.8]]\n")?;
+/// // The viewer's z points to the camera, the camera's z away from it.
+/// let LightSource::Directions(lights) = read_lights(&path)?.source else { panic!("no directions") };
+/// assert_eq!(lights[1], [0.6, 0.0, -0.8]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_lights(path: &Path) -> Result<LightsCalibration> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let read = || parse(&read_text(path)?, folder);
@@ -98,8 +110,8 @@ pub fn read_lights(path: &Path) -> Result<LightsCalibration> {
 fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
     let t: Table = table(
         text,
-        "lights need `lights` (a direction for each image) or [ball] with images and mask, and may have \
-         frame, pixel_size, sigma_brightness, sigma_light_deg and unit",
+        "expected `lights` (a direction per image) or [ball] with images and mask, and optionally frame, \
+         pixel_size, sigma_brightness, sigma_light_deg and unit",
     )?;
     let sigma = t.sigma_brightness;
     check_numbers(&[
@@ -123,7 +135,7 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
         }
         (found, _) => {
             let found = if found.is_some() { "both" } else { "neither" };
-            return Err(Error::input(format!("needed `lights` or [ball], found {found}")));
+            return Err(Error::input(format!("expected `lights` or [ball], found {found}")));
         }
     };
     Ok(LightsCalibration {
@@ -137,7 +149,7 @@ fn parse(text: &str, folder: &Path) -> Result<LightsCalibration> {
 
 fn check_count(found: usize, what: &str) -> Result<()> {
     match found < 3 {
-        true => Err(Error::input(format!("needed three {what} or more, found {found}"))),
+        true => Err(Error::input(format!("expected at least three {what}, found {found}"))),
         false => Ok(()),
     }
 }
@@ -151,7 +163,7 @@ fn directions(lights: &[[f64; 3]], frame: Frame) -> Result<Vec<[f64; 3]>> {
                 Frame::Viewer => [x, -y, -z],
             })
             .ok_or_else(|| {
-                Error::input(format!("needed a direction for light {k} of `lights`, found {light:?}"))
+                Error::input(format!("expected a direction other than zero for light {k} of `lights`, found {light:?}"))
             })
     };
     lights.iter().enumerate().map(unit).collect()
@@ -162,24 +174,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lights_are_turned_into_the_cameras_frame() {
+    fn directions_are_converted_to_the_camera_frame() {
         let text = "frame = \"viewer\"\nlights = [[0, 0, 2], [0.6, 0, 0.8], [0, 0.6, 0.8]]\n";
         let found = parse(text, Path::new("")).unwrap();
-        let LightSource::Directions(lights) = found.source else { panic!("needed directions") };
+        let LightSource::Directions(lights) = found.source else { panic!("expected directions") };
         assert_eq!(lights[0], [0.0, -0.0, -1.0]);
         assert_eq!(lights[2], [0.0, -0.6, -0.8]);
         assert_eq!((found.pixel_size, found.sigma_brightness), (1.0, None));
     }
 
     #[test]
-    fn mistakes_are_named() {
-        let said = |text: &str| parse(text, Path::new("")).unwrap_err().to_string();
-        assert!(said("").contains("found neither"));
+    fn errors_name_line_or_key() {
+        let error = |text: &str| parse(text, Path::new("")).unwrap_err().to_string();
+        assert!(error("").contains("found neither"));
         assert!(
-            said("lights = [[0, 0, 1], [1, 0, 0]]").contains("three directions in `lights` or more, found 2")
+            error("lights = [[0, 0, 1], [1, 0, 0]]")
+                .contains("at least three directions in `lights`, found 2")
         );
-        assert!(said("lights = [[0, 0, 1], [1, 0, 0], [0, 0, 0]]").contains("light 2"));
-        assert!(said("ligths = 3").contains("line 1"));
-        assert!(said("frame = \"up\"").contains("viewer"));
+        assert!(error("lights = [[0, 0, 1], [1, 0, 0], [0, 0, 0]]").contains("light 2"));
+        assert!(error("ligths = 3").contains("line 1"));
+        assert!(error("frame = \"up\"").contains("viewer"));
     }
 }

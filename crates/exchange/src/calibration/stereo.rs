@@ -1,24 +1,24 @@
-//! Two cameras: rectified ones, or two views that stand anyhow.
+//! Calibration of two cameras: a rectified pair, or two views with any poses.
 //!
 //! ```toml
-//! unit = "mm"                 # of the baseline and of the points: mm, m, in or ft; may be left out
+//! unit = "mm"                 # unit of the baseline and of the points: mm, m, in or ft (optional)
 //! f = 3740.0                  # focal length of both, in pixels
-//! cx = 641.0                  # the pixel of the left image on its axis; centres are at integers
+//! cx = 641.0                  # principal point of the left image; pixel centres are at integers
 //! cy = 555.0
-//! baseline = 160.0            # the distance of the cameras
-//! doffs = 0.0                 # cx of the right camera less that of the left; 0 where it is left out
-//! sigma_disparity_px = 0.1    # σ beside that of matching, such as of the rectification (default 0)
+//! baseline = 160.0            # distance of the cameras
+//! doffs = 0.0                 # cx of the right camera minus cx of the left (default 0)
+//! sigma_disparity_px = 0.1    # σ added to that of matching, such as of the rectification (default 0)
 //! ```
 //!
 //! ```toml
-//! unit = "mm"                 # of lengths
+//! unit = "mm"                 # unit of lengths
 //! sigma_disparity_px = 0.1    # as above
 //!
-//! [[view]]                    # its pixels get points; x ~ K (R X + t), pixel centres at integers
+//! [[view]]                    # gives one point per pixel; x ~ K (R X + t), pixel centres at integers
 //! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
-//! distortion = [-0.2, 0.05, 0.001, -0.002, 0.0]   # k1 k2 p1 p2 k3; none where it is left out
+//! distortion = [-0.2, 0.05, 0.001, -0.002, 0.0]   # k1 k2 p1 p2 k3 (default: none)
 //!
-//! [[view]]                    # R and t may be left out of one: its frame then is the world's
+//! [[view]]                    # R and t are optional: default is the frame of the world
 //! K = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]
 //! R = [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
 //! t = [-150, 0, 20]
@@ -35,16 +35,16 @@ use super::{check_numbers, table};
 use crate::Unit;
 use crate::source::read_text;
 
-/// No picture has so many columns.
-const MOST_PIXELS: f64 = 1e7;
+/// Upper limit of sizes in pixels: beyond any image, it catches numbers in a wrong unit.
+const MAX_PIXELS: f64 = 1e7;
 
 /// Two calibrated cameras.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[allow(clippy::large_enum_variant, reason = "one a job")]
+#[allow(clippy::large_enum_variant, reason = "one value per job")]
 pub enum StereoCameras {
-    /// Whose pictures are rectified.
+    /// Cameras of rectified images.
     Rectified(StereoCamera),
-    /// Whose pictures are to be.
+    /// Cameras of images that are rectified by Planish.
     Views(StereoRig),
 }
 
@@ -53,7 +53,7 @@ pub enum StereoCameras {
 pub struct StereoCalibration {
     /// The cameras.
     pub cameras: StereoCameras,
-    /// The unit of their lengths, where it is named.
+    /// The unit of their lengths, if stated.
     pub unit: Option<Unit>,
 }
 
@@ -98,7 +98,7 @@ impl LensView {
         if let Some(stated) = &self.distortion {
             if !(4..=5).contains(&stated.len()) || stated.iter().any(|k| !k.is_finite()) {
                 return Err(Error::input(format!(
-                    "needed {name}.distortion = [k1, k2, p1, p2, k3] (k3 may be left out), found {stated:?}"
+                    "expected {name}.distortion = [k1, k2, p1, p2, k3] (k3 is optional), found {stated:?}"
                 )));
             }
             distortion.iter_mut().zip(stated).for_each(|(to, from)| *to = *from);
@@ -111,6 +111,17 @@ impl LensView {
 ///
 /// # Errors
 /// As [`read_calibration`](super::read_calibration).
+///
+/// # Examples
+/// ```
+/// use planish_exchange::calibration::{StereoCameras, read_stereo_calibration};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("stereo.toml");
+/// std::fs::write(&path, "f = 3740\ncx = 641\ncy = 555\nbaseline = 160\nunit = \"mm\"\n")?;
+/// let StereoCameras::Rectified(camera) = read_stereo_calibration(&path)?.cameras else { panic!("views") };
+/// assert_eq!((camera.baseline, camera.doffs), (160.0, 0.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_stereo_calibration(path: &Path) -> Result<StereoCalibration> {
     let read = || parse(&read_text(path)?);
     read().map_err(|e| e.in_context(path.display()))
@@ -122,19 +133,19 @@ fn parse(text: &str) -> Result<StereoCalibration> {
 }
 
 fn check_sigma(sigma: f64) -> Result<()> {
-    let needed = "a finite number that is not negative";
-    check_numbers(&[("sigma_disparity_px", sigma, sigma >= 0.0, needed)])
+    let expected = "a finite number that is not negative";
+    check_numbers(&[("sigma_disparity_px", sigma, sigma >= 0.0, expected)])
 }
 
 fn parse_views(text: &str) -> Result<StereoCalibration> {
     let t: ViewsTable = table(
         text,
-        "two views need K each, and may have R, t and distortion; beside them there may be \
-         sigma_disparity_px and unit",
+        "expected two [[view]] with K, and optionally R, t and distortion; sigma_disparity_px and unit are \
+         optional",
     )?;
     check_sigma(t.sigma_disparity_px)?;
     let [first, second] = t.view.as_slice() else {
-        return Err(Error::input(format!("needed two [[view]], found {}", t.view.len())));
+        return Err(Error::input(format!("expected two [[view]], found {}", t.view.len())));
     };
     Ok(StereoCalibration {
         cameras: StereoCameras::Views(StereoRig {
@@ -148,20 +159,20 @@ fn parse_views(text: &str) -> Result<StereoCalibration> {
 fn parse_rectified(text: &str) -> Result<StereoCalibration> {
     let t: Table = table(
         text,
-        "two rectified cameras need f cx cy baseline, and may have doffs, sigma_disparity_px and unit; \
-         others need two [[view]] with K, R and t",
+        "expected f cx cy baseline of two rectified cameras, and optionally doffs, sigma_disparity_px and \
+         unit; or two [[view]] with K, R and t",
     )?;
     check_numbers(&[
-        ("f", t.f, t.f > 0.0 && t.f < MOST_PIXELS, "a finite number of pixels above 0 and below 1e7"),
-        ("cx", t.cx, t.cx.abs() < MOST_PIXELS, "a finite number of pixels within ±1e7"),
-        ("cy", t.cy, t.cy.abs() < MOST_PIXELS, "a finite number of pixels within ±1e7"),
+        ("f", t.f, t.f > 0.0 && t.f < MAX_PIXELS, "a finite number of pixels above 0 and below 1e7"),
+        ("cx", t.cx, t.cx.abs() < MAX_PIXELS, "a finite number of pixels within ±1e7"),
+        ("cy", t.cy, t.cy.abs() < MAX_PIXELS, "a finite number of pixels within ±1e7"),
         (
             "baseline",
             t.baseline,
             t.baseline > 0.0 && t.baseline < 1e12,
             "a finite number above 0 and below 1e12",
         ),
-        ("doffs", t.doffs, t.doffs.abs() < MOST_PIXELS, "a finite number of pixels within ±1e7"),
+        ("doffs", t.doffs, t.doffs.abs() < MAX_PIXELS, "a finite number of pixels within ±1e7"),
     ])?;
     check_sigma(t.sigma_disparity_px)?;
     Ok(StereoCalibration {
@@ -181,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cameras_are_read_and_mistakes_are_named() {
+    fn rectified_cameras_are_read_and_errors_name_line_or_key() {
         let text = "unit = \"mm\"\nf = 3740\ncx = 641\ncy = 555.0\nbaseline = 160\n";
         let found = parse(text).unwrap();
         let StereoCameras::Rectified(camera) = found.cameras else {
@@ -193,11 +204,11 @@ mod tests {
         let e = parse(&text.replace("160", "-160")).unwrap_err().to_string();
         assert!(e.contains("for baseline, found -160"), "{e}");
         let e = parse("f = 1\n").unwrap_err().to_string();
-        assert!(e.contains("missing field `cx`") && e.contains("need f cx cy baseline"), "{e}");
+        assert!(e.contains("missing field `cx`") && e.contains("expected f cx cy baseline"), "{e}");
     }
 
     #[test]
-    fn two_views_are_read_with_their_lenses() {
+    fn two_views_are_read_with_their_distortion() {
         let view = "[[view]]\nK = [[1200, 0, 320], [0, 1200, 240], [0, 0, 1]]\n";
         let text = format!(
             "sigma_disparity_px = 0.2\n{view}distortion = [-0.2, 0.1, 0.001, 0.002]\n{view}t = [-150, 0, 0]\n"
@@ -212,6 +223,6 @@ mod tests {
         assert!(e(view).contains("two [[view]], found 1"));
         assert!(e(&text.replace(", 0.002]", "]")).contains("the first view.distortion"));
         let e = e(&text.replace("t = ", "T = "));
-        assert!(e.contains("line 7") && e.contains("two views need K"), "{e}");
+        assert!(e.contains("line 7") && e.contains("expected two [[view]] with K"), "{e}");
     }
 }

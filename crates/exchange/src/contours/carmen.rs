@@ -26,7 +26,7 @@ impl Default for CarmenOptions {
 }
 
 /// σ of a range where none is stated, in metres: what makers of these scanners state.
-const SIGMA_RANGE: f64 = 0.03;
+const DEFAULT_SIGMA_RANGE: f64 = 0.03;
 
 /// Reads the scans that the options ask for, of which the first line may be one; beam `i` of `n` looks at
 /// `θ − 90° + i·180°/n`. Beams of a scan share a pose.
@@ -60,7 +60,7 @@ pub(crate) fn read_carmen<R: Read>(
         let beams = words.get(1).and_then(|w| parse_number(w)).unwrap_or(0.0) as usize;
         if beams == 0 || words.len() < beams.saturating_add(5) {
             return Err(wrong(format!(
-                "needed `FLASER n` with n ranges and a pose, found {} words",
+                "expected `FLASER n` with n ranges and a pose, found {} words",
                 words.len()
             )));
         }
@@ -88,7 +88,7 @@ pub(crate) fn read_carmen<R: Read>(
                         defaults.position.unwrap_or(0.0),
                         defaults.position.unwrap_or(0.0),
                         defaults.heading_deg.unwrap_or(0.0).to_radians(),
-                        defaults.range.unwrap_or(SIGMA_RANGE),
+                        defaults.range.unwrap_or(DEFAULT_SIGMA_RANGE),
                     ],
                 },
                 // A pose without σ is known: nothing to share.

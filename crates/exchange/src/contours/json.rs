@@ -19,9 +19,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// More contours than this are not one view.
-const MOST_CONTOURS: usize = 200;
+const MAX_CONTOURS: usize = 200;
 /// More corners than this are not measured.
-const MOST_CORNERS: usize = 500;
+const MAX_CORNERS: usize = 500;
 
 /// What a file of contours holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -87,18 +87,18 @@ pub fn read_contour_json(path: &Path) -> Result<ContourFile> {
 }
 
 fn parse(text: &str) -> Result<ContourFile> {
-    let needed = "needed contours as `planish contour -o contour.json` writes them (kind, parameters, \
+    let expected = "expected contours as `planish contour -o contour.json` writes them (kind, parameters, \
         order, covariance)";
     let written: Written = serde_json::from_str(text)
-        .map_err(|e| Error::input(format!("{needed}, found: {e}")).with_source(e))?;
+        .map_err(|e| Error::input(format!("{expected}, found: {e}")).with_source(e))?;
     let contours = match (written.contours, written.main) {
         (Some(contours), _) if !contours.is_empty() => contours,
         (_, Some(main)) => vec![main],
-        _ => return Err(Error::input(format!("{needed}, found none"))),
+        _ => return Err(Error::input(format!("{expected}, found none"))),
     };
-    if contours.len() > MOST_CONTOURS {
+    if contours.len() > MAX_CONTOURS {
         return Err(Error::unsupported(format!(
-            "holds {} contours: {MOST_CONTOURS} at most are taken as one view",
+            "holds {} contours: {MAX_CONTOURS} at most are taken as one view",
             contours.len()
         )));
     }
@@ -127,7 +127,7 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
     {
         let wanted: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
         return Err(Error::input(format!(
-            "needed an order of {}, found {}",
+            "expected an order of {}, found {}",
             wanted.join(" "),
             contour.order.join(" ")
         )));
@@ -135,14 +135,14 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
     let is_square = contour.covariance.iter().all(|row| row.len() == contour.order.len());
     if contour.covariance.len() != contour.order.len() || !is_square {
         return Err(Error::input(format!(
-            "needed a covariance of {0} × {0}, found {1} rows",
+            "expected a covariance of {0} × {0}, found {1} rows",
             contour.order.len(),
             contour.covariance.len()
         )));
     }
     let values = names.iter().map(|(name, factor)| match contour.parameters.get(name) {
         Some(written) => Ok(written.value / factor),
-        None => Err(Error::input(format!("needed the parameter `{name}`, found none"))),
+        None => Err(Error::input(format!("expected the parameter `{name}`, found none"))),
     });
     Ok(EstimatedContour {
         theta: values.collect::<Result<_>>()?,
@@ -158,7 +158,7 @@ fn estimate(contour: &WrittenContour) -> Result<EstimatedContour> {
 /// A kind by its name; of a chain, which pieces are arcs stands in the names of its parameters.
 fn kind_of(name: &str, order: &[String], closed: bool) -> Result<ContourKind> {
     if name == "chain" {
-        let corners = order.iter().filter(|name| name.starts_with('x')).count().min(MOST_CORNERS);
+        let corners = order.iter().filter(|name| name.starts_with('x')).count().min(MAX_CORNERS);
         let bulges: Vec<&str> = order.iter().filter_map(|name| name.strip_prefix("bulge")).collect();
         let pieces = corners.saturating_sub(usize::from(!closed));
         return Ok(ContourKind::Chain {
@@ -166,9 +166,9 @@ fn kind_of(name: &str, order: &[String], closed: bool) -> Result<ContourKind> {
             closed,
         });
     }
-    ContourKind::from_name(name, MOST_CORNERS).ok_or_else(|| {
+    ContourKind::from_name(name, MAX_CORNERS).ok_or_else(|| {
         Error::input(format!(
-            "kind `{name}`: needed line, circle, ellipse, rectangle, rounded-rectangle, slot, \
+            "kind `{name}`: expected line, circle, ellipse, rectangle, rounded-rectangle, slot, \
              regular-polygon-N, polygon-N or chain"
         ))
     })
@@ -215,15 +215,15 @@ mod tests {
         for (from, to, says) in [
             ("\"circle\"", "\"blob\"", "kind `blob`"),
             ("\"circle\"", "\"polygon-2\"", "kind `polygon-2`"),
-            ("\"circle\"", "\"ellipse\"", "needed an order of center_x center_y semi_major"),
-            ("[0, 0.01, 0], ", "", "needed a covariance of 3 × 3, found 2 rows"),
-            ("\"radius\": {", "\"size\": {", "needed the parameter `radius`"),
+            ("\"circle\"", "\"ellipse\"", "expected an order of center_x center_y semi_major"),
+            ("[0, 0.01, 0], ", "", "expected a covariance of 3 × 3, found 2 rows"),
+            ("\"radius\": {", "\"size\": {", "expected the parameter `radius`"),
             ("\"mm\"", "\"cubit\"", "unit `cubit`"),
             ("\"kind\"", "\"sort\"", "found none"),
-            ("}", "", "needed contours as"),
+            ("}", "", "expected contours as"),
         ] {
-            let said = parse(&CIRCLE.replace(from, to)).unwrap_err().to_string();
-            assert!(said.contains(says), "{from} → {to}: {said}");
+            let error = parse(&CIRCLE.replace(from, to)).unwrap_err().to_string();
+            assert!(error.contains(says), "{from} → {to}: {error}");
         }
     }
 }

@@ -53,7 +53,7 @@ pub fn read_ray_readings(path: &Path, defaults: &SigmaDefaults) -> Result<Vec<Ra
         }
         if rays.is_empty() {
             return Err(Error::input(
-                "holds no readings in space: needed a header `x,y,z,azimuth_deg,elevation_deg,range` or \
+                "holds no readings in space: expected a header `x,y,z,azimuth_deg,elevation_deg,range` or \
                  `x,y,z`, and lines",
             ));
         }
@@ -68,7 +68,7 @@ fn header_of(line: &[u8], number: u64) -> Result<Header> {
     match needed.iter().find(|name| !header.has(name)) {
         None => Ok(header),
         Some(name) => Err(Error::input(format!(
-            "line {number}: needed a header with `x,y,z,azimuth_deg,elevation_deg,range` (ranges) or \
+            "line {number}: expected a header with `x,y,z,azimuth_deg,elevation_deg,range` (ranges) or \
              `x,y,z` (points), found {} without `{name}`",
             shown(line)
         ))),
@@ -76,20 +76,23 @@ fn header_of(line: &[u8], number: u64) -> Result<Header> {
 }
 
 fn seen(row: &Row<'_>, is_range: bool, number: u64, defaults: &SigmaDefaults) -> Result<RayTarget> {
-    let place = [row.needed("x")?, row.needed("y")?, row.needed("z")?];
+    let place = [row.required("x")?, row.required("y")?, row.required("z")?];
     if !is_range {
         return Ok(RayTarget::Point {
             position: place,
             sigma: row.sigma("sigma", defaults.point, "--sigma-point")?,
         });
     }
-    let range = row.needed("range")?;
+    let range = row.required("range")?;
     if range <= 0.0 {
-        return Err(Error::input(format!("line {number}: needed a positive range, found {range}")));
+        return Err(Error::input(format!("line {number}: expected a positive range, found {range}")));
     }
     Ok(RayTarget::Range {
         origin: place,
-        direction_rad: [row.needed("azimuth_deg")?.to_radians(), row.needed("elevation_deg")?.to_radians()],
+        direction_rad: [
+            row.required("azimuth_deg")?.to_radians(),
+            row.required("elevation_deg")?.to_radians(),
+        ],
         range,
         sigma: [
             row.sigma("sigma_x", defaults.position, "")?,

@@ -68,7 +68,7 @@ pub fn read_contour_readings(
         let first = loop {
             let Some(line) = source.line()? else {
                 return Err(Error::input(
-                    "holds no readings: needed a header `x,y,heading_deg,range` or `x,y`",
+                    "holds no readings: expected a header `x,y,heading_deg,range` or `x,y`",
                 ));
             };
             let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii();
@@ -128,7 +128,7 @@ impl Header {
         };
         match missing {
             Some(name) => Err(Error::input(format!(
-                "line {number}: needed a header with `x,y,heading_deg,range` (ranges) or `x,y` (points), \
+                "line {number}: expected a header with `x,y,heading_deg,range` (ranges) or `x,y` (points), \
                  found {} without `{name}`",
                 shown(line)
             ))),
@@ -169,7 +169,7 @@ fn table<R: Read>(
             line: number as usize,
         });
         if let Some(levels) = &mut levels {
-            levels.push(row.needed("level")?);
+            levels.push(row.required("level")?);
         }
     }
     if read.sightings.is_empty() {
@@ -192,7 +192,7 @@ impl<'a> Row<'a> {
         let fields: Vec<&[u8]> = line.split(|&b| b == b',').map(<[u8]>::trim_ascii).collect();
         if fields.len() != header.width {
             return Err(Error::input(format!(
-                "line {number}: needed {} fields as in the header, found {}",
+                "line {number}: expected {} fields as in the header, found {}",
                 header.width,
                 fields.len()
             )));
@@ -207,16 +207,16 @@ impl<'a> Row<'a> {
         match parse_number(self.fields[k]).filter(|value| value.is_finite()) {
             Some(value) => Ok(Some(value)),
             None => Err(Error::input(format!(
-                "line {}: needed a number in column `{name}`, found {}",
+                "line {}: expected a number in column `{name}`, found {}",
                 self.number,
                 shown(self.fields[k])
             ))),
         }
     }
 
-    pub(super) fn needed(&self, name: &'static str) -> Result<f64> {
+    pub(super) fn required(&self, name: &'static str) -> Result<f64> {
         self.optional(name)?
-            .ok_or_else(|| Error::input(format!("line {}: needed column `{name}`", self.number)))
+            .ok_or_else(|| Error::input(format!("line {}: expected column `{name}`", self.number)))
     }
 
     /// A σ by column or default; where no option states it, zero is one.
@@ -225,7 +225,7 @@ impl<'a> Row<'a> {
         match self.optional(name)?.or(default) {
             Some(value) if value > 0.0 || (may_be_zero && value == 0.0) => Ok(value),
             Some(value) => Err(Error::input(format!(
-                "line {}: needed a positive σ in column `{name}`, found {value}",
+                "line {}: expected a positive σ in column `{name}`, found {value}",
                 self.number
             ))),
             None if may_be_zero => Ok(0.0),
@@ -237,7 +237,7 @@ impl<'a> Row<'a> {
     }
 
     fn target(&self, defaults: &SigmaDefaults) -> Result<ContourTarget> {
-        let origin = [self.needed("x")?, self.needed("y")?];
+        let origin = [self.required("x")?, self.required("y")?];
         let Some(range) = self.optional("range")? else {
             return Ok(ContourTarget::Point {
                 position: origin,
@@ -246,13 +246,13 @@ impl<'a> Row<'a> {
         };
         if range <= 0.0 {
             return Err(Error::input(format!(
-                "line {}: needed a positive range, found {range}",
+                "line {}: expected a positive range, found {range}",
                 self.number
             )));
         }
         Ok(ContourTarget::Range {
             origin,
-            heading_rad: self.needed("heading_deg")?.to_radians(),
+            heading_rad: self.required("heading_deg")?.to_radians(),
             range,
             sigma: [
                 self.sigma("sigma_x", defaults.position, "")?,

@@ -13,7 +13,7 @@ const MARGIN: f64 = 24.0;
 /// What labels take beside that, at the sides and above.
 const LABEL_ROOM: [f64; 2] = [96.0, 16.0];
 /// From a line to its label, in pixels.
-const LABEL_APART: f64 = 9.0;
+const LABEL_DISTANCE: f64 = 9.0;
 
 /// A size that is written beside its line.
 #[derive(Debug, Clone, PartialEq)]
@@ -106,7 +106,7 @@ pub fn contours_svg(contours: &[DrawnContour], points: &[([f64; 2], bool)], labe
             _ => "middle",
         };
         // Letters stand on their row: those above a line end there, those below begin.
-        let (x, y) = (x + LABEL_APART * right, y - LABEL_APART * up + 5.0 - 5.0 * up);
+        let (x, y) = (x + LABEL_DISTANCE * right, y - LABEL_DISTANCE * up + 5.0 - 5.0 * up);
         let words = label.text.replace('&', "&amp;").replace('<', "&lt;");
         let _ = writeln!(
             text,

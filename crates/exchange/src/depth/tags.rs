@@ -2,13 +2,14 @@
 //!
 //! **Input.** A file that can be rewound.
 //!
-//! **Output.** An error before anything is decoded, or nothing; the file is then at its beginning again.
+//! **Output.** An error before anything is decoded, or success with the file rewound.
 //!
 //! **Limits.** The image may still fail to decode. Tags that cannot be interpreted here are left to the
 //! decoder, which reports the reason.
 //!
 //! # References
-//! Adobe, *TIFF 6.0*, 1992; *BigTIFF*, 2007: the same with counts and places of eight bytes.
+//! Adobe, *TIFF Revision 6.0*, 1992, section 2 (image file directories); *BigTIFF*, 2007, which has counts and
+//! offsets of eight bytes.
 
 use std::io::{self, Read, Seek, SeekFrom};
 
@@ -16,12 +17,13 @@ use planish_estimate::{Error, Result};
 
 use crate::numbers::NumberType;
 
-/// Refuses tags of more values than the file has bytes: the decoder takes memory for them before it reads.
+/// Rejects tags with more values than the file has bytes, because the decoder allocates memory for them before it
+/// reads them.
 pub(crate) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
     let failed = |e: io::Error| Error::io("could not be read").with_source(e);
     let length = file.seek(SeekFrom::End(0)).map_err(failed)?;
     file.rewind().map_err(failed)?;
-    // A file that ends among its tags is the decoder's to refuse.
+    // A file that ends inside its tags is reported by the decoder.
     let found = too_many(file, length).unwrap_or(None);
     file.rewind().map_err(failed)?;
     match found {
@@ -32,7 +34,7 @@ pub(crate) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
     }
 }
 
-/// The first tag of the first image with more values than the file has bytes.
+/// Finds the first tag of the first image that has more values than the file has bytes.
 fn too_many<R: Read + Seek>(file: &mut R, length: u64) -> io::Result<Option<(u64, u64)>> {
     let mut order = [0; 2];
     file.read_exact(&mut order)?;
@@ -41,15 +43,17 @@ fn too_many<R: Read + Seek>(file: &mut R, length: u64) -> io::Result<Option<(u64
         let mut bytes = [0; 8];
         let bytes = &mut bytes[..number.size()];
         file.read_exact(bytes)?;
-        // Beyond 2⁵³ the last digits are lost, which no limit minds.
+        // Values beyond 2⁵³ are rounded, which does not matter for a comparison with a file size.
         Ok(match big {
             true => number.decode::<true>(bytes),
             false => number.decode::<false>(bytes),
         } as u64)
     };
+    // The version is 42 for TIFF and 43 for BigTIFF.
     let wide = whole(file, NumberType::U16)? == 43;
     let place = if wide { NumberType::U64 } else { NumberType::U32 };
     if wide {
+        // Size of offsets (8) and a reserved word.
         file.seek(SeekFrom::Current(4))?;
     }
     let first = whole(file, place)?;

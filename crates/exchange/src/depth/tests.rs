@@ -11,7 +11,7 @@ use crate::read_inputs;
 
 const CAMERA: &str =
     "unit = \"m\"\nfx = 2\nfy = 2\ncx = 1\ncy = 0.5\nscale = 0.001\nsigma_a = 0.001\nsigma_b = 0.002\n";
-/// Three columns and two rows, in millimetres; one has no reading.
+/// Three columns and two rows, in millimetres; one pixel has no reading.
 const DEPTHS: [u16; 6] = [1000, 2000, 0, 1500, 65535, 1000];
 
 fn png(colour: png::ColorType, depth: png::BitDepth, body: &[u8]) -> Vec<u8> {
@@ -78,12 +78,12 @@ fn every_format_gives_the_same_organised_scan() {
 }
 
 #[test]
-fn the_calibration_may_lie_beside_the_image() {
+fn the_calibration_may_be_beside_the_image() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("depth.png");
     fs::write(&path, png16()).unwrap();
     let e = read_inputs(&[&path], None).unwrap_err().to_string();
-    assert!(e.contains("depth.png: a depth image needs") && e.contains("depth.toml with fx fy cx cy"), "{e}");
+    assert!(e.contains("depth.png: expected the calibration") && e.contains("depth.toml with fx fy cx cy"), "{e}");
     fs::write(folder.path().join("depth.toml"), CAMERA).unwrap();
     assert_eq!(read_inputs(&[&path], None).unwrap().scans[0].scan.points.len(), 5);
     let e = read_inputs(&[folder.path().join("gone.png")], None).unwrap_err();
@@ -95,7 +95,7 @@ fn the_calibration_may_lie_beside_the_image() {
     fs::write(&job, "[[scan]]\nfile = \"a.xyz\"\ncalibration = \"depth.toml\"\n").unwrap();
     fs::write(folder.path().join("a.xyz"), "1 2 3\n").unwrap();
     let e = read_inputs(&[&job], None).unwrap_err().to_string();
-    assert!(e.contains("needed a depth image") && e.contains("`xyz`"), "{e}");
+    assert!(e.contains("expected a depth image") && e.contains("`xyz`"), "{e}");
 }
 
 fn image(name: &str, bytes: &[u8]) -> Result<Image> {
@@ -106,14 +106,14 @@ fn image(name: &str, bytes: &[u8]) -> Result<Image> {
 }
 
 #[test]
-fn pictures_and_damaged_files_are_refused() {
+fn colour_images_and_damaged_files_are_rejected() {
     let picture = png(png::ColorType::Rgb, png::BitDepth::Eight, &[0; 18]);
     let e = image("a.png", &picture).err().unwrap();
     assert!(e.kind() == ErrorKind::Unsupported && e.to_string().contains("Rgb"), "{e}");
     let eight = png(png::ColorType::Grayscale, png::BitDepth::Eight, &[1, 2, 3, 4, 5, 6]);
     assert_eq!(image("a.png", &eight).unwrap().readings, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
     assert!(image("a.tif", b"II*\0").is_err() && image("a.png", b"no image").is_err());
-    // Image data ends before the last chunk: what is cut off there loses nothing.
+    // The image data end before the last chunk, so a file cut off there is still complete.
     let whole = png16();
     for end in 0..whole.len() {
         if let Ok(found) = image("a.png", &whole[..end]) {
@@ -130,7 +130,7 @@ fn pictures_and_damaged_files_are_refused() {
     for end in 0..whole.len() {
         assert!(image("a.npy", &whole[..end]).is_err(), "{end}");
     }
-    // Width and height of a PNG, with the checksum that they need.
+    // Width and height of the PNG header.
     let mut bomb = png16();
     bomb[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
     assert!(image("a.png", &bomb).is_err());
@@ -139,7 +139,7 @@ fn pictures_and_damaged_files_are_refused() {
 
 proptest! {
     #[test]
-    fn no_change_of_a_byte_makes_it_panic(at in 0_usize..300, value in any::<u8>()) {
+    fn no_changed_byte_causes_a_panic(at in 0_usize..300, value in any::<u8>()) {
         for (name, mut bytes) in [("a.png", png16()), ("a.tif", tiff32()), ("a.npy", npy())] {
             let at = at % bytes.len();
             bytes[at] = value;
@@ -149,7 +149,7 @@ proptest! {
 }
 
 #[test]
-fn tags_and_sizes_that_a_tiff_cannot_hold_are_refused_before_they_take_memory() {
+fn impossible_tags_and_sizes_are_rejected_before_memory_is_allocated() {
     let whole = tiff32();
     let read = |bytes: &[u8]| read_tiff(Cursor::new(bytes.to_vec()), Some(bytes.len() as u64));
     assert_eq!(read(&whole).unwrap().readings.len(), 6);

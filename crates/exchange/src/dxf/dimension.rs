@@ -1,4 +1,4 @@
-//! Dimensions that conflict with the drawing.
+//! Finds dimensions that conflict with the drawing.
 //!
 //! **Input.** `DIMENSION` entities (linear, aligned, diameter and radius) and the curves of the drawing.
 //!
@@ -12,17 +12,18 @@ use super::groups::Record;
 use planish_estimate::Result;
 use planish_solid::views::{Curve2, DrawnCurve};
 
-/// Points lie on lines within this share of the drawing's size.
-const ON_LINE: f64 = 2e-3;
+/// Tolerance of the distance of a dimension's points from lines, as a share of the size of the drawing. Too small a value
+/// reports rounded coordinates, too large a value overlooks small changes of the drawing.
+const ON_LINE_SHARE: f64 = 2e-3;
 
-/// What contradicts the drawing, in words.
-pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result<Vec<String>> {
+/// Describes each dimension that conflicts with the drawing.
+pub(super) fn conflicts(dimensions: &[&Record], curves: &[DrawnCurve]) -> Result<Vec<String>> {
     let points = || curves.iter().flat_map(|c| c.curve.points());
     let extent = |k: usize| {
         let (lo, hi) = points().fold((f64::MAX, f64::MIN), |(lo, hi), p| (lo.min(p[k]), hi.max(p[k])));
         hi - lo
     };
-    let near = ON_LINE * extent(0).max(extent(1));
+    let near = ON_LINE_SHARE * extent(0).max(extent(1));
     let mut found = Vec::new();
     for record in dimensions {
         let Some(measured) = Measured::from_record(record)? else {
@@ -32,11 +33,11 @@ pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> R
         let exact = measured.length();
         let text = stated(record.text(1).unwrap_or_default());
         let kept = record.number(42)?.filter(|m| *m > 0.0).map(|m| (m, 1e-6 * m));
-        // A text of its own counts; else what the file keeps as the measurement.
+        // An explicit text is what people read, so it takes precedence over the stored measurement.
         if let Some((value, rounding)) = text.or(kept)
             && (value - exact).abs() > rounding + 1e-6 * exact
         {
-            found.push(format!("{name} says {value}, but {} {exact:.6}", measured.what));
+            found.push(format!("{name} states {value}, but {} {exact:.6}", measured.what));
             continue;
         }
         let loose = measured
@@ -45,25 +46,25 @@ pub(super) fn contradictions(dimensions: &[&Record], curves: &[DrawnCurve]) -> R
             .find(|p| !curves.iter().any(|c| distance_to(&c.curve, *p) <= near));
         if let Some([x, y]) = loose {
             found.push(format!(
-                "{name} measures from {x:.4} {y:.4}, where no line is: the drawing and its dimension differ"
+                "{name} measures from ({x:.4}, {y:.4}), where the drawing has no line: it was probably changed later"
             ));
         }
     }
     Ok(found)
 }
 
-/// What a dimension measures.
+/// Geometry that a dimension measures.
 struct Measured {
     points: [[f64; 2]; 2],
-    /// The direction along which it measures; none for the distance itself.
+    /// Direction of the measurement; none for the distance of the points.
     along: Option<[f64; 2]>,
-    /// Whether both points lie on the thing measured, and not the second alone.
+    /// True if both points lie on lines; false if only the second does (a radius starts at the centre).
     both: bool,
     what: &'static str,
 }
 
 impl Measured {
-    /// Reads what a `DIMENSION` measures; none for a kind that is not used.
+    /// Reads the geometry of a `DIMENSION`; none for an unsupported kind.
     fn from_record(record: &Record) -> Result<Option<Self>> {
         let point = |code: i32| {
             Ok::<_, planish_estimate::Error>(match (record.number(code)?, record.number(code + 10)?) {
@@ -71,15 +72,16 @@ impl Measured {
                 _ => None,
             })
         };
+        // The lower three bits of group 70 are the kind; higher bits are flags.
         let kind = record.number(70)?.unwrap_or(0.0) as i64 & 7;
         let (first, second, along, both, what) = match kind {
             0 | 1 => {
                 let angle = record.number(50)?.unwrap_or(0.0).to_radians();
                 let along = (kind == 0).then(|| [angle.cos(), angle.sin()]);
-                (point(13)?, point(14)?, along, true, "the points that it measures are apart by")
+                (point(13)?, point(14)?, along, true, "the distance of its points is")
             }
-            3 => (point(10)?, point(15)?, None, true, "its two points of the circle are apart by"),
-            4 => (point(10)?, point(15)?, None, false, "its point is from its centre by"),
+            3 => (point(10)?, point(15)?, None, true, "the distance of its points on the circle is"),
+            4 => (point(10)?, point(15)?, None, false, "the distance of its point from the centre is"),
             _ => return Ok(None),
         };
         Ok(first.zip(second).map(|(a, b)| Self { points: [a, b], along, both, what }))
@@ -94,16 +96,16 @@ impl Measured {
         }
     }
 
-    /// Points that lie on lines.
+    /// Points that must lie on lines.
     fn touching(&self) -> Vec<[f64; 2]> {
         self.points[usize::from(!self.both)..].to_vec()
     }
 }
 
-/// The number of a dimension's text and half of its last digit; none where it has none of its own.
+/// Number in the text of a dimension, and half of its last digit; none if the text has no number of its own.
 fn stated(text: &str) -> Option<(f64, f64)> {
-    // `<>` stands for the measurement; what stands before and behind it is no number of its own. `\\A1;` and
-    // the like are codes of fonts.
+    // `<>` is replaced by the measurement, so numbers around it are additions such as tolerances. Codes such as `\\A1;`
+    // format the text.
     if text.contains("<>") {
         return None;
     }
@@ -129,7 +131,7 @@ fn stated(text: &str) -> Option<(f64, f64)> {
     let begin = plain.find(|c: char| c.is_ascii_digit())?;
     let number: String = plain[begin..].chars().take_while(|c| c.is_ascii_digit() || *c == '.').collect();
     let number = number.trim_end_matches('.');
-    // Counts (`4x 5`), fractions, angles and threads are no lengths to compare.
+    // Counts (`4x 5`), fractions, angles and threads (`M8`) are not lengths.
     let behind = plain[begin + number.len()..].trim_start();
     let before = plain[..begin].trim_end();
     if behind.starts_with(['x', 'X', '/', '°', '×', '%']) || before.ends_with(['M', '/', '-']) {

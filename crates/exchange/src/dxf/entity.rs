@@ -1,14 +1,15 @@
-//! Entities: what a record of `ENTITIES` draws.
+//! Converts entities to curves.
 
 use super::groups::Record;
 use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
 use std::f64::consts::TAU;
 
-/// Points along an ellipse or a spline's span.
-const CHAIN: usize = 48;
+/// Number of segments of an ellipse. Chords deviate by 0.2 % of the radius (1 − cos(π/48)); more segments reduce the
+/// deviation and enlarge the drawing.
+const CURVE_SEGMENTS: usize = 48;
 
-/// The curves of an entity; none where its kind draws no edges.
+/// Curves of an entity; none if its kind draws no edges.
 pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
     let turned = record.number(230)?.is_some_and(|z| z < 0.0);
     let flat = record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() < 1e-9;
@@ -16,7 +17,7 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
         "LINE" => vec![Curve2::Segment(point(record, 10)?, point(record, 11)?)],
         "CIRCLE" => vec![arc(record, 0.0, 360.0)?],
         "ARC" => {
-            let (from, to) = (record.needed(50, "a start angle")?, record.needed(51, "an end angle")?);
+            let (from, to) = (record.required(50, "a start angle")?, record.required(51, "an end angle")?);
             vec![arc(record, from, to)?]
         }
         "ELLIPSE" => vec![ellipse(record)?],
@@ -25,10 +26,10 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
         _ => return Ok(None),
     };
     if !flat {
-        return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
+        return Err(Error::input("expected an entity in the xy plane, found another extrusion direction"));
     }
-    // An extrusion direction of −z mirrors x (the arbitrary axis algorithm); lines, ellipses and splines are
-    // in world coordinates.
+    // An extrusion direction of −z mirrors x (arbitrary axis algorithm of the DXF reference). Lines, ellipses and
+    // splines are stored in world coordinates and are not affected.
     let planar = matches!(record.kind.as_str(), "CIRCLE" | "ARC" | "LWPOLYLINE");
     Ok(Some(match turned && planar {
         true => curves.iter().map(|curve| curve.moved(|[x, y]| [-x, y], true)).collect(),
@@ -37,7 +38,7 @@ pub(super) fn curves_of(record: &Record) -> Result<Option<Vec<Curve2>>> {
 }
 
 fn point(record: &Record, code: i32) -> Result<[f64; 2]> {
-    Ok([record.needed(code, "an x")?, record.needed(code + 10, "a y")?])
+    Ok([record.required(code, "an x")?, record.required(code + 10, "a y")?])
 }
 
 fn points(record: &Record, code: i32) -> Result<Vec<[f64; 2]>> {
@@ -60,12 +61,12 @@ fn numbers(record: &Record, code: i32) -> Result<Vec<f64>> {
 }
 
 fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
-    let radius = record.needed(40, "a radius")?;
+    let radius = record.required(40, "a radius")?;
     if radius < 0.0 {
-        return Err(Error::input(format!("needed a radius > 0, found {radius}")));
+        return Err(Error::input(format!("expected a radius > 0, found {radius}")));
     }
     if radius == 0.0 {
-        // A point: it is left out with a word, as all that has no length.
+        // A curve without length, which the caller ignores with a warning.
         let center = point(record, 10)?;
         return Ok(Curve2::Segment(center, center));
     }
@@ -80,16 +81,16 @@ fn arc(record: &Record, from: f64, to: f64) -> Result<Curve2> {
 
 fn ellipse(record: &Record) -> Result<Curve2> {
     let (center, major) = (point(record, 10)?, point(record, 11)?);
-    let ratio = record.needed(40, "a ratio of the axes")?;
+    let ratio = record.required(40, "a ratio of the axes")?;
     let from = record.number(41)?.unwrap_or(0.0);
     let sweep = (record.number(42)?.unwrap_or(TAU) - from).rem_euclid(TAU);
     let sweep = if sweep < 1e-9 { TAU } else { sweep };
     let turned = if record.number(230)?.is_some_and(|z| z < 0.0) { -1.0 } else { 1.0 };
     let minor = [-major[1] * ratio * turned, major[0] * ratio * turned];
     Ok(Curve2::Chain(
-        (0..=CHAIN)
+        (0..=CURVE_SEGMENTS)
             .map(|k| {
-                let (s, c) = (from + sweep * k as f64 / CHAIN as f64).sin_cos();
+                let (s, c) = (from + sweep * k as f64 / CURVE_SEGMENTS as f64).sin_cos();
                 [0, 1].map(|a| center[a] + c * major[a] + s * minor[a])
             })
             .collect(),
@@ -118,18 +119,18 @@ fn polyline(record: &Record) -> Result<Vec<Curve2>> {
         .collect())
 }
 
-/// The curves of an old-style polyline with its vertices; none for meshes.
+/// Curves of an old-style polyline with its vertices; none for meshes (flags 16 and 64).
 pub(super) fn polyline_curves(record: &Record, vertices: &[Record]) -> Result<Option<Vec<Curve2>>> {
     let flags = record.number(70)?.unwrap_or(0.0) as i64;
     if flags & (16 | 64) != 0 {
         return Ok(None);
     }
     if record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() > 1e-9 {
-        return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
+        return Err(Error::input("expected an entity in the xy plane, found another extrusion direction"));
     }
     let mut corners: Vec<([f64; 2], f64)> = Vec::with_capacity(vertices.len());
     for vertex in vertices {
-        // Points that a spline only leans on are no corners.
+        // Flag 16 marks control points of a spline frame, which are not on the curve.
         if vertex.number(70)?.unwrap_or(0.0) as i64 & 16 == 0 {
             let at = point(vertex, 10).map_err(|e| e.in_context(vertex.name()))?;
             corners.push((at, vertex.number(42)?.unwrap_or(0.0)));
@@ -145,7 +146,8 @@ pub(super) fn polyline_curves(record: &Record, vertices: &[Record]) -> Result<Op
     }))
 }
 
-/// A span with bulge `b = tan(θ/4)`, θ the angle of its arc.
+/// Span of a polyline with bulge `b = tan(θ/4)`, where θ is the angle of its arc. Positive bulges run
+/// counter-clockwise.
 fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
     if bulge == 0.0 {
         return Curve2::Segment(a, b);
@@ -162,7 +164,7 @@ fn span(a: [f64; 2], b: [f64; 2], bulge: f64) -> Curve2 {
     }
 }
 
-/// A spline: its fit points where it has them, else de Boor's algorithm on its control points.
+/// Converts a spline to a chain: through its fit points if it has them, else by de Boor's algorithm.
 fn spline(record: &Record) -> Result<Curve2> {
     let fit = points(record, 11)?;
     if fit.len() >= 2 {
@@ -171,7 +173,7 @@ fn spline(record: &Record) -> Result<Curve2> {
     let poles = points(record, 10)?;
     let knots = numbers(record, 40)?;
     let weights = numbers(record, 41)?;
-    let degree = record.needed(71, "a degree")? as usize;
+    let degree = record.required(71, "a degree")? as usize;
     let ascending = knots.windows(2).all(|k| k[0] <= k[1]);
     if !(1..=15).contains(&degree)
         || poles.len() <= degree
@@ -179,7 +181,7 @@ fn spline(record: &Record) -> Result<Curve2> {
         || !ascending
     {
         return Err(Error::input(format!(
-            "needed ascending knots as many as poles + degree + 1, found degree {degree}, {} poles, {} knots",
+            "expected ascending knots, poles + degree + 1 in number, found degree {degree}, {} poles, {} knots",
             poles.len(),
             knots.len()
         )));
@@ -204,6 +206,7 @@ fn spline(record: &Record) -> Result<Curve2> {
     Ok(Curve2::Chain(chain))
 }
 
+/// Evaluates a rational B-spline in homogeneous coordinates (C. de Boor, *A Practical Guide to Splines*, 1978).
 fn de_boor(
     poles: &[[f64; 2]],
     knots: &[f64],

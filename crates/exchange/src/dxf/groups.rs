@@ -1,21 +1,21 @@
-//! Group codes: pairs of lines, gathered to records that begin with code 0.
+//! Reads group codes (pairs of lines) and joins them to records that begin with code 0.
 
 use crate::source::Source;
 use planish_estimate::{Error, Result};
 use std::io::Read;
 
-/// More groups than this in one record are damage.
-const MOST_GROUPS: usize = 2_000_000;
+/// Maximum number of groups of a record, which bounds the memory of a damaged file.
+const MAX_GROUPS: usize = 2_000_000;
 
-/// A code and its value.
+/// A group code and its value.
 pub(super) struct Group {
     pub(super) code: i32,
     pub(super) value: String,
-    /// The line of the value, from 1.
+    /// Line of the value, from 1.
     pub(super) line: u64,
 }
 
-/// What begins with a group of code 0, and the groups up to the next.
+/// A group of code 0 and the groups up to the next one.
 pub(super) struct Record {
     pub(super) kind: String,
     pub(super) line: u64,
@@ -23,22 +23,22 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// The value of the first group of a code.
+    /// Value of the first group with this code.
     pub(super) fn text(&self, code: i32) -> Option<&str> {
         self.groups.iter().find(|g| g.code == code).map(|g| g.value.as_str())
     }
 
-    /// The number of the first group of a code.
+    /// Number of the first group with this code.
     pub(super) fn number(&self, code: i32) -> Result<Option<f64>> {
         self.groups.iter().find(|g| g.code == code).map(Group::number).transpose()
     }
 
-    /// The number of a code that must be there.
-    pub(super) fn needed(&self, code: i32, what: &str) -> Result<f64> {
-        self.number(code)?.ok_or_else(|| Error::input(format!("needed {what} (group {code}), found none")))
+    /// Number of a required group.
+    pub(super) fn required(&self, code: i32, what: &str) -> Result<f64> {
+        self.number(code)?.ok_or_else(|| Error::input(format!("expected {what} (group {code}), found none")))
     }
 
-    /// The entity in words: kind, handle, line.
+    /// Description for messages: kind, handle and line.
     pub(super) fn name(&self) -> String {
         match self.text(5) {
             Some(handle) => format!("{} {handle} (line {})", self.kind, self.line),
@@ -52,14 +52,14 @@ impl Group {
         self.value.parse().ok().filter(|x: &f64| x.is_finite() && x.abs() < 1e15).ok_or_else(|| {
             let found: String = self.value.chars().take(40).collect();
             Error::input(format!(
-                "line {}: needed a number (group {}), found `{found}`",
+                "line {}: expected a number (group {}), found `{found}`",
                 self.line, self.code
             ))
         })
     }
 }
 
-/// Records of a file, one after the other.
+/// Reader of the records of a file.
 pub(super) struct Groups<'a, R> {
     source: &'a mut Source<R>,
     line: u64,
@@ -91,7 +91,7 @@ impl<'a, R: Read> Groups<'a, R> {
             }
             let found: String = code.chars().take(40).collect();
             return Err(Error::input(format!(
-                "line {at}: needed a DXF group code (a whole number), found `{found}`: is it an ASCII DXF?"
+                "line {at}: expected a DXF group code (a whole number), found `{found}`: not an ASCII DXF file?"
             )));
         };
         let Some(value) = self.next_line()? else {
@@ -102,7 +102,7 @@ impl<'a, R: Read> Groups<'a, R> {
         Ok(Some(Group { code, value, line: self.line }))
     }
 
-    /// The next record; what comes before the first code 0 is passed over.
+    /// Reads the next record; groups before the first code 0 are skipped.
     pub(super) fn next_record(&mut self) -> Result<Option<Record>> {
         let first = loop {
             match self.next_group()? {
@@ -117,8 +117,8 @@ impl<'a, R: Read> Groups<'a, R> {
                 self.ahead = Some(group);
                 break;
             }
-            if record.groups.len() >= MOST_GROUPS {
-                return Err(Error::input(format!("line {}: one entity has too many groups", group.line)));
+            if record.groups.len() >= MAX_GROUPS {
+                return Err(Error::input(format!("line {}: expected at most {MAX_GROUPS} groups per entity, found more", group.line)));
             }
             record.groups.push(group);
         }

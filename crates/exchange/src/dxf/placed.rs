@@ -1,21 +1,21 @@
-//! Entities where they are drawn: as they are, or by blocks that `INSERT`s place.
+//! Draws entities directly or through blocks that are placed by `INSERT`.
 //!
-//! A block's point p stands at `P + R S (p − b)`: b the block's base point, S the insert's scales along x and
-//! y, R its rotation, P its own point. Blocks may hold inserts. On layer 0 a block's entity takes the layer
-//! of its insert, and with line type `BYBLOCK` its line type.
+//! A point p of a block is drawn at `P + R S (p − b)` with the base point b of the block, and the scales S, rotation R
+//! and insertion point P of the insert. Blocks may contain inserts. An entity on layer 0 of a block takes the layer of
+//! the insert, and with line type `BYBLOCK` also its line type.
 
 use super::entity::{curves_of, polyline_curves};
 use super::groups::Record;
-use super::{DxfDrawing, MOST_ENTITIES, too_many};
+use super::{DxfDrawing, MAX_ENTITIES, too_many};
 use crate::affine::Affine;
 use planish_estimate::{Error, Result};
 use planish_solid::views::{DrawnCurve, LineStyle};
 use std::collections::{BTreeMap, HashMap};
 
-/// Blocks within blocks go no deeper.
-const DEEPEST: usize = 16;
+/// Maximum nesting of blocks. The format forbids recursion; the limit finds it.
+const MAX_DEPTH: usize = 16;
 
-/// Entities in the file's order; an old-style polyline with its vertices.
+/// Entities in the order of the file; an old-style polyline is stored with its vertices.
 #[derive(Default)]
 pub(super) struct Items(Vec<(Record, Vec<Record>)>);
 
@@ -29,7 +29,7 @@ impl Items {
     }
 }
 
-/// A block of entities.
+/// A block: a base point and entities.
 pub(super) struct Block {
     base: [f64; 2],
     pub(super) items: Items,
@@ -44,20 +44,20 @@ impl Block {
     }
 }
 
-/// Layers with their line types, and blocks, by names in capitals.
+/// Layers with their line types, and blocks. Keys are in capitals, because names are not case-sensitive.
 #[derive(Default)]
 pub(super) struct Sheet {
     pub(super) layers: BTreeMap<String, String>,
     pub(super) blocks: HashMap<String, Block>,
 }
 
-/// Where and how entities are drawn.
+/// Placement and style of entities.
 #[derive(Clone)]
 pub(super) struct Place {
     map: Affine,
-    /// Layer and line type of the insert.
+    /// Layer and line type of the insert, if any.
     outer: Option<(String, String)>,
-    /// Which blocks and inserts the entities are of, in words.
+    /// Blocks and inserts of the entities, for messages.
     named: String,
     depth: usize,
 }
@@ -69,7 +69,7 @@ impl Default for Place {
 }
 
 impl Place {
-    /// The place of what a block holds that is inserted here, `shift` away in the insert's own directions.
+    /// Placement of the content of a block that is inserted here; `shift` is in the directions of the insert.
     fn of_insert(
         &self,
         record: &Record,
@@ -81,7 +81,7 @@ impl Place {
         let (sin, cos) = number(50, 0.0)?.to_radians().sin_cos();
         let (sx, sy) = (number(41, 1.0)?, number(42, 1.0)?);
         if sx == 0.0 || sy == 0.0 {
-            return Err(Error::input("needed scales other than 0"));
+            return Err(Error::input("expected scales other than 0, found 0"));
         }
         // An extrusion direction of −z mirrors x.
         let mirror = if number(230, 1.0)? < 0.0 { -1.0 } else { 1.0 };
@@ -107,36 +107,36 @@ impl Place {
     }
 }
 
-/// Kinds that draw no edges: how many, and the first one.
-pub(super) type PassedOver = BTreeMap<String, (usize, String)>;
+/// Kinds that draw no edges: number and first entity.
+pub(super) type Ignored = BTreeMap<String, (usize, String)>;
 
 /// Draws entities into a drawing.
 pub(super) struct Drawer<'a> {
     sheet: &'a Sheet,
     drawing: DxfDrawing,
     dimensions: Vec<&'a Record>,
-    passed_over: PassedOver,
+    ignored: Ignored,
     drawn: usize,
 }
 
 impl<'a> Drawer<'a> {
     pub(super) fn new(sheet: &'a Sheet, drawing: DxfDrawing) -> Self {
-        Self { sheet, drawing, dimensions: Vec::new(), passed_over: PassedOver::new(), drawn: 0 }
+        Self { sheet, drawing, dimensions: Vec::new(), ignored: Ignored::new(), drawn: 0 }
     }
 
-    /// The drawing, the dimensions outside blocks, and what draws no edges.
-    pub(super) fn finish(self) -> (DxfDrawing, Vec<&'a Record>, PassedOver) {
-        (self.drawing, self.dimensions, self.passed_over)
+    /// Returns the drawing, the dimensions outside blocks, and the ignored kinds.
+    pub(super) fn finish(self) -> (DxfDrawing, Vec<&'a Record>, Ignored) {
+        (self.drawing, self.dimensions, self.ignored)
     }
 
     pub(super) fn draw<'b: 'a>(&mut self, items: &'b Items, place: &Place) -> Result<()> {
         for (record, vertices) in &items.0 {
-            // Blocks within blocks multiply.
+            // Counted here, because nested blocks multiply the entities of the file.
             self.drawn += 1;
-            if self.drawn > MOST_ENTITIES {
+            if self.drawn > MAX_ENTITIES {
                 return Err(too_many());
             }
-            // Paper space holds sheets, not the part.
+            // Group 67 = 1: paper space holds the layout of sheets, not the part.
             if record.number(67)?.is_some_and(|space| space == 1.0) {
                 continue;
             }
@@ -152,7 +152,7 @@ impl<'a> Drawer<'a> {
     fn draw_one(&mut self, record: &Record, vertices: &[Record], place: &Place) -> Result<()> {
         let name = format!("{}{}", record.name(), place.named);
         let Some(style) = style_of(record, &self.sheet.layers, place.outer.as_ref()) else {
-            self.pass_over("centre line", name);
+            self.ignore("centre line", name);
             return Ok(());
         };
         let curves = match record.kind.as_str() {
@@ -160,12 +160,12 @@ impl<'a> Drawer<'a> {
             _ => curves_of(record),
         };
         let Some(curves) = curves.map_err(|e| e.in_context(&name))? else {
-            self.pass_over(&record.kind, name);
+            self.ignore(&record.kind, name);
             return Ok(());
         };
         for curve in curves {
             if curve.length() <= 0.0 {
-                self.drawing.warnings.push(format!("{name} has no length: it is left out"));
+                self.drawing.warnings.push(format!("{name} has no length and is ignored"));
                 continue;
             }
             self.drawing.curves.push(DrawnCurve {
@@ -181,20 +181,24 @@ impl<'a> Drawer<'a> {
         let name = record.text(2).unwrap_or_default();
         let sheet: &'a Sheet = self.sheet;
         let Some(block) = sheet.blocks.get(&name.to_uppercase()) else {
-            return Err(Error::input(format!("needed the block `{name}` in the section BLOCKS, found none")));
-        };
-        if place.depth >= DEEPEST {
             return Err(Error::input(format!(
-                "blocks within blocks go more than {DEEPEST} deep: does `{name}` hold itself?"
+                "expected the block `{name}` in the section BLOCKS, found none"
+            )));
+        };
+        if place.depth >= MAX_DEPTH {
+            return Err(Error::input(format!(
+                "expected at most {MAX_DEPTH} nested blocks, found more: does `{name}` contain itself?"
             )));
         }
         if record.number(210)?.unwrap_or(0.0).abs() + record.number(220)?.unwrap_or(0.0).abs() > 1e-9 {
-            return Err(Error::input("needed an entity in the xy plane, found another extrusion direction"));
+            return Err(Error::input(
+                "expected an entity in the xy plane, found another extrusion direction",
+            ));
         }
         let count = |code: i32| Ok::<usize, Error>((record.number(code)?.unwrap_or(1.0).max(1.0)) as usize);
         let (columns, rows) = (count(70)?, count(71)?);
         let (dx, dy) = (record.number(44)?.unwrap_or(0.0), record.number(45)?.unwrap_or(0.0));
-        if columns.saturating_mul(rows) > MOST_ENTITIES {
+        if columns.saturating_mul(rows) > MAX_ENTITIES {
             return Err(too_many());
         }
         let style = outer_style(record, &self.sheet.layers, place.outer.as_ref());
@@ -206,12 +210,12 @@ impl<'a> Drawer<'a> {
         Ok(())
     }
 
-    fn pass_over(&mut self, kind: &str, name: String) {
-        self.passed_over.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
+    fn ignore(&mut self, kind: &str, name: String) {
+        self.ignored.entry(kind.to_owned()).or_insert((0, name)).0 += 1;
     }
 }
 
-/// The layer and line type that an entity is drawn with, in capitals.
+/// Layer and line type of an entity, in capitals.
 fn outer_style(
     record: &Record,
     layers: &BTreeMap<String, String>,
@@ -230,18 +234,18 @@ fn outer_style(
     (layer, line_type)
 }
 
-/// The style by line type, else by the layer's name or line type; none for centre lines.
+/// Style from the line type and the name of the layer; none for centre lines.
 fn style_of(
     record: &Record,
     layers: &BTreeMap<String, String>,
     outer: Option<&(String, String)>,
 ) -> Option<LineStyle> {
     let (layer, line_type) = outer_style(record, layers, outer);
-    let says = |words: &[&str]| words.iter().any(|w| line_type.contains(w) || layer.contains(w));
-    if says(&["CENTER", "CENTRE", "DASHDOT", "CHAIN", "PHANTOM", "DIVIDE"]) {
+    let mentions = |words: &[&str]| words.iter().any(|w| line_type.contains(w) || layer.contains(w));
+    if mentions(&["CENTER", "CENTRE", "DASHDOT", "CURVE_SEGMENTS", "PHANTOM", "DIVIDE"]) {
         return None;
     }
-    Some(match says(&["HIDDEN", "DASH"]) {
+    Some(match mentions(&["HIDDEN", "DASH"]) {
         true => LineStyle::Hidden,
         false => LineStyle::Visible,
     })

@@ -2,7 +2,7 @@ use super::*;
 use planish_solid::views::{Curve2, LineStyle};
 use std::f64::consts::{PI, TAU};
 
-/// A DXF file with blocks and entities, each a list of codes and values between blanks.
+/// Reads a DXF file with blocks and entities, given as codes and values separated by blanks.
 fn drawn(blocks: &str, entities: &str) -> Result<DxfDrawing> {
     let lines = |text: &str| text.split_whitespace().collect::<Vec<_>>().join("\n");
     let text = format!(
@@ -23,11 +23,11 @@ const LINE_BLOCK: &str = "0 BLOCK 2 part 10 1 20 0 0 LINE 8 0 10 1 20 0 11 3 21 
 fn a_block_is_drawn_where_its_insert_places_it() {
     let found = drawn(LINE_BLOCK, "0 INSERT 5 2A 8 DASHED 2 PART 10 10 20 20 41 2 42 2 50 90").unwrap();
     let Curve2::Segment(a, b) = found.curves[0].curve else { panic!() };
-    // The base point is (1, 0); twice as large, turned by 90°.
+    // The base point is (1, 0); the insert scales by 2 and rotates by 90°.
     for (found, wanted) in [(a, [10.0, 20.0]), (b, [10.0, 24.0])] {
         assert!((found[0] - wanted[0]).abs() < 1e-12 && (found[1] - wanted[1]).abs() < 1e-12, "{found:?}");
     }
-    // What is on layer 0 takes the layer of the insert.
+    // Entities on layer 0 take the layer of the insert.
     assert!(found.curves.iter().all(|c| c.style == LineStyle::Hidden));
     assert_eq!(found.curves[0].entity, "LINE (line 14) in block PART by INSERT 2A (line 48)");
     let Curve2::Arc { radius, start, sweep, .. } = found.curves[1].curve else { panic!() };
@@ -37,7 +37,7 @@ fn a_block_is_drawn_where_its_insert_places_it() {
 }
 
 #[test]
-fn a_mirrored_insert_runs_arcs_the_other_way_and_an_uneven_one_makes_ellipses() {
+fn a_mirrored_insert_reverses_arcs_and_an_uneven_one_gives_ellipses() {
     let mirrored = drawn(LINE_BLOCK, "0 INSERT 2 part 10 0 20 0 41 -1").unwrap();
     let Curve2::Arc { start, sweep, .. } = mirrored.curves[1].curve else { panic!() };
     assert!((start.rem_euclid(TAU) - PI / 2.0).abs() < 1e-12 && (sweep - PI / 2.0).abs() < 1e-12);
@@ -54,13 +54,13 @@ fn rows_and_columns_of_an_insert_are_drawn() {
 }
 
 #[test]
-fn a_block_that_is_missing_or_holds_itself_is_named() {
+fn a_missing_or_recursive_block_is_named() {
     let e = drawn("", "0 INSERT 5 7 2 gone 10 0 20 0").unwrap_err().to_string();
-    assert!(e.contains("INSERT 7 (line 12): needed the block `gone`"), "{e}");
+    assert!(e.contains("INSERT 7 (line 12): expected the block `gone`"), "{e}");
     let itself = "0 BLOCK 2 a 10 0 20 0 0 INSERT 2 a 10 0 20 0 0 ENDBLK";
     let e = drawn(itself, "0 INSERT 2 a 10 0 20 0").unwrap_err().to_string();
-    assert!(e.contains("does `a` hold itself?"), "{e}");
-    // Ten blocks of ten each of the next: no bomb.
+    assert!(e.contains("does `a` contain itself?"), "{e}");
+    // Ten blocks that each insert the next one ten times: 10⁹ lines.
     let mut bomb = "0 BLOCK 2 b0 10 0 20 0 0 LINE 10 0 20 0 11 1 21 1 0 ENDBLK ".to_owned();
     for k in 1..10 {
         bomb += &format!(
@@ -69,7 +69,7 @@ fn a_block_that_is_missing_or_holds_itself_is_named() {
         );
     }
     let e = drawn(&bomb, "0 INSERT 2 b9 10 0 20 0").unwrap_err().to_string();
-    assert!(e.contains("needed at most 200000 entities"), "{e}");
+    assert!(e.contains("expected at most 200000 entities"), "{e}");
 }
 
 #[test]
@@ -88,7 +88,7 @@ fn an_old_polyline_has_lines_and_arcs() {
 }
 
 #[test]
-fn texts_hatches_and_meshes_are_counted_and_the_first_is_named() {
+fn ignored_entities_are_counted_and_the_first_is_named() {
     let found = drawn(
         "",
         "0 TEXT 5 A1 1 hello 0 HATCH 5 A2 0 HATCH 5 A3 0 POLYLINE 5 A4 70 64 0 VERTEX 10 0 20 0 0 SEQEND 0 \
@@ -98,20 +98,20 @@ fn texts_hatches_and_meshes_are_counted_and_the_first_is_named() {
     assert_eq!(found.curves.len(), 1);
     let all = found.warnings.join("\n");
     for wanted in [
-        "1 of TEXT, the first TEXT A1 (line",
-        "2 of HATCH, the first HATCH A2 (line",
-        "1 of POLYLINE, the first POLYLINE A4",
+        "1 × TEXT, which draws no edges; the first is TEXT A1 (line",
+        "2 × HATCH, which draws no edges; the first is HATCH A2 (line",
+        "1 × POLYLINE, which draws no edges; the first is POLYLINE A4",
     ] {
         assert!(all.contains(wanted), "{all}");
     }
 }
 
 #[test]
-fn a_dimension_that_says_another_number_is_named() {
+fn conflicting_dimensions_are_named() {
     let line = "0 LINE 10 0 20 0 11 40 21 0 0 CIRCLE 10 20 20 10 40 6";
-    let says = |dimension: &str| drawn("", &format!("{line} {dimension}")).unwrap().warnings.join("\n");
-    // Linear along x, between the line's ends.
-    let linear = |text: &str| says(&format!("0 DIMENSION 5 D1 70 32 13 0 23 0 14 40 24 0 {text}"));
+    let warnings = |dimension: &str| drawn("", &format!("{line} {dimension}")).unwrap().warnings.join("\n");
+    // Linear along x, between the ends of the line.
+    let linear = |text: &str| warnings(&format!("0 DIMENSION 5 D1 70 32 13 0 23 0 14 40 24 0 {text}"));
     assert_eq!(linear("1 40"), "");
     assert_eq!(linear("1 40.0±0.1"), "");
     assert_eq!(linear("1 <>"), "");
@@ -119,20 +119,20 @@ fn a_dimension_that_says_another_number_is_named() {
     let found = linear("1 45");
     assert!(
         found.contains("DIMENSION D1 (line")
-            && found.contains("says 45, but the points that it measures are apart by 40"),
+            && found.contains("states 45, but the distance of its points is 40"),
         "{found}"
     );
-    assert!(linear("42 38.5").contains("says 38.5"));
-    assert!(linear("1 \\A1;\\fArial|b0;41").contains("says 41"));
-    let diameter = |text: &str| says(&format!("0 DIMENSION 5 D2 70 35 10 14 20 10 15 26 25 10 {text}"));
+    assert!(linear("42 38.5").contains("states 38.5"));
+    assert!(linear("1 \\A1;\\fArial|b0;41").contains("states 41"));
+    let diameter = |text: &str| warnings(&format!("0 DIMENSION 5 D2 70 35 10 14 20 10 15 26 25 10 {text}"));
     assert_eq!(diameter("1 %%c12"), "");
-    assert!(diameter("1 Ø13").contains("says 13, but its two points of the circle are apart by 12"));
+    assert!(diameter("1 Ø13").contains("states 13, but the distance of its points on the circle is 12"));
     assert_eq!(diameter("1 4x12"), "");
-    let radius = says("0 DIMENSION 5 D3 70 36 10 20 20 10 15 26 25 10 1 R6.5");
-    assert!(radius.contains("D3") && radius.contains("says 6.5"), "{radius}");
-    let loose = says("0 DIMENSION 5 D4 70 33 13 0 23 0 14 45 24 0");
+    let radius = warnings("0 DIMENSION 5 D3 70 36 10 20 20 10 15 26 25 10 1 R6.5");
+    assert!(radius.contains("D3") && radius.contains("states 6.5"), "{radius}");
+    let loose = warnings("0 DIMENSION 5 D4 70 33 13 0 23 0 14 45 24 0");
     assert!(
-        loose.contains("DIMENSION D4") && loose.contains("measures from 45.0000 0.0000, where no line is"),
+        loose.contains("DIMENSION D4") && loose.contains("measures from (45.0000, 0.0000), where the drawing has no line"),
         "{loose}"
     );
 }

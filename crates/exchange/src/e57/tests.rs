@@ -15,8 +15,8 @@ fn whole(name: RecordName, max: i64) -> Record {
     Record { name, data_type: RecordDataType::Integer { min: 0, max } }
 }
 
-/// A Cartesian cloud with a pose, one point of which is invalid; an organised spherical one; and one without
-/// points.
+/// A file with a Cartesian cloud that has a pose and an invalid point, an organised spherical cloud, and an empty
+/// one.
 fn file(folder: &Path) -> PathBuf {
     let path = folder.join("a.e57");
     let mut writer = E57Writer::from_file(&path, "file").unwrap();
@@ -81,7 +81,7 @@ fn every_point_cloud_is_a_scan_with_its_pose() {
 }
 
 #[test]
-fn a_job_carries_the_whole_file() {
+fn the_pose_of_a_job_applies_to_all_scans_of_a_file() {
     let folder = tempfile::tempdir().unwrap();
     file(folder.path());
     let job = folder.path().join("job.toml");
@@ -101,7 +101,7 @@ fn read(bytes: &[u8]) -> Result<Vec<Scan>> {
 }
 
 #[test]
-fn files_cut_off_anywhere_are_errors() {
+fn truncated_files_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let whole = fs::read(file(folder.path())).unwrap();
     for end in 0..whole.len() {
@@ -110,7 +110,7 @@ fn files_cut_off_anywhere_are_errors() {
 }
 
 #[test]
-fn shared_and_sparse_cells_make_no_grid() {
+fn shared_and_sparse_cells_give_no_grid() {
     assert!(grid(&[[0, 0], [1, 0], [0, 1], [0, 0]]).is_none());
     assert!(grid(&[[0, 0], [1, 0], [2, 0]]).is_none());
     assert!(grid(&[[i64::MIN, 0], [i64::MAX, 1]]).is_none());
@@ -118,8 +118,8 @@ fn shared_and_sparse_cells_make_no_grid() {
     assert!(grid(&[]).is_none());
 }
 
-/// Pages of 1024 bytes, whose last four are a checksum (CRC-32C) of the others.
-fn with_true_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
+/// Recomputes the checksums: the last four bytes of each page of 1024 are the CRC-32C of the others.
+fn with_valid_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     for page in bytes.chunks_exact_mut(1024) {
         let (body, sum) = page.split_at_mut(1020);
         let crc = body.iter().fold(!0_u32, |crc, &byte| {
@@ -131,27 +131,27 @@ fn with_true_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
 }
 
 #[test]
-fn promises_are_not_believed() {
+fn a_declared_count_beyond_the_data_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let whole = fs::read(file(folder.path())).unwrap();
     let from = b"recordCount=\"5\"";
     let at = whole.windows(from.len()).position(|w| w == from).unwrap();
     let mut bomb = whole.clone();
-    // The text keeps its length: a blank of the next attribute makes room for nothing more than nine.
+    // The XML must keep its length, so the count can grow to one digit, 9.
     bomb[at + from.len() - 2] = b'9';
-    assert_eq!(with_true_checksums(whole.clone()), whole);
-    let e = read(&with_true_checksums(bomb)).unwrap_err().to_string();
+    assert_eq!(with_valid_checksums(whole.clone()), whole);
+    let e = read(&with_valid_checksums(bomb)).unwrap_err().to_string();
     assert!(e.contains("point cloud 2: point 5 cannot be read"), "{e}");
 }
 
 proptest! {
     #[test]
-    fn no_change_of_a_byte_makes_it_panic(at in any::<usize>(), value in any::<u8>(), text in any::<bool>()) {
+    fn no_changed_byte_causes_a_panic(at in any::<usize>(), value in any::<u8>(), text in any::<bool>()) {
         let folder = tempfile::tempdir().unwrap();
         let mut bytes = fs::read(file(folder.path())).unwrap();
         let at = at % bytes.len();
-        // In the XML at the end, digits do the harm.
+        // In the XML at the end, changed digits are the interesting damage.
         bytes[at] = if text { b'0' + value % 10 } else { value };
-        let _ = read(&with_true_checksums(bytes));
+        let _ = read(&with_valid_checksums(bytes));
     }
 }

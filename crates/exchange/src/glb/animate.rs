@@ -1,11 +1,10 @@
-//! A mesh that changes its shape and its colours in time, as one GLB file.
+//! Writes a mesh whose shape and colours change in time as one GLB file.
 //!
-//! The file holds the last frame as a mesh, every frame before it as a morph target (differences of
-//! positions, normals and colours), and one animation whose weights lead from target to target. Viewers that
-//! do not animate show the last frame.
+//! The file holds the last frame as a mesh, each earlier frame as a morph target (differences of positions, normals
+//! and colours), and one animation of the weights. Viewers without animation show the last frame.
 //!
-//! **Limits.** Viewers need not animate colours. glTF 2.0 allows morph targets of `COLOR_0` (section
-//! 3.7.2.2), but asks no viewer to show them.
+//! **Limits.** Viewers need not animate colours: glTF 2.0 allows morph targets of `COLOR_0` (section 3.7.2.2), but
+//! does not require viewers to support them.
 
 use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
@@ -20,27 +19,44 @@ use std::path::Path;
 /// A mesh at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeshFrame {
-    /// What it shows, in a few words.
+    /// Short description.
     pub name: String,
-    /// Positions, in the mesh's unit.
+    /// Positions, in the unit of the mesh.
     pub points: Vec<[f64; 3]>,
     /// Unit normals.
     pub normals: Vec<[f64; 3]>,
-    /// Colours, linear, from 0 to 1.
+    /// Linear colours from 0 to 1.
     pub colours: Vec<[f64; 3]>,
 }
 
-/// Columns of a frame, as they are written.
+/// A column of a frame as it is written.
 type Column = Vec<[f32; 3]>;
 
-/// Writes frames that share their triangles as one animated mesh, a frame every `seconds_per_frame`. Lengths
-/// without a unit are taken for metres.
+/// Writes frames with common triangles as one animated mesh, one frame per `seconds_per_frame`. Without a unit,
+/// lengths are metres.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for fewer than two frames, frames of unequal length, corners
 /// beyond the points or a time that is not positive;
 /// [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB;
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::glb::{MeshFrame, write_animation};
+/// # let folder = tempfile::tempdir()?;
+/// let frame = |height: f64| MeshFrame {
+///     name: format!("z = {height}"),
+///     points: vec![[0.0, 0.0, height], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+///     normals: vec![[0.0, 0.0, 1.0]; 3],
+///     colours: vec![[0.5; 3]; 3],
+/// };
+/// let path = folder.path().join("rise.glb");
+/// write_animation(&path, &[frame(0.0), frame(1.0)], &[[0, 1, 2]], None, 0.5)?;
+/// // Readers that ignore animations see the last frame.
+/// assert_eq!(planish_exchange::glb::read_mesh(&path)?.points[0], [0.0, 0.0, 1.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_animation(
     path: &Path,
     frames: &[MeshFrame],
@@ -55,7 +71,7 @@ pub fn write_animation(
 
 struct Animation {
     head: Head,
-    /// The last frame, then every other one as differences to it.
+    /// The last frame, then the other ones as differences from it.
     columns: Vec<Column>,
     times: Vec<f32>,
     weights: Vec<f32>,
@@ -65,20 +81,22 @@ impl Animation {
     fn new(frames: &[MeshFrame], triangles: &[[u32; 3]], unit: Option<Unit>, seconds: f64) -> Result<Self> {
         let Some((last, earlier)) = frames.split_last().filter(|(_, earlier)| !earlier.is_empty()) else {
             return Err(Error::input(format!(
-                "an animation needed at least two frames, found {}",
+                "expected at least two frames for an animation, found {}",
                 frames.len()
             )));
         };
         let n = last.points.len();
         let fits = |f: &MeshFrame| f.points.len() == n && f.normals.len() == n && f.colours.len() == n;
         if n == 0 || triangles.is_empty() || !frames.iter().all(fits) {
-            return Err(Error::input("needed frames of one mesh with as many normals and colours as points"));
+            return Err(Error::input(
+                "expected frames of one mesh with as many normals and colours as points",
+            ));
         }
         if triangles.iter().flatten().any(|&corner| corner as usize >= n) {
-            return Err(Error::input(format!("a triangle has a corner beyond the {n} points")));
+            return Err(Error::input(format!("expected corners below {n}, the number of points, found another")));
         }
         if !(seconds > 0.0 && seconds.is_finite()) {
-            return Err(Error::input(format!("needed a positive time of each frame, found {seconds} s")));
+            return Err(Error::input(format!("expected a positive time per frame, found {seconds} s")));
         }
         let (low, high) = bounds(&last.points);
         let centre: [f64; 3] = std::array::from_fn(|k| low[k] + 0.5 * (high[k] - low[k]));
@@ -96,7 +114,7 @@ impl Animation {
             columns.push(differences(&last.colours, &frame.colours));
         }
         if columns.iter().flatten().flatten().any(|c| !c.is_finite()) {
-            return Err(Error::input("needed finite coordinates that float32 can hold"));
+            return Err(Error::input("expected finite coordinates in the range of float32"));
         }
         let targets = earlier.len();
         let times: Vec<f32> = (0..frames.len()).map(|k| (seconds * k as f64) as f32).collect();
@@ -148,7 +166,7 @@ impl Animation {
             "buffers": [{"byteLength": sections.length}],
         });
         let head = Head::new(&document, sections.length).map_err(|total| {
-            Error::unsupported(format!("GLB holds at most 4 GiB, this animation takes {total} bytes"))
+            Error::unsupported(format!("expected an animation of at most 4 GiB, the limit of GLB, found {total} bytes"))
         })?;
         Ok(Self { head, columns, times, weights })
     }
@@ -174,7 +192,7 @@ fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
     })
 }
 
-/// The least and the largest of each coordinate, as they are written.
+/// Minimum and maximum of each coordinate as written; glTF requires them for positions (section 3.6.2.5).
 fn extremes(column: &Column) -> Value {
     let pick = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
         (column.iter()).fold(column[0], |m, p| std::array::from_fn(|k| pick(m[k], p[k])))
@@ -196,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn every_frame_but_the_last_is_a_target_and_its_weight_is_one_at_its_time() {
+    fn each_earlier_frame_is_a_target_with_weight_one_at_its_time() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("forming.glb");
         let frames = [frame(0.0), frame(0.25), frame(0.5)];
@@ -222,7 +240,7 @@ mod tests {
         assert_eq!(targets.len(), 2);
         let base = floats(&primitive["attributes"]["POSITION"]);
         let first = floats(&targets[0]["POSITION"]);
-        // Base and target together are the first frame, about the middle of the last.
+        // Base plus target is the first frame, relative to the middle of the last.
         assert_eq!(base[2] + first[2], -0.25);
         assert_eq!(floats(&targets[1]["COLOR_0"])[0], -0.25);
         let sampler = &json["animations"][0]["samplers"][0];
@@ -233,8 +251,8 @@ mod tests {
     }
 
     #[test]
-    fn one_frame_is_no_animation() {
+    fn one_frame_is_rejected() {
         let error = write_animation("x.glb".as_ref(), &[frame(0.0)], &[[0, 1, 2]], None, 0.5).unwrap_err();
-        assert!(error.to_string().contains("at least two frames, found 1"), "{error}");
+        assert!(error.to_string().contains("at least two frames for an animation, found 1"), "{error}");
     }
 }

@@ -1,9 +1,9 @@
-//! A mesh with a texture that can be posed, as one GLB file.
+//! Writes a textured mesh with poses as one GLB file.
 //!
-//! The file holds the mesh at rest, a morph target for each pose (differences of positions and normals), and,
-//! where there are keyframes, an animation of their weights. The picture is in the file.
+//! The file holds the mesh at rest, a morph target per pose (differences of positions and normals), the picture of the
+//! texture and, with keyframes, an animation of the weights.
 //!
-//! **Limits.** Targets of poses that are applied together add up, which need not give a plausible shape.
+//! **Limits.** Targets that are applied together add up, which need not give a plausible shape.
 
 use super::write::{ATTRIBUTES, Head, INDICES, Sections};
 use super::{FLOAT, INTEGER, TRIANGLES};
@@ -28,47 +28,63 @@ pub struct MorphTarget {
 /// Weights of all targets at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Keyframe {
-    /// When, in seconds.
+    /// Time in seconds.
     pub seconds: f64,
-    /// One weight for each target.
+    /// One weight per target.
     pub weights: Vec<f64>,
 }
 
-/// A mesh that can be posed.
+/// A textured mesh with poses.
 #[derive(Debug, Clone, Default)]
 pub struct PosedMesh<'a> {
     /// Positions at rest.
     pub points: &'a [[f64; 3]],
     /// Unit normals at rest.
     pub normals: &'a [[f64; 3]],
-    /// Corners of triangles.
+    /// Indices of the corners of each triangle.
     pub triangles: &'a [[u32; 3]],
-    /// Texture coordinates from the lower left, one for each point; empty where there are none.
+    /// Texture coordinates from the lower left, one pair per point; empty for none.
     pub uv: &'a [[f64; 2]],
-    /// Colours of the points, linear, from 0 to 1; empty where there are none.
+    /// Linear colours of the points from 0 to 1; empty for none.
     pub colours: &'a [[f64; 3]],
-    /// σ of the points along their normals, in the mesh's unit, for `_SIGMA`; empty where there is none.
+    /// σ of the points along their normals, in the unit of the mesh, for `_SIGMA`; empty for none.
     pub sigma: &'a [f64],
-    /// Which points were measured, for `_OBSERVED`; empty where nothing is said.
+    /// Whether each point was measured, for `_OBSERVED`; empty if unknown.
     pub observed: &'a [u8],
-    /// A picture (PNG or JPEG) for the texture coordinates.
+    /// Picture of the texture (PNG or JPEG).
     pub picture: Option<&'a [u8]>,
     /// Poses.
     pub targets: &'a [MorphTarget],
-    /// Keyframes in the order of their times; nothing moves by itself where there are none.
+    /// Keyframes in order of time; empty for no animation.
     pub keyframes: &'a [Keyframe],
-    /// Unit of length; metres where none is named.
+    /// Unit of length; none means metres.
     pub unit: Option<Unit>,
 }
 
-/// Writes a mesh that can be posed.
+/// Writes a textured mesh with poses.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points,
-/// keyframes that do not follow each other or have another number of weights than there are targets, and a
-/// picture that is neither PNG nor JPEG; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more
+/// keyframes that are not in order of time or have another number of weights than targets, and a picture that is
+/// neither PNG nor JPEG; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more
 /// than 4 GiB; [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left
 /// half-written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::glb::{PosedMesh, read_mesh, write_posed};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("sheet.glb");
+/// write_posed(&path, &PosedMesh {
+///     points: &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+///     normals: &[[0.0, 0.0, 1.0]; 3],
+///     triangles: &[[0, 1, 2]],
+///     sigma: &[0.5, 0.5, 0.25],
+///     ..PosedMesh::default()
+/// })?;
+/// assert_eq!(read_mesh(&path)?.column("sigma"), Some(&[0.5, 0.5, 0.25][..]));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_posed(path: &Path, mesh: &PosedMesh<'_>) -> Result<()> {
     let (head, bytes) =
         check(mesh).and_then(|kind| pack(mesh, kind)).map_err(|e| e.in_context(path.display()))?;
@@ -78,7 +94,7 @@ pub fn write_posed(path: &Path, mesh: &PosedMesh<'_>) -> Result<()> {
     })
 }
 
-/// Whether everything fits together; the kind of the picture.
+/// Checks lengths, corners and keyframes; returns the media type of the picture.
 fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
     let n = mesh.points.len();
     let optional = |length: usize| length == 0 || length == n;
@@ -89,12 +105,12 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
     let poses = (mesh.targets.iter()).all(|t| t.points.len() == n && t.normals.len() == n);
     if n == 0 || mesh.triangles.is_empty() || !equal || !poses {
         return Err(Error::input(
-            "needed triangles, and as many normals, texture coordinates, colours, σ and places of each pose \
-             as points",
+            "expected triangles, and as many normals, texture coordinates, colours, σ and positions of each \
+             pose as points",
         ));
     }
     if mesh.triangles.iter().flatten().any(|&corner| corner as usize >= n) {
-        return Err(Error::input(format!("a triangle has a corner beyond the {n} points")));
+        return Err(Error::input(format!("expected corners below {n}, the number of points, found another")));
     }
     let mut last = f64::NEG_INFINITY;
     for (k, frame) in mesh.keyframes.iter().enumerate() {
@@ -103,7 +119,7 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
             frame.weights.len() == mesh.targets.len() && frame.weights.iter().all(|w| w.is_finite());
         if !(later && weights) {
             return Err(Error::input(format!(
-                "keyframe {}: needed a time after {last} s and {} weights, found {} s and {}",
+                "keyframe {}: expected a time after {last} s and {} weights, found {} s and {}",
                 k + 1,
                 mesh.targets.len(),
                 frame.seconds,
@@ -116,11 +132,11 @@ fn check(mesh: &PosedMesh<'_>) -> Result<Option<&'static str>> {
         None => Ok(None),
         Some([0x89, b'P', b'N', b'G', ..]) => Ok(Some("image/png")),
         Some([0xff, 0xd8, ..]) => Ok(Some("image/jpeg")),
-        Some(_) => Err(Error::input("a texture in GLB is PNG or JPEG: convert the picture")),
+        Some(_) => Err(Error::input("expected a picture in PNG or JPEG, found another format: convert it")),
     }
 }
 
-/// The binary chunk while it grows.
+/// The binary chunk under construction.
 #[derive(Default)]
 struct Chunk {
     sections: Sections,
@@ -134,12 +150,13 @@ impl Chunk {
         self.sections.add(values.len(), 4 * N as u64, target, FLOAT, kind, more)
     }
 
-    /// A picture: a section without an accessor.
+    /// Appends a picture, which is a section without an accessor.
     fn picture(&mut self, bytes: &[u8]) -> usize {
         self.sections
             .views
             .push(json!({"buffer": 0, "byteOffset": self.sections.length, "byteLength": bytes.len()}));
         self.bytes.extend_from_slice(bytes);
+        // Accessors after the picture must start at a multiple of their component size.
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         self.sections.length = self.bytes.len() as u64;
         self.sections.views.len() - 1
@@ -167,7 +184,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     let at = chunk.floats(&normals, Some(ATTRIBUTES), json!({}));
     attributes.insert("NORMAL".to_owned(), json!(at));
     if !mesh.uv.is_empty() {
-        // glTF counts from the upper left.
+        // The origin of glTF texture coordinates is the upper left corner.
         let uv: Vec<[f32; 2]> = mesh.uv.iter().map(|[u, v]| [*u as f32, (1.0 - v) as f32]).collect();
         let at = chunk.floats(&uv, Some(ATTRIBUTES), json!({}));
         attributes.insert("TEXCOORD_0".to_owned(), json!(at));
@@ -242,7 +259,7 @@ fn pack(mesh: &PosedMesh<'_>, picture_kind: Option<&str>) -> Result<(Head, Vec<u
     document["bufferViews"] = json!(chunk.sections.views);
     document["buffers"] = json!([{"byteLength": chunk.sections.length}]);
     let head = Head::new(&document, chunk.sections.length).map_err(|total| {
-        Error::unsupported(format!("GLB holds at most 4 GiB, this mesh takes {total} bytes"))
+        Error::unsupported(format!("expected a mesh of at most 4 GiB, the limit of GLB, found {total} bytes"))
     })?;
     Ok((head, chunk.bytes))
 }
@@ -286,9 +303,9 @@ mod tests {
         (made, std::fs::read(&path).unwrap_or_default(), super::super::read_mesh(&path))
     }
 
-    /// The mesh at rest is read back; sections are where the document says, with the picture among them.
+    /// Reads the mesh at rest back and finds each section, including the picture, at the stated offset.
     #[test]
-    fn poses_and_pictures_stand_where_the_document_says() {
+    fn poses_and_pictures_are_at_the_stated_offsets() {
         let picture = b"\x89PNG picture".as_slice();
         let (made, bytes, read) = posed(Some(picture), 1);
         made.unwrap();
@@ -322,8 +339,8 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn inconsistent_input_is_rejected() {
         assert!(posed(Some(b"GIF89a"), 1).0.unwrap_err().to_string().contains("PNG or JPEG"));
-        assert!(posed(None, 2).0.unwrap_err().to_string().contains("keyframe 1: needed a time"));
+        assert!(posed(None, 2).0.unwrap_err().to_string().contains("keyframe 1: expected a time"));
     }
 }

@@ -1,4 +1,4 @@
-//! Meshes from GLB files.
+//! Reads meshes from GLB files.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -16,30 +16,32 @@ use crate::mesh_data::{PolygonMesh, scan_of_vertices};
 use crate::numbers::NumberType;
 use crate::source::{Source, read_file};
 
-/// A scene's tree of nodes is not deeper than this.
-const DEEPEST: usize = 64;
-/// More nodes than this in a scene are one node that stands in many places: the geometry would be copied so
-/// often.
-const MOST_NODES: usize = 100_000;
+/// Maximum depth of the tree of nodes. glTF forbids cycles; the limit finds them.
+const MAX_DEPTH: usize = 64;
+/// Maximum number of visited nodes. A node that is referred to twice at each of 40 levels would be visited 2⁴⁰ times.
+/// Guarded by `endless_copies_are_rejected`.
+const MAX_NODES: usize = 100_000;
 
-/// Nodes may show one mesh in many places; more copies than so many times what the file holds are a trap.
-const MOST_COPIES: usize = 256;
-/// So many vertices are never too many.
-const FEW_VERTICES: usize = 1 << 20;
+/// Maximum ratio of vertices to those that the file can hold: nodes may repeat a mesh, and a small file must not fill
+/// the memory.
+const MAX_COPIES: usize = 256;
+/// Number of vertices that is accepted at any ratio.
+const ALWAYS_ALLOWED_VERTICES: usize = 1 << 20;
 
-/// Reads all triangles of the file's scene, in metres.
+/// Reads all triangles of the default scene, in metres.
 ///
 /// # Errors
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file is missing or unreadable;
-/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, or names what is not there:
-/// with the file and the accessor or node; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for
+/// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, or has an invalid reference: with
+/// the file and the accessor or node; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for
 /// geometry in other files, compressed, sparse or quantised.
 pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
-/// Reads all triangles with their texture coordinates (`TEXCOORD_0`) and the picture of the base colour that
-/// most of them have. Vertices at one place are one, as they were before a seam of the texture parted them.
+/// Reads all triangles with their texture coordinates (`TEXCOORD_0`) and the base-colour picture of the most triangles.
+///
+/// Vertices at the same position are merged, because glTF splits vertices at seams of the texture.
 pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     let (mesh, picture) = read_file(path, |mut source, _| textured_from(&mut source))?;
     Ok(welded(mesh, picture))
@@ -56,7 +58,7 @@ pub(crate) fn read_scan(path: &Path) -> Result<(Scan, Option<Unit>)> {
     Ok((scan, mesh.unit))
 }
 
-/// Columns for the time between reading and welding.
+/// Temporary columns of texture coordinates between reading and merging.
 const UV: [&str; 2] = ["TEXCOORD_0 u", "TEXCOORD_0 v"];
 
 pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> {
@@ -76,7 +78,7 @@ fn textured_from<R: Read>(source: &mut Source<R>) -> Result<(PolygonMesh, Option
 fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
     let mut uv = Vec::new();
     if let [Some(u), Some(v)] = UV.map(|name| mesh.column(name)) {
-        // glTF counts from the upper left.
+        // The origin of glTF texture coordinates is the upper left corner.
         uv = u.iter().zip(v).map(|(u, v)| [*u, 1.0 - v]).collect();
     }
     mesh.columns.retain(|(name, _)| !UV.contains(&name.as_str()));
@@ -92,7 +94,7 @@ fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
     let mut places: BTreeMap<[u64; 3], u32> = BTreeMap::new();
     let (mut kept, mut new) = (Vec::new(), Vec::with_capacity(mesh.points.len()));
     for (vertex, point) in mesh.points.iter().enumerate() {
-        // −0 and 0 are one place.
+        // Adding zero turns −0 into +0, so that both are one position.
         let place = point.map(|x| (x + 0.0).to_bits());
         new.push(*places.entry(place).or_insert_with(|| {
             kept.push(vertex);
@@ -115,19 +117,20 @@ fn welded(mut mesh: PolygonMesh, picture: Option<Vec<u8>>) -> TexturedMesh {
 fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> Result<T>) -> Result<T> {
     let header = source.bytes(12)?.map(<[u8]>::to_vec).unwrap_or_default();
     if !header.starts_with(&MAGIC) {
-        return Err(Error::input("byte 0: needed `glTF`: this is no GLB file, or it is cut off"));
+        return Err(Error::input("byte 0: expected `glTF`: not a GLB file, or cut off"));
     }
     let version = NumberType::U32.decode::<false>(&header[4..8]);
     if version != 2.0 {
-        return Err(Error::unsupported(format!("byte 4: needed version 2 of glTF, found {version}")));
+        return Err(Error::unsupported(format!("byte 4: expected version 2 of glTF, found {version}")));
     }
     let json = chunk(source, JSON_CHUNK)?;
     let document: Value = serde_json::from_slice(&json)
-        .map_err(|e| Error::input(format!("the JSON chunk is malformed (its line {}): {e}", e.line())))?;
+        .map_err(|e| Error::input(format!("the JSON chunk is malformed (line {} of it): {e}", e.line())))?;
     drop(json);
-    if let Some(needed) = document["extensionsRequired"].as_array().and_then(|names| names.first()) {
+    if let Some(extension) = document["extensionsRequired"].as_array().and_then(|names| names.first()) {
         return Err(Error::unsupported(format!(
-            "the file needs the extension {needed}: write it again without compression or quantisation"
+            "the file requires the extension {extension}, which is not supported: export it without compression and \
+             quantisation"
         )));
     }
     let binary = match source.peek(1)?.is_empty() {
@@ -137,22 +140,22 @@ fn with_file<R: Read, T>(source: &mut Source<R>, take: impl FnOnce(File<'_>) -> 
     take(File { document: &document, binary: &binary })
 }
 
-/// The next chunk, which must be of a type.
+/// Reads the next chunk, which must have the given type.
 fn chunk<R: Read>(source: &mut Source<R>, wanted: [u8; 4]) -> Result<Vec<u8>> {
     let byte = source.offset();
     let name = String::from_utf8_lossy(&wanted[..3]).into_owned();
     let cut_off =
-        |n: u64| Error::input(format!("byte {byte}: the file ends within {n} bytes of its {name} chunk"));
+        |n: u64| Error::input(format!("byte {byte}: the file ends inside the {n} bytes of its {name} chunk: it is cut off"));
     let head = source.bytes(8)?.ok_or_else(|| cut_off(8))?;
     if head[4..8] != wanted {
-        return Err(Error::input(format!("byte {byte}: needed a {name} chunk, found another")));
+        return Err(Error::input(format!("byte {byte}: expected a {name} chunk, found another type")));
     }
     let length = NumberType::U32.decode::<false>(&head[..4]) as u64;
     source.check_promise(length, format_args!("bytes in its {name} chunk"), length)?;
     Ok(source.bytes(length as usize)?.ok_or_else(|| cut_off(length))?.to_vec())
 }
 
-/// A linear map by its columns, and a translation.
+/// An affine map: the columns of its matrix, and a translation.
 #[derive(Clone, Copy)]
 struct Transform {
     columns: [[f64; 3]; 3],
@@ -173,7 +176,7 @@ impl Transform {
         [0, 1, 2].map(|k| q[k] + self.translation[k])
     }
 
-    /// First `inner`, then this one.
+    /// Composition that applies `inner` first.
     fn after(&self, inner: &Self) -> Self {
         Self { columns: inner.columns.map(|c| self.rotate(c)), translation: self.apply(inner.translation) }
     }
@@ -183,7 +186,8 @@ impl Transform {
         dot(a, cross(b, c))
     }
 
-    /// A normal carried along: by the cofactors, which keep it upright on what is stretched.
+    /// Transforms a unit normal by the matrix of cofactors, which keeps it perpendicular to a stretched surface. Unlike
+    /// the inverse transpose, it needs no division by a determinant that may be zero.
     fn normal(&self, n: [f64; 3]) -> [f64; 3] {
         let [a, b, c] = self.columns;
         let sign = self.determinant().signum();
@@ -198,7 +202,7 @@ struct File<'a> {
     binary: &'a [u8],
 }
 
-/// The columns that a file may give, and their attributes.
+/// Columns and the attributes that store them.
 const COLUMNS: [(&str, &str); 2] = [("sigma", "_SIGMA"), ("observed", "_OBSERVED")];
 
 fn index(value: &Value) -> Option<usize> {
@@ -215,8 +219,7 @@ fn numbers<const N: usize>(value: &Value) -> Option<[f64; N]> {
 }
 
 impl File<'_> {
-    /// The mesh, with the columns [`UV`] where texture coordinates are wanted, and how many triangles each
-    /// material has.
+    /// Reads the mesh, with the columns [`UV`] if requested, and the number of triangles of each material.
     fn mesh(&self, with_uv: bool) -> Result<(PolygonMesh, BTreeMap<usize, usize>)> {
         let mut materials = BTreeMap::new();
         let mut mesh = PolygonMesh { unit: Some(Unit::Metre), ..PolygonMesh::default() };
@@ -224,18 +227,18 @@ impl File<'_> {
         let mut stack: Vec<(usize, Transform, usize)> =
             match self.document["scenes"][scene]["nodes"].as_array() {
                 Some(nodes) => nodes.iter().filter_map(index).map(|n| (n, Transform::IDENTITY, 0)).collect(),
-                None => return Err(Error::input(format!("scene {scene}: needed nodes, found none"))),
+                None => return Err(Error::input(format!("scene {scene}: expected nodes, found none"))),
             };
         stack.reverse();
         let mut visited = 0;
         while let Some((node, parent, depth)) = stack.pop() {
             visited += 1;
-            if depth > DEEPEST || visited > MOST_NODES {
-                return Err(Error::input(format!("node {node}: the tree of nodes does not end")));
+            if depth > MAX_DEPTH || visited > MAX_NODES {
+                return Err(Error::input(format!("node {node}: expected a tree of nodes, found a cycle or too many nodes")));
             }
             let value = &self.document["nodes"][node];
             if !value.is_object() {
-                return Err(Error::input(format!("needed the node {node}, found none")));
+                return Err(Error::input(format!("expected the node {node}, found none")));
             }
             let transform =
                 parent.after(&node_transform(value).map_err(|e| e.in_context(format_args!("node {node}")))?);
@@ -247,16 +250,16 @@ impl File<'_> {
             stack.extend(children.rev().map(|child| (child, transform, depth + 1)));
         }
         if mesh.points.is_empty() {
-            return Err(Error::input("needed triangles in the scene, found none"));
+            return Err(Error::input("expected triangles in the scene, found none"));
         }
-        // A column counts where every primitive has it.
+        // A column that some primitive lacks has the wrong length and is discarded.
         let points = mesh.points.len();
         mesh.columns.retain(|(_, column)| column.len() == points);
         Ok((mesh, materials))
     }
 
-    /// The bytes of the picture of a material's base colour, where it stands in the file, is PNG or JPEG, and
-    /// lies on the first texture coordinates.
+    /// Picture of the base colour of a material, if it is in the file, is PNG or JPEG, and uses the first texture
+    /// coordinates.
     fn picture(&self, material: usize) -> Option<&[u8]> {
         let texture = &self.document["materials"][material]["pbrMetallicRoughness"]["baseColorTexture"];
         if texture["texCoord"].as_u64().unwrap_or(0) != 0 {
@@ -279,34 +282,36 @@ impl File<'_> {
         with_uv: bool,
     ) -> Result<()> {
         let Some(primitives) = self.document["meshes"][number]["primitives"].as_array() else {
-            return Err(Error::input("needed a list of primitives, found none"));
+            return Err(Error::input("expected a list of primitives, found none"));
         };
+        // σ is a length, so it scales with the mean factor of the three axes.
         let length = transform.determinant().abs().cbrt();
         for primitive in primitives {
             let mode = primitive["mode"].as_u64().unwrap_or(TRIANGLES);
             match mode {
                 TRIANGLES => {}
+                // Points and lines.
                 0..TRIANGLES => continue,
                 _ => {
-                    return Err(Error::unsupported("strips and fans of triangles: write separate triangles"));
+                    return Err(Error::unsupported("strips and fans of triangles are not supported: export separate triangles"));
                 }
             }
             let attributes = &primitive["attributes"];
             let positions = self.accessor(&attributes["POSITION"], FLOAT, "VEC3")?;
             let first = mesh.points.len();
-            // A vertex takes twelve bytes.
-            let most = (self.binary.len() / 12).saturating_mul(MOST_COPIES).max(FEW_VERTICES);
+            // A position takes twelve bytes.
+            let most = (self.binary.len() / 12).saturating_mul(MAX_COPIES).max(ALWAYS_ALLOWED_VERTICES);
             if first.saturating_add(positions.count) > most {
                 return Err(Error::input(format!(
-                    "the nodes repeat their meshes to more than {most} vertices, which the file does not \
-                     hold: write one copy"
+                    "expected at most {most} vertices for a file of this size, found more in repeated \
+                     meshes: export one copy"
                 )));
             }
             for vertex in 0..positions.count {
                 let point = transform.apply(positions.vector(vertex));
                 if !point.iter().all(|c| c.is_finite()) {
                     return Err(Error::input(format!(
-                        "vertex {vertex}: needed finite coordinates, found {} {} {}",
+                        "vertex {vertex}: expected finite coordinates, found {} {} {}",
                         point[0], point[1], point[2]
                     )));
                 }
@@ -322,7 +327,7 @@ impl File<'_> {
             let same = |accessor: &Accessor, name: &str| match accessor.count == positions.count {
                 true => Ok(()),
                 false => Err(Error::input(format!(
-                    "{name}: needed {} entries, as many as positions, found {}",
+                    "{name}: expected {} entries, as many as positions, found {}",
                     positions.count, accessor.count
                 ))),
             };
@@ -344,6 +349,7 @@ impl File<'_> {
             if with_uv && !attributes["TEXCOORD_0"].is_null() {
                 let found = self.accessor_of(&attributes["TEXCOORD_0"], &[FLOAT, BYTE, SHORT], "VEC2")?;
                 same(&found, "TEXCOORD_0")?;
+                // Integers are normalised: the largest value means 1.
                 let white = match found.type_ {
                     NumberType::U8 => 255.0,
                     NumberType::U16 => 65535.0,
@@ -354,7 +360,7 @@ impl File<'_> {
                         (0..found.count).find(|vertex| !found.number(*vertex, k).is_finite())
                     {
                         return Err(Error::input(format!(
-                            "TEXCOORD_0: needed finite numbers, found {} at vertex {vertex}",
+                            "TEXCOORD_0: expected finite numbers, found {} at vertex {vertex}",
                             found.number(vertex, k)
                         )));
                     }
@@ -378,14 +384,14 @@ impl File<'_> {
         mirrored: bool,
     ) -> Result<()> {
         let vertices = mesh.points.len() - first;
-        u32::try_from(mesh.points.len()).map_err(|_| Error::unsupported("more than 2³² vertices"))?;
+        u32::try_from(mesh.points.len()).map_err(|_| Error::unsupported("expected at most 2³² vertices, found more"))?;
         let indices = match indices.is_null() {
             true => None,
             false => Some(self.accessor_of(indices, &[BYTE, SHORT, INTEGER], "SCALAR")?),
         };
         let corners = indices.as_ref().map_or(vertices, |i| i.count);
         if corners % 3 != 0 {
-            return Err(Error::input(format!("needed three corners a triangle, found {corners} in all")));
+            return Err(Error::input(format!("expected three corners per triangle, found {corners} in all")));
         }
         for triangle in 0..corners / 3 {
             let mut made = [0; 3];
@@ -394,11 +400,12 @@ impl File<'_> {
                 let vertex = indices.as_ref().map_or(corner, |i| i.number(corner, 0) as usize);
                 if vertex >= vertices {
                     return Err(Error::input(format!(
-                        "triangle {triangle}: needed a vertex index below {vertices}, found {vertex}"
+                        "triangle {triangle}: expected a vertex index below {vertices}, found {vertex}"
                     )));
                 }
                 *to = (first + vertex) as u32;
             }
+            // A mirrored node would turn the triangles inside out.
             if mirrored {
                 made.swap(1, 2);
             }
@@ -411,11 +418,11 @@ impl File<'_> {
         self.accessor_of(number, &[component], kind)
     }
 
-    /// Numbers in the binary chunk: all of them are there.
+    /// Checks an accessor against its view and the binary chunk, so that reading from it cannot fail.
     fn accessor_of(&self, number: &Value, components: &[u64], kind: &str) -> Result<Accessor<'_>> {
         let Some(number) = index(number) else {
             return Err(Error::input(
-                "a primitive names no accessor for its positions, attributes or indices",
+                "expected an accessor for the positions, attributes or indices of a primitive, found none",
             ));
         };
         let accessor = &self.document["accessors"][number];
@@ -424,12 +431,12 @@ impl File<'_> {
         let found = accessor["type"].as_str().unwrap_or("nothing");
         if !components.contains(&component) || found != kind {
             return Err(Error::unsupported(format!(
-                "accessor {number}: needed {kind} of component type {components:?}, found {found} of \
+                "accessor {number}: expected {kind} of component type {components:?}, found {found} of \
                  {component}"
             )));
         }
         if accessor["sparse"].is_object() || accessor["bufferView"].is_null() {
-            return Err(Error::unsupported(format!("accessor {number}: is sparse or has no bufferView")));
+            return Err(Error::unsupported(format!("accessor {number}: sparse data, or data without a bufferView, are not supported")));
         }
         let type_ = match component {
             BYTE => NumberType::U8,
@@ -445,11 +452,11 @@ impl File<'_> {
             };
         let view = &self.document["bufferViews"][index(&accessor["bufferView"]).unwrap_or(usize::MAX)];
         if !view.is_object() {
-            return Err(wrong("names a bufferView that is not there".to_owned()));
+            return Err(wrong("refers to a bufferView that does not exist".to_owned()));
         }
         if index(&view["buffer"]) != Some(0) || !self.document["buffers"][0]["uri"].is_null() {
             return Err(Error::unsupported(format!(
-                "accessor {number}: its numbers stand in another file: needed one file that holds all"
+                "accessor {number}: expected all data in one file, found a reference to another"
             )));
         }
         let optional = |value: &Value, default: usize| match value.is_null() {
@@ -471,7 +478,7 @@ impl File<'_> {
         };
         place().ok_or_else(|| {
             wrong(format!(
-                "its count, offset or stride leads beyond its bufferView or the {} bytes of the binary chunk",
+                "its count, offset or stride exceeds its bufferView or the {} bytes of the binary chunk",
                 self.binary.len()
             ))
         })
@@ -497,9 +504,10 @@ impl Accessor<'_> {
     }
 }
 
+/// Local transform of a node: a matrix, or translation, rotation and scale (section 3.5.3).
 fn node_transform(node: &Value) -> Result<Transform> {
     let stated = |key: &str| !node[key].is_null();
-    let wrong = |key: &str, n: usize| Error::input(format!("needed {n} finite numbers for its {key}"));
+    let wrong = |key: &str, n: usize| Error::input(format!("expected {n} finite numbers for its {key}"));
     if stated("matrix") {
         let m: [f64; 16] = numbers(&node["matrix"]).ok_or_else(|| wrong("matrix", 16))?;
         return Ok(Transform {

@@ -35,7 +35,7 @@ fn tetrahedron(points: &[[f64; 3]], unit: Unit) -> MeshColumns<'_> {
 }
 
 #[test]
-fn far_coordinates_and_sigmas_come_back_in_metres() {
+fn far_coordinates_and_sigma_are_read_in_metres() {
     let points = CORNERS.map(|p| [0, 1, 2].map(|k| p[k] + FAR[k]));
     for unit in [Unit::Millimetre, Unit::Metre, Unit::Inch] {
         let mesh = tetrahedron(&points, unit);
@@ -57,7 +57,7 @@ fn far_coordinates_and_sigmas_come_back_in_metres() {
 }
 
 #[test]
-fn what_was_read_is_written_to_the_same_bytes() {
+fn a_read_mesh_is_written_to_the_same_bytes() {
     let first = written(&tetrahedron(&CORNERS, Unit::Metre));
     let mesh = read(&first).unwrap();
     let normals: Vec<[f64; 3]> = (0..4).map(|v| [0, 1, 2].map(|k| mesh.columns[k].1[v])).collect();
@@ -71,7 +71,7 @@ fn what_was_read_is_written_to_the_same_bytes() {
     assert_eq!(written(&again), first);
 }
 
-/// A file of a scene's JSON and numbers.
+/// A file with the JSON and the numbers of a scene.
 fn glb(json: &str, numbers: &[f32]) -> Vec<u8> {
     let mut json = json.as_bytes().to_vec();
     json.resize(json.len().next_multiple_of(4), b' ');
@@ -98,24 +98,24 @@ const SCENE: &str = r#"{"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],
 const NUMBERS: [f32; 18] = [0., 0., 0., 0., 0., 1., 1., 0., 0., 0., 0., 1., 0., 1., 0., 0., 0., 1.];
 
 #[test]
-fn nodes_turn_stretch_and_mirror_what_they_hold() {
+fn transforms_of_nodes_are_applied() {
     let mesh = read(&glb(SCENE, &NUMBERS)).unwrap();
     let near = |v: usize, expected: [f64; 3]| (0..3).all(|k| (mesh.points[v][k] - expected[k]).abs() < 1e-9);
     assert!(near(1, [10.0, 1.0, 0.0]) && near(2, [9.0, 0.0, 0.0]), "{:?}", mesh.points);
     assert!(near(4, [10.0, -2.0, 0.0]) && near(5, [8.0, 0.0, 0.0]), "{:?}", mesh.points);
-    // The mirrored triangle is turned over, so that its normal stays what it states.
+    // The corners of the mirrored triangle are swapped, so that they agree with its normal.
     assert_eq!(mesh.triangles, [[0, 1, 2], [3, 5, 4]]);
     assert!(mesh.column("nz").unwrap().iter().all(|&z| (z - 1.0).abs() < 1e-12));
 }
 
 #[test]
-fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
+fn invalid_and_unsupported_files_are_reported() {
     let failed = |json: &str| read(&glb(json, &NUMBERS)).unwrap_err();
     let with = |from: &str, to: &str| failed(&SCENE.replacen(from, to, 1));
     for (from, to, kind, words) in [
         ("\"count\":3", "\"count\":1000000000", ErrorKind::Input, "accessor 0"),
         ("\"count\":3", "\"count\":-3", ErrorKind::Input, "accessor 0"),
-        ("\"count\":3", "\"count\":2", ErrorKind::Input, "NORMAL: needed 2"),
+        ("\"count\":3", "\"count\":2", ErrorKind::Input, "NORMAL: expected 2"),
         ("\"byteLength\":72", "\"byteLength\":9e9", ErrorKind::Input, "accessor 0"),
         (
             "\"byteLength\":72",
@@ -125,11 +125,11 @@ fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
         ),
         ("\"byteStride\":24", "\"byteStride\":18446744073709551615", ErrorKind::Input, "accessor 0"),
         ("\"byteStride\":24", "\"byteStride\":0", ErrorKind::Input, "accessor 0"),
-        ("5126", "5121", ErrorKind::Unsupported, "accessor 0: needed VEC3"),
+        ("5126", "5121", ErrorKind::Unsupported, "accessor 0: expected VEC3"),
         ("\"mesh\":0", "\"mesh\":7", ErrorKind::Input, "mesh 7"),
-        ("[1,2]", "[1,0]", ErrorKind::Input, "does not end"),
-        ("[1,2]", "[1,9]", ErrorKind::Input, "needed the node 9"),
-        ("[10,0,0]", "[10,0]", ErrorKind::Input, "node 0: needed 3 finite numbers for its translation"),
+        ("[1,2]", "[1,0]", ErrorKind::Input, "found a cycle"),
+        ("[1,2]", "[1,9]", ErrorKind::Input, "expected the node 9"),
+        ("[10,0,0]", "[10,0]", ErrorKind::Input, "node 0: expected 3 finite numbers for its translation"),
         (
             "{\"asset\"",
             "{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\"",
@@ -140,7 +140,7 @@ fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
             "{\"byteLength\":72}]}",
             "{\"uri\":\"a.bin\",\"byteLength\":72}]}",
             ErrorKind::Unsupported,
-            "one file",
+            "all data in one file",
         ),
         ("{\"asset\"", "{asset", ErrorKind::Input, "JSON chunk is malformed"),
         ("\"scenes\"", "\"scene\":3,\"scenes\"", ErrorKind::Input, "scene 3"),
@@ -149,20 +149,20 @@ fn mistakes_are_named_and_what_cannot_be_read_is_refused() {
         assert_eq!(e.kind(), kind, "{to}: {e}");
         assert!(e.to_string().contains(words), "{to}: {e}");
     }
-    assert!(read(b"glTF").is_err() && read(b"ply\n").unwrap_err().to_string().contains("no GLB file"));
+    assert!(read(b"glTF").is_err() && read(b"ply\n").unwrap_err().to_string().contains("not a GLB file"));
     let points = [[f64::NAN, 0.0, 0.0]; 3];
     assert!(Layout::new(&tetrahedron(&points, Unit::Metre)).is_err());
 }
 
 #[test]
-fn copies_without_end_are_refused() {
+fn endless_copies_are_rejected() {
     // Forty nodes, each of which holds the next twice.
     let nodes: String = (0..40).map(|k| format!("{{\"children\":[{0},{0}]}},", k + 1)).collect();
     let start = SCENE.find("\"nodes\":[{\"children").unwrap();
     let end = SCENE.find("\"meshes\"").unwrap();
     let json = format!("{}\"nodes\":[{nodes}{{\"mesh\":0}}],{}", &SCENE[..start], &SCENE[end..]);
     let e = read(&glb(&json, &NUMBERS)).unwrap_err().to_string();
-    assert!(e.contains("does not end"), "{e}");
+    assert!(e.contains("too many nodes"), "{e}");
     let file = super::read::mesh_from(&mut Source::new(
         &glb(&SCENE.replace("[1,2]", "[1,1,2]"), &NUMBERS)[..],
         None,
@@ -171,7 +171,7 @@ fn copies_without_end_are_refused() {
 }
 
 #[test]
-fn files_cut_off_anywhere_are_errors() {
+fn truncated_files_are_rejected() {
     let bytes = written(&tetrahedron(&CORNERS, Unit::Metre));
     for end in 0..bytes.len() {
         assert!(read(&bytes[..end]).is_err(), "{end}");
@@ -180,7 +180,7 @@ fn files_cut_off_anywhere_are_errors() {
 
 proptest! {
     #[test]
-    fn no_change_of_a_byte_makes_it_panic(at in 0_usize..2000, value in any::<u8>()) {
+    fn no_changed_byte_causes_a_panic(at in 0_usize..2000, value in any::<u8>()) {
         let mut bytes = glb(SCENE, &NUMBERS);
         let at = at % bytes.len();
         bytes[at] = value;

@@ -1,4 +1,4 @@
-//! Meshes as GLB files.
+//! Writes meshes as GLB files.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -12,7 +12,7 @@ use crate::Unit;
 use crate::atomic::write_packed;
 use crate::mesh_data::MeshColumns;
 
-/// Viridis at five places from end to end, linear as glTF wants it.
+/// The colour map Viridis at five equidistant places, as linear colours, which glTF prescribes for `COLOR_0`.
 const RAMP: [[f64; 3]; 5] = [
     [0.058, 0.000, 0.089],
     [0.044, 0.084, 0.258],
@@ -20,23 +20,42 @@ const RAMP: [[f64; 3]; 5] = [
     [0.110, 0.584, 0.122],
     [0.984, 0.799, 0.018],
 ];
-/// Where nothing was measured.
+/// Colour of unmeasured parts.
 const GREY: [f64; 3] = [0.3, 0.3, 0.3];
 
-/// Writes a mesh with its normals, the columns `sigma` and `observed` and colours made of them; other columns
-/// have no place. Lengths without a unit are taken for metres.
+/// Writes a mesh with its normals, the columns `sigma` and `observed`, and colours that show them. Other columns are
+/// not written. Without a unit, lengths are metres.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, corners beyond the points, or
 /// no points; [`Unsupported`](planish_estimate::ErrorKind::Unsupported) for more than 4 GiB;
 /// [`Io`](planish_estimate::ErrorKind::Io) when the file cannot be written; nothing is left half-written.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::Unit;
+/// use planish_exchange::glb::{read_mesh, write_mesh};
+/// use planish_exchange::mesh::MeshColumns;
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("sheet.glb");
+/// write_mesh(&path, &MeshColumns {
+///     points: &[[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0]],
+///     triangles: &[[0, 1, 2]],
+///     unit: Some(Unit::Millimetre),
+///     ..MeshColumns::default()
+/// })?;
+/// // glTF is in metres.
+/// let mesh = read_mesh(&path)?;
+/// assert_eq!((mesh.points[1], mesh.unit), ([1.0, 0.0, 0.0], Some(Unit::Metre)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     let layout =
         mesh.check(true).and_then(|()| Layout::new(mesh)).map_err(|e| e.in_context(path.display()))?;
     write_packed(path, |mut writer| write_to(&mut writer, mesh, &layout))
 }
 
-/// What comes before the binary chunk, and what the positions are about.
+/// Header of a file and the origin of its positions.
 pub(super) struct Layout {
     center: [f64; 3],
     head: Head,
@@ -50,12 +69,13 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Header of a file with this JSON document and `binary` bytes of data.
+    /// Creates the header of a file with a JSON document and `binary` bytes of data.
     ///
     /// # Errors
-    /// The length of the file, if it does not fit into the 32 bits that the format has for it.
+    /// The length of the file, if it does not fit into the 32 bits of the format.
     pub(super) fn new(document: &Value, binary: u64) -> std::result::Result<Self, u64> {
         let mut json = document.to_string().into_bytes();
+        // Chunks are aligned to four bytes; JSON is padded with blanks (section 4.4.3.2).
         json.resize(json.len().next_multiple_of(4), b' ');
         let total = 12 + 8 + json.len() as u64 + 8 + binary;
         Ok(Self { json, binary: binary as u32, total: u32::try_from(total).map_err(|_| total)? })
@@ -73,7 +93,7 @@ impl Head {
     }
 }
 
-/// Sections of the binary chunk, one behind the other, and their accessors.
+/// Consecutive sections of the binary chunk, and their accessors.
 #[derive(Default)]
 pub(super) struct Sections {
     pub views: Vec<Value>,
@@ -82,8 +102,8 @@ pub(super) struct Sections {
 }
 
 impl Sections {
-    /// Adds a section of `count` elements, for `target` where it is of a mesh; gives the number of its
-    /// accessor.
+    /// Adds a section of `count` elements of `bytes` each; returns the index of its accessor. `target` is the purpose of
+    /// a section that belongs to a mesh.
     pub(super) fn add(
         &mut self,
         count: usize,
@@ -110,11 +130,11 @@ impl Sections {
     }
 }
 
-/// Targets of views: vertex attributes and indices.
+/// Targets of buffer views: vertex attributes and indices.
 pub(super) const ATTRIBUTES: u64 = 34962;
 pub(super) const INDICES: u64 = 34963;
 
-/// A position about the centre, as it is written.
+/// A position relative to the centre, as it is written.
 fn local(point: [f64; 3], center: [f64; 3]) -> [f32; 3] {
     sub(point, center).map(|c| c as f32)
 }
@@ -126,7 +146,7 @@ impl Layout {
     /// `Input` for an empty mesh, coordinates beyond `float32`, or a file too long for the format.
     pub(super) fn new(mesh: &MeshColumns) -> Result<Self> {
         if mesh.points.is_empty() || mesh.triangles.is_empty() {
-            return Err(Error::input("needed points and triangles, found none"));
+            return Err(Error::input("expected points and triangles, found none"));
         }
         let extreme = |pick: fn(f64, f64) -> f64| {
             let first = mesh.points[0];
@@ -134,10 +154,10 @@ impl Layout {
         };
         let (low, high) = (extreme(f64::min), extreme(f64::max));
         let center = [0, 1, 2].map(|k| low[k] + 0.5 * (high[k] - low[k]));
-        // Rounding keeps order: the bounds of what is written.
+        // Rounding to `f32` is monotonic, so the rounded bounds are the bounds of the rounded positions.
         let bounds = json!({"min": local(low, center), "max": local(high, center)});
         if local(low, center).iter().chain(&local(high, center)).any(|c| !c.is_finite()) {
-            return Err(Error::input("needed finite coordinates that float32 can hold"));
+            return Err(Error::input("expected finite coordinates in the range of float32"));
         }
         let n = mesh.points.len();
         let mut sections = Sections::default();
@@ -181,7 +201,7 @@ impl Layout {
             "buffers": [{"byteLength": sections.length}],
         });
         let head = Head::new(&document, sections.length).map_err(|total| {
-            Error::unsupported(format!("GLB holds at most 4 GiB, this mesh takes {total} bytes: write PLY"))
+            Error::unsupported(format!("expected a mesh of at most 4 GiB, the limit of GLB, found {total} bytes: write PLY instead"))
         })?;
         Ok(Self { center, head })
     }
@@ -212,7 +232,7 @@ pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, layout: &Lay
     Ok(())
 }
 
-/// The colour of every vertex, where σ is known.
+/// Colours of the vertices; none without σ.
 fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
     let sigma = mesh.column("sigma");
     let observed = mesh.column("observed");
@@ -221,7 +241,7 @@ fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
     let log = move |vertex: usize| sigma.map_or(0.0, |s| s.at(vertex).max(f64::MIN_POSITIVE).ln());
     let mut known: Vec<f64> = (0..count).filter(|&v| measured(v)).map(log).collect();
     known.sort_unstable_by(f64::total_cmp);
-    // A few vertices at the ends must not take all of the colours.
+    // Quantiles instead of extremes, so that a few outliers do not use up the colour range.
     let quantile = |share: f64| known.get((share * known.len() as f64) as usize).copied().unwrap_or(0.0);
     let (low, high) = (quantile(0.02), quantile(0.98));
     (0..count).map(move |vertex| {
@@ -232,8 +252,15 @@ fn colours<'a>(mesh: &'a MeshColumns) -> impl Iterator<Item = [f64; 3]> + 'a {
     })
 }
 
-/// The colour at a share of the way from dark violet to yellow, linear; shares outside 0 to 1 have the
-/// colours of the ends.
+/// Colour of the map at a share from 0 (dark violet) to 1 (yellow), as linear red, green and blue. Shares outside this
+/// range have the colours of the ends.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::glb::ramp;
+/// assert_eq!(ramp(-1.0), ramp(0.0));
+/// assert!(ramp(1.0)[0] > ramp(0.0)[0]);
+/// ```
 #[must_use]
 pub fn ramp(share: f64) -> [f64; 3] {
     let place = share.clamp(0.0, 1.0);

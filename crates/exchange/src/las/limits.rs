@@ -2,8 +2,7 @@
 //!
 //! **Input.** A file that can be rewound.
 //!
-//! **Output.** An error before anything is decoded, or nothing; the file is then at its beginning again.
-//! Every number that makes the decoder allocate memory is checked: metadata records, points, chunks, and the
+//! **Output.** An error before anything is decoded, or success with the file rewound. Every number that makes the decoder allocate memory is checked: metadata records, points, chunks, and the
 //! layers of each chunk.
 //!
 //! **Limits.** The file may still fail to decode. A header that cannot be interpreted here is left to the
@@ -21,15 +20,15 @@ use planish_estimate::{Error, Result};
 use crate::foreign::guarded;
 use crate::source::check_expansion;
 
-/// Longer records of points are no points: a decoder keeps tables of several kilobytes for every byte of a
-/// record.
-const LONGEST_RECORD: u64 = 4096;
-/// Bytes of an extended record before its data.
-const EXTENDED_HEAD: u64 = 60;
-/// The first two bytes of a description by which all points are one chunk, and no table names it.
+/// Maximum size of a point record. The decoder allocates several kilobytes of tables per extra byte of a record; the
+/// largest standard format has 67 bytes.
+const MAX_RECORD_BYTES: u64 = 4096;
+/// Size of the header of an extended variable-length record.
+const EXTENDED_HEADER_BYTES: u64 = 60;
+/// First two bytes of a LASzip description with which all points form one chunk without a table.
 pub(super) const ONE_CHUNK: [u8; 2] = [1, 0];
 
-/// Refuses a file that promises more than it can hold.
+/// Rejects a file that declares more data than it can hold.
 pub(super) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
     let failed = |e: std::io::Error| Error::io("could not be read").with_source(e);
     let length = file.seek(SeekFrom::End(0)).map_err(failed)?;
@@ -40,7 +39,7 @@ pub(super) fn check<R: Read + Seek>(file: &mut R) -> Result<()> {
 }
 
 fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
-    // The decoder has better words for a header that is none.
+    // An invalid header is reported better by the decoder.
     let Ok(header) = guarded(|| raw::Header::read_from(&mut *file))? else {
         return Ok(());
     };
@@ -55,10 +54,10 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
                 Ok(size)
             })
             .map_err(|e| {
-                Error::input(format!("byte {start}: needed an extended record, found the end of the file"))
+                Error::input(format!("byte {start}: expected an extended record, found the end of the file"))
                     .with_source(e)
             })?;
-        if start.saturating_add(EXTENDED_HEAD).saturating_add(size) > length {
+        if start.saturating_add(EXTENDED_HEADER_BYTES).saturating_add(size) > length {
             return Err(Error::input(format!(
                 "byte {start}: an extended record promises {size} bytes, but the file has {length}: it is \
                  cut off or damaged"
@@ -66,6 +65,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
         }
     }
     let legacy = u64::from(header.number_of_point_records);
+    // Version 1.4 stores counts beyond 2³² in another field and sets the old one to zero.
     let promised = match (legacy, header.large_file) {
         (0, Some(large)) => large.number_of_point_records,
         _ => legacy,
@@ -73,7 +73,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
     let record = u64::from(header.point_data_record_length);
     let points = promised.saturating_mul(record);
     let offset = u64::from(header.offset_to_point_data);
-    // The highest bit of the format marks compression.
+    // LASzip marks compression by the highest bit of the format.
     let compressed = header.point_data_record_format & 0b1000_0000 != 0;
     if !compressed {
         return match offset.saturating_add(points) > length {
@@ -86,9 +86,9 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
     }
     check_expansion(length, points)
         .map_err(|e| e.in_context(format_args!("the header promises {promised} points of {record} bytes")))?;
-    if record > LONGEST_RECORD {
+    if record > MAX_RECORD_BYTES {
         return Err(Error::input(format!(
-            "needed records of points of at most {LONGEST_RECORD} bytes, found {record}"
+            "expected point records of at most {MAX_RECORD_BYTES} bytes, found {record}"
         )));
     }
     let mut description = None;
@@ -123,7 +123,7 @@ fn check_from_start<R: Read + Seek>(file: &mut R, length: u64) -> Result<()> {
     }
 }
 
-/// The bytes that an item takes in a record, and how many layers a chunk holds of it.
+/// Size of an item in a record in bytes, and the number of its layers in a chunk.
 fn item_sizes(item: &LazItem) -> (u64, u64) {
     match item.item_type() {
         LazItemType::Byte(n) => (u64::from(n), 0),
@@ -139,7 +139,8 @@ fn item_sizes(item: &LazItem) -> (u64, u64) {
     }
 }
 
-/// The items of a record are what the record holds, each once.
+/// Checks that the compressed items add up to the record. The decoder trusts their sizes and would otherwise write
+/// beyond the record.
 fn check_items(items: &[LazItem], record: u64) -> Result<()> {
     let size: u64 = items.iter().map(|item| item_sizes(item).0).sum();
     let alike = items.iter().all(|item| {
@@ -148,18 +149,18 @@ fn check_items(items: &[LazItem], record: u64) -> Result<()> {
     });
     if items.is_empty() || !alike || size != record {
         return Err(Error::input(format!(
-            "the compressed items of a point take {size} bytes, needed {record}: the file is damaged"
+            "the compressed items of a point: expected {record} bytes in all, found {size}: the file is damaged"
         )));
     }
     Ok(())
 }
 
-/// The compressed points.
+/// Compressed points of a file.
 struct Chunks<'a> {
     length: u64,
     record: u64,
     promised: u64,
-    /// Layers of a chunk; none where points are compressed one after the other.
+    /// Number of layers of a chunk; 0 if points are compressed one by one.
     layers: u64,
     description: &'a LazVlr,
 }
@@ -169,28 +170,27 @@ impl Chunks<'_> {
         Error::input(format!("{what}: the file is cut off or damaged"))
     }
 
-    /// Checks the table of the chunks, and each chunk that is in layers; the file stands where the points
-    /// begin.
+    /// Checks the table of the chunks and each layered chunk. The file is positioned at the first point.
     fn check<R: Read + Seek>(&self, file: &mut R) -> Result<()> {
         let failed =
             |e: std::io::Error| self.damaged("the table of the chunks cannot be read").with_source(e);
         let start = file.stream_position().map_err(failed)?;
         let mut table = i64_from(file).map_err(failed)?;
         if table <= start as i64 {
-            // Where the writer could not go back, the place is at the end.
+            // A writer that cannot seek back stores the position of the table at the end of the file.
             file.seek(SeekFrom::End(-8)).map_err(failed)?;
             table = i64_from(file).map_err(failed)?;
         }
         let table = u64::try_from(table)
             .ok()
             .filter(|table| (start..self.length).contains(table))
-            .ok_or_else(|| self.damaged("the table of the chunks is not where the file says"))?;
+            .ok_or_else(|| self.damaged("the table of the chunks is not at the stated position"))?;
         file.seek(SeekFrom::Start(table + 4)).map_err(failed)?;
         let count = u64::from(u32_from(file).map_err(failed)?);
-        // A chunk begins with a point as it is.
+        // Each chunk begins with an uncompressed point.
         if count > self.length / self.record.max(1) {
             return Err(self.damaged(format_args!(
-                "byte {table}: a table of {count} chunks, in a file of {} bytes",
+                "byte {table}: a table of {count} chunks in a file of {} bytes",
                 self.length
             )));
         }
@@ -217,7 +217,7 @@ impl Chunks<'_> {
         }
     }
 
-    /// Checks that the layers of the chunk that begins at a byte end inside the file; gives back where.
+    /// Checks that the layers of a chunk end inside the file; returns the position after them.
     fn check_one<R: Read + Seek>(&self, file: &mut R, chunk: usize, byte: u64) -> Result<u64> {
         if self.layers == 0 {
             return Ok(byte);
@@ -225,7 +225,7 @@ impl Chunks<'_> {
         let early = |e: std::io::Error| {
             self.damaged(format_args!("byte {byte}: chunk {chunk} ends early")).with_source(e)
         };
-        // The first point as it is, a count, the sizes of the layers, the layers.
+        // A chunk: the first point uncompressed, a count, the sizes of the layers, the layers.
         file.seek(SeekFrom::Start(byte + self.record + 4)).map_err(early)?;
         let mut size = self.record + 4 + 4 * self.layers;
         for _ in 0..self.layers {

@@ -1,4 +1,4 @@
-//! The points of LAZ files up to version 1.3: compressed one after the other, in chunks.
+//! Reads the points of LAZ files up to version 1.3, compressed one by one in chunks.
 //!
 //! **Input.** A file positioned at the start of its points, and the description of its compression.
 //!
@@ -8,7 +8,7 @@
 //! **Limits.** Chunks may be shorter or longer than their table declares; see [`super::limits`].
 //!
 //! # References
-//! M. Isenburg, *LASzip: lossless compression of LiDAR data*, 2013; items of version 2.
+//! M. Isenburg, *LASzip: lossless compression of LiDAR data*, 2013; version 2 of the item `GPSTIME11`.
 
 use std::io::{self, Read, Seek};
 
@@ -18,18 +18,18 @@ use laz::laszip::{ChunkTable, LazItem, LazItemType, LazVlr};
 use laz::models::{ArithmeticModel, ArithmeticModelBuilder};
 use laz::record::{FieldDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
 
-/// Records, one after the other.
+/// Reader of records in order.
 pub(super) struct Sequential<R: Read> {
     decompressor: SequentialPointRecordDecompressor<'static, R>,
     items: Vec<LazItem>,
-    /// Points of the chunks that were not begun.
+    /// Numbers of points of the chunks not yet started.
     chunks: std::vec::IntoIter<u64>,
-    /// Points left in the chunk that was.
+    /// Points left in the current chunk.
     left: u64,
 }
 
 impl<R: Read + Seek> Sequential<R> {
-    /// The records behind a header; all are one chunk where no table names any.
+    /// Starts reading after the header; `one_chunk` means that the file has no table of chunks.
     pub(super) fn new(mut file: R, description: &LazVlr, one_chunk: bool) -> laz::Result<Self> {
         let chunks = match one_chunk {
             true => vec![u64::MAX],
@@ -63,31 +63,32 @@ impl<R: Read + Seek> Sequential<R> {
     }
 }
 
-/// Differences from one time to the next are stated as a multiple of the last one, up to this and down to
-/// [`LEAST_MULTIPLE`].
-const MOST_MULTIPLE: i32 = 500;
-const LEAST_MULTIPLE: i32 = -10;
-/// The symbol of a time that is the last one.
-const SAME: i32 = MOST_MULTIPLE - LEAST_MULTIPLE + 1;
-/// The symbol of a time that begins another series; those behind it go back to one of the others.
-const ANOTHER: i32 = SAME + 1;
-/// All symbols: three series to go back to.
-const SYMBOLS: u32 = (ANOTHER + 4) as u32;
-/// So often in a row a writer may go from one series to another; none needs it twice.
-const MOST_SWITCHES: usize = 4;
+/// Largest multiple of the last difference by which the next time difference is predicted; the smallest is
+/// [`MIN_MULTIPLE`].
+const MAX_MULTIPLE: i32 = 500;
+const MIN_MULTIPLE: i32 = -10;
+/// Symbol of a time equal to the last one.
+const REPEAT_SYMBOL: i32 = MAX_MULTIPLE - MIN_MULTIPLE + 1;
+/// Symbol of a time that starts a new series; the symbols after it return to one of the other series.
+const NEW_SERIES_SYMBOL: i32 = REPEAT_SYMBOL + 1;
+/// Number of symbols, with three series to return to.
+const SYMBOLS: u32 = (NEW_SERIES_SYMBOL + 4) as u32;
+/// Maximum number of consecutive switches between series. A valid file needs one; damaged data request any number.
+/// Guarded by `damaged_times_do_not_cause_endless_recursion`.
+const MAX_SWITCHES: usize = 4;
 
-/// Passes over times: what they say is not kept, but how many bytes they take depends on it.
+/// Decodes times without keeping them: the position of the next item depends on their content.
 ///
-/// Four series of times are told apart. Of each the last difference is known, and how often in a row a
-/// difference did not fit.
+/// The format distinguishes four series of times. For each it tracks the last difference and the number of
+/// consecutive differences that were predicted badly.
 struct Times {
-    /// Symbols after a difference of zero, and after every other.
+    /// Models of symbols after a difference of zero, and after any other.
     after_zero: ArithmeticModel,
     after_other: ArithmeticModel,
     integers: IntegerDecompressor,
     differences: [i32; 4],
     misfits: [u32; 4],
-    /// The series of the last time, and the one that was begun last.
+    /// Series of the last time, and the series started last.
     series: usize,
     newest: usize,
 }
@@ -107,7 +108,7 @@ impl Default for Times {
 }
 
 impl Times {
-    /// Passes over a time, or goes to another series: the time is then still to come.
+    /// Decodes a time, or switches to another series; false if the time still follows.
     fn pass<R: Read>(&mut self, decoder: &mut ArithmeticDecoder<R>) -> io::Result<bool> {
         let last = self.differences[self.series];
         if last == 0 {
@@ -120,25 +121,26 @@ impl Times {
             return Ok(true);
         }
         let symbol = decoder.decode_symbol(&mut self.after_other)? as i32;
-        // The multiple of the last difference that predicts the next, and among which its error is looked up.
+        // Multiple of the last difference that predicts the next, and the context of its error. The contexts are
+        // fixed by the format.
         let (multiple, context) = match symbol {
             0 => (0, 7),
             1 => (1, 1),
             2..10 => (symbol, 2),
-            10..MOST_MULTIPLE => (symbol, 3),
-            MOST_MULTIPLE => (symbol, 4),
-            ..SAME => match MOST_MULTIPLE - symbol {
-                LEAST_MULTIPLE => (LEAST_MULTIPLE, 6),
+            10..MAX_MULTIPLE => (symbol, 3),
+            MAX_MULTIPLE => (symbol, 4),
+            ..REPEAT_SYMBOL => match MAX_MULTIPLE - symbol {
+                MIN_MULTIPLE => (MIN_MULTIPLE, 6),
                 multiple => (multiple, 5),
             },
-            SAME => return Ok(true),
-            ANOTHER => return self.begin(decoder).map(|()| true),
-            _ => return Ok(self.switch((symbol - ANOTHER) as usize)),
+            REPEAT_SYMBOL => return Ok(true),
+            NEW_SERIES_SYMBOL => return self.begin(decoder).map(|()| true),
+            _ => return Ok(self.switch((symbol - NEW_SERIES_SYMBOL) as usize)),
         };
         let found = self.integers.decompress(decoder, last.wrapping_mul(multiple), context)?;
         match context {
             1 => self.misfits[self.series] = 0,
-            // At the ends of what multiples reach.
+            // At the ends of the range of multiples: after more than three, the difference is replaced.
             4 | 6 | 7 => {
                 self.misfits[self.series] += 1;
                 if self.misfits[self.series] > 3 {
@@ -151,7 +153,7 @@ impl Times {
         Ok(true)
     }
 
-    /// The next difference of a series, as it is.
+    /// Decodes the next difference of a series without prediction.
     fn keep<R: Read>(
         &mut self,
         series: usize,
@@ -163,7 +165,7 @@ impl Times {
         Ok(())
     }
 
-    /// Begins a series with a time as it is: its upper half predicted, its lower half plain.
+    /// Starts a series with a full time: the upper half is predicted, the lower half is stored plainly.
     fn begin<R: Read>(&mut self, decoder: &mut ArithmeticDecoder<R>) -> io::Result<()> {
         self.newest = (self.newest + 1) % 4;
         self.series = self.newest;
@@ -172,7 +174,7 @@ impl Times {
         decoder.read_int().map(drop)
     }
 
-    /// Goes on to another series; false, because its time comes next.
+    /// Switches to another series; returns false, because its time follows.
     fn switch(&mut self, by: usize) -> bool {
         self.series = (self.series + by) % 4;
         false
@@ -189,11 +191,11 @@ impl<R: Read> FieldDecompressor<R> for Times {
     }
 
     fn decompress_with(&mut self, decoder: &mut ArithmeticDecoder<R>, _time: &mut [u8]) -> io::Result<()> {
-        for _ in 0..MOST_SWITCHES {
+        for _ in 0..MAX_SWITCHES {
             if self.pass(decoder)? {
                 return Ok(());
             }
         }
-        Err(io::Error::new(io::ErrorKind::InvalidData, "times that go from series to series without end"))
+        Err(io::Error::new(io::ErrorKind::InvalidData, "endless switching between series of times"))
     }
 }

@@ -1,4 +1,4 @@
-//! NPZ: named arrays in a ZIP archive.
+//! Reads NPZ files: named arrays in a ZIP archive.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -12,10 +12,7 @@ use zip::result::ZipError;
 use super::array::Array;
 use super::{collect, scan_from};
 use crate::points::PointColumns;
-use crate::source::{Source, open_file};
-
-/// A byte that DEFLATE has packed stands for so many at most.
-const MOST_EXPANSION: u64 = 1032;
+use crate::source::{MAX_DEFLATE_RATIO, Source, open_file};
 
 type Archive = ZipArchive<BufReader<File>>;
 
@@ -34,7 +31,7 @@ fn damaged(e: ZipError) -> Error {
         ZipError::Io(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => {
             Error::io("could not be read").with_source(e)
         }
-        e => Error::input("is no NPZ archive, or is damaged or cut off").with_source(e),
+        e => Error::input("not an NPZ archive, or damaged or cut off").with_source(e),
     }
 }
 
@@ -43,24 +40,24 @@ fn open_archive(path: &Path) -> Result<Archive> {
     ZipArchive::new(BufReader::new(file)).map_err(damaged)
 }
 
-/// An entry's bytes, as far as its packed size allows the promised one.
+/// Opens an entry, if its packed size can hold the declared size.
 fn entry(archive: &mut Archive, number: usize) -> Result<Source<impl Read + '_>> {
     let entry = archive.by_index(number).map_err(damaged)?;
     let (packed, promised) = (entry.compressed_size(), entry.size());
-    if promised > packed.saturating_mul(MOST_EXPANSION).saturating_add(MOST_EXPANSION) {
+    if promised > packed.saturating_mul(MAX_DEFLATE_RATIO).saturating_add(MAX_DEFLATE_RATIO) {
         return Err(Error::input(format!(
-            "{packed} compressed bytes cannot hold {promised}: the archive is damaged"
+            "{packed} compressed bytes cannot unpack to {promised}: the archive is damaged"
         )));
     }
     Ok(Source::new(entry, Some(promised)))
 }
 
-/// What the arrays of an archive are for.
+/// Use of an array of an archive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
-    /// So many numbers a point, of these columns.
+    /// Several numbers per point, for these columns.
     Family(&'static [&'static str]),
-    /// One number a point, the column of the array's name.
+    /// One number per point, for the column with the name of the array.
     Column,
     Viewpoint,
     Nothing,
@@ -100,7 +97,7 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
         .map(|(number, name)| (*number, name.as_str(), role(name)))
         .filter(|(.., role)| matches!(role, Role::Family(_) | Role::Column))
         .collect();
-    // Positions first: they say how many points there are.
+    // Positions come first, because other arrays are compared with their length.
     wanted.sort_by_key(|(.., role)| *role != Role::Family(POSITIONS));
     let mut columns: Vec<&str> = Vec::new();
     for (_, array, role) in &wanted {
@@ -110,13 +107,14 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
         }
     }
     if let Some(twice) = (1..columns.len()).find(|&k| columns[..k].contains(&columns[k])) {
-        return Err(Error::input(format!("the column `{}` is there twice", columns[twice])));
+        return Err(Error::input(format!("the column `{}` is named twice", columns[twice])));
     }
     let found = PointColumns::find(&columns).map_err(|e| {
         let names: Vec<&str> = entries.iter().map(|(_, name)| name.as_str()).collect();
-        e.in_context(format_args!("needed an array `points`, found [{}]", names.join(", ")))
+        e.in_context(format_args!("expected an array `points`, found [{}]", names.join(", ")))
     })?;
-    // Each array is read by a reader of its own, so that all of them go on side by side.
+    // Each array gets its own reader of the archive: a ZIP reader can stream one entry at a time, and all arrays
+    // are read in step.
     let mut archives = wanted.iter().map(|_| open_archive(path)).collect::<Result<Vec<_>>>()?;
     let mut arrays = Vec::with_capacity(wanted.len());
     for (archive, (number, array, role)) in archives.iter_mut().zip(&wanted) {
@@ -143,7 +141,7 @@ fn archive_scan(path: &Path, name: &str) -> Result<Scan> {
     for (array, (_, name, _)) in arrays.iter().zip(&wanted) {
         if array.outer() != arrays[0].outer() {
             return Err(Error::input(format!(
-                "the arrays `{}` and `{name}` need entries for the same points, found {:?} and {:?}",
+                "expected the arrays `{}` and `{name}` to have as many entries, found {:?} and {:?}",
                 wanted[0].1,
                 arrays[0].outer(),
                 array.outer()

@@ -1,38 +1,38 @@
-//! An NPY array, record by record in the order of its first axes.
+//! Reads an NPY array record by record, in the order of its first axes.
 
 use std::io::Read;
 
 use planish_estimate::{Error, Result};
 
-use super::MOST_COLUMNS;
+use super::MAX_COLUMNS;
 use super::header::{Header, read_header};
 use crate::source::Source;
 
-/// An array that is being read.
+/// An array while it is read.
 pub(super) struct Array<R> {
     header: Header,
     source: Source<R>,
-    /// All bytes, where records do not lie one behind the other.
+    /// The whole data, if records are not contiguous (Fortran order).
     loaded: Option<Vec<u8>>,
-    /// How many of the last axes make a record: 0 or 1.
+    /// Number of last axes that form a record: 0 or 1.
     inner: usize,
-    /// The record to come.
+    /// Index of the next record.
     next: u64,
 }
 
 impl<R: Read> Array<R> {
-    /// Reads the header; the last `inner` axes make a record.
+    /// Reads the header; the last `inner` axes form a record.
     pub(super) fn open(mut source: Source<R>, inner: usize) -> Result<Self> {
         let header = read_header(&mut source)?;
         let mut made = Self { header, source, loaded: None, inner, next: 0 };
         made.inner = inner.min(made.header.shape.len());
         let (elements, bytes) = made.header.extent();
         made.source.check_promise(elements, "elements", bytes)?;
-        // Columns first is the same as rows first where there is only one axis.
+        // With one axis, Fortran and C order are the same.
         if made.header.columns_first && made.header.shape.len() > 1 {
             let byte = made.source.offset();
             let size = usize::try_from(bytes)
-                .map_err(|_| Error::unsupported("an array larger than the memory's addresses"))?;
+                .map_err(|_| Error::unsupported("the array is too large for this computer"))?;
             let all = made.source.bytes(size)?.ok_or_else(|| {
                 Error::input(format!("byte {byte}: the file ends within {bytes} bytes: it is cut off"))
             })?;
@@ -41,12 +41,11 @@ impl<R: Read> Array<R> {
         Ok(made)
     }
 
-    /// Reads the header of an array of points: plain with three to [`MOST_COLUMNS`] numbers a point, or
-    /// structured.
+    /// Reads the header of an array of points: plain with three to [`MAX_COLUMNS`] numbers per point, or structured.
     pub(super) fn open_points(source: Source<R>) -> Result<Self> {
         let mut made = Self::open(source, 0)?;
         let axes = made.header.shape.len();
-        let needed = "(n, 3) to (n, 16), (h, w, 3), or fields x y z";
+        let expected = "(n, 3) to (n, 16), (h, w, 3), or fields x y z";
         if made.header.structured {
             if !matches!(axes, 1 | 2) {
                 return Err(made.wrong_shape("(n,) or (h, w) of structured points"));
@@ -54,17 +53,17 @@ impl<R: Read> Array<R> {
             return Ok(made);
         }
         let width = made.header.shape.last().copied().unwrap_or(0);
-        if !matches!(axes, 2 | 3) || !(3..=MOST_COLUMNS).contains(&width) {
-            return Err(made.wrong_shape(needed));
+        if !matches!(axes, 2 | 3) || !(3..=MAX_COLUMNS).contains(&width) {
+            return Err(made.wrong_shape(expected));
         }
         made.inner = 1;
         Ok(made)
     }
 
-    pub(super) fn wrong_shape(&self, needed: &str) -> Error {
+    pub(super) fn wrong_shape(&self, expected: &str) -> Error {
         let shape: Vec<String> = self.header.shape.iter().map(u64::to_string).collect();
         let kind = if self.header.structured { " structured" } else { "" };
-        Error::input(format!("needed an array {needed}, found a{kind} shape ({})", shape.join(", ")))
+        Error::input(format!("expected an array {expected}, found a{kind} shape ({})", shape.join(", ")))
     }
 
     pub(super) fn shape(&self) -> &[u64] {
@@ -75,12 +74,12 @@ impl<R: Read> Array<R> {
         self.header.structured
     }
 
-    /// The axes that count records.
+    /// Lengths of the axes that count records.
     pub(super) fn outer(&self) -> &[u64] {
         &self.header.shape[..self.header.shape.len() - self.inner]
     }
 
-    /// Numbers of elements in a record.
+    /// Number of elements in a record.
     fn width(&self) -> u64 {
         if self.inner == 0 { 1 } else { self.header.shape.last().copied().unwrap_or(1) }
     }
@@ -89,7 +88,7 @@ impl<R: Read> Array<R> {
         self.outer().iter().fold(1, |n: u64, &side| n.saturating_mul(side))
     }
 
-    /// A safe number of records to reserve for.
+    /// Number of records to reserve, at most what the file can hold.
     pub(super) fn reserve(&self) -> usize {
         let bytes = self.width() * self.header.size as u64;
         match &self.loaded {
@@ -98,7 +97,7 @@ impl<R: Read> Array<R> {
         }
     }
 
-    /// Rows and columns, where the array is organised.
+    /// Rows and columns, if the array is organised.
     pub(super) fn grid(&self) -> Option<[u64; 2]> {
         match *self.outer() {
             [rows, columns] if rows > 1 && columns > 1 => Some([rows, columns]),
@@ -106,7 +105,7 @@ impl<R: Read> Array<R> {
         }
     }
 
-    /// The names of a record's numbers: of the first three `x y z` where the array is not structured.
+    /// Column names of a record; `x y z` for the first three numbers of a plain array.
     pub(super) fn names(&self) -> Result<Vec<String>> {
         if self.header.structured {
             return Ok(self.header.fields.iter().map(|f| f.name.clone()).collect());
@@ -119,7 +118,7 @@ impl<R: Read> Array<R> {
         self.source.offset()
     }
 
-    /// Adds the numbers of the next record.
+    /// Appends the numbers of the next record.
     #[inline]
     pub(super) fn next(&mut self, record: &mut Vec<f64>) -> Result<()> {
         let width = self.width() as usize;
@@ -156,7 +155,7 @@ impl<R: Read> Array<R> {
         Ok(())
     }
 
-    /// Where a record's first element stands when columns come first.
+    /// Index of the first element of a record in Fortran order, where the first axis varies fastest.
     fn place(&self, record: u64) -> u64 {
         let (mut rest, mut place) = (record, 0);
         let outer = self.outer();

@@ -1,4 +1,4 @@
-//! The header of an NPY file: a Python dictionary that names shape, order and type of what follows.
+//! The header of an NPY file: a Python dictionary with the shape, order and type of the array.
 
 use std::io::Read;
 
@@ -8,39 +8,39 @@ use crate::numbers::NumberType;
 use crate::points::is_point_column;
 use crate::source::{Source, shown};
 
-/// A longer header is no header.
-const LONGEST: u64 = 1 << 20;
-/// Lists in lists are not deeper in any header.
-const DEEPEST: usize = 8;
-/// Most numbers of an element.
-const MOST_NUMBERS: u64 = 1 << 16;
+/// Maximum length of a header. Version 2 allows 4 GiB; headers of structured arrays have some kilobytes.
+const MAX_HEADER_BYTES: u64 = 1 << 20;
+/// Maximum nesting of lists, which bounds the recursion of the parser.
+const MAX_DEPTH: usize = 8;
+/// Maximum number of numbers per element, which bounds the memory that a header can request.
+const MAX_NUMBERS: u64 = 1 << 16;
 
 /// One number of an element.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Field {
-    /// The column that it is; empty where it is none.
+    /// Column name; empty if the number is not a column.
     pub name: String,
     pub number: NumberType,
     pub big: bool,
-    /// Bytes of the element before it.
+    /// Offset in the element, in bytes.
     pub offset: usize,
 }
 
-/// What follows the header.
+/// Description of the array that follows the header.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Header {
     pub shape: Vec<u64>,
     pub columns_first: bool,
-    /// The numbers of an element: one, unnamed, where the array is not structured.
+    /// The numbers of an element; a plain array has one without a name.
     pub fields: Vec<Field>,
-    /// Bytes of an element.
+    /// Size of an element in bytes.
     pub size: usize,
     pub structured: bool,
 }
 
 pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
     let no_npy =
-        || Error::input("byte 0: needed `\\x93NUMPY` and a version: this is no NPY file, or it is cut off");
+        || Error::input("byte 0: expected `\\x93NUMPY` and a version: not an NPY file, or cut off");
     let start = source.bytes(8)?.ok_or_else(no_npy)?;
     if !start.starts_with(b"\x93NUMPY") {
         return Err(no_npy());
@@ -50,7 +50,7 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         1 => 2,
         2 | 3 => 4,
         _ => {
-            return Err(Error::unsupported(format!("byte 6: needed version 1, 2 or 3, found {version}")));
+            return Err(Error::unsupported(format!("byte 6: expected version 1, 2 or 3, found {version}")));
         }
     };
     let cut_off =
@@ -59,8 +59,8 @@ pub(super) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         .bytes(width)?
         .map(|bytes| bytes.iter().rev().fold(0, |n, &b| n << 8 | u64::from(b)))
         .ok_or_else(|| cut_off(8))?;
-    if length > LONGEST {
-        return Err(Error::input(format!("byte 8: a header of {length} bytes: the file is damaged")));
+    if length > MAX_HEADER_BYTES {
+        return Err(Error::input(format!("byte 8: expected a header of at most {MAX_HEADER_BYTES} bytes, found {length}: the file is damaged")));
     }
     let text = source.bytes(length as usize)?.ok_or_else(|| cut_off(8 + width as u64))?;
     let mut parser = Parser { text, at: 0 };
@@ -75,13 +75,13 @@ impl Header {
     fn from_literal(literal: &Literal) -> Result<Self> {
         let entry = |key: &str| {
             let Literal::Dictionary(entries) = literal else {
-                return Err(Error::input("needed a dictionary"));
+                return Err(Error::input("expected a dictionary"));
             };
             let found = entries.iter().find(|(name, _)| name == key);
-            found.map(|(_, value)| value).ok_or_else(|| Error::input(format!("needed the key '{key}'")))
+            found.map(|(_, value)| value).ok_or_else(|| Error::input(format!("expected the key '{key}'")))
         };
         let Literal::Flag(columns_first) = entry("fortran_order")? else {
-            return Err(Error::input("needed True or False for 'fortran_order'"));
+            return Err(Error::input("expected True or False for 'fortran_order'"));
         };
         let shape = shape(entry("shape")?)?;
         let mut made =
@@ -94,17 +94,17 @@ impl Header {
                     made.add_field(field)?;
                 }
             }
-            _ => return Err(Error::input("needed a type or a list of fields for 'descr'")),
+            _ => return Err(Error::input("expected a type or a list of fields for 'descr'")),
         }
         if made.size == 0 {
-            return Err(Error::input("needed elements of at least one byte"));
+            return Err(Error::input("expected elements of at least one byte"));
         }
         Ok(made)
     }
 
-    /// A field of a structured array: its name, its type, and maybe a shape.
+    /// Adds a field of a structured array: a name, a type, and optionally a shape.
     fn add_field(&mut self, field: &Literal) -> Result<()> {
-        let wrong = || Error::input("needed fields ('name', 'type') or ('name', 'type', shape)");
+        let wrong = || Error::input("expected fields ('name', 'type') or ('name', 'type', shape)");
         let Literal::List(parts) = field else {
             return Err(wrong());
         };
@@ -113,7 +113,7 @@ impl Header {
             [name, kind, inner] => (name, kind, shape(inner)?),
             _ => return Err(wrong()),
         };
-        // A title may stand before the name.
+        // `(title, name)` may replace the name.
         let name = match name {
             Literal::List(both) => both.last().unwrap_or(name),
             _ => name,
@@ -123,12 +123,12 @@ impl Header {
         };
         let Literal::Text(kind) = kind else {
             return Err(Error::unsupported(format!(
-                "the field '{name}' is structured itself: write its fields beside the others"
+                "the field '{name}': expected a number type, found nested fields: write them as fields of the array"
             )));
         };
         let count = shape.iter().try_fold(1_u64, |n, &side| n.checked_mul(side));
-        let count = count.filter(|&n| n + self.fields.len() as u64 <= MOST_NUMBERS).ok_or_else(|| {
-            Error::input(format!("the field '{name}': an element of more than {MOST_NUMBERS} numbers"))
+        let count = count.filter(|&n| n + self.fields.len() as u64 <= MAX_NUMBERS).ok_or_else(|| {
+            Error::input(format!("the field '{name}': expected at most {MAX_NUMBERS} numbers per element, found more"))
         })?;
         let lower = name.to_ascii_lowercase();
         let family: &[&str] = match (count, lower.as_str()) {
@@ -145,10 +145,13 @@ impl Header {
         self.add(names, kind)
     }
 
-    /// Numbers of a type, behind those that were added before; of other types only the bytes count.
+    /// Appends numbers of a type. Other types only advance the offset, so that text and dates beside points are
+    /// accepted.
     fn add(&mut self, names: Vec<String>, kind: &str) -> Result<()> {
         let unknown = || {
-            Error::unsupported(format!("needed integers or floating-point numbers, found the type '{kind}'"))
+            Error::unsupported(format!(
+                "expected integers or floating-point numbers, found the type '{kind}'"
+            ))
         };
         let (order, rest) = match kind.as_bytes() {
             [order @ (b'<' | b'>' | b'|' | b'='), rest @ ..] => (*order, rest),
@@ -156,7 +159,7 @@ impl Header {
         };
         let (&letter, digits) = rest.split_first().ok_or_else(unknown)?;
         let digits = std::str::from_utf8(digits).map_err(|_| unknown())?;
-        // Dates have their unit behind: <M8[ns].
+        // The unit of dates follows in brackets: `<M8[ns]`.
         let digits = digits.split('[').next().unwrap_or_default();
         let stated: usize = digits.parse().ok().filter(|&n: &usize| n <= 1 << 20).ok_or_else(unknown)?;
         let number = match letter {
@@ -167,6 +170,7 @@ impl Header {
             _ => None,
         };
         let bytes = match letter {
+            // Characters of `U` have four bytes (UCS-4).
             b'U' => 4 * stated,
             b'b' | b'f' | b'i' | b'u' | b'c' | b'm' | b'M' | b'S' | b'V' => stated,
             _ => return Err(unknown()),
@@ -180,7 +184,7 @@ impl Header {
         };
         for name in names {
             if !name.is_empty() && self.fields.iter().any(|f| f.name == name) {
-                return Err(Error::input(format!("the column `{name}` is there twice")));
+                return Err(Error::input(format!("the column `{name}` is named twice")));
             }
             self.fields.push(Field { name, number, big: order == b'>', offset: self.size });
             self.size += bytes;
@@ -188,8 +192,7 @@ impl Header {
         Ok(())
     }
 
-    /// How many elements, and how many bytes they take; as many as there can be where that is too many to
-    /// count.
+    /// Number of elements and of bytes, saturated at the largest `u64`.
     pub(super) fn extent(&self) -> (u64, u64) {
         let elements = self.shape.iter().fold(1_u64, |n, &side| n.saturating_mul(side));
         (elements, elements.saturating_mul(self.size as u64))
@@ -197,7 +200,7 @@ impl Header {
 }
 
 fn shape(literal: &Literal) -> Result<Vec<u64>> {
-    let wrong = || Error::input("needed a tuple of whole numbers for the shape");
+    let wrong = || Error::input("expected a tuple of whole numbers for the shape");
     match literal {
         Literal::Number(side) => Ok(vec![*side]),
         Literal::List(sides) => sides
@@ -211,7 +214,7 @@ fn shape(literal: &Literal) -> Result<Vec<u64>> {
     }
 }
 
-/// A Python literal, as far as headers use them; tuples are lists.
+/// A Python literal of the kinds that headers contain; tuples are lists.
 #[derive(Debug, PartialEq)]
 enum Literal {
     Text(String),
@@ -227,7 +230,7 @@ struct Parser<'a> {
 }
 
 impl Parser<'_> {
-    /// The next byte that is no blank.
+    /// Next byte that is not white space.
     fn peek(&mut self) -> Option<u8> {
         while self.text.get(self.at).is_some_and(u8::is_ascii_whitespace) {
             self.at += 1;
@@ -235,12 +238,12 @@ impl Parser<'_> {
         self.text.get(self.at).copied()
     }
 
-    fn wrong(&self, needed: &str) -> Error {
-        Error::input(format!("byte {} of it: needed {needed}", self.at))
+    fn wrong(&self, expected: &str) -> Error {
+        Error::input(format!("byte {} of it: expected {expected}", self.at))
     }
 
     fn literal(&mut self, depth: usize) -> Result<Literal> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(self.wrong("fewer lists in lists"));
         }
         match self.peek() {
@@ -269,7 +272,7 @@ impl Parser<'_> {
             value = next.ok_or_else(|| self.wrong("a smaller number"))?;
             self.at += 1;
         }
-        // Python 2 wrote long integers so.
+        // Python 2 wrote long integers with a suffix, as `3L`.
         if self.text.get(self.at) == Some(&b'L') {
             self.at += 1;
         }
@@ -286,7 +289,7 @@ impl Parser<'_> {
         Err(self.wrong("a string, a number, True, False, or a list of them"))
     }
 
-    /// Whether the end comes next, or a comma before more.
+    /// Consumes a comma or the end of a list; true at the end. A comma may precede the end, as in `(3,)`.
     fn ends(&mut self, end: u8) -> Result<bool> {
         match self.peek() {
             Some(found) if found == end => {

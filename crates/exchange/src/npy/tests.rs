@@ -30,7 +30,7 @@ fn doubles(numbers: &[f64]) -> Vec<u8> {
 const TWO: [[f64; 3]; 2] = [[1.0, 2.0, -3.0], [4.0, 5.0, 6.0]];
 
 #[test]
-fn every_type_order_and_side_gives_the_same_points() {
+fn all_number_types_and_orders_give_the_same_points() {
     let rows = [1.0, 2.0, -3.0, 4.0, 5.0, 6.0];
     let columns = [1.0, 4.0, 2.0, 5.0, -3.0, 6.0];
     macro_rules! body {
@@ -54,7 +54,7 @@ fn every_type_order_and_side_gives_the_same_points() {
         assert_eq!(scan.points, TWO);
         assert!(scan.normals.is_none() && scan.sigma.is_none() && scan.grid.is_none());
     }
-    // Versions 2 and 3 have a longer length.
+    // Versions 2 and 3 store the length of the header in four bytes.
     let mut second = files[0].clone();
     second[6] = 2;
     second.splice(10..10, [0, 0]);
@@ -87,7 +87,7 @@ fn fields_of_structured_arrays_are_columns() {
     assert_eq!((&scan.points[..], scan.dropped_not_finite), (&TWO[..], 1));
     assert_eq!(scan.sigma.unwrap(), [0.5, 0.125]);
     assert_eq!(scan.normals.unwrap(), [[0.0, 0.0, 1.0], [0.5, 0.0, 0.0]]);
-    // Columns first says nothing of one axis.
+    // With one axis, Fortran order makes no difference.
     assert_eq!(read(&file(descr, true, "(3,)", &body)).unwrap().points, TWO);
 }
 
@@ -99,11 +99,11 @@ fn six_columns_are_normals_only_when_all_have_unit_length() {
     assert_eq!(with([0.6, 0.0, 0.8]).normals.unwrap(), [[0.6, 0.0, 0.8]]);
     assert!(with([255.0, 0.0, 8.0]).normals.is_none());
     let four = read(&file("'<f8'", false, "(1, 4)", &doubles(&[1.0, 2.0, 3.0, 0.5]))).unwrap();
-    assert!(four.sigma.is_none(), "a number without a name is no σ");
+    assert!(four.sigma.is_none(), "a number without a name is not σ");
 }
 
 #[test]
-fn organised_arrays_have_their_grid() {
+fn organised_arrays_give_a_grid() {
     // Two rows of three, one of them empty; the same with columns first.
     let cell = |row: usize, column: usize| {
         [column as f64, row as f64, if (row, column) == (0, 1) { f64::NAN } else { 9.0 }]
@@ -126,7 +126,7 @@ fn organised_arrays_have_their_grid() {
 }
 
 #[test]
-fn mistakes_are_named_and_promises_are_not_believed() {
+fn invalid_headers_are_reported() {
     let numbers = doubles(&[1.0; 6]);
     for (bytes, words) in [
         (file("'<f8'", false, "(1000000000, 3)", &numbers), "promises 3000000000 elements"),
@@ -134,7 +134,7 @@ fn mistakes_are_named_and_promises_are_not_believed() {
         (file("'<f8'", false, "(18446744073709551615, 3)", &numbers), "promises"),
         (file("'<f8'", false, "(99999999999999999999, 3)", &numbers), "a smaller number"),
         (file("'<f8'", false, "(3, 2)", &numbers), "found a shape (3, 2)"),
-        (file("'<f8'", false, "(6,)", &numbers), "needed an array (n, 3)"),
+        (file("'<f8'", false, "(6,)", &numbers), "expected an array (n, 3)"),
         (file("'<f8'", false, "()", &numbers), "found a shape ()"),
         (file("'<f8'", false, "(1, 1, 2, 3)", &numbers), "found a shape (1, 1, 2, 3)"),
         (file("'<f8'", false, "(-2, 3)", &numbers), "header"),
@@ -143,15 +143,15 @@ fn mistakes_are_named_and_promises_are_not_believed() {
         (file("'<c16'", false, "(1, 3)", &numbers), "found the type '<c16'"),
         (file("[('x', '<f8'), ('y', '<f8')]", false, "(3,)", &numbers), "found no z"),
         (file("[('x', '<f8'), ('y', '<f8'), ('z', '|S8')]", false, "(2,)", &numbers), "found the type '|S8'"),
-        (file("[('x', '<f8'), ('y', '<f8'), ('x', '<f8')]", false, "(2,)", &numbers), "`x` is there twice"),
-        (file("[('p', [('x', '<f8')])]", false, "(2,)", &numbers), "is structured itself"),
-        (file("[('x', '<f8', (99999999999,))]", false, "(2,)", &numbers), "more than 65536 numbers"),
+        (file("[('x', '<f8'), ('y', '<f8'), ('x', '<f8')]", false, "(2,)", &numbers), "`x` is named twice"),
+        (file("[('p', [('x', '<f8')])]", false, "(2,)", &numbers), "found nested fields"),
+        (file("[('x', '<f8', (99999999999,))]", false, "(2,)", &numbers), "at most 65536 numbers"),
         (file("[]", false, "(2,)", &numbers), "at least one byte"),
         (file("7", false, "(2,)", &numbers), "'descr'"),
-        (b"\x93NUMPY\x01\x00\x04\x00{}\n ".to_vec(), "needed a key"),
-        (b"\x93NUMPY\x09\x00\x04\x00{}\n ".to_vec(), "needed version 1, 2 or 3"),
-        (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}".to_vec(), "a header of 4294967295 bytes"),
-        (b"PK\x03\x04 an archive".to_vec(), "no NPY file"),
+        (b"\x93NUMPY\x01\x00\x04\x00{}\n ".to_vec(), "expected a key"),
+        (b"\x93NUMPY\x09\x00\x04\x00{}\n ".to_vec(), "expected version 1, 2 or 3"),
+        (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}".to_vec(), "found 4294967295"),
+        (b"PK\x03\x04 an archive".to_vec(), "not an NPY file"),
         ([&b"\x93NUMPY\x01\x00\xe8\x03"[..], &[b'['; 1000]].concat(), "fewer lists in lists"),
     ] {
         let found = message(&bytes);
@@ -160,7 +160,7 @@ fn mistakes_are_named_and_promises_are_not_believed() {
 }
 
 #[test]
-fn a_file_cut_off_anywhere_is_an_error() {
+fn truncated_files_are_rejected() {
     for columns_first in [false, true] {
         let whole = file("'<f4'", columns_first, "(2, 3)", &[0; 24]);
         for end in 0..whole.len() {
@@ -180,7 +180,7 @@ fn images_have_two_axes() {
     let (columns, rows, numbers) = super::read_image(&path).unwrap();
     assert_eq!((columns, rows, numbers[21]), (20, 2, 21.0));
     let e = read_npy(&path).unwrap_err().to_string();
-    assert!(e.contains("a.npy: needed an array") && e.contains("(2, 20)"), "{e}");
+    assert!(e.contains("a.npy: expected an array") && e.contains("(2, 20)"), "{e}");
 }
 
 /// An archive of arrays, stored or packed.
@@ -206,7 +206,7 @@ fn points() -> Vec<u8> {
 }
 
 #[test]
-fn archives_join_their_arrays() {
+fn arrays_of_an_archive_are_combined() {
     let arrays = [
         ("sigma", file("'<f4'", false, "(2,)", &[0.5_f32, 0.25].map(f32::to_le_bytes).concat())),
         ("colours", file("'|u1'", false, "(7, 3)", &[0; 21])),
@@ -231,30 +231,30 @@ fn archives_join_their_arrays() {
 }
 
 #[test]
-fn archives_that_hold_no_points_say_so() {
+fn invalid_archives_are_reported() {
     let stored = |arrays: &[(&str, Vec<u8>)]| {
         let e = read_archive(&archive(arrays, CompressionMethod::Stored)).unwrap_err();
         assert_eq!(e.kind(), ErrorKind::Input, "{e}");
         e.to_string()
     };
     let three = file("'<f8'", false, "(3,)", &doubles(&[1.0; 3]));
-    assert!(stored(&[("a", points()), ("b", points())]).contains("needed an array `points`, found [a, b]"));
-    assert!(stored(&[]).contains("needed an array `points`"));
+    assert!(stored(&[("a", points()), ("b", points())]).contains("expected an array `points`, found [a, b]"));
+    assert!(stored(&[]).contains("expected an array `points`"));
     assert!(stored(&[("points", points()), ("sigma", three.clone())]).contains("`points` and `sigma`"));
     assert!(
         stored(&[("points", three.clone()), ("sigma", three.clone())])
-            .contains("array `points`: needed an array (n, 3)")
+            .contains("array `points`: expected an array (n, 3)")
     );
-    assert!(stored(&[("points", points()), ("x", three.clone())]).contains("`x` is there twice"));
+    assert!(stored(&[("points", points()), ("x", three.clone())]).contains("`x` is named twice"));
     assert!(
         stored(&[("points", points()), ("viewpoint", points()), ("b", three)])
             .contains("three finite numbers")
     );
-    assert!(read_archive(b"PK\x03\x04 no more").unwrap_err().to_string().contains("no NPZ archive"));
+    assert!(read_archive(b"PK\x03\x04 no more").unwrap_err().to_string().contains("not an NPZ archive"));
 }
 
 #[test]
-fn an_archive_cut_off_anywhere_is_an_error() {
+fn truncated_archives_are_rejected() {
     let whole = archive(&[("points", points()), ("sigma", points())], CompressionMethod::Deflated);
     for end in 0..whole.len() {
         assert!(read_archive(&whole[..end]).is_err(), "{end}");
@@ -263,7 +263,7 @@ fn an_archive_cut_off_anywhere_is_an_error() {
 
 proptest! {
     #[test]
-    fn no_header_makes_it_panic(text in "[\\[\\](){}:,'\"a-z0-9<>|TrueFalse ]{0,120}") {
+    fn no_header_causes_a_panic(text in "[\\[\\](){}:,'\"a-z0-9<>|TrueFalse ]{0,120}") {
         let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
         bytes.extend_from_slice(&(text.len() as u16).to_le_bytes());
         bytes.extend_from_slice(text.as_bytes());
@@ -271,7 +271,7 @@ proptest! {
     }
 
     #[test]
-    fn no_change_of_a_byte_makes_it_panic(at in 0_usize..400, value in any::<u8>()) {
+    fn no_changed_byte_causes_a_panic(at in 0_usize..400, value in any::<u8>()) {
         let mut bytes = file("[('x', '<f8'), ('y', '<f8'), ('z', \
             '<f8')]", false, "(2,)", &doubles(&TWO.concat()));
         let at = at % bytes.len();

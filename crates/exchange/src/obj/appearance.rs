@@ -1,4 +1,4 @@
-//! Texture coordinates, parts and materials of OBJ files.
+//! Reads texture coordinates, parts and materials of OBJ files.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -38,10 +38,10 @@ impl AppearanceReader {
                 let mut uv = [0.0; 2];
                 for (found, x) in uv.iter_mut().enumerate() {
                     let word = next_word(&mut rest).ok_or_else(|| {
-                        Error::input(format!("line {line}: needed 2 numbers, found {found}"))
+                        Error::input(format!("line {line}: expected 2 numbers, found {found}"))
                     })?;
                     *x = parse_number(word).filter(|x| x.is_finite()).ok_or_else(|| {
-                        Error::input(format!("line {line}: needed a finite number, found {}", shown(word)))
+                        Error::input(format!("line {line}: expected a finite number, found {}", shown(word)))
                     })?;
                 }
                 self.uv.push(uv);
@@ -78,7 +78,7 @@ impl AppearanceReader {
             self.face.clear();
         }
         if let Some(uv) = uv {
-            self.farthest.see(uv, line);
+            self.farthest.update(uv, line);
         }
         self.face.push(uv.unwrap_or(NO_UV));
     }
@@ -115,8 +115,8 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let mut pictures: BTreeMap<String, PathBuf> = BTreeMap::new();
     for line in &appearance.libraries {
-        // Exporters write names with blanks, but the format also allows several names in a line: the whole
-        // line is tried first.
+        // Exporters write names with blanks, but the format also allows several names per line. The whole line is
+        // tried first.
         let whole = folder.join(line);
         let names: Vec<PathBuf> = match whole.is_file() {
             true => vec![whole],
@@ -128,7 +128,7 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
                 made.files.push(name);
             } else {
                 made.warnings.push(format!(
-                    "{}: names materials in {}, which is not there",
+                    "{}: the material file {} does not exist",
                     path.display(),
                     name.display()
                 ));
@@ -143,7 +143,7 @@ pub(crate) fn read_textured(path: &Path) -> Result<TexturedMesh> {
     made.texture = textured().max_by_key(|(count, _)| *count).map(|(_, picture)| picture.clone());
     if let Some(other) = textured().find(|(_, picture)| Some(*picture) != made.texture.as_ref()) {
         let other = other.1.display().to_string();
-        made.warnings.push(format!("{}: of several textures one is used, not {other}", path.display()));
+        made.warnings.push(format!("{}: only one of several textures is used; {other} is ignored", path.display()));
     }
     Ok(made)
 }

@@ -25,7 +25,7 @@ const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
 const FAN: [[u32; 3]; 2] = [[0, 1, 2], [0, 2, 3]];
 
 #[test]
-fn ugly_files_hold_the_same_square() {
+fn all_spellings_of_a_square_give_the_same_mesh() {
     let files = [
         format!("{SQUARE}f 1 2 3 4\n"),
         format!("{SQUARE}f 1 2 3 4"),
@@ -65,8 +65,8 @@ fn ugly_files_hold_the_same_square() {
 }
 
 #[test]
-fn normals_belong_to_the_vertices_that_faces_give_them() {
-    // The normals come before, between and after; one vertex has two of them, one has none.
+fn normals_are_assigned_by_faces() {
+    // Normals come before, between and after the faces; one vertex has two of them, one has none.
     let text = format!("vn 0 0 2\nf 1//1 2//1 3//2\nf 1//1 3//3 4\n{SQUARE}vn 0 1 0\nvn 1 0 0\n");
     let found = scan(&text).unwrap().normals.unwrap();
     assert_eq!(found, [[0.0, 0.0, 2.0], [0.0, 0.0, 2.0], [1.0, 1.0, 0.0], [0.0; 3]]);
@@ -78,34 +78,34 @@ fn normals_belong_to_the_vertices_that_faces_give_them() {
 }
 
 #[test]
-fn a_vertex_that_is_not_finite_is_no_point_of_a_scan_and_no_corner_of_a_mesh() {
+fn vertices_that_are_not_finite_are_dropped_from_scans_and_rejected_in_meshes() {
     let text = "v 0 0 0\nv nan 0 0\nv 1 1 0\nvn 0 0 1\nvn 0 0 2\nvn 0 0 3\n";
     let found = scan(text).unwrap();
     assert_eq!((found.points.len(), found.dropped_not_finite), (2, 1));
     assert_eq!(found.normals.unwrap()[1], [0.0, 0.0, 3.0]);
     assert_eq!(mesh(text).unwrap().column("nz").unwrap(), [1.0, 3.0]);
     let faced = format!("{text}f 1 1 3\n");
-    assert!(message(&faced).contains("line 2: needed finite coordinates"));
+    assert!(message(&faced).contains("line 2: expected finite coordinates"));
 }
 
 #[test]
-fn mistakes_are_named_by_line() {
+fn errors_name_the_line() {
     let after = |line: &str| message(&format!("{SQUARE}{line}\n"));
-    assert!(after("f 1 2 5").contains("line 5: needed the number of a vertex from 1 to 4, found 5"));
+    assert!(after("f 1 2 5").contains("line 5: expected a vertex index from 1 to 4, found 5"));
     assert!(after("f 1 2 4000000000").contains("line 5"));
     assert!(after("f 1 2 99999999999").contains("line 5"));
     assert!(after("f 1 2 0").contains("line 5") && after("f 1 2 0").contains("found 0"));
     assert!(after("f 1 2 -5").contains("from -4 to -1, found -5"));
-    assert!(after("f 1//1 2//1 3//1").contains("needed the number of a normal from 1 to 0, found 1"));
-    assert!(after("f 1 2").contains("line 5: needed three corners or more, found 2"));
+    assert!(after("f 1//1 2//1 3//1").contains("expected a normal index from 1 to 0, found 1"));
+    assert!(after("f 1 2").contains("line 5: expected at least three corners, found 2"));
     assert!(after("f").contains("found 0"));
     assert!(after("f 1 2 x").contains("found `x`"));
-    assert!(after("f 1/2/3/4 2 3").contains("needed a corner"));
-    assert!(after("v 1 2").contains("line 5: needed 3 numbers, found 2"));
-    assert!(after("v 1 2 z").contains("line 5: needed a number, found `z`"));
+    assert!(after("f 1/2/3/4 2 3").contains("expected a corner"));
+    assert!(after("v 1 2").contains("line 5: expected 3 numbers, found 2"));
+    assert!(after("v 1 2 z").contains("line 5: expected a number, found `z`"));
     assert!(after("v 1,5 2,5 3,5").contains("found `1,5`"));
     assert!(after("vn 1 2").contains("line 5"));
-    assert!(message("# nothing\n").contains("needed vertices"));
+    assert!(message("# nothing\n").contains("expected vertices"));
 }
 
 #[test]
@@ -147,7 +147,7 @@ fn written_files_read_back_to_the_last_digit() {
 }
 
 #[test]
-fn a_file_cut_off_anywhere_gives_an_error_or_less() {
+fn a_truncated_file_gives_an_error_or_fewer_elements() {
     let text = format!("# unit mm\n{SQUARE}vn 0 0 1\nf 1//1 2//1 \\\n3//1 4//1\n");
     for end in 0..text.len() {
         if let Ok(mesh) = mesh(&text[..end]) {
@@ -158,12 +158,12 @@ fn a_file_cut_off_anywhere_gives_an_error_or_less() {
 
 proptest! {
     #[test]
-    fn no_bytes_make_it_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+    fn no_bytes_cause_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
         let _ = mesh_from(&mut source(&bytes));
     }
 
     #[test]
-    fn no_text_of_the_right_alphabet_makes_it_panic(text in "(v|vn|f|[0-9]|[ ./#\\\\\n\r-]){0,200}") {
+    fn no_text_of_the_right_alphabet_causes_a_panic(text in "(v|vn|f|[0-9]|[ ./#\\\\\n\r-]){0,200}") {
         let _ = mesh(&text);
         let _ = scan(&text);
     }

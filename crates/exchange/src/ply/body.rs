@@ -1,4 +1,4 @@
-//! Bodies of PLY files: one element after the other, as rows of numbers.
+//! Bodies of PLY files: the elements in order, as rows of numbers.
 //!
 //! **Input.** A source positioned at the first row of an element.
 //!
@@ -16,7 +16,7 @@ use planish_estimate::{Error, Result};
 use super::header::{Element, Encoding};
 use crate::source::{Source, next_word, parse_number, shown};
 
-/// Where a row stands, for messages.
+/// Position of a row, for messages.
 #[derive(Clone, Copy)]
 pub(crate) struct Place<'a> {
     element: &'a str,
@@ -37,9 +37,9 @@ impl fmt::Display for Place<'_> {
 
 /// One record of an element.
 pub(crate) struct Row<'a> {
-    /// A number for each property; for a list, its length.
+    /// One number per property; for a list, its length.
     pub(crate) values: &'a [f64],
-    /// The list that was asked for.
+    /// Items of the requested list.
     pub(crate) list: &'a [f64],
     pub(crate) place: Place<'a>,
 }
@@ -51,30 +51,30 @@ fn cut_off(place: Place, promised: u64) -> Error {
     ))
 }
 
-/// The least number of bytes that a row takes.
+/// Minimum number of bytes of a row; lists count as empty.
 fn least_row(element: &Element, encoding: Encoding) -> u64 {
     let sizes = element.properties.iter().map(|p| match encoding {
-        // A digit and a blank or line end.
+        // At least a digit, and a blank or line end.
         Encoding::Ascii => 2,
         Encoding::Little | Encoding::Big => p.length.unwrap_or(p.number).size() as u64,
     });
     sizes.sum()
 }
 
-/// Refuses a count that the rest of the file cannot hold.
+/// Rejects a count that the rest of the file cannot hold; returns a safe number of rows to reserve.
 pub(crate) fn check_count<R: Read>(
     source: &Source<R>,
     element: &Element,
     encoding: Encoding,
 ) -> Result<usize> {
     let least = least_row(element, encoding);
-    // The last line of a text may lack its end.
+    // The last line of a text file may lack its end.
     let needed = element.count.saturating_mul(least).saturating_sub(u64::from(encoding == Encoding::Ascii));
     source.check_promise(element.count, format_args!("records of `{}`", element.name), needed)?;
     Ok(source.reserve(element.count, least))
 }
 
-/// Reads an element's rows, in order; `wanted_list` is the property whose items the rows carry.
+/// Reads the rows of an element in order. `wanted_list` is the index of the list whose items are returned.
 pub(crate) fn read_rows<R: Read>(
     source: &mut Source<R>,
     element: &Element,
@@ -93,7 +93,9 @@ pub(crate) fn read_rows<R: Read>(
     }
 }
 
-/// Passes over an element that nobody asked for.
+/// Skips an element.
+///
+/// Binary rows without lists have a fixed size and are skipped at once; others must be parsed to find their end.
 pub(crate) fn skip_rows<R: Read>(
     source: &mut Source<R>,
     element: &Element,
@@ -111,20 +113,19 @@ pub(crate) fn skip_rows<R: Read>(
     }
 }
 
-/// Refuses bytes behind the last promised row.
+/// Rejects data after the last declared row, because they are measurements that would be lost (decision 0042).
 pub(crate) fn refuse_more<R: Read>(source: &mut Source<R>) -> Result<()> {
     let Some(byte) = source.more_than_blanks()? else {
         return Ok(());
     };
     let more = source.remaining().map_or("more".to_owned(), |n| format!("{n} more bytes"));
     Err(Error::input(format!(
-        "byte {byte}: needed the end of the file, found {more}: the header promises less than the file \
-         holds; correct its counts, or cut \
-         the file there"
+        "byte {byte}: expected the end of the file, found {more}: the counts of the header are too small; \
+         correct them, or cut the file there"
     )))
 }
 
-/// A list's length as a count, where it is one.
+/// Length of a list, if the value is a valid count.
 fn count_of(value: f64) -> Option<u64> {
     (value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0).then_some(value as u64)
 }
@@ -146,13 +147,13 @@ fn read_text_rows<R: Read>(
             match source.line()? {
                 None => return Err(cut_off(place, element.count)),
                 Some(line) if line.iter().all(u8::is_ascii_whitespace) => {}
-                // The borrow ends with the row: the words are taken from here on.
+                // Not copied: the line stays borrowed from the buffer until its words are parsed.
                 Some(line) => break line,
             }
         };
         let too_short = |property: &str| Error::input(format!("{place}: the line ends before `{property}`"));
-        let wrong = |property: &str, needed: &str, word: &[u8]| {
-            Error::input(format!("{place}: needed {needed} for `{property}`, found {}", shown(word)))
+        let wrong = |property: &str, expected: &str, word: &[u8]| {
+            Error::input(format!("{place}: expected {expected} for `{property}`, found {}", shown(word)))
         };
         for (k, property) in element.properties.iter().enumerate() {
             let name = property.name.as_str();
@@ -175,7 +176,7 @@ fn read_text_rows<R: Read>(
         }
         if let Some(word) = next_word(&mut line) {
             return Err(Error::input(format!(
-                "{place}: needed the end of the line, found {} more",
+                "{place}: expected the end of the line, found {} more",
                 shown(word)
             )));
         }
@@ -192,7 +193,7 @@ fn read_binary_rows<R: Read, const BIG: bool>(
 ) -> Result<()> {
     let mut values = vec![0.0; element.properties.len()];
     let mut list = Vec::new();
-    // Runs of plain numbers are read at once, lists one by one.
+    // A row without lists has a fixed size and is read with one call, which is the fast path of large scans.
     let flat = element.properties.iter().all(|p| p.length.is_none());
     let row_size = element.properties.iter().map(|p| p.number.size()).sum();
     for index in 0..element.count {
@@ -214,7 +215,7 @@ fn read_binary_rows<R: Read, const BIG: bool>(
                 }
                 let Some(items) = count_of(values[k]) else {
                     return Err(Error::input(format!(
-                        "{place}: needed a length for `{}`, found {}",
+                        "{place}: expected a length for `{}`, found {}",
                         property.name, values[k]
                     )));
                 };

@@ -13,10 +13,13 @@ use crate::Unit;
 use crate::numbers::NumberType;
 use crate::source::{Source, shown};
 
-/// Most elements of a file, and most properties of an element: no program writes a hundredth of it.
-const MOST_NAMES: usize = 4096;
+/// Maximum number of elements of a file and of properties of an element.
+///
+/// Names are searched linearly, so a header of a million names would take quadratic time. Far above what programs
+/// write. Guarded by `headers_of_a_million_names_are_rejected_at_once`.
+const MAX_NAMES: usize = 4096;
 
-/// How the body is written.
+/// Encoding of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Encoding {
     Ascii,
@@ -24,16 +27,16 @@ pub(crate) enum Encoding {
     Big,
 }
 
-/// A property: one number, or a list of numbers behind its length.
+/// A property: one number, or a list of numbers preceded by its length.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Property {
     pub(crate) name: String,
-    /// The type of the list's length, for a list.
+    /// Type of the length, for a list.
     pub(crate) length: Option<NumberType>,
     pub(crate) number: NumberType,
 }
 
-/// A kind of record and how many of them there are.
+/// A kind of record and the number of its records.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Element {
     pub(crate) name: String,
@@ -41,17 +44,17 @@ pub(crate) struct Element {
     pub(crate) properties: Vec<Property>,
 }
 
-/// What a header says.
+/// Content of a header.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Header {
     pub(crate) encoding: Encoding,
     pub(crate) elements: Vec<Element>,
-    /// `obj_info num_cols` and `num_rows`: the size of a range grid.
+    /// `obj_info num_cols` and `num_rows`: size of the sampling grid, as in the scans of the Stanford repository.
     pub(crate) grid_columns: Option<u64>,
     pub(crate) grid_rows: Option<u64>,
-    /// `obj_info is_cyberware_data 1`.
+    /// `obj_info is_cyberware_data 1`: the scanner looked along −z.
     pub(crate) cyberware: bool,
-    /// `comment unit mm`.
+    /// `comment unit mm`, as Planish writes it: the format itself has no unit.
     pub(crate) unit: Option<Unit>,
 }
 
@@ -67,10 +70,10 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
         None => return Err(Error::input("the file is empty")),
         Some(b"ply") => {}
         Some(line) if line.starts_with(b"ply\r") => {
-            return Err(Error::input("line 1: lines end in a lone carriage return, needed LF or CRLF"));
+            return Err(Error::input("line 1: expected lines that end in LF or CRLF, found a lone carriage return"));
         }
         Some(line) => {
-            return Err(Error::input(format!("line 1: needed `ply`, found {}", shown(line))));
+            return Err(Error::input(format!("line 1: expected `ply`, found {}", shown(line))));
         }
     }
     let mut encoding = None;
@@ -89,11 +92,12 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 "line {number}: the file ends before `end_header`: it is cut off"
             )));
         };
-        // Comments may be in any encoding; names are compared as text.
+        // Comments may be in any encoding, so invalid UTF-8 is replaced, not rejected.
         let text = String::from_utf8_lossy(line);
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
-        let wrong =
-            |needed: &str| Error::input(format!("line {number}: needed {needed}, found {}", shown(line)));
+        let wrong = |expected: &str| {
+            Error::input(format!("line {number}: expected {expected}, found {}", shown(line)))
+        };
         match words[..] {
             ["end_header"] => break,
             ["comment", "unit", name] => header.unit = name.parse().ok(),
@@ -123,10 +127,10 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
             ["element", name, count] => {
                 let count = count.parse().map_err(|_| wrong("a count that is not negative"))?;
                 if header.element(name).is_some() {
-                    return Err(wrong("a name that no other element has"));
+                    return Err(wrong("a name that no other element uses"));
                 }
-                if header.elements.len() == MOST_NAMES {
-                    return Err(wrong(&format!("at most {MOST_NAMES} elements")));
+                if header.elements.len() == MAX_NAMES {
+                    return Err(wrong(&format!("at most {MAX_NAMES} elements")));
                 }
                 header.elements.push(Element { name: name.to_owned(), count, properties: Vec::new() });
             }
@@ -145,11 +149,11 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
                 let Some(element) = header.elements.last_mut() else {
                     return Err(wrong("an `element` line before its properties"));
                 };
-                if element.properties.len() == MOST_NAMES {
-                    return Err(wrong(&format!("at most {MOST_NAMES} properties of an element")));
+                if element.properties.len() == MAX_NAMES {
+                    return Err(wrong(&format!("at most {MAX_NAMES} properties of an element")));
                 }
                 if element.properties.iter().any(|p| p.name == name) {
-                    return Err(wrong("a name that no other property of the element has"));
+                    return Err(wrong("a name that no other property of the element uses"));
                 }
                 element.properties.push(Property { name: name.to_owned(), length, number });
             }
@@ -158,6 +162,6 @@ pub(crate) fn read_header<R: Read>(source: &mut Source<R>) -> Result<Header> {
             }
         }
     }
-    header.encoding = encoding.ok_or_else(|| Error::input("the header has no `format` line"))?;
+    header.encoding = encoding.ok_or_else(|| Error::input("expected a `format` line in the header, found none"))?;
     Ok(header)
 }

@@ -1,4 +1,4 @@
-//! Scans and meshes from PLY files.
+//! Reads scans and meshes from PLY files.
 
 use std::io::Read;
 use std::path::Path;
@@ -13,12 +13,12 @@ use crate::mesh_data::PolygonMesh;
 use crate::points::{PointCollector, PointColumns};
 use crate::source::{Source, read_file};
 
-/// Reads the points of a scan and what the file says about their errors.
+/// Reads the points of a scan with their uncertainties, normals and sampling grid.
 ///
 /// Vertex properties: `x y z`; `sigma` or `cxx cxy cxz cyy cyz czz`; `nx ny nz`; `sigma_n_deg`. An element
 /// `range_grid` (a list `vertex_indices` of none or one vertex per cell, row by row, with `obj_info num_cols`
-/// and `num_rows`) gives the sampling grid. `obj_info is_cyberware_data 1` says that the scanner looked along
-/// −z of its own frame. Vertices whose coordinates are not finite are dropped and counted, and the grid
+/// and `num_rows`) gives the sampling grid. `obj_info is_cyberware_data 1` means that the scanner looked along −z
+/// of its own frame. Vertices whose coordinates are not finite are dropped and counted, and the grid is
 /// renumbered. The pose is the identity.
 ///
 /// # Errors
@@ -26,19 +26,30 @@ use crate::source::{Source, read_file};
 /// [`Input`](planish_estimate::ErrorKind::Input) when it is malformed, cut off, longer than its header
 /// promises, or states a σ or covariance that is not positive: with the file and the line (ASCII) or byte and
 /// index (binary).
+///
+/// # Examples
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("scan.ply");
+/// std::fs::write(&path, "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n\
+///     property float z\nproperty float sigma\nend_header\n1 2 3 0.5\n")?;
+/// let scan = planish_exchange::ply::read_scan(&path)?;
+/// assert_eq!((scan.points, scan.sigma), (vec![[1.0, 2.0, 3.0]], Some(vec![0.5])));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_scan(path: &Path) -> Result<Scan> {
     read_scan_and_unit(path).map(|(scan, _)| scan)
 }
 
-/// [`read_scan`], with the unit that the file names.
+/// [`read_scan`], with the unit that the file states.
 pub(crate) fn read_scan_and_unit(path: &Path) -> Result<(Scan, Option<Unit>)> {
     read_file(path, |mut source, name| scan_from(&mut source, name))
 }
 
 /// Reads a mesh.
 ///
-/// Vertex properties `x y z` are needed; the element `face` with its list `vertex_indices` (or
-/// `vertex_index`) may be missing: the mesh then has no triangles.
+/// The vertex properties `x y z` are required. Without an element `face` with a list `vertex_indices` (or
+/// `vertex_index`), the mesh has no triangles.
 ///
 /// # Errors
 /// As [`read_scan`]; also for a coordinate that is not finite, an index beyond the vertices, and a face of
@@ -47,26 +58,26 @@ pub fn read_mesh(path: &Path) -> Result<PolygonMesh> {
     read_file(path, |mut source, _| mesh_from(&mut source))
 }
 
-/// What the header of a PLY file promises.
+/// Content of a PLY file according to its header.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PlyContents {
     /// `ascii`, `binary_little_endian` or `binary_big_endian`.
     pub encoding: &'static str,
-    /// Kinds of records: their name, their number, and the names of their properties.
+    /// Elements: name, number of records, and names of the properties.
     pub elements: Vec<(String, u64, Vec<String>)>,
-    /// The unit of length, where a line `comment unit mm` names it.
+    /// The unit of length, if a line `comment unit mm` states it.
     pub unit: Option<Unit>,
 }
 
 impl PlyContents {
-    /// How many records of a kind are promised.
+    /// Number of records of an element; 0 if the file does not have it.
     #[must_use]
     pub fn count(&self, element: &str) -> u64 {
         let found = self.elements.iter().find(|(name, ..)| name == element);
         found.map_or(0, |(_, count, _)| *count)
     }
 
-    /// Names of the properties of a kind of record.
+    /// Names of the properties of an element; empty if the file does not have it.
     #[must_use]
     pub fn properties(&self, element: &str) -> &[String] {
         let found = self.elements.iter().find(|(name, ..)| name == element);
@@ -74,10 +85,21 @@ impl PlyContents {
     }
 }
 
-/// Reads the header only: whether a file holds a scan or a mesh, and which columns.
+/// Reads only the header, to find out whether a file holds a scan or a mesh, and which columns.
 ///
 /// # Errors
-/// As [`read_scan`] where the header is concerned.
+/// As [`read_scan`], for errors of the header.
+///
+/// # Examples
+/// ```
+/// use planish_exchange::ply::{MeshColumns, read_contents, write_points};
+/// # let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("points.ply");
+/// write_points(&path, &MeshColumns { points: &[[0.0; 3]; 5], ..MeshColumns::default() })?;
+/// let contents = read_contents(&path)?;
+/// assert_eq!((contents.count("vertex"), contents.count("face")), (5, 0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn read_contents(path: &Path) -> Result<PlyContents> {
     let header = read_file(path, |mut source, _| read_header(&mut source))?;
     Ok(PlyContents {
@@ -95,11 +117,11 @@ pub fn read_contents(path: &Path) -> Result<PlyContents> {
     })
 }
 
-/// The vertex element and the names of its plain properties ("" for lists, which are no columns).
+/// The vertex element and the names of its properties; "" for lists, which are not columns.
 fn vertices(header: &Header) -> Result<(&Element, Vec<&str>)> {
     let element = header.element("vertex").ok_or_else(|| {
         let names: Vec<_> = header.elements.iter().map(|e| e.name.as_str()).collect();
-        Error::input(format!("needed an element `vertex`, found [{}]", names.join(", ")))
+        Error::input(format!("expected an element `vertex`, found [{}]", names.join(", ")))
     })?;
     let names = element.properties.iter().map(|p| match p.length {
         None => p.name.as_str(),
@@ -108,22 +130,22 @@ fn vertices(header: &Header) -> Result<(&Element, Vec<&str>)> {
     Ok((element, names.collect()))
 }
 
-/// An index below `count`.
+/// Converts a value to an index below `count`.
 fn index_below(value: f64, count: u64, place: Place) -> Result<u32> {
     if value >= 0.0 && value < count as f64 && value.fract() == 0.0 && value <= f64::from(u32::MAX) {
         return Ok(value as u32);
     }
-    Err(Error::input(format!("{place}: needed a vertex index below {count}, found {value}")))
+    Err(Error::input(format!("{place}: expected a vertex index below {count}, found {value}")))
 }
 
-/// The list `vertex_indices` of an element.
+/// Index of the list `vertex_indices` of an element; older files call it `vertex_index`.
 fn index_list(element: &Element) -> Result<usize> {
     let found = element
         .properties
         .iter()
         .position(|p| p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index"));
     found.ok_or_else(|| {
-        Error::input(format!("the element `{}` has no list property `vertex_indices`", element.name))
+        Error::input(format!("the element `{}`: expected a list property `vertex_indices`, found none", element.name))
     })
 }
 
@@ -147,6 +169,7 @@ pub(super) fn scan_from<R: Read>(source: &mut Source<R>, name: &str) -> Result<(
     if let Some(grid) = &mut grid
         && !dropped.is_empty()
     {
+        // The grid may come before the vertices, so it is renumbered only now that all dropped ones are known.
         for cell in grid.cells.iter_mut().filter(|cell| **cell != RangeGrid::EMPTY) {
             *cell = match dropped.binary_search(&u64::from(*cell)) {
                 Ok(_) => RangeGrid::EMPTY,
@@ -169,12 +192,12 @@ fn range_grid<R: Read>(
 ) -> Result<RangeGrid> {
     let (Some(columns), Some(rows)) = (header.grid_columns, header.grid_rows) else {
         return Err(Error::input(
-            "the element `range_grid` needs `obj_info num_cols` and `obj_info num_rows`",
+            "the element `range_grid` requires `obj_info num_cols` and `obj_info num_rows`",
         ));
     };
     if columns.checked_mul(rows) != Some(element.count) {
         return Err(Error::input(format!(
-            "needed {columns} x {rows} cells in `range_grid`, found {}",
+            "expected {columns} x {rows} cells in `range_grid`, found {}",
             element.count
         )));
     }
@@ -186,7 +209,7 @@ fn range_grid<R: Read>(
             [index] => index_below(index, vertices, row.place)?,
             _ => {
                 return Err(Error::input(format!(
-                    "{}: needed none or one vertex in a cell, found {}",
+                    "{}: expected none or one vertex in a cell, found {}",
                     row.place,
                     row.list.len()
                 )));
@@ -194,7 +217,7 @@ fn range_grid<R: Read>(
         });
         Ok(())
     })?;
-    // Both fit: their product counts records that were read.
+    // Both fit into `usize`, because their product is the number of records just read.
     Ok(RangeGrid {
         columns: usize::try_from(columns).unwrap_or(0),
         rows: usize::try_from(rows).unwrap_or(0),
@@ -208,7 +231,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
     let position = ["x", "y", "z"].map(|axis| names.iter().position(|n| *n == axis));
     let [Some(x), Some(y), Some(z)] = position else {
         return Err(Error::input(format!(
-            "element `vertex`: needed the properties x y z, found {}",
+            "element `vertex`: expected the properties x y z, found {}",
             names.join(" ")
         )));
     };
@@ -227,7 +250,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                     let point = [row.values[x], row.values[y], row.values[z]];
                     if !point.iter().all(|c| c.is_finite()) {
                         return Err(Error::input(format!(
-                            "{}: needed finite coordinates, found {} {} {}",
+                            "{}: expected finite coordinates, found {} {} {}",
                             row.place, point[0], point[1], point[2]
                         )));
                     }
@@ -244,7 +267,7 @@ pub(super) fn mesh_from<R: Read>(source: &mut Source<R>) -> Result<PolygonMesh> 
                 read_rows(source, element, header.encoding, Some(list), |row| {
                     if row.list.len() < 3 {
                         return Err(Error::input(format!(
-                            "{}: needed three corners or more, found {}",
+                            "{}: expected at least three corners, found {}",
                             row.place,
                             row.list.len()
                         )));

@@ -40,7 +40,7 @@ fn ascii(elements: &str, body: &str) -> Vec<u8> {
     file("ascii", elements, body.as_bytes())
 }
 
-/// A scan with a grid, in Cyberware's manner.
+/// A scan with a grid, as Cyberware scanners write it.
 fn range_scan() -> Vec<u8> {
     ascii(
         &format!(
@@ -53,7 +53,7 @@ fn range_scan() -> Vec<u8> {
 }
 
 #[test]
-fn a_range_scan_has_its_grid_and_its_direction_of_view() {
+fn a_range_scan_has_its_grid_and_viewing_direction() {
     for bytes in [
         range_scan(),
         String::from_utf8(range_scan()).unwrap().replace('\n', "\r\n").into_bytes(),
@@ -64,7 +64,7 @@ fn a_range_scan_has_its_grid_and_its_direction_of_view() {
         assert_eq!(scan.dropped_not_finite, 1);
         assert_eq!(scan.viewing, Viewing::Direction([0.0, 0.0, -1.0]));
         let no = RangeGrid::EMPTY;
-        // The vertex that is not finite leaves its cell, and the one behind it moves up.
+        // The vertex that is not finite is removed from its cell, and the next index decreases by one.
         assert_eq!(scan.grid, Some(RangeGrid { columns: 3, rows: 2, cells: vec![no, 1, no, 0, no, no] }));
     }
 }
@@ -129,7 +129,7 @@ fn every_type_reads_the_same_in_every_encoding() {
 }
 
 #[test]
-fn binary_files_cut_anywhere_are_refused() {
+fn truncated_binary_files_are_rejected() {
     for format in ["binary_little_endian", "binary_big_endian"] {
         let one = |v: f64| {
             if format == "binary_big_endian" { v.to_be_bytes() } else { v.to_le_bytes() }
@@ -144,7 +144,7 @@ fn binary_files_cut_anywhere_are_refused() {
         for end in 0..bytes.len() {
             assert_eq!(mesh(&bytes[..end]).unwrap_err().kind(), ErrorKind::Input);
             assert_eq!(scan(&bytes[..end]).unwrap_err().kind(), ErrorKind::Input);
-            // A pipe does not tell its length: only the end of the bytes does.
+                // The length of a pipe is unknown, so only the end of the data shows the truncation.
             let e = mesh_from(&mut Source::new(&bytes[..end], None)).unwrap_err();
             assert_eq!(e.kind(), ErrorKind::Input);
         }
@@ -152,9 +152,9 @@ fn binary_files_cut_anywhere_are_refused() {
 }
 
 #[test]
-fn ascii_files_cut_anywhere_are_refused() {
+fn truncated_ascii_files_are_rejected() {
     let bytes = range_scan();
-    // The last line is `0 `, of which the digit is enough.
+    // Of the last line, `0 `, the digit is enough.
     for end in 0..bytes.len() - 2 {
         let e = scan(&bytes[..end]).unwrap_err();
         assert_eq!(e.kind(), ErrorKind::Input, "{end}: {e}");
@@ -163,7 +163,7 @@ fn ascii_files_cut_anywhere_are_refused() {
 }
 
 #[test]
-fn a_file_cut_off_says_where_and_how_much_is_missing() {
+fn the_error_of_a_truncated_file_states_place_and_counts() {
     let bytes = ascii(&format!("element vertex 3\n{XYZ}"), "1.25 2.25 3.25\n1.25 2.25 3.25\n");
     let message = scan_message(&bytes);
     assert!(
@@ -176,7 +176,7 @@ fn a_file_cut_off_says_where_and_how_much_is_missing() {
 }
 
 #[test]
-fn a_header_that_promises_less_than_the_file_holds_loses_no_points() {
+fn counts_smaller_than_the_file_are_an_error() {
     let more = ascii("element vertex 1\nproperty float x\nproperty float y\nproperty float z", "0 0 0\n");
     let at = more.len();
     for (end, bytes) in [("\n \r\n", None), ("1 0 0\n", Some(6)), ("\n\nx", Some(1))] {
@@ -186,7 +186,7 @@ fn a_header_that_promises_less_than_the_file_holds_loses_no_points() {
             None => assert_eq!(scan(&file).unwrap().points.len(), 1),
             Some(left) => {
                 let place = at + end.len() - left;
-                let words = format!("byte {place}: needed the end of the file, found {left} more bytes");
+                let words = format!("byte {place}: expected the end of the file, found {left} more bytes");
                 assert!(scan_message(&file).contains(&words), "{}", scan_message(&file));
                 assert!(mesh_message(&file).contains(&words));
             }
@@ -195,7 +195,7 @@ fn a_header_that_promises_less_than_the_file_holds_loses_no_points() {
 }
 
 #[test]
-fn headers_of_a_million_names_are_refused_at_once() {
+fn headers_of_a_million_names_are_rejected_at_once() {
     let properties: String = (0..1_000_000).map(|k| format!("property float p{k}\n")).collect();
     let elements: String = (0..1_000_000).map(|k| format!("element e{k} 0\n")).collect();
     assert!(
@@ -206,7 +206,7 @@ fn headers_of_a_million_names_are_refused_at_once() {
 }
 
 #[test]
-fn promised_counts_are_compared_with_the_file_before_anything_is_reserved() {
+fn declared_counts_are_checked_before_memory_is_reserved() {
     for count in ["1000000000", "18446744073709551615"] {
         for format in ["ascii", "binary_little_endian"] {
             for elements in [
@@ -227,14 +227,14 @@ fn promised_counts_are_compared_with_the_file_before_anything_is_reserved() {
         );
         assert!(scan_message(&ascii(&grid, "1 2 3\n")).contains(count));
     }
-    // A list that promises four thousand million corners.
+    // A list that declares 2³² − 1 corners.
     let elements = format!("element vertex 1\n{XYZ}\nelement face 1\nproperty list uint int vertex_indices");
     let bytes = file("binary_little_endian", &elements, &[&[0; 12][..], &[255; 4], &[0; 64]].concat());
     assert!(mesh_message(&bytes).contains("cut off"));
 }
 
 #[test]
-fn lists_may_come_before_the_vertices_and_properties_in_any_order() {
+fn elements_and_properties_may_come_in_any_order() {
     let elements = "element face 1\nproperty list uchar int vertex_indices\nelement vertex 3\nproperty \
         float nz\n\
         property double sigma\nproperty float z\nproperty float y\nproperty float x\nproperty float \
@@ -250,7 +250,7 @@ fn lists_may_come_before_the_vertices_and_properties_in_any_order() {
 }
 
 #[test]
-fn headers_with_bytes_that_are_no_text_and_blank_lines_are_read() {
+fn headers_with_invalid_utf8_and_blank_lines_are_read() {
     let mut bytes =
         b"ply\nformat ascii 1.0\ncomment J\xf6rg, comment unit\nobj_info \xff\xfe\n\ncomment unit in\n"
             .to_vec();
@@ -262,28 +262,31 @@ fn headers_with_bytes_that_are_no_text_and_blank_lines_are_read() {
 }
 
 #[test]
-fn wrong_headers_are_named_by_line() {
+fn errors_of_headers_name_the_line() {
     let vertex = format!("element vertex 1\n{XYZ}");
     for (header, words) in [
-        ("element vertex -1", "line 3: needed a count that is not negative"),
-        ("element vertex many", "line 3: needed a count"),
-        ("property float x", "line 3: needed an `element` line"),
-        ("element vertex 1\nproperty quaternion q", "line 4: needed a type among"),
-        ("element vertex 1\nproperty list float int i", "line 4: needed a list length of an integer type"),
-        ("element vertex 1\nproperty x", "line 4: needed `property TYPE NAME`"),
-        ("element vertex 1\nelement vertex 2", "line 4: needed a name that no other element"),
-        ("element vertex 1\nproperty int x\nproperty int x", "line 5: needed a name that no other property"),
+        ("element vertex -1", "line 3: expected a count that is not negative"),
+        ("element vertex many", "line 3: expected a count"),
+        ("property float x", "line 3: expected an `element` line"),
+        ("element vertex 1\nproperty quaternion q", "line 4: expected a type among"),
+        ("element vertex 1\nproperty list float int i", "line 4: expected a list length of an integer type"),
+        ("element vertex 1\nproperty x", "line 4: expected `property TYPE NAME`"),
+        ("element vertex 1\nelement vertex 2", "line 4: expected a name that no other element"),
+        (
+            "element vertex 1\nproperty int x\nproperty int x",
+            "line 5: expected a name that no other property",
+        ),
         ("element vertex 1\nproperty int x", "found no y z"),
-        ("element face 1", "needed an element `vertex`, found [face]"),
-        ("format ascii 1.0", "line 3: needed one `format`"),
-        ("rubbish", "line 3: needed `format`, `comment`"),
+        ("element face 1", "expected an element `vertex`, found [face]"),
+        ("format ascii 1.0", "line 3: expected one `format`"),
+        ("rubbish", "line 3: expected `format`, `comment`"),
     ] {
         let message = scan_message(&ascii(header, "1 2 3\n"));
         assert!(message.contains(words), "{message}");
     }
-    assert!(scan_message(&file("utf8", &vertex, b"")).contains("line 2: needed `ascii`"));
-    assert!(scan_message(b"ply\nend_header\n").contains("no `format`"));
-    assert!(scan_message(b"solid part\n").contains("line 1: needed `ply`, found `solid part`"));
+    assert!(scan_message(&file("utf8", &vertex, b"")).contains("line 2: expected `ascii`"));
+    assert!(scan_message(b"ply\nend_header\n").contains("expected a `format` line"));
+    assert!(scan_message(b"solid part\n").contains("line 1: expected `ply`, found `solid part`"));
     assert!(scan_message(b"ply\rformat ascii 1.0\r").contains("lone carriage return"));
     assert!(
         scan_message(&ascii(&format!("{vertex}\nproperty float sigma\nproperty float cxx"), ""))
@@ -292,15 +295,15 @@ fn wrong_headers_are_named_by_line() {
 }
 
 #[test]
-fn wrong_bodies_are_named_by_line_and_record() {
+fn errors_of_bodies_name_line_and_record() {
     let vertex = format!("element vertex 2\n{XYZ}\nproperty float sigma");
     let start = "1 2 3 0.5\n";
     for (row, words) in [
         ("1 2 3\n", "line 10 (vertex 1): the line ends before `sigma`"),
-        ("1 2 three 1\n", "line 10 (vertex 1): needed a number for `z`, found `three`"),
-        ("1 2 3 4 5\n", "line 10 (vertex 1): needed the end of the line, found `5`"),
-        ("1 2 3 -0.5\n", "line 10 (vertex 1): needed sigma > 0, found -0.5 (point 1)"),
-        ("1 2 3 nan\n", "needed sigma > 0, found NaN"),
+        ("1 2 three 1\n", "line 10 (vertex 1): expected a number for `z`, found `three`"),
+        ("1 2 3 4 5\n", "line 10 (vertex 1): expected the end of the line, found `5`"),
+        ("1 2 3 -0.5\n", "line 10 (vertex 1): expected sigma > 0, found -0.5 (point 1)"),
+        ("1 2 3 nan\n", "expected sigma > 0, found NaN"),
     ] {
         let message = scan_message(&ascii(&vertex, &format!("{start}{row}")));
         assert!(message.contains(words), "{message}");
@@ -308,10 +311,10 @@ fn wrong_bodies_are_named_by_line_and_record() {
     let faces = format!("element vertex 3\n{XYZ}\nelement face 1\nproperty list char int vertex_indices");
     let points = "0 0 0\n1 0 0\n0 1 0\n";
     for (row, words) in [
-        ("2 0 1", "line 13 (face 0): needed three corners or more, found 2"),
+        ("2 0 1", "line 13 (face 0): expected at least three corners, found 2"),
         ("0", "found 0"),
-        ("-3 0 1 2", "needed a length for `vertex_indices`, found `-3`"),
-        ("3 0 1 3", "needed a vertex index below 3, found 3"),
+        ("-3 0 1 2", "expected a length for `vertex_indices`, found `-3`"),
+        ("3 0 1 3", "expected a vertex index below 3, found 3"),
         ("3 0 1 -1", "found -1"),
         ("3 0 1 0.5", "found 0.5"),
         ("3 0 1", "the line ends before `vertex_indices`"),
@@ -321,7 +324,7 @@ fn wrong_bodies_are_named_by_line_and_record() {
     }
     assert!(
         mesh_message(&ascii(&faces, "0 0 0\nnan 0 0\n0 1 0\n3 0 1 2\n"))
-            .contains("line 11 (vertex 1): needed finite")
+            .contains("line 11 (vertex 1): expected finite")
     );
     let negative = file(
         "binary_little_endian",
@@ -329,11 +332,11 @@ fn wrong_bodies_are_named_by_line_and_record() {
         &[&[0; 12][..], &[0xfd], &[0; 12]].concat(),
     );
     let message = mesh_message(&negative);
-    assert!(message.contains("(face 0): needed a length for `vertex_indices`, found -3"), "{message}");
+    assert!(message.contains("(face 0): expected a length for `vertex_indices`, found -3"), "{message}");
 }
 
 #[test]
-fn wrong_range_grids_are_refused() {
+fn invalid_range_grids_are_rejected() {
     let grid = |info: &str, count: usize, cells: &str| {
         let elements = format!(
             "{info}\nelement vertex 1\n{XYZ}\nelement range_grid {count}\nproperty list uchar int \
@@ -342,11 +345,11 @@ fn wrong_range_grids_are_refused() {
         scan_message(&ascii(&elements, &format!("0 0 0\n{cells}")))
     };
     let info = "obj_info num_cols 2\nobj_info num_rows 1";
-    assert!(grid("obj_info num_cols 2", 2, "0\n0\n").contains("needs `obj_info num_cols`"));
-    assert!(grid(info, 3, "0\n0\n0\n").contains("needed 2 x 1 cells in `range_grid`, found 3"));
-    assert!(grid(info, 2, "0\n1 1\n").contains("needed a vertex index below 1, found 1"));
-    assert!(grid(info, 2, "0\n2 0 0\n").contains("needed none or one vertex in a cell, found 2"));
-    assert!(grid("obj_info num_cols two", 2, "").contains("line 3: needed a number of columns"));
+    assert!(grid("obj_info num_cols 2", 2, "0\n0\n").contains("requires `obj_info num_cols`"));
+    assert!(grid(info, 3, "0\n0\n0\n").contains("expected 2 x 1 cells in `range_grid`, found 3"));
+    assert!(grid(info, 2, "0\n1 1\n").contains("expected a vertex index below 1, found 1"));
+    assert!(grid(info, 2, "0\n2 0 0\n").contains("expected none or one vertex in a cell, found 2"));
+    assert!(grid("obj_info num_cols two", 2, "").contains("line 3: expected a number of columns"));
 }
 
 #[test]
@@ -388,7 +391,7 @@ fn write_read_write_gives_the_same_numbers_and_bytes() {
 }
 
 #[test]
-fn meshes_that_do_not_fit_together_are_not_written() {
+fn inconsistent_meshes_are_not_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
     let points = [[0.0; 3]; 3];
@@ -396,11 +399,11 @@ fn meshes_that_do_not_fit_together_are_not_written() {
     for (mesh, words) in [
         (
             MeshColumns { triangles: &[[0, 1, 2], [0, 1, 3]], ..good.clone() },
-            "triangle 1: needed indices below 3",
+            "triangle 1: expected indices below 3",
         ),
         (
             MeshColumns { normals: Some(&[]), ..good.clone() },
-            "needed 3 entries in the column `normals`, found 0",
+            "expected 3 entries in the column `normals`, found 0",
         ),
         (MeshColumns { columns: vec![("x", Column::U8(&[0; 3]))], ..good.clone() }, "no other column"),
         (MeshColumns { columns: vec![("a b", Column::U8(&[0; 3]))], ..good.clone() }, "one word"),
@@ -413,28 +416,28 @@ fn meshes_that_do_not_fit_together_are_not_written() {
 }
 
 #[test]
-fn file_trouble_is_told_from_malformed_files() {
+fn io_errors_differ_from_malformed_files() {
     let folder = tempfile::tempdir().unwrap();
-    let trouble = |path: &Path| read_scan(path).unwrap_err();
-    let e = trouble(&folder.path().join("gone.ply"));
+    let error = |path: &Path| read_scan(path).unwrap_err();
+    let e = error(&folder.path().join("gone.ply"));
     assert!(e.kind() == ErrorKind::Io && e.to_string().contains("gone.ply: does not exist"), "{e}");
-    let e = trouble(folder.path());
-    assert!(e.kind() == ErrorKind::Io && e.to_string().contains("is a folder"), "{e}");
+    let e = error(folder.path());
+    assert!(e.kind() == ErrorKind::Io && e.to_string().contains("found a folder"), "{e}");
     let empty = folder.path().join("empty.ply");
     std::fs::write(&empty, "").unwrap();
-    let e = trouble(&empty);
+    let e = error(&empty);
     assert!(e.kind() == ErrorKind::Input && e.to_string().contains("empty.ply: the file is empty"), "{e}");
 }
 
 proptest! {
     #[test]
-    fn no_bytes_make_it_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+    fn no_bytes_cause_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
         let _ = scan(&bytes);
         let _ = mesh(&bytes);
     }
 
     #[test]
-    fn no_header_makes_it_panic(
+    fn no_header_causes_a_panic(
         lines in "((element (vertex|face|range_grid) [0-9]{1,3}|property (float|uchar|int) [xyz]|property \
             list (uchar|int) (int|short) vertex_indices|obj_info num_(cols|rows) [0-9]|comment a)\n){0,9}",
         format in 0_usize..3,
@@ -450,7 +453,7 @@ proptest! {
     }
 
     #[test]
-    fn no_changed_byte_makes_it_panic(at in any::<proptest::sample::Index>(), value in any::<u8>()) {
+    fn no_changed_byte_causes_a_panic(at in any::<proptest::sample::Index>(), value in any::<u8>()) {
         let mut bytes = range_scan();
         let at = at.index(bytes.len());
         bytes[at] = value;

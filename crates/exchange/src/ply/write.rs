@@ -1,4 +1,4 @@
-//! Meshes and points as binary little-endian PLY files.
+//! Writes meshes and points as binary little-endian PLY files.
 //!
 //! **Input.** Positions with named columns.
 //!
@@ -13,7 +13,7 @@ use planish_estimate::Result;
 use crate::atomic::write_packed;
 use crate::mesh_data::{Column, MeshColumns};
 
-/// Writes a mesh; [`read_mesh`](super::read_mesh) gives back the same numbers.
+/// Writes a mesh; [`read_mesh`](super::read_mesh) returns the same numbers.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length, bad names, or corners beyond
@@ -38,7 +38,7 @@ pub fn write_mesh(path: &Path, mesh: &MeshColumns) -> Result<()> {
     write_file(path, mesh, true)
 }
 
-/// Writes the points and their columns without faces; `mesh.triangles` is not looked at.
+/// Writes the points and their columns without faces; `mesh.triangles` is ignored.
 ///
 /// # Errors
 /// As [`write_mesh`].
@@ -87,6 +87,7 @@ pub(super) fn write_to(writer: &mut impl Write, mesh: &MeshColumns, faces: bool)
     }
     if faces {
         for triangle in mesh.triangles {
+            // One byte with the number of corners, 3, then three corners of four bytes.
             let mut record = [3; 13];
             for (k, corner) in triangle.iter().enumerate() {
                 record[1 + 4 * k..5 + 4 * k].copy_from_slice(&corner.to_le_bytes());

@@ -1,9 +1,10 @@
-//! Scans as binary little-endian PLY files.
+//! Writes scans as binary little-endian PLY files.
 //!
 //! **Input.** A [`Scan`].
 //!
-//! **Output.** `float64 x y z`, the uncertainties that the points state, and the sampling grid of an
-//! organised scan. Poses and viewing directions belong in the job.
+//! **Output.** `float64 x y z`, the uncertainties of the points, and the sampling grid of an organised scan.
+//!
+//! **Limits.** Poses and viewing directions are not written; they belong in the job.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -14,11 +15,11 @@ use planish_sense::{RangeGrid, Scan};
 use crate::Unit;
 use crate::atomic::write_atomically;
 
-/// Writes a scan; [`read_scan`](super::read_scan) gives back the same numbers.
+/// Writes a scan; [`read_scan`](super::read_scan) returns the same numbers.
 ///
 /// Columns: `x y z`; `nx ny nz`, `sigma_n_deg`; `k1 k2 d1x d1y d1z`, `sigma_k`; the covariance
-/// `cxx cxy cxz cyy cyz czz`, else `sigma`; the element `range_grid`. Readings that were dropped are gone,
-/// and so are pose and viewing.
+/// `cxx cxy cxz cyy cyz czz`, else `sigma`; the element `range_grid`. Pose, viewing direction and the number of
+/// dropped readings are not written.
 ///
 /// # Errors
 /// [`Input`](planish_estimate::ErrorKind::Input) for columns of unequal length or a grid that names no point;
@@ -54,14 +55,14 @@ fn check(scan: &Scan) -> Result<()> {
             && length != count
         {
             return Err(Error::input(format!(
-                "needed {count} entries in the column `{name}`, found {length}"
+                "expected {count} entries in the column `{name}`, found {length}"
             )));
         }
     }
     if let Some(grid) = &scan.grid {
         if grid.columns.checked_mul(grid.rows) != Some(grid.cells.len()) {
             return Err(Error::input(format!(
-                "needed {} x {} cells in the grid, found {}",
+                "expected {} x {} cells in the grid, found {}",
                 grid.columns,
                 grid.rows,
                 grid.cells.len()
@@ -71,7 +72,7 @@ fn check(scan: &Scan) -> Result<()> {
         let wrong = |&&cell: &&u32| cell != RangeGrid::EMPTY && cell as usize >= limit;
         if let Some(cell) = grid.cells.iter().find(wrong) {
             return Err(Error::input(format!(
-                "needed points below {limit} in the grid's cells, found {cell}"
+                "expected indices below {limit} in the cells of the grid, found {cell}"
             )));
         }
     }
@@ -152,7 +153,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scans_come_back_as_they_were_written() {
+    fn written_scans_read_back_unchanged() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.ply");
         let full = Scan {
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_that_do_not_fit_the_points_are_refused() {
+    fn columns_of_wrong_length_are_rejected() {
         let points = vec![[0.0; 3]];
         let grid = |columns, cells| Some(RangeGrid { columns, rows: 1, cells });
         for (scan, words) in [
@@ -194,7 +195,7 @@ mod tests {
             (Scan { grid: grid(2, vec![0]), points: points.clone(), ..Scan::default() }, "2 x 1 cells"),
             (
                 Scan { grid: grid(1, vec![1]), points, ..Scan::default() },
-                "below 1 in the grid's cells, found 1",
+                "below 1 in the cells of the grid, found 1",
             ),
         ] {
             let e = check(&scan).unwrap_err();

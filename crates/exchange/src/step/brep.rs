@@ -80,7 +80,7 @@ pub struct Brep {
 fn finite(points: &[[f64; 3]]) -> Result<()> {
     match points.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
         Some(at) => {
-            Err(Error::input(format!("needed finite coordinates, found {:?} at point {at}", points[at])))
+            Err(Error::input(format!("expected finite coordinates, found {:?} at point {at}", points[at])))
         }
         None => Ok(()),
     }
@@ -92,7 +92,7 @@ fn check_knots(degree: usize, knots: &[(f64, usize)], poles: usize) -> Result<()
     let sum: usize = knots.iter().map(|k| k.1).sum();
     if degree == 0 || knots.len() < 2 || !ascending || !clamped_at_most || sum != poles + degree + 1 {
         return Err(Error::input(format!(
-            "needed ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, found \
+            "expected ascending knots whose multiplicities (1 to degree + 1) sum to poles + degree + 1, found \
              degree {degree}, \
              {poles} poles, {} knots with multiplicities that sum to {sum}",
             knots.len()
@@ -120,7 +120,7 @@ impl BsplineSurface {
         check_knots(self.degree_v, &self.knots_v, self.n_v).map_err(|e| e.in_context("along v"))?;
         if self.n_u.checked_mul(self.n_v) != Some(self.poles.len()) {
             return Err(Error::input(format!(
-                "needed {} x {} poles, found {}",
+                "expected {} x {} poles, found {}",
                 self.n_u,
                 self.n_v,
                 self.poles.len()
@@ -144,7 +144,7 @@ impl Brep {
             result.map_err(|e| e.in_context(format_args!("{what} {index}")))
         }
         if self.faces.is_empty() {
-            return Err(Error::input("needed at least one face, found none"));
+            return Err(Error::input("expected at least one face, found none"));
         }
         named(finite(&self.vertices), "vertices", "")?;
         for (index, edge) in self.edges.iter().enumerate() {
@@ -170,7 +170,7 @@ impl Brep {
         }
         match used.iter().position(|directions| *directions != [true, true]) {
             Some(edge) if self.closed => Err(Error::input(format!(
-                "edge {edge}: needed one use in each direction in a closed shell, found {}",
+                "edge {edge}: expected one use in each direction in a closed shell, found {}",
                 used[edge].iter().filter(|u| **u).count()
             ))),
             _ => Ok(()),
@@ -184,7 +184,7 @@ impl Brep {
             Ok(if forward { (found.start, found.end) } else { (found.end, found.start) })
         };
         let Some(last) = face.edges.last() else {
-            return Err(Error::input("needed a loop of edges, found none"));
+            return Err(Error::input("expected a loop of edges, found none"));
         };
         let mut at = ends(last)?.1;
         for oriented in &face.edges {

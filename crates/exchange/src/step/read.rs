@@ -36,11 +36,11 @@ use syntax::Index;
 use topology::{Builder, Read as ReadShape};
 
 /// Parts of an assembly beyond this are refused.
-const MOST_PARTS: usize = 100_000;
+const MAX_PARTS: usize = 100_000;
 /// Points nearer than this, of the size, are one where a file says nothing.
-const SAME: f64 = 1e-7;
+const MIN_TOLERANCE_SHARE: f64 = 1e-7;
 /// A file's uncertainty is taken up to this share of its size.
-const MOST_UNCERTAIN: f64 = 1e-4;
+const MAX_TOLERANCE_SHARE: f64 = 1e-4;
 
 /// A shape, and where it stands.
 struct Placed {
@@ -81,9 +81,9 @@ pub fn read_step(path: &Path) -> Result<StepFaces> {
 }
 
 /// The chord error of triangles, of the size, where nothing else is wanted.
-const CHORD: f64 = 1e-4;
+const DEFAULT_CHORD_SHARE: f64 = 1e-4;
 /// Their longest side.
-const LONGEST: f64 = 1.0 / 64.0;
+const DEFAULT_SIDE_SHARE: f64 = 1.0 / 64.0;
 
 /// The triangles of all faces as one mesh.
 ///
@@ -111,7 +111,7 @@ pub(crate) fn read_mesh(path: &Path) -> Result<PolygonMesh> {
 }
 
 /// What a file holds beside faces.
-type PassedOver = BTreeMap<String, usize>;
+type Ignored = BTreeMap<String, usize>;
 
 impl StepFaces {
     /// The unit of every length, where the file names one; one that is none of ours is turned into
@@ -131,7 +131,10 @@ impl StepFaces {
     /// sixty-fourth of the size at most.
     #[must_use]
     pub fn fineness(&self, chord: Option<f64>) -> Fineness {
-        Fineness { chord: chord.unwrap_or(CHORD * self.size), longest: LONGEST * self.size }
+        Fineness {
+            chord: chord.unwrap_or(DEFAULT_CHORD_SHARE * self.size),
+            longest: DEFAULT_SIDE_SHARE * self.size,
+        }
     }
 
     fn of_bytes(bytes: &[u8]) -> Result<Self> {
@@ -143,9 +146,9 @@ impl StepFaces {
             (Some(mm), Some(unit)) => mm / unit.millimetres(),
             _ => 1.0,
         };
-        let places = products.places(&index, &length, MOST_PARTS)?;
+        let places = products.places(&index, &length, MAX_PARTS)?;
         let mut shapes = Vec::new();
-        let mut passed_over = PassedOver::new();
+        let mut ignored = Ignored::new();
         let mut is_taken: HashSet<u64> = HashSet::new();
         for (id, representation) in products.most_special_first() {
             let items: Vec<u64> =
@@ -157,7 +160,7 @@ impl StepFaces {
             };
             let uncertainty = representation.units.uncertainty.map(|u| u * geometry.length);
             let motions = places.get(id).cloned().unwrap_or_default();
-            for read in shapes_of(geometry, &items, uncertainty, &mut passed_over)? {
+            for read in shapes_of(geometry, &items, uncertainty, &mut ignored)? {
                 let motions = motions.clone();
                 shapes.push(Placed { read, motions });
             }
@@ -170,7 +173,7 @@ impl StepFaces {
             }
         }
         if shapes.is_empty() {
-            let kinds: Vec<String> = passed_over.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
+            let kinds: Vec<String> = ignored.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
             return Err(Error::input(match kinds.is_empty() {
                 true => "it holds no faces".to_owned(),
                 false => format!("it holds no faces, only {}", kinds.join(", ")),
@@ -239,7 +242,7 @@ fn shapes_of(
     geometry: Geometry,
     items: &[u64],
     uncertainty: Option<f64>,
-    passed_over: &mut PassedOver,
+    ignored: &mut Ignored,
 ) -> Result<Vec<ReadShape>> {
     let mut found = Vec::new();
     let mut sheets = Builder::new(geometry);
@@ -251,7 +254,7 @@ fn shapes_of(
             body.add_item(*item)?;
             found.push(body.finish());
         } else if !matches!(keyword, "AXIS2_PLACEMENT_3D" | "MAPPED_ITEM") && !sheets.add_item(*item)? {
-            *passed_over.entry(keyword.to_owned()).or_default() += 1;
+            *ignored.entry(keyword.to_owned()).or_default() += 1;
         }
     }
     if !sheets.is_empty() {
@@ -259,7 +262,8 @@ fn shapes_of(
     }
     for read in &mut found {
         let size = extent(read);
-        let tolerance = uncertainty.unwrap_or(0.0).clamp(SAME * size, MOST_UNCERTAIN * size);
+        let tolerance =
+            uncertainty.unwrap_or(0.0).clamp(MIN_TOLERANCE_SHARE * size, MAX_TOLERANCE_SHARE * size);
         read.shape.weld(tolerance);
     }
     Ok(found)
@@ -272,7 +276,7 @@ fn loose_shells(geometry: Geometry) -> Result<Vec<ReadShape>> {
     if items.is_empty() {
         items = of("ADVANCED_FACE");
     }
-    shapes_of(geometry, &items, None, &mut PassedOver::new())
+    shapes_of(geometry, &items, None, &mut Ignored::new())
 }
 
 fn extent(read: &ReadShape) -> f64 {

@@ -84,9 +84,9 @@ fn bspline(points: &[[f64; 3]], derivatives: &[[f64; 3]]) -> BsplineCurve {
 }
 
 /// Points of an edge at which it is asked around which angles of a cylinder it runs.
-const AROUND: usize = 64;
+const EDGE_SAMPLES: usize = 64;
 /// Where no edge runs around this much of a cylinder, the face does not reach (edges are looked at every 6°).
-const FREE: f64 = TAU / 24.0;
+const MIN_GAP_RAD: f64 = TAU / 24.0;
 
 /// A face's surface, its seam turned to where the face does not reach, if it reaches over the seam and not
 /// all the way around: some readers take the other part of the cylinder for a face of more than half of it
@@ -102,8 +102,8 @@ fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
         .flat_map(|coedge| {
             let edge = &solid.edges[coedge.edge];
             let [from, to] = edge.range;
-            let at = move |k: usize| edge.curve.point(from + (to - from) * k as f64 / AROUND as f64);
-            (0..=AROUND).map(move |k| face.surface.parameters(at(k))[0].rem_euclid(TAU))
+            let at = move |k: usize| edge.curve.point(from + (to - from) * k as f64 / EDGE_SAMPLES as f64);
+            (0..=EDGE_SAMPLES).map(move |k| face.surface.parameters(at(k))[0].rem_euclid(TAU))
         })
         .collect();
     angles.sort_by(f64::total_cmp);
@@ -118,7 +118,7 @@ fn seam_aside(solid: &Solid, face: &Face) -> FaceSurface {
         }
     }
     let holds_seam = begins + width >= TAU;
-    if width < FREE || holds_seam {
+    if width < MIN_GAP_RAD || holds_seam {
         return face.surface;
     }
     let (sin, cos) = (begins + width / 2.0).sin_cos();

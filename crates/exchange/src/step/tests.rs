@@ -260,10 +260,10 @@ fn what_does_not_fit_together_is_refused_by_name() {
     assert!(spoil(|b| b.vertices[3][0] += 0.1).contains("edge 1: its curve ends 0.1"));
     assert!(spoil(|b| b.faces[1].edges[0].0 = 77).contains("face 1: there is no edge 77"));
     assert!(spoil(|b| b.faces[1].edges[0].1 = false).contains("face 1: the loop arrives"));
-    assert!(spoil(|b| b.faces[0].surface.poles[5][1] = f64::NAN).contains("face 0: needed finite"));
+    assert!(spoil(|b| b.faces[0].surface.poles[5][1] = f64::NAN).contains("face 0: expected finite"));
     assert!(spoil(|b| b.faces[0].surface.knots_u[1].1 = 1).contains("face 0: along u"));
-    assert!(spoil(|b| b.edges[0].curve.knots.swap(0, 1)).contains("edge 0: needed ascending knots"));
-    assert!(spoil(|b| b.closed = true).contains("edge 2: needed one use in each direction"));
+    assert!(spoil(|b| b.edges[0].curve.knots.swap(0, 1)).contains("edge 0: expected ascending knots"));
+    assert!(spoil(|b| b.closed = true).contains("edge 2: expected one use in each direction"));
     assert!(spoil(|b| b.faces.push(b.faces[0].clone())).contains("face 2: edge 2 is used twice"));
     let folder = tempfile::tempdir().unwrap();
     let mut brep = sheet();

@@ -42,19 +42,19 @@ fn ascii() -> String {
     format!("solid a thing\n{facets}endsolid a thing\n")
 }
 
-/// The corners of the triangles, whatever the vertices' numbers.
+/// Corners of the triangles, independent of vertex indices.
 fn corners(mesh: &PolygonMesh) -> Vec<[[f64; 3]; 3]> {
     mesh.triangles.iter().map(|t| t.map(|v| mesh.points[v as usize])).collect()
 }
 
 #[test]
-fn written_and_ugly_files_hold_the_same_tetrahedron() {
+fn all_spellings_of_a_tetrahedron_give_the_same_mesh() {
     let mut solid = binary();
     solid[..80].fill(b' ');
     solid[..12].copy_from_slice(b"solid binary");
     let mut padded = binary();
     padded[..80].fill(0);
-    padded.extend_from_slice(b"and more that nobody promised");
+    padded.extend_from_slice(b"and data beyond the declared count");
     let text = ascii();
     let two = text.replacen("  facet", "endsolid\nsolid two\n  facet", 1);
     let files: [Vec<u8>; 10] = [
@@ -89,42 +89,43 @@ fn written_and_ugly_files_hold_the_same_tetrahedron() {
 }
 
 #[test]
-fn a_corner_that_is_not_finite_is_no_point_of_a_scan_and_no_part_of_a_mesh() {
+fn corners_that_are_not_finite_are_dropped_from_scans_and_rejected_in_meshes() {
     let mut bytes = binary();
     // The first coordinate of the first corner of the second triangle.
     let at = HEADER + 4 + RECORD + 12;
     bytes[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     let (scan, _) = scan_from(&mut source(&bytes), "a.stl").unwrap();
     assert_eq!((scan.points.len(), scan.dropped_not_finite), (4, 1));
-    assert!(message(&bytes).contains("(triangle 1): needed finite coordinates"));
+    assert!(message(&bytes).contains("(triangle 1): expected finite coordinates"));
 }
 
 #[test]
-fn mistakes_are_named_by_line_or_byte() {
+fn errors_name_line_or_byte() {
     let text = ascii();
     assert!(message(text.replacen("vertex 0", "vortex 0", 1).as_bytes()).contains("line 4"));
     assert!(
         message(text.replacen("vertex 0 0 0", "vertex 0 0", 1).as_bytes())
-            .contains("line 4: needed 3 numbers")
+            .contains("line 4: expected 3 numbers")
     );
     assert!(message(text.replacen("vertex 0 0 0", "vertex 0 0,5 0", 1).as_bytes()).contains("found `0,5`"));
     assert!(
-        message(text.replacen("vertex 0 0 0\n", "\n", 1).as_bytes()).contains("line 7: needed three corners")
+        message(text.replacen("vertex 0 0 0\n", "\n", 1).as_bytes())
+            .contains("line 7: expected three corners")
     );
-    assert!(message(b"solid a\nendsolid a\n").contains("needed triangles, found none"));
+    assert!(message(b"solid a\nendsolid a\n").contains("expected triangles, found none"));
     assert!(message(b"solid a\n").contains("cut off"));
-    assert!(message(b"ply\n").contains("no STL file"));
+    assert!(message(b"ply\n").contains("not an STL file"));
     let mut bomb = binary();
     bomb[HEADER..HEADER + 4].copy_from_slice(&4_000_000_000_u32.to_le_bytes());
     assert!(message(&bomb).contains("promises 4000000000 triangles"));
-    assert!(mesh_from(&mut Source::new(&bomb[..], None)).is_err(), "through gzip, too");
+    assert!(mesh_from(&mut Source::new(&bomb[..], None)).is_err(), "also with unknown length, as from gzip");
     let far = [[1e300, 0.0, 0.0]; 3];
     let mesh = MeshColumns { points: &far, triangles: &[[0, 1, 2]], ..MeshColumns::default() };
     assert!(check_size(&mesh).unwrap_err().to_string().contains("vertex 0"));
 }
 
 #[test]
-fn files_cut_off_anywhere_are_errors() {
+fn truncated_files_are_rejected() {
     let text = ascii();
     // The last words may lack the name and the end of the line.
     let last = text.len() - " a thing\n".len();
@@ -138,7 +139,7 @@ fn files_cut_off_anywhere_are_errors() {
 }
 
 #[test]
-fn rounding_is_what_writing_does() {
+fn rounding_bounds_the_error_of_writing() {
     let points = [[1_234_567.891, -3.3, 0.07]];
     let moved = points[0].map(|c: f64| (f64::from(c as f32) - c).abs());
     assert!(moved[0] > 0.0 && moved.iter().all(|&m| m <= rounding(&points)));
@@ -146,12 +147,12 @@ fn rounding_is_what_writing_does() {
 
 proptest! {
     #[test]
-    fn no_bytes_make_it_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+    fn no_bytes_cause_a_panic(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
         let _ = mesh(&bytes);
     }
 
     #[test]
-    fn no_text_of_the_right_words_makes_it_panic(text in "solid\n((facet normal|outer \
+    fn no_text_of_the_right_words_causes_a_panic(text in "solid\n((facet normal|outer \
         loop|vertex|endloop|endfacet|endsolid|[0-9]|-|[. \n])){0,60}") {
         let _ = mesh(text.as_bytes());
     }

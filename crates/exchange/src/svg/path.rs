@@ -1,15 +1,15 @@
-//! Paths: the letters of `d` as curves.
+//! Converts paths (the attribute `d`) to curves.
 
-use super::{FOLLOWS, number, unit_arc};
+use super::{ARC_TOLERANCE, number, unit_arc};
 use crate::affine::Affine;
 use planish_estimate::{Error, Result};
 use planish_solid::views::Curve2;
 use std::f64::consts::{PI, TAU};
 
-/// Points along a Bézier curve.
-const CHAIN: usize = 48;
+/// Number of segments of a Bézier curve.
+const CURVE_SEGMENTS: usize = 48;
 
-/// Letters and numbers of a path.
+/// Tokens of a path: letters, numbers and flags.
 struct Words<'a> {
     left: &'a str,
 }
@@ -31,7 +31,7 @@ impl<'a> Words<'a> {
         self.left.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.'))
     }
 
-    /// Numbers may follow each other without a gap: `1-2`, `.5.5`.
+    /// Parses a number. Numbers may follow each other without a separator: `1-2`, `.5.5`.
     fn number(&mut self) -> Result<f64> {
         self.skip();
         let bytes = self.left.as_bytes();
@@ -52,34 +52,34 @@ impl<'a> Words<'a> {
         }
         if end == 0 {
             let found: String = self.left.chars().take(20).collect();
-            return Err(Error::input(format!("needed a number in the path, found `{found}`")));
+            return Err(Error::input(format!("expected a number in the path, found `{found}`")));
         }
         let (text, left): (&'a str, &'a str) = self.left.split_at(end);
         self.left = left;
         number(text)
     }
 
-    /// 0 or 1, which needs no gap behind.
+    /// Parses a flag, 0 or 1, which needs no separator after it.
     fn flag(&mut self) -> Result<bool> {
         self.skip();
         let flag = self.left.chars().next().filter(|c| matches!(c, '0' | '1'));
-        let flag = flag.ok_or_else(|| Error::input("needed 0 or 1 as a flag of an arc in the path"))?;
+        let flag = flag.ok_or_else(|| Error::input("expected 0 or 1 as a flag of an arc in the path, found another character"))?;
         self.left = &self.left[1..];
         Ok(flag == '1')
     }
 }
 
-/// The curves of a path.
+/// Converts a path to curves.
 pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
     let mut words = Words { left: d };
     let mut curves = Vec::new();
     let (mut at, mut begun) = ([0.0; 2], [0.0; 2]);
-    // The last control point of a curve, mirrored by S and T.
+    // Last control point and kind of the previous curve, which S and T mirror.
     let mut handle: Option<(char, [f64; 2])> = None;
     let mut letter = match words.letter() {
         Some(letter @ ('M' | 'm')) => letter,
         None if words.left.is_empty() => return Ok(curves),
-        _ => return Err(Error::input("needed a path that begins with M")),
+        _ => return Err(Error::input("expected a path that begins with M or m")),
     };
     loop {
         let is_relative = letter.is_ascii_lowercase();
@@ -95,7 +95,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
             'M' => {
                 let end = point(&mut words)?;
                 begun = end;
-                // What follows without a letter are lines.
+                // Further pairs of numbers after M are lines.
                 letter = if is_relative { 'l' } else { 'L' };
                 end
             }
@@ -129,7 +129,9 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
                 end
             }
             other => {
-                return Err(Error::input(format!("needed a letter of paths (MLHVCSQTAZ), found `{other}`")));
+                return Err(Error::input(format!(
+                    "expected a path command (one of MLHVCSQTAZ), found `{other}`"
+                )));
             }
         };
         at = end;
@@ -139,7 +141,7 @@ pub(super) fn path_curves(d: &str) -> Result<Vec<Curve2>> {
             None if words.left.is_empty() => return Ok(curves),
             None if letter.eq_ignore_ascii_case(&'Z') || !words.is_at_number() => {
                 let found: String = words.left.chars().take(20).collect();
-                return Err(Error::input(format!("needed a letter in the path, found `{found}`")));
+                return Err(Error::input(format!("expected a command in the path, found `{found}`")));
             }
             None => {}
         }
@@ -151,14 +153,14 @@ fn line_to(curves: &mut Vec<Curve2>, from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
     to
 }
 
-/// The line that closes a path, where it has not come back by itself.
+/// Adds the line that closes a path, unless its last curve already ends at the start.
 fn add_line(curves: &mut Vec<Curve2>, from: [f64; 2], to: [f64; 2]) {
     if from != to {
         curves.push(Curve2::Segment(from, to));
     }
 }
 
-/// A Bézier curve: an arc where it follows a circle, a line where it is straight, else points.
+/// Converts a Bézier curve: to a line if straight, to an arc if it follows a circle, else to points.
 fn bezier(poles: &[[f64; 2]]) -> Curve2 {
     let at = |t: f64| {
         let mut p: Vec<[f64; 2]> = poles.to_vec();
@@ -167,19 +169,20 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
         }
         p[0]
     };
-    let points: Vec<[f64; 2]> = (0..=CHAIN).map(|k| at(k as f64 / CHAIN as f64)).collect();
-    let (a, m, b) = (points[0], points[CHAIN / 2], points[CHAIN]);
+    let points: Vec<[f64; 2]> = (0..=CURVE_SEGMENTS).map(|k| at(k as f64 / CURVE_SEGMENTS as f64)).collect();
+    let (a, m, b) = (points[0], points[CURVE_SEGMENTS / 2], points[CURVE_SEGMENTS]);
     let cross = (m[0] - a[0]) * (b[1] - a[1]) - (m[1] - a[1]) * (b[0] - a[0]);
     let chord = (b[0] - a[0]).hypot(b[1] - a[1]);
     let off = |p: &[f64; 2]| ((p[0] - a[0]) * (b[1] - a[1]) - (p[1] - a[1]) * (b[0] - a[0])).abs();
     let forward = |p: &[f64; 2]| (p[0] - a[0]) * (b[0] - a[0]) + (p[1] - a[1]) * (b[1] - a[1]);
     if chord > 0.0
         && points.iter().all(|p| off(p) <= 1e-9 * chord * chord)
+        // A curve on a line that turns back covers more than the segment between its ends.
         && points.windows(2).all(|p| forward(&p[0]) <= forward(&p[1]))
     {
         return Curve2::Segment(a, b);
     }
-    // The circle through its ends and its middle.
+    // Circle through both ends and the middle.
     let square = |p: [f64; 2]| (p[0] - a[0]).powi(2) + (p[1] - a[1]).powi(2);
     let (sm, sb) = (square(m), square(b));
     let center = [
@@ -188,7 +191,7 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
     ];
     let radius = (a[0] - center[0]).hypot(a[1] - center[1]);
     let follows =
-        |p: &[f64; 2]| ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs() <= FOLLOWS * radius;
+        |p: &[f64; 2]| ((p[0] - center[0]).hypot(p[1] - center[1]) - radius).abs() <= ARC_TOLERANCE * radius;
     if radius.is_finite() && radius > 0.0 && points.iter().all(follows) {
         let angle = |p: [f64; 2]| (p[1] - center[1]).atan2(p[0] - center[0]);
         let sweeps: f64 = points.windows(2).map(|p| turn(angle(p[1]) - angle(p[0]))).sum();
@@ -198,12 +201,13 @@ fn bezier(poles: &[[f64; 2]]) -> Curve2 {
     Curve2::Chain(points)
 }
 
+/// Reduces an angle to −π to π.
 fn turn(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }
 
-/// An elliptical arc between two points (SVG 1.1, F.6.5): the centre from the ends; radii that are too short
-/// are enlarged.
+/// Elliptical arc between two points: computes the centre (SVG 1.1, F.6.5) and enlarges radii that are too short
+/// (F.6.6).
 fn arc(
     from: [f64; 2],
     to: [f64; 2],
@@ -220,7 +224,7 @@ fn arc(
     }
     let (sin, cos) = angle.sin_cos();
     let half = [(from[0] - to[0]) / 2.0, (from[1] - to[1]) / 2.0];
-    // In the frame where the ellipse is a unit circle.
+    // Map to the frame in which the ellipse is a unit circle.
     let into =
         |p: [f64; 2], s: f64| [(cos * p[0] + sin * p[1]) / (s * rx), (cos * p[1] - sin * p[0]) / (s * ry)];
     let p = into(half, 1.0);

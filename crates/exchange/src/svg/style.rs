@@ -1,12 +1,13 @@
-//! How elements are stroked: visible, hidden, a centre line, or not at all.
+//! Line styles of elements: visible, hidden, centre line, or not displayed.
 
 use planish_solid::views::LineStyle;
 use roxmltree::{Document, Node};
 
-/// Dashes that differ by this factor are those of a centre line: long ones and dots.
-const UNEQUAL: f64 = 1.5;
+/// Minimum ratio of the longest to the shortest dash of a centre line. Hidden lines have equal dashes; centre lines
+/// alternate long dashes with dots. Guarded by `dashes_are_hidden_lines_and_dash_dots_centre_lines`.
+const CENTRE_LINE_RATIO: f64 = 1.5;
 
-/// Classes of `<style>` sheets with their declarations.
+/// Class names of `<style>` sheets with their declarations.
 pub(super) struct Sheet(Vec<(String, String)>);
 
 impl Sheet {
@@ -32,7 +33,7 @@ impl Sheet {
 /// The inherited part of an element's style.
 #[derive(Clone, Copy)]
 pub(super) struct Style {
-    /// How the line counts; none for a centre line.
+    /// Style of lines; none for centre lines.
     pub(super) line: Option<LineStyle>,
     pub(super) is_shown: bool,
 }
@@ -48,18 +49,18 @@ impl Style {
     pub(super) fn of_child(mut self, node: &Node<'_, '_>, sheet: &Sheet) -> Self {
         let classes: Vec<&str> =
             node.attribute("class").unwrap_or_default().split_ascii_whitespace().collect();
-        // Names of groups and layers, as of layers in DXF.
+        // Names of groups and layers (Inkscape stores these in `label`) count as layer names of DXF do.
         let label = node.attributes().find(|a| a.name() == "label").map_or("", |a| a.value());
         let names =
             [node.attribute("id").unwrap_or_default(), label].into_iter().chain(classes.iter().copied());
         for name in names {
             let name = name.to_uppercase();
-            let says = |words: &[&str]| words.iter().any(|w| name.contains(w));
-            if says(&["CENTER", "CENTRE", "DASHDOT", "PHANTOM"]) {
+            let mentions = |words: &[&str]| words.iter().any(|w| name.contains(w));
+            if mentions(&["CENTER", "CENTRE", "DASHDOT", "PHANTOM"]) {
                 self.line = None;
-            } else if says(&["HIDDEN", "DASHED"]) {
+            } else if mentions(&["HIDDEN", "DASHED"]) {
                 self.line = Some(LineStyle::Hidden);
-            } else if says(&["VISIBLE"]) {
+            } else if mentions(&["VISIBLE"]) {
                 self.line = Some(LineStyle::Visible);
             }
         }
@@ -68,6 +69,7 @@ impl Style {
                 self.declare(attribute, value);
             }
         }
+        // In the order of CSS precedence: attributes, then class rules, then the attribute `style`.
         for (name, declarations) in &sheet.0 {
             if classes.contains(&name.as_str()) {
                 self.declare_all(declarations);
@@ -94,7 +96,7 @@ impl Style {
     }
 }
 
-/// What a pattern of dashes and gaps stands for.
+/// Line style of a pattern of dashes and gaps.
 fn dashed(value: &str) -> Option<LineStyle> {
     let separates = |c: char| c.is_ascii_whitespace() || c == ',';
     let length = |text: &str| {
@@ -105,10 +107,11 @@ fn dashed(value: &str) -> Option<LineStyle> {
     if all.iter().all(|x| *x <= 0.0) {
         return Some(LineStyle::Visible);
     }
+    // A list of odd length is repeated, so that dashes and gaps alternate.
     if all.len() % 2 == 1 {
         all.extend(all.clone());
     }
     let dashes = all.iter().step_by(2);
-    let (least, most) = dashes.fold((f64::MAX, 0.0_f64), |(lo, hi), d| (lo.min(*d), hi.max(*d)));
-    (most <= UNEQUAL * least).then_some(LineStyle::Hidden)
+    let (shortest, longest) = dashes.fold((f64::MAX, 0.0_f64), |(lo, hi), d| (lo.min(*d), hi.max(*d)));
+    (longest <= CENTRE_LINE_RATIO * shortest).then_some(LineStyle::Hidden)
 }

@@ -21,7 +21,7 @@ fn one(body: &str) -> Curve2 {
 }
 
 #[test]
-fn lengths_are_millimetres_and_y_runs_up() {
+fn lengths_are_millimetres_and_y_points_up() {
     let drawing = drawn("<line x1='1' y1='2' x2='3' y2='5'/>");
     assert_eq!(drawing.unit, Some(Unit::Millimetre));
     let Curve2::Segment(a, b) = drawing.curves[0].curve else { panic!() };
@@ -31,7 +31,7 @@ fn lengths_are_millimetres_and_y_runs_up() {
 }
 
 #[test]
-fn a_circle_stays_one_under_a_rotation_and_becomes_an_ellipse_under_a_stretch() {
+fn circles_stay_arcs_when_rotated_and_become_chains_when_stretched() {
     let circle = one("<g transform='translate(10 20) rotate(30)'><circle cx='5' r='4'/></g>");
     let Curve2::Arc { center, radius, sweep, .. } = circle else { panic!() };
     let (sin, cos) = 30_f64.to_radians().sin_cos();
@@ -41,8 +41,8 @@ fn a_circle_stays_one_under_a_rotation_and_becomes_an_ellipse_under_a_stretch() 
 }
 
 #[test]
-fn arcs_of_paths_pass_where_their_flags_say() {
-    // From (0, 0) to (2, 0) with radius 2: four ways; the middle of each.
+fn flags_select_the_arc() {
+    // From (0, 0) to (2, 0) with radius 2: the middle of each of the four arcs.
     let h = 3_f64.sqrt();
     for (flags, middle) in
         [("0 1", [1.0, h - 2.0]), ("0 0", [1.0, 2.0 - h]), ("1 1", [1.0, -h - 2.0]), ("1 0", [1.0, h + 2.0])]
@@ -61,7 +61,7 @@ fn arcs_of_paths_pass_where_their_flags_say() {
 }
 
 #[test]
-fn a_path_has_lines_relative_and_absolute_and_closes() {
+fn paths_have_relative_and_absolute_lines_and_close() {
     let drawing = drawn("<path d='m1,1 2 0v2H1z M10-5l.5.5'/>");
     let ends: Vec<[[f64; 2]; 2]> = drawing
         .curves
@@ -82,7 +82,7 @@ fn a_path_has_lines_relative_and_absolute_and_closes() {
 }
 
 #[test]
-fn a_cubic_that_follows_a_circle_is_an_arc_and_another_is_not() {
+fn a_cubic_along_a_circle_becomes_an_arc() {
     let k = 4.0 / 3.0 * (2_f64.sqrt() - 1.0);
     let Curve2::Arc { center, radius, sweep, .. } =
         one(&format!("<path d='M5 0C5 {} {} 5 0 5'/>", 5.0 * k, 5.0 * k))
@@ -99,7 +99,7 @@ fn a_cubic_that_follows_a_circle_is_an_arc_and_another_is_not() {
 }
 
 #[test]
-fn dashes_are_hidden_and_dashes_with_dots_are_centre_lines() {
+fn dashes_are_hidden_lines_and_dash_dots_centre_lines() {
     let drawing = drawn(
         "<style>.d { stroke-dasharray: 4 2 } </style>\
          <line x2='1'/><line x2='2' class='d'/><line x2='3' style='stroke-dasharray:4,2,1,2'/>\
@@ -109,16 +109,16 @@ fn dashes_are_hidden_and_dashes_with_dots_are_centre_lines() {
     let styles: Vec<LineStyle> = drawing.curves.iter().map(|c| c.style).collect();
     use LineStyle::{Hidden, Visible};
     assert_eq!(styles, [Visible, Hidden, Hidden, Visible]);
-    assert_eq!(drawing.passed_over["centre line"], 1);
+    assert_eq!(drawing.ignored["centre line"], 1);
 }
 
 #[test]
-fn texts_are_named_and_lines_without_length_are_left_out() {
+fn texts_and_lines_without_length_are_ignored_with_a_warning() {
     let drawing = drawn("<text id='t7'>40</text><line id='dot' x1='3' x2='3'/><line x2='1'/>");
     assert_eq!(drawing.curves.len(), 1);
     let all = drawing.warnings.join("\n");
     assert!(all.contains("line dot (line 2) has no length"), "{all}");
-    assert!(all.contains("passed over 1 of text, the first text t7 (line 2)"), "{all}");
+    assert!(all.contains("ignored 1 × text, which draws no edges; the first is text t7 (line 2)"), "{all}");
 }
 
 #[test]
@@ -132,22 +132,22 @@ fn a_rounded_rectangle_has_four_lines_and_four_arcs() {
 }
 
 #[test]
-fn what_is_wrong_is_named_with_its_line() {
+fn errors_name_element_and_line() {
     for (body, wanted) in [
-        ("<path id='p' d='M0 0 L1'/>", "path p (line 2): needed a number in the path"),
-        ("<path d='L0 0'/>", "needed a path that begins with M"),
-        ("<circle r='-1'/>", "circle (line 2): needed radii > 0"),
-        ("<line x1='1e300'/>", "line (line 2): x1: needed a number"),
-        ("<g transform='turn(3)'/>", "needed a list of transforms"),
-        ("<line x1='50%'/>", "x1: needed a number"),
+        ("<path id='p' d='M0 0 L1'/>", "path p (line 2): expected a number in the path"),
+        ("<path d='L0 0'/>", "expected a path that begins with M"),
+        ("<circle r='-1'/>", "circle (line 2): expected radii of at least 0"),
+        ("<line x1='1e300'/>", "line (line 2): x1: expected a number"),
+        ("<g transform='turn(3)'/>", "expected a list of transforms"),
+        ("<line x1='50%'/>", "x1: expected a number"),
     ] {
         let text = format!("<svg>\n{body}</svg>");
         let e = read(&text).unwrap_err().to_string();
         assert!(e.contains(wanted), "{e}");
     }
     assert!(
-        read("<html/>").unwrap_err().to_string().contains("needed an SVG file, found the element `html`")
+        read("<html/>").unwrap_err().to_string().contains("expected an SVG file, found the element `html`")
     );
     let deep = format!("<svg>{}{}</svg>", "<g>".repeat(500), "</g>".repeat(500));
-    assert!(read(&deep).unwrap_err().to_string().contains("deep"));
+    assert!(read(&deep).unwrap_err().to_string().contains("nested groups"));
 }

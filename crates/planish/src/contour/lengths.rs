@@ -57,7 +57,7 @@ mod tests {
         assert_eq!(read("circle 1 has the radius of circle 2"), "circle 1 has the radius of circle 2");
         let message = in_unit("P1P2 is 100km long", Unit::Millimetre).unwrap_err().to_string();
         assert!(
-            message.contains("constraint `P1P2 is 100km long`") && message.contains("needed `mm`"),
+            message.contains("constraint `P1P2 is 100km long`") && message.contains("expected `mm`"),
             "{message}"
         );
     }

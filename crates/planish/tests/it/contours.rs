@@ -319,21 +319,21 @@ fn bad_readings_are_refused_with_file_line_and_column() {
     let folder = tempfile::tempdir().unwrap();
     for (name, text, says) in [
         ("empty.csv", "", "the file is empty"),
-        ("blank.csv", "\n\n", "holds no readings: needed a header"),
+        ("blank.csv", "\n\n", "holds no readings: expected a header"),
         ("header.csv", "x,y,sigma\n", "holds a header and no readings"),
-        ("no_range.csv", "x,y,heading_deg\n1,2,3\n", "line 1: needed a header with"),
+        ("no_range.csv", "x,y,heading_deg\n1,2,3\n", "line 1: expected a header with"),
         ("no_columns.csv", "a,b\n1,2\n", "without `x,y`"),
         ("twice.csv", "x,x,y\n1,1,2\n", "line 1: the column `x` is named twice"),
-        ("short.csv", "x,y,sigma\n1,2\n", "line 2: needed 3 fields as in the header, found 2"),
-        ("word.csv", "x,y,sigma\n1,2,0.1\n1,two,0.1\n", "line 3: needed a number in column `y`"),
-        ("nan.csv", "x,y,sigma\nnan,1,0.1\n", "line 2: needed a number in column `x`"),
-        ("infinite.csv", "x,y,sigma,level\n1,1,0.1,inf\n", "line 2: needed a number in column `level`"),
-        ("zero_sigma.csv", "x,y,sigma\n1,2,0\n", "line 2: needed a positive σ in column `sigma`, found 0"),
+        ("short.csv", "x,y,sigma\n1,2\n", "line 2: expected 3 fields as in the header, found 2"),
+        ("word.csv", "x,y,sigma\n1,2,0.1\n1,two,0.1\n", "line 3: expected a number in column `y`"),
+        ("nan.csv", "x,y,sigma\nnan,1,0.1\n", "line 2: expected a number in column `x`"),
+        ("infinite.csv", "x,y,sigma,level\n1,1,0.1,inf\n", "line 2: expected a number in column `level`"),
+        ("zero_sigma.csv", "x,y,sigma\n1,2,0\n", "line 2: expected a positive σ in column `sigma`, found 0"),
         ("no_sigma.csv", "x,y\n1,2\n", "line 2: how uncertain readings are is not known"),
         (
             "behind.csv",
             "x,y,heading_deg,range,sigma_range\n0,0,0,-1,0.1\n",
-            "line 2: needed a positive range, found -1",
+            "line 2: expected a positive range, found -1",
         ),
         (
             "no_sigma_range.csv",
@@ -349,7 +349,7 @@ fn bad_readings_are_refused_with_file_line_and_column() {
         (
             "cut.log",
             "# a log\nFLASER 180 1 2 3\n",
-            "line 2: needed `FLASER n` with n ranges and a pose, found 5 words",
+            "line 2: expected `FLASER n` with n ranges and a pose, found 5 words",
         ),
         ("word.log", "# a log\nFLASER 2 1 x 0 0 0 0 0 0 1 host 1\n", "line 2: word 4 is no number"),
         ("blind.log", "# a log\nFLASER 1 81.9 0 0 0 0 0 0 1 host 1\n", "a log of 1 scans, of which none"),

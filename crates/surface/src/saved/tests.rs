@@ -67,7 +67,7 @@ fn every_kind_of_damage_is_named() {
     for name in to_file(&small_model(Shape::Ball), &[]).unwrap().tensors.into_keys() {
         assert!(complaint(|file| drop(file.tensors.remove(&name))).contains(&name), "{name}");
     }
-    for (name, words) in [("unit", "needed `mm`"), ("shape", "needed sheet")] {
+    for (name, words) in [("unit", "expected `mm`"), ("shape", "needed sheet")] {
         assert!(complaint(|file| file.metadata[name] = json!("other")).contains(words));
     }
     assert!(complaint(|file| file.metadata["base"] = json!([1_u64 << 40, 1_u64 << 40])).contains("knots_u"));

@@ -16,7 +16,9 @@ impl<'a> Index<'a> {
         let mut records = self.records(id)?;
         match records.len() {
             1 => Ok(Entity { id, line: self.line(id), record: records.remove(0) }),
-            n => Err(Error::input(format!("#{id} in line {}: needed one keyword, found {n}", self.line(id)))),
+            n => {
+                Err(Error::input(format!("#{id} in line {}: expected one keyword, found {n}", self.line(id))))
+            }
         }
     }
 
@@ -25,7 +27,7 @@ impl<'a> Index<'a> {
         let entity = self.entity(id)?;
         match entity.record.keyword == keyword {
             true => Ok(entity),
-            false => Err(entity.wrong(&format!("needed {keyword}"))),
+            false => Err(entity.wrong(&format!("expected {keyword}"))),
         }
     }
 
@@ -48,10 +50,12 @@ impl<'a> Entity<'a> {
         Error::input(format!("#{} {} in line {}: {what}", self.id, self.record.keyword, self.line))
     }
 
-    fn needed(&self, at: usize, what: &str) -> Error {
+    fn unexpected(&self, at: usize, what: &str) -> Error {
         match self.record.values.get(at) {
-            Some(found) => self.wrong(&format!("attribute {}: needed {what}, found {found}", at + 1)),
-            None => self.wrong(&format!("needed {} attributes, found {}", at + 1, self.record.values.len())),
+            Some(found) => self.wrong(&format!("attribute {}: expected {what}, found {found}", at + 1)),
+            None => {
+                self.wrong(&format!("expected {} attributes, found {}", at + 1, self.record.values.len()))
+            }
         }
     }
 
@@ -62,7 +66,7 @@ impl<'a> Entity<'a> {
     pub(super) fn reference(&self, at: usize) -> Result<u64> {
         match self.value(at) {
             Some(Value::Reference(id)) => Ok(*id),
-            _ => Err(self.needed(at, "an instance")),
+            _ => Err(self.unexpected(at, "an instance")),
         }
     }
 
@@ -71,21 +75,21 @@ impl<'a> Entity<'a> {
         match self.value(at) {
             Some(Value::Reference(id)) => Ok(Some(*id)),
             Some(Value::Omitted | Value::Derived) => Ok(None),
-            _ => Err(self.needed(at, "an instance or $")),
+            _ => Err(self.unexpected(at, "an instance or $")),
         }
     }
 
     pub(super) fn number(&self, at: usize) -> Result<f64> {
         match self.value(at).and_then(number) {
             Some(x) => Ok(x),
-            None => Err(self.needed(at, "a number")),
+            None => Err(self.unexpected(at, "a number")),
         }
     }
 
     pub(super) fn count(&self, at: usize) -> Result<usize> {
         match self.value(at).and_then(count) {
             Some(n) => Ok(n),
-            None => Err(self.needed(at, "a count")),
+            None => Err(self.unexpected(at, "a count")),
         }
     }
 
@@ -93,14 +97,14 @@ impl<'a> Entity<'a> {
         match self.value(at) {
             Some(Value::Name(b"T")) => Ok(true),
             Some(Value::Name(b"F")) => Ok(false),
-            _ => Err(self.needed(at, ".T. or .F.")),
+            _ => Err(self.unexpected(at, ".T. or .F.")),
         }
     }
 
     pub(super) fn list(&self, at: usize) -> Result<&[Value<'a>]> {
         match self.value(at) {
             Some(Value::List(values)) => Ok(values),
-            _ => Err(self.needed(at, "a list")),
+            _ => Err(self.unexpected(at, "a list")),
         }
     }
 
@@ -109,7 +113,7 @@ impl<'a> Entity<'a> {
         each.map(|(k, value)| {
             of(value).ok_or_else(|| {
                 let place = format!("attribute {}, value {}", at + 1, k + 1);
-                self.wrong(&format!("{place}: needed a list of {what}, found {value} in it"))
+                self.wrong(&format!("{place}: expected a list of {what}, found {value} in it"))
             })
         })
         .collect()
@@ -142,13 +146,13 @@ impl<'a> Entity<'a> {
         let mut width = None;
         for row in rows {
             let Value::List(row) = row else {
-                return Err(self.needed(at, what));
+                return Err(self.unexpected(at, what));
             };
             if *width.get_or_insert(row.len()) != row.len() {
-                return Err(self.wrong(&format!("attribute {}: needed rows of equal length", at + 1)));
+                return Err(self.wrong(&format!("attribute {}: expected rows of equal length", at + 1)));
             }
             let values: Option<Vec<T>> = row.iter().map(&of).collect();
-            found.extend(values.ok_or_else(|| self.needed(at, what))?);
+            found.extend(values.ok_or_else(|| self.unexpected(at, what))?);
         }
         Ok((rows.len(), found))
     }

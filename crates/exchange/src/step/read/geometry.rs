@@ -16,10 +16,10 @@ use planish_solid::parametric::{MAX_DEGREE, ParametricCurve, ParametricSurface, 
 use std::f64::consts::FRAC_PI_2;
 
 /// Geometry that is made of other geometry, deeper than this, is refused.
-const DEEPEST: usize = 12;
+const MAX_DEPTH: usize = 12;
 
 /// Larger coordinates are no part's, and their squares would overflow.
-const MOST: f64 = 1e100;
+const MAX_COORDINATE: f64 = 1e100;
 
 /// Where a frame is, and its directions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,11 +44,11 @@ impl Geometry<'_, '_> {
     pub(super) fn point(&self, id: u64) -> Result<[f64; 3]> {
         let entity = self.index.entity_of(id, "CARTESIAN_POINT")?;
         match entity.numbers(1)?.as_slice() {
-            [x, y, z] if [x, y, z].iter().all(|c| (**c * self.length).abs() < MOST) => {
+            [x, y, z] if [x, y, z].iter().all(|c| (**c * self.length).abs() < MAX_COORDINATE) => {
                 Ok([*x, *y, *z].map(|c| c * self.length))
             }
-            [_, _, _] => Err(entity.wrong(&format!("needed coordinates below {MOST:e}"))),
-            other => Err(entity.wrong(&format!("needed three coordinates, found {}", other.len()))),
+            [_, _, _] => Err(entity.wrong(&format!("expected coordinates below {MAX_COORDINATE:e}"))),
+            other => Err(entity.wrong(&format!("expected three coordinates, found {}", other.len()))),
         }
     }
 
@@ -58,7 +58,7 @@ impl Geometry<'_, '_> {
             [x, y, z] => unit([*x, *y, *z]),
             _ => None,
         };
-        found.ok_or_else(|| entity.wrong("needed three numbers that are not all 0"))
+        found.ok_or_else(|| entity.wrong("expected three numbers that are not all 0"))
     }
 
     fn direction_or(&self, id: Option<u64>, default: [f64; 3]) -> Result<[f64; 3]> {
@@ -71,7 +71,7 @@ impl Geometry<'_, '_> {
         let found = scale(size, self.direction(entity.reference(1)?)?);
         match norm(found) > 0.0 {
             true => Ok(found),
-            false => Err(entity.wrong("needed a length that is not 0")),
+            false => Err(entity.wrong("expected a length that is not 0")),
         }
     }
 
@@ -83,7 +83,7 @@ impl Geometry<'_, '_> {
         let aside = if z[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
         let wanted = self.direction_or(entity.optional(3)?, aside)?;
         let Some(x) = unit(add_scaled(wanted, -dot(wanted, z), z)) else {
-            return Err(entity.wrong("needed two directions that are not parallel"));
+            return Err(entity.wrong("expected two directions that are not parallel"));
         };
         let y = cross(z, x);
         Ok(Frame { origin, x, y, z })
@@ -91,9 +91,9 @@ impl Geometry<'_, '_> {
 
     fn size(&self, entity: &Entity, at: usize) -> Result<f64> {
         let size = entity.number(at)? * self.length;
-        match size > 0.0 && size < MOST {
+        match size > 0.0 && size < MAX_COORDINATE {
             true => Ok(size),
-            false => Err(entity.wrong(&format!("attribute {}: needed a length > 0, found {size}", at + 1))),
+            false => Err(entity.wrong(&format!("attribute {}: expected a length > 0, found {size}", at + 1))),
         }
     }
 
@@ -102,7 +102,7 @@ impl Geometry<'_, '_> {
     }
 
     fn curve_at(&self, id: u64, depth: usize) -> Result<ParametricCurve> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(Error::input(format!("#{id}: geometry refers to itself")));
         }
         let parts = self.index.parts(id)?;
@@ -192,7 +192,7 @@ impl Geometry<'_, '_> {
     }
 
     fn surface_at(&self, id: u64, depth: usize) -> Result<ParametricSurface> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(Error::input(format!("#{id}: geometry refers to itself")));
         }
         let parts = self.index.parts(id)?;
@@ -263,7 +263,7 @@ impl Geometry<'_, '_> {
         let half_angle_rad = entity.number(3)? * self.angle;
         if !(radius >= 0.0 && half_angle_rad > 0.0 && half_angle_rad < FRAC_PI_2) {
             return Err(entity.wrong(&format!(
-                "needed a radius of 0 or more and half an angle between 0 and a right angle, found {radius} \
+                "expected a radius of 0 or more and half an angle between 0 and a right angle, found {radius} \
                  and {half_angle_rad} rad"
             )));
         }
@@ -325,7 +325,7 @@ fn repeated(entity: &Entity, counts: &[usize], knots: &[f64], wanted: usize) -> 
     let sum = counts.iter().fold(0_usize, |sum, n| sum.saturating_add(*n));
     if counts.len() != knots.len() || sum != wanted {
         return Err(entity.wrong(&format!(
-            "needed a multiplicity for each knot, {wanted} in all, found {} knots and {} multiplicities \
+            "expected a multiplicity for each knot, {wanted} in all, found {} knots and {} multiplicities \
              that sum to {sum}",
             knots.len(),
             counts.len()

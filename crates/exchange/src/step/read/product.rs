@@ -12,7 +12,7 @@ use planish_estimate::{Error, Result};
 use std::collections::{BTreeMap, HashMap};
 
 /// Units of units of units: how deep.
-const DEEPEST: usize = 8;
+const MAX_DEPTH: usize = 8;
 
 /// An affine motion: columns of its matrix, and what is added.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,7 +99,7 @@ impl Units {
 
 /// What a unit is of, and its size in metres or radians; none of others.
 fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static str, f64)>> {
-    if depth > DEEPEST {
+    if depth > MAX_DEPTH {
         return Err(Error::input(format!("#{id}: units refer to themselves")));
     }
     let parts = index.parts(id)?;
@@ -119,14 +119,14 @@ fn size_of_unit(index: &Index, id: u64, depth: usize) -> Result<Option<(&'static
         [one] => (one.number(0)?, one.reference(1)?),
         several => {
             let with_unit = part(several, "MEASURE_WITH_UNIT")
-                .ok_or_else(|| based.wrong("needed a measure with its unit"))?;
+                .ok_or_else(|| based.wrong("expected a measure with its unit"))?;
             (with_unit.number(0)?, with_unit.reference(1)?)
         }
     };
     let base = size_of_unit(index, of, depth + 1)?.map_or(1.0, |(_, size)| size);
     match value > 0.0 {
         true => Ok(Some((kind, value * base))),
-        false => Err(based.wrong(&format!("needed a factor > 0, found {value}"))),
+        false => Err(based.wrong(&format!("expected a factor > 0, found {value}"))),
     }
 }
 
@@ -142,7 +142,7 @@ fn prefix(si: &Entity) -> Result<f64> {
         Some(Name(b"MILLI")) => 1e-3,
         Some(Name(b"MICRO")) => 1e-6,
         Some(Name(b"NANO")) => 1e-9,
-        _ => return Err(si.wrong("needed a prefix of lengths, or $")),
+        _ => return Err(si.wrong("expected a prefix of lengths, or $")),
     })
 }
 
@@ -345,7 +345,7 @@ fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
         id.is_some_and(|id| geometry.point(id).is_ok())
     });
     let Some(at) = at_origin.filter(|at| *at >= 2) else {
-        return Err(entity.wrong("needed a point as its origin"));
+        return Err(entity.wrong("expected a point as its origin"));
     };
     let axis = |k: usize| -> Result<Option<[f64; 3]>> {
         match entity.optional(k)? {
@@ -356,7 +356,7 @@ fn operator(geometry: &Geometry, entity: &Entity) -> Result<Motion> {
     let z = axis(at + 2)?.unwrap_or([0.0, 0.0, 1.0]);
     let wanted = axis(at - 2)?.unwrap_or([1.0, 0.0, 0.0]);
     let x = unit(add_scaled(wanted, -dot(wanted, z), z))
-        .ok_or_else(|| entity.wrong("needed directions that are not parallel"))?;
+        .ok_or_else(|| entity.wrong("expected directions that are not parallel"))?;
     let mut y = cross(z, x);
     if axis(at - 1)?.is_some_and(|given| dot(given, y) < 0.0) {
         y = scale(-1.0, y);

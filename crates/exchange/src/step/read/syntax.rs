@@ -15,7 +15,7 @@ use std::collections::HashMap;
 use std::fmt;
 
 /// Lists within lists beyond this are refused.
-const DEEPEST: usize = 24;
+const MAX_DEPTH: usize = 24;
 
 /// A parameter of an instance.
 #[derive(Debug, Clone, PartialEq)]
@@ -114,10 +114,10 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    fn found(&self, needed: &str) -> Error {
+    fn found(&self, expected: &str) -> Error {
         Error::input(match self.bytes.get(self.at) {
-            Some(b) => format!("needed {needed}, found `{}`", char::from(*b).escape_default()),
-            None => format!("needed {needed}, found the end"),
+            Some(b) => format!("expected {expected}, found `{}`", char::from(*b).escape_default()),
+            None => format!("expected {expected}, found the end"),
         })
     }
 
@@ -139,8 +139,8 @@ impl<'a> Cursor<'a> {
     }
 
     fn list(&mut self, depth: usize) -> Result<Vec<Value<'a>>> {
-        if depth > DEEPEST {
-            return Err(Error::input(format!("lists are nested more than {DEEPEST} deep")));
+        if depth > MAX_DEPTH {
+            return Err(Error::input(format!("lists are nested more than {MAX_DEPTH} deep")));
         }
         self.expect(b'(')?;
         let mut values = Vec::new();
@@ -191,7 +191,7 @@ impl<'a> Cursor<'a> {
                 match number {
                     Some(x) if x.is_finite() => Ok(Value::Number(x)),
                     _ => Err(Error::input(format!(
-                        "needed a finite number, found `{}`",
+                        "expected a finite number, found `{}`",
                         String::from_utf8_lossy(text)
                     ))),
                 }
@@ -272,14 +272,16 @@ impl<'a> Index<'a> {
                 }
                 t if t.starts_with(b"ENDSEC") => is_data = false,
                 t if t.starts_with(b"END-ISO-10303-21") => return index.whole(sections),
-                _ if is_data => return Err(named(Error::input("needed an instance `#n = …;` or `ENDSEC;`"))),
+                _ if is_data => {
+                    return Err(named(Error::input("expected an instance `#n = …;` or `ENDSEC;`")));
+                }
                 _ => {}
             }
         }
         Err(
             match is_first || sections == 0 && index.places.is_empty() && !bytes.starts_with(b"ISO-10303-21")
             {
-                true => Error::input("it is no STEP file: needed `ISO-10303-21;` at its beginning"),
+                true => Error::input("it is no STEP file: expected `ISO-10303-21;` at its beginning"),
                 false => Error::input(format!("line {line}: the file ends before `END-ISO-10303-21;`")),
             },
         )
@@ -418,16 +420,16 @@ mod tests {
                 Err(e) => e.to_string(),
             }
         };
-        for (from, to, said) in [
+        for (from, to, error) in [
             ("ISO-10303-21;\n", "solid\n", "no STEP file"),
             ("END-ISO-10303-21;", "", "ends before"),
             ("ENDSEC;\nEND", "END", "no DATA"),
             ("#20=", "#1=", "line 6: #1 is given twice"),
-            ("#20=", "#20", "line 6: #20: needed `=`"),
-            ("#20=", "HELLO;#20=", "line 6: needed an instance"),
-            ("3)", "3", "#1 in line 5: needed"),
-            ("-2.5E-1", "-2.5E-1E", "needed a finite number, found `-2.5E-1E`"),
-            ("-2.5E-1", "1E999", "needed a finite number"),
+            ("#20=", "#20", "line 6: #20: expected `=`"),
+            ("#20=", "HELLO;#20=", "line 6: expected an instance"),
+            ("3)", "3", "#1 in line 5: expected"),
+            ("-2.5E-1", "-2.5E-1E", "expected a finite number, found `-2.5E-1E`"),
+            ("-2.5E-1", "1E999", "expected a finite number"),
             ("DATA;\n", "", "outside of a DATA section"),
             ("(1),(2)", &format!("{}1{}", "(".repeat(40), ")".repeat(40)), "nested more than"),
         ] {
@@ -439,7 +441,7 @@ mod tests {
             };
             match from {
                 "ENDSEC;\nEND" => assert!(e.contains("outside of a DATA"), "{e}"),
-                _ => assert!(e.contains(said), "{from}: {e}"),
+                _ => assert!(e.contains(error), "{from}: {e}"),
             }
         }
         assert!(Index::new(b"").is_err() && Index::new(b"ISO-10303-21;").is_err());

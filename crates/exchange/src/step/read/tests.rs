@@ -229,7 +229,7 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("part.stp");
-    let said = |text: &str| {
+    let error = |text: &str| {
         std::fs::write(&path, text).unwrap();
         read_mesh(&path).unwrap_err().to_string()
     };
@@ -246,7 +246,7 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
         ),
         (
             file("#1", "#2", "#30", &cone("0.5").replace("#21,.T.", "#21,$")),
-            "#24 EDGE_CURVE in line 23: attribute 5: needed .T. or .F., found $",
+            "#24 EDGE_CURVE in line 23: attribute 5: expected .T. or .F., found $",
         ),
         (
             file(
@@ -259,7 +259,7 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
         ),
         (
             file("#1", "#2", "#30", &cone("0.5").replace("(#28)", "(#29)")),
-            "needed ADVANCED_FACE or FACE_SURFACE",
+            "expected ADVANCED_FACE or FACE_SURFACE",
         ),
         (
             file("#1", "#2", "#45", "#45=MAPPED_ITEM('',#46,#13);\n#46=REPRESENTATION_MAP(#13,#14);\n"),
@@ -267,7 +267,7 @@ fn what_cannot_be_read_is_named_and_the_rest_is_kept() {
         ),
         ("solid\n".to_owned(), "it is no STEP file"),
     ] {
-        let e = said(&text);
+        let e = error(&text);
         assert!(e.contains(words), "{e}");
     }
 }

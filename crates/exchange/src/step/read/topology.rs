@@ -34,7 +34,7 @@ pub(super) struct Builder<'b, 'a> {
 }
 
 /// Faces in shells that are in shells: how deep.
-const DEEPEST: usize = 8;
+const MAX_DEPTH: usize = 8;
 
 impl<'b, 'a> Builder<'b, 'a> {
     pub(super) fn new(geometry: Geometry<'b, 'a>) -> Self {
@@ -69,7 +69,7 @@ impl<'b, 'a> Builder<'b, 'a> {
     }
 
     fn add(&mut self, id: u64, forward: bool, depth: usize) -> Result<bool> {
-        if depth > DEEPEST {
+        if depth > MAX_DEPTH {
             return Err(Error::input(format!("#{id}: shells refer to themselves")));
         }
         let records = self.index().records(id)?;
@@ -143,12 +143,12 @@ impl<'b, 'a> Builder<'b, 'a> {
 
     fn face(&mut self, id: u64, forward: bool, depth: usize) -> Result<ParametricFace> {
         let entity = self.index().entity(id)?;
-        if entity.record.keyword == "ORIENTED_FACE" && depth < DEEPEST {
+        if entity.record.keyword == "ORIENTED_FACE" && depth < MAX_DEPTH {
             let same = entity.truth(4)?;
             return self.face(entity.reference(3)?, forward == same, depth + 1);
         }
         if !matches!(entity.record.keyword, "ADVANCED_FACE" | "FACE_SURFACE") {
-            return Err(entity.wrong("needed ADVANCED_FACE or FACE_SURFACE"));
+            return Err(entity.wrong("expected ADVANCED_FACE or FACE_SURFACE"));
         }
         let surface_id = entity.reference(2)?;
         let surface = match self.surface_of.get(&surface_id) {
@@ -164,7 +164,7 @@ impl<'b, 'a> Builder<'b, 'a> {
         for bound in entity.references(1)? {
             let bound = self.index().entity(bound)?;
             if !matches!(bound.record.keyword, "FACE_BOUND" | "FACE_OUTER_BOUND") {
-                return Err(bound.wrong("needed FACE_BOUND or FACE_OUTER_BOUND"));
+                return Err(bound.wrong("expected FACE_BOUND or FACE_OUTER_BOUND"));
             }
             let is_as_written = bound.truth(2)?;
             let mut ring = self.ring(bound.reference(1)?)?;
@@ -202,7 +202,7 @@ impl<'b, 'a> Builder<'b, 'a> {
                 let n = vertices.len();
                 Ok((0..n).map(|k| self.side([vertices[k], vertices[(k + 1) % n]])).collect())
             }
-            _ => Err(entity.wrong("needed EDGE_LOOP, POLY_LOOP or VERTEX_LOOP")),
+            _ => Err(entity.wrong("expected EDGE_LOOP, POLY_LOOP or VERTEX_LOOP")),
         }
     }
 

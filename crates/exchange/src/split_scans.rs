@@ -1,4 +1,4 @@
-//! One file that holds several scans: told apart by its columns `scan` and `time`.
+//! Splits the points of one file into scans by its columns `scan` and `time`.
 //!
 //! **Input.** A scan with the scan number and time of each point.
 //!
@@ -12,19 +12,21 @@ use planish_estimate::{Error, Result};
 use planish_sense::Scan;
 use std::collections::BTreeMap;
 
-/// Times tell scans apart where each has so many points on average: fewer are points of one scan that took
-/// its time.
-const LEAST_POINTS_OF_TIME: usize = 100;
+/// Minimum average number of points per distinct time for times to separate scans.
+///
+/// Too small a value splits a scan of a slow sensor, whose points have times of their own, into many scans. Too
+/// large a value joins small scans. Guarded by `times_split_only_if_many_points_share_each`.
+const MIN_POINTS_PER_TIME: usize = 100;
 
-/// The scans of a file's points.
+/// Splits a scan by the scan number of each point, or else by its time.
 ///
 /// # Errors
 /// `Unsupported` for an organised grid of several scans.
-pub(crate) fn several(mut scan: Scan) -> Result<Vec<Scan>> {
+pub(crate) fn split_scans(mut scan: Scan) -> Result<Vec<Scan>> {
     let (numbers, times) = (scan.scan_numbers.take(), scan.times_s.take());
     let part: Vec<u64> = match (&numbers, &times) {
         (Some(numbers), _) => numbers.iter().map(|&n| n.into()).collect(),
-        (None, Some(times)) => times.iter().map(|&t| ascending(t)).collect(),
+        (None, Some(times)) => times.iter().map(|&t| ordered_bits(t)).collect(),
         (None, None) => return Ok(vec![scan]),
     };
     let mut points: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
@@ -33,18 +35,18 @@ pub(crate) fn several(mut scan: Scan) -> Result<Vec<Scan>> {
     }
     let mean = |of: &[usize]| {
         let times = times.as_ref()?;
-        // Beside the first, so that equal times stay what they are.
+        // Summed relative to the first, so that the mean of equal times is exactly that time.
         let first = times[*of.first()?];
         Some(first + of.iter().map(|&k| times[k] - first).sum::<f64>() / of.len() as f64)
     };
     let by_time_alone = numbers.is_none();
-    if points.len() < 2 || by_time_alone && points.len() * LEAST_POINTS_OF_TIME > part.len() {
+    if points.len() < 2 || by_time_alone && points.len() * MIN_POINTS_PER_TIME > part.len() {
         scan.time_s = mean(&(0..part.len()).collect::<Vec<_>>()).or(scan.time_s);
         return Ok(vec![scan]);
     }
     if scan.grid.is_some() {
         return Err(Error::unsupported(format!(
-            "{}: an organised grid of {} scans: needed a file for each, or points without a grid",
+            "{}: expected one scan in an organised file, found {}: write one file per scan, or points without a grid",
             scan.name,
             points.len()
         )));
@@ -75,7 +77,7 @@ pub(crate) fn several(mut scan: Scan) -> Result<Vec<Scan>> {
                 viewing: scan.viewing,
                 world_from_scanner: scan.world_from_scanner,
                 time_s,
-                // Nothing says of which scan those were.
+                // Dropped records have no scan number; the first scan counts them, so that the sum is right.
                 dropped_not_finite: std::mem::take(&mut dropped_not_finite),
             }
         })
@@ -86,9 +88,9 @@ fn pick<T: Copy>(column: Option<&Vec<T>>, of: &[usize]) -> Option<Vec<T>> {
     column.map(|all| of.iter().map(|&k| all[k]).collect())
 }
 
-/// The bits of a finite number, in an order that is that of the numbers.
-fn ascending(x: f64) -> u64 {
-    // Both zeros are one time.
+/// Maps a finite number to bits that have the order of the numbers, for use as a key.
+fn ordered_bits(x: f64) -> u64 {
+    // Adding zero turns −0 into +0, so that both are one time.
     let bits = (x + 0.0).to_bits();
     if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
 }
@@ -109,14 +111,14 @@ mod tests {
     }
 
     #[test]
-    fn numbers_split_a_file_with_all_of_its_columns() {
-        let made = several(scan(Some(vec![2.0, 1.0, 4.0, 1.0]), Some(vec![7, 3, 7, 3]), 4)).unwrap();
-        let told: Vec<_> = made
+    fn scan_numbers_split_a_file_with_all_its_columns() {
+        let made = split_scans(scan(Some(vec![2.0, 1.0, 4.0, 1.0]), Some(vec![7, 3, 7, 3]), 4)).unwrap();
+        let found: Vec<_> = made
             .iter()
             .map(|s| (s.name.as_str(), s.points.len(), s.sigma.clone().unwrap(), s.time_s))
             .collect();
         assert_eq!(
-            told,
+            found,
             [
                 ("a.csv, scan 3", 2, vec![2.0, 4.0], Some(1.0)),
                 ("a.csv, scan 7", 2, vec![1.0, 3.0], Some(3.0))
@@ -125,12 +127,12 @@ mod tests {
     }
 
     #[test]
-    fn times_split_where_many_points_share_each_and_only_there() {
+    fn times_split_only_if_many_points_share_each() {
         let shared = |k: usize| if k.is_multiple_of(2) { -1.5 } else { 0.5 };
-        let made = several(scan(Some((0..400).map(shared).collect()), None, 400)).unwrap();
-        let told: Vec<_> = made.iter().map(|s| (s.points.len(), s.time_s)).collect();
-        assert_eq!(told, [(200, Some(-1.5)), (200, Some(0.5))]);
-        let own = several(scan(Some((0..40).map(f64::from).collect()), None, 40)).unwrap();
+        let made = split_scans(scan(Some((0..400).map(shared).collect()), None, 400)).unwrap();
+        let found: Vec<_> = made.iter().map(|s| (s.points.len(), s.time_s)).collect();
+        assert_eq!(found, [(200, Some(-1.5)), (200, Some(0.5))]);
+        let own = split_scans(scan(Some((0..40).map(f64::from).collect()), None, 40)).unwrap();
         assert_eq!((own.len(), own[0].points.len(), own[0].time_s), (1, 40, Some(19.5)));
     }
 }
