@@ -400,12 +400,12 @@ fn candidates(
 ///
 /// # Examples
 /// ```
-/// use planish_contour::planar::{ContourKind, SensorOptions, bound, points};
+/// use planish_contour::planar::{ContourKind, bound, points};
 ///
 /// let truth = [0.0, 0.0, 10.0];
-/// let simulated = points(&ContourKind::Circle, &truth, 0.1, &SensorOptions { readings: 400,
-/// ..Default::default() })?; let covariance = bound(&ContourKind::Circle, &truth, &simulated.exact)?;
-/// assert!((covariance[(2, 2)].sqrt() - 0.1 / 20.0).abs() < 1e-4); // σ / √n for the radius
+/// let simulated = points(&ContourKind::Circle, &truth, 400, 0.1, 1);
+/// let covariance = bound(&ContourKind::Circle, &truth, &simulated.exact)?;
+/// assert!((covariance[(2, 2)].sqrt() - 0.1 / 20.0).abs() < 2e-4); // σ / √n for the radius
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn bound(kind: &ContourKind, truth: &[f64], exact: &[ContourReading]) -> Result<DMatrix<f64>> {
