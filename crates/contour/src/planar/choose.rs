@@ -112,7 +112,7 @@ pub fn choose(
     }
     if tried.is_empty() {
         return Err(Error::undetermined(
-            "the readings suggest no chain of lines and arcs: they may be of a line, or of a polygon",
+            "the readings suggest no chain of lines and arcs; they may show a line or a polygon",
         ));
     }
     let unknowns = |kind: &ContourKind| kind.parameters() + options.motion.unknowns();
@@ -197,7 +197,7 @@ pub fn choose(
 /// Error if no kind could be fitted. The message concerns all kinds; that of the last one is only its source.
 fn none_fits(last: Option<Error>) -> Error {
     let text =
-        "no kind of contour fits the readings: they may see too little of one, or be of something else";
+        "no kind of contour fits the readings: they may cover too little of it or belong to another shape";
     match last {
         Some(last) => Error::undetermined(text).with_source(last),
         None => Error::undetermined(text),
@@ -221,7 +221,7 @@ fn refuse_one_place(sightings: &[ContourReading]) -> Result<()> {
     let extent = (high[0] - low[0]).hypot(high[1] - low[1]);
     if sightings.len() > 1 && extent <= sigma {
         return Err(Error::undetermined(format!(
-            "all {} readings lie nearer together than their σ: they show no outline",
+            "all {} readings lie closer together than their σ, so they show no outline",
             sightings.len()
         )));
     }

@@ -258,7 +258,8 @@ fn fit_within(
     }
     best.ok_or_else(|| {
         Error::undetermined(format!(
-            "the readings do not determine a {kind}: they may see too little of it, or be of something else"
+            "the readings do not determine a {kind}: they may cover too little of it or belong to another \
+             shape"
         ))
     })
 }
@@ -343,7 +344,7 @@ fn contour_model(
     };
     if sightings.len() < model.unknowns() {
         return Err(Error::undetermined(format!(
-            "{} cannot determine the {} unknowns of a {kind}: give at least as many",
+            "{} cannot determine the {} unknowns of a {kind}: provide at least as many",
             reading_count(sightings.len()),
             model.unknowns()
         )));
@@ -637,7 +638,7 @@ pub(super) fn batch(
         }
     }
     let Some(covariance) = found.covariance else {
-        return Err(Error::undetermined("the readings leave a parameter of the contour free"));
+        return Err(Error::undetermined("the readings leave a parameter of the contour undetermined"));
     };
     // Distances are per accepted reading; map them back to all readings.
     let mut distances = vec![f64::NAN; sightings.len()];
