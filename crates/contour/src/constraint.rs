@@ -1,6 +1,6 @@
 //! What holds between the parts of a drawing: found, imposed, counted.
 //!
-//! Comes in: a [`Drawing`] (points, bars, circles, arcs), whose parameters may be an estimate with a
+//! Comes in: a [`ParametricDrawing`] (points, bars, circles, arcs), whose parameters may be an estimate with a
 //! covariance, and [`Constraint`]s. Goes out: relations that the estimate does not contradict
 //! ([`constrain`]), the estimate with them imposed and its smaller covariance, dimensions on a grid where the
 //! statistics allow ([`snap`]), and how many freedoms are left, which constraints are redundant and which
@@ -8,18 +8,18 @@
 //! accident; its odds are reported. Nothing here knows where a drawing came from.
 //!
 //! ```text
-//! Drawing + covariance ─► candidates ─► constrain (χ², Holm) ─► Constrained ─► snap ─► Constrained
-//! Drawing + constraints ─► diagnose: freedoms, redundant, conflicting ─► graph::ViewGraphs
+//! ParametricDrawing + covariance ─► candidates ─► constrain (χ², Holm) ─► Constrained ─► snap ─► Constrained
+//! ParametricDrawing + constraints ─► diagnose: freedoms, redundant, conflicting ─► graph::ViewGraphs
 //! ```
 //!
 //! # Examples
 //! An estimated outline, its relations, its sizes on half millimetres, what is left free, and its graphs:
 //! ```
 //! use nalgebra::DMatrix;
-//! use planish_contour::constraint::{ConstrainOptions, Dimension, Drawing, constrain, diagnose, snap};
+//! use planish_contour::constraint::{ConstrainOptions, Dimension, ParametricDrawing, constrain, diagnose, snap};
 //! use planish_contour::graph::ViewGraphs;
 //!
-//! let outline = Drawing::polygon(&[[0.01, 0.0], [40.02, 0.03], [39.98, 29.97], [0.0, 30.01]])?;
+//! let outline = ParametricDrawing::polygon(&[[0.01, 0.0], [40.02, 0.03], [39.98, 29.97], [0.0, 30.01]])?;
 //! let covariance = DMatrix::identity(8, 8) * 0.0009;
 //! let found = constrain(&outline, &covariance, &ConstrainOptions::default())?;
 //! let (found, sizes) = snap(&found, 0.5, &Dimension::all(&outline))?;
@@ -65,19 +65,19 @@ mod solve;
 pub use candidates::{Candidate, candidates};
 pub use decomposition::{Decomposition, EquationBlock};
 pub use diagnose::{Dependence, Diagnosis, diagnose, implications, witness};
-pub use drawing::{ArcId, BarId, CircleId, Drawing, Offset, PointId};
+pub use drawing::{ArcId, BarId, CircleId, Offset, ParametricDrawing, PointId};
 pub use equations::{ConstraintEquations, Equation};
 pub use impose::{Imposed, chi_square_tail, impose};
 pub use incidence::{Entry, Incidence};
 pub use minimal::{deletion_filter, quick_xplain};
 pub use place::Place;
 pub use propose::{
-    ConstrainOptions, Constrained, DEFAULT_LEVEL, Outcome, Proposal, constrain, constrain_among,
+    ConstrainOptions, Constrained, DEFAULT_LEVEL, Proposal, ProposalOutcome, constrain, constrain_among,
 };
 pub use relation::{Axis, Constraint};
 pub use scheme::{Dimensioned, dimension_scheme, sigma};
 pub use snap::{Dimension, Snap, SnapOutcome, snap};
-pub use solve::{Solution, solve};
+pub use solve::{ConstraintSolution, solve};
 
 #[cfg(test)]
 mod tests;

@@ -19,7 +19,7 @@
 
 mod shapes;
 
-use crate::constraint::{Constraint, Drawing, Offset};
+use crate::constraint::{Constraint, Offset, ParametricDrawing};
 use crate::planar::ContourKind;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use planish_estimate::{Error, Result};
@@ -77,7 +77,7 @@ pub struct SketchPart {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Sketch {
     /// All parts.
-    pub drawing: Drawing,
+    pub drawing: ParametricDrawing,
     /// The covariance of its parameters: that of the estimates along what the kinds allow, and about as much
     /// across it, where [`Self::given`] leaves nothing.
     pub covariance: DMatrix<f64>,
@@ -161,7 +161,7 @@ impl Sketch {
     pub fn contour(
         &self,
         part: usize,
-        drawing: &Drawing,
+        drawing: &ParametricDrawing,
         covariance: &DMatrix<f64>,
     ) -> Result<(Vec<f64>, DMatrix<f64>)> {
         let n = self.drawing.parameters();

@@ -1,6 +1,6 @@
 //! Which relations a drawing could obey, and within what range they would lie by chance.
 
-use super::drawing::{BarId, CircleId, Drawing, PointId};
+use super::drawing::{BarId, CircleId, ParametricDrawing, PointId};
 use super::relation::Constraint;
 use std::f64::consts::PI;
 
@@ -22,7 +22,7 @@ pub struct Candidate {
 /// bar that meet: tangent there. Of two points and an axis: symmetric. Distances are no candidates;
 /// [`snap`](crate::constraint::snap) proposes those.
 #[must_use]
-pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
+pub fn candidates(drawing: &ParametricDrawing) -> Vec<Candidate> {
     let extent = drawing.extent();
     let mut found = Vec::new();
     let mut add = |constraint, range| found.push(Candidate { constraint, range });
@@ -74,25 +74,25 @@ pub fn candidates(drawing: &Drawing) -> Vec<Candidate> {
 }
 
 /// Bars that end at one of two points, with that point.
-fn bars_at(drawing: &Drawing, points: [PointId; 2]) -> impl Iterator<Item = (BarId, PointId)> {
+fn bars_at(drawing: &ParametricDrawing, points: [PointId; 2]) -> impl Iterator<Item = (BarId, PointId)> {
     let pairs = drawing.bars().flat_map(move |bar| points.map(|point| (bar, point)));
     pairs.filter(|&(bar, point)| drawing.ends(bar).contains(&point))
 }
 
 /// Whether a bar goes on as an arc of a circle: then it may touch the circle only where they meet.
-fn meets_arc(drawing: &Drawing, bar: BarId, circle: CircleId) -> bool {
+fn meets_arc(drawing: &ParametricDrawing, bar: BarId, circle: CircleId) -> bool {
     let mut arcs = drawing.arcs().filter(|arc| arc.0 == circle);
     arcs.any(|(_, start, end)| drawing.ends(bar).iter().any(|&point| point == start || point == end))
 }
 
 /// Whether a circle's centre lies to the left of a bar.
-pub(super) fn is_left(drawing: &Drawing, circle: CircleId, bar: BarId) -> bool {
+pub(super) fn is_left(drawing: &ParametricDrawing, circle: CircleId, bar: BarId) -> bool {
     let offset = Constraint::PointLineDistance { point: drawing.centre(circle), bar, value: 0.0 };
     offset.equations(drawing, drawing.values().as_slice())[0].residual >= 0.0
 }
 
 /// Whether two circles are nearer to touching from inside than from outside.
-pub(super) fn is_inside(drawing: &Drawing, a: CircleId, b: CircleId) -> bool {
+pub(super) fn is_inside(drawing: &ParametricDrawing, a: CircleId, b: CircleId) -> bool {
     let gap = |inside| {
         Constraint::TangentCircles { a, b, inside }.equations(drawing, drawing.values().as_slice())[0]
             .residual

@@ -4,7 +4,7 @@
 //! costs the estimate. Not guaranteed: second-order terms, which a last look with the real equations must
 //! take.
 
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::equations::ConstraintEquations;
 use super::impose::{KNOWN, row_sigmas};
 use super::relation::Constraint;
@@ -32,8 +32,8 @@ pub(super) struct Cost {
 impl Linearised {
     /// Linearises constraints at a drawing; `root` and `covariance` are those of the estimate.
     pub(super) fn new(
-        estimate: &Drawing,
-        at: &Drawing,
+        estimate: &ParametricDrawing,
+        at: &ParametricDrawing,
         root: &DMatrix<f64>,
         covariance: &DMatrix<f64>,
         constraints: &[Constraint],

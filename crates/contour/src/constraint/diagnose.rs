@@ -5,13 +5,13 @@
 //! guaranteed: that a conflict is real where the drawing is far from what its dimensions say; the search for
 //! a solution starts there.
 
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::draws::Draws;
 use super::equations::ConstraintEquations;
 use super::minimal::quick_xplain;
 use super::rank::{RowRank, row_norms, row_rank};
 use super::relation::Constraint;
-use super::solve::{Solution, solve};
+use super::solve::{ConstraintSolution, solve};
 use super::{Decomposition, Incidence};
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Error, Result};
@@ -72,9 +72,9 @@ const STARTS: u64 = 3;
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, PointId, diagnose};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, PointId, diagnose};
 ///
-/// let drawing = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]])?;
+/// let drawing = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]])?;
 /// let [bottom, right, top, left] = [0, 1, 2, 3].map(BarId);
 /// let constraints = [
 ///     Constraint::Anchor { point: PointId(0), at: [0.0, 0.0] },
@@ -94,7 +94,7 @@ const STARTS: u64 = 3;
 /// # References
 /// Michelucci and Foufou 2006, *Geometric constraint solving: the witness configuration method*; Junker 2004,
 /// *QuickXplain*; Dulmage and Mendelsohn 1958, *Coverings of bipartite graphs*.
-pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnosis> {
+pub fn diagnose(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Result<Diagnosis> {
     constraints.iter().try_for_each(|constraint| constraint.require_parts(drawing))?;
     let all = ConstraintEquations::new(drawing, constraints);
     let finite = |x: &DVector<f64>| all.residuals_and_jacobian(x).1.iter().all(|slope| slope.is_finite());
@@ -143,9 +143,9 @@ pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnos
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, implications};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, implications};
 ///
-/// let plate = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])?;
+/// let plate = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])?;
 /// let [bottom, right, top] = [0, 1, 2].map(BarId);
 /// let known = [
 ///     Constraint::Horizontal { bar: bottom },
@@ -157,7 +157,7 @@ pub fn diagnose(drawing: &Drawing, constraints: &[Constraint]) -> Result<Diagnos
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 pub fn implications(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     constraints: &[Constraint],
     relations: &[Constraint],
 ) -> Result<Vec<Dependence>> {
@@ -192,7 +192,7 @@ pub fn implications(
 /// are restored; dimensions and anchors are then taken as they came out. Ranks there are those of almost all
 /// dimensions: no accident of the drawing counts. `None` where relations could not be restored.
 #[must_use]
-pub fn witness(drawing: &Drawing, constraints: &[Constraint]) -> Option<DVector<f64>> {
+pub fn witness(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Option<DVector<f64>> {
     let values = drawing.values();
     let relations: Vec<Constraint> = constraints
         .iter()
@@ -210,7 +210,10 @@ pub fn witness(drawing: &Drawing, constraints: &[Constraint]) -> Option<DVector<
         .map(|solution| solution.values)
 }
 
-fn without_conflicts(drawing: &Drawing, constraints: &[Constraint]) -> (Vec<usize>, Vec<Dependence>) {
+fn without_conflicts(
+    drawing: &ParametricDrawing,
+    constraints: &[Constraint],
+) -> (Vec<usize>, Vec<Dependence>) {
     let mut kept: Vec<usize> = (0..constraints.len()).collect();
     let mut conflicting = Vec::new();
     loop {
@@ -233,7 +236,7 @@ fn without_conflicts(drawing: &Drawing, constraints: &[Constraint]) -> (Vec<usiz
 }
 
 /// [`solve`] from the drawing, and where that fails from shaken ones.
-pub(crate) fn satisfy(drawing: &Drawing, constraints: &[Constraint]) -> Solution {
+pub(crate) fn satisfy(drawing: &ParametricDrawing, constraints: &[Constraint]) -> ConstraintSolution {
     let first = solve(drawing, constraints);
     if first.holds {
         return first;
@@ -280,7 +283,7 @@ fn redundancies(rank: &RowRank, owners: &[usize], kept: &[usize]) -> Vec<Depende
 }
 
 /// Both translations and the rotation about the origin, as changes of the parameters; columns.
-fn rigid_motions(drawing: &Drawing, x: &DVector<f64>) -> DMatrix<f64> {
+fn rigid_motions(drawing: &ParametricDrawing, x: &DVector<f64>) -> DMatrix<f64> {
     let mut motions = DMatrix::zeros(x.len(), 3);
     let size = drawing.extent();
     for point in drawing.points() {

@@ -83,9 +83,9 @@ struct Arc {
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::Drawing;
+/// use planish_contour::constraint::ParametricDrawing;
 ///
-/// let mut drawing = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]])?;
+/// let mut drawing = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]])?;
 /// let centre = drawing.point([20.0, 15.0]);
 /// drawing.circle(centre, 6.0)?;
 /// assert_eq!(drawing.values().len(), 11);
@@ -93,7 +93,7 @@ struct Arc {
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Drawing {
+pub struct ParametricDrawing {
     values: Vec<f64>,
     names: Vec<String>,
     points: Vec<usize>,
@@ -104,7 +104,7 @@ pub struct Drawing {
     arcs: Vec<Arc>,
 }
 
-impl Drawing {
+impl ParametricDrawing {
     /// A closed polygon: a point for each vertex, a bar from each to the next.
     ///
     /// Its parameters are those of an estimated polygon, `x0 y0 x1 y1 …`, in the same order.

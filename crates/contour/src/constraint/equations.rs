@@ -1,6 +1,6 @@
 //! Constraints as one measurement equation of the drawing's parameters.
 
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::relation::Constraint;
 use nalgebra::{DMatrix, DVector};
 use planish_estimate::{Dimensions, Linearization, MeasurementEquation};
@@ -32,9 +32,9 @@ impl Equation {
 /// ```
 /// use nalgebra::DVector;
 /// use planish_estimate::check_jacobians;
-/// use planish_contour::constraint::{BarId, Constraint, ConstraintEquations, Drawing};
+/// use planish_contour::constraint::{BarId, Constraint, ConstraintEquations, ParametricDrawing};
 ///
-/// let drawing = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.3], [3.9, 3.0]])?;
+/// let drawing = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.3], [3.9, 3.0]])?;
 /// let right_angle = [Constraint::Perpendicular { a: BarId(0), b: BarId(1) }];
 /// let equations = ConstraintEquations::new(&drawing, &right_angle);
 /// assert!(check_jacobians(&equations, &drawing.values(), &DVector::zeros(1), 1e-3)? < 1e-6);
@@ -42,7 +42,7 @@ impl Equation {
 /// ```
 #[derive(Debug, Clone)]
 pub struct ConstraintEquations<'a> {
-    drawing: &'a Drawing,
+    drawing: &'a ParametricDrawing,
     constraints: Vec<Constraint>,
     /// Of all the constraints' equations, which are used.
     rows: Vec<usize>,
@@ -52,7 +52,7 @@ pub struct ConstraintEquations<'a> {
 impl<'a> ConstraintEquations<'a> {
     /// All equations of the constraints, with the drawing's extent as their scale.
     #[must_use]
-    pub fn new(drawing: &'a Drawing, constraints: &[Constraint]) -> Self {
+    pub fn new(drawing: &'a ParametricDrawing, constraints: &[Constraint]) -> Self {
         let count = constraints.iter().map(Constraint::equation_count).sum();
         Self {
             drawing,

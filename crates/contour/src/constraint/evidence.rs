@@ -1,7 +1,7 @@
 //! The test of one relation at an estimate: χ², chance, evidence.
 
 use super::candidates::Candidate;
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::draws::Draws;
 use super::equations::{ConstraintEquations, Equation};
 use super::impose::{Imposed, KNOWN, chi_square_bound, chi_square_tail, square_root};
@@ -12,7 +12,7 @@ use std::f64::consts::{PI, TAU};
 
 /// An estimate, and drawings that it could as well be.
 pub(super) struct State {
-    drawing: Drawing,
+    drawing: ParametricDrawing,
     covariance: DMatrix<f64>,
     /// Steps from the estimate by its covariance, and where they lead when what was imposed is restored.
     others: Vec<(DVector<f64>, DVector<f64>)>,
@@ -33,7 +33,7 @@ const ZERO: f64 = 1e-6;
 
 impl State {
     /// An estimate on which nothing was imposed: it is taken as linear.
-    pub(super) fn unconstrained(drawing: &Drawing, covariance: &DMatrix<f64>) -> Self {
+    pub(super) fn unconstrained(drawing: &ParametricDrawing, covariance: &DMatrix<f64>) -> Self {
         Self { drawing: drawing.clone(), covariance: covariance.clone(), others: Vec::new() }
     }
 
@@ -56,7 +56,7 @@ impl State {
 
 /// Constraints that hold at a drawing, to be restored at drawings nearby.
 struct Nearby<'a> {
-    drawing: &'a Drawing,
+    drawing: &'a ParametricDrawing,
     imposed: &'a [Constraint],
     equations: ConstraintEquations<'a>,
     /// Slopes per extent where the constraints hold, and the factor of `J Jᵀ`; none where they are not
@@ -65,7 +65,7 @@ struct Nearby<'a> {
 }
 
 impl<'a> Nearby<'a> {
-    fn new(drawing: &'a Drawing, imposed: &'a [Constraint]) -> Self {
+    fn new(drawing: &'a ParametricDrawing, imposed: &'a [Constraint]) -> Self {
         let equations = ConstraintEquations::new(drawing, imposed);
         let (_, jacobian) = equations.residuals_and_jacobian(&drawing.values());
         let slopes = jacobian * drawing.extent();

@@ -5,7 +5,7 @@
 //! nearest one, where several branches obey the constraints.
 
 use super::diagnose::satisfy;
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::equations::ConstraintEquations;
 use super::minimal::quick_xplain;
 use super::rank::row_rank;
@@ -19,7 +19,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imposed {
     /// The most likely drawing that obeys the constraints.
-    pub drawing: Drawing,
+    pub drawing: ParametricDrawing,
     /// The covariance of its parameters; singular along what the constraints fix.
     pub covariance: DMatrix<f64>,
     /// The squared distance by which the estimate had to move, in its own covariance.
@@ -59,9 +59,9 @@ const SETTLED: f64 = 1e-8;
 /// # Examples
 /// ```
 /// use nalgebra::DMatrix;
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, impose};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, impose};
 ///
-/// let triangle = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.1], [0.0, 3.0]])?;
+/// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.1], [0.0, 3.0]])?;
 /// let covariance = DMatrix::identity(6, 6) * 0.01;
 /// let level = impose(&triangle, &covariance, &[Constraint::Horizontal { bar: BarId(0) }], 0.0)?;
 /// assert!((level.drawing.values()[1] - 0.05).abs() < 1e-9 && (level.chi_square - 0.5).abs() < 1e-9);
@@ -72,7 +72,7 @@ const SETTLED: f64 = 1e-8;
 /// De Geeter, Van Brussel and De Schutter 1997, *A smoothly constrained Kalman filter*; Jazwinski 1970,
 /// section 8.3.
 pub fn impose(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     constraints: &[Constraint],
     sigma: f64,
@@ -87,12 +87,12 @@ pub(super) struct Start<'a> {
     /// [`square_root`] of the covariance.
     pub(super) root: &'a DMatrix<f64>,
     /// A drawing that obeys most of the constraints.
-    pub(super) near: Option<&'a Drawing>,
+    pub(super) near: Option<&'a ParametricDrawing>,
 }
 
 /// [`impose`] with a head start.
 pub(super) fn impose_from(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     constraints: &[Constraint],
     sigma: f64,
@@ -152,7 +152,7 @@ struct Updated {
 }
 
 fn with_noise(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     equations: &ConstraintEquations<'_>,
     sigma: f64,
@@ -173,7 +173,7 @@ fn with_noise(
 /// # References
 /// Björck 1996, *Numerical methods for least squares problems*, section 5.1 (the null-space method).
 fn exactly(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     root: &DMatrix<f64>,
     equations: &ConstraintEquations<'_>,
@@ -252,7 +252,7 @@ pub(super) fn chi_square_bound(level: f64, degrees: usize) -> f64 {
     ChiSquared::new(degrees as f64).map_or(0.0, |distribution| distribution.inverse_cdf(1.0 - level))
 }
 
-fn contradiction(drawing: &Drawing, constraints: &[Constraint]) -> Error {
+fn contradiction(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Error {
     let found = quick_xplain(constraints.len(), |chosen| {
         let chosen: Vec<Constraint> = chosen.iter().map(|&i| constraints[i]).collect();
         satisfy(drawing, &chosen).holds

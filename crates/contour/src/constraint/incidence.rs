@@ -1,6 +1,6 @@
 //! Which equation depends on which parameter, and maximum matchings of the two.
 
-use super::{Constraint, ConstraintEquations, Drawing};
+use super::{Constraint, ConstraintEquations, ParametricDrawing};
 use serde::Serialize;
 use std::collections::VecDeque;
 
@@ -32,7 +32,7 @@ const VANISHES: f64 = 1e-9;
 impl Incidence {
     /// The incidence of constraints; whether an entry vanishes is judged where the drawing is.
     #[must_use]
-    pub fn new(drawing: &Drawing, constraints: &[Constraint]) -> Self {
+    pub fn new(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Self {
         let equations = ConstraintEquations::new(drawing, constraints);
         let mut entries = Vec::new();
         for (equation, at) in equations.at(drawing.values().as_slice()).iter().enumerate() {

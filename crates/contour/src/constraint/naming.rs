@@ -1,6 +1,6 @@
 //! Which parts of a drawing a constraint names, and the constraint in words.
 
-use super::drawing::{BarId, CircleId, Drawing, Offset, PointId};
+use super::drawing::{BarId, CircleId, Offset, ParametricDrawing, PointId};
 use super::place::Place;
 use super::relation::Constraint;
 use planish_estimate::{Error, Result};
@@ -10,7 +10,7 @@ impl Constraint {
     ///
     /// # Errors
     /// `Input` when it does not.
-    pub fn require_parts(&self, drawing: &Drawing) -> Result<()> {
+    pub fn require_parts(&self, drawing: &ParametricDrawing) -> Result<()> {
         let aligned;
         let (points, bars, circles, value): (&[PointId], &[BarId], &[CircleId], f64) = match self {
             Self::Distance { a, b, value } => (&[*a, *b], &[], &[], *value),
@@ -63,7 +63,7 @@ impl Constraint {
     /// The constraint in words, such as `P1P2 parallel to P4P3`, values to eight digits; [`Self::parse`]
     /// reads them.
     #[must_use]
-    pub fn describe(&self, drawing: &Drawing) -> String {
+    pub fn describe(&self, drawing: &ParametricDrawing) -> String {
         let bar = |bar: &BarId| drawing.bar_name(*bar);
         let point = |point: &PointId| drawing.point_name(*point);
         let circle = |circle: &CircleId| drawing.circle_name(*circle);
@@ -110,7 +110,7 @@ impl Constraint {
     }
 
     /// The parameters that it depends on.
-    pub(crate) fn parameters(&self, drawing: &Drawing) -> Vec<usize> {
+    pub(crate) fn parameters(&self, drawing: &ParametricDrawing) -> Vec<usize> {
         let equations = self.equations(drawing, drawing.raw_values());
         let mut found: Vec<usize> = equations
             .iter()

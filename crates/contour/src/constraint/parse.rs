@@ -1,7 +1,7 @@
 //! Constraints from words: the sentences that [`Constraint::describe`] makes.
 
 use super::candidates::{is_inside, is_left};
-use super::drawing::{BarId, CircleId, Drawing, PointId};
+use super::drawing::{BarId, CircleId, ParametricDrawing, PointId};
 use super::relation::{Axis, Constraint};
 use planish_estimate::{Error, Result};
 
@@ -26,14 +26,14 @@ impl Constraint {
     ///
     /// # Examples
     /// ```
-    /// use planish_contour::constraint::{BarId, Constraint, Drawing};
+    /// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing};
     ///
-    /// let triangle = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
+    /// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
     /// let right_angle = Constraint::parse("P1P2 perpendicular to P3P1", &triangle)?;
     /// assert_eq!(right_angle, Constraint::Perpendicular { a: BarId(0), b: BarId(2) });
     /// # Ok::<(), planish_estimate::Error>(())
     /// ```
-    pub fn parse(sentence: &str, drawing: &Drawing) -> Result<Self> {
+    pub fn parse(sentence: &str, drawing: &ParametricDrawing) -> Result<Self> {
         Words { drawing }
             .constraint(sentence.trim())
             .map_err(|e| e.in_context(format!("constraint `{}`", sentence.trim())))
@@ -41,7 +41,7 @@ impl Constraint {
 }
 
 struct Words<'a> {
-    drawing: &'a Drawing,
+    drawing: &'a ParametricDrawing,
 }
 
 impl Words<'_> {

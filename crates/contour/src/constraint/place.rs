@@ -3,7 +3,7 @@
 //! Comes in: a part and an axis. Goes out: the coordinate as a sum of parameters. What is seen from two sides
 //! has such coordinates in both views.
 
-use super::drawing::{CircleId, Drawing, Offset, PointId};
+use super::drawing::{CircleId, Offset, ParametricDrawing, PointId};
 use super::relation::Axis;
 use serde::{Deserialize, Serialize};
 
@@ -32,7 +32,7 @@ pub enum Place {
 impl Place {
     /// Its parameters, each with a factor of one or minus one.
     #[must_use]
-    pub fn terms(self, drawing: &Drawing) -> Vec<(usize, f64)> {
+    pub fn terms(self, drawing: &ParametricDrawing) -> Vec<(usize, f64)> {
         match self {
             Self::Point { point, axis } => vec![(drawing.coordinates(point)[axis as usize], 1.0)],
             Self::Extreme { circle, axis, upper } => vec![
@@ -44,13 +44,13 @@ impl Place {
 
     /// Its value.
     #[must_use]
-    pub fn value(self, drawing: &Drawing, x: &[f64]) -> f64 {
+    pub fn value(self, drawing: &ParametricDrawing, x: &[f64]) -> f64 {
         self.terms(drawing).iter().map(|&(i, factor)| factor * x[i]).sum()
     }
 
     /// In words, such as `x of P1` or `largest y of circle 2`.
     #[must_use]
-    pub fn describe(self, drawing: &Drawing) -> String {
+    pub fn describe(self, drawing: &ParametricDrawing) -> String {
         let letter = |axis| if axis == Axis::X { 'x' } else { 'y' };
         match self {
             Self::Point { point, axis } => format!("{} of {}", letter(axis), drawing.point_name(point)),

@@ -7,7 +7,7 @@
 
 use super::candidates::{Candidate, candidates};
 use super::conflicts::Linearised;
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::evidence::{Level, State, Test, is_linear, test};
 use super::impose::{Imposed, Start, chi_square_tail, impose, impose_from, square_root};
 use super::minimal::quick_xplain;
@@ -45,7 +45,7 @@ impl Default for ConstrainOptions {
 /// What became of a candidate.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(tag = "outcome", rename_all = "snake_case")]
-pub enum Outcome {
+pub enum ProposalOutcome {
     /// It agrees with the estimate and with all accepted before it, and was imposed.
     Imposed,
     /// It follows from what was imposed before, or from the estimate itself.
@@ -81,14 +81,14 @@ pub struct Proposal {
     pub chance: f64,
     /// What became of it.
     #[serde(flatten)]
-    pub outcome: Outcome,
+    pub outcome: ProposalOutcome,
 }
 
 /// An estimate with the relations that it agrees with imposed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Constrained {
     /// The drawing.
-    pub drawing: Drawing,
+    pub drawing: ParametricDrawing,
     /// The covariance of its parameters.
     #[serde(serialize_with = "as_rows")]
     pub covariance: DMatrix<f64>,
@@ -124,7 +124,7 @@ const ALIKE: f64 = 1.0;
 /// The estimate, and what is imposed on it so far.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Search {
-    pub(super) estimate: Drawing,
+    pub(super) estimate: ParametricDrawing,
     pub(super) covariance: DMatrix<f64>,
     /// [`square_root`] of it.
     root: DMatrix<f64>,
@@ -161,15 +161,15 @@ pub(super) struct Search {
 /// # Examples
 /// ```
 /// use nalgebra::DMatrix;
-/// use planish_contour::constraint::{BarId, ConstrainOptions, Constraint, Drawing, Outcome, constrain};
+/// use planish_contour::constraint::{BarId, ConstrainOptions, Constraint, ParametricDrawing, ProposalOutcome, constrain};
 ///
 /// // A rectangle, known to 0.05 and somewhat turned: three right angles make the fourth and both parallels.
-/// let seen = Drawing::polygon(&[[0.03, 0.0], [40.01, 3.46], [37.44, 33.36], [-2.58, 29.86]])?;
+/// let seen = ParametricDrawing::polygon(&[[0.03, 0.0], [40.01, 3.46], [37.44, 33.36], [-2.58, 29.86]])?;
 /// let found = constrain(&seen, &(DMatrix::identity(8, 8) * 0.0025), &ConstrainOptions::default())?;
 /// assert_eq!(found.freedoms, 5);
 /// let parallel = Constraint::Parallel { a: BarId(1), b: BarId(3) };
 /// let last = found.proposals.iter().find(|p| p.constraint == parallel);
-/// assert!(matches!(last.map(|p| &p.outcome), Some(Outcome::Imposed | Outcome::Implied)));
+/// assert!(matches!(last.map(|p| &p.outcome), Some(ProposalOutcome::Imposed | ProposalOutcome::Implied)));
 /// # Ok::<(), planish_estimate::Error>(())
 /// ```
 ///
@@ -177,7 +177,7 @@ pub(super) struct Search {
 /// Holm 1979, *A simple sequentially rejective multiple test procedure*; Langbein, Marshall and Martin 2004,
 /// *Choosing consistent constraints for beautification of reverse engineered geometric models*.
 pub fn constrain(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     options: &ConstrainOptions,
 ) -> Result<Constrained> {
@@ -190,7 +190,7 @@ pub fn constrain(
 /// # Errors
 /// As [`constrain`]; also when a candidate names a part that is not there.
 pub fn constrain_among(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     candidates: &[Candidate],
     options: &ConstrainOptions,
@@ -232,7 +232,7 @@ pub fn constrain_among(
 impl Constrained {
     /// The relations that were accepted.
     pub fn accepted(&self) -> impl Iterator<Item = &Proposal> {
-        self.proposals.iter().filter(|p| p.outcome == Outcome::Imposed)
+        self.proposals.iter().filter(|p| p.outcome == ProposalOutcome::Imposed)
     }
 }
 
@@ -244,7 +244,7 @@ impl Search {
         let alone = State::unconstrained(&given.drawing, &given.covariance);
         for candidate in candidates {
             let test = self.test(candidate, &alone);
-            let known = if test.holds { Outcome::Implied } else { Outcome::Rejected };
+            let known = if test.holds { ProposalOutcome::Implied } else { ProposalOutcome::Rejected };
             proposals.push(Proposal {
                 constraint: candidate.constraint,
                 text: candidate.constraint.describe(&self.estimate),
@@ -252,7 +252,7 @@ impl Search {
                 degrees: test.degrees,
                 p_value: test.p_value,
                 chance: test.chance,
-                outcome: if test.degrees > 0 { Outcome::Unclear } else { known },
+                outcome: if test.degrees > 0 { ProposalOutcome::Unclear } else { known },
             });
         }
         let mut order: Vec<usize> = (0..proposals.len()).filter(|&i| proposals[i].degrees > 0).collect();
@@ -261,7 +261,7 @@ impl Search {
             if proposals[i].p_value >= self.options.level / (order.len() - k) as f64 {
                 break;
             }
-            proposals[i].outcome = Outcome::Rejected;
+            proposals[i].outcome = ProposalOutcome::Rejected;
         }
         Ok(proposals)
     }
@@ -281,12 +281,12 @@ impl Search {
                 return Ok(state);
             };
             for &i in &best {
-                proposals[i].outcome = Outcome::Imposed;
+                proposals[i].outcome = ProposalOutcome::Imposed;
             }
             let mut next = self.tried(&self.constraints(proposals), &state);
             if next.is_none() && best.len() > 1 {
                 for &i in &best[1..] {
-                    proposals[i].outcome = Outcome::Unclear;
+                    proposals[i].outcome = ProposalOutcome::Unclear;
                 }
                 next = self.tried(&self.constraints(proposals), &state);
             }
@@ -296,7 +296,7 @@ impl Search {
                     state = next;
                 }
                 None => {
-                    proposals[first].outcome = Outcome::Unclear;
+                    proposals[first].outcome = ProposalOutcome::Unclear;
                     proposals[first].outcome = self.refusal(proposals, first, &state.drawing);
                 }
             }
@@ -310,11 +310,11 @@ impl Search {
         candidates: &[Candidate],
         proposals: &mut [Proposal],
         now: &State,
-        at: &Drawing,
+        at: &ParametricDrawing,
     ) -> Vec<usize> {
         let mut tests: Vec<(usize, Test)> = Vec::new();
         for i in 0..candidates.len() {
-            if proposals[i].outcome != Outcome::Unclear {
+            if proposals[i].outcome != ProposalOutcome::Unclear {
                 continue;
             }
             let test = self.test(&candidates[i], now);
@@ -325,7 +325,7 @@ impl Search {
                 }
             } else if is_linear(&candidates[i], now, &self.covariance) {
                 proposals[i].outcome = match test.holds {
-                    true => Outcome::Implied,
+                    true => ProposalOutcome::Implied,
                     false => self.refusal(proposals, i, at),
                 };
             }
@@ -356,15 +356,15 @@ impl Search {
     fn mark_implied(&self, proposals: &mut [Proposal], next: &Imposed) {
         let given = self.options.given.len();
         let imposed: Vec<usize> =
-            (0..proposals.len()).filter(|&i| proposals[i].outcome == Outcome::Imposed).collect();
+            (0..proposals.len()).filter(|&i| proposals[i].outcome == ProposalOutcome::Imposed).collect();
         for &implied in next.implied.iter().filter(|&&implied| implied >= given) {
-            proposals[imposed[implied - given]].outcome = Outcome::Implied;
+            proposals[imposed[implied - given]].outcome = ProposalOutcome::Implied;
         }
     }
 
     /// What was given, then what was accepted.
     fn constraints(&self, proposals: &[Proposal]) -> Vec<Constraint> {
-        let accepted = proposals.iter().filter(|p| p.outcome == Outcome::Imposed);
+        let accepted = proposals.iter().filter(|p| p.outcome == ProposalOutcome::Imposed);
         self.options.given.iter().copied().chain(accepted.map(|p| p.constraint)).collect()
     }
 
@@ -387,9 +387,9 @@ impl Search {
 
     /// The smallest set of accepted proposals that a candidate cannot be accepted after: to first order where
     /// the accepted ones hold, and only where that sees no quarrel with all equations anew.
-    fn refusal(&self, proposals: &[Proposal], candidate: usize, at: &Drawing) -> Outcome {
+    fn refusal(&self, proposals: &[Proposal], candidate: usize, at: &ParametricDrawing) -> ProposalOutcome {
         let accepted: Vec<usize> =
-            (0..proposals.len()).filter(|&i| proposals[i].outcome == Outcome::Imposed).collect();
+            (0..proposals.len()).filter(|&i| proposals[i].outcome == ProposalOutcome::Imposed).collect();
         let given = self.options.given.len();
         let mut all = self.options.given.clone();
         all.extend(accepted.iter().map(|&i| proposals[i].constraint));
@@ -402,7 +402,7 @@ impl Search {
             self.passes((before.chi_square, before.degrees), (after.chi_square, after.degrees))
         });
         if !first_order.is_empty() {
-            return Outcome::Refused { with: first_order.into_iter().map(|i| accepted[i]).collect() };
+            return ProposalOutcome::Refused { with: first_order.into_iter().map(|i| accepted[i]).collect() };
         }
         let found = quick_xplain(accepted.len(), |chosen| {
             let mut constraints = self.options.given.clone();
@@ -413,7 +413,7 @@ impl Search {
             constraints.push(proposals[candidate].constraint);
             before.is_ok_and(|before| self.tried(&constraints, &before).is_some())
         });
-        Outcome::Refused { with: found.into_iter().map(|i| accepted[i]).collect() }
+        ProposalOutcome::Refused { with: found.into_iter().map(|i| accepted[i]).collect() }
     }
 
     pub(super) fn test(&self, candidate: &Candidate, state: &State) -> Test {

@@ -7,7 +7,7 @@
 //! With `d = end − start` of a bar, `l = |d|`, `u = d/l` and `n = (−u_y, u_x)` the unit vector to its left,
 //! everything below follows from `∂l/∂d = u` and `∂(direction)/∂d = n/l`.
 
-use super::drawing::{BarId, CircleId, Drawing, PointId};
+use super::drawing::{BarId, CircleId, ParametricDrawing, PointId};
 use super::equations::Equation;
 use super::place::Place;
 use serde::{Deserialize, Serialize};
@@ -210,13 +210,13 @@ fn scaled(s: f64, v: [f64; 2]) -> [f64; 2] {
 
 /// Builds an equation: a value and the sum of its gradients.
 struct Builder<'a> {
-    drawing: &'a Drawing,
+    drawing: &'a ParametricDrawing,
     x: &'a [f64],
     equation: Equation,
 }
 
 impl<'a> Builder<'a> {
-    fn new(drawing: &'a Drawing, x: &'a [f64]) -> Self {
+    fn new(drawing: &'a ParametricDrawing, x: &'a [f64]) -> Self {
         Self { drawing, x, equation: Equation { residual: 0.0, gradient: Vec::new(), is_length: true } }
     }
 
@@ -333,7 +333,7 @@ impl Constraint {
     /// # Panics
     /// When it names a part that the drawing does not have, or `x` is too short.
     #[must_use]
-    pub fn equations(&self, drawing: &Drawing, x: &[f64]) -> Vec<Equation> {
+    pub fn equations(&self, drawing: &ParametricDrawing, x: &[f64]) -> Vec<Equation> {
         let mut new = Builder::new(drawing, x);
         let one = match *self {
             Self::Distance { a, b, value } => {
@@ -424,7 +424,7 @@ impl Constraint {
     ///
     /// Distances of zero and right or straight angles are relations: what they say is not a size.
     #[must_use]
-    pub fn measured(&self, drawing: &Drawing, x: &[f64]) -> Option<Self> {
+    pub fn measured(&self, drawing: &ParametricDrawing, x: &[f64]) -> Option<Self> {
         let mut read = *self;
         let found = self.equations(drawing, x)[0].residual;
         match &mut read {
@@ -450,18 +450,18 @@ fn wrapped(angle: f64) -> f64 {
 }
 
 /// `b − a` along an axis.
-fn difference(drawing: &Drawing, x: &[f64], [a, b]: [PointId; 2], axis: usize) -> Equation {
+fn difference(drawing: &ParametricDrawing, x: &[f64], [a, b]: [PointId; 2], axis: usize) -> Equation {
     let (i, j) = (drawing.coordinates(a)[axis], drawing.coordinates(b)[axis]);
     Equation { residual: x[j] - x[i], gradient: vec![(i, -1.0), (j, 1.0)], is_length: true }
 }
 
-fn coordinate(drawing: &Drawing, x: &[f64], point: PointId, axis: usize, value: f64) -> Equation {
+fn coordinate(drawing: &ParametricDrawing, x: &[f64], point: PointId, axis: usize, value: f64) -> Equation {
     let parameter = drawing.coordinates(point)[axis];
     Equation { residual: x[parameter] - value, gradient: vec![(parameter, 1.0)], is_length: true }
 }
 
 /// `(b − a) · u` of a bar: how far two points are from lying straight across it.
-fn along(drawing: &Drawing, x: &[f64], [a, b]: [PointId; 2], bar: BarId) -> Equation {
+fn along(drawing: &ParametricDrawing, x: &[f64], [a, b]: [PointId; 2], bar: BarId) -> Equation {
     let mut new = Builder::new(drawing, x);
     let line = new.line(bar);
     let across = new.between(a, b);

@@ -5,7 +5,7 @@
 //! choose.
 
 use super::diagnose::ROW_TOLERANCE;
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::equations::ConstraintEquations;
 use super::rank::{row_norms, row_rank};
 use super::relation::{Axis, Constraint};
@@ -34,9 +34,9 @@ pub struct Dimensioned {
 /// # Examples
 /// ```
 /// use nalgebra::DMatrix;
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, diagnose, dimension_scheme};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, diagnose, dimension_scheme};
 ///
-/// let triangle = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
+/// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [0.0, 30.0]])?;
 /// let mut all = vec![
 ///     Constraint::Horizontal { bar: BarId(0) },
 ///     Constraint::Perpendicular { a: BarId(0), b: BarId(2) },
@@ -53,7 +53,7 @@ pub struct Dimensioned {
 /// Weiss-Cohen, Bondarenko and Halevi 2009, section 3.
 #[must_use]
 pub fn dimension_scheme(
-    drawing: &Drawing,
+    drawing: &ParametricDrawing,
     covariance: &DMatrix<f64>,
     constraints: &[Constraint],
 ) -> Vec<Dimensioned> {
@@ -99,7 +99,7 @@ pub fn dimension_scheme(
 
 /// σ of the largest residual of a constraint under a covariance: of a dimension, that of its value.
 #[must_use]
-pub fn sigma(constraint: &Constraint, drawing: &Drawing, covariance: &DMatrix<f64>) -> f64 {
+pub fn sigma(constraint: &Constraint, drawing: &ParametricDrawing, covariance: &DMatrix<f64>) -> f64 {
     let equations = constraint.equations(drawing, drawing.values().as_slice());
     let variance = |gradient: &[(usize, f64)]| -> f64 {
         let terms = gradient.iter().flat_map(|a| gradient.iter().map(move |b| (a, b)));
@@ -110,7 +110,7 @@ pub fn sigma(constraint: &Constraint, drawing: &Drawing, covariance: &DMatrix<f6
 }
 
 /// Dimensions in the order of preference, with the drawing's values.
-fn dimensions(drawing: &Drawing) -> Vec<Constraint> {
+fn dimensions(drawing: &ParametricDrawing) -> Vec<Constraint> {
     let mut found = Vec::new();
     let points: Vec<_> = drawing.points().collect();
     let Some(&first) = points.first() else {

@@ -5,7 +5,7 @@
 //! dimension known far better than the grid that is off it says no.
 
 use super::candidates::Candidate;
-use super::drawing::{BarId, CircleId, Drawing, PointId};
+use super::drawing::{BarId, CircleId, ParametricDrawing, PointId};
 use super::evidence::State;
 use super::impose::{Imposed, chi_square_tail};
 use super::propose::Constrained;
@@ -31,14 +31,14 @@ pub enum Dimension {
 impl Dimension {
     /// The lengths of all bars but axes, and all diameters.
     #[must_use]
-    pub fn all(drawing: &Drawing) -> Vec<Self> {
+    pub fn all(drawing: &ParametricDrawing) -> Vec<Self> {
         let bars = drawing.bars().filter(|&bar| !drawing.is_axis(bar)).map(Self::Length);
         bars.chain(drawing.circles().map(Self::Diameter)).collect()
     }
 
     /// The constraint that gives it a value.
     #[must_use]
-    pub fn constraint(self, drawing: &Drawing, value: f64) -> Constraint {
+    pub fn constraint(self, drawing: &ParametricDrawing, value: f64) -> Constraint {
         match self {
             Self::Length(bar) => {
                 let [a, b] = drawing.ends(bar);
@@ -55,7 +55,7 @@ impl Dimension {
         if matches!(self, Self::Diameter(_)) { 2.0 } else { 1.0 }
     }
 
-    fn describe(self, drawing: &Drawing) -> String {
+    fn describe(self, drawing: &ParametricDrawing) -> String {
         match self {
             Self::Length(bar) => format!("length of {}", drawing.bar_name(bar)),
             Self::Diameter(circle) => format!("diameter of {}", drawing.circle_name(circle)),
@@ -119,10 +119,10 @@ pub struct Snap {
 /// ```
 /// use nalgebra::DMatrix;
 /// use planish_contour::constraint::{
-///     BarId, ConstrainOptions, Dimension, Drawing, SnapOutcome, constrain, snap,
+///     BarId, ConstrainOptions, Dimension, ParametricDrawing, SnapOutcome, constrain, snap,
 /// };
 ///
-/// let seen = Drawing::polygon(&[[0.03, 0.0], [40.01, -0.04], [40.04, 30.18], [0.02, 30.24]])?;
+/// let seen = ParametricDrawing::polygon(&[[0.03, 0.0], [40.01, -0.04], [40.04, 30.18], [0.02, 30.24]])?;
 /// let rectangle = constrain(&seen, &(DMatrix::identity(8, 8) * 0.0009), &ConstrainOptions::default())?;
 /// let (snapped, report) = snap(&rectangle, 0.5, &Dimension::all(&seen))?;
 /// let (width, height) = (&report[0], &report[1]);

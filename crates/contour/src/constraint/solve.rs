@@ -3,14 +3,14 @@
 //! Comes in: a drawing and constraints. Goes out: parameters, and whether all constraints hold there. Not
 //! guaranteed: that a drawing which obeys them is found where one exists far from the start.
 
-use super::drawing::Drawing;
+use super::drawing::ParametricDrawing;
 use super::equations::ConstraintEquations;
 use super::relation::Constraint;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Where the search for a drawing that obeys constraints ended.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Solution {
+pub struct ConstraintSolution {
     /// The parameters.
     pub values: DVector<f64>,
     /// Whether all constraints hold, and no bar or circle has shrunk to nothing for it.
@@ -33,9 +33,9 @@ const MAX_STEPS: usize = 200;
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, solve};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, solve};
 ///
-/// let drawing = Drawing::polygon(&[[0.0, 0.0], [4.1, 0.2], [4.0, 3.0]])?;
+/// let drawing = ParametricDrawing::polygon(&[[0.0, 0.0], [4.1, 0.2], [4.0, 3.0]])?;
 /// let solution = solve(&drawing, &[Constraint::Horizontal { bar: BarId(0) }]);
 /// assert!(solution.holds && (solution.values[3] - 0.1).abs() < 1e-9);
 /// # Ok::<(), planish_estimate::Error>(())
@@ -45,7 +45,7 @@ const MAX_STEPS: usize = 200;
 /// Yamashita and Fukushima 2001, *On the rate of convergence of the Levenberg–Marquardt method* (this `λ`
 /// converges quadratically also where `J` has no full rank).
 #[must_use]
-pub fn solve(drawing: &Drawing, constraints: &[Constraint]) -> Solution {
+pub fn solve(drawing: &ParametricDrawing, constraints: &[Constraint]) -> ConstraintSolution {
     let equations = ConstraintEquations::new(drawing, constraints);
     let size = drawing.extent();
     let mut x = drawing.values();
@@ -76,7 +76,7 @@ pub fn solve(drawing: &Drawing, constraints: &[Constraint]) -> Solution {
     }
     let residual = if residuals.is_empty() { 0.0 } else { residuals.amax() };
     let holds = residual <= HOLDS && !has_collapsed(drawing, &x);
-    Solution { values: x, holds, residual }
+    ConstraintSolution { values: x, holds, residual }
 }
 
 fn damped_step(
@@ -96,7 +96,7 @@ fn damped_step(
     Some(slopes.transpose() * factor.solve(residuals) * -size)
 }
 
-fn has_collapsed(drawing: &Drawing, x: &DVector<f64>) -> bool {
+fn has_collapsed(drawing: &ParametricDrawing, x: &DVector<f64>) -> bool {
     let Ok(moved) = drawing.with_values(x) else {
         return true;
     };

@@ -9,8 +9,8 @@ use std::f64::consts::FRAC_PI_3;
 mod sentences;
 
 /// Two bars, two circles, an axis, all in general position.
-fn general() -> Drawing {
-    let mut drawing = Drawing::default();
+fn general() -> ParametricDrawing {
+    let mut drawing = ParametricDrawing::default();
     let points = [[0.1, 0.2], [4.0, 0.9], [5.0, 3.3], [1.2, 2.9], [2.6, 6.1], [-1.4, 5.0]];
     let [a, b, c, d, e, f] = points.map(|p| drawing.point(p));
     drawing.bar(a, b).unwrap();
@@ -54,15 +54,20 @@ fn every_constraint() -> Vec<Constraint> {
     ]
 }
 
-fn rectangle(width: f64, height: f64, turn: f64) -> Drawing {
+fn rectangle(width: f64, height: f64, turn: f64) -> ParametricDrawing {
     let (sin, cos) = turn.sin_cos();
     let corner = |x: f64, y: f64| [x * cos - y * sin, x * sin + y * cos];
-    Drawing::polygon(&[corner(0.0, 0.0), corner(width, 0.0), corner(width, height), corner(0.0, height)])
-        .unwrap()
+    ParametricDrawing::polygon(&[
+        corner(0.0, 0.0),
+        corner(width, 0.0),
+        corner(width, height),
+        corner(0.0, height),
+    ])
+    .unwrap()
 }
 
 /// A drawing with noise of a given covariance.
-fn noisy(truth: &Drawing, root: &DMatrix<f64>, random: &mut ChaCha8Rng) -> Drawing {
+fn noisy(truth: &ParametricDrawing, root: &DMatrix<f64>, random: &mut ChaCha8Rng) -> ParametricDrawing {
     let draw = DVector::from_fn(truth.parameters(), |_, _| StandardNormal.sample(random));
     truth.with_values(&(truth.values() + root * draw)).unwrap()
 }
@@ -87,7 +92,7 @@ fn jacobians_of_all_constraints_agree_with_differences() {
 #[test]
 fn every_constraint_is_met_by_solving_it_and_what_it_says_is_then_true() {
     let drawing = general();
-    let at = |moved: &Drawing, i: u32| moved.position(PointId(i));
+    let at = |moved: &ParametricDrawing, i: u32| moved.position(PointId(i));
     for constraint in every_constraint() {
         let solution = solve(&drawing, &[constraint]);
         assert!(solution.holds, "{constraint:?}: {}", solution.residual);
@@ -139,7 +144,8 @@ fn every_constraint_is_met_by_solving_it_and_what_it_says_is_then_true() {
 #[test]
 fn rectangle_with_a_redundant_parallel_and_a_contradictory_length_names_exactly_those() {
     // The drawing is sketched, not exact, as a user draws it.
-    let drawing = Drawing::polygon(&[[0.1, -0.2], [39.0, 0.4], [41.0, 29.0], [-0.6, 31.0]]).unwrap();
+    let drawing =
+        ParametricDrawing::polygon(&[[0.1, -0.2], [39.0, 0.4], [41.0, 29.0], [-0.6, 31.0]]).unwrap();
     let [bottom, right, top, left] = [0, 1, 2, 3].map(BarId);
     let [p1, p2, p3, p4] = [0, 1, 2, 3].map(PointId);
     let mut constraints = vec![
@@ -184,7 +190,7 @@ fn rectangle_with_a_redundant_parallel_and_a_contradictory_length_names_exactly_
 #[test]
 fn conflicts_that_ranks_do_not_see_are_found() {
     // Three lengths of a triangle are independent, but 1, 1 and 5 do not close.
-    let triangle = Drawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]]).unwrap();
+    let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]]).unwrap();
     let length = |a, b, value| Constraint::Distance { a: PointId(a), b: PointId(b), value };
     let constraints =
         [Constraint::Horizontal { bar: BarId(0) }, length(0, 1, 1.0), length(1, 2, 1.0), length(2, 0, 5.0)];
@@ -206,13 +212,13 @@ fn conflicts_that_ranks_do_not_see_are_found() {
 #[test]
 fn accidents_of_the_drawing_are_no_redundancies() {
     // Drawn exactly square, two diagonals look equal by themselves; at a witness they are not.
-    let square = Drawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]).unwrap();
+    let square = ParametricDrawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]).unwrap();
     let length = |a, b, value| Constraint::Distance { a: PointId(a), b: PointId(b), value };
     let sides = [length(0, 1, 1.0), length(1, 2, 1.0), length(2, 3, 1.0), length(3, 0, 1.0)];
     let diagnosis = diagnose(&square, &sides).unwrap();
     assert_eq!((diagnosis.rank, diagnosis.freedoms, diagnosis.rigid_motions), (4, 4, 3));
     // Stretched flat, the third side of a degenerate triangle is stiff to first order only.
-    let mut flat = Drawing::default();
+    let mut flat = ParametricDrawing::default();
     let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]].map(|p| flat.point(p));
     flat.bar(a, b).unwrap();
     let fixed = [
@@ -329,7 +335,7 @@ fn true_relations_are_found_and_estimates_with_them_are_consistent() {
             .map(|&k| eigen.eigenvectors.column(k).dot(&deviation).powi(2) / eigen.eigenvalues[k])
             .sum();
         nees.add(squared).unwrap();
-        let sigma = |covariance: &DMatrix<f64>, at: &Drawing| {
+        let sigma = |covariance: &DMatrix<f64>, at: &ParametricDrawing| {
             let length = Constraint::Distance { a: PointId(0), b: PointId(1), value: 0.0 };
             let gradient = &length.equations(at, at.values().as_slice())[0].gradient;
             let row = gradient.iter().fold(DVector::zeros(8), |mut row: DVector<f64>, &(i, slope)| {
@@ -363,7 +369,7 @@ fn bars_that_have_nothing_to_do_with_each_other_agree_as_often_as_is_said() {
     let mut random = ChaCha8Rng::seed_from_u64(17);
     let (mut accepted, mut expected, runs) = (0, 0.0, 150);
     for _ in 0..runs {
-        let mut drawing = Drawing::default();
+        let mut drawing = ParametricDrawing::default();
         for i in 0..4 {
             let (sin, cos) = random.random_range(0.0..std::f64::consts::TAU).sin_cos();
             let length: f64 = random.random_range(10.0..20.0);
@@ -377,7 +383,7 @@ fn bars_that_have_nothing_to_do_with_each_other_agree_as_often_as_is_said() {
         accepted += found
             .proposals
             .iter()
-            .filter(|p| matches!(p.outcome, Outcome::Imposed | Outcome::Implied))
+            .filter(|p| matches!(p.outcome, ProposalOutcome::Imposed | ProposalOutcome::Implied))
             .count();
         expected += found.expected_by_chance;
     }
@@ -403,7 +409,7 @@ fn outlines_of_many_corners() {
             corners.push(at);
         }
         corners.push([0.0, at[1]]);
-        let truth = Drawing::polygon(&corners).unwrap();
+        let truth = ParametricDrawing::polygon(&corners).unwrap();
         let root = DMatrix::identity(truth.parameters(), truth.parameters()) * 0.02;
         let seen = noisy(&truth, &root, &mut random);
         let start = std::time::Instant::now();
@@ -428,7 +434,7 @@ fn outlines_of_many_corners() {
 #[test]
 fn relations_that_are_nearly_true_are_rejected_and_hopeless_ones_unclear() {
     // A side that leans by 2°, known to a tenth of a degree, then to twenty.
-    let lean = Drawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [41.05, 30.0], [0.0, 30.0]]).unwrap();
+    let lean = ParametricDrawing::polygon(&[[0.0, 0.0], [40.0, 0.0], [41.05, 30.0], [0.0, 30.0]]).unwrap();
     let pair = Constraint::Parallel { a: BarId(1), b: BarId(3) };
     let outcome = |sigma: f64| {
         let covariance = DMatrix::identity(8, 8) * (sigma * sigma);
@@ -436,15 +442,15 @@ fn relations_that_are_nearly_true_are_rejected_and_hopeless_ones_unclear() {
         let proposal = found.proposals.iter().find(|p| p.constraint == pair).unwrap();
         (proposal.outcome.clone(), found.accepted().count())
     };
-    assert_eq!(outcome(0.05).0, Outcome::Rejected);
-    assert_eq!(outcome(8.0), (Outcome::Unclear, 0));
+    assert_eq!(outcome(0.05).0, ProposalOutcome::Rejected);
+    assert_eq!(outcome(8.0), (ProposalOutcome::Unclear, 0));
 }
 
 #[test]
 fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
     // Three separate bars, each turned by 1° from the last and known to 0.3°: neighbours agree, the outer two
     // do not.
-    let mut drawing = Drawing::default();
+    let mut drawing = ParametricDrawing::default();
     for (i, degrees) in [0.0_f64, 1.0, 2.0].into_iter().enumerate() {
         let (sin, cos) = (degrees + 20.0).to_radians().sin_cos();
         let start = drawing.point([0.0, 10.0 * i as f64]);
@@ -460,12 +466,16 @@ fn a_proposal_that_quarrels_with_accepted_ones_is_refused_and_they_are_named() {
         .filter(|(_, p)| matches!(p.constraint, Constraint::Parallel { .. }))
         .collect();
     let accepted: Vec<usize> =
-        parallel.iter().filter(|(_, p)| p.outcome == Outcome::Imposed).map(|(i, _)| *i).collect();
-    let refused: Vec<&Outcome> =
-        parallel.iter().map(|(_, p)| &p.outcome).filter(|o| matches!(o, Outcome::Refused { .. })).collect();
+        parallel.iter().filter(|(_, p)| p.outcome == ProposalOutcome::Imposed).map(|(i, _)| *i).collect();
+    let refused: Vec<&ProposalOutcome> = parallel
+        .iter()
+        .map(|(_, p)| &p.outcome)
+        .filter(|o| matches!(o, ProposalOutcome::Refused { .. }))
+        .collect();
     assert_eq!(accepted.len(), 1);
     assert!(
-        !refused.is_empty() && refused.iter().all(|o| **o == Outcome::Refused { with: accepted.clone() })
+        !refused.is_empty()
+            && refused.iter().all(|o| **o == ProposalOutcome::Refused { with: accepted.clone() })
     );
     assert!(found.p_value >= 0.01);
     // The report says so in JSON too, without what only the search needs.
@@ -480,7 +490,7 @@ fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     // A slot: two arcs' circles of one radius, tangent to two parallel bars; and a hole concentric with one
     // of them.
-    let mut truth = Drawing::default();
+    let mut truth = ParametricDrawing::default();
     let [a, b, c, d] = [[0.0, -4.0], [30.0, -4.0], [30.0, 4.0], [0.0, 4.0]].map(|p| truth.point(p));
     truth.bar(a, b).unwrap();
     truth.bar(c, d).unwrap();
@@ -494,7 +504,7 @@ fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
     let found = constrain(&seen, &(&root * root.transpose()), &ConstrainOptions::default()).unwrap();
     let is = |wanted: Constraint| {
         let proposal = found.proposals.iter().find(|p| p.constraint == wanted).unwrap();
-        matches!(proposal.outcome, Outcome::Imposed | Outcome::Implied)
+        matches!(proposal.outcome, ProposalOutcome::Imposed | ProposalOutcome::Implied)
     };
     let [left, right, hole] = [0, 1, 2].map(CircleId);
     assert!(
@@ -516,7 +526,7 @@ fn circles_of_a_drawing_become_concentric_equal_and_tangent() {
 fn circles_seen_twice_become_one() {
     // Once they share a centre, whether they touch has no value any more.
     for apart in [0.0, 0.01] {
-        let mut twice = Drawing::default();
+        let mut twice = ParametricDrawing::default();
         for x in [0.0, apart] {
             let centre = twice.point([x, 0.0]);
             twice.circle(centre, 5.0 + x).unwrap();
@@ -576,6 +586,6 @@ fn estimates_of_fewer_freedoms_than_parameters_imply_what_they_were_made_of() {
     for (i, j) in [(0, 1), (1, 2), (2, 3)] {
         let corner = Constraint::Perpendicular { a: BarId(i), b: BarId(j) };
         let proposal = found.proposals.iter().find(|p| p.constraint == corner).unwrap();
-        assert_eq!((proposal.degrees, &proposal.outcome), (0, &Outcome::Implied));
+        assert_eq!((proposal.degrees, &proposal.outcome), (0, &ProposalOutcome::Implied));
     }
 }

@@ -7,7 +7,7 @@
 
 use super::labelled::{LabelledArc, LabelledGraph, LabelledNode};
 use super::tour::{Tour, TourEdge, postman_tour};
-use crate::constraint::{Constraint, Drawing, PointId};
+use crate::constraint::{Constraint, ParametricDrawing, PointId};
 use nalgebra::DMatrix;
 use planish_estimate::{Error, Result};
 use serde::Serialize;
@@ -33,7 +33,7 @@ pub struct SketchView<'a> {
     /// Which axes of space its first and second coordinate are.
     pub axes: [SpaceAxis; 2],
     /// The drawing.
-    pub drawing: &'a Drawing,
+    pub drawing: &'a ParametricDrawing,
     /// What holds between its parts: points at a given distance are followed first.
     pub constraints: &'a [Constraint],
     /// The covariance of its parameters; zero when there is none.
@@ -93,11 +93,11 @@ const MAX_COMBINATIONS: usize = 100_000;
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::Drawing;
+/// use planish_contour::constraint::ParametricDrawing;
 /// use planish_contour::graph::{SketchView, SpaceAxis, composite};
 ///
-/// let triangle = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
-/// let rectangle = Drawing::polygon(&[[0.0, 0.0], [7.0, 0.0], [7.0, 3.0], [0.0, 3.0]])?;
+/// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
+/// let rectangle = ParametricDrawing::polygon(&[[0.0, 0.0], [7.0, 0.0], [7.0, 3.0], [0.0, 3.0]])?;
 /// let view = |name, axes, drawing| SketchView { name, axes, drawing, constraints: &[], covariance: None };
 /// let prism = composite(&[
 ///     view("front", [SpaceAxis::X, SpaceAxis::Z], &triangle),

@@ -55,10 +55,10 @@ impl LabelledGraph {
     ///
     /// # Examples
     /// ```
-    /// use planish_contour::constraint::{BarId, Constraint, Drawing};
+    /// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing};
     /// use planish_contour::graph::ViewGraphs;
     ///
-    /// let triangle = Drawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
+    /// let triangle = ParametricDrawing::polygon(&[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]])?;
     /// let graphs = ViewGraphs::new(&triangle, &[Constraint::Horizontal { bar: BarId(0) }]);
     /// assert!(graphs.full.to_dot().contains("n1 -- n3 [label=\"f1\"]"));
     /// # Ok::<(), planish_estimate::Error>(())

@@ -1,7 +1,7 @@
 use super::*;
 use crate::constraint::{
-    Axis, BarId, Constraint, ConstraintEquations, Drawing, Entry, EquationBlock, Incidence, PointId,
-    constrain, diagnose, witness,
+    Axis, BarId, Constraint, ConstraintEquations, Entry, EquationBlock, Incidence, ParametricDrawing,
+    PointId, constrain, diagnose, witness,
 };
 use petgraph::algo::maximum_matching;
 use petgraph::graph::UnGraph;
@@ -22,8 +22,8 @@ fn fixed(axis: Axis) -> Constraint {
 }
 
 /// Eq. 4.1 with P6 read as P3 and f5 as y1 = e: right angle at P1, legs b along x and a.
-fn front() -> (Drawing, Vec<Constraint>) {
-    let drawing = Drawing::polygon(&[[0.0, 0.0], [B, 0.0], [0.0, A]]).unwrap();
+fn front() -> (ParametricDrawing, Vec<Constraint>) {
+    let drawing = ParametricDrawing::polygon(&[[0.0, 0.0], [B, 0.0], [0.0, A]]).unwrap();
     let constraints = vec![
         distance(0, 1, B),
         distance(0, 2, A),
@@ -36,8 +36,8 @@ fn front() -> (Drawing, Vec<Constraint>) {
 }
 
 /// Eq. 4.2 with P8 read as P3 and the last three as f6, f7, f8; first coordinate y, second z.
-fn side() -> (Drawing, Vec<Constraint>) {
-    let mut drawing = Drawing::default();
+fn side() -> (ParametricDrawing, Vec<Constraint>) {
+    let mut drawing = ParametricDrawing::default();
     let [p1, p2, p3, p4] = [[0.0, 0.0], [D, 0.0], [0.0, A], [D, A]].map(|p| drawing.point(p));
     for (a, b) in [(p1, p2), (p1, p3), (p3, p4), (p2, p4)] {
         drawing.bar(a, b).unwrap();

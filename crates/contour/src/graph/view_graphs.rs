@@ -1,7 +1,7 @@
 //! The graphs of one view: full, bipartite, minimal, pair.
 
 use super::labelled::{LabelledArc, LabelledGraph, LabelledNode};
-use crate::constraint::{Constraint, Drawing, Incidence};
+use crate::constraint::{Constraint, Incidence, ParametricDrawing};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -19,10 +19,10 @@ use std::collections::BTreeMap;
 ///
 /// # Examples
 /// ```
-/// use planish_contour::constraint::{BarId, Constraint, Drawing, PointId};
+/// use planish_contour::constraint::{BarId, Constraint, ParametricDrawing, PointId};
 /// use planish_contour::graph::ViewGraphs;
 ///
-/// let square = Drawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])?;
+/// let square = ParametricDrawing::polygon(&[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])?;
 /// let graphs = ViewGraphs::new(&square, &[
 ///     Constraint::Anchor { point: PointId(0), at: [0.0, 0.0] },
 ///     Constraint::Horizontal { bar: BarId(0) },
@@ -51,7 +51,7 @@ pub struct ViewGraphs {
 impl ViewGraphs {
     /// The graphs of constraints between the parts of a drawing.
     #[must_use]
-    pub fn new(drawing: &Drawing, constraints: &[Constraint]) -> Self {
+    pub fn new(drawing: &ParametricDrawing, constraints: &[Constraint]) -> Self {
         let incidence = Incidence::new(drawing, constraints);
         let matching = incidence.matching();
         let minimal = minimal(&incidence, &matching);
@@ -143,7 +143,7 @@ fn minimal(incidence: &Incidence, matching: &[(usize, usize)]) -> LabelledGraph 
 }
 
 /// Coordinates of a point become one node; arcs within a node go.
-fn pair(drawing: &Drawing, minimal: &LabelledGraph) -> LabelledGraph {
+fn pair(drawing: &ParametricDrawing, minimal: &LabelledGraph) -> LabelledGraph {
     let mut nodes = Vec::new();
     let mut node_of = vec![usize::MAX; drawing.parameters()];
     for point in drawing.points() {

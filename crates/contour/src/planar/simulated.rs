@@ -145,7 +145,7 @@ pub fn points(kind: &ContourKind, theta: &[f64], count: usize, sigma: f64, seed:
 
 /// About 4000 places spread evenly over the outline.
 ///
-/// Drawing one of them is drawing by arc length, without the inverse of an elliptic integral.
+/// A random choice among them is a draw by arc length, without the inverse of an elliptic integral.
 fn along(kind: &ContourKind, theta: &[f64], vertices: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let smooth = kind.pieces() == 1;
     let count = vertices.len();

@@ -1,19 +1,19 @@
 //! How each kind of contour is drawn, and what its parameters are from the drawing.
 
-use crate::constraint::{Constraint, Drawing, PointId};
+use crate::constraint::{Constraint, ParametricDrawing, PointId};
 use crate::planar::{ContourKind, arc_circle};
 use planish_estimate::{Error, Result};
 use std::f64::consts::TAU;
 
 /// A contour drawn by itself.
 pub(super) struct Drawn {
-    pub(super) drawing: Drawing,
+    pub(super) drawing: ParametricDrawing,
     pub(super) given: Vec<Constraint>,
 }
 
 /// Draws a contour.
 pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2]>) -> Result<Drawn> {
-    let mut drawing = Drawing::default();
+    let mut drawing = ParametricDrawing::default();
     let mut given = Vec::new();
     match kind {
         ContourKind::Line => {
@@ -87,7 +87,7 @@ pub(super) fn drawn(kind: &ContourKind, theta: &[f64], seen: Option<[[f64; 2]; 2
 
 /// Vertices, bars of the straight pieces, and a circle with an arc for each of the others.
 fn chain(
-    drawing: &mut Drawing,
+    drawing: &mut ParametricDrawing,
     given: &mut Vec<Constraint>,
     arcs: &[bool],
     closed: bool,

@@ -1,5 +1,5 @@
 use super::*;
-use crate::constraint::{BarId, ConstrainOptions, Outcome, constrain, diagnose, impose};
+use crate::constraint::{BarId, ConstrainOptions, ProposalOutcome, constrain, diagnose, impose};
 
 /// A contour of every kind with a covariance of full rank.
 fn every_kind() -> Vec<EstimatedContour> {
@@ -87,7 +87,7 @@ fn a_hole_in_the_middle_of_a_turned_rectangle_is_tested_with_the_rectangle_s_own
     let upright = found
         .proposals
         .iter()
-        .filter(|p| p.outcome == Outcome::Imposed)
+        .filter(|p| p.outcome == ProposalOutcome::Imposed)
         .map(|p| p.text.as_str())
         .collect::<Vec<_>>();
     assert_eq!(upright.len(), 1, "{upright:?}");
